@@ -1,0 +1,1 @@
+"""What moves and how: values that flow through the pipeline, and the physics fitted to them."""

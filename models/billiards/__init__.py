@@ -1,0 +1,1 @@
+"""The billiards scene: tables, motion on cloth, contacts."""

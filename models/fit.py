@@ -1,0 +1,55 @@
+"""What a fit found: events, motion, parameters, and whether to believe it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.events import Events
+from models.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+Light = Literal["green", "amber", "red"]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One fitted number of the physics, such as `rolling_resistance.mu`."""
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+    prior_only: bool
+    """True where the data did not determine it: value and sigma are the prior's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trust:
+    """The traffic light of a clip, and the sentences that say why."""
+
+    light: Light
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A fitted shot."""
+
+    events: Events
+    trajectory: Trajectory
+    parameters: tuple[Parameter, ...]
+    noise: float
+    """m, one standard deviation per axis of the measured positions, as the residuals say."""
+    chi2_per_dof: float
+    """of the accepted pieces, against the sigmas of the tracks."""
+    residual: Floats
+    """(T, N, 2) m, measured minus fitted; NaN where not seen."""
+    moving: NDArray[np.bool_]
+    """(T, N) ball in motion."""
+    accepted: NDArray[np.bool_]
+    """(T, N) an accepted fit holds there."""
+    trust: Trust

@@ -1,0 +1,1 @@
+"""Pixels and time: reading, writing, the table in the picture, in-between frames, drawing."""
