@@ -1,0 +1,233 @@
+"""The recording of a run for the rerun viewer: picture, plan, plots and events on one timeline."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from skimage.color import lab2rgb
+
+from models.detections import Detections
+from models.fit import Fit
+from models.scene import Scene
+from models.tracks import Tracks
+from pipeline.sentences import event_sentence, event_time
+from video.clip import Clip
+from video.embed import playable
+
+Floats = NDArray[np.float64]
+Colours = NDArray[np.uint8]
+
+VIDEO_TIME = "video_time"
+FRAME = "frame"
+PATH_HZ = 100.0
+"""Samples per second of the fitted paths and plots."""
+CLOTH_MARGIN_RADII = 4.0
+
+
+def write_recording(clip: Clip, scene: Scene, detections: Detections, tracks: Tracks, fit: Fit, path: Path) -> None:
+    """Write `path` (.rrd), with a blueprint; timelines are seconds of the source clip and its frames.
+
+    Entities: `picture/` in px (video, detections, tracks, paths, events), `plan/` in m (table, balls, paths,
+    events), `plots/` (speed m/s, residual mm), `log/events` and `about`.
+    """
+    os.environ.setdefault("RERUN_ANALYTICS", "0")
+    recording = rr.RecordingStream("trueroll", recording_id=uuid.uuid5(uuid.NAMESPACE_OID, clip.digest))
+    recording.set_log_time_enabled(False)
+    recording.set_log_tick_enabled(False)
+    aside = path.with_name(path.name + ".part")
+    recording.save(aside, default_blueprint=_blueprint(clip, scene))
+    recording.send_recording_name(clip.path.name)
+    colours = ball_colours(tracks.colour)
+    _log_video(recording, clip, path.with_name(path.stem + ".part.mp4"))
+    _log_detections(recording, clip, detections)
+    _log_tracks(recording, tracks, colours)
+    _log_paths(recording, scene, fit, colours)
+    _log_plan(recording, clip, scene, fit, colours)
+    _log_plots(recording, tracks, fit, colours)
+    _log_events(recording, clip, scene, fit)
+    recording.log("about", rr.TextDocument(_about(scene, fit), media_type=rr.MediaType.MARKDOWN), static=True)
+    recording.flush()
+    recording.disconnect()
+    os.replace(aside, path)
+
+
+def ball_colours(lab: Floats) -> Colours:
+    """CIE L*a*b* (N, 3) to sRGB (N, 3), lifted where too dark to be seen on a dark ground."""
+    rgb = lab2rgb(np.nan_to_num(lab, nan=60.0).reshape(1, -1, 3))[0] if len(lab) else np.empty((0, 3))
+    lifted = np.maximum(rgb, 0.35 * (rgb.max(axis=1, keepdims=True) < 0.35))
+    return np.round(255 * lifted).astype(np.uint8)
+
+
+def _timeline(t: Sequence[float] | Floats, frame: Sequence[float] | Floats | None = None) -> list[rr.TimeColumn]:
+    columns = [rr.TimeColumn(VIDEO_TIME, duration=np.asarray(t, dtype=np.float64))]
+    if frame is not None:
+        columns.append(rr.TimeColumn(FRAME, sequence=np.asarray(frame).round().astype(np.int64)))
+    return columns
+
+
+def _log_video(recording: rr.RecordingStream, clip: Clip, copy: Path) -> None:
+    source = playable(clip, copy)
+    asset = rr.AssetVideo(path=source)
+    recording.log("picture/video", asset, static=True)
+    stamps = np.sort(asset.read_frame_timestamps_nanos())[: clip.frame_count]
+    shown = np.arange(len(stamps))
+    recording.send_columns(
+        "picture/video",
+        _timeline(clip.t[shown], shown),
+        rr.VideoFrameReference.columns_nanos(stamps),
+    )
+    if source == copy:
+        copy.unlink()
+
+
+def _log_detections(recording: rr.RecordingStream, clip: Clip, detections: Detections) -> None:
+    frames, counts = np.unique(detections.frame, return_counts=True)
+    if len(frames):
+        points = rr.Points2D.columns(positions=detections.centre, radii=np.maximum(detections.sigma, 0.3))
+        recording.send_columns("picture/detections", _timeline(clip.t[frames], frames), points.partition(counts))
+    recording.log("picture/detections", rr.Points2D.from_fields(colors=[255, 255, 255, 160]), static=True)
+
+
+def _log_tracks(recording: rr.RecordingStream, tracks: Tracks, colours: Colours) -> None:
+    """A ring the size of the ball where it was seen."""
+    seen = tracks.observed
+    angle = np.linspace(0, 2 * np.pi, 33)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    for k, ball in enumerate(tracks.ids):
+        rows = np.flatnonzero(seen[:, k])
+        rings = tracks.px[rows, k, None, :] + 1.15 * tracks.radius_px[rows, k, None, None] * circle
+        strips = rr.LineStrips2D.columns(strips=list(rings.astype(np.float32)))
+        entity = f"picture/tracks/{ball}"
+        if len(rows):
+            times = _timeline(tracks.t, tracks.frame)
+            recording.send_columns(entity, times, strips.partition(seen[:, k].astype(np.int64)))
+        recording.log(
+            entity,
+            rr.LineStrips2D.from_fields(colors=colours[k], radii=rr.Radius.ui_points(1.0), labels=[ball]),
+            static=True,
+        )
+
+
+def _sampled(fit: Fit) -> tuple[Floats, Floats, Floats]:
+    """Times (K,), places (K, N, 2) and speeds (K, N) of the fitted motion."""
+    pieces = fit.trajectory
+    if not len(pieces.start):
+        return np.empty(0), np.empty((0, len(pieces.ids), 2)), np.empty((0, len(pieces.ids)))
+    first, last = pieces.start.min(), pieces.end.max()
+    t = np.linspace(first, last, max(2, round((last - first) * PATH_HZ)))
+    state = pieces.at(t)
+    return t, state.xy, np.linalg.norm(state.v, axis=-1)
+
+
+def _log_paths(recording: rr.RecordingStream, scene: Scene, fit: Fit, colours: Colours) -> None:
+    _, xy, speed = _sampled(fit)
+    for k, ball in enumerate(fit.trajectory.ids):
+        there = np.isfinite(xy[:, k, 0])
+        if not there.any() or np.nanmax(speed[:, k]) < 1e-3:
+            continue
+        px = scene.camera.to_pixels(xy[there, k], scene.table.ball_radius)
+        for entity, strip in ((f"picture/paths/{ball}", px), (f"plan/paths/{ball}", xy[there, k])):
+            width = rr.Radius.ui_points(1.0)
+            recording.log(entity, rr.LineStrips2D([strip], colors=colours[k], radii=width), static=True)
+
+
+def _log_plan(recording: rr.RecordingStream, clip: Clip, scene: Scene, fit: Fit, colours: Colours) -> None:
+    table = scene.table
+    outline = np.vstack([table.corners, table.corners[:1]])
+    recording.log("plan/table", rr.LineStrips2D([outline], colors=[120, 160, 140], radii=0.006), static=True)
+    if len(table.pocket_centres):
+        holes = rr.Points2D(table.pocket_centres, radii=1.6 * table.ball_radius, colors=[60, 60, 60])
+        recording.log("plan/pockets", holes, static=True)
+    places = fit.trajectory.at(clip.t).xy
+    frames = np.arange(clip.frame_count)
+    for k, ball in enumerate(fit.trajectory.ids):
+        there = np.isfinite(places[:, k, 0])
+        if there.any():
+            points = rr.Points2D.columns(positions=places[there, k]).partition(there.astype(np.int64))
+            recording.send_columns(f"plan/balls/{ball}", _timeline(clip.t, frames), points)
+        look = rr.Points2D.from_fields(colors=colours[k], radii=table.ball_radius, labels=[ball], show_labels=False)
+        recording.log(f"plan/balls/{ball}", look, static=True)
+
+
+def _log_plots(recording: rr.RecordingStream, tracks: Tracks, fit: Fit, colours: Colours) -> None:
+    t, _, speed = _sampled(fit)
+    error = 1000 * np.linalg.norm(fit.residual, axis=-1)
+    for k, ball in enumerate(fit.trajectory.ids):
+        if not len(t) or np.nanmax(np.nan_to_num(speed[:, k])) < 1e-3:
+            continue
+        line = rr.SeriesLines(colors=colours[k], names=ball, widths=1.5)
+        there = np.isfinite(speed[:, k])
+        recording.log(f"plots/speed/{ball}", line, static=True)
+        recording.send_columns(f"plots/speed/{ball}", _timeline(t[there]), rr.Scalars.columns(scalars=speed[there, k]))
+        seen = np.isfinite(error[:, k]) & fit.moving[:, k]
+        recording.log(f"plots/residual/{ball}", line, static=True)
+        if seen.any():
+            residuals = rr.Scalars.columns(scalars=error[seen, k])
+            recording.send_columns(f"plots/residual/{ball}", _timeline(tracks.t[seen], tracks.frame[seen]), residuals)
+
+
+def _log_events(recording: rr.RecordingStream, clip: Clip, scene: Scene, fit: Fit) -> None:
+    events = fit.events
+    frames = np.arange(clip.frame_count)
+    for k in range(len(events)):
+        recording.set_time(VIDEO_TIME, duration=float(events.t[k]))
+        recording.set_time(FRAME, sequence=int(np.searchsorted(clip.t[frames], events.t[k])))
+        recording.log(
+            "log/events",
+            rr.TextLog(f"{event_time(events, k)}: {event_sentence(events, k)}", level=rr.TextLogLevel.INFO),
+        )
+    recording.reset_time()
+    marked = [k for k in range(len(events)) if events.kind[k] != "rest"]
+    if not marked:
+        return
+    labels = [f"{events.kind[k]} {events.t[k]:.3f} s" for k in marked]
+    px = scene.camera.to_pixels(events.xy[marked], scene.table.ball_radius)
+    for entity, points in (("picture/events", px), ("plan/events", events.xy[marked])):
+        look = rr.Points2D(
+            points, radii=rr.Radius.ui_points(4), colors=[255, 200, 40], labels=labels, show_labels=False
+        )
+        recording.log(entity, look, static=True)
+
+
+def _about(scene: Scene, fit: Fit) -> str:
+    lines = [f"# Trust: {fit.trust.light}", *(f"- {reason}" for reason in fit.trust.reasons), "", "## Fitted"]
+    lines += ["| parameter | value | sigma | unit |", "|---|---|---|---|"]
+    for p in fit.parameters:
+        lines.append(f"| {p.name} | {p.value:.4g} | {p.sigma:.2g}{' (prior)' if p.prior_only else ''} | {p.unit} |")
+    lines += ["", f"Noise {1000 * fit.noise:.2f} mm, chi2 per degree of freedom {fit.chi2_per_dof:.2f}", "", "## Table"]
+    lines += [f"- {note}" for note in scene.notes]
+    return "\n".join(lines)
+
+
+def _blueprint(clip: Clip, scene: Scene) -> rrb.Blueprint:
+    margin = CLOTH_MARGIN_RADII * scene.table.ball_radius
+    whole = rrb.VisualBounds2D(x_range=[-0.5, clip.width - 0.5], y_range=[-0.5, clip.height - 0.5])
+    plan = rrb.VisualBounds2D(
+        x_range=[-margin, scene.table.length + margin], y_range=[-margin, scene.table.width + margin]
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(
+                rrb.Spatial2DView(origin="picture", name="Picture", visual_bounds=whole),
+                rrb.Spatial2DView(origin="plan", name="Plan (m)", visual_bounds=plan),
+                row_shares=[3, 2],
+            ),
+            rrb.Vertical(
+                rrb.TimeSeriesView(origin="plots/speed", name="Speed (m/s)"),
+                rrb.TimeSeriesView(origin="plots/residual", name="Measured minus fitted (mm)"),
+                rrb.TextLogView(origin="log", name="Events"),
+                rrb.TextDocumentView(origin="about", name="What was fitted"),
+            ),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(timeline=VIDEO_TIME, state="collapsed", play_state="playing", loop_mode="all"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )

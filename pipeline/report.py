@@ -1,0 +1,174 @@
+"""The page of a run: one self-contained HTML file to keep and send."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from numpy.typing import NDArray
+from plotly.offline import get_plotlyjs
+
+from models.fit import Fit
+from models.scene import Scene
+from pipeline.sentences import event_sentence, parameter_range
+from video.clip import Clip
+
+Floats = NDArray[np.float64]
+
+EMBED_LIMIT_BYTES = 48_000_000
+"""A larger slow.mp4 is linked beside the page instead of carried in it."""
+PLOT_HZ = 60.0
+HOVER = "%{customdata[0]:.3f} s, %{customdata[1]:.2f} m/s"
+PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
+
+
+@dataclass(frozen=True, slots=True)
+class ReportFiles:
+    """What the page shows: the slow motion and the still, already written."""
+
+    slow: Path
+    poster: Path
+    slow_factor: float
+
+
+def write_report(
+    clip: Clip, scene: Scene, fit: Fit, files: ReportFiles, options: Mapping[str, str], path: Path
+) -> None:
+    """Write the page to `path`; `options` are the settings that reproduce the run, for its last section."""
+    page = Environment(
+        loader=PackageLoader("pipeline", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    ).get_template("report.html")
+    html = page.render(
+        name=clip.path.name,
+        trust=fit.trust,
+        poster=_data_uri(files.poster, "image/png"),
+        video=_video_source(files.slow),
+        events=_event_rows(fit, files.slow_factor),
+        plan=_embedded(plan_figure(scene, fit), "plan"),
+        speeds=_embedded(speed_figure(fit), "speeds"),
+        plotly=get_plotlyjs(),
+        parameters=[(p, parameter_range(p.name)) for p in fit.parameters],
+        quality=_quality(clip, fit),
+        notes=[*scene.notes, *clip.notes],
+        options=dict(options),
+        versions={name: version(name) for name in PACKAGES},
+        digest=clip.digest,
+    )
+    aside = path.with_name(path.name + ".part")
+    aside.write_text(html, encoding="utf-8")
+    os.replace(aside, path)
+
+
+def plan_figure(scene: Scene, fit: Fit) -> go.Figure:
+    """The table from above with the fitted paths; y runs down, as in the picture."""
+    table = scene.table
+    figure = go.Figure()
+    figure.add_shape(type="rect", x0=0, y0=0, x1=table.length, y1=table.width, line={"color": "#4b6b5d", "width": 3})
+    for x, y in table.pocket_centres:
+        r = 1.6 * table.ball_radius
+        figure.add_shape(type="circle", x0=x - r, y0=y - r, x1=x + r, y1=y + r, fillcolor="#30343a", line_width=0)
+    t, xy, speed = sample_motion(fit)
+    for k, ball in enumerate(fit.trajectory.ids):
+        moved = len(t) > 0 and np.nanmax(np.nan_to_num(speed[:, k]), initial=0.0) > 1e-3
+        rows = np.flatnonzero(np.isfinite(xy[:, k, 0]))
+        if len(rows):
+            shown = rows if moved else rows[:1]
+            hover = np.stack([t[shown], speed[shown, k]], axis=-1)
+            figure.add_scatter(
+                x=xy[shown, k, 0], y=xy[shown, k, 1], mode="lines" if moved else "markers", name=ball,
+                customdata=hover, hovertemplate=f"{HOVER}<extra>{ball}</extra>",
+            )  # fmt: skip
+    events = fit.events
+    marked = [k for k in range(len(events)) if events.kind[k] not in ("rest",)]
+    figure.add_scatter(
+        x=events.xy[marked, 0], y=events.xy[marked, 1], mode="markers", name="contacts",
+        marker={"symbol": "x", "size": 8, "color": "#c2410c"},
+        text=[event_sentence(events, k) for k in marked], hovertemplate="%{text}<extra></extra>",
+    )  # fmt: skip
+    figure.update_yaxes(autorange="reversed", scaleanchor="x", title="y (m)")
+    figure.update_xaxes(title="x (m)")
+    return _styled(figure, height=440)
+
+
+def speed_figure(fit: Fit) -> go.Figure:
+    """Speed of every ball that moves, over the time of the source clip."""
+    figure = go.Figure()
+    t, _, speed = sample_motion(fit)
+    for k, ball in enumerate(fit.trajectory.ids):
+        if len(t) and np.nanmax(np.nan_to_num(speed[:, k]), initial=0.0) > 1e-3:
+            figure.add_scatter(x=t, y=speed[:, k], mode="lines", name=ball)
+    for k, when in enumerate(fit.events.t):
+        if fit.events.kind[k] in ("strike", "ball", "cushion"):
+            figure.add_vline(x=float(when), line_width=1, line_dash="dot", line_color="#9ca3af")
+    figure.update_xaxes(title="time (s)")
+    figure.update_yaxes(title="speed (m/s)", rangemode="tozero")
+    return _styled(figure, height=320)
+
+
+def sample_motion(fit: Fit) -> tuple[Floats, Floats, Floats]:
+    """Times (K,) s, places (K, N, 2) m and speeds (K, N) m/s of the fitted motion."""
+    pieces = fit.trajectory
+    if not len(pieces.start):
+        return np.empty(0), np.empty((0, len(pieces.ids), 2)), np.empty((0, len(pieces.ids)))
+    first, last = float(pieces.start.min()), float(pieces.end.max())
+    t = np.linspace(first, last, max(2, round((last - first) * PLOT_HZ) + 1))
+    state = pieces.at(t)
+    speed: Floats = np.linalg.norm(state.v, axis=-1)
+    return t, state.xy, speed
+
+
+def _styled(figure: go.Figure, height: int) -> go.Figure:
+    margin = {"l": 56, "r": 12, "t": 12, "b": 48}
+    legend = {"orientation": "h", "y": -0.22}
+    return figure.update_layout(template="plotly_white", height=height, margin=margin, legend=legend)
+
+
+def _embedded(figure: go.Figure, name: str) -> str:
+    html: str = figure.to_html(full_html=False, include_plotlyjs=False, div_id=name, config={"displaylogo": False})
+    return html
+
+
+def _event_rows(fit: Fit, slow: float) -> list[dict[str, str | float]]:
+    """The contact list: each row seeks the video to a little before the moment."""
+    events = fit.events
+    lead_in = 0.15
+    rows: list[dict[str, str | float]] = []
+    for k in range(len(events)):
+        gap = f"{1000 * events.gap[k]:+.1f} ± {1000 * events.gap_sigma[k]:.1f}" if np.isfinite(events.gap[k]) else ""
+        rows.append(
+            {
+                "seek": round(max(float(events.t[k]) - lead_in, 0.0) * slow, 3),
+                "time": f"{events.t[k]:.4f}",
+                "sigma": f"{1000 * events.t_sigma[k]:.1f}",
+                "sentence": event_sentence(events, k),
+                "speed": f"{events.speed[k]:.2f}" if np.isfinite(events.speed[k]) else "",
+                "gap": gap,
+                "probability": f"{events.probability[k]:.0%}",
+            }
+        )
+    return rows
+
+
+def _quality(clip: Clip, fit: Fit) -> dict[str, str]:
+    moving, held = int(fit.moving.sum()), int((fit.moving & fit.accepted).sum())
+    return {
+        "Pictures": f"{len(clip.distinct)} distinct of {clip.frame_count}, {float(clip.rate):.3f} per second",
+        "Moving balls explained by physics": f"{held / moving:.0%} of their time" if moving else "nothing moves",
+        "Noise of a measured position": f"{1000 * fit.noise:.2f} mm",
+        "Chi-square per degree of freedom": f"{fit.chi2_per_dof:.2f}",
+    }
+
+
+def _video_source(path: Path) -> str:
+    return _data_uri(path, "video/mp4") if path.stat().st_size <= EMBED_LIMIT_BYTES else path.name
+
+
+def _data_uri(path: Path, media_type: str) -> str:
+    return f"data:{media_type};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"

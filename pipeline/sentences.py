@@ -1,0 +1,38 @@
+"""What happened and what was fitted, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.events import Events
+
+TEXTBOOK = {
+    "rolling_resistance.mu": "0.005 to 0.015",
+    "sliding_friction.mu": "0.15 to 0.25",
+    "spin_decay.rate": "5 to 15",
+    "cushion_restitution.e": "0.75 to 0.98",
+    "ball_restitution.e": "0.92 to 0.98",
+}
+"""Usual ranges: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket Billiards, 1995."""
+
+
+def event_sentence(events: Events, k: int) -> str:
+    """Event k in words: who, what and how fast."""
+    what = {
+        "strike": f"{events.a[k]} is struck",
+        "ball": f"{events.a[k]} and {events.b[k]} touch",
+        "cushion": f"{events.a[k]} hits the {events.b[k]} cushion",
+        "pocket": f"{events.a[k]} falls into the {events.b[k]} pocket",
+        "rest": f"{events.a[k]} comes to rest",
+    }[events.kind[k]]
+    return what + (f" at {events.speed[k]:.2f} m/s" if np.isfinite(events.speed[k]) else "")
+
+
+def event_time(events: Events, k: int) -> str:
+    """When event k happened, with its error."""
+    return f"{events.t[k]:.4f} s ± {1000 * events.t_sigma[k]:.1f} ms"
+
+
+def parameter_range(name: str) -> str:
+    """The textbook range of a fitted parameter, empty where none is known."""
+    return TEXTBOOK.get(name, "")
