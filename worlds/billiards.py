@@ -1,0 +1,357 @@
+"""A world of billiards of its own: fixed small steps, no code shared with the library that is checked against it.
+
+    python worlds/billiards.py SHOT.json OUT
+
+reads a shot (balls, effects and laws as `trueroll simulate` reads them) and writes OUT/trajectory.csv
+(t,id,x,y,z,vx,vy,wx,wy,wz,qw,qx,qy,qz) and OUT/events.csv (kind,t,a,b,x,y,speed). x, y and the signs of spin are those
+of the shot: a rolling ball has wx = -vy/R, wy = vx/R. q is the ball's orientation since the start.
+
+Every step of `dt` the velocities change by friction and the places by velocities; balls that overlap and approach get
+an impulse; its time is moved back inside the step to the moment of touch. Cushion laws: `mirror`, and `mathavan_2010`
+(Mathavan, Jackson, Parkin, "A theoretical analysis of billiard ball dynamics under cushion impacts", Proc. IMechE C,
+224, 2010), integrated over the impulse at the height of the nose. Ball laws: `inelastic` without friction, and
+`alciatore`
+(friction that falls with speed, technical proof A-14).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+GRAVITY = 9.81
+"""m/s2."""
+STEP = 2e-5
+"""s: at 5 m/s a ball moves 0.1 mm in one."""
+NOSE_HEIGHT_RADII = 1.27
+"""Height of the nose above the cloth in ball radii (WPA equipment rules: 63.5 % of the diameter)."""
+CLOTH_UNDER_CUSHION = 0.21
+"""Friction between ball and cloth while the nose presses the ball down (Mathavan 2010, section 4)."""
+MOUTH_CORNER, MOUTH_SIDE = 0.045, 0.040
+"""m: a ball drops once its centre is nearer than this to the pocket's point on the nose rectangle."""
+JAW_CORNER, JAW_SIDE = 0.080, 0.062
+"""m: no cushion this near to a pocket, along the rail."""
+STRIKE, BALL, CUSHION, POCKET, REST = range(5)
+"""Indices in `KINDS`."""
+MOST_EVENTS = 1000
+
+CUSHIONS = ("left", "right", "top", "bottom")
+POCKETS = ("top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right")
+KINDS = ("strike", "ball", "cushion", "pocket", "rest")
+MIRROR, MATHAVAN = 0, 1
+CUSHION_LAWS = {"mirror": MIRROR, "mathavan_2010": MATHAVAN}
+INELASTIC, ALCIATORE = 0, 1
+BALL_LAWS = {"inelastic": INELASTIC, "alciatore": ALCIATORE}
+EFFECTS = {
+    "sliding_friction": ("mu",),
+    "rolling_resistance": ("mu",),
+    "spin_decay": ("rate",),
+    "slope": ("slope_x", "slope_y"),
+    "cushion_restitution": ("e",),
+    "cushion_restitution_speed": ("slope",),
+    "cushion_friction": ("mu",),
+    "ball_restitution": ("e",),
+}
+PARAMETERS = tuple(f"{effect}.{name}" for effect, names in EFFECTS.items() for name in names)
+NEUTRAL = {"cushion_restitution.e": 1.0, "ball_restitution.e": 1.0}
+
+
+@njit(cache=True)
+def roll_or_slide(v, w, radius, slide, roll, decay, pull_x, pull_y, dt):
+    """Friction of the cloth on one ball during dt; changes v (2,) and w (3,), says whether the ball still moves."""
+    slip_x, slip_y = v[0] - radius * w[1], v[1] + radius * w[0]
+    slip = math.hypot(slip_x, slip_y)
+    w[2] -= math.copysign(min(abs(w[2]), decay * dt), w[2])
+    if slide > 0 and slip > 3.5 * slide * GRAVITY * dt:
+        push_x, push_y = -slide * GRAVITY * slip_x / slip, -slide * GRAVITY * slip_y / slip
+        v[0] += (push_x + pull_x) * dt
+        v[1] += (push_y + pull_y) * dt
+        w[0] += 2.5 / radius * push_y * dt
+        w[1] -= 2.5 / radius * push_x * dt
+        return True
+    if slide > 0:
+        v[0] -= slip_x * 2 / 7
+        v[1] -= slip_y * 2 / 7
+    speed = math.hypot(v[0], v[1])
+    left = max(speed - roll * GRAVITY * dt, 0.0)
+    if speed > 0:
+        v[0] *= left / speed
+        v[1] *= left / speed
+    if left > 0 or math.hypot(pull_x, pull_y) * 5 / 7 > roll * GRAVITY:
+        v[0] += pull_x * 5 / 7 * dt
+        v[1] += pull_y * 5 / 7 * dt
+    if slide > 0:
+        w[0], w[1] = -v[1] / radius, v[0] / radius
+    return v[0] != 0.0 or v[1] != 0.0
+
+
+@njit(cache=True)
+def ball_on_ball(va, wa, vb, wb, nx, ny, radius, e, law):
+    """Impulse between equal balls along the unit normal a to b; changes their v and w."""
+    closing = (va[0] - vb[0]) * nx + (va[1] - vb[1]) * ny
+    normal = 0.5 * (1 + e) * closing
+    if law == ALCIATORE:
+        tx, ty = -ny, nx
+        across = (va[0] - vb[0]) * tx + (va[1] - vb[1]) * ty + radius * (wa[2] + wb[2])
+        upward = -radius * ((wa[0] + wb[0]) * tx + (wa[1] + wb[1]) * ty)
+        rubbing = math.hypot(across, upward)
+        if rubbing > 1e-9:
+            mu = 0.00995 + 0.108 * math.exp(-1.088 * rubbing)
+            grip = min(mu * normal, rubbing / 7)
+            j_across, j_up = grip * across / rubbing, grip * upward / rubbing
+            va[0] -= j_across * tx
+            va[1] -= j_across * ty
+            vb[0] += j_across * tx
+            vb[1] += j_across * ty
+            turn = 2.5 / radius
+            for w in (wa, wb):
+                w[2] -= turn * j_across
+                w[0] += turn * j_up * tx
+                w[1] += turn * j_up * ty
+    va[0] -= normal * nx
+    va[1] -= normal * ny
+    vb[0] += normal * nx
+    vb[1] += normal * ny
+
+
+@njit(cache=True)
+def mirror(along, into, spin, radius, e, mu):
+    """Restitution and Coulomb friction at the height of the centre: along, into, spin after."""
+    slip = along - radius * spin
+    grip = min(mu * (1 + e) * into, abs(slip) * 2 / 7)
+    push = -math.copysign(grip, slip)
+    return along + push, -e * into, spin - 2.5 / radius * push
+
+
+@njit(cache=True)
+def mathavan(vx, vy, wx, wy, wz, radius, e, mu):
+    """Mathavan 2010, eqs 15 to 17: x along the cushion, y into it; integrated over the normal impulse (mass 1)."""
+    sin, k = NOSE_HEIGHT_RADII - 1, 2.5 / radius
+    cos = math.sqrt(1 - sin * sin)
+    step, work, wanted, compressing = vy / 4000, 0.0, 0.0, True
+    for _ in range(200000):
+        nose_x, nose_y = vx + radius * (wy * sin - wz * cos), -vy * sin + radius * wx
+        cloth_x, cloth_y = vx - radius * wy, vy + radius * wx
+        nose, cloth = math.hypot(nose_x, nose_y) + 1e-12, math.hypot(cloth_x, cloth_y) + 1e-12
+        fx, fy = mu * nose_x / nose, mu * nose_y / nose
+        press = max(sin + fy * cos, 0.0) * CLOTH_UNDER_CUSHION
+        gx, gy = press * cloth_x / cloth, press * cloth_y / cloth
+        vx -= (fx + gx) * step
+        before = vy
+        vy -= (cos - fy * sin + gy) * step
+        wx -= k * (fy + gy) * step
+        wy -= k * (fx * sin - gx) * step
+        wz += k * fx * cos * step
+        work += abs(before + vy) / 2 * cos * step
+        if compressing and vy <= 0:
+            compressing, wanted, work = False, e * e * work, 0.0
+        if not compressing and work >= wanted:
+            break
+    return vx, vy, wx, wy, wz
+
+
+@njit(cache=True)
+def ball_on_cushion(v, w, side, radius, e, mu, law):
+    """Rebound of one ball from cushion `side`; changes v and w."""
+    # frame with y into the cushion and x along it, turned (not mirrored), so spins keep their formulas
+    nx, ny = (-1.0, 0.0) if side == 0 else (1.0, 0.0) if side == 1 else (0.0, -1.0) if side == 2 else (0.0, 1.0)
+    tx, ty = ny, -nx
+    along, into = v[0] * tx + v[1] * ty, v[0] * nx + v[1] * ny
+    wt, wn, wz = w[0] * tx + w[1] * ty, w[0] * nx + w[1] * ny, w[2]
+    if law == MATHAVAN:
+        along, into, wt, wn, wz = mathavan(along, into, wt, wn, wz, radius, e, mu)
+    else:
+        along, into, wz = mirror(along, into, wz, radius, e, mu)
+    v[0], v[1] = along * tx + into * nx, along * ty + into * ny
+    w[0], w[1], w[2] = wt * tx + wn * nx, wt * ty + wn * ny, wz
+
+
+@njit(cache=True)
+def turn(q, w, dt):
+    """Turn the orientation q (4,) by the spin w during dt."""
+    a, b, c, d = q
+    x, y, z = w[0] * dt / 2, w[1] * dt / 2, w[2] * dt / 2
+    q[0] = a - x * b - y * c - z * d
+    q[1] = b + x * a + y * d - z * c
+    q[2] = c + y * a + z * b - x * d
+    q[3] = d + z * a + x * c - y * b
+    q /= math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+
+
+@njit(cache=True)
+def nearest_pocket(x, y, length, width):
+    """Index in POCKETS of the nearest pocket, and the distance to it."""
+    column = 0 if x < length / 4 else 2 if x > 0.75 * length else 1
+    row = 0 if y < width / 2 else 1
+    return 3 * row + column, math.hypot(x - column * length / 2, y - row * width)
+
+
+@njit(cache=True)
+def note(events, count, kind, t, a, b, x, y, speed):
+    """Write one event; says how many there are now."""
+    if count < MOST_EVENTS:
+        events[count] = np.array([float(kind), t, float(a), float(b), x, y, speed])
+    return min(count + 1, MOST_EVENTS)
+
+
+@njit(cache=True)
+def move(xyz, v, w, q, moving, potted, fall, radius, p, t, dt, events, count):
+    """March every moving ball by dt under the cloth's friction, or down a pocket."""
+    pull_x, pull_y = p[3] * 1e-3 * GRAVITY, p[4] * 1e-3 * GRAVITY
+    for i in np.flatnonzero(moving):
+        if potted[i]:
+            fall[i] += GRAVITY * dt
+            xyz[i, 2] -= fall[i] * dt
+            moving[i] = xyz[i, 2] > -4 * radius
+        elif not roll_or_slide(v[i], w[i], radius, p[0], p[1], p[2], pull_x, pull_y, dt) and w[i, 2] * p[2] == 0.0:
+            moving[i] = False
+            w[i] = 0.0
+            count = note(events, count, REST, t, i, -1, xyz[i, 0], xyz[i, 1], np.nan)
+        if moving[i]:
+            xyz[i, 0] += v[i, 0] * dt
+            xyz[i, 1] += v[i, 1] * dt
+            turn(q[i], w[i], dt)
+    return count
+
+
+@njit(cache=True)
+def in_mouth(x, y, side, size):
+    """Whether the nose of `side` is cut away by a pocket where a ball at x, y would meet it."""
+    length, width = size
+    if side < 2:
+        return min(y, width - y) < JAW_CORNER
+    return min(x, length - x) < JAW_CORNER or abs(x - length / 2) < JAW_SIDE
+
+
+@njit(cache=True)
+def meet_rails(xyz, v, w, moving, potted, size, radius, pockets, p, law, t, dt, events, count):
+    """Pockets and cushions of one step that ends at t."""
+    for i in np.flatnonzero(moving & ~potted):
+        x, y = xyz[i, 0], xyz[i, 1]
+        if pockets:
+            pocket, distance = nearest_pocket(x, y, size[0], size[1])
+            if distance < (MOUTH_SIDE if pocket % 3 == 1 else MOUTH_CORNER):
+                potted[i] = True
+                count = note(events, count, POCKET, t, i, pocket, x, y, math.hypot(v[i, 0], v[i, 1]))
+                continue
+        gaps = (x, size[0] - x, y, size[1] - y)
+        speeds = (-v[i, 0], v[i, 0], -v[i, 1], v[i, 1])
+        for side in range(4):
+            into = speeds[side]
+            if gaps[side] >= radius or into <= 0 or (pockets and in_mouth(x, y, side, size)):
+                continue
+            back = min((radius - gaps[side]) / into, dt)
+            count = note(events, count, CUSHION, t - back, i, side, x - v[i, 0] * back, y - v[i, 1] * back, into)
+            ball_on_cushion(v[i], w[i], side, radius, min(max(p[5] - p[6] * into, 0.0), 1.0), p[7], law)
+    return count
+
+
+@njit(cache=True)
+def meet_balls(xyz, v, w, moving, potted, radius, e, law, t, dt, events, count):
+    """Contacts between balls of one step that ends at t."""
+    for i in range(len(xyz)):
+        for j in range(i + 1, len(xyz)):
+            if potted[i] or potted[j] or not (moving[i] or moving[j]):
+                continue
+            dx, dy = xyz[j, 0] - xyz[i, 0], xyz[j, 1] - xyz[i, 1]
+            if dx * dx + dy * dy >= 4 * radius * radius:
+                continue
+            gap = math.hypot(dx, dy)
+            closing = ((v[i, 0] - v[j, 0]) * dx + (v[i, 1] - v[j, 1]) * dy) / gap
+            if closing <= 0:
+                continue
+            back = min((2 * radius - gap) / closing, dt)
+            a, b = (i, j) if math.hypot(v[i, 0], v[i, 1]) >= math.hypot(v[j, 0], v[j, 1]) else (j, i)
+            x, y = xyz[a, 0] - v[a, 0] * back, xyz[a, 1] - v[a, 1] * back
+            count = note(events, count, BALL, t - back, a, b, x, y, closing)
+            ball_on_ball(v[i], w[i], v[j], w[j], dx / gap, dy / gap, radius, e, law)
+            moving[i] = moving[j] = True
+    return count
+
+
+@njit(cache=True)
+def march(xyz, v, w, size, radius, pockets, p, laws, dt, steps, every):
+    """Samples (T, N, 12) of x, y, z, v, w, q, and events (E, 7) of kind, t, a, b, x, y, speed, of N balls."""
+    n = len(xyz)
+    q = np.zeros((n, 4))
+    q[:, 0] = 1.0
+    potted, moving, fall = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n)
+    events, count = np.empty((MOST_EVENTS, 7)), 0
+    samples = np.empty((steps // every + 1, n, 12))
+    for i in range(n):
+        moving[i] = v[i, 0] != 0 or v[i, 1] != 0
+        if moving[i]:
+            count = note(events, count, STRIKE, 0.0, i, -1, xyz[i, 0], xyz[i, 1], math.hypot(v[i, 0], v[i, 1]))
+    for step in range(steps + 1):
+        if step % every == 0:
+            row = samples[step // every]
+            row[:, :3], row[:, 3:5], row[:, 5:8], row[:, 8:] = xyz, v, w, q
+        t = (step + 1) * dt
+        count = move(xyz, v, w, q, moving, potted, fall, radius, p, t, dt, events, count)
+        count = meet_rails(xyz, v, w, moving, potted, size, radius, pockets, p, laws[0], t, dt, events, count)
+        count = meet_balls(xyz, v, w, moving, potted, radius, p[8], laws[1], t, dt, events, count)
+    return samples, events[:count]
+
+
+def parameters(effects: dict[str, dict[str, float]]) -> Floats:
+    """Numbers in the order of `PARAMETERS`; an effect that is not listed is absent."""
+    given = {f"{effect}.{name}": value for effect, values in effects.items() for name, value in values.items()}
+    if unknown := set(given) - set(PARAMETERS):
+        raise SystemExit(f"this world knows the parameters {', '.join(PARAMETERS)}; got {', '.join(sorted(unknown))}")
+    return np.array([given.get(name, NEUTRAL.get(name, 0.0)) for name in PARAMETERS])
+
+
+def play(shot: dict, dt: float = STEP) -> tuple[Floats, Floats]:
+    """Samples (T, N, 12) at the shot's `hz` and events (E, 7) of a shot; equal balls."""
+    balls, table = shot["balls"], shot["table"]
+    radius = float(balls[0]["radius"])
+    xyz = np.array([[b["x"], b["y"], b["radius"]] for b in balls])
+    v = np.array([[b.get("vx", 0.0), b.get("vy", 0.0)] for b in balls])
+    w = np.array([[b.get("wx", 0.0), b.get("wy", 0.0), b.get("wz", 0.0)] for b in balls])
+    laws = shot.get("laws", {})
+    chosen = (CUSHION_LAWS[laws.get("cushion", "mirror")], BALL_LAWS[laws.get("ball", "inelastic")])
+    every = round(1 / (shot.get("hz", 1000) * dt))
+    steps = round(shot["seconds"] / dt)
+    size = (float(table["length"]), float(table["width"]))
+    pockets = bool(table.get("pockets", False))
+    return march(xyz, v, w, size, radius, pockets, parameters(shot.get("effects", {})), chosen, dt, steps, every)
+
+
+def write(shot: dict, samples: Floats, events: Floats, out: Path) -> None:
+    """trajectory.csv and events.csv in the folder `out`."""
+    ids, hz = [ball["id"] for ball in shot["balls"]], shot.get("hz", 1000)
+    out.mkdir(parents=True, exist_ok=True)
+    with (out / "trajectory.csv").open("w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(("t", "id", "x", "y", "z", "vx", "vy", "wx", "wy", "wz", "qw", "qx", "qy", "qz"))
+        for step, balls in enumerate(samples):
+            for name, row in zip(ids, balls, strict=True):
+                rows.writerow([f"{step / hz:.6f}", name, *(f"{x:.7g}" for x in row)])
+    with (out / "events.csv").open("w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(("kind", "t", "a", "b", "x", "y", "speed"))
+        for kind, t, a, b, x, y, speed in events:
+            names = {BALL: ids, CUSHION: CUSHIONS, POCKET: POCKETS}.get(int(kind))
+            other = names[int(b)] if names else ""
+            rows.writerow([KINDS[int(kind)], f"{t:.6f}", ids[int(a)], other, f"{x:.6f}", f"{y:.6f}", f"{speed:.5f}"])
+
+
+def main() -> None:
+    if len(sys.argv) != 3:
+        raise SystemExit("usage: python worlds/billiards.py SHOT.json OUT")
+    shot = json.loads(Path(sys.argv[1]).read_text())
+    samples, events = play(shot)
+    write(shot, samples, events[np.argsort(events[:, 1], kind="stable")], Path(sys.argv[2]))
+
+
+if __name__ == "__main__":
+    main()
