@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
-from skimage.color import lab2rgb
 
 from models.detections import Detections
 from models.fit import Fit
 from models.scene import Scene
 from models.tracks import Tracks
+from pipeline.sampling import ever_moves, sample_motion
 from pipeline.sentences import event_sentence, event_time
 from video.clip import Clip
 from video.embed import playable
+from video.palette import ball_colour
 
 Floats = NDArray[np.float64]
 Colours = NDArray[np.uint8]
@@ -44,7 +44,7 @@ def write_recording(clip: Clip, scene: Scene, detections: Detections, tracks: Tr
     aside = path.with_name(path.name + ".part")
     recording.save(aside, default_blueprint=_blueprint(clip, scene))
     recording.send_recording_name(clip.path.name)
-    colours = ball_colours(tracks.colour)
+    colours = np.array([ball_colour(*seen) for seen in zip(tracks.kinds, tracks.colour, strict=True)], dtype=np.uint8)
     _log_video(recording, clip, path.with_name(path.stem + ".part.mp4"))
     _log_detections(recording, clip, detections)
     _log_tracks(recording, tracks, colours)
@@ -58,17 +58,10 @@ def write_recording(clip: Clip, scene: Scene, detections: Detections, tracks: Tr
     os.replace(aside, path)
 
 
-def ball_colours(lab: Floats) -> Colours:
-    """CIE L*a*b* (N, 3) to sRGB (N, 3), lifted where too dark to be seen on a dark ground."""
-    rgb = lab2rgb(np.nan_to_num(lab, nan=60.0).reshape(1, -1, 3))[0] if len(lab) else np.empty((0, 3))
-    lifted = np.maximum(rgb, 0.35 * (rgb.max(axis=1, keepdims=True) < 0.35))
-    return np.round(255 * lifted).astype(np.uint8)
-
-
-def _timeline(t: Sequence[float] | Floats, frame: Sequence[float] | Floats | None = None) -> list[rr.TimeColumn]:
+def _timeline(t: Floats, frame: NDArray[np.integer] | None = None) -> list[rr.TimeColumn]:
     columns = [rr.TimeColumn(VIDEO_TIME, duration=np.asarray(t, dtype=np.float64))]
     if frame is not None:
-        columns.append(rr.TimeColumn(FRAME, sequence=np.asarray(frame).round().astype(np.int64)))
+        columns.append(rr.TimeColumn(FRAME, sequence=frame))
     return columns
 
 
@@ -115,22 +108,12 @@ def _log_tracks(recording: rr.RecordingStream, tracks: Tracks, colours: Colours)
         )
 
 
-def _sampled(fit: Fit) -> tuple[Floats, Floats, Floats]:
-    """Times (K,), places (K, N, 2) and speeds (K, N) of the fitted motion."""
-    pieces = fit.trajectory
-    if not len(pieces.start):
-        return np.empty(0), np.empty((0, len(pieces.ids), 2)), np.empty((0, len(pieces.ids)))
-    first, last = pieces.start.min(), pieces.end.max()
-    t = np.linspace(first, last, max(2, round((last - first) * PATH_HZ)))
-    state = pieces.at(t)
-    return t, state.xy, np.linalg.norm(state.v, axis=-1)
-
-
 def _log_paths(recording: rr.RecordingStream, scene: Scene, fit: Fit, colours: Colours) -> None:
-    _, xy, speed = _sampled(fit)
+    _, xy, speed = sample_motion(fit.trajectory, PATH_HZ)
+    moves = ever_moves(speed)
     for k, ball in enumerate(fit.trajectory.ids):
         there = np.isfinite(xy[:, k, 0])
-        if not there.any() or np.nanmax(speed[:, k]) < 1e-3:
+        if not moves[k]:
             continue
         px = scene.camera.to_pixels(xy[there, k], scene.table.ball_radius)
         for entity, strip in ((f"picture/paths/{ball}", px), (f"plan/paths/{ball}", xy[there, k])):
@@ -157,10 +140,11 @@ def _log_plan(recording: rr.RecordingStream, clip: Clip, scene: Scene, fit: Fit,
 
 
 def _log_plots(recording: rr.RecordingStream, tracks: Tracks, fit: Fit, colours: Colours) -> None:
-    t, _, speed = _sampled(fit)
+    t, _, speed = sample_motion(fit.trajectory, PATH_HZ)
+    moves = ever_moves(speed)
     error = 1000 * np.linalg.norm(fit.residual, axis=-1)
     for k, ball in enumerate(fit.trajectory.ids):
-        if not len(t) or np.nanmax(np.nan_to_num(speed[:, k])) < 1e-3:
+        if not moves[k]:
             continue
         line = rr.SeriesLines(colors=colours[k], names=ball, widths=1.5)
         there = np.isfinite(speed[:, k])

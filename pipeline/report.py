@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -17,8 +17,11 @@ from plotly.offline import get_plotlyjs
 
 from models.fit import Fit
 from models.scene import Scene
+from models.tracks import Tracks
+from pipeline.sampling import ever_moves, sample_motion
 from pipeline.sentences import event_sentence, parameter_range
 from video.clip import Clip
+from video.palette import INK, Colour, ball_colour, mix
 
 Floats = NDArray[np.float64]
 
@@ -39,9 +42,10 @@ class ReportFiles:
 
 
 def write_report(
-    clip: Clip, scene: Scene, fit: Fit, files: ReportFiles, options: Mapping[str, str], path: Path
+    clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, files: ReportFiles, options: Mapping[str, str], path: Path
 ) -> None:
     """Write the page to `path`; `options` are the settings that reproduce the run, for its last section."""
+    colours = [_css(ball_colour(*seen)) for seen in zip(tracks.kinds, tracks.colour, strict=True)]
     page = Environment(
         loader=PackageLoader("pipeline", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     ).get_template("report.html")
@@ -51,8 +55,8 @@ def write_report(
         poster=_data_uri(files.poster, "image/png"),
         video=_video_source(files.slow),
         events=_event_rows(fit, files.slow_factor),
-        plan=_embedded(plan_figure(scene, fit), "plan"),
-        speeds=_embedded(speed_figure(fit), "speeds"),
+        plan=_embedded(plan_figure(scene, fit, colours), "plan"),
+        speeds=_embedded(speed_figure(fit, colours), "speeds"),
         plotly=get_plotlyjs(),
         parameters=[(p, parameter_range(p.name)) for p in fit.parameters],
         quality=_quality(clip, fit),
@@ -66,7 +70,7 @@ def write_report(
     os.replace(aside, path)
 
 
-def plan_figure(scene: Scene, fit: Fit) -> go.Figure:
+def plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
     """The table from above with the fitted paths; y runs down, as in the picture."""
     table = scene.table
     figure = go.Figure()
@@ -74,16 +78,16 @@ def plan_figure(scene: Scene, fit: Fit) -> go.Figure:
     for x, y in table.pocket_centres:
         r = 1.6 * table.ball_radius
         figure.add_shape(type="circle", x0=x - r, y0=y - r, x1=x + r, y1=y + r, fillcolor="#30343a", line_width=0)
-    t, xy, speed = sample_motion(fit)
+    t, xy, speed = sample_motion(fit.trajectory, PLOT_HZ)
+    moves = ever_moves(speed)
     for k, ball in enumerate(fit.trajectory.ids):
-        moved = len(t) > 0 and np.nanmax(np.nan_to_num(speed[:, k]), initial=0.0) > 1e-3
         rows = np.flatnonzero(np.isfinite(xy[:, k, 0]))
         if len(rows):
-            shown = rows if moved else rows[:1]
+            shown = rows if moves[k] else rows[:1]
             hover = np.stack([t[shown], speed[shown, k]], axis=-1)
             figure.add_scatter(
-                x=xy[shown, k, 0], y=xy[shown, k, 1], mode="lines" if moved else "markers", name=ball,
-                customdata=hover, hovertemplate=f"{HOVER}<extra>{ball}</extra>",
+                x=xy[shown, k, 0], y=xy[shown, k, 1], mode="lines" if moves[k] else "markers", name=ball,
+                line_color=colours[k], marker_size=10, customdata=hover, hovertemplate=f"{HOVER}<extra>{ball}</extra>",
             )  # fmt: skip
     events = fit.events
     marked = [k for k in range(len(events)) if events.kind[k] not in ("rest",)]
@@ -93,17 +97,18 @@ def plan_figure(scene: Scene, fit: Fit) -> go.Figure:
         text=[event_sentence(events, k) for k in marked], hovertemplate="%{text}<extra></extra>",
     )  # fmt: skip
     figure.update_yaxes(autorange="reversed", scaleanchor="x", title="y (m)")
-    figure.update_xaxes(title="x (m)")
+    figure.update_xaxes(title="x (m)", constrain="domain")
     return _styled(figure, height=440)
 
 
-def speed_figure(fit: Fit) -> go.Figure:
+def speed_figure(fit: Fit, colours: Sequence[str]) -> go.Figure:
     """Speed of every ball that moves, over the time of the source clip."""
     figure = go.Figure()
-    t, _, speed = sample_motion(fit)
+    t, _, speed = sample_motion(fit.trajectory, PLOT_HZ)
+    moves = ever_moves(speed)
     for k, ball in enumerate(fit.trajectory.ids):
-        if len(t) and np.nanmax(np.nan_to_num(speed[:, k]), initial=0.0) > 1e-3:
-            figure.add_scatter(x=t, y=speed[:, k], mode="lines", name=ball)
+        if moves[k]:
+            figure.add_scatter(x=t, y=speed[:, k], mode="lines", name=ball, line_color=colours[k])
     for k, when in enumerate(fit.events.t):
         if fit.events.kind[k] in ("strike", "ball", "cushion"):
             figure.add_vline(x=float(when), line_width=1, line_dash="dot", line_color="#9ca3af")
@@ -112,16 +117,10 @@ def speed_figure(fit: Fit) -> go.Figure:
     return _styled(figure, height=320)
 
 
-def sample_motion(fit: Fit) -> tuple[Floats, Floats, Floats]:
-    """Times (K,) s, places (K, N, 2) m and speeds (K, N) m/s of the fitted motion."""
-    pieces = fit.trajectory
-    if not len(pieces.start):
-        return np.empty(0), np.empty((0, len(pieces.ids), 2)), np.empty((0, len(pieces.ids)))
-    first, last = float(pieces.start.min()), float(pieces.end.max())
-    t = np.linspace(first, last, max(2, round((last - first) * PLOT_HZ) + 1))
-    state = pieces.at(t)
-    speed: Floats = np.linalg.norm(state.v, axis=-1)
-    return t, state.xy, speed
+def _css(colour: Colour) -> str:
+    """A ball's colour on a white page: darkened where it would not be seen."""
+    red, green, blue = mix(colour, INK, 0.35 if min(colour) > 150 else 0.0)
+    return f"rgb({red},{green},{blue})"
 
 
 def _styled(figure: go.Figure, height: int) -> go.Figure:
