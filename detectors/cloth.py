@@ -1,0 +1,118 @@
+"""What the empty table looks like, and how far a picture differs from it.
+
+Cloth is one colour under uneven light. A low polynomial over the table follows the light; markings, seams,
+projected lines and the shade along the cushions are taken from the median of a few pictures, because they are
+narrower than a ball. What is as wide as a ball (balls at rest) is not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from detectors.view import View
+from models.scene import Floats
+
+Floats32 = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+
+SHADOW_WEIGHT = 0.5
+"""Share at which a darker shade of the cloth's own colour counts: mostly it is a shadow."""
+LEAST_DIFFERENCE = 15.0
+"""Grey levels (of 255) that differ by chance: coding, grain of the cloth."""
+NOISE_FACTOR = 5.0
+MARKING_RADII = 0.6
+"""Half width, in ball radii, below which a difference in the median picture is a marking of the cloth."""
+DEGREE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Cloth:
+    """The empty table in the working picture."""
+
+    colour: Floats32
+    """(h, w, 3) RGB of the empty table."""
+    plate: Floats32
+    """(h, w, 3) RGB median of the pictures, balls at rest included."""
+    basis: Floats
+    """(3, 3) rows: two axes across the cloth's colour, one along it (brightness)."""
+    threshold: float
+    """Grey levels above which a pixel is not cloth."""
+
+    def contrast(self, working: Bytes) -> Floats32:
+        """Signed differences (h, w, 3) from the empty table along `basis`, darker cloth weighed down."""
+        difference = cv2.subtract(working.astype(np.float32), self.colour)
+        rotated = np.asarray(cv2.transform(difference, self.basis.astype(np.float32)), dtype=np.float32)
+        along = rotated[..., 2]
+        np.multiply(along, SHADOW_WEIGHT, out=along, where=along < 0)
+        return rotated
+
+    def moved(self, working: Bytes) -> Floats32:
+        """How far (h, w) a picture differs from the median picture, grey levels."""
+        difference = cv2.absdiff(working.astype(np.float32), self.plate)
+        return np.asarray(difference.max(axis=-1), dtype=np.float32)
+
+
+def learn_cloth(workings: list[Bytes], view: View) -> Cloth:
+    """The empty table from a few working pictures (h, w, 3), one is enough."""
+    plate = np.median(np.stack(workings), axis=0).astype(np.float32)
+    smooth = _smooth_cloth(plate, view)
+    basis = colour_basis(np.median(smooth[view.cloth], axis=0).astype(np.float64))
+    threshold = max(LEAST_DIFFERENCE, NOISE_FACTOR * _noise(plate, smooth, view))
+    first = Cloth(smooth, plate, basis, threshold)
+    away = size(first.contrast(plate.astype(np.uint8))) > threshold
+    return Cloth(np.where(_as_wide_as_balls(away, view)[..., None], smooth, plate), plate, basis, threshold)
+
+
+def size(contrast: Floats32) -> Floats32:
+    """Length (h, w) of the differences (h, w, 3)."""
+    return np.asarray(np.sqrt(np.einsum("ijk,ijk->ij", contrast, contrast)), dtype=np.float32)
+
+
+def colour_basis(rgb: Floats) -> Floats:
+    """Orthonormal rows (3, 3); the last one points along a colour (3,)."""
+    along = rgb / max(float(np.linalg.norm(rgb)), 1e-9)
+    _, _, rows = np.linalg.svd(along[None])
+    return np.vstack([rows[1:], along])
+
+
+def _noise(plate: Floats32, smooth: Floats32, view: View) -> float:
+    """Standard deviation of cloth pixels about the smooth cloth, without the outliers."""
+    residual = (plate - smooth)[view.cloth]
+    return float(1.4826 * np.median(np.abs(residual - np.median(residual, axis=0))))
+
+
+def _smooth_cloth(plate: Floats32, view: View) -> Floats32:
+    """Polynomial (h, w, 3) of the cloth's colour, fitted to the pixels that have it."""
+    h, w = plate.shape[:2]
+    y, x = np.mgrid[-1 : 1 : h * 1j, -1 : 1 : w * 1j]
+    terms = np.stack([x**i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)], axis=-1)
+    rows = np.flatnonzero(view.cloth.ravel())[:: max(1, int(view.cloth.sum() // 20000))]
+    design, colours = terms.reshape(h * w, -1)[rows], plate.reshape(-1, 3)[rows].astype(np.float64)
+    keep = _cloth_coloured(colours, view.scene.cloth_lab)
+    for _ in range(5):
+        coefficients = np.linalg.lstsq(design[keep], colours[keep], rcond=None)[0]
+        miss = np.linalg.norm(colours - design @ coefficients, axis=1)
+        keep = miss < max(3.0 * 1.4826 * float(np.median(miss[keep])), 6.0)
+    return np.asarray(np.clip(terms @ coefficients, 0, 255), dtype=np.float32)
+
+
+def _cloth_coloured(colours: Floats, cloth_lab: Floats) -> Bools:
+    """Which colours (n, 3) are near the cloth's; the nearest half where few are."""
+    lab = cv2.cvtColor((colours[None] / 255).astype(np.float32), cv2.COLOR_RGB2LAB)[0]
+    # Light differs over a table, hue does not: lightness counts a third.
+    distance = np.linalg.norm((lab - cloth_lab) * np.array([0.33, 1.0, 1.0]), axis=1)
+    near: Bools = distance < max(12.0, float(np.median(distance)))
+    return near
+
+
+def _as_wide_as_balls(away: Bools, view: View) -> Bools:
+    """Where a difference is as wide as a ball, with its surroundings."""
+    half = max(1, round(MARKING_RADII * float(np.median(view.radius))))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * half + 1, 2 * half + 1))
+    opened = cv2.morphologyEx((away & view.area).astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    return np.asarray(cv2.dilate(opened, kernel) > 0)

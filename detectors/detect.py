@@ -1,0 +1,86 @@
+"""The seam between the detectors: a clip and its scene go in, Detections come out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detectors.hough import ball_finder
+from models.detections import Detections
+from models.errors import ModelError
+from models.progress import Progress, silent
+from models.scene import Scene
+from video.clip import Clip, read_frames
+
+Bytes = NDArray[np.uint8]
+
+LEARNING_PICTURES = 15
+"""Pictures, spread over the clip, from which the empty table is learnt."""
+LEARNING_PICTURES_QUICK = 7
+
+
+@dataclass(frozen=True, slots=True)
+class DetectOptions:
+    """How balls are looked for."""
+
+    detector: Literal["auto", "hough", "onnx"] = "auto"
+    """Which detector: hough needs no network, auto takes the best one there is."""
+    model: str | None = None
+    """File of an ONNX ball detector, for the onnx detector."""
+    quick: bool = False
+    """Learn the empty table from fewer pictures."""
+
+
+class Detector(Protocol):
+    """Anything that finds balls in one picture of a clip."""
+
+    def look(self, rgb: Bytes, frame: int = 0) -> Detections:
+        """The balls in picture `frame` (H, W, 3)."""
+        ...
+
+
+def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Progress = silent) -> Detections:
+    """The balls in every distinct picture of a clip; streams it twice and holds a few small pictures.
+
+    Every picture is measured afresh, also where nothing moves, so that errors of different pictures are as
+    independent as the coding of the clip leaves them. Raises ModelError for a detector that is not there.
+    """
+    detector = open_detector(clip, scene, options)
+    frames = clip.distinct
+    seen: list[Detections] = []
+    for done, (frame, rgb) in enumerate(read_frames(clip, indices=frames)):
+        seen.append(detector.look(rgb, frame))
+        progress((done + 1) / max(len(frames), 1))
+    return joined(seen)
+
+
+def detect_in_picture(rgb: Bytes, scene: Scene, options: DetectOptions | None = None) -> Detections:
+    """The balls in one still picture (H, W, 3); they all have frame 0."""
+    _refuse_missing(options or DetectOptions())
+    return ball_finder(scene, [(0, rgb)]).look(rgb)
+
+
+def open_detector(clip: Clip, scene: Scene, options: DetectOptions) -> Detector:
+    """The detector that the options ask for, made ready for a clip."""
+    _refuse_missing(options)
+    frames = clip.distinct
+    count = min(len(frames), LEARNING_PICTURES_QUICK if options.quick else LEARNING_PICTURES)
+    chosen = frames[np.unique(np.linspace(0, len(frames) - 1, count).round().astype(np.int64))]
+    return ball_finder(scene, read_frames(clip, indices=chosen))
+
+
+def joined(parts: list[Detections]) -> Detections:
+    """Detections one after another; they must come in the order of their frames."""
+    if not parts:
+        none, pairs, triples = np.empty(0), np.empty((0, 2)), np.empty((0, 3))
+        return Detections(np.empty(0, dtype=np.int64), pairs, none, pairs, triples, none, none, none, none)
+    names = ("frame", "centre", "radius", "streak", "colour", "white", "score", "sigma", "sigma_along")
+    return Detections(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _refuse_missing(options: DetectOptions) -> None:
+    if options.detector == "onnx":
+        raise ModelError("the onnx detector was asked for but this version has none; use --detector hough")

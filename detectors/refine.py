@@ -1,0 +1,136 @@
+"""The centre of a disc to a fraction of a pixel, with its error: edges along rays, a robust circle through them.
+
+On each ray the edge is where the colour changes fastest (any colour change, so a ball in its own shadow keeps its
+outline: the soft rim of a shadow changes slower than the rim of a ball). Its place is the centroid of the squared
+gradient, which blur that is the same on both sides does not move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from detectors.cloth import SHADOW_WEIGHT
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+
+RAYS = 48
+STEPS = 32
+"""Samples along a ray."""
+NEAREST, FARTHEST = 0.5, 1.5
+"""Reach of a ray, ball radii."""
+PRIOR_RADII = 0.22
+"""How far from the expected radius an edge is still looked for, one standard deviation, ball radii."""
+RADIUS_RADII = 0.05
+"""How far the seen radius may be from the predicted one: error of the calibration, blooming; one standard deviation."""
+LEAST_GRADIENT = 9.0
+"""Grey levels over a sixth of a radius: weaker changes are no edge."""
+TIGHT_RADII, TIGHT_PX = 0.07, 0.6
+"""An edge supports a circle when it is within this of it."""
+FLOOR_PX = 0.06
+"""Error that no edge shows: shading, coding; px, one standard deviation."""
+ERROR_FACTOR = 1.0
+"""Measured over the formal error, on drawn balls with known centres."""
+
+ANGLES = np.arange(RAYS) * (2 * np.pi / RAYS)
+DIRECTIONS = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
+DISTANCES = np.linspace(NEAREST, FARTHEST, STEPS)
+
+
+@dataclass(frozen=True, slots=True)
+class Circles:
+    """K fitted circles, px."""
+
+    centre: Floats
+    """(K, 2)"""
+    radius: Floats
+    """(K,)"""
+    sigma: Floats
+    """(K,) one standard deviation per axis."""
+    support: Floats
+    """(K,) share of the rays whose edge lies on the circle."""
+    edge: Floats
+    """(K,) median gradient of the supporting edges, grey levels over a sixth of a radius."""
+
+
+def fit_circles(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats, rounds: int = 3) -> Circles:
+    """Circles near guesses: centres (K, 2) px, expected radii (K,) px, in a picture (H, W, 3)."""
+    place, seen = centre.astype(np.float64), radius.astype(np.float64)
+    for turn in range(rounds):
+        edge, strength = _edges(rgb, place, radius, basis)
+        # The first look starts a pixel or two off; later ones trust the circle more.
+        step, dr, weights, residual = _fit(edge, strength, radius, loose=0.3 if turn == 0 else 0.15)
+        place = place + step
+        seen = radius + dr
+    return _measured(place, seen, radius, weights, residual, strength)
+
+
+def _edges(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats) -> tuple[Floats, Floats]:
+    """Edge on every ray: distance (K, A) px from the centre, gradient (K, A)."""
+    profile = ray_profiles(rgb, centre, radius, basis)
+    half = 2
+    change = profile[:, :, 2 * half :] - profile[:, :, : -2 * half]
+    gradient = np.sqrt(np.einsum("kasc,kasc->kas", change, change))
+    at = DISTANCES[half:-half]
+    expected = gradient * np.exp(-0.5 * ((at - 1.0) / PRIOR_RADII) ** 2)
+    best = np.argmax(expected, axis=2)
+    near = np.clip(best[..., None] + np.arange(-4, 5), 0, len(at) - 1)
+    local = np.take_along_axis(gradient, near, 2)
+    weight = np.clip(local - 0.5 * local.max(axis=2, keepdims=True), 0, None)
+    place = (weight * at[near]).sum(axis=2) / np.maximum(weight.sum(axis=2), 1e-9)
+    return place * radius[:, None], np.take_along_axis(gradient, best[..., None], 2)[..., 0]
+
+
+def ray_profiles(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats) -> NDArray[np.float32]:
+    """Colours (K, A, S, 3) along the rays, in the cloth's basis with brightness weighed down."""
+    k = len(centre)
+    offsets = DIRECTIONS[:, None] * DISTANCES[None, :, None]
+    at = centre[:, None, None] + radius[:, None, None, None] * offsets[None]
+    flat = at.reshape(k * RAYS, STEPS, 2).astype(np.float32)
+    colours = cv2.remap(rgb, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    weighed = (basis * np.array([[1.0], [1.0], [SHADOW_WEIGHT]])).astype(np.float32)
+    return np.asarray(colours.reshape(k, RAYS, STEPS, 3).astype(np.float32) @ weighed.T, dtype=np.float32)
+
+
+def _fit(edge: Floats, strength: Floats, radius: Floats, loose: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Shift (K, 2), change of radius (K,), weights (K, A) and residuals (K, A) of circles through edges (K, A)."""
+    offset = edge - radius[:, None]
+    design = np.column_stack([DIRECTIONS, np.ones(RAYS)])
+    clear = np.clip((strength - LEAST_GRADIENT) / LEAST_GRADIENT, 0, 1)
+    scale = np.maximum(loose * radius, 0.8)[:, None]
+    shift = np.zeros((len(edge), 3))
+    shift[:, 2] = np.median(offset, axis=1)
+    shift[:, 2] = np.clip(shift[:, 2], -0.1 * radius, 0.1 * radius)
+    for _ in range(6):
+        residual = offset - shift @ design.T
+        weights = clear * np.clip(1 - (residual / scale) ** 2, 0, None) ** 2
+        normal = np.einsum("ka,ai,aj->kij", weights, design, design)
+        right = np.einsum("ka,ka,ai->ki", weights, offset, design)
+        # The predicted radius is worth a few rays, and the guess a little: a one-sided arc stays put.
+        normal[:, 2, 2] += 2.0 * (TIGHT_PX / (RADIUS_RADII * radius)) ** 2
+        normal[:, [0, 1], [0, 1]] += 0.02
+        shift = np.linalg.solve(normal, right[..., None])[..., 0]
+    limit = 0.6 * radius[:, None]
+    return np.clip(shift[:, :2], -limit, limit), shift[:, 2], weights, offset - shift @ design.T
+
+
+def _measured(
+    centre: Floats, seen: Floats, expected: Floats, weights: Floats, residual: Floats, strength: Floats
+) -> Circles:
+    tight = np.maximum(TIGHT_RADII * expected, TIGHT_PX)[:, None]
+    good = (np.abs(residual) < 2 * tight) & (strength > LEAST_GRADIENT)
+    spread = np.sqrt((weights * residual**2).sum(1) / np.maximum(weights.sum(1) - 3, 1.0))
+    design = np.column_stack([DIRECTIONS, np.ones(RAYS)])
+    normal = np.einsum("ka,ai,aj->kij", weights, design, design) + 0.02 * np.eye(3)
+    # Neighbouring rays of a small ball cross the same pixels: they are one observation.
+    repeated = np.maximum(1.0, RAYS * 1.5 / (2 * np.pi * expected))
+    variance = np.linalg.inv(normal)[:, [0, 1], [0, 1]].mean(axis=1) * spread**2 * repeated
+    strong = np.where(good, strength, np.nan)
+    strong[~good.any(axis=1)] = 0.0
+    sigma = ERROR_FACTOR * np.sqrt(variance + FLOOR_PX**2)
+    return Circles(centre, seen, sigma, good.mean(axis=1), np.nanmedian(strong, axis=1))

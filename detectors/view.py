@@ -1,0 +1,145 @@
+"""The table in the working picture: cropped and scaled so that every clip's balls are about equally large.
+
+All searching happens there, so its cost depends on the table and not on the resolution of the clip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.scene import Camera, Scene, Table
+
+Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+
+WORKING_RADIUS_PX = 7.5
+"""Radius of a ball in the working picture; smaller ones are never enlarged."""
+CUSHION_SLACK_RADII = 0.55
+"""How far beyond its place at the cushion (one radius inside the nose) a centre may be seen: calibration."""
+JAW_RADII = 2.6
+"""Around a pocket's centre a ball may stand between the jaws, as far as the line of the noses."""
+MARGIN_RADII = 1.8
+"""Picture kept around the place of the outermost centres."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """The working picture of a scene, (h, w) px, `scale` working px per px of the reference picture."""
+
+    scene: Scene
+    box: tuple[int, int, int, int]
+    """x0, y0, x1, y1 px: the part of the reference picture it shows."""
+    scale: tuple[float, float]
+    radius: Floats32
+    """(h, w) working px: radius of a ball whose centre is seen there."""
+    centres: Bools
+    """(h, w) where the centre of a ball on the table may be."""
+    cloth: Bools
+    """(h, w) the playing surface."""
+    area: Bools
+    """(h, w) what balls can cover."""
+
+    def to_picture(self, working: Floats) -> Floats:
+        """Working px (..., 2) to px of the reference picture."""
+        px: Floats = (working + 0.5) / np.array(self.scale) - 0.5 + np.array(self.box[:2], dtype=float)
+        return px
+
+    def to_working(self, px: Floats) -> Floats:
+        """Reference px (..., 2) to working px."""
+        working: Floats = (px - np.array(self.box[:2], dtype=float) + 0.5) * np.array(self.scale) - 0.5
+        return working
+
+    def picture(self, rgb: Bytes, frame: int | None = None) -> Bytes:
+        """The working picture (h, w, 3) of a whole picture."""
+        h, w = self.radius.shape
+        x0, y0, x1, y1 = self.box
+        motion = self.scene.camera.motion
+        if motion is not None and frame is not None:
+            return self._followed(rgb, motion[frame])
+        crop = rgb[y0:y1, x0:x1]
+        if crop.shape[:2] == (h, w):
+            return np.ascontiguousarray(crop)
+        return np.asarray(cv2.resize(crop, (w, h), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+    def _followed(self, rgb: Bytes, motion: Floats) -> Bytes:
+        h, w = self.radius.shape
+        sx, sy = self.scale
+        x0, y0 = self.box[:2]
+        to_working = np.array([[sx, 0, (0.5 - x0) * sx - 0.5], [0, sy, (0.5 - y0) * sy - 0.5], [0, 0, 1.0]])
+        matrix = to_working @ np.linalg.inv(motion)
+        return np.asarray(cv2.warpPerspective(rgb, matrix, (w, h), flags=cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def predicted_radius(self, px: Floats) -> Floats:
+        """Radius (...) px of the reference picture that a ball has at reference px (..., 2)."""
+        return predicted_radius(self.scene, px)
+
+
+def view_of(scene: Scene) -> View:
+    """Lay the working picture over a scene."""
+    camera, table = scene.camera, scene.table
+    box = _box(camera, table)
+    span = np.array([box[2] - box[0], box[3] - box[1]])
+    middle = float(camera.radius_px(np.array([table.length / 2, table.width / 2]), table.ball_radius))
+    w, h = (int(n) for n in np.maximum(np.round(span * min(1.0, WORKING_RADIUS_PX / middle)), 8))
+    scale = (w / float(span[0]), h / float(span[1]))
+    px = _grid(box, scale, w, h)
+    centres = _allowed(table, camera.to_table(px, table.ball_radius))
+    on_cloth = camera.to_table(px, 0.0)
+    cloth = (on_cloth[..., 0] > 0) & (on_cloth[..., 0] < table.length)
+    cloth &= (on_cloth[..., 1] > 0) & (on_cloth[..., 1] < table.width)
+    radius = _radius_map(scene, box, scale, w, h)
+    reach = 2 * int(np.ceil(radius.max() * 1.5)) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
+    area = cv2.dilate(centres.astype(np.uint8), kernel).astype(bool)
+    return View(scene, box, scale, radius, centres, cloth, area)
+
+
+def predicted_radius(scene: Scene, px: Floats) -> Floats:
+    """Radius (...) px of a ball seen at reference px (..., 2)."""
+    xy = scene.camera.to_table(px, scene.table.ball_radius)
+    return np.asarray(scene.camera.radius_px(xy, scene.table.ball_radius), dtype=np.float64)
+
+
+def _box(camera: Camera, table: Table) -> tuple[int, int, int, int]:
+    outline = camera.to_pixels(table.corners, table.ball_radius)
+    margin = MARGIN_RADII * float(camera.radius_px(table.corners, table.ball_radius).max())
+    low = np.clip(np.floor(outline.min(axis=0) - margin), 0, None).astype(int)
+    high = np.ceil(outline.max(axis=0) + margin).astype(int) + 1
+    x1, y1 = min(int(high[0]), camera.width_px), min(int(high[1]), camera.height_px)
+    return int(low[0]), int(low[1]), x1, y1
+
+
+def _grid(box: tuple[int, int, int, int], scale: tuple[float, float], w: int, h: int) -> Floats:
+    x = (np.arange(w) + 0.5) / scale[0] - 0.5 + box[0]
+    y = (np.arange(h) + 0.5) / scale[1] - 0.5 + box[1]
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _allowed(table: Table, xy: Floats) -> Bools:
+    radius = table.ball_radius
+    inset = radius * (1 - CUSHION_SLACK_RADII)
+    inside = _within(table, xy, inset)
+    for pocket in table.pocket_centres:
+        jaws = np.linalg.norm(xy - pocket, axis=-1) < JAW_RADII * radius
+        inside |= jaws & _within(table, xy, 0.0)
+    return inside
+
+
+def _within(table: Table, xy: Floats, inset: float) -> Bools:
+    x, y = xy[..., 0], xy[..., 1]
+    within: Bools = (x > inset) & (x < table.length - inset) & (y > inset) & (y < table.width - inset)
+    return within
+
+
+def _radius_map(scene: Scene, box: tuple[int, int, int, int], scale: tuple[float, float], w: int, h: int) -> Floats32:
+    """Radius in working px on a coarse grid, interpolated: it changes slowly."""
+    coarse_w, coarse_h = 33, 21
+    coarse = _grid(box, (scale[0] * coarse_w / w, scale[1] * coarse_h / h), coarse_w, coarse_h)
+    radii = predicted_radius(scene, coarse) * np.sqrt(scale[0] * scale[1])
+    return np.asarray(cv2.resize(radii.astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
