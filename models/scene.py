@@ -96,28 +96,32 @@ class Camera:
     def to_table(self, px: Floats, z: float, frame: NDArray[np.int64] | int | None = None) -> Floats:
         """Pixels (..., 2) to points (..., 2) in m on the plane at height z."""
         if self.motion is not None and frame is not None:
-            px = apply_homography(np.linalg.inv(self.motion[frame]), px)
-        return apply_homography(np.linalg.inv(self.homography(z)), px)
+            px = apply_homography(_inverse(self.motion[frame]), px)
+        return apply_homography(_inverse(self.homography(z)), px)
 
     def metres_per_pixel(self, xy: Floats, z: float) -> Floats:
         """d(x, y)/d(px) at table points (..., 2): Jacobians (..., 2, 2) in m/px."""
-        return np.linalg.inv(homography_jacobian(self.homography(z), xy))
+        return _inverse(homography_jacobian(self.homography(z), xy))
 
     def radius_px(self, xy: Floats, radius: float) -> Floats:
         """Mean seen radius (...) in px of a ball that rests at (..., 2) m."""
         jacobian = homography_jacobian(self.homography(radius), xy)
-        return radius * np.sqrt(np.linalg.svd(jacobian, compute_uv=False).prod(axis=-1) / self._foreshortening(xy, radius))
+        return radius * np.sqrt(
+            np.linalg.svd(jacobian, compute_uv=False).prod(axis=-1) / self._foreshortening(xy, radius)
+        )
 
     def _foreshortening(self, xy: Floats, z: float) -> Floats:
         """Cosine between the line of sight and the vertical at points (..., 2), in (0, 1]."""
         eye = self.eye
         ray = np.concatenate([eye[:2] - xy, np.broadcast_to(eye[2] - z, (*xy.shape[:-1], 1))], axis=-1)
-        return np.abs(ray[..., 2]) / np.linalg.norm(ray, axis=-1)
+        cosine: Floats = np.abs(ray[..., 2]) / np.linalg.norm(ray, axis=-1)
+        return cosine
 
     @property
     def eye(self) -> Floats:
         """Where the camera stands (3,), in m above the table."""
-        return np.linalg.solve(self.matrix[:, :3], -self.matrix[:, 3])
+        place: Floats = np.linalg.solve(self.matrix[:, :3], -self.matrix[:, 3])
+        return place
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,3 +153,9 @@ def homography_jacobian(homography: Floats, points: Floats) -> Floats:
     linear = homography[:2, :2] - mapped[..., :, None] * homography[2, :2]
     jacobian: Floats = linear / w[..., None, None]
     return jacobian
+
+
+def _inverse(matrices: Floats) -> Floats:
+    """Inverses of square matrices (..., n, n)."""
+    inverse: Floats = np.linalg.inv(matrices)
+    return inverse

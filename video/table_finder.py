@@ -1,0 +1,223 @@
+"""Find the table in a clip: its noses, its preset, and the camera that sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.billiards.tables import DEFAULT_TABLE, PRESETS, nearest_preset, parse_table, with_ball_radius
+from models.errors import OptionError, TableNotFound
+from models.progress import Progress, silent
+from models.scene import Camera, Game, Scene, Table
+from video.clip import Clip, read_frames
+from video.table_balls import BallSizes, ball_sizes, pocket_share
+from video.table_camera import View, camera_from_corners, orient
+from video.table_cloth import Cloth, find_cloth, intersections, line_through
+from video.table_edges import Noses, find_noses
+
+Floats = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+GLANCES = 9
+"""Pictures spread over the clip whose median is the table without what moves."""
+ASPECTS = (1.85, 2.15)
+"""Length over width that is still taken for a billiard table."""
+LEAST_SUPPORT = 0.6
+"""Share of the cloth's sides that must end in a straight line."""
+MARKED_CORNER_SIGMA = 2.0
+"""px, of corners that a user gives."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrateOptions:
+    """What the user knows about table and camera."""
+
+    corners: str | None = None
+    """The four corners of the playing surface, between the cushion noses: x,y,x,y,x,y,x,y in px, in any order."""
+    table: str | None = None
+    """Playing surface as LENGTHxWIDTH in metres, such as 2.54x1.27, or a preset such as pool-9ft."""
+    ball_radius: float | None = None
+    """Radius of the balls in metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Corners of the noses, in the order of `Table.corners`, and what was met on the way."""
+
+    corners: Floats
+    covariance: Floats
+    view: View
+    cloth: Floats
+    outer: Floats | None
+    notes: tuple[str, ...]
+
+
+def find_scene(clip: Clip, options: CalibrateOptions, progress: Progress = silent) -> Scene:
+    """Find table and camera in a clip.
+
+    TableNotFound, one sentence, where there is none that can be trusted; OptionError where an option makes no sense.
+    """
+    asked = parse_table(options.table) if options.table is not None else None
+    pictures = _glances(clip)
+    progress(0.4)
+    background = median_picture(pictures)
+    found = _from_user(options.corners, background) if options.corners is not None else _search(background, clip)
+    progress(0.6)
+    table, camera, named = _name(found, background, pictures, asked, options.ball_radius)
+    progress(1.0)
+    return Scene(table, camera, _lab(found.cloth), (*found.notes, *named, _height_note(camera, found.view)))
+
+
+def median_picture(pictures: list[Picture]) -> Picture:
+    """Median (H, W, 3) of pictures: what stood still most of the time."""
+    stack = np.stack(pictures)
+    half = len(pictures) // 2
+    return np.ascontiguousarray(np.partition(stack, half, axis=0)[half])
+
+
+def _glances(clip: Clip) -> list[Picture]:
+    spread = np.unique(np.linspace(0, len(clip.distinct) - 1, GLANCES).round().astype(int))
+    return [picture for _, picture in read_frames(clip, indices=clip.distinct[spread])]
+
+
+def _search(background: Picture, clip: Clip) -> _Found:
+    cloth = find_cloth(background)
+    if cloth is None or cloth.support < LEAST_SUPPORT:
+        raise TableNotFound(
+            f"{clip.path.name} shows no cloth with four straight sides; give the corners of the playing surface "
+            "with --corners x,y,x,y,x,y,x,y"
+        )
+    height, width = background.shape[:2]
+    outer, _ = orient(cloth.corners, width, height, 3.0)
+    noses = find_noses(background, outer)
+    if noses is None:
+        raise TableNotFound(
+            f"{clip.path.name} shows a cloth but not where its cushions end; give the corners of the playing surface "
+            "with --corners x,y,x,y,x,y,x,y"
+        )
+    corners, view = orient(noses.corners, width, height, _mean_sigma(noses.covariance))
+    if not ASPECTS[0] < view.aspect < ASPECTS[1]:
+        raise TableNotFound(
+            f"{clip.path.name} shows a cloth {view.aspect:.2f} times as long as wide, and tables are 2; "
+            "give the corners of the playing surface with --corners x,y,x,y,x,y,x,y"
+        )
+    return _Found(*_ordered(corners, noses), view, cloth.colour, _like(outer, corners), _edge_notes(noses, cloth))
+
+
+def _ordered(corners: Floats, noses: Noses) -> tuple[Floats, Floats]:
+    """Oriented corners with the covariance rolled alike."""
+    shift = int(np.argmin(np.linalg.norm(noses.corners - corners[0], axis=1)))
+    order = np.roll(np.arange(8).reshape(4, 2), -shift, axis=0).ravel()
+    return corners, noses.covariance[np.ix_(order, order)]
+
+
+def _like(outer: Floats, corners: Floats) -> Floats:
+    """Outer corners in the order of the nose corners."""
+    return np.roll(outer, -int(np.argmin(np.linalg.norm(outer - corners[0], axis=1))), axis=0)
+
+
+def _mean_sigma(covariance: Floats) -> float:
+    return float(np.sqrt(np.mean(np.diag(covariance))))
+
+
+def _edge_notes(noses: Noses, cloth: Cloth) -> tuple[str, ...]:
+    notes = [f"table found by its cloth; corners known to {_mean_sigma(noses.covariance):.1f} px"]
+    hidden = 4 - sum(noses.seen)
+    if hidden:
+        notes.append(f"{hidden} of 4 cushion noses could not be seen and were put where the others say")
+    if noses.straightness > 1:
+        notes.append(f"cushion noses bend by up to {noses.straightness:.1f} px: the lens distorts, which is left out")
+    return tuple(notes)
+
+
+def _from_user(text: str, background: Picture) -> _Found:
+    height, width = background.shape[:2]
+    corners, view = orient(parse_corners(text, width, height), width, height, MARKED_CORNER_SIGMA)
+    if not 1.5 < view.aspect < 2.6:
+        raise OptionError(
+            f"--corners must be those of a table about twice as long as wide; these are {view.aspect:.2f} times"
+        )
+    inside = np.zeros((height, width), np.uint8)
+    cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
+    colour = np.median(background[inside > 0], axis=0).astype(np.float64)
+    return _Found(
+        corners, np.eye(8) * MARKED_CORNER_SIGMA**2, view, colour, None, ("corners were given with --corners",)
+    )
+
+
+def parse_corners(text: str, width: int, height: int) -> Floats:
+    """Four corners (4, 2) px, clockwise in the picture, from eight numbers in any order of corners."""
+    try:
+        numbers = [float(number) for number in text.replace(";", ",").replace(" ", ",").split(",") if number]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 8 or not np.all(np.isfinite(numbers)):
+        raise OptionError(f"--corners are eight numbers x,y,x,y,x,y,x,y in px; got {text!r}")
+    points = np.array(numbers).reshape(4, 2)
+    margin = 0.5 * np.array([width, height])
+    if np.any(points < -margin) or np.any(points > np.array([width, height]) + margin):
+        raise OptionError(f"--corners must lie in or near the picture of {width} x {height} px; got {text!r}")
+    offset = points - points.mean(axis=0)
+    ordered = points[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
+    lines = [line_through(ordered[i], ordered[(i + 1) % 4]) for i in range(4)]
+    edges = np.roll(ordered, -1, axis=0) - ordered
+    following = np.roll(edges, -1, axis=0)
+    turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+    if intersections(lines) is None or np.any(turns < 1.0):
+        raise OptionError(f"--corners must be the four corners of a convex quadrangle; got {text!r}")
+    return ordered
+
+
+def _name(
+    found: _Found, background: Picture, pictures: list[Picture], asked: Table | None, ball_radius: float | None
+) -> tuple[Table, Camera, tuple[str, ...]]:
+    """The table's preset (or what was asked for), and its camera."""
+    height, width = background.shape[:2]
+    given: tuple[str, ...] = ("table size was given with --table",)
+    if asked is not None:
+        table, notes = asked, given
+    else:
+        trial = PRESETS["pool-9ft"]
+        camera = camera_from_corners(found.corners, found.covariance, trial, found.view, width, height)
+        sizes = ball_sizes(pictures[:: max(len(pictures) // 4, 1)], camera, trial, found.cloth)
+        pockets = found.outer is None or pocket_share(background, found.outer, found.corners, found.cloth) > 0.3
+        table, notes = guess_table(sizes, pockets)
+    if ball_radius is not None:
+        table = with_ball_radius(table, ball_radius)
+    return table, camera_from_corners(found.corners, found.covariance, table, found.view, width, height), notes
+
+
+def guess_table(sizes: BallSizes, pockets: bool) -> tuple[Table, tuple[str, ...]]:
+    """The preset that fits pockets and ball sizes best, and sentences on why."""
+    game: Game = "pool" if pockets else "carom"
+    why = "it has pockets" if pockets else "it has no pockets"
+    if sizes.count == 0:
+        table = PRESETS[DEFAULT_TABLE[game]]
+        return table, (f"table taken for {table.name} because {why}, no ball was measured; give --table to override",)
+    candidates = [t for t in PRESETS.values() if t.pockets == pockets]
+    near = [t for t in candidates if abs(np.log(t.ball_radius / t.length / sizes.share)) < 0.12]
+    table = nearest_preset(sizes.share, None if pockets and near else game)
+    table = table if table.pockets == pockets else nearest_preset(sizes.share, game)
+    return table, (
+        f"table taken for {table.name} because {why} and balls have {100 * sizes.share:.2f} % of its length as "
+        "radius; give --table to override",
+    )
+
+
+def _height_note(camera: Camera, view: View) -> str:
+    how = "from the perspective" if view.focal_sigma < 0.15 else "assumed, the perspective does not tell"
+    return f"camera {camera.height:.1f} +- {camera.height_sigma:.1f} m above the table ({how})"
+
+
+def _lab(rgb: Floats) -> Floats:
+    pixel = (rgb / 255).astype(np.float32).reshape(1, 1, 3)
+    lab: Floats = cv2.cvtColor(pixel, cv2.COLOR_RGB2LAB)[0, 0].astype(np.float64)
+    return lab
+
+
+def scene_of_frame(scene: Scene, motion: Floats) -> Scene:
+    """The same scene with a camera that moves: `motion` (T, 3, 3) from reference to frame pixels."""
+    return replace(scene, camera=replace(scene.camera, motion=motion))
