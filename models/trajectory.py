@@ -91,7 +91,11 @@ class Trajectory:
         rows = np.flatnonzero(self.ball == ball)
         nothing = (len(t),)
         if not len(rows):
-            return (*(np.full((*nothing, k), np.nan) for k in (2, 2, 3)), *(np.full(nothing, np.nan) for _ in range(2)), np.zeros(nothing))
+            return (
+                *(np.full((*nothing, k), np.nan) for k in (2, 2, 3)),
+                *(np.full(nothing, np.nan) for _ in range(2)),
+                np.zeros(nothing),
+            )
         row = rows[np.clip(np.searchsorted(self.start[rows], t, side="right") - 1, 0, None)]
         outside = (t < self.start[row] - 1e-12) | (t > self.end[row] + 1e-12)
         tau = (t - self.start[row])[:, None]

@@ -1,0 +1,135 @@
+"""Motion of a ball on the cloth between two contacts, in closed form: it slides, rolls, rests.
+
+A sliding ball feels constant friction against its slip (the velocity of the point that touches the cloth), whose
+direction does not change while it slides; the path is a parabola (Marlow 1995, The Physics of Pocket Billiards).
+A rolling ball slows down at mu_r g along its path. Side spin does not act on the centre.
+
+Every formula is analytic in its inputs, so that complex numbers pass through: derivatives come from a complex step,
+exact to rounding (Squire and Trapp 1998, doi:10.1137/S003614459631241X).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+GRAVITY = 9.81
+"""m/s^2."""
+
+STATE = 8
+"""Numbers of a span: x, y (m), vx, vy (m/s), slip ux, uy (m/s), extra acceleration while rolling cx, cy (m/s^2)."""
+
+_TINY_SLIP = 1e-12
+"""m^2/s^2 under the root of |u|: keeps the derivative finite where the ball rolls from the start."""
+_STEP = 1e-30
+"""of the complex step: far below rounding, since nothing is subtracted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Friction:
+    """Coefficients of the cloth, decelerations being mu g."""
+
+    sliding: float
+    rolling: float
+
+
+def rolling_spin(v: Floats, slip: Floats, radius: float) -> Floats:
+    """wx, wy (..., 2) in rad/s of a ball with velocity v (..., 2) and slip (..., 2), m/s."""
+    return np.stack([slip[..., 1] - v[..., 1], v[..., 0] - slip[..., 0]], axis=-1) / radius
+
+
+def slide_time(state: Floats, friction: Friction) -> Floats:
+    """How long spans (..., 8) slide, s (...)."""
+    time: Floats = 2 / 7 * np.hypot(state[..., 4], state[..., 5]) / (friction.sliding * GRAVITY)
+    return time
+
+
+def rest_time(state: Floats, friction: Friction) -> Floats:
+    """How long spans (..., 8) take until rest, s (...)."""
+    slide = slide_time(state, friction)
+    _, v, _ = _roll_start(state, friction)
+    speed = np.hypot(v[..., 0], v[..., 1])
+    return slide + speed / _deceleration(v, speed, state[..., 6:8], friction.rolling * GRAVITY)
+
+
+def kinematics(state: Floats, tau: Floats, friction: Friction) -> Floats:
+    """Position, velocity and slip (M, 6) of spans (M, 8) at times tau (M,) after their starts."""
+    return np.real(_follow(state, tau, friction.sliding, friction.rolling))
+
+
+def kinematics_jacobian(state: Floats, tau: Floats, friction: Friction) -> tuple[Floats, Floats]:
+    """`kinematics` (M, 6), and its derivatives (M, 6, 11) by the state, tau, ln mu_sliding and ln mu_rolling."""
+    count = STATE + 3
+    states = np.repeat(state[None].astype(np.complex128), count, axis=0)  # (11, M, 8)
+    states[np.arange(STATE), :, np.arange(STATE)] += 1j * _STEP
+    taus = np.repeat(tau[None].astype(np.complex128), count, axis=0)
+    taus[STATE] += 1j * _STEP
+    sliding = np.full((count, 1), friction.sliding, np.complex128)
+    rolling = np.full((count, 1), friction.rolling, np.complex128)
+    sliding[STATE + 1] *= 1 + 1j * _STEP
+    rolling[STATE + 2] *= 1 + 1j * _STEP
+    out = _follow(states, taus, sliding, rolling)  # (11, M, 6)
+    return np.real(out[0]), np.moveaxis(np.imag(out), 0, -1) / _STEP
+
+
+def polynomials(state: Floats, duration: float, friction: Friction) -> list[tuple[str, float, float, Floats, Floats]]:
+    """Pieces of one span (8,): phase, start, end (s after the start of the span), position (4, 2), slip (2, 2).
+
+    Position and slip are coefficients of powers of the time since the piece began; pieces of no length are left out.
+    """
+    slide, stop = float(slide_time(state, friction)), float(rest_time(state, friction))
+    x1, v1, a1 = _roll_start(state, friction)
+    speed = float(np.hypot(*v1))
+    roll = -friction.rolling * GRAVITY * v1 / max(speed, 1e-12) + state[6:8]
+    zero = np.zeros(2)
+    last = x1 + v1 * (stop - slide) + roll * (stop - slide) ** 2 / 2
+    slip_rate = -state[4:6] / max(slide, 1e-12)
+    pieces = [
+        ("slide", 0.0, slide, np.array([state[0:2], state[2:4], a1 / 2, zero]), np.array([state[4:6], slip_rate])),
+        ("roll", slide, stop, np.array([x1, v1, roll / 2, zero]), np.zeros((2, 2))),
+        ("rest", stop, np.inf, np.array([last, zero, zero, zero]), np.zeros((2, 2))),
+    ]
+    cut = [(phase, t0, min(t1, duration), position, slip) for phase, t0, t1, position, slip in pieces]
+    return [piece for piece in cut if piece[2] - piece[1] > 1e-9]
+
+
+def _roll_start(state: Floats, friction: Friction) -> tuple[Floats, Floats, Floats]:
+    """Position and velocity (..., 2) where rolling starts, and the acceleration (..., 2) before."""
+    slip = state[..., 4:6]
+    speed = np.hypot(slip[..., 0], slip[..., 1])[..., None]
+    a = -friction.sliding * GRAVITY * slip / np.maximum(speed, 1e-12)
+    t = 2 / 7 * speed / (friction.sliding * GRAVITY)
+    return state[..., 0:2] + state[..., 2:4] * t + a * t**2 / 2, state[..., 2:4] + a * t, a
+
+
+def _follow(state: NDArray, tau: NDArray, sliding: NDArray | float, rolling: NDArray | float) -> NDArray:  # type: ignore[type-arg]
+    """Position, velocity, slip (..., 6) at tau (...) after the start of spans (..., 8); real or complex."""
+    x, v, slip, extra = (state[..., k : k + 2] for k in (0, 2, 4, 6))
+    slip_speed = np.sqrt(slip[..., 0] ** 2 + slip[..., 1] ** 2 + _TINY_SLIP)
+    a = sliding * GRAVITY
+    slide = 2 / 7 * slip_speed / a
+    ts = np.where(np.real(tau) < np.real(slide), tau, slide)
+    against = slip / slip_speed[..., None]
+    push = (a * ts)[..., None] * against
+    x = x + (v - push / 2) * ts[..., None]
+    v = v - push
+    slip = slip - 3.5 * push
+    speed = np.sqrt(v[..., 0] ** 2 + v[..., 1] ** 2 + _TINY_SLIP)
+    stop = speed / _deceleration(v, speed, extra, rolling * GRAVITY)
+    tr = np.where(np.real(tau - ts) < np.real(stop), tau - ts, stop)[..., None]
+    slow = extra - (rolling * GRAVITY / speed)[..., None] * v
+    x = x + v * tr + slow * tr**2 / 2
+    v = np.where(np.real(tau - ts - stop)[..., None] < 0, v + slow * tr, 0)
+    return np.concatenate([x, v, slip], axis=-1)
+
+
+def _deceleration(v: NDArray, speed: NDArray, extra: NDArray, rolling: NDArray | float) -> NDArray:  # type: ignore[type-arg]
+    """Along the path, m/s^2 (...); never below a fifth of rolling resistance, so that every ball stops."""
+    along = (v[..., 0] * extra[..., 0] + v[..., 1] * extra[..., 1]) / np.where(np.real(speed) > 1e-12, speed, 1.0)
+    slow = rolling - along
+    floor = 0.2 * rolling
+    return np.where(np.real(slow) > np.real(floor), slow, floor)

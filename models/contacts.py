@@ -1,0 +1,329 @@
+"""What broke the path of a ball: a cue, another ball, a cushion, or nothing that is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.scene import CUSHIONS, Table
+from models.segmentation import Samples, Segment, SpanStart, fit_span
+from models.story import Contact, ContactKind, Span, Story
+
+Floats = NDArray[np.float64]
+
+NEAR_CUSHION = 0.6
+"""ball radii: a centre may be so far from where it should touch (calibration, cloth edge, soft rubber)."""
+NEAR_BALL = 0.45
+"""ball radii: the same for the distance of two balls."""
+SETTLED = 0.15
+"""m/s: a ball that is slower before it stands has rolled out rather than been stopped."""
+STILL = 0.12
+"""ball radii: a ball that stays within is at rest, whatever its jitter."""
+CUE_KINDS = ("cue", "white", "yellow")
+"""Balls that a cue may strike, where a strike has to be attributed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Break:
+    """A change of velocity of one ball, between two of its samples."""
+
+    ball: int
+    left: int
+    """Index of the segment before, within the ball."""
+    t: float
+    early: float
+    late: float
+    """s: times of the samples before and after."""
+    x: Floats
+    before: Floats
+    after: Floats
+    """(2,) m and m/s."""
+    from_rest: bool
+    gain: float
+
+    @property
+    def change(self) -> Floats:
+        """Of the velocity, (2,) m/s."""
+        return self.after - self.before
+
+
+@dataclass(frozen=True, slots=True)
+class _Cause:
+    score: float
+    kind: ContactKind
+    breaks: tuple[int, ...]
+    cushion: str = ""
+
+
+def cushion_distances(x: Floats, table: Table) -> Floats:
+    """From points (..., 2) to the four noses (..., 4), in the order of `CUSHIONS`, m."""
+    return np.stack([x[..., 0], table.length - x[..., 0], x[..., 1], table.width - x[..., 1]], axis=-1)
+
+
+INWARD = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""Normals (4, 2) of the noses, into the table."""
+
+
+def tidy(samples: Samples, segments: list[Segment], radius: float) -> list[Segment]:
+    """Balls that only jitter rest; single samples move; a moving ball that rolls out takes its rest along."""
+    named = []
+    for part in segments:
+        xy = samples.xy[part.first : part.last + 1]
+        lone = part.last == part.first and 0 < part.first and part.last < len(samples.t) - 1
+        named.append(Segment(part.first, part.last, not lone and (part.static or _still(xy, radius))))
+    joined = [named[0]]
+    for part in named[1:]:
+        last = joined[-1]
+        both = last.static and part.static
+        rolled_out = part.static and not last.static and _end_speed(samples, last) < SETTLED
+        if both or rolled_out:
+            joined[-1] = Segment(last.first, part.last, both)
+        else:
+            joined.append(part)
+    return joined
+
+
+def breaks_of(ball: int, samples: Samples, segments: list[Segment]) -> list[Break]:
+    """Times, places and velocities at the breaks between segments."""
+    fits = [_fit(samples, part) for part in segments]
+    found = []
+    for k, (one, two) in enumerate(zip(fits[:-1], fits[1:], strict=True)):
+        last, first = segments[k].last, segments[k + 1].first
+        early, late = float(samples.t[last]), float(samples.t[first])
+        t_best, x = _meeting(samples, segments[k], segments[k + 1], one, two)
+        if found and t_best < found[-1].t + 0.1 * (late - early):
+            t_best = found[-1].t + 0.1 * (late - early)
+        whole = _part(samples, segments[k].first, segments[k + 1].last)
+        gain = fit_span(whole, float(whole.t[0])).chi2 - one.chi2 - two.chi2
+        before = np.zeros(2) if segments[k].static else _velocity(samples, segments, k, one, t_best)
+        after = np.zeros(2) if segments[k + 1].static else _velocity(samples, segments, k + 1, two, t_best)
+        found.append(Break(ball, k, t_best, early, late, x, before, after, segments[k].static, gain))
+    return found
+
+
+def explain(breaks: list[Break], table: Table) -> list[_Cause]:
+    """The most plausible causes, each break in at most one of them; what is left over is `strike` or `free`."""
+    causes = _pairs(breaks, table) + _cushions(breaks, table)
+    used: set[int] = set()
+    chosen = []
+    for cause in sorted(causes, key=lambda c: c.score):
+        if not used & set(cause.breaks):
+            used |= set(cause.breaks)
+            chosen.append(cause)
+    for k, one in enumerate(breaks):
+        if k not in used:
+            chosen.append(_Cause(0.0, "strike" if one.from_rest else "free", (k,)))
+    return chosen
+
+
+def near_something(samples: Samples, others: list[Samples], table: Table) -> NDArray[np.bool_]:
+    """(n-1,) between which samples of a ball a cushion or another ball may have changed its velocity, or a cue did."""
+    step = np.linalg.norm(np.diff(samples.xy, axis=0), axis=1)
+    ends = np.stack([samples.xy[:-1], samples.xy[1:]])  # (2, n-1, 2)
+    slack = NEAR_CUSHION * table.ball_radius + 0.6 * step
+    near = (cushion_distances(ends, table).min(axis=(0, 2)) - table.ball_radius) < slack
+    resting = np.ones(len(step), bool)
+    resting[1:] = step[:-1] < STILL * table.ball_radius
+    near |= resting & (step > STILL * table.ball_radius)
+    middle = (samples.t[1:] + samples.t[:-1]) / 2
+    for other in others:
+        if len(other.t) < 2:
+            continue
+        there = np.stack([np.interp(middle, other.t, other.xy[:, k]) for k in (0, 1)], axis=1)
+        pace = np.interp(middle, (other.t[1:] + other.t[:-1]) / 2, np.linalg.norm(np.diff(other.xy, axis=0), axis=1))
+        reach = (2 + 2 * NEAR_BALL) * table.ball_radius + 0.8 * (step + pace)
+        near |= np.linalg.norm(ends.mean(axis=0) - there, axis=1) < reach
+    return near
+
+
+def _pairs(breaks: list[Break], table: Table) -> list[_Cause]:
+    causes = []
+    for i, one in enumerate(breaks):
+        for j in range(i + 1, len(breaks)):
+            two = breaks[j]
+            if one.ball == two.ball or one.early > two.late + 0.7 * (two.late - two.early):
+                continue
+            if two.early > one.late + 0.7 * (one.late - one.early):
+                continue
+            score = _pair_score(one, two, table.ball_radius)
+            if np.isfinite(score):
+                causes.append(_Cause(score, "ball", (i, j)))
+    return causes
+
+
+def _pair_score(one: Break, two: Break, radius: float) -> float:
+    """Below about 2 where two breaks are one contact; infinite where they cannot be."""
+    apart = two.x - one.x
+    distance = float(np.hypot(*apart))
+    normal = apart / max(distance, 1e-9)
+    window = max(one.late - one.early, two.late - two.early)
+    relative = float(np.linalg.norm(one.before - two.before))
+    tolerance = NEAR_BALL * radius + 0.5 * relative * window
+    miss = abs(distance - 2 * radius) / tolerance
+    total = np.linalg.norm(one.change) + np.linalg.norm(two.change)
+    momentum = float(np.linalg.norm(one.change + two.change)) / max(float(total), 1e-6)
+    separating = (two.after - one.after) @ normal
+    late = abs(one.t - two.t) / window
+    if miss > 1 or (momentum > 0.75 and not (one.from_rest and two.from_rest)) or separating < -0.3 * relative - 0.05:
+        return np.inf
+    return miss + momentum + 0.3 * late - 0.5
+
+
+def _cushions(breaks: list[Break], table: Table) -> list[_Cause]:
+    causes = []
+    for k, one in enumerate(breaks):
+        distance = cushion_distances(one.x, table) - table.ball_radius
+        towards, away = -INWARD @ one.before, INWARD @ one.after
+        speed = np.linalg.norm(one.before)
+        tolerance = NEAR_CUSHION * table.ball_radius + 0.35 * speed * (one.late - one.early)
+        for side in range(4):
+            along = abs(np.array([-INWARD[side, 1], INWARD[side, 0]]) @ one.change)
+            across = abs(INWARD[side] @ one.change)
+            if abs(distance[side]) < tolerance and towards[side] > 0.01 and away[side] > -0.2 * towards[side]:
+                score = abs(distance[side]) / tolerance + along / (along + across + 1e-9) - 0.2
+                causes.append(_Cause(float(score), "cushion", (k,), CUSHIONS[side]))
+    return causes
+
+
+def tell(samples: list[Samples], segments: list[list[Segment]], table: Table, kinds: tuple[str, ...]) -> Story:
+    """First story of a clip: spans of every ball, joined by the contacts that explain their breaks."""
+    spans: list[Span] = []
+    index: dict[tuple[int, int], int] = {}
+    breaks: list[Break] = []
+    for ball, (seen, parts) in enumerate(zip(samples, segments, strict=True)):
+        for k, part in enumerate(parts):
+            index[ball, k] = len(spans)
+            spans.append(_span(ball, seen, part))
+        breaks += breaks_of(ball, seen, parts) if parts else []
+    contacts: list[Contact] = []
+    for cause in explain(breaks, table):
+        members = [breaks[k] for k in cause.breaks]
+        before = tuple(index[b.ball, b.left] for b in members)
+        after = tuple(index[b.ball, b.left + 1] for b in members)
+        t = float(np.mean([b.t for b in members]))
+        contact = Contact(cause.kind, t, before, after, cause.cushion, gain=sum(b.gain for b in members))
+        for b, one, two in zip(members, before, after, strict=True):
+            spans[one] = _ending(spans[one], len(contacts))
+            fresh = _span(b.ball, samples[b.ball], segments[b.ball][b.left + 1], t, b)
+            spans[two] = Span(fresh.ball, fresh.static, len(contacts), spans[two].end, t, fresh.state)
+        contacts.append(contact)
+    return _with_strikes(Story(tuple(spans), tuple(contacts)), table, kinds)
+
+
+def _with_strikes(story: Story, table: Table, kinds: tuple[str, ...]) -> Story:
+    """Where two resting balls part from each other, one of them was struck just before."""
+    spans, contacts = list(story.spans), list(story.contacts)
+    for number, contact in enumerate(story.contacts):
+        if contact.kind != "ball" or not all(spans[k].static for k in contact.before):
+            continue
+        cue = _struck(spans, contact, kinds)
+        other = 1 - cue
+        rest, goal = spans[contact.before[cue]].state[:2], spans[contact.before[other]].state[:2]
+        way = goal - rest
+        gap = float(np.hypot(*way)) - 2 * table.ball_radius
+        v = spans[contact.after[0]].state[2:4] + spans[contact.after[1]].state[2:4]
+        speed = max(float(v @ way) / float(np.hypot(*way)), 0.1)
+        if gap < 0.15 * table.ball_radius:
+            contacts[number] = Contact("ball", contact.t, contact.before, contact.after, driven=True, gain=contact.gain)
+            continue
+        t = contact.t - gap / speed
+        old = contact.before[cue]
+        state = np.concatenate([rest, v, np.zeros(4)])
+        spans.append(Span(spans[old].ball, False, len(contacts), number, t, state))
+        spans[old] = _ending(spans[old], len(contacts))
+        before = tuple(len(spans) - 1 if k == cue else contact.before[k] for k in range(2))
+        contacts[number] = Contact("ball", contact.t, before, contact.after, gain=contact.gain)
+        contacts.append(Contact("strike", t, (old,), (len(spans) - 1,), gain=contact.gain))
+    return Story(tuple(spans), tuple(contacts))
+
+
+def _struck(spans: list[Span], contact: Contact, kinds: tuple[str, ...]) -> int:
+    """Which of two balls (0 or 1) the cue met: by its kind, else the one that left less along the line of centres."""
+    named = [kinds[spans[k].ball] in CUE_KINDS for k in contact.before]
+    if named[0] != named[1]:
+        return 0 if named[0] else 1
+    line = spans[contact.before[1]].state[:2] - spans[contact.before[0]].state[:2]
+    line /= np.hypot(*line)
+    straight = []
+    for k, sign in zip(contact.after, (-1, 1), strict=True):
+        v = spans[k].state[2:4]
+        straight.append(sign * float(v @ line) / max(float(np.hypot(*v)), 1e-6))
+    return int(np.argmin(straight))
+
+
+def _ending(span: Span, contact: int) -> Span:
+    return Span(span.ball, span.static, span.start, contact, span.t0, span.state)
+
+
+def _span(ball: int, samples: Samples, part: Segment, t: float | None = None, start: Break | None = None) -> Span:
+    """A span with its state at time t, the time of its first sample by default."""
+    seen = _part(samples, part.first, part.last)
+    begin = float(seen.t[0]) if t is None else t
+    if part.static:
+        return Span(ball, True, None, None, begin, np.concatenate([np.median(seen.xy, axis=0), np.zeros(6)]))
+    if start is not None and part.last - part.first < 2:
+        state = np.concatenate([start.x, start.after, np.zeros(4)])
+        return Span(ball, False, None, None, begin, state)
+    fit = fit_span(seen, begin)
+    return Span(ball, False, None, None, begin, np.concatenate([fit.x, fit.v, fit.slip, np.zeros(2)]))
+
+
+def _part(samples: Samples, first: int, last: int) -> Samples:
+    rows = slice(first, last + 1)
+    return Samples(samples.t[rows], samples.xy[rows], samples.sigma[rows])
+
+
+def _fit(samples: Samples, part: Segment) -> SpanStart:
+    seen = _part(samples, part.first, part.last)
+    if part.static:
+        zero = np.zeros(2)
+        middle = np.median(seen.xy, axis=0)
+        chi2 = (((seen.xy - middle) / seen.sigma[:, None]) ** 2).sum()
+        return SpanStart(float(seen.t[0]), middle, zero, zero, zero, 0.0, float(chi2))
+    return fit_span(seen, float(seen.t[0]))
+
+
+def _still(xy: Floats, radius: float) -> bool:
+    """Whether samples (n, 2) only jitter about one place."""
+    third = max(len(xy) // 3, 1)
+    drift = np.linalg.norm(np.median(xy[:third], axis=0) - np.median(xy[-third:], axis=0))
+    spread = np.linalg.norm(xy - np.median(xy, axis=0), axis=1)
+    return bool(drift < STILL * radius and np.median(spread) < STILL * radius and spread.max() < radius)
+
+
+def _meeting(samples: Samples, left: Segment, right: Segment, one: SpanStart, two: SpanStart) -> tuple[float, Floats]:
+    """When and where two successive curves meet: near the gap between their samples, at their closest approach."""
+    early, late = float(samples.t[left.last]), float(samples.t[right.first])
+    slack = min(0.3 * (late - early), 0.5 * _interval(samples))
+    t = np.linspace(early - slack, late + slack, 60)
+    best = float(t[np.argmin(np.linalg.norm(one.at(t) - two.at(t), axis=1))])
+    best = max(best, float(samples.t[left.first]) + 0.1 * (late - early))
+    known = [part.static or part.last - part.first >= 1 for part in (left, right)]
+    if known[0] == known[1]:
+        return best, (one.at(best) + two.at(best)) / 2
+    # a curve through one sample is no curve: trust the other side
+    middle = (early + late) / 2
+    return middle, (one if known[0] else two).at(middle)
+
+
+def _interval(samples: Samples) -> float:
+    """Typical time between samples, s."""
+    return float(np.median(np.diff(samples.t)))
+
+
+def _velocity(samples: Samples, segments: list[Segment], k: int, fit: SpanStart, t: float) -> Floats:
+    """From the fit; from the neighbours' samples where the segment itself has only one."""
+    part = segments[k]
+    if part.last > part.first:
+        return fit.velocity(t)
+    before, after = max(part.first - 1, 0), min(part.last + 1, len(samples.t) - 1)
+    return (samples.xy[after] - samples.xy[before]) / (samples.t[after] - samples.t[before])
+
+
+def _end_speed(samples: Samples, part: Segment) -> float:
+    if part.last == part.first:
+        return np.inf
+    fit = _fit(samples, part)
+    return float(np.hypot(*fit.velocity(float(samples.t[part.last]))))

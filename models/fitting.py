@@ -1,0 +1,179 @@
+"""The fit: tracks in, events and motion between frames out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.contacts import near_something, tell, tidy
+from models.events import Events
+from models.fit import Fit, Parameter
+from models.happenings import events_of, pocketed
+from models.noise import noise_scale, outliers
+from models.paths import trajectory_of
+from models.progress import Progress, silent
+from models.refinement import ROLLING_PRIOR, SLIDING_PRIOR, Data, Solution, gather, layout, owners, refine, residuals
+from models.scene import Scene, Table
+from models.segmentation import Samples, segment
+from models.story import Story
+from models.tracks import Tracks
+from models.trajectory import Trajectory
+from models.trust import accepted_spans, light, span_chi2
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class FitOptions:
+    """How a shot is fitted."""
+
+    quick: bool = False
+    """fewer iterations of the joint refinement."""
+    break_price: float = 20.0
+    """chi2 that a contact must improve where something is near that may cause it."""
+    free_price: float = 150.0
+    """chi2 that a change of velocity must improve where nothing is near."""
+    moving_speed: float = 0.02
+    """m/s above which a ball counts as moving."""
+
+
+def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), progress: Progress = silent) -> Fit:
+    """Events, motion and coefficients of one clip.
+
+    Never raises for odd tracks: what physics cannot explain is `measured` in the trajectory, and `trust` says so.
+    """
+    table = scene.table
+    scale = _noise(tracks, options)
+    kept = _without_outliers(tracks, scale)
+    data = gather(kept, scale)
+    if len(data.t) == 0:
+        return _nothing(tracks)
+    story = _first_story(kept, scale, table, options)
+    progress(0.4)
+    solution = refine(story, data, table, iterations=10 if options.quick else 30)
+    progress(0.9)
+    fit = _report(solution, kept, data, scale, table, options)
+    progress(1.0)
+    return fit
+
+
+def _noise(tracks: Tracks, options: FitOptions) -> float:
+    """Factor on the sigmas of the tracks; 1 where too little moves to tell, never below a third."""
+    scale = noise_scale(tracks, 5 * options.moving_speed)
+    return float(np.clip(scale, 1 / 3, 10.0)) if np.isfinite(scale) else 1.0
+
+
+def _without_outliers(tracks: Tracks, scale: float) -> Tracks:
+    """Tracks without samples that are far off between neighbours that agree."""
+    xy = tracks.xy.copy()
+    for ball in range(len(tracks.ids)):
+        rows = np.flatnonzero(tracks.observed[:, ball])
+        bad = outliers(tracks.t[rows], xy[rows, ball], tracks.sigma[rows, ball] * scale)
+        xy[rows[bad], ball] = np.nan
+    return Tracks(
+        tracks.frame, tracks.t, tracks.ids, tracks.kinds, xy, tracks.px, tracks.sigma, tracks.sigma_along,
+        tracks.streak, tracks.radius_px, tracks.colour,
+    )  # fmt: skip
+
+
+def _first_story(tracks: Tracks, scale: float, table: Table, options: FitOptions) -> Story:
+    samples = []
+    for ball in range(len(tracks.ids)):
+        rows = np.flatnonzero(tracks.observed[:, ball])
+        sigma = np.sqrt((tracks.sigma[rows, ball] ** 2 + tracks.sigma_along[rows, ball] ** 2) / 2)
+        samples.append(Samples(tracks.t[rows], tracks.xy[rows, ball], sigma * scale))
+    segments = []
+    for ball, seen in enumerate(samples):
+        allowed = near_something(seen, samples[:ball] + samples[ball + 1 :], table)
+        parts = segment(seen, allowed, options.break_price, options.free_price)
+        segments.append(tidy(seen, parts, table.ball_radius) if parts else [])
+    return tell(samples, segments, table, tracks.kinds)
+
+
+def _report(solution: Solution, tracks: Tracks, data: Data, scale: float, table: Table, options: FitOptions) -> Fit:
+    good = accepted_spans(solution, data, table.ball_radius)
+    chi2, _, _ = span_chi2(solution, data)
+    potted = pocketed(solution, tracks, table)
+    events = events_of(solution, tracks, table, chi2, potted)
+    ends = {tracks.ids.index(event.a): event.t for event in potted}
+    trajectory = trajectory_of(
+        solution, data, good, tracks.ids, float(tracks.t[0]), float(tracks.t[-1]), table.ball_radius, ends
+    )
+    state = trajectory.at(tracks.t)
+    moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > options.moving_speed
+    accepted = np.isfinite(state.xy[..., 0]) & ~state.measured
+    share, seconds = _share(tracks.t, moving, accepted)
+    chi2_all, noise = _misfit(solution, tracks, data, scale, good)
+    notes = [
+        f"{len([c for c in solution.story.contacts if c.kind == 'free'])} changes of velocity have no known cause."
+    ]
+    doubts = notes if any(c.kind == "free" for c in solution.story.contacts) else []
+    return Fit(
+        events, trajectory, _parameters(solution), noise, chi2_all, tracks.xy - state.xy, moving, accepted,
+        light(share, chi2_all, seconds, doubts),
+    )  # fmt: skip
+
+
+def _share(t: Floats, moving: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> tuple[float, float]:
+    """Share of the moving time that is accepted, and the moving time in ball seconds."""
+    step = np.gradient(t)[:, None] if len(t) > 1 else np.ones((len(t), 1))
+    seconds = float((moving * step).sum())
+    return (
+        float((moving & accepted).astype(float).ravel() @ np.broadcast_to(step, moving.shape).ravel()) / seconds
+        if seconds
+        else 1.0
+    ), seconds
+
+
+def _misfit(
+    solution: Solution, tracks: Tracks, data: Data, scale: float, good: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """chi2 per degree of freedom of accepted spans against the tracks' own sigmas, and the noise in m."""
+    rows = good[owners(solution.story, data)]
+    if not rows.any():
+        return float("nan"), float("nan")
+    miss = residuals(solution, data)[rows]
+    whitened = np.einsum("kij,kj->ki", data.whiten[rows], miss) * scale
+    used = np.unique(owners(solution.story, data)[rows])
+    free = sum(2 if solution.story.spans[k].static else 5 for k in used)
+    chi2 = float((whitened**2).sum() / max(whitened.size - free, 1))
+    return chi2, float(np.sqrt((miss**2).sum() / max(miss.size - free, 1)))
+
+
+def _parameters(solution: Solution) -> tuple[Parameter, ...]:
+    """Coefficients with errors; those that the clip did not determine keep most of their prior's error."""
+    first = layout(solution.story).globals
+    sigma = np.sqrt(np.diag(solution.covariance)[first:])
+    friction = solution.friction
+    found = []
+    for name, value, spread, prior in (
+        ("sliding_friction.mu", friction.sliding, sigma[0], SLIDING_PRIOR[1]),
+        ("rolling_resistance.mu", friction.rolling, sigma[1], ROLLING_PRIOR[1]),
+    ):
+        found.append(Parameter(name, value, float(value * spread), "", bool(spread > 0.8 * prior)))
+    return tuple(found)
+
+
+def _nothing(tracks: Tracks) -> Fit:
+    """The fit of tracks in which no ball was seen."""
+    none = np.empty(0)
+    balls = len(tracks.ids)
+    empty = Events((), none, none, none, (), (), np.empty((0, 2)), none, none, none, none)
+    pieces = Trajectory(
+        tracks.ids, np.empty(0, np.int64), none, none, np.empty((0, 4, 2)), np.empty((0, 2, 3)), (), np.empty((0, 4, 4))
+    )
+    nowhere = np.zeros((len(tracks.t), balls), bool)
+    trust = light(0.0, float("nan"), 0.0, ["No ball was seen."])
+    return Fit(
+        empty,
+        pieces,
+        (),
+        float("nan"),
+        float("nan"),
+        np.full((len(tracks.t), balls, 2), np.nan),
+        nowhere,
+        nowhere,
+        trust,
+    )

@@ -1,0 +1,247 @@
+"""A refined story as a list of events, each with its time, error, probability and margin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.billiards.motion import STATE, kinematics, rest_time
+from models.contacts import INWARD, cushion_distances
+from models.events import Events
+from models.paths import state_covariance
+from models.refinement import Layout, Solution, layout
+from models.scene import CUSHIONS, POCKETS, Table
+from models.story import Contact
+from models.tracks import Tracks
+
+Floats = NDArray[np.float64]
+
+GAP_HORIZON = 0.25
+"""s: how far free paths are followed beyond a contact to find their least distance."""
+POCKET_REACH = 3.0
+"""ball radii plus the way of two frames: a track that ends so near to a pocket has been potted."""
+_PRICE = 20.0
+"""chi2 that an event must improve to be as likely as not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """One event, see `models.events.Events`."""
+
+    kind: str
+    t: float
+    t_sigma: float
+    a: str
+    b: str
+    xy: Floats
+    probability: float
+    gap: float = np.nan
+    gap_sigma: float = np.nan
+    speed: float = np.nan
+
+
+def events_of(solution: Solution, tracks: Tracks, table: Table, chi2: Floats, potted: list[Happening]) -> Events:
+    """All events of a clip; `chi2` (S,) per span inflates the errors of times where a span fits badly."""
+    plan = layout(solution.story)
+    found = list(potted)
+    for number, contact in enumerate(solution.story.contacts):
+        found += _contact(solution, plan, number, contact, tracks.ids, table, chi2)
+    vanish = {event.a: event.t for event in potted}
+    found += [event for event in _rests(solution, plan, tracks) if event.t < vanish.get(event.a, np.inf)]
+    return listed(found, tracks)
+
+
+def listed(found: list[Happening], tracks: Tracks) -> Events:
+    """Happenings as columns, sorted by time."""
+    found = sorted(found, key=lambda event: (event.t, event.a))
+    t = np.array([event.t for event in found], dtype=np.float64)
+    return Events(
+        tuple(event.kind for event in found), t,
+        np.array([max(event.t_sigma, 1e-6) for event in found], dtype=np.float64),
+        frame_at(tracks, t),
+        tuple(event.a for event in found), tuple(event.b for event in found),
+        np.array([event.xy for event in found]).reshape(-1, 2),
+        *(np.array([getattr(event, name) for event in found], dtype=np.float64)
+          for name in ("probability", "gap", "gap_sigma", "speed")),
+    )  # fmt: skip
+
+
+def frame_at(tracks: Tracks, t: Floats) -> Floats:
+    """Fractional pictures (E,) at times t (E,), also a little outside the clip."""
+    if len(tracks.t) < 2:
+        return np.zeros_like(t)
+    row = np.clip(np.searchsorted(tracks.t, t, side="right") - 1, 0, len(tracks.t) - 2)
+    share = (t - tracks.t[row]) / (tracks.t[row + 1] - tracks.t[row])
+    return tracks.frame[row] + share * (tracks.frame[row + 1] - tracks.frame[row])
+
+
+def pocketed(solution: Solution, tracks: Tracks, table: Table) -> list[Happening]:
+    """Balls whose tracks end early, in motion, near a pocket."""
+    found = []
+    last_frame = len(tracks.t) - 1
+    for ball in range(len(tracks.ids)):
+        rows = np.flatnonzero(tracks.observed[:, ball])
+        if not table.pockets or len(rows) < 2 or rows[-1] > last_frame - 2:
+            continue
+        span = solution.story.of_ball(ball)[-1]
+        if solution.story.spans[span].static:
+            continue
+        found += _fall(solution, tracks, table, ball, span, int(rows[-1]))
+    return found
+
+
+def _fall(solution: Solution, tracks: Tracks, table: Table, ball: int, span: int, row: int) -> list[Happening]:
+    story, interval = solution.story, float(np.median(np.diff(tracks.t)))
+    state, begin = story.spans[span].state, story.begin(span)
+    t = tracks.t[row] + np.linspace(0, 8 * interval, 161)
+    path = kinematics(np.repeat(state[None], len(t), axis=0), t - begin, solution.friction)
+    speed = float(np.hypot(*path[0, 2:4]))
+    distance = np.linalg.norm(path[:, None, :2] - table.pocket_centres, axis=2)  # (161, 6)
+    pocket = int(np.argmin(distance.min(axis=0)))
+    here = float(np.linalg.norm(tracks.xy[row, ball] - table.pocket_centres[pocket]))
+    reach = POCKET_REACH * table.ball_radius
+    if here > reach + 2 * interval * speed or distance[:, pocket].min() > reach or speed < 0.02:
+        return []
+    inside = np.flatnonzero(distance[:, pocket] < max(1.0 * table.ball_radius, distance[:, pocket].min() + 1e-4))
+    when = float(t[inside[0]])
+    sigma = max(0.5 * interval, 0.5 * table.ball_radius / max(speed, 0.05))
+    return [
+        Happening("pocket", when, sigma, tracks.ids[ball], POCKETS[pocket], path[inside[0], :2], 0.95, speed=speed)
+    ]  # fmt: skip
+
+
+def probability(gain: float) -> float:
+    """That a contact happened, from the chi2 it improves."""
+    return float(np.clip(1 / (1 + np.exp(np.clip(-(gain - _PRICE) / 2, -40, 40))), 0.001, 0.999))
+
+
+def _contact(
+    solution: Solution, plan: Layout, number: int, contact: Contact, ids: tuple[str, ...], table: Table, chi2: Floats
+) -> list[Happening]:
+    if contact.kind == "free":
+        return _stopped(solution, plan, number, contact, ids)
+    spans = solution.story.spans
+    balls = [spans[k].ball for k in contact.before]
+    around = chi2[[*contact.before, *contact.after]]
+    excess = max(1.0, float(np.nanmax(around)) if np.isfinite(around).any() else 1.0)
+    sigma = float(np.sqrt(solution.covariance[plan.contact + number, plan.contact + number] * excess))
+    after = [spans[k].state for k in contact.after]
+    likely = probability(contact.gain)
+    if contact.kind == "strike":
+        event = Happening(
+            "strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], likely, speed=float(np.hypot(*after[0][2:4]))
+        )
+        return [event]
+    before = [_at_end(solution, k) for k in contact.before]
+    if contact.kind == "cushion":
+        side = CUSHIONS.index(contact.cushion)
+        gap, gap_sigma = _cushion_gap(solution, plan, contact, side, table)
+        speed = float(-INWARD[side] @ before[0][2:4])
+        found = [
+            Happening(
+                "cushion", contact.t, sigma, ids[balls[0]], contact.cushion, after[0][:2], likely, gap, gap_sigma, speed
+            )
+        ]
+        return found + _stopped(solution, plan, number, contact, ids)
+    apart = after[1][:2] - after[0][:2]
+    normal = apart / np.hypot(*apart)
+    speed = float((before[0][2:4] - before[1][2:4]) @ normal)
+    gap, gap_sigma = _ball_gap(solution, plan, contact, table)
+    found = [
+        Happening("ball", contact.t, sigma, ids[balls[0]], ids[balls[1]], after[0][:2], likely, gap, gap_sigma, speed)
+    ]
+    return found + _stopped(solution, plan, number, contact, ids)
+
+
+def _stopped(solution: Solution, plan: Layout, number: int, contact: Contact, ids: tuple[str, ...]) -> list[Happening]:
+    """Balls that a contact brought to rest."""
+    spans = solution.story.spans
+    sigma = float(np.sqrt(solution.covariance[plan.contact + number, plan.contact + number]))
+    return [
+        Happening("rest", contact.t, sigma, ids[spans[two].ball], "", spans[two].state[:2], probability(contact.gain))
+        for one, two in zip(contact.before, contact.after, strict=True)
+        if spans[two].static and not spans[one].static
+    ]
+
+
+def _rests(solution: Solution, plan: Layout, tracks: Tracks) -> list[Happening]:
+    """Balls that rolled out, and were seen at rest."""
+    story, found = solution.story, []
+    for k, span in enumerate(story.spans):
+        if span.static:
+            continue
+        length = float(rest_time(span.state, solution.friction))
+        t = story.begin(k) + length
+        seen = tracks.t[tracks.observed[:, span.ball]]
+        if t > min(story.finish(k), float(seen[-1])):
+            continue
+        place = kinematics(span.state[None], np.array([length]), solution.friction)[0, :2]
+        found.append(Happening("rest", t, _rest_sigma(solution, plan, k), tracks.ids[span.ball], "", place, 0.99))
+    return found
+
+
+def _rest_sigma(solution: Solution, plan: Layout, k: int) -> float:
+    """Of the time of rest: by central differences over the state and the coefficients of the cloth."""
+    span, friction, step = solution.story.spans[k], solution.friction, 1e-6
+    slope = np.zeros(plan.size)
+    for index in range(STATE):
+        shift = np.zeros(STATE)
+        shift[index] = step
+        slope[plan.span[k] + index] = (
+            float(rest_time(span.state + shift, friction) - rest_time(span.state - shift, friction)) / (2 * step)
+        )  # fmt: skip
+    for index, name in enumerate(("sliding", "rolling")):
+        up, down = ({**_asdict(friction), name: _asdict(friction)[name] * np.exp(s * step)} for s in (1, -1))
+        change = float(rest_time(span.state, type(friction)(**up)) - rest_time(span.state, type(friction)(**down)))
+        slope[plan.globals + index] = change / (2 * step)
+    if span.start is not None:
+        slope[plan.contact + span.start] = 1.0
+    return float(np.sqrt(max(slope @ solution.covariance @ slope, 0.0)))
+
+
+def _asdict(friction: object) -> dict[str, float]:
+    return {"sliding": friction.sliding, "rolling": friction.rolling}  # type: ignore[attr-defined]
+
+
+def _at_end(solution: Solution, k: int) -> Floats:
+    span = solution.story.spans[k]
+    if span.static:
+        return np.concatenate([span.state[:2], np.zeros(4)])
+    tau = np.array([solution.story.finish(k) - solution.story.begin(k)])
+    return kinematics(span.state[None], tau, solution.friction)[0]
+
+
+def _free_path(solution: Solution, k: int, t: Floats) -> Floats:
+    """Positions (M, 2) of a span, followed beyond its end as if nothing had happened."""
+    span = solution.story.spans[k]
+    if span.static:
+        return np.repeat(span.state[None, :2], len(t), axis=0)
+    states = np.repeat(span.state[None], len(t), axis=0)
+    return kinematics(states, t - solution.story.begin(k), solution.friction)[:, :2]
+
+
+def _ball_gap(solution: Solution, plan: Layout, contact: Contact, table: Table) -> tuple[float, float]:
+    t = contact.t + np.linspace(-0.02, GAP_HORIZON, 271)
+    apart = _free_path(solution, contact.before[1], t) - _free_path(solution, contact.before[0], t)
+    distance = np.linalg.norm(apart, axis=1)
+    least = int(np.argmin(distance))
+    reach = 2 * table.ball_radius * solution.diameter
+    normal = apart[least] / max(distance[least], 1e-9)
+    variance = (2 * table.ball_radius) ** 2 * solution.covariance[plan.globals + 2, plan.globals + 2]
+    for k in contact.before:
+        tau = np.array([t[least] - solution.story.begin(k)])
+        variance += float(normal @ state_covariance(solution, plan, k, tau)[0, :2, :2] @ normal)
+    return float(distance[least] - reach), float(np.sqrt(variance))
+
+
+def _cushion_gap(solution: Solution, plan: Layout, contact: Contact, side: int, table: Table) -> tuple[float, float]:
+    t = contact.t + np.linspace(-0.02, GAP_HORIZON, 271)
+    distance = cushion_distances(_free_path(solution, contact.before[0], t), table)[:, side]
+    least = int(np.argmin(distance))
+    column = plan.globals + 3 + side
+    tau = np.array([t[least] - solution.story.begin(contact.before[0])])
+    place = state_covariance(solution, plan, contact.before[0], tau)[0, :2, :2]
+    variance = float(INWARD[side] @ place @ INWARD[side] + solution.covariance[column, column])
+    return float(distance[least] - table.ball_radius - solution.nose[side]), float(np.sqrt(variance))

@@ -1,0 +1,193 @@
+"""Where the track of one ball breaks: dynamic programming over pieces that physics can explain.
+
+Two passes. The first cuts a track into constants and parabolas, cheaply and too often: sliding, rolling and resting
+are pieces of their own there. The second joins those into spans, each of them a slide that turns into a roll, and pays
+more for a break where nothing is near that could have caused it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SLIDE_TIMES = (0.0, 0.04, 0.08, 0.13, 0.2, 0.3, 0.42, 0.6, 0.85, 1.2, 1.7)
+"""s: how long a ball may slide before it rolls; the grid of the closed-form fit. 1.7 s is a hard break shot."""
+SLIDING_ACCELERATION = 2.0
+"""m/s^2, prior standard deviation per axis while sliding: about mu_s g."""
+ROLLING_ACCELERATION = 0.12
+"""m/s^2, prior standard deviation per axis while rolling: about mu_r g, with slope and nap."""
+_VAGUE = 1e-8
+"""1/variance of what is free: keeps short pieces solvable."""
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """What was seen of one ball: t (n,) s, xy (n, 2) m, sigma (n,) m."""
+
+    t: Floats
+    xy: Floats
+    sigma: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """Samples first to last (inclusive) belong to one span."""
+
+    first: int
+    last: int
+    static: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SpanStart:
+    """Closed-form fit of a span: state at `t0`, chi2, and how long it slides."""
+
+    t0: float
+    x: Floats
+    v: Floats
+    slide_acceleration: Floats
+    roll_acceleration: Floats
+    slide: float
+    chi2: float
+
+    def at(self, t: float | Floats) -> Floats:
+        """Positions (..., 2) at times t (...)."""
+        basis = _basis(np.asarray(t, dtype=np.float64) - self.t0, self.slide)
+        return basis @ np.stack([self.x, self.v, self.slide_acceleration, self.roll_acceleration])
+
+    def velocity(self, t: float) -> Floats:
+        """(2,) m/s."""
+        tau = t - self.t0
+        return (
+            self.v
+            + self.slide_acceleration * min(tau, self.slide)
+            + self.roll_acceleration * max(tau - self.slide, 0.0)
+        )
+
+    @property
+    def slip(self) -> Floats:
+        """Slip velocity (2,) at the start, m/s: friction takes 7/2 of what it takes from the centre."""
+        return -3.5 * self.slide_acceleration * self.slide
+
+
+def segment(samples: Samples, allowed: NDArray[np.bool_], price: float, dear: float) -> list[Segment]:
+    """Spans of one track, in order.
+
+    `allowed` (n-1,) says between which samples something is near that may change a velocity; a break costs `price`
+    there and `dear` elsewhere, in units of chi2.
+    """
+    n = len(samples.t)
+    if n == 0:
+        return []
+    bounds = _first_pass(samples, 0.6 * price)
+    return _second_pass(samples, bounds, allowed, price, dear)
+
+
+def fit_span(samples: Samples, t0: float) -> SpanStart:
+    """Best slide-then-roll through samples, its state given at `t0`; closed form for every slide time of the grid."""
+    tau, w = samples.t - t0, samples.sigma**-2
+    length = max(float(tau[-1]), 0.0)
+    best: SpanStart | None = None
+    for slide in [s for s in SLIDE_TIMES if s < length] + [np.inf]:
+        prior = np.array([_VAGUE, _VAGUE, SLIDING_ACCELERATION**-2, ROLLING_ACCELERATION**-2])
+        basis = _basis(tau, slide)
+        normal = (basis * w[:, None]).T @ basis + np.diag(prior)
+        solution = np.linalg.solve(normal, (basis * w[:, None]).T @ samples.xy)
+        misfit = ((samples.xy - basis @ solution) ** 2 * w[:, None]).sum() + (prior[:, None] * solution**2).sum()
+        if best is None or misfit < best.chi2 - 1e-9:
+            best = SpanStart(t0, *solution, slide=min(slide, length + 0.05), chi2=float(misfit))
+    assert best is not None
+    return best
+
+
+def _basis(tau: Floats, slide: float) -> Floats:
+    """1, tau, and the double integrals of 'sliding' and of 'rolling' (..., 4)."""
+    if not np.isfinite(slide):
+        return np.stack([np.ones_like(tau), tau, tau**2 / 2, np.zeros_like(tau)], axis=-1)
+    roll = np.maximum(tau - slide, 0.0)
+    early = np.minimum(tau, slide)
+    return np.stack([np.ones_like(tau), tau, early**2 / 2 + early * roll, roll**2 / 2], axis=-1)
+
+
+def _first_pass(samples: Samples, price: float) -> Ints:
+    """Starts of pieces, and n at the end: constants and parabolas by dynamic programming."""
+    n = len(samples.t)
+    best = np.full(n + 1, np.inf)
+    best[0] = 0.0
+    came = np.zeros(n + 1, np.int64)
+    for first in range(n):
+        total = best[first] + price + _piece_costs(samples, first)
+        ends = np.arange(first + 1, n + 1)
+        better = total < best[ends]
+        best[ends[better]] = total[better]
+        came[ends[better]] = first
+    bounds = [n]
+    while bounds[-1] > 0:
+        bounds.append(int(came[bounds[-1]]))
+    return np.array(bounds[::-1])
+
+
+def _piece_costs(samples: Samples, first: int) -> Floats:
+    """chi2 of the best constant or parabola through samples first..j, for every j >= first."""
+    t, w = samples.t[first:] - samples.t[first], samples.sigma[first:] ** -2
+    xy = samples.xy[first:] - samples.xy[first]
+    powers = np.stack([np.ones_like(t), t, t**2 / 2], axis=1)
+    normal = np.cumsum(w[:, None, None] * powers[:, :, None] * powers[:, None, :], axis=0)
+    right = np.cumsum(w[:, None, None] * powers[:, :, None] * xy[:, None, :], axis=0)
+    square = np.cumsum(w * (xy**2).sum(axis=1))
+    constant = square - (right[:, 0] ** 2).sum(axis=1) / normal[:, 0, 0]
+    normal = normal + np.diag([_VAGUE, _VAGUE, SLIDING_ACCELERATION**-2])
+    solution = np.linalg.solve(normal, right)
+    parabola = square - (solution * right).sum(axis=(1, 2))
+    return np.minimum(constant, parabola + 4.0)
+
+
+def _static_cost(samples: Samples, first: int, end: int) -> float:
+    xy, w = samples.xy[first:end], samples.sigma[first:end] ** -2
+    middle = (xy * w[:, None]).sum(axis=0) / w.sum()
+    return float((((xy - middle) ** 2) * w[:, None]).sum())
+
+
+def _second_pass(
+    samples: Samples, bounds: Ints, allowed: NDArray[np.bool_], price: float, dear: float
+) -> list[Segment]:
+    """Join pieces into spans; `bounds` (K+1,) are the starts of pieces and n."""
+    count = len(bounds)
+    best = np.full((count, 2), np.inf)
+    best[0, 1] = 0.0
+    came = np.zeros((count, 2, 2), np.int64)
+    for k in range(count - 1):
+        toll = 0.0 if k == 0 else (price if allowed[bounds[k] - 1] else dear)
+        for m in range(k + 1, count):
+            first, end = int(bounds[k]), int(bounds[m])
+            moving = fit_span(
+                Samples(samples.t[first:end], samples.xy[first:end], samples.sigma[first:end]), samples.t[first]
+            ).chi2
+            for static, cost in ((0, moving + 6.0), (1, _static_cost(samples, first, end))):
+                # coming to rest needs no cause; two rests in a row need a jump, which no ball makes
+                entry = [
+                    best[k, 0] + (price * 0.5 if static else toll),
+                    best[k, 1] + (2 * dear if static and k else toll),
+                ]
+                before = int(np.argmin(entry))
+                if entry[before] + cost < best[m, static]:
+                    best[m, static] = entry[before] + cost
+                    came[m, static] = k, before
+            if moving > best[k].min() + 400 and m > k + 3 and moving > 40 * (end - first):
+                break
+    return _walk_back(bounds, best, came)
+
+
+def _walk_back(bounds: Ints, best: Floats, came: Ints) -> list[Segment]:
+    segments: list[Segment] = []
+    m, static = len(bounds) - 1, int(np.argmin(best[-1]))
+    while m > 0:
+        k, before = (int(value) for value in came[m, static])
+        segments.append(Segment(int(bounds[k]), int(bounds[m]) - 1, bool(static)))
+        m, static = k, before
+    return segments[::-1]

@@ -1,0 +1,93 @@
+"""What is thought to have happened in a clip: spans of motion, and the contacts between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+ContactKind = Literal["strike", "ball", "cushion", "free"]
+"""`free`: a ball changed its velocity and nothing known was near."""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """One ball between two contacts."""
+
+    ball: int
+    static: bool
+    start: int | None
+    """Contact that begins it; None at the start of the track."""
+    end: int | None
+    """Contact that ends it; None at the end of the track."""
+    t0: float
+    """s: start of the track where `start` is None; else a first guess, the contact's time counts."""
+    state: Floats
+    """(8,) at the start, see `models.billiards.motion.STATE`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """One moment at which the velocities of one or two balls change."""
+
+    kind: ContactKind
+    t: float
+    before: tuple[int, ...]
+    """Spans that end here, one per ball involved."""
+    after: tuple[int, ...]
+    """Spans that begin here, in the same order."""
+    cushion: str = ""
+    driven: bool = False
+    """Balls that touched while one of them was struck: momentum is not conserved."""
+    gain: float = 0.0
+    """chi2 that the break improves, over one span without it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Story:
+    """All spans and contacts; indices point into the tuples."""
+
+    spans: tuple[Span, ...]
+    contacts: tuple[Contact, ...]
+
+    def of_ball(self, ball: int) -> list[int]:
+        """Spans of a ball in the order of time."""
+        rows = [k for k, span in enumerate(self.spans) if span.ball == ball]
+        return sorted(rows, key=self.begin)
+
+    def begin(self, span: int) -> float:
+        """s."""
+        start = self.spans[span].start
+        return self.spans[span].t0 if start is None else self.contacts[start].t
+
+    def finish(self, span: int) -> float:
+        """s; infinite where the span runs to the end of the track."""
+        end = self.spans[span].end
+        return np.inf if end is None else self.contacts[end].t
+
+    def without(self, contact: int) -> Story:
+        """The story in which `contact` did not happen: every span before it goes on."""
+        gone = self.contacts[contact]
+        successor = dict(zip(gone.after, gone.before, strict=True))
+        keep = [k for k in range(len(self.spans)) if k not in successor]
+        order = {old: new for new, old in enumerate(keep)}
+        order |= {old: order[kept] for old, kept in successor.items()}
+        ends = {kept: self.spans[old].end for old, kept in successor.items()}
+
+        def earlier(index: int | None) -> int | None:
+            return index if index is None or index < contact else index - 1
+
+        spans = []
+        for k in keep:
+            span = self.spans[k]
+            spans.append(replace(span, start=earlier(span.start), end=earlier(ends.get(k, span.end))))
+        contacts = [
+            replace(c, before=tuple(order[k] for k in c.before), after=tuple(order[k] for k in c.after))
+            for i, c in enumerate(self.contacts)
+            if i != contact
+        ]
+        return Story(tuple(spans), tuple(contacts))
