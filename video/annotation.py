@@ -1,0 +1,278 @@
+"""A shot's drawing, prepared once: who moved where and when, what happened, and where the panels stand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.fit import Fit, Light
+from models.tracks import Tracks
+from video.inbetween import Sightings
+from video.inset import Inset, plan_of
+from video.layout import Rect, place_label, place_panel
+from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, error_text, unit
+from video.palette import FLASH, Colour, ball_colour
+
+Floats = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+TRAIL_SECONDS = 0.9
+"""s of the shot that a trail keeps."""
+FLASH_SECONDS = 0.15
+"""s of the shot that a contact flashes."""
+READING_SECONDS = 2.0
+"""s of the finished video that the time of a contact stays to be read."""
+PATH_STEP = 1 / 240
+"""s between points of a path."""
+MOST_LABELS, MOST_TIMES = 6, 3
+"""Balls named, and contact times shown, at once: more would hide the shot."""
+LEAST_PROBABILITY = 0.5
+"""Events below are not drawn."""
+SURE = 0.9
+"""Probability from which an event is drawn without naming it."""
+INSET_SHARE = 0.23
+"""Longer side of the plan, share of the picture's width."""
+COST_STEP = 8
+"""px of the picture per cell of the map of what a panel would hide."""
+TABLE_COST, PATH_COST, DETAIL_COST = 1.0, 6.0, 0.7
+STRENGTHS = {"ball": 1.0, "strike": 0.75, "cushion": 0.65, "pocket": 0.8}
+NORMALS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
+TRUST_WORDS: dict[Light, str] = {"green": "fit trusted", "amber": "fit with care", "red": "fit not trusted"}
+
+
+@dataclass(frozen=True, slots=True)
+class RenderOptions:
+    """How the slow motion is made."""
+
+    slow: float = 8.0
+    """Times slower than the clip."""
+    quick: bool = False
+    """Encode fast and coarse."""
+    trim_still: bool = False
+    """Leave out what lies more than half a second before the first and after the last motion."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.slow <= 1000:
+            raise ValueError(f"slow motion is 1 to 1000 times slower; got {self.slow:g}")
+
+
+EIGHTFOLD = RenderOptions()
+"""The usual slow motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Where one ball moved: n points in order of time; empty for a ball that rests."""
+
+    t: Floats
+    """(n,) s"""
+    xy: Floats
+    """(n, 2) m"""
+    spans: Floats
+    """(k, 2) s, when it moved."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """An event as it is drawn."""
+
+    t: float
+    xy: Floats
+    """(2,) m, the point of contact."""
+    ball: int
+    strength: float
+    label: Label
+
+
+@dataclass(slots=True)
+class Annotation:
+    """All that is drawn over the pictures of a shot; it remembers where labels were, so draw in the order of time."""
+
+    sightings: Sightings
+    colours: tuple[Colour, ...]
+    names: tuple[str, ...]
+    paths: tuple[Path, ...]
+    marks: tuple[Mark, ...]
+    inset: Inset
+    inset_place: Rect
+    clock: Clock
+    clock_place: Rect
+    scale: float
+    reading: float
+    """s of the shot that a contact's time is shown."""
+    corners: dict[int, Floats] = field(default_factory=dict)
+    """Where the label of a ball is, relative to it, px."""
+    mark_corners: dict[int, Floats] = field(default_factory=dict)
+    """Where the label of a mark is, px."""
+
+    def draw(self, picture: Picture, t: float, balls: Balls, xy: Floats) -> None:
+        """Draw on `picture` (H, W, 3), in place; `xy` (N, 2) m are the places of the balls."""
+        for ball, path in enumerate(self.paths):
+            self._trail(picture, t, ball, path, balls)
+        draw_measured(picture, balls, self.colours, self.scale)
+        for mark in self.marks:
+            if 0 <= t - mark.t < FLASH_SECONDS:
+                centre = self.sightings.project(mark.xy, t)
+                radius = float(np.nan_to_num(balls.radius[mark.ball], nan=8.0))
+                draw_flash(picture, centre, radius, (t - mark.t) / FLASH_SECONDS, self.scale, mark.strength)
+        self._panels(picture, t, xy)
+        taken = [self.inset_place, self.clock_place, *balls.boxes(2.0)]
+        self._times(picture, t, balls, taken)
+        self._names(picture, t, balls, taken)
+
+    def _trail(self, picture: Picture, t: float, ball: int, path: Path, balls: Balls) -> None:
+        first, last = np.searchsorted(path.t, [t - TRAIL_SECONDS, t])
+        if last - first < 1 or not np.isfinite(balls.radius[ball]):
+            return
+        way = self.sightings.project(path.xy[first:last], t)
+        age = (t - path.t[first:last]) / TRAIL_SECONDS
+        if np.isfinite(balls.centre[ball]).all():
+            way, age = np.concatenate([way, balls.centre[ball][None]]), np.append(age, age[-1])
+        fade = np.clip(1 - age, 0, 1) ** 1.3
+        width = float(np.clip(0.42 * balls.radius[ball], 2.2, 9 * self.scale))
+        draw_trail(picture, way, fade, self.colours[ball], width, balls)
+
+    def _panels(self, picture: Picture, t: float, xy: Floats) -> None:
+        so_far = [path.xy[: np.searchsorted(path.t, t)] for path in self.paths]
+        self.inset.draw(picture, round(self.inset_place[0]), round(self.inset_place[1]), xy, so_far, self.colours)
+        self.clock.draw(picture, self.clock_place, t, self.scale)
+
+    def _times(self, picture: Picture, t: float, balls: Balls, taken: list[Rect]) -> None:
+        """Times of the last contacts, each where it was first put."""
+        bounds = (picture.shape[1], picture.shape[0])
+        fresh = [k for k, mark in enumerate(self.marks) if 0 <= t - mark.t < self.reading]
+        for k in fresh[-MOST_TIMES:]:
+            mark = self.marks[k]
+            size = mark.label.size(self.scale)
+            centre = self.sightings.project(mark.xy, t)
+            if k not in self.mark_corners:
+                radius = float(np.nan_to_num(balls.radius[mark.ball], nan=8.0)) * 1.6
+                ahead = [rect for ball in range(len(self.paths)) for rect in self._soon(t, ball)]
+                self.mark_corners[k] = place_label(
+                    size, centre, radius, np.zeros(2), [*taken, *ahead], bounds, None
+                ) - centre  # fmt: skip
+            corner = centre + self.mark_corners[k]
+            age = (t - mark.t) / self.reading
+            mark.label.draw(picture, corner, self.scale, float(np.clip(min(age * 12, (1 - age) * 5), 0, 1)))
+            taken.append((float(corner[0]), float(corner[1]), float(size[0]), float(size[1])))
+
+    def _soon(self, t: float, ball: int) -> list[Rect]:
+        """Squares that a ball will cross while a label can be read."""
+        path = self.paths[ball]
+        ahead = path.xy[(path.t > t) & (path.t < t + self.reading)][::6]
+        half = 12 * self.scale
+        return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in self.sightings.project(ahead, t)]
+
+    def _names(self, picture: Picture, t: float, balls: Balls, taken: list[Rect]) -> None:
+        """Name and speed beside the balls that move or have just come to rest."""
+        bounds = (picture.shape[1], picture.shape[0])
+        shown = [ball for ball in balls.present if self._presence(t, int(ball)) > 0]
+        shown.sort(key=lambda ball: (-len(self.paths[ball].t), ball))
+        for ball in shown[:MOST_LABELS]:
+            speed = balls.speed[ball]
+            value = f"{speed:.2f} m/s" if np.isfinite(speed) else ""
+            label = Label(self.names[ball], value, self.colours[ball])
+            size, centre = label.size(self.scale), balls.centre[ball]
+            before = self.corners.get(int(ball))
+            wanted = place_label(
+                size, centre, float(balls.radius[ball]), balls.heading[ball], taken, bounds, before
+            ) - centre  # fmt: skip
+            relative = wanted if before is None else before + 0.14 * (wanted - before)
+            self.corners[int(ball)] = relative
+            corner = np.clip(centre + relative, 2, np.array(bounds) - np.array(size) - 2)
+            label.draw(picture, corner, self.scale, self._presence(t, int(ball)))
+            taken.append((float(corner[0]), float(corner[1]), float(size[0]), float(size[1])))
+
+    def _presence(self, t: float, ball: int) -> float:
+        """Opacity of a ball's name: it comes and goes with its motion."""
+        spans = self.paths[ball].spans
+        if not len(spans):
+            return 0.0
+        since = (t - spans[:, 0]) / (0.1 * self.reading)
+        left = (spans[:, 1] + 0.3 * self.reading - t) / (0.2 * self.reading)
+        return float(np.clip(np.minimum(since, left), 0, 1).max())
+
+
+def annotate(sightings: Sightings, tracks: Tracks, fit: Fit, first: Picture, slow: float) -> Annotation:
+    """Prepare the drawing of a shot that is shown `slow` times slower; `first` (H, W, 3) is its first picture."""
+    height, width = first.shape[:2]
+    scale = unit(height)
+    paths = tuple(_path(sightings, fit, ball) for ball in range(len(tracks.ids)))
+    inset = plan_of(sightings.scene, round(INSET_SHARE * width))
+    clock = Clock(f"{slow:g}× slower", fit.trust.light, TRUST_WORDS[fit.trust.light])
+    cost = _cost(sightings, paths, first)
+    inset_place = place_panel(inset.size, (width, height), cost, [], 1 / COST_STEP)
+    clock_place = place_panel(clock.size(scale), (width, height), cost, [inset_place], 1 / COST_STEP)
+    return Annotation(
+        sightings=sightings, names=tracks.ids, paths=paths, marks=_marks(sightings, fit), inset=inset,
+        colours=tuple(ball_colour(kind, lab) for kind, lab in zip(tracks.kinds, tracks.colour, strict=True)),
+        inset_place=inset_place, clock=clock, clock_place=clock_place, scale=scale, reading=READING_SECONDS / slow,
+    )  # fmt: skip
+
+
+def _path(sightings: Sightings, fit: Fit, ball: int) -> Path:
+    """Sample one ball's motion while it moves, corners at events included."""
+    rows = np.flatnonzero(sightings.moves[:, ball])
+    if not len(rows):
+        return Path(np.empty(0), np.empty((0, 2)), np.empty((0, 2)))
+    breaks = np.flatnonzero(np.diff(rows) > 1)
+    starts, ends = rows[np.concatenate([[0], breaks + 1])], rows[np.concatenate([breaks, [len(rows) - 1]])] + 1
+    spans = np.column_stack([sightings.t[starts], sightings.t[ends]])
+    parts = [np.arange(start, end, PATH_STEP) for start, end in spans]
+    inside = [t for t in fit.events.t if ((spans[:, 0] <= t) & (t <= spans[:, 1])).any()]
+    times = np.unique(np.concatenate([*parts, spans.ravel(), np.array(inside)]))
+    xy = fit.trajectory.at(times).xy[:, ball]
+    known = np.isfinite(xy[:, 0])
+    return Path(times[known], xy[known], spans)
+
+
+def _marks(sightings: Sightings, fit: Fit) -> tuple[Mark, ...]:
+    """The events that are drawn: all but rests, and those that are likelier than not."""
+    events = fit.events
+    marks = []
+    for k, kind in enumerate(events.kind):
+        if kind not in STRENGTHS or events.probability[k] < LEAST_PROBABILITY or events.a[k] not in fit.trajectory.ids:
+            continue
+        ball = fit.trajectory.ids.index(events.a[k])
+        xy = _contact_point(sightings, fit, k)
+        doubt = "" if events.probability[k] >= SURE else f"  ({events.probability[k]:.0%})"
+        value = f"{events.t[k]:.3f} s {error_text(float(events.t_sigma[k]))}{doubt}"
+        title = {"ball": f"{events.a[k]} – {events.b[k]}", "cushion": f"{events.a[k]} – cushion"}.get(kind, kind)
+        if np.isfinite(xy).all():
+            marks.append(Mark(float(events.t[k]), xy, ball, STRENGTHS[kind], Label(title, value, FLASH)))
+    return tuple(marks)
+
+
+def _contact_point(sightings: Sightings, fit: Fit, event: int) -> Floats:
+    """Where two surfaces meet (2,) m: between the balls, at the cushion; else the ball's centre."""
+    events, radius = fit.events, sightings.scene.table.ball_radius
+    xy: Floats = events.xy[event]
+    normal = np.zeros(2)
+    if events.kind[event] == "cushion":
+        normal = np.array(NORMALS.get(events.b[event], (0.0, 0.0)))
+    if events.kind[event] == "ball" and events.b[event] in fit.trajectory.ids:
+        other = sightings.state(events.t[[event]]).xy[0, fit.trajectory.ids.index(events.b[event])]
+        away = other - xy
+        if np.isfinite(away).all() and np.linalg.norm(away) > 0:
+            normal = away / np.linalg.norm(away)
+    return np.asarray(xy + radius * normal, dtype=np.float64)
+
+
+def _cost(sightings: Sightings, paths: Sequence[Path], first: Picture) -> Floats:
+    """What a panel would hide, on a coarse map (h, w): table, balls and paths, and what else there is to see."""
+    height, width = (-(-side // COST_STEP) for side in first.shape[:2])
+    grey = cv2.cvtColor(cv2.resize(first, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+    detail = np.minimum(np.abs(cv2.Laplacian(grey, cv2.CV_32F)) / 60, 1) * DETAIL_COST
+    table = np.zeros((height, width), dtype=np.uint8)
+    cv2.fillPoly(table, [np.rint(sightings.scene.camera.corners_px / COST_STEP).astype(np.int32)], 1)
+    used: Picture = np.zeros((height, width), dtype=np.uint8)
+    start = float(sightings.t[0])
+    balls = sightings.centre[[0, -1]].reshape(-1, 2)
+    for places in (*(sightings.project(path.xy, start) for path in paths), balls):
+        for x, y in places[np.isfinite(places[:, 0])] / COST_STEP:
+            cv2.circle(used, (round(x), round(y)), 3, 1, -1)
+    return np.asarray(detail + table * TABLE_COST + used * PATH_COST, dtype=np.float64)

@@ -1,0 +1,218 @@
+"""What is drawn on a picture: trails, names and speeds, contact flashes, the clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.fit import Light
+from video.layout import Rect
+from video.palette import FLASH, INK, LIGHTS, MIST, WHITE, Colour, mix
+from video.text import lay, lay_sparse, rounded_mask, text_mask, write
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Picture = NDArray[np.uint8]
+
+SHIFT = 4
+"""Binary digits after the point of OpenCV's sub-pixel coordinates."""
+TRAIL_SEGMENTS = 48
+"""Pieces of a trail, each with its own opacity."""
+TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
+LABEL_OPACITY = 0.72
+DASHES = 10
+"""Around a ball whose place is measured, not fitted."""
+
+
+def unit(height: int) -> float:
+    """Size of drawing against a picture of 720 rows; small pictures keep letters that can be read."""
+    return max(height / 720, 0.78)
+
+
+@dataclass(frozen=True, slots=True)
+class Balls:
+    """N balls on one picture."""
+
+    centre: Floats
+    """(N, 2) px; NaN where absent."""
+    radius: Floats
+    """(N,) px"""
+    speed: Floats
+    """(N,) m/s; NaN where unknown."""
+    heading: Floats
+    """(N, 2) px, unit vectors of the motion; 0 at rest."""
+    moving: Mask
+    """(N,)"""
+    measured: Mask
+    """(N,) place measured, not fitted."""
+
+    @property
+    def present(self) -> NDArray[np.intp]:
+        """Indices of the balls on the picture."""
+        return np.flatnonzero(np.isfinite(self.centre[:, 0]) & np.isfinite(self.radius))
+
+    def boxes(self, margin: float) -> list[Rect]:
+        """Squares around the balls."""
+        rects = []
+        for ball in self.present:
+            half = float(self.radius[ball]) + margin
+            rects.append((float(self.centre[ball, 0]) - half, float(self.centre[ball, 1]) - half, 2 * half, 2 * half))
+        return rects
+
+
+def fixed(px: Floats) -> NDArray[np.int32]:
+    """Pixels to OpenCV's fixed-point coordinates."""
+    return np.asarray(np.rint(px * (1 << SHIFT)), dtype=np.int32)
+
+
+def draw_trail(picture: Picture, way: Floats, fade: Floats, colour: Colour, width: float, balls: Balls) -> None:
+    """A line along `way` (n, 2) px with opacity `fade` (n,) 0 to 1, its core white, under the balls."""
+    if len(way) < 2:
+        return
+    margin = width + 3
+    x0, y0 = (int(v) for v in np.maximum(np.floor(way.min(axis=0) - margin), 0))
+    x1, y1 = (int(v) for v in np.minimum(np.ceil(way.max(axis=0) + margin), [picture.shape[1], picture.shape[0]]))
+    if x1 <= x0 or y1 <= y0:
+        return
+    layers = ((colour, width, TRAIL_OPACITY), (mix(WHITE, colour, 0.12), width * 0.3, CORE_OPACITY))
+    for ink, thickness, opacity in layers:
+        mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
+        _strokes(mask, way - [x0, y0], fade * opacity, max(1, round(thickness)))
+        for ball in balls.present:
+            centre, radius = fixed(balls.centre[ball] - [x0, y0]).tolist(), float(balls.radius[ball]) + 0.5
+            cv2.circle(mask, centre, round(radius * (1 << SHIFT)), 0, -1, cv2.LINE_AA, SHIFT)
+        lay_sparse(picture, mask, x0, y0, ink)
+
+
+def _strokes(mask: Picture, way: Floats, opacity: Floats, thickness: int) -> None:
+    """Draw a polyline in pieces of even opacity, the oldest first."""
+    points = fixed(way)
+    cuts = np.unique(np.linspace(0, len(points) - 1, min(TRAIL_SEGMENTS, len(points) - 1) + 1).astype(int))
+    for start, end in pairwise(cuts):
+        level = round(float(opacity[end]) * 255)
+        if level > 2:
+            line = points[start : end + 1].reshape(-1, 1, 2)
+            cv2.polylines(mask, [line], False, level, thickness, cv2.LINE_AA, SHIFT)
+
+
+def draw_ring(
+    picture: Picture, centre: Floats, radius: float, thickness: float, colour: Colour, opacity: float, dashes: int = 0
+) -> None:
+    """A circle, whole or dashed, in place."""
+    if not np.isfinite(centre).all() or opacity <= 0.01:
+        return
+    half = int(np.ceil(radius + thickness + 2))
+    x0, y0 = (int(v) for v in np.floor(centre) - half)
+    mask = np.zeros((2 * half + 2, 2 * half + 2), dtype=np.uint8)
+    middle = fixed(centre - [x0, y0]).tolist()
+    size = round(radius * (1 << SHIFT))
+    stroke = max(1, round(thickness))
+    if dashes:
+        step = 360 / dashes
+        for dash in range(dashes):
+            start = dash * step
+            cv2.ellipse(mask, middle, (size, size), 0, start, start + 0.55 * step, 255, stroke, cv2.LINE_AA, SHIFT)
+    else:
+        cv2.circle(mask, middle, size, 255, stroke, cv2.LINE_AA, SHIFT)
+    lay(picture, mask, x0, y0, colour, opacity)
+
+
+def draw_disc(picture: Picture, centre: Floats, radius: float, colour: Colour, opacity: float = 1.0) -> None:
+    """A filled circle, in place."""
+    half = int(np.ceil(radius + 2))
+    x0, y0 = (int(v) for v in np.floor(centre) - half)
+    mask = np.zeros((2 * half + 2, 2 * half + 2), dtype=np.uint8)
+    cv2.circle(mask, fixed(centre - [x0, y0]).tolist(), round(radius * (1 << SHIFT)), 255, -1, cv2.LINE_AA, SHIFT)
+    lay(picture, mask, x0, y0, colour, opacity)
+
+
+def draw_measured(picture: Picture, balls: Balls, colours: Sequence[Colour], scale: float) -> None:
+    """Dashed rings around balls that no accepted physics carries."""
+    for ball in balls.present:
+        if balls.measured[ball] and balls.moving[ball]:
+            radius = float(balls.radius[ball]) + 3.5 * scale
+            draw_ring(picture, balls.centre[ball], radius, 1.6 * scale, mix(colours[ball], WHITE, 0.5), 0.9, DASHES)
+
+
+def draw_flash(picture: Picture, centre: Floats, radius: float, age: float, scale: float, strength: float) -> None:
+    """A burst at a contact: `age` 0 to 1 of its life; `strength` scales its reach."""
+    left = (1 - age) ** 2
+    grown = radius * (0.5 + 1.9 * strength * (1 - left))
+    draw_disc(picture, centre, radius * 0.42 * strength * left + 1, WHITE, 0.85 * left)
+    draw_ring(picture, centre, grown, (1.5 + 2.5 * left) * scale, FLASH, 0.9 * (1 - age))
+    draw_ring(picture, centre, grown * 0.72, 1.2 * scale, WHITE, 0.7 * (1 - age))
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A line of text in two weights on a dark ground, with a bar in a colour."""
+
+    name: str
+    value: str
+    colour: Colour
+
+    def size(self, scale: float) -> tuple[int, int]:
+        """Width and height, px."""
+        letters = _letters(scale)
+        value = text_mask(self.value, letters, False).shape[1] + 0.45 * letters if self.value else 0
+        width = text_mask(self.name, letters, True).shape[1] + value + 1.35 * letters
+        return round(width), round(1.65 * letters)
+
+    def draw(self, picture: Picture, corner: Floats, scale: float, opacity: float = 1.0) -> None:
+        """Draw with the top-left corner at `corner` (2,), in place."""
+        width, height = self.size(scale)
+        letters = _letters(scale)
+        x, y = round(float(corner[0])), round(float(corner[1]))
+        lay(picture, rounded_mask(width, height, max(2, height // 4)), x, y, INK, LABEL_OPACITY * opacity)
+        bar = rounded_mask(max(3, letters // 4), height - 2 * (height // 5), max(1, letters // 8))
+        lay(picture, bar, x + height // 5, y + height // 5, self.colour, opacity)
+        top = y + (height - text_mask(self.name, letters, True).shape[0]) / 2
+        left = x + 0.95 * letters
+        left += write(picture, self.name, left, top, letters, WHITE, bold=True, opacity=opacity) + 0.45 * letters
+        write(picture, self.value, left, top, letters, mix(WHITE, MIST, 0.45), opacity=opacity)
+
+
+def _letters(scale: float) -> int:
+    """px, font size of labels."""
+    return round(14 * scale)
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Time in milliseconds, how much slower, and the light of trust."""
+
+    slow: str
+    light: Light
+    word: str
+
+    def size(self, scale: float) -> tuple[int, int]:
+        """Width and height, px."""
+        return round(196 * scale), round(62 * scale)
+
+    def draw(self, picture: Picture, rect: Rect, t: float, scale: float) -> None:
+        """Draw into `rect`, in place."""
+        x, y, width, height = (round(v) for v in rect)
+        lay(picture, rounded_mask(width, height, max(3, height // 7)), x, y, INK, 0.8)
+        big, small = round(27 * scale), round(13 * scale)
+        pad = round(12 * scale)
+        advance = write(picture, f"{t:06.3f}", x + pad, y + 5 * scale, big, WHITE, bold=True)
+        write(picture, "s", x + pad + advance + 0.2 * big, y + 5 * scale + 0.42 * big, round(17 * scale), MIST)
+        row = y + 39 * scale
+        slow = write(picture, self.slow, x + pad, row, small, MIST)
+        radius = 4.6 * scale
+        dot = np.array([x + pad + slow + 1.2 * small + radius, row + 0.62 * small])
+        draw_disc(picture, dot, radius, LIGHTS[self.light])
+        write(picture, self.word, dot[0] + radius + 0.45 * small, row, small, MIST)
+
+
+def error_text(sigma: float) -> str:
+    """One standard deviation of a time (s) with the digits that it deserves: "± 0.6 ms"."""
+    if not np.isfinite(sigma):
+        return ""
+    ms = sigma * 1e3
+    return f"± {ms:.1f} ms" if ms < 9.95 else f"± {ms:.0f} ms"

@@ -1,0 +1,141 @@
+"""The still of a shot: its balls along their ways, what happened when, in one picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import ClipError
+from models.fit import Fit
+from models.scene import Scene
+from models.tracks import Tracks
+from video.annotation import EIGHTFOLD, Annotation, RenderOptions, annotate
+from video.clip import Clip, read_frames
+from video.inbetween import Sightings, plate_behind, plate_rows, sight
+from video.layout import Rect, place_label
+from video.overlay import Balls, Label, draw_disc, draw_ring, draw_trail
+from video.palette import FLASH, INK, WHITE
+from video.plate import Plate
+from video.sprites import Sprite, paste, peel
+
+Floats = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+APART_RADII = 5.0
+"""Way between two flashes of the stroboscope, in ball radii."""
+GHOST = 0.5
+"""Opacity of the balls along the way."""
+MOST_TIMES = 8
+"""Contacts whose time is written: more would hide the table."""
+
+
+def render_poster(
+    clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path, options: RenderOptions = EIGHTFOLD
+) -> None:
+    """Write a PNG: the last picture with every ball along its way, as a stroboscope sees it, and its contacts."""
+    sightings = sight(scene, tracks, fit)
+    plate = plate_behind(sightings, read_frames(clip, indices=sightings.frame[plate_rows(sightings)]))
+    flashes = _flashes(sightings)
+    rows = sorted({0, len(sightings.t) - 1, *(row for row, _ in flashes)})
+    ghosts: list[tuple[Sprite, Floats]] = []
+    picture = first = np.zeros((clip.height, clip.width, 3), dtype=np.uint8)
+    for row, (_, picture) in zip(rows, read_frames(clip, indices=sightings.frame[rows]), strict=True):
+        first = picture if row == 0 else first
+        ghosts += _cut(sightings, plate, row, picture, [ball for k, ball in flashes if k == row])
+    still = picture.copy()
+    annotation = annotate(sightings, tracks, fit, first, options.slow)
+    _draw(still, sightings, annotation, ghosts, fit)
+    encoded, data = cv2.imencode(".png", cv2.cvtColor(still, cv2.COLOR_RGB2BGR))
+    if not encoded:
+        raise ClipError(f"the poster of {clip.path.name} was to be a PNG of {clip.width} x {clip.height} px; it failed")
+    path.write_bytes(data.tobytes())
+
+
+def _flashes(sightings: Sightings) -> list[tuple[int, int]]:
+    """Row and ball of every ghost: where a ball has gone on far enough since the last."""
+    flashes = []
+    for ball in np.flatnonzero(sightings.moves.any(axis=0)):
+        rows = np.flatnonzero(sightings.moves[:, ball])
+        last = sightings.centre[-1, ball]
+        placed = [last] if np.isfinite(last).all() else []
+        for row in rows:
+            place, radius = sightings.centre[row, ball], float(sightings.radius[row, ball])
+            if not sightings.observed[row, ball] or not np.isfinite(radius):
+                continue
+            if all(np.linalg.norm(place - other) > APART_RADII * radius for other in placed):
+                placed.append(place)
+                flashes.append((int(row), int(ball)))
+    return flashes
+
+
+def _cut(
+    sightings: Sightings, plate: Plate, row: int, picture: Picture, balls: Sequence[int]
+) -> list[tuple[Sprite, Floats]]:
+    """Sprites of some balls of a picture, and where they were, in pixels of the last picture."""
+    others = [int(b) for b in np.flatnonzero(np.isfinite(sightings.centre[row, :, 0])) if b not in balls]
+    outlines, stay = ([sightings.outline(row, ball) for ball in group] for group in (balls, others))
+    peeled = peel(picture, outlines, stay, plate, sightings.motion(float(sightings.t[row])))
+    end = float(sightings.t[-1])
+    xy = sightings.scene.camera.to_table(
+        sightings.centre[row], sightings.scene.table.ball_radius,
+        None if sightings.scene.camera.motion is None else int(sightings.frame[row]),
+    )  # fmt: skip
+    places = sightings.project(xy, end)
+    return [(sprite, places[ball]) for sprite, ball in zip(peeled.sprites, balls, strict=True) if sprite is not None]
+
+
+def _draw(
+    still: Picture, sightings: Sightings, annotation: Annotation, ghosts: Sequence[tuple[Sprite, Floats]], fit: Fit
+) -> None:
+    """Lay ghosts, ways, contacts, names and the plan over the last picture."""
+    end = float(sightings.t[-1])
+    for sprite, place in ghosts:
+        paste(still, [(sprite, place, GHOST)])
+    count = len(annotation.paths)
+    centre = sightings.centre[-1]
+    balls = Balls(
+        centre,
+        sightings.radius[-1],
+        np.zeros(count),
+        np.zeros((count, 2)),
+        np.zeros(count, bool),
+        np.zeros(count, bool),
+    )
+    for ball, path in enumerate(annotation.paths):
+        if len(path.t):
+            way = sightings.project(path.xy, end)
+            radius = float(np.nanmedian(sightings.radius[:, ball]))
+            width = float(np.clip(0.3 * radius, 2.0, 6 * annotation.scale))
+            draw_trail(still, way, np.full(len(way), 0.9), annotation.colours[ball], width, balls)
+    left, top = (round(v) for v in annotation.inset_place[:2])
+    paths = [path.xy for path in annotation.paths]
+    annotation.inset.draw(still, left, top, fit.trajectory.at(end).xy, paths, annotation.colours)
+    _write(still, sightings, annotation, balls)
+
+
+def _write(still: Picture, sightings: Sightings, annotation: Annotation, balls: Balls) -> None:
+    """Contacts with their times, and names where the balls started."""
+    end, scale = float(sightings.t[-1]), annotation.scale
+    bounds = (still.shape[1], still.shape[0])
+    taken: list[Rect] = [annotation.inset_place, *balls.boxes(2.0)]
+    marks = sorted(annotation.marks, key=lambda mark: (-mark.strength, mark.t))[:MOST_TIMES]
+    labels = [(mark.label, sightings.project(mark.xy, end)) for mark in sorted(marks, key=lambda mark: mark.t)]
+    for mark in annotation.marks:
+        spot = sightings.project(mark.xy, end)
+        draw_disc(still, spot, 3.4 * scale, INK, 0.8)
+        draw_disc(still, spot, 2.3 * scale, FLASH)
+    for ball, path in enumerate(annotation.paths):
+        if len(path.t):
+            start = sightings.project(path.xy[0], end)
+            radius = float(np.nanmedian(sightings.radius[:, ball]))
+            draw_ring(still, start, radius + 2.5 * scale, 1.6 * scale, WHITE, 0.8)
+            labels.insert(0, (Label(annotation.names[ball], "", annotation.colours[ball]), start))
+    for label, spot in labels:
+        size = label.size(scale)
+        corner = place_label(size, spot, 12 * scale, np.zeros(2), taken, bounds, None)
+        label.draw(still, corner, scale)
+        taken.append((float(corner[0]), float(corner[1]), float(size[0]), float(size[1])))

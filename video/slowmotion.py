@@ -1,0 +1,114 @@
+"""The annotated slow motion of a shot, and its still."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.fit import Fit
+from models.progress import Progress, silent
+from models.scene import Scene
+from models.tracks import Tracks
+from models.trajectory import State
+from video.annotation import EIGHTFOLD, Annotation, RenderOptions, annotate
+from video.clip import Clip, read_frames
+from video.inbetween import Sightings, open_interval, plate_behind, plate_rows, sight
+from video.overlay import Balls
+from video.plate import Plate
+from video.poster import render_poster
+from video.writer import VideoWriter
+
+__all__ = ["RenderOptions", "render_poster", "render_slow_motion"]
+
+Floats = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+LEAST_RATE, MOST_RATE = Fraction(25), Fraction(60)
+"""1/s, pictures per second of the finished video."""
+LEAST_SPEED = 2e-3
+"""m/s below which a ball counts as resting."""
+LEAD = 0.5
+"""s of the shot kept before the first and after the last motion when still parts are trimmed."""
+SNAP = 0.05
+"""Share of the step between finished pictures within which a real picture is shown as it is."""
+
+
+def render_slow_motion(
+    clip: Clip,
+    scene: Scene,
+    tracks: Tracks,
+    fit: Fit,
+    path: Path,
+    options: RenderOptions = EIGHTFOLD,
+    progress: Progress = silent,
+) -> None:
+    """Write the annotated slow motion to `path` as H.264, at the clip's rate held within 25 to 60 pictures a second."""
+    sightings = sight(scene, tracks, fit)
+    rate = min(max(clip.rate, LEAST_RATE), MOST_RATE)
+    times = _times(sightings, rate, options)
+    plate = plate_behind(sightings, read_frames(clip, indices=sightings.frame[plate_rows(sightings)]))
+    preset, crf = ("ultrafast", 26) if options.quick else ("veryfast", 20)
+    done = 0
+    with VideoWriter(path, clip.width, clip.height, rate, crf=crf, preset=preset) as writer:
+        for picture in _pictures(clip, sightings, tracks, fit, plate, times, options.slow):
+            writer.write(picture)
+            done += 1
+            progress(done / len(times))
+
+
+def _times(sightings: Sightings, rate: Fraction, options: RenderOptions) -> Floats:
+    """Times (K,) s of the clip that the finished pictures show, exactly even; real pictures are met where they fall."""
+    first, last = float(sightings.t[0]), float(sightings.t[-1])
+    if options.trim_still and sightings.moves.any():
+        rows = np.flatnonzero(sightings.moves.any(axis=1))
+        first = max(first, float(sightings.t[rows[0]]) - LEAD)
+        last = min(last, float(sightings.t[rows[-1] + 1]) + LEAD)
+    step = 1 / (float(rate) * options.slow)
+    times = np.asarray(first + step * np.arange(int((last - first) / step + SNAP) + 1), dtype=np.float64)
+    nearest = sightings.t[np.clip(np.searchsorted(sightings.t, times), 0, len(sightings.t) - 1)]
+    before = sightings.t[np.clip(np.searchsorted(sightings.t, times) - 1, 0, None)]
+    nearest = np.where(np.abs(before - times) < np.abs(nearest - times), before, nearest)
+    return np.where(np.abs(nearest - times) < SNAP * step, nearest, times)
+
+
+def _pictures(
+    clip: Clip, sightings: Sightings, tracks: Tracks, fit: Fit, plate: Plate, times: Floats, slow: float
+) -> Iterator[Picture]:
+    """The finished pictures in order, two real ones held at a time."""
+    rows = np.minimum(np.searchsorted(sightings.t, times, side="right") - 1, max(len(sightings.t) - 2, 0))
+    annotation: Annotation | None = None
+    before: Picture | None = None
+    for row, (_, after) in enumerate(read_frames(clip, indices=sightings.frame), start=-1):
+        annotation = annotation or annotate(sightings, tracks, fit, after, slow)
+        wanted = times[rows == row]
+        if before is not None and len(wanted):
+            interval = open_interval(sightings, plate, row, before, after)
+            state = sightings.state(wanted)
+            for k, t in enumerate(wanted):
+                balls = balls_at(sightings, state, k, float(t))
+                picture = interval.at(float(t), balls.centre)
+                annotation.draw(picture, float(t), balls, fit.trajectory.at(float(t)).xy)
+                yield picture
+        before = after
+
+
+def balls_at(sightings: Sightings, state: State, k: int, t: float) -> Balls:
+    """The balls on the picture of time `t`, from the k-th of the times of `state`."""
+    row, share = sightings.place(t)
+    after = min(row + 1, len(sightings.t) - 1)
+    centre = sightings.centres(t, state.xy[k])
+    seen = np.isfinite(sightings.centre[row, :, 0])
+    still = sightings.centre[row] * (1 - share) + sightings.centre[after] * share
+    centre = np.where(np.isfinite(centre), centre, np.where(seen[:, None], still, np.nan))
+    speed = np.linalg.norm(state.v[k], axis=1)
+    moving = (np.nan_to_num(speed) > LEAST_SPEED) & sightings.moves[min(row, len(sightings.moves) - 1)]
+    ahead = sightings.project(state.xy[k] + 0.01 * state.v[k], t) - sightings.project(state.xy[k], t)
+    length = np.linalg.norm(ahead, axis=1, keepdims=True)
+    heading = np.where(moving[:, None] & (length > 1e-6), ahead / np.maximum(length, 1e-6), 0.0)
+    near = row if share < 0.5 else after
+    radius = np.where(np.isfinite(sightings.radius[near]), sightings.radius[near], sightings.radius[row])
+    return Balls(centre, radius, np.where(moving, speed, 0.0), np.nan_to_num(heading), moving, state.measured[k])

@@ -1,0 +1,82 @@
+"""Anti-aliased text, and masks laid over pictures in a colour."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from video.palette import Colour
+
+Picture = NDArray[np.uint8]
+Mask = NDArray[np.uint8]
+
+FONTS = Path(__file__).resolve().parent / "fonts"
+
+
+@lru_cache(maxsize=32)
+def _font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(FONTS / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"), size)
+
+
+@lru_cache(maxsize=1024)
+def text_mask(text: str, size: int, bold: bool = False) -> Mask:
+    """Coverage (h, w) of a line of text, 0 to 255; the height is the font's, whatever the letters.
+
+    `size` is the font size in px. The mask is shared: do not write into it.
+    """
+    font = _font(size, bold)
+    ascent, descent = font.getmetrics()
+    image = Image.new("L", (max(1, int(np.ceil(font.getlength(text)))), ascent + descent))
+    ImageDraw.Draw(image).text((0, 0), text, fill=255, font=font)
+    mask = np.asarray(image, dtype=np.uint8)
+    mask.setflags(write=False)
+    return mask
+
+
+@lru_cache(maxsize=64)
+def rounded_mask(width: int, height: int, radius: int) -> Mask:
+    """Coverage (h, w) of a rectangle with round corners, drawn at four times its size; do not write into it."""
+    image = Image.new("L", (width * 4, height * 4))
+    ImageDraw.Draw(image).rounded_rectangle((0, 0, width * 4 - 1, height * 4 - 1), radius * 4, fill=255)
+    mask = np.asarray(image.resize((width, height), Image.Resampling.BOX), dtype=np.uint8)
+    mask.setflags(write=False)
+    return mask
+
+
+def lay(picture: Picture, mask: Mask, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
+    """Paint `colour` through `mask` (h, w) with its top-left pixel at (x, y), in place; what is outside is cut."""
+    height, width = picture.shape[:2]
+    left, top = max(0, -x), max(0, -y)
+    part = mask[top : max(top, height - y), left : max(left, width - x)]
+    if part.size == 0 or opacity <= 0:
+        return
+    ground = picture[y + top : y + top + part.shape[0], x + left : x + left + part.shape[1]]
+    cover = part.astype(np.float32)[..., None] * (opacity / 255)
+    ground += np.rint((np.asarray(colour, dtype=np.float32) - ground) * cover).astype(np.int16).astype(np.uint8)
+
+
+def lay_sparse(picture: Picture, mask: Mask, x: int, y: int, colour: Colour) -> None:
+    """As `lay`, for a large mask that is mostly empty and lies inside the picture: touches only its covered pixels."""
+    found = cv2.findNonZero(mask)
+    if found is None:
+        return
+    columns, rows = found.reshape(-1, 2).T
+    cover = mask[rows, columns].astype(np.float32)[:, None] / 255
+    rows, columns = rows + y, columns + x
+    ground = picture[rows, columns].astype(np.float32)
+    ground += (np.asarray(colour, dtype=np.float32) - ground) * cover
+    picture[rows, columns] = np.rint(ground).astype(np.uint8)
+
+
+def write(
+    picture: Picture, text: str, x: float, y: float, size: int, colour: Colour, bold: bool = False, opacity: float = 1.0
+) -> int:
+    """Write a line with its top-left corner at (x, y), in place; returns its width in px."""
+    mask = text_mask(text, size, bold)
+    lay(picture, mask, round(x), round(y), colour, opacity)
+    return int(mask.shape[1])
