@@ -1,0 +1,225 @@
+"""A clip: what is known of a video file, and its pictures one after another."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import ClipError
+from models.progress import Progress, silent
+from video.decoder import Turn, decoded, luma_of, opened, pixel_aspect, rgb_of, turn_of
+from video.repeats import ChangeMeter, mark_repeats
+from video.timestamps import even_times, nominal_rate, presentation_times
+
+Floats = NDArray[np.float64]
+
+FEWEST_PICTURES = 5
+"""Distinct pictures; fewer do not show a motion that could be followed."""
+
+SIDES = (32, 16384)
+"""px: no table is recognised in a smaller picture, and no camera makes a larger one."""
+
+USUAL_RATE = Fraction(25)
+"""Pictures per second where neither timestamps nor header say one: what FFmpeg takes as well."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clip:
+    """A video file of F pictures in presentation order, repeats counted.
+
+    The pixels are those of the stored pictures, turned upright: where they are not square (a note says so) they are not
+    resampled, because the homography of the table takes up the stretch.
+    """
+
+    path: Path
+    digest: str
+    """SHA-256 of the file's bytes, hex."""
+    width: int
+    """px, upright."""
+    height: int
+    """px, upright."""
+    rate: Fraction
+    """1/s: nominal rate at which the container shows pictures, repeats counted."""
+    t: Floats
+    """(F,) s, presentation time of each picture, the first at 0."""
+    repeat: NDArray[np.bool_]
+    """(F,) True where the picture shows the one before once more."""
+    has_audio: bool
+    notes: tuple[str, ...] = ()
+    """Sentences on what was not as it should be, and what was done about it."""
+
+    def __post_init__(self) -> None:
+        if self.t.shape != self.repeat.shape or self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
+            raise ValueError("Clip.t and Clip.repeat must be (F,) alike, and t must go forward")
+
+    @property
+    def frame_count(self) -> int:
+        """F, repeats counted."""
+        return len(self.t)
+
+    @property
+    def distinct(self) -> NDArray[np.int64]:
+        """(D,) indices of the pictures that are no repeats."""
+        return np.flatnonzero(~self.repeat).astype(np.int64)
+
+
+def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = silent) -> Clip:
+    """Look through the whole file once: times, repeats, size.
+
+    `fps` (1/s) overrides the container's times: picture k is at k / fps. ClipError, one sentence, where the file cannot
+    be used; a file that breaks off is used as far as it goes, and `Clip.notes` says so.
+    """
+    if fps is not None and fps <= 0:
+        raise ValueError(f"fps must be positive; got {fps}")
+    _check_file(path)
+    seen = _look_through(path, progress)
+    repeat = mark_repeats(np.array(seen.change))
+    distinct = int(np.count_nonzero(~repeat))
+    if distinct < FEWEST_PICTURES:
+        raise ClipError(
+            f"{path.name} has {distinct} distinct picture{'s' * (distinct != 1)}; "
+            f"tracking needs at least {FEWEST_PICTURES}"
+        )
+    t, rate, note = _timed(seen, fps)
+    notes = tuple(n for n in (note, *_notes(seen, t)) if n)
+    return Clip(path, _digest(path), *seen.size, rate, t, repeat, seen.has_audio, notes)
+
+
+def read_frames(
+    clip: Clip, *, indices: Sequence[int] | NDArray[np.int64] | None = None, grey: bool = False
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Yield (frame, picture), ascending: RGB (H, W, 3), or the luma plane (H, W); None stands for the distinct frames.
+
+    One picture at a time is held, so memory does not grow with the clip; decoding stops after the last one asked for.
+    """
+    wanted = np.zeros(clip.frame_count, np.bool_)
+    chosen = clip.distinct if indices is None else np.asarray(indices, np.int64)
+    if np.any((chosen < 0) | (chosen >= clip.frame_count)):
+        raise ValueError(
+            f"{clip.path.name} has frames 0 to {clip.frame_count - 1}; got {chosen.min()} to {chosen.max()}"
+        )
+    wanted[chosen] = True
+    return _pictures(clip, wanted, grey)
+
+
+def _pictures(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    last = int(np.max(np.flatnonzero(wanted), initial=-1))
+    if last < 0:
+        return
+    with opened(clip.path) as (container, stream):
+        for frame, picture in enumerate(decoded(container, stream)):
+            if wanted[frame]:
+                yield frame, turn_of(picture).upright(luma_of(picture) if grey else rgb_of(picture))
+            if frame == last:
+                return
+    raise ClipError(f"{clip.path.name} has changed since it was opened: frame {last} is gone; open it again")
+
+
+@dataclass(slots=True)
+class _Seen:
+    """What one look through a file gathers: a few numbers per picture."""
+
+    pts: list[int | None]
+    dts: list[int | None]
+    change: list[float]
+    size: tuple[int, int] = (0, 0)
+    time_base: Fraction = Fraction(1)
+    rate: Fraction | None = None
+    seconds: float | None = None
+    aspect: Fraction = Fraction(1)
+    has_audio: bool = False
+    damage: tuple[str, ...] = ()
+
+
+def _look_through(path: Path, progress: Progress) -> _Seen:
+    seen, meter, damage = _Seen([], [], []), ChangeMeter(), list[str]()
+    with opened(path) as (container, stream):
+        _read_header(seen, container, stream)
+        for picture in decoded(container, stream, damage):
+            _check_size(path, seen, picture)
+            seen.time_base = picture.time_base or stream.time_base
+            seen.pts.append(picture.pts)
+            seen.dts.append(picture.dts)
+            seen.change.append(meter.change(luma_of(picture)))
+            if seen.seconds and picture.time is not None:
+                progress(min(max(picture.time / seen.seconds, 0.0), 1.0))
+    if not seen.pts:
+        raise ClipError(
+            f"{path.name} holds no picture that can be decoded: {damage[0] if damage else 'the stream is empty'}"
+        )
+    seen.damage = tuple(damage)
+    progress(1.0)
+    return seen
+
+
+def _read_header(seen: _Seen, container: Any, stream: Any) -> None:
+    seen.rate = stream.guessed_rate or stream.average_rate
+    if stream.duration:
+        seen.seconds = float(stream.duration * stream.time_base)
+    elif container.duration:
+        seen.seconds = container.duration / 1e6  # FFmpeg's AV_TIME_BASE
+    seen.aspect = pixel_aspect(stream)
+    seen.has_audio = len(container.streams.audio) > 0
+
+
+def _check_size(path: Path, seen: _Seen, picture: Any) -> None:
+    turn: Turn = turn_of(picture)
+    size = (picture.height, picture.width) if turn.swap else (picture.width, picture.height)
+    if not seen.pts:
+        if min(size) < SIDES[0] or max(size) > SIDES[1]:
+            raise ClipError(
+                f"{path.name} is {size[0]} x {size[1]} px; a table can be found in pictures of {SIDES[0]} to "
+                f"{SIDES[1]} px a side"
+            )
+        seen.size = size
+    elif size != seen.size:
+        raise ClipError(
+            f"{path.name} changes its picture size at frame {len(seen.pts)}, from {seen.size[0]} x {seen.size[1]} to "
+            f"{size[0]} x {size[1]} px; cut it there"
+        )
+
+
+def _timed(seen: _Seen, fps: Fraction | None) -> tuple[Floats, Fraction, str]:
+    if fps is not None:
+        return even_times(len(seen.pts), fps), Fraction(fps), ""
+    t, note = presentation_times(seen.pts, seen.dts, seen.time_base, seen.rate or USUAL_RATE)
+    return t, nominal_rate(t, seen.rate), note
+
+
+def _notes(seen: _Seen, t: Floats) -> Iterator[str]:
+    shown = _shown(seen, t)
+    if seen.seconds and shown < seen.seconds - max(3 * (t[-1] - t[-2]), 0.02 * seen.seconds):
+        yield f"it breaks off at {shown:.2f} s of {seen.seconds:.2f} s; the {len(t)} pictures before are used"
+    elif seen.damage:
+        yield f"it is damaged ({seen.damage[0]}); the {len(t)} pictures that can be decoded are used"
+    if seen.aspect != 1:
+        yield f"its pixels are not square ({seen.aspect.numerator}:{seen.aspect.denominator}); they are used as stored"
+
+
+def _shown(seen: _Seen, t: Floats) -> float:
+    """s from the container's zero to the end of the last picture."""
+    first = float((seen.pts[0] or 0) * seen.time_base)
+    return max(first, 0.0) + float(t[-1] + (t[-1] - t[-2]))
+
+
+def _check_file(path: Path) -> None:
+    if path.is_dir():
+        raise ClipError(f"{path.name} is a folder; give a video file, or use `trueroll batch` for a folder of them")
+    if not path.exists():
+        raise ClipError(f"{path} does not exist; give a video file")
+    if not path.is_file():
+        raise ClipError(f"{path} is no ordinary file; give a video file")
+    if path.stat().st_size == 0:
+        raise ClipError(f"{path.name} is empty (0 bytes); copy or download it again")
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,141 @@
+"""From a file to decoded pictures, one after another, in presentation order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import ClipError
+
+av.logging.set_level(None)  # the decoder's complaints become our sentences, never lines on stderr
+
+THREADS = 2
+"""Pictures decoded at a time; each costs one picture of memory."""
+
+NO_FILM = ("tty", "png_pipe", "jpeg_pipe", "image2", "bmp_pipe", "webp_pipe", "tiff_pipe", "svg_pipe")
+"""Formats by which FFmpeg takes a text or a still picture for a video."""
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """How a stored picture is put upright: columns and rows exchanged first, then each reversed."""
+
+    swap: bool = False
+    mirror_x: bool = False
+    mirror_y: bool = False
+
+    def upright(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The picture (H, W[, 3]) as it is meant to be seen."""
+        if self == Turn():
+            return picture
+        turned = picture.swapaxes(0, 1) if self.swap else picture
+        turned = turned[:, ::-1] if self.mirror_x else turned
+        return np.ascontiguousarray(turned[::-1] if self.mirror_y else turned)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[tuple[Any, Any]]:
+    """The container and its picture stream; ClipError where there is none that can be decoded."""
+    try:
+        container = av.open(str(path.absolute()), options={"protocol_whitelist": "file"})
+    except (av.error.FFmpegError, OSError) as error:
+        raise ClipError(
+            f"{path.name} is no video that can be read, or its index is cut off: {_reason(error)}"
+        ) from error
+    with container:
+        yield container, _picture_stream(container, path)
+
+
+def _picture_stream(container: Any, path: Path) -> Any:
+    if container.format.name in NO_FILM:
+        raise ClipError(f"{path.name} is no video but {container.format.long_name}; give a clip of the shot")
+    films = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
+    if not films:
+        has = "sound but no pictures" if container.streams.audio else "no pictures"
+        raise ClipError(f"{path.name} holds {has}; give a clip of the shot")
+    stream = max(films, key=lambda s: (s.width or 0) * (s.height or 0))
+    if stream.codec_context is None or stream.codec_context.codec is None:
+        raise ClipError(f"{path.name} is coded in a way this decoder does not know; convert it to H.264")
+    stream.thread_type, stream.codec_context.thread_count = "AUTO", THREADS
+    return stream
+
+
+def decoded(container: Any, stream: Any, damage: list[str] | None = None) -> Iterator[Any]:
+    """Every picture that can be decoded, in presentation order; what could not is told to `damage`."""
+    told = [] if damage is None else damage
+    packets = container.demux(stream)
+    while True:
+        try:
+            packet = next(packets, None)
+        except av.error.FFmpegError as error:  # the file breaks off or is spoilt here
+            told.append(_reason(error))
+            packet = None
+        yield from _unpacked(stream, packet, told)
+        if packet is None:
+            return
+
+
+def _unpacked(stream: Any, packet: Any, told: list[str]) -> list[Any]:
+    if packet is not None and packet.size == 0:  # the flush at the end is done once, with None
+        return []
+    try:
+        return list(stream.codec_context.decode(packet))
+    except av.error.EOFError:
+        return []
+    except av.error.FFmpegError as error:
+        told.append(_reason(error))
+        return []
+
+
+def turn_of(picture: Any) -> Turn:
+    """The rotation and mirroring that the container asks for, to the next quarter turn."""
+    for data in picture.side_data:
+        if data.type == av.sidedata.sidedata.Type.DISPLAYMATRIX:
+            a, b, _, c, d = (int(v) for v in np.frombuffer(data, np.int32)[:5])
+            swap = abs(a) < abs(b)
+            return Turn(True, c < 0, b < 0) if swap else Turn(False, a < 0, d < 0)
+    return Turn()
+
+
+def rgb_of(picture: Any) -> NDArray[np.uint8]:
+    """(H, W, 3) as stored, not yet upright."""
+    return np.asarray(picture.to_ndarray(format="rgb24"), np.uint8)
+
+
+def luma_of(picture: Any) -> NDArray[np.uint8]:
+    """(H, W) of plane 0 as stored, 8 bits: no colour conversion, which would cost more than the decoding."""
+    depth = _luma_depth(picture.format)
+    if depth is None:
+        return np.asarray(picture.to_ndarray(format="gray"), np.uint8)
+    plane = picture.planes[0]
+    if depth == 8:
+        rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: picture.height, : picture.width]
+        return rows.copy()
+    wide = np.frombuffer(plane, "<u2").reshape(-1, plane.line_size // 2)[: picture.height, : picture.width]
+    return (wide >> (depth - 8)).astype(np.uint8)
+
+
+def _luma_depth(form: Any) -> int | None:
+    """Bits of a plane 0 that holds luma alone, one sample per 8 or 16 bit word; None for every other layout."""
+    luma_first = form.name.startswith(("yuv4", "yuva4", "yuvj4", "nv12", "nv21", "gray"))
+    if not luma_first or form.is_big_endian or len(form.components) == 2 or form.is_bit_stream:
+        return None
+    depth = int(form.components[0].bits)
+    return depth if 8 <= depth <= 16 else None
+
+
+def pixel_aspect(stream: Any) -> Fraction:
+    """Width of a pixel against its height; 1 where the container does not say."""
+    return Fraction(stream.sample_aspect_ratio or 1)
+
+
+def _reason(error: BaseException) -> str:
+    return (getattr(error, "strerror", None) or str(error)).rstrip(".").lower()
