@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from run_folder import RunFolder
+
 from video.clip import open_clip, read_frames
 
 COLOURS = {
