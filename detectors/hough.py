@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +29,12 @@ LEAST_COVER = 0.55
 """Share of the disc that must differ from the cloth."""
 APART_RADII = 1.5
 """Two balls are at least two radii apart on the table; less than this, with the errors, and one of them is none."""
+CUE_RADII = 0.5
+"""Half width below which what touches a ball is left out of its shape: cues, lines."""
+LEAST_SHARE = 0.72
+"""Share of a shape that the discs found in it must cover, if they are balls."""
+CLEAR_SCORE = 0.88
+"""Score from which a ball needs no such proof."""
 STREAK_SIGMA_PX, STREAK_SIGMA_SHARE = 0.35, 0.02
 """Error of a streak's middle: across it, working px, and along it in addition, share of its length."""
 
@@ -73,8 +81,25 @@ class BallFinder:
         home = self.view.to_working(_moved_back(scene, circles.centre, frame))
         cover = _cover(foreground, home, self.view)
         allowed = _at(self.view.centres, home)
-        good = allowed & (circles.support > LEAST_SUPPORT) & (cover > LEAST_COVER)
-        return _of_circles(circles, cover).take(good)
+        good = np.asarray(allowed & (circles.support > LEAST_SUPPORT) & (cover > LEAST_COVER))
+        found = _without_overlaps(_of_circles(circles, cover).take(good), scene, frame)
+        return self._without_intruders(found, foreground, frame)
+
+    def _without_intruders(self, found: Found, foreground: Bools, frame: int) -> Found:
+        """Balls that account for the shape they are part of; hands and sleeves are larger than the discs on them."""
+        radius = float(np.median(self.view.radius))
+        half = max(1, round(CUE_RADII * radius))
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * half + 1, 2 * half + 1))
+        wide = cv2.morphologyEx(foreground.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+        _, labels = cv2.connectedComponents(wide)
+        home = self.view.to_working(_moved_back(self.view.scene, found.centre, frame))
+        discs = np.zeros(labels.shape, np.uint8)
+        for (x, y), r in zip(home, _at(self.view.radius, home), strict=True):
+            cv2.circle(discs, (round(x * 16), round(y * 16)), round(1.15 * r * 16), 1, -1, shift=4)
+        whole = np.bincount(labels.ravel())
+        share = np.bincount(labels[discs > 0], minlength=len(whole)) / np.maximum(whole, 1)
+        part = _at(labels, home)
+        return found.take((part == 0) | (share[part] > LEAST_SHARE) | (found.score > CLEAR_SCORE))
 
     def _moving(self, working: Bytes, strength: Floats32) -> Bools:
         """What is neither cloth nor part of the median picture; the ends of a streak are faint."""
@@ -114,8 +139,8 @@ def _moved_back(scene: Scene, px: Floats, frame: int) -> Floats:
     return px if motion is None else apply_homography(np.linalg.inv(motion[frame]), px)
 
 
-def _at(mask: Bools, working: Floats) -> Bools:
-    """Values (n,) of a mask at working px (n, 2)."""
+def _at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
+    """Values (n,) of a picture at working px (n, 2)."""
     h, w = mask.shape
     u = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
     v = np.clip(np.rint(working[..., 1]).astype(int), 0, h - 1)
@@ -123,7 +148,7 @@ def _at(mask: Bools, working: Floats) -> Bools:
 
 
 def _cover(foreground: Bools, home: Floats, view: View) -> Floats:
-    radius = _at(view.radius, home)  # type: ignore[arg-type]
+    radius = _at(view.radius, home)
     return np.asarray(_at(foreground, home[:, None] + 0.85 * radius[:, None, None] * PLACES).mean(axis=1))
 
 

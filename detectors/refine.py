@@ -24,8 +24,10 @@ STEPS = 32
 """Samples along a ray."""
 NEAREST, FARTHEST = 0.5, 1.5
 """Reach of a ray, ball radii."""
-PRIOR_RADII = 0.22
-"""How far from the expected radius an edge is still looked for, one standard deviation, ball radii."""
+PRIOR_RADII = (0.2, 0.14, 0.1)
+"""How far from the circle an edge is still looked for, one standard deviation, ball radii, round by round."""
+SATURATION = 25.0
+"""Gradient above which a stronger one is no better: the rim of a stripe must not beat the rim of the ball."""
 RADIUS_RADII = 0.05
 """How far the seen radius may be from the predicted one: error of the calibration, blooming; one standard deviation."""
 LEAST_GRADIENT = 9.0
@@ -58,11 +60,11 @@ class Circles:
     """(K,) median gradient of the supporting edges, grey levels over a sixth of a radius."""
 
 
-def fit_circles(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats, rounds: int = 3) -> Circles:
+def fit_circles(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats) -> Circles:
     """Circles near guesses: centres (K, 2) px, expected radii (K,) px, in a picture (H, W, 3)."""
     place, seen = centre.astype(np.float64), radius.astype(np.float64)
-    for turn in range(rounds):
-        edge, strength = _edges(rgb, place, radius, basis)
+    for turn, prior in enumerate(PRIOR_RADII):
+        edge, strength = _edges(rgb, place, radius, seen / radius, prior, basis)
         # The first look starts a pixel or two off; later ones trust the circle more.
         step, dr, weights, residual = _fit(edge, strength, radius, loose=0.3 if turn == 0 else 0.15)
         place = place + step
@@ -70,14 +72,17 @@ def fit_circles(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats, round
     return _measured(place, seen, radius, weights, residual, strength)
 
 
-def _edges(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats) -> tuple[Floats, Floats]:
+def _edges(
+    rgb: Bytes, centre: Floats, radius: Floats, likely: Floats, prior: float, basis: Floats
+) -> tuple[Floats, Floats]:
     """Edge on every ray: distance (K, A) px from the centre, gradient (K, A)."""
     profile = ray_profiles(rgb, centre, radius, basis)
     half = 2
     change = profile[:, :, 2 * half :] - profile[:, :, : -2 * half]
     gradient = np.sqrt(np.einsum("kasc,kasc->kas", change, change))
     at = DISTANCES[half:-half]
-    expected = gradient * np.exp(-0.5 * ((at - 1.0) / PRIOR_RADII) ** 2)
+    near_circle = np.exp(-0.5 * ((at - likely[:, None]) / prior) ** 2)
+    expected = gradient / (gradient + SATURATION) * near_circle[:, None]
     best = np.argmax(expected, axis=2)
     near = np.clip(best[..., None] + np.arange(-4, 5), 0, len(at) - 1)
     local = np.take_along_axis(gradient, near, 2)

@@ -20,6 +20,8 @@ LONGEST_RADII = 26.0
 """A ball at 10 m/s that is exposed for 1/15 s moves about 23 radii."""
 WIDTH_BAND = (0.72, 1.5)
 """Width of the blob over the ball's, between which it is a ball."""
+LEAST_WAIST = 0.7
+"""Least width of the blob between its round ends, over its width: two balls that touch have a waist."""
 LEAST_FILL = 0.80
 """Least part of the capsule that the blob covers, and of the blob that the capsule covers."""
 
@@ -69,9 +71,19 @@ def _capsule(blob: Bools, corner: NDArray[np.int64], view: View) -> tuple[Floats
     ratio = (width[1] - width[0]) / (2 * radius)
     if length < LEAST_STRETCH * radius or not WIDTH_BAND[0] < ratio < WIDTH_BAND[1] or not view.centres[v, u]:
         return None
+    if _waist((points - middle) @ along, reach, 2 * radius * ratio) < LEAST_WAIST:
+        return None
     centre = middle + along * sum(reach) / 2 + across * sum(width) / 2
     fill = _overlap(points, centre, along * length, radius * ratio)
     return (centre, along * length, radius, fill) if fill > LEAST_FILL else None
+
+
+def _waist(along: Floats, reach: tuple[float, float], width: float) -> float:
+    """Least width between the round ends of points (n,) along the axis, over the width."""
+    bins = np.arange(reach[0] + width / 2, reach[1] - width / 2 + 2.0, 2.0)
+    if len(bins) < 2:
+        return 1.0
+    return float(np.histogram(along, bins)[0].min() / (2.0 * width))
 
 
 def _extent(along: Floats) -> tuple[float, float]:
