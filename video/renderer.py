@@ -283,8 +283,8 @@ def develop(view: View, light: Singles, rng: np.random.Generator) -> Picture:
     if look.blur_px:
         exposed = cv2.GaussianBlur(exposed, (0, 0), look.blur_px)
     if look.noise:
-        # sRGB has slope 0.8 near the middle greys 0.2: scale photon noise to `noise` levels there
-        sigma = look.noise / 255 / 0.8 * np.sqrt(0.08 + 0.92 * np.maximum(exposed, 0) / 0.2)
+        # sRGB has slope 1.12 at the middle grey 0.2: photon noise is scaled to `noise` levels there
+        sigma = look.noise / 255 / 1.12 * np.sqrt(0.08 + 0.92 * np.maximum(exposed, 0) / 0.2)
         exposed = exposed + sigma * rng.standard_normal(exposed.shape, dtype=np.float32)
     picture = _SRGB[(np.clip(exposed, 0, 1) * (len(_SRGB) - 1) + 0.5).astype(np.int32)]
     if view.overlay is None:

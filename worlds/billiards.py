@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+KEEP = __name__ == "__main__"
+"""Keep compiled code on disk for the script alone: what an import compiled under another name, it could not load."""
 GRAVITY = 9.81
 """m/s2."""
 STEP = 2e-5
@@ -65,7 +67,7 @@ PARAMETERS = tuple(f"{effect}.{name}" for effect, names in EFFECTS.items() for n
 NEUTRAL = {"cushion_restitution.e": 1.0, "ball_restitution.e": 1.0}
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def roll_or_slide(v, w, radius, slide, roll, decay, pull_x, pull_y, dt):
     """Friction of the cloth on one ball during dt; changes v (2,) and w (3,), says whether the ball still moves."""
     slip_x, slip_y = v[0] - radius * w[1], v[1] + radius * w[0]
@@ -94,7 +96,7 @@ def roll_or_slide(v, w, radius, slide, roll, decay, pull_x, pull_y, dt):
     return v[0] != 0.0 or v[1] != 0.0
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def ball_on_ball(va, wa, vb, wb, nx, ny, radius, e, law):
     """Impulse between equal balls along the unit normal a to b; changes their v and w."""
     closing = (va[0] - vb[0]) * nx + (va[1] - vb[1]) * ny
@@ -123,7 +125,7 @@ def ball_on_ball(va, wa, vb, wb, nx, ny, radius, e, law):
     vb[1] += normal * ny
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def mirror(along, into, spin, radius, e, mu):
     """Restitution and Coulomb friction at the height of the centre: along, into, spin after."""
     slip = along - radius * spin
@@ -132,7 +134,7 @@ def mirror(along, into, spin, radius, e, mu):
     return along + push, -e * into, spin - 2.5 / radius * push
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def mathavan(vx, vy, wx, wy, wz, radius, e, mu):
     """Mathavan 2010, eqs 15 to 17: x along the cushion, y into it; integrated over the normal impulse (mass 1)."""
     sin, k = NOSE_HEIGHT_RADII - 1, 2.5 / radius
@@ -159,7 +161,7 @@ def mathavan(vx, vy, wx, wy, wz, radius, e, mu):
     return vx, vy, wx, wy, wz
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def ball_on_cushion(v, w, side, radius, e, mu, law):
     """Rebound of one ball from cushion `side`; changes v and w."""
     # frame with y into the cushion and x along it, turned (not mirrored), so spins keep their formulas
@@ -175,7 +177,7 @@ def ball_on_cushion(v, w, side, radius, e, mu, law):
     w[0], w[1], w[2] = wt * tx + wn * nx, wt * ty + wn * ny, wz
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def turn(q, w, dt):
     """Turn the orientation q (4,) by the spin w during dt."""
     a, b, c, d = q
@@ -187,7 +189,7 @@ def turn(q, w, dt):
     q /= math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def nearest_pocket(x, y, length, width):
     """Index in POCKETS of the nearest pocket, and the distance to it."""
     column = 0 if x < length / 4 else 2 if x > 0.75 * length else 1
@@ -195,7 +197,7 @@ def nearest_pocket(x, y, length, width):
     return 3 * row + column, math.hypot(x - column * length / 2, y - row * width)
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def note(events, count, kind, t, a, b, x, y, speed):
     """Write one event; says how many there are now."""
     if count < MOST_EVENTS:
@@ -203,7 +205,7 @@ def note(events, count, kind, t, a, b, x, y, speed):
     return min(count + 1, MOST_EVENTS)
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def move(xyz, v, w, q, moving, potted, fall, radius, p, t, dt, events, count):
     """March every moving ball by dt under the cloth's friction, or down a pocket."""
     pull_x, pull_y = p[3] * 1e-3 * GRAVITY, p[4] * 1e-3 * GRAVITY
@@ -223,7 +225,7 @@ def move(xyz, v, w, q, moving, potted, fall, radius, p, t, dt, events, count):
     return count
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def in_mouth(x, y, side, size):
     """Whether the nose of `side` is cut away by a pocket where a ball at x, y would meet it."""
     length, width = size
@@ -232,7 +234,7 @@ def in_mouth(x, y, side, size):
     return min(x, length - x) < JAW_CORNER or abs(x - length / 2) < JAW_SIDE
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def meet_rails(xyz, v, w, moving, potted, size, radius, pockets, p, law, t, dt, events, count):
     """Pockets and cushions of one step that ends at t."""
     for i in np.flatnonzero(moving & ~potted):
@@ -255,7 +257,7 @@ def meet_rails(xyz, v, w, moving, potted, size, radius, pockets, p, law, t, dt, 
     return count
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def meet_balls(xyz, v, w, moving, potted, radius, e, law, t, dt, events, count):
     """Contacts between balls of one step that ends at t."""
     for i in range(len(xyz)):
@@ -278,7 +280,7 @@ def meet_balls(xyz, v, w, moving, potted, radius, e, law, t, dt, events, count):
     return count
 
 
-@njit(cache=True)
+@njit(cache=KEEP)
 def march(xyz, v, w, size, radius, pockets, p, laws, dt, steps, every):
     """Samples (T, N, 12) of x, y, z, v, w, q, and events (E, 7) of kind, t, a, b, x, y, speed, of N balls."""
     n = len(xyz)

@@ -1,0 +1,144 @@
+"""Rendered pictures against what they must show: places, streaks, light, lens, readout, noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.scene import Camera, Table
+from video.renderer import Motion, Poses, View, develop, expose, make_view, render_picture, seen_centres
+from video.renderer_camera import look_at, project
+from video.renderer_look import BallLook, Lamp, Look, pool_ball
+
+TABLE = Table("small", "carom", 1.0, 0.5, 0.0286, 0.17, False)
+WHITE = BallLook("cue", (1.0, 1.0, 1.0))
+PLAIN = Look(cloth=(0.0, 0.0, 0.0), marks="none", ambient=0.9, gloss=0.0, wear=0.0, vignette=0.0, blur_px=0.0, noise=0.0,
+             lamps=(Lamp((0.5, 0.25, 1.5)),))  # fmt: skip
+
+
+def overhead() -> Camera:
+    return look_at(TABLE, np.array([0.5, 0.25, 1.6]), np.array([0.5, 0.25, 0.0]), 400.0, 320, 200, up=(0.0, -1.0, 0.0))
+
+
+def oblique() -> Camera:
+    return look_at(TABLE, np.array([0.4, 1.4, 1.0]), np.array([0.5, 0.22, 0.0]), 420.0, 320, 200)
+
+
+def straight(x: float, y: float, vx: float = 0.0, vy: float = 0.0) -> Motion:
+    """One ball that moves without turning."""
+
+    def motion(t: float) -> Poses:
+        return Poses(np.array([[x + vx * t, y + vy * t, TABLE.ball_radius]]), np.eye(3)[None])
+
+    return motion
+
+
+def centre_of_light(view: View, motion: Motion, t: float = 0.0) -> tuple[np.ndarray, float]:
+    """Centroid px of the light that a white ball adds, and its sum."""
+    added = np.clip((expose(view, motion, t) - view.empty.picture).sum(axis=2), 0, None)
+    rows, columns = np.mgrid[: added.shape[0], : added.shape[1]]
+    return np.array([(columns * added).sum(), (rows * added).sum()]) / added.sum(), float(added.sum())
+
+
+@pytest.fixture(scope="module", params=[overhead, oblique])
+def view(request: pytest.FixtureRequest) -> View:
+    return make_view(TABLE, request.param(), PLAIN, (WHITE,))
+
+
+def test_the_outline_of_a_ball_is_centred_where_its_centre_projects(view: View) -> None:
+    for x, y in ((0.5, 0.25), (0.31, 0.13), (0.77, 0.4)):
+        motion = straight(x, y)
+        added = np.abs(expose(view, motion, 0.0) - view.empty.picture).sum(axis=2) > 0.25
+        rows, columns = np.nonzero(added)
+        expected = seen_centres(view, motion, 0.0)[0]
+        assert [columns.mean(), rows.mean()] == pytest.approx(expected, abs=0.25)
+        radius = np.sqrt(added.sum() / np.pi)
+        assert radius == pytest.approx(view.camera.radius_px(np.array([x, y]), TABLE.ball_radius), abs=0.35)
+
+
+def test_the_camera_agrees_with_the_projection_of_the_scene(view: View) -> None:
+    xy = np.array([0.2, 0.3])
+    expected = view.camera.to_pixels(xy, 0.03)
+    assert project(view.camera, view.lens, np.append(xy, 0.03)) == pytest.approx(expected, abs=1e-9)
+    x_axis = view.camera.to_pixels(np.array([[0.0, 0.2], [1.0, 0.2], [0.0, 0.4]]), 0.0)
+    assert x_axis[1, 0] > x_axis[0, 0]
+    assert x_axis[2, 1] > x_axis[0, 1]
+
+
+def test_a_streak_is_as_long_as_speed_times_exposure_and_keeps_the_light() -> None:
+    still = make_view(TABLE, overhead(), PLAIN, (WHITE,))
+    blurred = replace(still, exposure=0.02)
+    motion = straight(0.45, 0.25, vx=3.0)
+    rest, light = centre_of_light(still, motion)
+    middle, spread = centre_of_light(blurred, motion)
+    assert middle == pytest.approx(rest, abs=0.05)
+    assert spread == pytest.approx(light, rel=0.01)
+    shown = (expose(blurred, motion, 0.0) - still.empty.picture).sum(axis=2) > 0.02
+    columns = np.flatnonzero(shown.any(axis=0))
+    per_metre = 400.0 / (1.6 - TABLE.ball_radius)
+    assert np.ptp(columns) + 1 == pytest.approx((3.0 * 0.02 + 2 * TABLE.ball_radius) * per_metre, abs=2.5)
+
+
+def test_rows_that_are_read_later_see_a_ball_further_on() -> None:
+    prompt = make_view(TABLE, overhead(), PLAIN, (WHITE,))
+    rolling = replace(prompt, readout=0.02)
+    for y, sign in ((0.1, -1), (0.4, 1)):
+        motion = straight(0.5, y, vx=2.0)
+        before, _ = centre_of_light(prompt, motion)
+        after, _ = centre_of_light(rolling, motion)
+        promised = seen_centres(rolling, motion, 0.0)[0] - seen_centres(prompt, motion, 0.0)[0]
+        assert promised[0] * sign > 1.5
+        assert after - before == pytest.approx(promised, abs=0.1)
+
+
+def test_the_lens_moves_the_corners_by_its_formula() -> None:
+    camera = overhead()
+    bent = make_view(TABLE, camera, PLAIN, (WHITE,), k1=0.05)
+    pinhole = camera.to_pixels(TABLE.corners[:1], 0.0)[0]
+    centre = np.array([159.5, 99.5])
+    r = np.linalg.norm(pinhole - centre) / (400.0 / 1.6 / 2)
+    expected = centre + (pinhole - centre) * (1 + 0.05 * r**2)
+    assert project(camera, bent.lens, np.array([0.0, 0.0, 0.0])) == pytest.approx(expected, abs=1e-9)
+    assert bent.lens.straighten(expected) == pytest.approx(pinhole, abs=1e-4)
+
+
+def test_a_ball_throws_its_shadow_away_from_the_lamp() -> None:
+    look = replace(PLAIN, cloth=(0.6, 0.6, 0.6), ambient=0.2, lamps=(Lamp((0.0, 0.25, 0.6), 0.03),))
+    view = make_view(TABLE, overhead(), look, (WHITE,))
+    dimmed = (expose(view, straight(0.5, 0.25), 0.0) / view.empty.picture).mean(axis=2)
+    x, y = np.round(seen_centres(view, straight(0.5, 0.25), 0.0)[0]).astype(int)
+    assert dimmed[y, x + 14] < 0.6
+    assert dimmed[y, x - 14] > 0.85
+
+
+def test_a_turned_ball_shows_another_side_and_a_full_turn_the_same() -> None:
+    view = make_view(TABLE, overhead(), PLAIN, (pool_ball(11),))
+    place = np.array([[0.5, 0.25, TABLE.ball_radius]])
+
+    def turned(angle: float) -> np.ndarray:
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+        return expose(view, lambda _: Poses(place, turn[None]), 0.0)
+
+    assert np.abs(turned(0.0) - turned(np.pi / 2)).max() > 0.2
+    assert turned(0.0) == pytest.approx(turned(2 * np.pi), abs=1e-4)
+
+
+def test_noise_has_the_strength_asked_for_and_comes_from_the_generator() -> None:
+    look = replace(PLAIN, cloth=(0.485, 0.485, 0.485), noise=2.0)
+    view = make_view(TABLE, overhead(), look, (WHITE,))
+    level = np.full((200, 320, 3), 0.2, np.float32)
+    picture = develop(view, level, np.random.default_rng(1)).astype(float)
+    assert picture.std() == pytest.approx(2.0, rel=0.1)
+    motion = straight(0.5, 0.25, vx=1.0)
+    first, second = (render_picture(view, motion, 0.1, np.random.default_rng(seed)) for seed in (3, 3))
+    assert np.array_equal(first, second)
+    assert not np.array_equal(first, render_picture(view, motion, 0.1, np.random.default_rng(4)))
+
+
+def test_a_ball_that_is_gone_leaves_the_empty_table() -> None:
+    view = make_view(TABLE, overhead(), PLAIN, (WHITE,))
+    gone = Poses(np.full((1, 3), np.nan), np.eye(3)[None])
+    assert np.array_equal(expose(view, lambda _: gone, 0.0), view.empty.picture)
