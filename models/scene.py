@@ -106,9 +106,8 @@ class Camera:
     def radius_px(self, xy: Floats, radius: float) -> Floats:
         """Mean seen radius (...) in px of a ball that rests at (..., 2) m."""
         jacobian = homography_jacobian(self.homography(radius), xy)
-        return radius * np.sqrt(
-            np.linalg.svd(jacobian, compute_uv=False).prod(axis=-1) / self._foreshortening(xy, radius)
-        )
+        radii: Floats = radius * np.sqrt(np.abs(np.linalg.det(jacobian)) / self._foreshortening(xy, radius))
+        return radii
 
     def _foreshortening(self, xy: Floats, z: float) -> Floats:
         """Cosine between the line of sight and the vertical at points (..., 2), in (0, 1]."""
@@ -120,8 +119,7 @@ class Camera:
     @property
     def eye(self) -> Floats:
         """Where the camera stands (3,), in m above the table."""
-        place: Floats = np.linalg.solve(self.matrix[:, :3], -self.matrix[:, 3])
-        return place
+        return np.asarray(np.linalg.solve(self.matrix[:, :3], -self.matrix[:, 3]), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,5 +155,4 @@ def homography_jacobian(homography: Floats, points: Floats) -> Floats:
 
 def _inverse(matrices: Floats) -> Floats:
     """Inverses of square matrices (..., n, n)."""
-    inverse: Floats = np.linalg.inv(matrices)
-    return inverse
+    return np.asarray(np.linalg.inv(matrices), dtype=np.float64)

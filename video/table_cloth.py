@@ -111,7 +111,7 @@ def _quadrangle(mask: NDArray[np.uint8], colour: Floats) -> Cloth | None:
     corners = _snap(corners, contour[:, 0].astype(np.float64))
     if corners is None:
         return None
-    return Cloth(corners, colour, mask, _support(corners, contour[:, 0].astype(np.float64), mask.shape))
+    return Cloth(corners, colour, mask, _support(corners, contour, mask.shape))
 
 
 def _best_sides(polygon: Floats, area: float) -> Floats | None:
@@ -155,15 +155,18 @@ def _snap(corners: Floats, contour: Floats) -> Floats | None:
     return corners
 
 
-def _support(corners: Floats, contour: Floats, shape: tuple[int, ...]) -> float:
-    """Share of the four sides (without their ends) that have a contour point within 2.5 px; the worst side counts."""
+def _support(corners: Floats, contour: NDArray[np.int32], shape: tuple[int, ...]) -> float:
+    """Share of the four sides (without their ends) that have a contour point within 2.5 px; bad sides count twice."""
+    outline = np.ones(shape, np.uint8)
+    outline[contour[:, 0, 1], contour[:, 0, 0]] = 0
+    distance = cv2.distanceTransform(outline, cv2.DIST_L2, 3)
     shares = []
     for i in range(4):
         p, q = corners[i], corners[(i + 1) % 4]
-        points = p + np.linspace(0.1, 0.9, 60)[:, None] * (q - p)
+        points = np.rint(p + np.linspace(0.1, 0.9, 60)[:, None] * (q - p)).astype(int)
         inside = np.all((points > 2) & (points < np.array([shape[1], shape[0]]) - 3), axis=1)
-        gap = np.linalg.norm(points[:, None] - contour[None], axis=2).min(axis=1)
-        shares.append(float(np.mean((gap < 2.5) & inside)))
+        column, row = np.clip(points[:, 0], 0, shape[1] - 1), np.clip(points[:, 1], 0, shape[0] - 1)
+        shares.append(float(np.mean((distance[row, column] < 2.5) & inside)))
     return float(np.mean(shares) * min(1.0, min(shares) / 0.5))
 
 

@@ -8,15 +8,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.tables import DEFAULT_TABLE, PRESETS, nearest_preset, parse_table, with_ball_radius
+from models.billiards.tables import PRESETS, parse_table, with_ball_radius
 from models.errors import OptionError, TableNotFound
 from models.progress import Progress, silent
-from models.scene import Camera, Game, Scene, Table
+from models.scene import Camera, Scene, Table
 from video.clip import Clip, read_frames
-from video.table_balls import BallSizes, ball_sizes, pocket_share
+from video.table_balls import ball_sizes
 from video.table_camera import View, camera_from_corners, orient
 from video.table_cloth import Cloth, find_cloth, intersections, line_through
 from video.table_edges import Noses, find_noses
+from video.table_preset import guess_table, has_snooker_d, pocket_share
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -182,29 +183,12 @@ def _name(
     else:
         trial = PRESETS["pool-9ft"]
         camera = camera_from_corners(found.corners, found.covariance, trial, found.view, width, height)
-        sizes = ball_sizes(pictures[:: max(len(pictures) // 4, 1)], camera, trial, found.cloth)
+        sizes = ball_sizes(pictures[::2], camera, trial, found.cloth)
         pockets = found.outer is None or pocket_share(background, found.outer, found.corners, found.cloth) > 0.3
-        table, notes = guess_table(sizes, pockets)
+        table, notes = guess_table(sizes, pockets, has_snooker_d(background, found.corners))
     if ball_radius is not None:
         table = with_ball_radius(table, ball_radius)
     return table, camera_from_corners(found.corners, found.covariance, table, found.view, width, height), notes
-
-
-def guess_table(sizes: BallSizes, pockets: bool) -> tuple[Table, tuple[str, ...]]:
-    """The preset that fits pockets and ball sizes best, and sentences on why."""
-    game: Game = "pool" if pockets else "carom"
-    why = "it has pockets" if pockets else "it has no pockets"
-    if sizes.count == 0:
-        table = PRESETS[DEFAULT_TABLE[game]]
-        return table, (f"table taken for {table.name} because {why}, no ball was measured; give --table to override",)
-    candidates = [t for t in PRESETS.values() if t.pockets == pockets]
-    near = [t for t in candidates if abs(np.log(t.ball_radius / t.length / sizes.share)) < 0.12]
-    table = nearest_preset(sizes.share, None if pockets and near else game)
-    table = table if table.pockets == pockets else nearest_preset(sizes.share, game)
-    return table, (
-        f"table taken for {table.name} because {why} and balls have {100 * sizes.share:.2f} % of its length as "
-        "radius; give --table to override",
-    )
 
 
 def _height_note(camera: Camera, view: View) -> str:

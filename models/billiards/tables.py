@@ -50,9 +50,6 @@ _add("carom-match", "carom", 2.84, 1.42, CAROM_BALL)
 _add("carom-230", "carom", 2.30, 1.15, CAROM_BALL)
 _add("carom-210", "carom", 2.10, 1.05, CAROM_BALL)
 
-DEFAULT_TABLE = {"pool": "pool-9ft", "snooker": "snooker-12ft", "carom": "carom-match"}
-"""What is assumed of a game where nothing tells the size."""
-
 
 def parse_table(text: str, ball_radius: float | None = None) -> Table:
     """The table of a preset's name, or of `LENGTHxWIDTH` in metres; `ball_radius` (m) replaces the preset's.
@@ -87,9 +84,3 @@ def _of_size(name: str, text: str) -> Table:
     # Only the cushions are named here, so the balls are those of the nearest table that is sold.
     nearest = min(PRESETS.values(), key=lambda table: abs(table.length - length))
     return replace(nearest, name=f"{length:g}x{width:g}", length=length, width=width)
-
-
-def nearest_preset(radius_share: float, game: Game | None = None) -> Table:
-    """The preset whose balls have nearest to `radius_share` of the table's length as their radius."""
-    choice = [table for table in PRESETS.values() if game is None or table.game == game]
-    return min(choice, key=lambda table: abs(table.ball_radius / table.length / radius_share - 1))
