@@ -13,7 +13,7 @@ from models.fit import Fit, Light
 from models.tracks import Tracks
 from video.inbetween import Sightings
 from video.inset import Inset, plan_of
-from video.layout import Rect, place_label, place_panel
+from video.layout import Rect, Side, place_label, place_panel
 from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, error_text, unit
 from video.palette import FLASH, Colour, ball_colour
 
@@ -30,6 +30,8 @@ PATH_STEP = 1 / 240
 """s between points of a path."""
 MOST_LABELS, MOST_TIMES = 6, 3
 """Balls named, and contact times shown, at once: more would hide the shot."""
+TURN_SHARE = 0.12
+"""Share of its way round the ball that a label goes per picture: it glides, it does not jump."""
 LEAST_PROBABILITY = 0.5
 """Events below are not drawn."""
 SURE = 0.9
@@ -74,6 +76,8 @@ class Path:
     """(n, 2) m"""
     spans: Floats
     """(k, 2) s, when it moved."""
+    radius: float
+    """px, of the ball while it moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,10 +108,10 @@ class Annotation:
     scale: float
     reading: float
     """s of the shot that a contact's time is shown."""
-    corners: dict[int, Floats] = field(default_factory=dict)
-    """Where the label of a ball is, relative to it, px."""
-    mark_corners: dict[int, Floats] = field(default_factory=dict)
-    """Where the label of a mark is, px."""
+    sides: dict[int, tuple[Side, Side]] = field(default_factory=dict)
+    """Where the label of a ball is to be, and on its way there where it is."""
+    mark_sides: dict[int, Side] = field(default_factory=dict)
+    """Where the label of a mark is."""
 
     def draw(self, picture: Picture, t: float, balls: Balls, xy: Floats) -> None:
         """Draw on `picture` (H, W, 3), in place; `xy` (N, 2) m are the places of the balls."""
@@ -117,7 +121,7 @@ class Annotation:
         for mark in self.marks:
             if 0 <= t - mark.t < FLASH_SECONDS:
                 centre = self.sightings.project(mark.xy, t)
-                radius = float(np.nan_to_num(balls.radius[mark.ball], nan=8.0))
+                radius = balls.radius_of(mark.ball)
                 draw_flash(picture, centre, radius, (t - mark.t) / FLASH_SECONDS, self.scale, mark.strength)
         self._panels(picture, t, xy)
         taken = [self.inset_place, self.clock_place, *balls.boxes(2.0)]
@@ -126,14 +130,14 @@ class Annotation:
 
     def _trail(self, picture: Picture, t: float, ball: int, path: Path, balls: Balls) -> None:
         first, last = np.searchsorted(path.t, [t - TRAIL_SECONDS, t])
-        if last - first < 1 or not np.isfinite(balls.radius[ball]):
+        if last - first < 1:
             return
         way = self.sightings.project(path.xy[first:last], t)
         age = (t - path.t[first:last]) / TRAIL_SECONDS
         if np.isfinite(balls.centre[ball]).all():
             way, age = np.concatenate([way, balls.centre[ball][None]]), np.append(age, age[-1])
         fade = np.clip(1 - age, 0, 1) ** 1.3
-        width = float(np.clip(0.42 * balls.radius[ball], 2.2, 9 * self.scale))
+        width = float(np.clip(0.42 * path.radius, 2.2, 9 * self.scale))
         draw_trail(picture, way, fade, self.colours[ball], width, balls)
 
     def _panels(self, picture: Picture, t: float, xy: Floats) -> None:
@@ -143,49 +147,37 @@ class Annotation:
 
     def _times(self, picture: Picture, t: float, balls: Balls, taken: list[Rect]) -> None:
         """Times of the last contacts, each where it was first put."""
-        bounds = (picture.shape[1], picture.shape[0])
         fresh = [k for k, mark in enumerate(self.marks) if 0 <= t - mark.t < self.reading]
         for k in fresh[-MOST_TIMES:]:
-            mark = self.marks[k]
-            size = mark.label.size(self.scale)
-            centre = self.sightings.project(mark.xy, t)
-            if k not in self.mark_corners:
-                radius = float(np.nan_to_num(balls.radius[mark.ball], nan=8.0)) * 1.6
-                ahead = [rect for ball in range(len(self.paths)) for rect in self._soon(t, ball)]
-                self.mark_corners[k] = place_label(
-                    size, centre, radius, np.zeros(2), [*taken, *ahead], bounds, None
-                ) - centre  # fmt: skip
-            corner = centre + self.mark_corners[k]
+            mark, spot = self.marks[k], self.sightings.project(self.marks[k].xy, t)
+            size, radius = mark.label.size(self.scale), 1.6 * balls.radius_of(mark.ball)
+            if k not in self.mark_sides:
+                obstacles = [*taken, *self._soon(t)]
+                self.mark_sides[k] = place_label(size, spot, radius, np.zeros(2), obstacles, _bounds(picture), None)
             age = (t - mark.t) / self.reading
-            mark.label.draw(picture, corner, self.scale, float(np.clip(min(age * 12, (1 - age) * 5), 0, 1)))
-            taken.append((float(corner[0]), float(corner[1]), float(size[0]), float(size[1])))
+            opacity = float(np.clip(min(age * 12, (1 - age) * 5), 0, 1))
+            _put(picture, mark.label, spot + self.mark_sides[k].corner(size, radius), self.scale, opacity, taken)
 
-    def _soon(self, t: float, ball: int) -> list[Rect]:
-        """Squares that a ball will cross while a label can be read."""
-        path = self.paths[ball]
-        ahead = path.xy[(path.t > t) & (path.t < t + self.reading)][::6]
+    def _soon(self, t: float) -> list[Rect]:
+        """Squares that balls will cross while a label can be read."""
+        ways = [path.xy[(path.t > t) & (path.t < t + self.reading)][::6] for path in self.paths]
         half = 12 * self.scale
-        return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in self.sightings.project(ahead, t)]
+        places = self.sightings.project(np.concatenate(ways), t)
+        return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in places]
 
     def _names(self, picture: Picture, t: float, balls: Balls, taken: list[Rect]) -> None:
         """Name and speed beside the balls that move or have just come to rest."""
-        bounds = (picture.shape[1], picture.shape[0])
-        shown = [ball for ball in balls.present if self._presence(t, int(ball)) > 0]
+        shown = [int(ball) for ball in balls.present if self._presence(t, int(ball)) > 0]
         shown.sort(key=lambda ball: (-len(self.paths[ball].t), ball))
         for ball in shown[:MOST_LABELS]:
             speed = balls.speed[ball]
-            value = f"{speed:.2f} m/s" if np.isfinite(speed) else ""
-            label = Label(self.names[ball], value, self.colours[ball])
-            size, centre = label.size(self.scale), balls.centre[ball]
-            before = self.corners.get(int(ball))
-            wanted = place_label(
-                size, centre, float(balls.radius[ball]), balls.heading[ball], taken, bounds, before
-            ) - centre  # fmt: skip
-            relative = wanted if before is None else before + 0.14 * (wanted - before)
-            self.corners[int(ball)] = relative
-            corner = np.clip(centre + relative, 2, np.array(bounds) - np.array(size) - 2)
-            label.draw(picture, corner, self.scale, self._presence(t, int(ball)))
-            taken.append((float(corner[0]), float(corner[1]), float(size[0]), float(size[1])))
+            label = Label(self.names[ball], f"{speed:.2f} m/s" if np.isfinite(speed) else "", self.colours[ball])
+            size, centre, radius = label.size(self.scale), balls.centre[ball], balls.radius_of(ball)
+            aim, now = self.sides.get(ball, (None, None))
+            aim = place_label(size, centre, radius, balls.heading[ball], taken, _bounds(picture), aim)
+            now = aim if now is None else now.towards(aim, TURN_SHARE)
+            self.sides[ball] = aim, now
+            _put(picture, label, centre + now.corner(size, radius), self.scale, self._presence(t, ball), taken)
 
     def _presence(self, t: float, ball: int) -> float:
         """Opacity of a ball's name: it comes and goes with its motion."""
@@ -195,6 +187,19 @@ class Annotation:
         since = (t - spans[:, 0]) / (0.1 * self.reading)
         left = (spans[:, 1] + 0.3 * self.reading - t) / (0.2 * self.reading)
         return float(np.clip(np.minimum(since, left), 0, 1).max())
+
+
+def _bounds(picture: Picture) -> tuple[int, int]:
+    """Width and height."""
+    return picture.shape[1], picture.shape[0]
+
+
+def _put(picture: Picture, label: Label, corner: Floats, scale: float, opacity: float, taken: list[Rect]) -> None:
+    """Draw a label inside the picture, and note that its place is taken."""
+    size = np.array(label.size(scale), dtype=np.float64)
+    left, top = np.maximum(np.minimum(corner, _bounds(picture) - size - 2), 2)
+    label.draw(picture, np.array([left, top]), scale, opacity)
+    taken.append((float(left), float(top), float(size[0]), float(size[1])))
 
 
 def annotate(sightings: Sightings, tracks: Tracks, fit: Fit, first: Picture, slow: float) -> Annotation:
@@ -218,7 +223,7 @@ def _path(sightings: Sightings, fit: Fit, ball: int) -> Path:
     """Sample one ball's motion while it moves, corners at events included."""
     rows = np.flatnonzero(sightings.moves[:, ball])
     if not len(rows):
-        return Path(np.empty(0), np.empty((0, 2)), np.empty((0, 2)))
+        return Path(np.empty(0), np.empty((0, 2)), np.empty((0, 2)), 0.0)
     breaks = np.flatnonzero(np.diff(rows) > 1)
     starts, ends = rows[np.concatenate([[0], breaks + 1])], rows[np.concatenate([breaks, [len(rows) - 1]])] + 1
     spans = np.column_stack([sightings.t[starts], sightings.t[ends]])
@@ -227,7 +232,9 @@ def _path(sightings: Sightings, fit: Fit, ball: int) -> Path:
     times = np.unique(np.concatenate([*parts, spans.ravel(), np.array(inside)]))
     xy = fit.trajectory.at(times).xy[:, ball]
     known = np.isfinite(xy[:, 0])
-    return Path(times[known], xy[known], spans)
+    radii = sightings.radius[rows, ball]
+    radius = float(np.median(radii[np.isfinite(radii)])) if np.isfinite(radii).any() else 8.0
+    return Path(times[known], xy[known], spans, radius)
 
 
 def _marks(sightings: Sightings, fit: Fit) -> tuple[Mark, ...]:

@@ -25,6 +25,8 @@ LEAST_SHIFT = 0.15
 """px between two pictures below which a ball is left as it is: no eye sees it."""
 PLATE_SAMPLES = 32
 """Pictures, spread over the clip, that the plate is learnt from: its memory is theirs times the swept area."""
+RADIUS_RATIO = (0.8, 1.3)
+"""How far a ball's seen radius may lie from the expected one: glare, dark rims and calibration, no more."""
 STREAK_POINTS = 7
 """Points along the way of a streaked ball: enough to follow a rebound within one exposure."""
 DISSOLVE = (0.3, 0.7)
@@ -69,7 +71,7 @@ class Sightings:
         return state
 
     def motion(self, t: float) -> Floats | None:
-        """Reference pixels to the picture at time t (3, 3): between pictures their mean by time; None if it is still."""
+        """Reference pixels to the picture at time t (3, 3), between pictures their mean; None if it is still."""
         motion = self.scene.camera.motion
         if motion is None:
             return None
@@ -123,15 +125,25 @@ def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:
     centre = np.where(observed[..., None], tracks.px, put)
     offset = tracks.px - put
     offset[~(observed & np.isfinite(put[..., 0]))] = 0
-    reach = np.where(np.isfinite(xy), xy, np.where(observed[..., None], tracks.xy, np.nan))
-    radius = camera.radius_px(reach, height)
-    seen_ratio = np.nanmedian(np.where(observed, tracks.radius_px / radius, np.nan), axis=0) if observed.any() else 1.0
+    radius = _radii(scene, tracks, np.where(np.isfinite(xy), xy, tracks.xy))
     return Sightings(
         scene=scene, trajectory=fit.trajectory, span=_spans(fit.trajectory), frame=tracks.frame, t=tracks.t,
-        centre=centre, offset=offset, radius=radius * np.clip(seen_ratio, 0.8, 1.3), observed=observed,
+        centre=centre, offset=offset, radius=radius, observed=observed,
         moves=_moves(scene, tracks, fit.trajectory), exposure=_exposure(tracks, modelled.v),
         colour=np.array([lab_to_rgb(lab) for lab in tracks.colour], dtype=np.uint8).reshape(-1, 3),
     )  # fmt: skip
+
+
+def _radii(scene: Scene, tracks: Tracks, xy: Floats) -> Floats:
+    """(T, N) px: the radius that the camera expects, in the proportion in which each ball was seen; NaN if nowhere."""
+    radius = np.full(xy.shape[:2], np.nan)
+    for ball in range(xy.shape[1]):
+        known = np.isfinite(xy[:, ball, 0])
+        radius[known, ball] = scene.camera.radius_px(xy[known, ball], scene.table.ball_radius)
+        both = known & np.isfinite(tracks.radius_px[:, ball])
+        if both.any():
+            radius[:, ball] *= np.clip(np.median(tracks.radius_px[both, ball] / radius[both, ball]), *RADIUS_RATIO)
+    return radius
 
 
 def _spans(trajectory: Trajectory) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,11 @@ Rect = tuple[float, float, float, float]
 
 ANGLES = np.deg2rad([-45.0, -135.0, 45.0, 135.0, -90.0, 90.0, 0.0, 180.0])
 """Directions from a ball to its label, the liked ones first; clockwise from right."""
-WAY_COST, STAY_COST, RANK_COST = 0.6, 0.15, 0.02
-"""Of a label ahead of or behind a moving ball, of leaving its place, of a less liked direction; covered is 2."""
+GAPS = (0.7, 2.2)
+"""Distances of a label from the edge of its ball, in radii."""
+WAY_COST, STAY_COST, FAR_COST, RANK_COST = 0.5, 0.5, 0.15, 0.02
+"""Of a label on its ball's way, of going to the other side, of the larger gap, of each less liked direction; a label
+that is covered wholly costs 2, one that is outside the picture 8."""
 PANEL_MARGIN = 0.022
 """Between panels and the border of the picture, share of its height."""
 
@@ -26,6 +30,30 @@ def overlap(a: Rect, b: Rect) -> float:
     return max(0.0, width) * max(0.0, height)
 
 
+def overlaps(rects: Floats, others: Floats) -> Floats:
+    """Shared areas (n, m) of rectangles (n, 4) and (m, 4), px^2."""
+    low = np.maximum(rects[:, None, :2], others[None, :, :2])
+    high = np.minimum(rects[:, None, :2] + rects[:, None, 2:], others[None, :, :2] + others[None, :, 2:])
+    return np.asarray(np.maximum(high - low, 0).prod(axis=-1), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """Where a label stands beside its ball: a direction, rad clockwise from right, and a gap in radii."""
+
+    angle: float
+    gap: float
+
+    def corner(self, size: tuple[int, int], radius: float) -> Floats:
+        """Top-left corner (2,) of a box of `size` (w, h) relative to the ball's centre, px; continuous in both."""
+        return _corners(np.array([self.angle]), np.array([self.gap]), size, radius).reshape(2)
+
+    def towards(self, other: Side, share: float) -> Side:
+        """A `share` of the way round the ball to another side."""
+        turn = (other.angle - self.angle + np.pi) % (2 * np.pi) - np.pi
+        return Side(self.angle + share * turn, self.gap + share * (other.gap - self.gap))
+
+
 def place_label(
     size: tuple[int, int],
     centre: Floats,
@@ -33,37 +61,33 @@ def place_label(
     heading: Floats,
     taken: Sequence[Rect],
     bounds: tuple[int, int],
-    previous: Floats | None,
-) -> Floats:
-    """Top-left corner (2,) of a label of `size` (w, h) beside a ball: over little that is taken, off the ball's way.
+    previous: Side | None,
+) -> Side:
+    """The side of a ball where a label of `size` (w, h) covers little that is taken and is off the ball's way.
 
-    `heading` (2,) is the direction of motion, zero at rest; `bounds` the picture's (w, h); `previous` the corner
-    relative to the ball that it had before.
+    `heading` (2,) is the direction of motion, zero at rest; `bounds` the picture's (w, h); `previous` where it was.
     """
-    best, least = np.zeros(2), np.inf
+    angles, gaps = np.tile(ANGLES, len(GAPS)), np.repeat(GAPS, len(ANGLES))
+    corners = _corners(angles, gaps, size, radius)
+    rects = np.column_stack([corners + centre, np.broadcast_to(np.array(size, dtype=np.float64), corners.shape)])
     area = float(size[0] * size[1])
-    for rank, (gap, angle) in enumerate((gap, angle) for gap in (0.7, 2.0) for angle in ANGLES):
-        corner = _corner(size, radius * (1 + gap) + 2, float(angle))
-        place = centre + corner
-        rect = (float(place[0]), float(place[1]), float(size[0]), float(size[1]))
-        outside = area - overlap(rect, (0.0, 0.0, float(bounds[0]), float(bounds[1])))
-        covered = sum(overlap(rect, other) for other in taken)
-        middle = corner + np.array(size) / 2
-        along = abs(float(middle @ heading)) / max(1e-9, float(np.linalg.norm(middle)))
-        cost = (8 * outside + 2 * covered) / area + WAY_COST * along**2 + RANK_COST * rank
-        if previous is not None:
-            cost += STAY_COST * min(1.0, float(np.linalg.norm(corner - previous)) / (4 * radius))
-        if cost < least:
-            best, least = corner, cost
-    return centre + best
+    outside = area - overlaps(rects, np.array([[0.0, 0.0, *bounds]]))[:, 0]
+    covered = overlaps(rects, np.array(taken, dtype=np.float64).reshape(-1, 4)).sum(axis=1)
+    cost = (8 * outside + 2 * covered) / area + FAR_COST * (gaps > GAPS[0])
+    cost += RANK_COST * np.tile(np.arange(len(ANGLES)), len(GAPS))
+    cost += WAY_COST * (np.cos(angles) * heading[0] + np.sin(angles) * heading[1]) ** 2
+    if previous is not None:
+        cost += STAY_COST * np.abs((angles - previous.angle + np.pi) % (2 * np.pi) - np.pi) / np.pi
+    best = int(np.argmin(cost))
+    return Side(float(angles[best]), float(gaps[best]))
 
 
-def _corner(size: tuple[int, int], distance: float, angle: float) -> Floats:
-    """Top-left corner of a box whose nearest point lies `distance` from the origin in a direction."""
-    direction = np.array([np.cos(angle), np.sin(angle)])
-    anchor = direction * distance
-    share = np.where(np.abs(direction) < 0.3, 0.5, np.where(direction > 0, 0.0, 1.0))
-    return np.asarray(anchor - share * np.array(size), dtype=np.float64)
+def _corners(angles: Floats, gaps: Floats, size: tuple[int, int], radius: float) -> Floats:
+    """Top-left corners (n, 2) of boxes whose nearest points lie in directions, at gaps (n,), from a ball at 0."""
+    direction = np.column_stack([np.cos(angles), np.sin(angles)])
+    share = 0.5 - 0.5 * np.clip(direction * np.sqrt(2), -1, 1)
+    distance = radius * (1 + gaps) + 2
+    return np.asarray(direction * distance[:, None] - share * np.array(size), dtype=np.float64)
 
 
 def place_panel(

@@ -21,7 +21,7 @@ Picture = NDArray[np.uint8]
 
 SHIFT = 4
 """Binary digits after the point of OpenCV's sub-pixel coordinates."""
-TRAIL_SEGMENTS = 48
+TRAIL_SEGMENTS = 28
 """Pieces of a trail, each with its own opacity."""
 TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
 LABEL_OPACITY = 0.72
@@ -55,6 +55,11 @@ class Balls:
     def present(self) -> NDArray[np.intp]:
         """Indices of the balls on the picture."""
         return np.flatnonzero(np.isfinite(self.centre[:, 0]) & np.isfinite(self.radius))
+
+    def radius_of(self, ball: int) -> float:
+        """px; the largest of the others where it is unknown."""
+        radius = float(self.radius[ball])
+        return radius if np.isfinite(radius) else float(np.nanmax(self.radius, initial=4.0))
 
     def boxes(self, margin: float) -> list[Rect]:
         """Squares around the balls."""
@@ -143,7 +148,7 @@ def draw_flash(picture: Picture, centre: Floats, radius: float, age: float, scal
     """A burst at a contact: `age` 0 to 1 of its life; `strength` scales its reach."""
     left = (1 - age) ** 2
     grown = radius * (0.5 + 1.9 * strength * (1 - left))
-    draw_disc(picture, centre, radius * 0.42 * strength * left + 1, WHITE, 0.85 * left)
+    draw_disc(picture, centre, radius * 0.3 * strength * left + 1, WHITE, 0.8 * left**2)
     draw_ring(picture, centre, grown, (1.5 + 2.5 * left) * scale, FLASH, 0.9 * (1 - age))
     draw_ring(picture, centre, grown * 0.72, 1.2 * scale, WHITE, 0.7 * (1 - age))
 

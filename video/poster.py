@@ -108,8 +108,7 @@ def _draw(
     for ball, path in enumerate(annotation.paths):
         if len(path.t):
             way = sightings.project(path.xy, end)
-            radius = float(np.nanmedian(sightings.radius[:, ball]))
-            width = float(np.clip(0.3 * radius, 2.0, 6 * annotation.scale))
+            width = float(np.clip(0.3 * path.radius, 2.0, 6 * annotation.scale))
             draw_trail(still, way, np.full(len(way), 0.9), annotation.colours[ball], width, balls)
     left, top = (round(v) for v in annotation.inset_place[:2])
     paths = [path.xy for path in annotation.paths]
@@ -117,11 +116,18 @@ def _draw(
     _write(still, sightings, annotation, balls)
 
 
+def _ways(sightings: Sightings, annotation: Annotation, t: float) -> list[Rect]:
+    """Small squares along the ways: labels had better not cover them."""
+    half = 4 * annotation.scale
+    places = sightings.project(np.concatenate([path.xy[::8] for path in annotation.paths]), t)
+    return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in places]
+
+
 def _write(still: Picture, sightings: Sightings, annotation: Annotation, balls: Balls) -> None:
     """Contacts with their times, and names where the balls started."""
     end, scale = float(sightings.t[-1]), annotation.scale
     bounds = (still.shape[1], still.shape[0])
-    taken: list[Rect] = [annotation.inset_place, *balls.boxes(2.0)]
+    taken: list[Rect] = [annotation.inset_place, *balls.boxes(2.0), *_ways(sightings, annotation, end)]
     marks = sorted(annotation.marks, key=lambda mark: (-mark.strength, mark.t))[:MOST_TIMES]
     labels = [(mark.label, sightings.project(mark.xy, end)) for mark in sorted(marks, key=lambda mark: mark.t)]
     for mark in annotation.marks:
@@ -131,11 +137,10 @@ def _write(still: Picture, sightings: Sightings, annotation: Annotation, balls: 
     for ball, path in enumerate(annotation.paths):
         if len(path.t):
             start = sightings.project(path.xy[0], end)
-            radius = float(np.nanmedian(sightings.radius[:, ball]))
-            draw_ring(still, start, radius + 2.5 * scale, 1.6 * scale, WHITE, 0.8)
+            draw_ring(still, start, path.radius + 2.5 * scale, 1.6 * scale, WHITE, 0.8)
             labels.insert(0, (Label(annotation.names[ball], "", annotation.colours[ball]), start))
     for label, spot in labels:
         size = label.size(scale)
-        corner = place_label(size, spot, 12 * scale, np.zeros(2), taken, bounds, None)
+        corner = spot + place_label(size, spot, 12 * scale, np.zeros(2), taken, bounds, None).corner(size, 12 * scale)
         label.draw(still, corner, scale)
         taken.append((float(corner[0]), float(corner[1]), float(size[0]), float(size[1])))

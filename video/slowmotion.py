@@ -87,11 +87,11 @@ def _pictures(
         wanted = times[rows == row]
         if before is not None and len(wanted):
             interval = open_interval(sightings, plate, row, before, after)
-            state = sightings.state(wanted)
+            state, plan = sightings.state(wanted), fit.trajectory.at(wanted).xy
             for k, t in enumerate(wanted):
                 balls = balls_at(sightings, state, k, float(t))
                 picture = interval.at(float(t), balls.centre)
-                annotation.draw(picture, float(t), balls, fit.trajectory.at(float(t)).xy)
+                annotation.draw(picture, float(t), balls, plan[k])
                 yield picture
         before = after
 
