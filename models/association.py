@@ -1,0 +1,101 @@
+"""Detections to tracks: which detection is which ball, through contacts, gaps and pockets.
+
+Works in metres on the table, where balls obey what clips of pedestrians do not: a ball at rest stays, a free ball
+goes straight, and what changes a velocity is near. See `models.hypotheses` for how identity is decided.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.detections import Detections
+from models.errors import TrackError
+from models.hypotheses import follow
+from models.kinds import Look, name_ids, name_kinds
+from models.progress import Progress, silent
+from models.scene import Scene
+from models.sightings import Sightings, sight
+from models.stitching import Tracklet, is_ball, make_tracklet, stitch
+from models.tracks import Tracks
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FEWEST_PICTURES = 5
+
+
+@dataclass(frozen=True, slots=True)
+class TrackOptions:
+    """How detections become tracks."""
+
+    breadth: int = 8
+    """readings of an ambiguous moment that are followed side by side; 1 decides at once"""
+    patience: float = 0.4
+    """s that an ambiguous moment may stay undecided"""
+    balls: int = 0
+    """most balls on the table; 0: as many as are seen"""
+
+
+def associate(
+    detections: Detections,
+    frame: Ints,
+    t: Floats,
+    scene: Scene,
+    options: TrackOptions = TrackOptions(),
+    progress: Progress = silent,
+) -> Tracks:
+    """Tracks of all balls at the distinct pictures `frame` (T,), shown at `t` (T,) s.
+
+    Raises TrackError where too little was seen. Every detection belongs to one ball at most.
+    """
+    if len(frame) != len(t):
+        raise ValueError(f"one time per picture is needed; got {len(t)} times for {len(frame)} pictures")
+    if len(frame) < FEWEST_PICTURES:
+        raise TrackError(
+            f"Following balls needs at least {FEWEST_PICTURES} distinct pictures; the clip has {len(frame)}."
+        )
+    sightings = sight(detections, frame, scene)
+    chains = follow(sightings, t, scene.table, options.breadth, options.patience, progress)
+    pieces = [make_tracklet(picture, row, sightings, t) for picture, row in chains if len(picture) >= 3]
+    joined = stitch(pieces, sightings, t, scene.table)
+    balls = [piece for piece in joined if is_ball(piece, sightings, t, scene.table)]
+    if options.balls:
+        balls = sorted(balls, key=lambda piece: -len(piece.picture))[: options.balls]
+    if not balls:
+        raise TrackError(
+            f"Following balls needs some that are seen in several pictures; {len(detections)} detections held none: "
+            "check the table that was found, or give --corners and --ball-radius."
+        )
+    return _gather(balls, sightings, detections, frame, t, scene)
+
+
+def _gather(
+    balls: list[Tracklet], sightings: Sightings, detections: Detections, frame: Ints, t: Floats, scene: Scene
+) -> Tracks:
+    """Columns of `Tracks`, balls ordered by kind name and place."""
+    rows = [sightings.row[ball.row] for ball in balls]
+    look = Look(
+        np.array([ball.colour for ball in balls]),
+        np.array([np.median(detections.white[row]) for row in rows]),
+        np.array([np.percentile(detections.white[row], 90) for row in rows]),
+    )
+    kinds = name_kinds(look, scene.table.game)
+    ids = name_ids(kinds, np.array([sightings.xy[ball.row[0]] for ball in balls]))
+    order = sorted(range(len(balls)), key=lambda i: (kinds[i], len(ids[i]), ids[i]))
+    shape = (len(frame), len(balls))
+    xy, px, streak = (np.full((*shape, 2), np.nan) for _ in range(3))
+    sigma, along, radius = (np.full(shape, np.nan) for _ in range(3))
+    for column, i in enumerate(order):
+        picture, row, source = balls[i].picture, balls[i].row, rows[i]
+        xy[picture, column], streak[picture, column] = sightings.xy[row], sightings.streak[row]
+        px[picture, column], radius[picture, column] = detections.centre[source], detections.radius[source]
+        scale = sightings.scale[row]
+        sigma[picture, column] = detections.sigma[source] * scale
+        along[picture, column] = detections.sigma_along[source] * scale
+    return Tracks(
+        frame, t, tuple(ids[i] for i in order), tuple(kinds[i] for i in order), xy, px, sigma, along, streak, radius,
+        look.colour[order],
+    )  # fmt: skip

@@ -1,0 +1,79 @@
+"""Detections on the table: the columns that association works with, in metres and seconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.detections import Detections
+from models.scene import Camera, Scene
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+OFF_TABLE_RADII = 1.0
+"""A ball's centre is at least one radius inside the noses; this much further out may be an error of the calibration."""
+_POCKET_RADII = 2.2
+"""A centre this near to a pocket's centre may lie outside the noses: the ball is falling."""
+_LEAST_SIGMA_PX = 0.25
+"""Association trusts no detector further than this: compression moves small balls about."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings:
+    """K detections in columns; `first[k]:first[k + 1]` are those of picture k."""
+
+    row: Ints
+    """(K,) row in the `Detections` they came from."""
+    first: Ints
+    """(T + 1,)"""
+    xy: Floats
+    """(K, 2) m."""
+    sigma: Floats
+    """(K,) m, across the streak."""
+    sigma_along: Floats
+    """(K,) m, along it."""
+    streak: Floats
+    """(K, 2) m travelled during the exposure, sign unknown."""
+    colour: Floats
+    """(K, 3) L*a*b*."""
+    scale: Floats
+    """(K,) m/px."""
+
+
+def sight(detections: Detections, frame: Ints, scene: Scene) -> Sightings:
+    """Put the detections of the pictures `frame` (T,) on the table; those that cannot be balls stay out."""
+    picture = np.searchsorted(frame, detections.frame)
+    known = (picture < len(frame)) & (frame[np.minimum(picture, len(frame) - 1)] == detections.frame)
+    row = np.flatnonzero(known)
+    radius = scene.table.ball_radius
+    px = detections.centre[row]
+    xy = scene.camera.to_table(px, radius, detections.frame[row])
+    inside = _may_be_ball(xy, scene) & np.isfinite(xy).all(axis=1)
+    row, xy, px, picture = row[inside], xy[inside], px[inside], picture[row][inside]
+    scale = _metres_per_pixel(scene.camera, xy, radius)
+    ends = scene.camera.to_table(px + detections.streak[row], radius, detections.frame[row])
+    sigma = np.hypot(detections.sigma[row], _LEAST_SIGMA_PX) * scale
+    along = np.hypot(detections.sigma_along[row], _LEAST_SIGMA_PX) * scale
+    first = np.searchsorted(picture, np.arange(len(frame) + 1))
+    return Sightings(row, first, xy, sigma, np.maximum(along, sigma), ends - xy, detections.colour[row], scale)
+
+
+def _metres_per_pixel(camera: Camera, xy: Floats, z: float) -> Floats:
+    """Root mean square over the directions of the picture, m/px (K,): one number where a view is oblique."""
+    jacobian = camera.metres_per_pixel(xy, z)
+    scale: Floats = np.sqrt((jacobian**2).sum(axis=(1, 2)) / 2)
+    return scale
+
+
+def _may_be_ball(xy: Floats, scene: Scene) -> NDArray[np.bool_]:
+    """Which places (K, 2) a ball's centre can be at."""
+    table, r = scene.table, scene.table.ball_radius
+    margin = (1.0 - OFF_TABLE_RADII) * r
+    inside = (xy >= margin).all(axis=1) & (xy[:, 0] <= table.length - margin) & (xy[:, 1] <= table.width - margin)
+    if not table.pockets:
+        return np.asarray(inside)
+    near = np.hypot(*np.moveaxis(xy[:, None] - table.pocket_centres[None], 2, 0)).min(axis=1) < _POCKET_RADII * r
+    return np.asarray(inside | near)

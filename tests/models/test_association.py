@@ -1,0 +1,187 @@
+"""Association against shots of a foreign world, and against perfect marks of real clips."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from association_shots import POOL, R, Seen, break_shot, observe, overhead, owners, play, scattered, switches
+
+from models.association import TrackOptions, associate
+from models.detections import Detections
+from models.errors import TrackError
+from models.scene import Scene, Table
+from models.tracks import Tracks
+
+
+def _track(seen: Seen, scene: Scene | None = None) -> Tracks:
+    return associate(seen.detections, seen.frame, seen.t, scene or overhead())
+
+
+def _keep(detections: Detections, which: np.ndarray) -> Detections:
+    return Detections(*(getattr(detections, name)[which] for name in Detections.__slots__))
+
+
+@pytest.mark.parametrize("fps", [30, 60])
+@pytest.mark.parametrize("balls", [10, 16])
+def test_equal_balls_keep_their_identity_through_contacts(balls: int, fps: int) -> None:
+    rng = np.random.default_rng(balls)
+    seen = observe(play(*scattered(balls, rng), seconds=4.0), overhead(), fps, rng)
+    tracks = _track(seen)
+    assert len(tracks.ids) == balls
+    assert switches(tracks, seen.px) == 0
+    assert np.sum(owners(tracks, seen.px) >= 0) >= 0.99 * np.sum(seen.ball >= 0)
+
+
+@pytest.mark.parametrize("fps", [30, 60])
+def test_a_break_of_equal_balls_exchanges_few(fps: int) -> None:
+    counts = []
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        seen = observe(play(*break_shot(16, rng), seconds=3.0), overhead(), fps, rng)
+        tracks = _track(seen)
+        assert 16 <= len(tracks.ids) <= 18
+        counts.append(switches(tracks, seen.px))
+    assert sum(counts) <= 10
+
+
+def test_a_head_on_contact_is_no_passing_through() -> None:
+    rng = np.random.default_rng(3)
+    samples = play(np.array([0.5, 0.6]), np.array([1.5, 0.0]), np.array([[1.2, 0.6]]), seconds=1.5)
+    seen = observe(samples, overhead(), 30, rng, clutter=0)
+    tracks = _track(seen)
+    assert switches(tracks, seen.px) == 0
+    assert len(tracks.ids) == 2
+
+
+def test_clutter_and_hands_are_no_balls() -> None:
+    rng = np.random.default_rng(5)
+    samples = play(np.array([0.5, 0.6]), np.array([1.0, 0.3]), np.array([[1.6, 0.3]]), seconds=3.0)
+    seen = observe(samples, overhead(), 30, rng, clutter=3.0)
+    frame = np.arange(10, 40)
+    hand = np.array([400.0, 250.0]) + np.cumsum(rng.normal(0, 8, (30, 2)), axis=0)
+    d = seen.detections
+    order = np.argsort(np.concatenate([d.frame, frame]), kind="stable")
+    columns = {name: np.concatenate([getattr(d, name), getattr(d, name)[:30]])[order] for name in Detections.__slots__}
+    columns["frame"] = np.concatenate([d.frame, frame])[order]
+    columns["centre"] = np.concatenate([d.centre, hand])[order]
+    tracks = associate(Detections(**columns), seen.frame, seen.t, overhead())
+    assert len(tracks.ids) == 2
+
+
+def test_a_resting_ball_behind_a_hand_stays_the_same_ball() -> None:
+    rng = np.random.default_rng(6)
+    samples = play(np.array([0.5, 0.6]), np.array([1.0, 0.3]), np.array([[1.6, 0.3]]), seconds=4.0)
+    seen = observe(samples, overhead(), 30, rng)
+    hidden = (seen.ball == 1) & (seen.detections.frame > 30) & (seen.detections.frame < 75)
+    tracks = associate(_keep(seen.detections, ~hidden), seen.frame, seen.t, overhead())
+    assert len(tracks.ids) == 2
+    column = int(np.argmax((owners(tracks, seen.px) == 1).sum(axis=0)))
+    assert np.isnan(tracks.xy[31:75, column]).all()
+    assert np.isfinite(tracks.xy[75:, column, 0]).mean() > 0.9
+
+
+def test_a_potted_ball_ends() -> None:
+    rng = np.random.default_rng(7)
+    place = np.array([[0.3, 0.3]])
+    aim = place[0] - [0.6, 0.6]
+    samples = play(np.array([0.6, 0.6]), aim / np.hypot(*aim) * 1.5, place, seconds=3.0)
+    assert samples[-1, 1, 2] < 0
+    seen = observe(samples, overhead(), 30, rng)
+    tracks = _track(seen)
+    assert len(tracks.ids) == 2
+    for j, ball in enumerate(owners(tracks, seen.px).max(axis=0)):
+        end = int(np.flatnonzero(tracks.observed[:, j])[-1])
+        assert abs(end - int(seen.detections.frame[seen.ball == ball][-1])) <= 1
+
+
+def test_positions_and_sigmas_are_metres_on_the_table() -> None:
+    rng = np.random.default_rng(8)
+    scene = overhead()
+    seen = observe(play(*scattered(6, rng, speed=1.0), seconds=2.0), scene, 30, rng, clutter=0)
+    tracks = _track(seen, scene)
+    truth = scene.camera.to_table(seen.px, R)
+    own = owners(tracks, seen.px)
+    k, j = np.nonzero(own >= 0)
+    off = tracks.xy[k, j] - truth[k, own[k, j]]
+    assert 0.8 < np.sqrt(np.mean((off / tracks.sigma_along[k, j, None]) ** 2)) < 1.2
+
+
+def test_the_same_input_gives_the_same_tracks() -> None:
+    rng = np.random.default_rng(9)
+    seen = observe(play(*break_shot(16, rng), seconds=1.0), overhead(), 30, rng)
+    first, second = _track(seen), _track(seen)
+    assert first.ids == second.ids
+    assert np.array_equal(first.xy, second.xy, equal_nan=True)
+
+
+def test_a_clip_without_balls_says_so() -> None:
+    rng = np.random.default_rng(10)
+    seen = observe(play(*scattered(2, rng), seconds=1.0), overhead(), 30, rng)
+    with pytest.raises(TrackError, match="held none"):
+        associate(_keep(seen.detections, seen.ball == -1), seen.frame, seen.t, overhead())
+    with pytest.raises(TrackError, match="at least 5"):
+        associate(seen.detections, seen.frame[:3], seen.t[:3], overhead())
+
+
+def test_the_number_of_balls_can_be_limited() -> None:
+    rng = np.random.default_rng(11)
+    seen = observe(play(*scattered(5, rng), seconds=1.0), overhead(), 30, rng)
+    tracks = associate(seen.detections, seen.frame, seen.t, overhead(), TrackOptions(balls=3))
+    assert len(tracks.ids) == 3
+
+
+@pytest.mark.parametrize("clip", ["carom_F1", "carom_F2", "carom_F3"])
+@pytest.mark.parametrize("coloured", [True, False])
+def test_marked_carom_balls_keep_their_identity(footage: Path, clip: str, coloured: bool) -> None:
+    marks = json.loads((footage / f"{clip}.gt.json").read_text())
+    scene, names = _carom(marks), sorted(marks["tracks"])
+    rng = np.random.default_rng(12)
+    lab = {"red": (40.0, 55.0, 35.0), "white": (85.0, 0.0, 12.0), "yellow": (75.0, 5.0, 60.0)}
+    rows = sorted(
+        (frame, i, x + rng.normal(0, 0.3), y + rng.normal(0, 0.3))
+        for i, name in enumerate(names) for frame, x, y in filter(None, marks["tracks"][name])
+        if x is not None and rng.random() > 0.05
+    )  # fmt: skip
+    table = np.array(rows)
+    one = np.ones(len(table))
+    colour = np.array([lab[names[int(i)]] if coloured else (60.0, 0.0, 0.0) for i in table[:, 1]])
+    colour += rng.normal(0, 3, colour.shape)
+    detections = Detections(
+        table[:, 0].astype(np.int64), table[:, 2:], 6.5 * one, np.zeros((len(one), 2)), colour,
+        0.1 * one, one, 0.4 * one, 0.4 * one,
+    )  # fmt: skip
+    frame = np.unique(detections.frame)
+    tracks = associate(detections, frame, frame / 15.0, scene)
+    assert len(tracks.ids) == 3
+    place = {(int(k), round(x, 6)): int(i) for k, i, x, _ in rows}
+    own = [
+        [place[int(frame[k]), round(tracks.px[k, j, 0], 6)] for k in np.flatnonzero(tracks.observed[:, j])]
+        for j in range(3)
+    ]
+    assert [len(set(column)) for column in own] == [1, 1, 1]
+    if coloured:
+        assert {tracks.kinds[j]: names[own[j][0]] for j in range(3)} == {
+            "red": "red",
+            "white": "white",
+            "yellow": "yellow",
+        }
+
+
+def _carom(marks: dict) -> Scene:
+    """A camera straight above a match table, where the marks say that balls turn round."""
+    (left, right), (top, bottom) = (marks["playing_area_centre_limits_px"][axis] for axis in "xy")
+    table = Table("carom-match", "carom", 2.84, 1.42, 0.03075, 0.21, pockets=False)
+    scene = overhead(table, px_per_m=(right - left) / (table.length - 2 * table.ball_radius))
+    matrix = scene.camera.matrix.copy()
+    centre = scene.camera.to_pixels(np.array([table.length, table.width]) / 2, table.ball_radius)
+    shift = np.eye(3)
+    shift[:2, 2] = np.array([(left + right) / 2, (top + bottom) / 2]) - centre
+    return replace(scene, camera=replace(scene.camera, matrix=shift @ matrix))
+
+
+def test_the_table_of_the_tests_is_a_pool_table() -> None:
+    assert POOL.pocket_centres.shape == (6, 2)
