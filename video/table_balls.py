@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.scene import Camera, Table
-from video.table_cloth import cloth_likeness
+from video.table_cloth import cloth_likeness, local_cloth
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -38,11 +38,13 @@ class BallSizes:
     """Round things measured, all pictures together."""
 
 
-def ball_sizes(pictures: list[Picture], camera: Camera, table: Table, cloth: Floats) -> BallSizes:
+def ball_sizes(pictures: list[Picture], background: Picture, camera: Camera, table: Table) -> BallSizes:
     """Radii of round things that lie inside the noses and are not of the cloth's colour.
 
-    `camera` is calibrated for `table`, whose size need not be right: only its shape counts.
+    `background` is the table without what moves; `camera` is calibrated for `table`, whose size need not be right: only its shape counts.
     """
+    scale = min(1.0, PROBE_WIDTH / camera.width_px)
+    cloth = local_cloth(background, round(camera.width_px * scale), round(camera.height_px * scale))
     seen = [ball for picture in pictures for ball in _round_blobs(picture, camera, table, cloth)]
     if not seen:
         return BallSizes(float("nan"), float("nan"), 0)
@@ -58,8 +60,9 @@ def ball_sizes(pictures: list[Picture], camera: Camera, table: Table, cloth: Flo
 
 def _round_blobs(picture: Picture, camera: Camera, table: Table, cloth: Floats) -> list[tuple[float, float]]:
     """Radii of balls in a picture, in shares of the table's length and in px."""
-    scale = min(1.0, PROBE_WIDTH / picture.shape[1])
-    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else picture
+    size = (cloth.shape[1], cloth.shape[0])
+    scale = size[0] / picture.shape[1]
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     angle, shade = cloth_likeness(small, cloth)
     strange = ((angle > 0.18) | (shade < 0.45) | (shade > 1.45)).astype(np.uint8)
     corners = (camera.corners_px + 0.5) * scale - 0.5

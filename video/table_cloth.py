@@ -16,6 +16,8 @@ SEARCH_WIDTH = 480
 """Width in px of the reduced picture in which the cloth is looked for."""
 LEAST_SHARE = 0.06
 """Share of the picture that a table must cover to be measured."""
+LIGHT_WIDTH = 160
+"""Width in px of the picture from which the light on the cloth is taken: balls are a few px there."""
 ANGLES = (0.07, 0.12, 0.2)
 """Tried angles between colour vectors (rad) within which a pixel has the hue of the cloth."""
 SHADES = (0.35, 0.5, 0.65)
@@ -30,20 +32,24 @@ class Cloth:
     """(4, 2) px, clockwise in the picture."""
     colour: Floats
     """(3,) RGB, 0 to 255."""
-    mask: NDArray[np.uint8]
-    """(H, W) 1 where the colour of the cloth is, at the resolution of `SEARCH_WIDTH`."""
     support: float
     """Share of the quadrangle's sides along which the region really ends, 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Quadrangle:
+    corners: Floats
+    support: float
 
 
 def find_cloth(picture: Picture) -> Cloth | None:
     """The most table-like region of one colour in an RGB picture, or None."""
     scale = picture.shape[1] / SEARCH_WIDTH
     small = cv2.resize(picture, (SEARCH_WIDTH, round(picture.shape[0] / scale)), interpolation=cv2.INTER_AREA)
-    candidates: list[Cloth] = []
+    candidates: list[_Quadrangle] = []
     for colour in dominant_colours(small):
         for mask in _masks(small, colour):
-            candidate = _quadrangle(mask, colour)
+            candidate = _quadrangle(mask)
             if candidate is not None:
                 candidates.append(candidate)
     if not candidates:
@@ -52,7 +58,7 @@ def find_cloth(picture: Picture) -> Cloth | None:
     # Regions without the cushions end as sharply as those with them: among equals the largest is the table.
     chosen = max((c for c in candidates if c.support >= 0.95 * best), key=lambda c: _area(c.corners))
     corners = (chosen.corners + 0.5) * scale - 0.5
-    return Cloth(corners, chosen.colour, chosen.mask, chosen.support)
+    return Cloth(corners, _colour_inside(small, chosen.corners), chosen.support)
 
 
 def dominant_colours(picture: Picture, count: int = 5) -> list[Floats]:
@@ -80,12 +86,31 @@ def dominant_colours(picture: Picture, count: int = 5) -> list[Floats]:
 
 
 def cloth_likeness(picture: Picture, colour: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Angle (rad) to the cloth's colour vector and brightness relative to it, both (H, W)."""
-    rgb = picture.astype(np.float32)
-    length = np.linalg.norm(rgb, axis=2)
-    along = rgb @ (colour / np.linalg.norm(colour)).astype(np.float32)
+    """Angle (rad) to the cloth's colour vector and brightness relative to it, both (H, W).
+
+    `colour` is (3,) RGB, or (H, W, 3) where the light differs from place to place.
+    """
+    rgb, cloth = picture.astype(np.float32), colour.astype(np.float32)
+    length = np.sqrt(np.einsum("...c,...c->...", rgb, rgb))
+    usual = np.maximum(np.sqrt(np.einsum("...c,...c->...", cloth, cloth)), 1)
+    along = np.einsum("...c,...c->...", rgb, cloth) / usual
     angle = np.arccos(np.clip(along / np.maximum(length, 1e-3), -1, 1))
-    return angle.astype(np.float32), (length / np.float32(np.linalg.norm(colour))).astype(np.float32)
+    return angle.astype(np.float32), (length / usual).astype(np.float32)
+
+
+def local_cloth(picture: Picture, width: int, height: int) -> Floats:
+    """Colour of the cloth around each place (height, width, 3): the picture without anything of a ball's size."""
+    tiny = cv2.resize(picture, (LIGHT_WIDTH, round(LIGHT_WIDTH * height / width)), interpolation=cv2.INTER_AREA)
+    smooth = cv2.medianBlur(tiny, 13)
+    return cv2.resize(smooth.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR).astype(np.float64)
+
+
+def _colour_inside(small: Picture, corners: Floats) -> Floats:
+    """Median colour (3,) inside corners (4, 2)."""
+    inside = np.zeros(small.shape[:2], np.uint8)
+    cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
+    colour: Floats = np.median(small[inside > 0], axis=0).astype(np.float64)
+    return colour
 
 
 def _masks(small: Picture, colour: Floats) -> list[NDArray[np.uint8]]:
@@ -93,7 +118,7 @@ def _masks(small: Picture, colour: Floats) -> list[NDArray[np.uint8]]:
     return [((angle < a) & (shade > s) & (shade < 1.7)).astype(np.uint8) for a in ANGLES for s in SHADES]
 
 
-def _quadrangle(mask: NDArray[np.uint8], colour: Floats) -> Cloth | None:
+def _quadrangle(mask: NDArray[np.uint8]) -> _Quadrangle | None:
     """Four long sides of the hull of the largest region, if they make a quadrangle."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     region = cv2.morphologyEx(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, kernel), cv2.MORPH_OPEN, kernel)
@@ -111,7 +136,7 @@ def _quadrangle(mask: NDArray[np.uint8], colour: Floats) -> Cloth | None:
     corners = _snap(corners, contour[:, 0].astype(np.float64))
     if corners is None:
         return None
-    return Cloth(corners, colour, mask, _support(corners, contour, mask.shape))
+    return _Quadrangle(corners, _support(corners, contour, mask.shape))
 
 
 def _best_sides(polygon: Floats, area: float) -> Floats | None:

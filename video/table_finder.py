@@ -183,7 +183,7 @@ def _name(
     else:
         trial = PRESETS["pool-9ft"]
         camera = camera_from_corners(found.corners, found.covariance, trial, found.view, width, height)
-        sizes = ball_sizes(pictures[::2], camera, trial, found.cloth)
+        sizes = ball_sizes(pictures[::2], background, camera, trial)
         pockets = found.outer is None or pocket_share(background, found.outer, found.corners, found.cloth) > 0.3
         table, notes = guess_table(sizes, pockets, has_snooker_d(background, found.corners))
     if ball_radius is not None:
