@@ -80,7 +80,7 @@ def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = s
         raise ValueError(f"fps must be positive; got {fps}")
     _check_file(path)
     seen = _look_through(path, progress)
-    repeat = mark_repeats(np.array(seen.change))
+    repeat = mark_repeats(*np.array(seen.change).T)
     distinct = int(np.count_nonzero(~repeat))
     if distinct < FEWEST_PICTURES:
         raise ClipError(
@@ -128,7 +128,7 @@ class _Seen:
 
     pts: list[int | None]
     dts: list[int | None]
-    change: list[float]
+    change: list[tuple[float, float]]
     size: tuple[int, int] = (0, 0)
     time_base: Fraction = Fraction(1)
     rate: Fraction | None = None

@@ -8,6 +8,7 @@ undecided is an observation.
 
 from __future__ import annotations
 
+from collections import deque
 from itertools import pairwise
 
 import cv2
@@ -42,36 +43,45 @@ LEAST_SHARE = 0.03
 """A container that repeats does so by habit: at least so many, and so large a share of the pictures while things move.
 A cue that turns round, or a ball that leaves a cushion at the place where it came, looks like one repeat, once."""
 
+CAME_BACK = 0.25
+"""A ball that leaves a cushion where it came shows two pictures alike, and then the one before them again: the change
+over three pictures is below this share of those on both sides. Around a repeat in a motion it is larger."""
+
+SLOWED = 0.5
+"""Share of its neighbours' change that a picture due to be a repeat may have: coding catches up on slow motion late."""
+
 LONGEST_PERIOD = 12
 """Pictures: 25 per second in a 60 fps container comes round after 12."""
 
 
 class ChangeMeter:
-    """Measures how much each picture differs from the one before, in constant memory."""
+    """Measures how much each picture differs from those before, in constant memory."""
 
     def __init__(self) -> None:
-        self._before: NDArray[np.uint8] | None = None
+        self._before: deque[NDArray[np.uint8]] = deque(maxlen=3)
 
-    def change(self, grey: NDArray[np.uint8]) -> float:
-        """Grey levels between this picture (H, W) and the one before; infinite for the first."""
+    def change(self, grey: NDArray[np.uint8]) -> tuple[float, float]:
+        """Grey levels from the picture before to this one (H, W), and from the third before; infinite where none is."""
         height, width = grey.shape
         block = max(2, height // THUMBNAIL_HEIGHT)
         size = (max(width // block, 1), max(height // block, 1))
         now = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-        before, self._before = self._before, now
-        return np.inf if before is None else _ranked(cv2.absdiff(before, now).astype(np.uint8, copy=False))
+        last = _ranked(self._before[-1], now) if self._before else np.inf
+        third = _ranked(self._before[0], now) if len(self._before) == 3 else np.inf
+        self._before.append(now)
+        return last, third
 
 
-def _ranked(difference: NDArray[np.uint8]) -> float:
-    flat = difference.ravel()
+def _ranked(before: NDArray[np.uint8], now: NDArray[np.uint8]) -> float:
+    flat = cv2.absdiff(before, now).ravel()
     place = max(flat.size - RANK, 0)
     return float(np.partition(flat, place)[place])
 
 
-def mark_repeats(change: Floats) -> NDArray[np.bool_]:
-    """(F,) True where a picture repeats the one before, from the changes (F,) in grey levels of `ChangeMeter`."""
-    between = _between_motion(change)
-    moving = np.count_nonzero(change >= MOVING)
+def mark_repeats(change: Floats, third: Floats) -> NDArray[np.bool_]:
+    """(F,) True where a picture repeats the one before, from both changes (F,) of `ChangeMeter`, grey levels."""
+    between = _between_motion(change, third)
+    moving = np.count_nonzero(change[1:] >= MOVING)
     found = np.count_nonzero(between)
     if found < FEWEST or found < LEAST_SHARE * (found + moving):
         return np.zeros(len(change), np.bool_)
@@ -79,14 +89,16 @@ def mark_repeats(change: Floats) -> NDArray[np.bool_]:
     return between if period is None else between | _continued(change, between, period)
 
 
-def _between_motion(change: Floats) -> NDArray[np.bool_]:
+def _between_motion(change: Floats, third: Floats) -> NDArray[np.bool_]:
     """(F,) True in short runs of pictures without a change that clear motion encloses."""
     marked = np.zeros(len(change), np.bool_)
-    loud = np.flatnonzero(change >= MOVING)
+    loud = 1 + np.flatnonzero(change[1:] >= MOVING)
     for before, after in pairwise(loud):
-        bound = max(QUIET, QUIET_SHARE * min(change[before], change[after]))
+        least = min(change[before], change[after])
         inside = slice(before + 1, after)
-        if 1 < after - before <= LONGEST_RUN + 1 and np.all(change[inside] <= bound):
+        turned = after - before == 2 and third[after] <= CAME_BACK * least
+        quiet = np.all(change[inside] <= max(QUIET, QUIET_SHARE * least))
+        if 1 < after - before <= LONGEST_RUN + 1 and quiet and not turned:
             marked[inside] = True
     return marked
 
@@ -108,7 +120,8 @@ def _continued(change: Floats, repeat: NDArray[np.bool_], period: int) -> NDArra
     onward = _carry(known, period)
     backward = _carry(known[::-1], period)[::-1]
     agreed = (onward + backward > 0) & (known == 0)
-    return np.asarray(agreed & (change <= QUIET))
+    around = np.minimum(np.append(0.0, change[:-1]), np.append(change[1:], 0.0))
+    return np.asarray(agreed & (change <= np.maximum(QUIET, SLOWED * around)))
 
 
 def _carry(known: NDArray[np.int_], period: int) -> NDArray[np.int_]:

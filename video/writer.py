@@ -95,6 +95,7 @@ class VideoWriter:
 
 def _opened(aside: Path) -> av.container.OutputContainer:
     try:
+        aside.touch()
         return av.open(str(aside), "w", format="mp4", options={"movflags": "+faststart"})
     except OSError as error:
         raise ClipError(

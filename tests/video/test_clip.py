@@ -1,0 +1,241 @@
+"""Clips of every make: times, turns, depths, damage and the sentences on what cannot be used."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import struct
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from models.errors import ClipError
+from video.clip import Clip, open_clip, read_frames
+from video.timestamps import nominal_rate, presentation_times
+
+Picture = NDArray[np.uint8]
+
+
+def numbered(count: int, width: int = 96, height: int = 64) -> list[Picture]:
+    """Pictures whose brightness says which they are, with a white mark in the top left corner."""
+    pictures = []
+    for k in range(count):
+        picture = np.full((height, width, 3), 20 + 7 * k, np.uint8)
+        picture[: height // 4, : width // 4] = 255
+        pictures.append(picture)
+    return pictures
+
+
+def film(
+    path: Path, pictures: Iterable[Picture], ticks: Sequence[int] | None = None, base: Fraction = Fraction(1, 30),
+    codec: str = "libx264", pix_fmt: str = "yuv420p", **options: str,
+) -> Path:  # fmt: skip
+    """A file with picture k shown at ticks[k] * base."""
+    pictures = list(pictures)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=30)
+        stream.height, stream.width = pictures[0].shape[:2]
+        stream.codec_context.time_base = base
+        stream.pix_fmt, stream.options = pix_fmt, options
+        for k, picture in enumerate(pictures):
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame.pts, frame.time_base = (k if ticks is None else ticks[k]), base
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def order(clip: Clip) -> list[int]:
+    """The numbers that the pictures of the clip show, in the order they come."""
+    return [round((int(np.median(rgb)) - 20) / 7) for _, rgb in read_frames(clip, indices=range(clip.frame_count))]
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(ClipError) as refused:
+        open_clip(path)
+    return str(refused.value)
+
+
+@pytest.mark.parametrize("rate", [Fraction(30000, 1001), Fraction(24000, 1001), Fraction(25), Fraction(60)])
+def test_times_and_rate_are_those_of_the_container(tmp_path: Path, rate: Fraction) -> None:
+    clip = open_clip(film(tmp_path / "a.mp4", numbered(20), base=1 / rate))
+    assert np.allclose(clip.t, np.arange(20) / float(rate), atol=1e-12)
+    assert clip.rate == rate
+    assert order(clip) == list(range(20))
+
+
+def test_a_variable_rate_keeps_each_picture_at_its_time(tmp_path: Path) -> None:
+    ticks = [0, 33, 67, 100, 180, 213, 400, 433, 466, 500]
+    clip = open_clip(film(tmp_path / "a.mp4", numbered(10), ticks, Fraction(1, 1000)))
+    assert np.allclose(clip.t, np.array(ticks) / 1000, atol=1e-12)
+    assert clip.rate == 30
+
+
+def test_the_first_shown_picture_is_at_zero_when_the_file_starts_later(tmp_path: Path) -> None:
+    clip = open_clip(film(tmp_path / "a.mkv", numbered(10), range(50, 60)))
+    assert clip.t[0] == 0
+    assert clip.t[9] == pytest.approx(0.3, abs=1e-3)
+
+
+def test_fps_overrides_the_container(tmp_path: Path) -> None:
+    clip = open_clip(film(tmp_path / "a.mp4", numbered(12)), fps=Fraction(24000, 1001))
+    assert np.allclose(clip.t, np.arange(12) * 1001 / 24000, atol=1e-12)
+    assert clip.rate == Fraction(24000, 1001)
+
+
+def test_a_stream_without_timestamps_gets_even_ones_and_a_note(tmp_path: Path) -> None:
+    clip = open_clip(film(tmp_path / "a.h264", numbered(20)))
+    assert np.allclose(np.diff(clip.t), 1 / float(clip.rate))
+    assert "no usable timestamps" in clip.notes[0]
+
+
+def test_a_missing_and_a_backward_timestamp_are_placed_between_their_neighbours() -> None:
+    t, note = presentation_times([0, 1, None, 3, 2, 5, 6], [None] * 7, Fraction(1, 30), Fraction(30))
+    assert np.allclose(t, np.arange(7) / 30)
+    assert note.startswith("2 of 7")
+
+
+def test_millisecond_rounding_does_not_hide_the_rate() -> None:
+    t = np.round(np.arange(300) / (30000 / 1001), 3)
+    assert nominal_rate(t, None) == Fraction(30000, 1001)
+
+
+def test_frames_come_one_by_one_in_order_and_only_those_asked_for(tmp_path: Path) -> None:
+    clip = open_clip(film(tmp_path / "a.mp4", numbered(20)))
+    grey = dict(read_frames(clip, indices=[7, 3, 11], grey=True))
+    assert list(grey) == [3, 7, 11]
+    assert all(picture.shape == (64, 96) and picture.dtype == np.uint8 for picture in grey.values())
+    assert [frame for frame, _ in read_frames(clip)] == clip.distinct.tolist()
+    with pytest.raises(ValueError, match="frames 0 to 19"):
+        read_frames(clip, indices=[20])
+
+
+def test_the_digest_is_that_of_the_file(tmp_path: Path) -> None:
+    path = film(tmp_path / "a.mp4", numbered(8))
+    assert open_clip(path).digest == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("matrix", "corner", "size"),
+    [
+        ((0, 1, -1, 0), "top right", (64, 96)),
+        ((-1, 0, 0, -1), "bottom right", (96, 64)),
+        ((0, -1, 1, 0), "bottom left", (64, 96)),
+        ((-1, 0, 0, 1), "top right", (96, 64)),
+    ],
+    ids=["clockwise", "upside down", "anticlockwise", "mirrored"],
+)
+def test_the_display_matrix_puts_pictures_upright(
+    tmp_path: Path, matrix: tuple[int, ...], corner: str, size: tuple[int, int]
+) -> None:
+    path = film(tmp_path / "a.mp4", numbered(8))
+    raw = bytearray(path.read_bytes())
+    place = raw.index(b"tkhd") + 44  # ISO 14496-12, 8.3.2: the matrix of version 0
+    a, b, c, d = (65536 * m for m in matrix)
+    raw[place : place + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    path.write_bytes(raw)
+    clip = open_clip(path)
+    assert (clip.width, clip.height) == size
+    _, rgb = next(read_frames(clip))
+    _, grey = next(read_frames(clip, grey=True))
+    row, column = (-4 if "bottom" in corner else 3), (-4 if "right" in corner else 3)
+    assert rgb.shape == (clip.height, clip.width, 3)
+    assert rgb[row, column].min() > 200
+    assert grey[row, column] > 200
+    assert np.count_nonzero(grey > 150) < 0.1 * grey.size
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec", "pix_fmt"),
+    [
+        ("mkv", "libx264", "yuv420p10le"),
+        ("mkv", "libx264", "yuv444p"),
+        ("mkv", "ffv1", "gray"),
+        ("mkv", "ffv1", "gray16le"),
+        ("mkv", "ffv1", "bgr0"),
+        ("avi", "mjpeg", "yuvj420p"),
+        ("avi", "rawvideo", "yuyv422"),
+        ("webm", "libvpx-vp9", "yuv420p"),
+    ],
+)
+def test_any_pixel_format_is_read_alike(tmp_path: Path, suffix: str, codec: str, pix_fmt: str) -> None:
+    clip = open_clip(film(tmp_path / f"a.{suffix}", numbered(12), codec=codec, pix_fmt=pix_fmt))
+    assert order(clip) == list(range(12))
+    greys = [int(np.median(grey)) for _, grey in read_frames(clip, grey=True)]
+    assert np.all(np.diff(greys) > 2)
+    assert 15 <= greys[0] <= 40
+
+
+def test_odd_sizes_and_oblong_pixels_are_used_as_stored(tmp_path: Path) -> None:
+    clip = open_clip(film(tmp_path / "a.mkv", numbered(8, 97, 65), codec="libx264", pix_fmt="yuv444p"))
+    assert next(read_frames(clip))[1].shape == (65, 97, 3)
+
+
+def test_reading_can_stop_before_the_end(tmp_path: Path) -> None:
+    clip = open_clip(film(tmp_path / "a.mp4", numbered(30)))
+    frames = read_frames(clip)
+    assert next(frames)[0] == 0
+    frames.close()  # type: ignore[attr-defined]
+
+
+def test_a_file_that_breaks_off_is_used_as_far_as_it_goes(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (40, 64, 96, 3), np.uint8)
+    path = film(tmp_path / "a.mkv", noise)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    clip = open_clip(path)
+    assert 10 < clip.frame_count < 30
+    assert len(order(clip)) == clip.frame_count
+
+
+def test_an_mp4_without_its_index_is_refused(tmp_path: Path) -> None:
+    path = film(tmp_path / "a.mp4", numbered(20))
+    path.write_bytes(path.read_bytes()[:900])
+    assert "index is cut off" in refusal(path)
+
+
+def test_what_is_no_clip_gets_one_true_sentence(tmp_path: Path) -> None:
+    files = {"empty.mp4": b"", "text.mp4": b"<html>no video</html>", "text.txt": b"hello world\n" * 50}
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    assert "does not exist" in refusal(tmp_path / "missing.mp4")
+    assert "is a folder" in refusal(tmp_path)
+    assert "is empty" in refusal(tmp_path / "empty.mp4")
+    assert "no video" in refusal(tmp_path / "text.mp4")
+    assert "no video" in refusal(tmp_path / "text.txt")
+
+
+def test_sound_alone_stills_and_single_pictures_are_refused(tmp_path: Path) -> None:
+    with av.open(str(tmp_path / "a.wav"), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=8000, layout="mono")
+        sound = av.AudioFrame.from_ndarray(np.zeros((1, 8000), np.int16), format="s16", layout="mono")
+        sound.sample_rate = 8000
+        container.mux(stream.encode(sound))
+        container.mux(stream.encode(None))
+    assert "sound but no pictures" in refusal(tmp_path / "a.wav")
+    assert "1 distinct picture;" in refusal(film(tmp_path / "one.mp4", numbered(1)))
+    assert "4 distinct pictures;" in refusal(film(tmp_path / "four.mp4", numbered(4)))
+    assert "16 x 16 px" in refusal(film(tmp_path / "small.mp4", numbered(8, 16, 16)))
+
+
+def test_the_decoder_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = film(tmp_path / "a.mp4", numbered(30, 320, 180), crf="5")
+    raw = bytearray(path.read_bytes())
+    raw[200:2000] = np.random.default_rng(1).integers(0, 255, 1800, np.uint8).tobytes()
+    path.write_bytes(raw)
+    capfd.readouterr()
+    with contextlib.suppress(ClipError):
+        open_clip(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_opening_says_how_far_it_is(tmp_path: Path) -> None:
+    told: list[float] = []
+    open_clip(film(tmp_path / "a.mp4", numbered(20)), progress=told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    assert len(told) > 10

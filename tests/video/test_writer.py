@@ -1,0 +1,98 @@
+"""What the writer writes is read back by an independent reading of the container."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from models.errors import ClipError
+from video.writer import VideoWriter
+
+
+def picture(k: int, width: int = 64, height: int = 48) -> NDArray[np.uint8]:
+    rgb = np.full((height, width, 3), (30, 120, 60), np.uint8)
+    rgb[10:30, 2 + k : 22 + k] = (220, 40, 30)
+    return rgb
+
+
+def write(path: Path, count: int, rate: Fraction, width: int = 64, height: int = 48) -> Path:
+    with VideoWriter(path, width, height, rate) as video:
+        for k in range(count):
+            video.write(picture(k, width, height))
+    return path
+
+
+@pytest.mark.parametrize("rate", [Fraction(25), Fraction(30000, 1001), Fraction(24859, 1000), Fraction(60)])
+def test_every_picture_is_shown_at_exactly_its_time(tmp_path: Path, rate: Fraction) -> None:
+    with av.open(str(write(tmp_path / "a.mp4", 30, rate))) as container:
+        stream = container.streams.video[0]
+        shown = [Fraction(frame.pts) * frame.time_base for frame in container.decode(stream)]
+        assert stream.codec_context.pix_fmt == "yuv420p"
+        assert stream.codec_context.name in {"h264", "libx264"}
+    assert shown == [k / rate for k in range(30)]
+
+
+def test_colours_come_back_as_they_went_in(tmp_path: Path) -> None:
+    with av.open(str(write(tmp_path / "a.mp4", 5, Fraction(30)))) as container:
+        first = next(container.decode(video=0)).to_ndarray(format="rgb24").astype(int)
+    assert np.abs(first[20, 12] - (220, 40, 30)).max() <= 6
+    assert np.abs(first[40, 50] - (30, 120, 60)).max() <= 4
+
+
+def test_odd_sizes_are_padded_with_their_own_edge(tmp_path: Path) -> None:
+    with av.open(str(write(tmp_path / "a.mp4", 5, Fraction(30), 65, 49))) as container:
+        first = next(container.decode(video=0)).to_ndarray(format="rgb24").astype(int)
+    assert first.shape == (50, 66, 3)
+    assert np.abs(first[:, 65] - first[:, 64]).max() <= 6
+
+
+def test_the_same_pictures_give_the_same_bytes(tmp_path: Path) -> None:
+    one, two = (write(tmp_path / name, 40, Fraction(30)) for name in ("a.mp4", "b.mp4"))
+    assert one.read_bytes() == two.read_bytes()
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_nothing_is_left_when_writing_is_broken_off(tmp_path: Path, error: type[BaseException]) -> None:
+    (tmp_path / "a.mp4").write_bytes(b"the one before")
+
+    def broken() -> Iterator[int]:
+        yield 0
+        raise error
+
+    def attempt() -> None:
+        with VideoWriter(tmp_path / "a.mp4", 64, 48, Fraction(30)) as video:
+            for k in broken():
+                video.write(picture(k))
+
+    with pytest.raises(error):
+        attempt()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mp4"]
+    assert (tmp_path / "a.mp4").read_bytes() == b"the one before"
+
+
+def test_the_final_name_appears_only_when_all_is_written(tmp_path: Path) -> None:
+    with VideoWriter(tmp_path / "a.mp4", 64, 48, Fraction(30)) as video:
+        video.write(picture(0))
+        assert not (tmp_path / "a.mp4").exists()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mp4"]
+
+
+def test_a_video_without_pictures_and_pictures_of_another_size_are_wrong_arguments(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="before a picture"), VideoWriter(tmp_path / "a.mp4", 64, 48, Fraction(30)):
+        pass
+    with VideoWriter(tmp_path / "b.mp4", 64, 48, Fraction(30)) as video:
+        video.write(picture(0))
+        with pytest.raises(ValueError, match="is wanted"):
+            video.write(picture(0, 48, 64))
+    assert [p.name for p in tmp_path.iterdir()] == ["b.mp4"]
+
+
+def test_a_folder_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ClipError, match="cannot be written to"):
+        VideoWriter(tmp_path / "none" / "a.mp4", 64, 48, Fraction(30))
