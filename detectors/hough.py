@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from detectors.candidates import candidate_centres
 from detectors.cloth import Cloth, Floats32, learn_cloth, size
 from detectors.colour import PLACES, ball_colours
-from detectors.refine import Circles, fit_circles
-from detectors.streaks import Streaks, find_streaks
+from detectors.refine import Circles, fit_circles, second_chances
+from detectors.streaks import Streaks, find_streaks, refine_streaks
 from detectors.view import View, view_of
 from models.detections import Detections
 from models.scene import Scene, apply_homography
@@ -23,20 +23,24 @@ Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
-LEAST_SUPPORT = 0.55
+LEAST_SUPPORT = 0.6
 """Share of a circle's rays that must end at an edge."""
 LEAST_COVER = 0.55
 """Share of the disc that must differ from the cloth."""
-APART_RADII = 1.5
+APART_RADII = 1.75
 """Two balls are at least two radii apart on the table; less than this, with the errors, and one of them is none."""
+LINK_RADII = 0.35
+"""Half width below which what links a streak to something else is cut."""
 CUE_RADII = 0.5
 """Half width below which what touches a ball is left out of its shape: cues, lines."""
-LEAST_SHARE = 0.72
-"""Share of a shape that the discs found in it must cover, if they are balls."""
+MOST_REST, MOST_REST_SHARE = 1.0, 0.28
+"""A shape of which this is left beside its discs, in discs and as a share, is more than balls and their shadows."""
 CLEAR_SCORE = 0.88
 """Score from which a ball needs no such proof."""
-STREAK_SIGMA_PX, STREAK_SIGMA_SHARE = 0.35, 0.02
-"""Error of a streak's middle: across it, working px, and along it in addition, share of its length."""
+CLEAR_STREAK_RADII = 0.8
+"""Length over radius up to which a clear disc is the better measure."""
+STREAK_SIGMA_PX, STREAK_SIGMA_SHARE = 0.3, 0.03
+"""Error of a streak's middle: across it, px, and along it in addition, share of its length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +75,16 @@ class BallFinder:
         guesses, _ = candidate_centres(contrast, foreground, self.view)
         discs = self._discs(rgb, frame, guesses, foreground)
         streaks = find_streaks(self._moving(working, strength), strength, self.view)
-        found = _without_overlaps(_joined(discs, self._swept(streaks, discs, frame)), self.view.scene, frame)
+        swept = self._swept(rgb, streaks, discs, frame)
+        found = _without_overlaps(_joined(discs, swept), self.view.scene, frame)
         return _as_detections(rgb, found, frame)
 
     def _discs(self, rgb: Bytes, frame: int, guesses: Floats, foreground: Bools) -> Found:
         scene = self.view.scene
         guessed = self.view.to_picture(guesses)
-        circles = fit_circles(rgb, _moved(scene, guessed, frame), self.view.predicted_radius(guessed), self.cloth.basis)
+        expected = self.view.predicted_radius(guessed)
+        circles = fit_circles(rgb, _moved(scene, guessed, frame), expected, self.cloth.basis)
+        circles = second_chances(rgb, circles, expected, self.cloth.basis)
         home = self.view.to_working(_moved_back(scene, circles.centre, frame))
         cover = _cover(foreground, home, self.view)
         allowed = _at(self.view.centres, home)
@@ -88,39 +95,46 @@ class BallFinder:
     def _without_intruders(self, found: Found, foreground: Bools, frame: int) -> Found:
         """Balls that account for the shape they are part of; hands and sleeves are larger than the discs on them."""
         radius = float(np.median(self.view.radius))
-        half = max(1, round(CUE_RADII * radius))
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * half + 1, 2 * half + 1))
-        wide = cv2.morphologyEx(foreground.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+        wide = cv2.morphologyEx(
+            (foreground & self.view.centres).astype(np.uint8), cv2.MORPH_OPEN, _disc_kernel(CUE_RADII * radius)
+        )
         _, labels = cv2.connectedComponents(wide)
-        home = self.view.to_working(_moved_back(self.view.scene, found.centre, frame))
-        discs = np.zeros(labels.shape, np.uint8)
-        for (x, y), r in zip(home, _at(self.view.radius, home), strict=True):
-            cv2.circle(discs, (round(x * 16), round(y * 16)), round(1.15 * r * 16), 1, -1, shift=4)
         whole = np.bincount(labels.ravel())
-        share = np.bincount(labels[discs > 0], minlength=len(whole)) / np.maximum(whole, 1)
-        part = _at(labels, home)
-        return found.take((part == 0) | (share[part] > LEAST_SHARE) | (found.score > CLEAR_SCORE))
+        rest = whole - np.bincount(labels[self._discs_drawn(found, frame)], minlength=len(whole))
+        intruder = (rest > MOST_REST * np.pi * radius**2) & (rest > MOST_REST_SHARE * whole)
+        intruder[0] = False
+        part = _at(labels, self.view.to_working(_moved_back(self.view.scene, found.centre, frame)))
+        return found.take(~intruder[part] | (found.score > CLEAR_SCORE))
 
     def _moving(self, working: Bytes, strength: Floats32) -> Bools:
         """What is neither cloth nor part of the median picture; the ends of a streak are faint."""
         faint = 0.6 * self.cloth.threshold
-        moving: Bools = (strength > faint) & (self.cloth.moved(working) > faint) & self.view.area
-        return moving
+        moving = (strength > faint) & (self.cloth.moved(working) > faint) & self.view.area
+        kernel = _disc_kernel(LINK_RADII * float(np.median(self.view.radius)))
+        opened = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+        return np.asarray(opened > 0)
 
-    def _swept(self, streaks: Streaks, discs: Found, frame: int) -> Found:
-        """Streaks in px of the picture, without those that discs explain."""
+    def _discs_drawn(self, found: Found, frame: int) -> Bools:
+        """(h, w) working px within 1.15 radii of balls."""
+        drawn = np.zeros(self.view.radius.shape, np.uint8)
+        home = self.view.to_working(_moved_back(self.view.scene, found.centre, frame))
+        for (x, y), r in zip(home, _at(self.view.radius, home), strict=True):
+            cv2.circle(drawn, (round(x * 16), round(y * 16)), round(1.15 * float(r) * 16), 1, -1, shift=4)
+        return np.asarray(drawn > 0)
+
+    def _swept(self, rgb: Bytes, streaks: Streaks, discs: Found, frame: int) -> Found:
+        """Streaks in px of the picture, without short ones that a disc explains."""
         ends = [self.view.to_picture(streaks.centre + side * streaks.vector / 2) for side in (-1, 1)]
         first, last = (_moved(self.view.scene, end, frame) for end in ends)
-        centre, vector = (first + last) / 2, last - first
         scale = float(np.sqrt(np.prod(self.view.scale)))
-        length = np.linalg.norm(vector, axis=1)
-        across = np.full(len(length), STREAK_SIGMA_PX / scale)
+        rough = Streaks((first + last) / 2, last - first, streaks.radius / scale, streaks.fill)
+        fine = refine_streaks(rgb, rough, self.cloth.basis)
+        length = np.linalg.norm(fine.vector, axis=1)
+        across = np.full(len(length), STREAK_SIGMA_PX)
         along = np.hypot(across, STREAK_SIGMA_SHARE * length)
-        swept = Found(centre, streaks.radius / scale, vector, streaks.fill, across, along)
-        area = np.pi * swept.radius**2 + 2 * swept.radius * length
-        inside = _inside(discs.centre, swept)
-        explained = (inside * np.pi * discs.radius**2 * (discs.score > 0.7)).sum(axis=1) / area
-        return swept.take(np.asarray(explained < 0.7))
+        swept = Found(fine.centre, fine.radius, fine.vector, fine.fill, across, along)
+        inside = _inside(discs.centre, swept) & (discs.score > CLEAR_SCORE)
+        return swept.take(~inside.any(axis=1) | (length > CLEAR_STREAK_RADII * fine.radius))
 
 
 def ball_finder(scene: Scene, pictures: Iterable[tuple[int, Bytes]]) -> BallFinder:
@@ -145,6 +159,11 @@ def _at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
     u = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
     v = np.clip(np.rint(working[..., 1]).astype(int), 0, h - 1)
     return np.asarray(mask[v, u])
+
+
+def _disc_kernel(half: float) -> Bytes:
+    n = 2 * max(1, round(half)) + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (n, n)), dtype=np.uint8)
 
 
 def _cover(foreground: Bools, home: Floats, view: View) -> Floats:

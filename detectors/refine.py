@@ -39,6 +39,11 @@ FLOOR_PX = 0.06
 ERROR_FACTOR = 1.0
 """Measured over the formal error, on drawn balls with known centres."""
 
+DOUBTFUL = (0.35, 0.8)
+"""Support between which a circle is tried again."""
+RESTARTS, RESTART_RADII = 6, 0.6
+"""How often, and how far away, ball radii."""
+
 ANGLES = np.arange(RAYS) * (2 * np.pi / RAYS)
 DIRECTIONS = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
 DISTANCES = np.linspace(NEAREST, FARTHEST, STEPS)
@@ -70,6 +75,25 @@ def fit_circles(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats) -> Ci
         place = place + step
         seen = radius + dr
     return _measured(place, seen, radius, weights, residual, strength)
+
+
+def second_chances(rgb: Bytes, circles: Circles, expected: Floats, basis: Floats) -> Circles:
+    """Try circles with doubtful support again from places around them: a stripe or a number is a strong false start."""
+    doubtful = np.flatnonzero((circles.support > DOUBTFUL[0]) & (circles.support < DOUBTFUL[1]))
+    if not len(doubtful):
+        return circles
+    around = RESTART_RADII * DIRECTIONS[:: RAYS // RESTARTS]
+    starts = circles.centre[doubtful, None] + expected[doubtful, None, None] * around
+    again = fit_circles(rgb, starts.reshape(-1, 2), np.repeat(expected[doubtful], RESTARTS), basis)
+    near = np.linalg.norm(again.centre - np.repeat(circles.centre[doubtful], RESTARTS, axis=0), axis=1)
+    worth = np.where(near < np.repeat(expected[doubtful], RESTARTS), again.support, 0.0).reshape(-1, RESTARTS)
+    best = np.argmax(worth, axis=1)
+    better = worth[np.arange(len(doubtful)), best] > circles.support[doubtful] + 0.1
+    rows, chosen = doubtful[better], (np.arange(len(doubtful)) * RESTARTS + best)[better]
+    columns = {name: getattr(circles, name).copy() for name in Circles.__slots__}
+    for name, column in columns.items():
+        column[rows] = getattr(again, name)[chosen]
+    return Circles(**columns)
 
 
 def _edges(

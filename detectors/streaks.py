@@ -12,13 +12,18 @@ from detectors.cloth import Floats32
 from detectors.view import View
 
 Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
+FAINT_SHARE = 0.25
+"""Share of a blob's own contrast below which a pixel is not part of it."""
+END_SHARE = 0.25
+"""Height at which the ends of a streak are read: a ball leaves little light there."""
 LEAST_STRETCH = 0.5
 """Streak over radius from which a blob counts as one; shorter ones are measured as discs."""
 LONGEST_RADII = 26.0
 """A ball at 10 m/s that is exposed for 1/15 s moves about 23 radii."""
-WIDTH_BAND = (0.72, 1.5)
+WIDTH_BAND = (0.78, 1.5)
 """Width of the blob over the ball's, between which it is a ball."""
 LEAST_WAIST = 0.7
 """Least width of the blob between its round ends, over its width: two balls that touch have a waist."""
@@ -41,30 +46,100 @@ class Streaks:
 
 
 def find_streaks(moving: Bools, strength: Floats32, view: View) -> Streaks:
-    """Capsules among the blobs of what differs from both the cloth and the median picture."""
+    """Capsules among the blobs of what differs from both the cloth and the median picture, working px."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8), connectivity=8)
-    found = []
+    edge = ~view.area
+    edge[[0, -1]] = edge[:, [0, -1]] = True
+    beyond = set(labels[cv2.dilate(edge.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0].tolist())
     least = 0.5 * np.pi * float(view.radius.min()) ** 2
+    found = []
     for blob in range(1, count):
-        x, y, w, h, area = stats[blob]
-        if area < least or max(w, h) > (LONGEST_RADII + 2) * float(view.radius.max()):
+        x, y, w, h, area = (int(n) for n in stats[blob])
+        if blob in beyond or area < least or max(w, h) > (LONGEST_RADII + 2) * float(view.radius.max()):
             continue
-        capsule = _capsule(labels[y : y + h, x : x + w] == blob, np.array([x, y]), view)
+        inside = labels[y : y + h, x : x + w] == blob
+        levels = np.where(inside, strength[y : y + h, x : x + w], 0)
+        # Relative to the ball's own contrast, so that its shadow is left out.
+        clear = inside & (levels > FAINT_SHARE * np.quantile(levels[inside], 0.9))
+        capsule = _capsule(clear, np.array([x, y], dtype=float), view)
         if capsule is not None:
             found.append(capsule)
+    return _stacked(found)
+
+
+def _stacked(found: list[tuple[Floats, Floats, float, float]]) -> Streaks:
     if not found:
         return Streaks(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
     centre, vector, radius, fill = (np.array(column) for column in zip(*found, strict=True))
     return Streaks(centre, vector, radius, fill)
 
 
-def _capsule(blob: Bools, corner: NDArray[np.int64], view: View) -> tuple[Floats, Floats, float, float] | None:
+def refine_streaks(rgb: Bytes, rough: Streaks, basis: Floats) -> Streaks:
+    """Middles and lengths in the whole picture, px: the two sides and the two ends, each at half its height."""
+    return _stacked([_refined(rgb, *one, basis) for one in zip(*_columns(rough), strict=True)])
+
+
+def _columns(streaks: Streaks) -> tuple[Floats, Floats, Floats, Floats]:
+    return streaks.centre, streaks.vector, streaks.radius, streaks.fill
+
+
+def _refined(
+    rgb: Bytes, centre: Floats, vector: Floats, radius: float, fill: float, basis: Floats
+) -> tuple[Floats, Floats, float, float]:
+    length = float(np.linalg.norm(vector))
+    along = vector / length
+    across = np.array([-along[1], along[0]])
+    u = np.arange(-length / 2 - 2.2 * radius, length / 2 + 2.2 * radius + 0.01, 0.5)
+    v = np.arange(-2.0 * radius, 2.0 * radius + 0.01, 0.5)
+    share = _share(rgb, centre + u[:, None, None] * along + v[:, None] * across, u, v, length, radius, basis)
+    side = _crossings(share[np.abs(u) < max(0.3 * length, 0.4 * radius)].mean(axis=0), v, 0.5)
+    ends = _crossings(share[:, np.abs(v) < 0.4 * radius].mean(axis=1), u, END_SHARE)
+    if side is None or ends is None:
+        return centre, vector, radius, fill
+    # The ramp of an end is as long as the shorter of streak and ball; half a level of it is cut off.
+    seen = ends[1] - ends[0]
+    exposed = max(seen - 2 * radius + 2 * END_SHARE * min(length, 2 * radius), 0.0)
+    moved = centre + along * sum(ends) / 2 + across * sum(side) / 2
+    if np.linalg.norm(moved - centre) > 0.8 * radius or abs(exposed - length) > radius:
+        return centre, vector, radius, fill
+    return moved, along * exposed, radius, fill
+
+
+def _share(rgb: Bytes, at: Floats, u: Floats, v: Floats, length: float, radius: float, basis: Floats) -> Floats:
+    """How much of the ball's colour (n, m) is mixed into the cloth's at px (n, m, 2)."""
+    place = at.astype(np.float32)
+    seen = cv2.remap(rgb, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    colours = seen.astype(np.float64) @ basis.T
+    inner = (np.abs(u) < length / 2)[:, None] & (np.abs(v) < 0.5 * radius)
+    outer = (np.abs(v) > 1.5 * radius)[None] & np.ones(len(u), dtype=bool)[:, None]
+    cloth = np.median(colours[outer], axis=0)
+    ball = np.median(colours[inner], axis=0) - cloth
+    mixed: Floats = (colours - cloth) @ ball / max(float(ball @ ball), 1e-9)
+    return mixed
+
+
+def _crossings(profile: Floats, at: Floats, level: float) -> tuple[float, float] | None:
+    """Where a hump (n,) rises and falls through a share of its height."""
+    high = profile > level * float(np.quantile(profile, 0.9))
+    inside = np.flatnonzero(high)
+    if not len(inside) or inside[0] == 0 or inside[-1] == len(profile) - 1:
+        return None
+    height = level * float(np.quantile(profile, 0.9))
+    first, last = inside[0], inside[-1]
+    rise = at[first - 1] + (height - profile[first - 1]) / (profile[first] - profile[first - 1]) * (at[1] - at[0])
+    fall = at[last] + (profile[last] - height) / (profile[last] - profile[last + 1]) * (at[1] - at[0])
+    return float(rise), float(fall)
+
+
+def _capsule(blob: Bools, corner: Floats, view: View) -> tuple[Floats, Floats, float, float] | None:
     """The capsule of the expected width that covers a blob (h, w), None where it is another shape."""
     points = np.column_stack(np.nonzero(blob)[::-1]).astype(np.float64) + corner
+    if len(points) < 12:
+        return None
     middle = points.mean(axis=0)
     u, v = np.clip(np.rint(middle).astype(int), 0, np.array(view.radius.shape[::-1]) - 1)
     radius = float(view.radius[v, u])
-    _, axes = np.linalg.eigh(np.cov((points - middle).T))
+    axes = np.linalg.eigh(np.cov((points - middle).T))[1]
     along, across = axes[:, 1], axes[:, 0]
     reach, width = _extent((points - middle) @ along), _extent((points - middle) @ across)
     length = (reach[1] - reach[0]) - (width[1] - width[0])
