@@ -42,6 +42,8 @@ class Break:
     """(2,) m and m/s."""
     from_rest: bool
     gain: float
+    left_curve: SpanStart
+    right_curve: SpanStart
 
     @property
     def change(self) -> Floats:
@@ -99,7 +101,7 @@ def breaks_of(ball: int, samples: Samples, segments: list[Segment]) -> list[Brea
         gain = fit_span(whole, float(whole.t[0])).chi2 - one.chi2 - two.chi2
         before = np.zeros(2) if segments[k].static else _velocity(samples, segments, k, one, t_best)
         after = np.zeros(2) if segments[k + 1].static else _velocity(samples, segments, k + 1, two, t_best)
-        found.append(Break(ball, k, t_best, early, late, x, before, after, segments[k].static, gain))
+        found.append(Break(ball, k, t_best, early, late, x, before, after, segments[k].static, gain, one, two))
     return found
 
 
@@ -155,12 +157,12 @@ def _pairs(breaks: list[Break], table: Table) -> list[_Cause]:
 
 def _pair_score(one: Break, two: Break, radius: float) -> float:
     """Below about 2 where two breaks are one contact; infinite where they cannot be."""
-    apart = two.x - one.x
-    distance = float(np.hypot(*apart))
-    normal = apart / max(distance, 1e-9)
     window = max(one.late - one.early, two.late - two.early)
     relative = float(np.linalg.norm(one.before - two.before))
-    tolerance = NEAR_BALL * radius + 0.5 * relative * window
+    tolerance = NEAR_BALL * radius + 0.5 * relative * min(one.late - one.early, two.late - two.early)
+    apart = _apart(one, two, 2 * radius)
+    distance = float(np.hypot(*apart))
+    normal = apart / max(distance, 1e-9)
     miss = abs(distance - 2 * radius) / tolerance
     total = np.linalg.norm(one.change) + np.linalg.norm(two.change)
     momentum = float(np.linalg.norm(one.change + two.change)) / max(float(total), 1e-6)
@@ -169,6 +171,17 @@ def _pair_score(one: Break, two: Break, radius: float) -> float:
     if miss > 1 or (momentum > 0.75 and not (one.from_rest and two.from_rest)) or separating < -0.3 * relative - 0.05:
         return np.inf
     return miss + momentum + 0.3 * late - 0.5
+
+
+def _apart(one: Break, two: Break, reach: float) -> Floats:
+    """From ball to ball (2,) at the moment that the better seen of two breaks tells; nearest to `reach` m.
+
+    A ball that was lost for some pictures may have met the other at any time meanwhile.
+    """
+    t = one.t if one.late - one.early <= two.late - two.early else two.t
+    places = [[b.x, b.left_curve.at(t), b.right_curve.at(t)] for b in (one, two)]
+    apart = np.array([b - a for a in places[0] for b in places[1]])
+    return apart[np.argmin(np.abs(np.linalg.norm(apart, axis=1) - reach))]
 
 
 def _cushions(breaks: list[Break], table: Table) -> list[_Cause]:
@@ -202,7 +215,11 @@ def tell(samples: list[Samples], segments: list[list[Segment]], table: Table, ki
         members = [breaks[k] for k in cause.breaks]
         before = tuple(index[b.ball, b.left] for b in members)
         after = tuple(index[b.ball, b.left + 1] for b in members)
-        t = float(np.mean([b.t for b in members]))
+        t = (
+            float(min(members, key=lambda b: b.late - b.early).t)
+            if len({b.late - b.early for b in members}) > 1
+            else float(np.mean([b.t for b in members]))
+        )
         contact = Contact(cause.kind, t, before, after, cause.cushion, gain=sum(b.gain for b in members))
         for b, one, two in zip(members, before, after, strict=True):
             spans[one] = _ending(spans[one], len(contacts))
@@ -216,7 +233,7 @@ def _with_strikes(story: Story, table: Table, kinds: tuple[str, ...]) -> Story:
     """Where two resting balls part from each other, one of them was struck just before."""
     spans, contacts = list(story.spans), list(story.contacts)
     for number, contact in enumerate(story.contacts):
-        if contact.kind != "ball" or not all(spans[k].static for k in contact.before):
+        if contact.kind != "ball" or not all(_waits(spans, contact, side, table) for side in (0, 1)):
             continue
         cue = _struck(spans, contact, kinds)
         other = 1 - cue
@@ -232,11 +249,29 @@ def _with_strikes(story: Story, table: Table, kinds: tuple[str, ...]) -> Story:
         old = contact.before[cue]
         state = np.concatenate([rest, v, np.zeros(4)])
         spans.append(Span(spans[old].ball, False, len(contacts), number, t, state))
-        spans[old] = _ending(spans[old], len(contacts))
+        still = np.concatenate([rest, np.zeros(6)])
+        spans[old] = Span(
+            spans[old].ball,
+            True,
+            None if not spans[old].static else spans[old].start,
+            len(contacts),
+            spans[old].t0,
+            still,
+        )
         before = tuple(len(spans) - 1 if k == cue else contact.before[k] for k in range(2))
         contacts[number] = Contact("ball", contact.t, before, contact.after, gain=contact.gain)
         contacts.append(Contact("strike", t, (old,), (len(spans) - 1,), gain=contact.gain))
     return Story(tuple(spans), tuple(contacts))
+
+
+def _waits(spans: list[Span], contact: Contact, side: int, table: Table) -> bool:
+    """Whether a ball rests, or moves too little to come to the other one by itself."""
+    span, other = spans[contact.before[side]], spans[contact.after[1 - side]]
+    if span.static:
+        return True
+    gap = np.linalg.norm(other.state[:2] - span.state[:2]) - 2 * table.ball_radius
+    way = np.linalg.norm(span.state[2:4]) * (contact.t - span.t0)
+    return bool(span.start is None and way < 0.5 * gap)
 
 
 def _struck(spans: list[Span], contact: Contact, kinds: tuple[str, ...]) -> int:

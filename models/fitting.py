@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,11 @@ from models.contacts import near_something, tell, tidy
 from models.events import Events
 from models.fit import Fit, Parameter
 from models.happenings import events_of, pocketed
-from models.noise import noise_scale, outliers
+from models.noise import Noise, estimate_noise, outliers, with_noise
 from models.paths import trajectory_of
 from models.progress import Progress, silent
 from models.refinement import ROLLING_PRIOR, SLIDING_PRIOR, Data, Solution, gather, layout, owners, refine, residuals
+from models.revision import revise
 from models.scene import Scene, Table
 from models.segmentation import Samples, segment
 from models.story import Story
@@ -45,45 +46,39 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
     Never raises for odd tracks: what physics cannot explain is `measured` in the trajectory, and `trust` says so.
     """
     table = scene.table
-    scale = _noise(tracks, options)
-    kept = _without_outliers(tracks, scale)
-    data = gather(kept, scale)
+    noise = estimate_noise(tracks, 5 * options.moving_speed)
+    believed = _without_outliers(tracks, noise)
+    kept = with_noise(believed, noise)
+    data = gather(kept)
     if len(data.t) == 0:
         return _nothing(tracks)
-    story = _first_story(kept, scale, table, options)
+    story = _first_story(kept, table, options)
     progress(0.4)
     solution = refine(story, data, table, iterations=10 if options.quick else 30)
+    progress(0.6)
+    solution = revise(solution, data, table, options.break_price, options.free_price, 1 if options.quick else 3)
     progress(0.9)
-    fit = _report(solution, kept, data, scale, table, options)
+    fit = _report(solution, believed, data, table, options)
     progress(1.0)
     return fit
 
 
-def _noise(tracks: Tracks, options: FitOptions) -> float:
-    """Factor on the sigmas of the tracks; 1 where too little moves to tell, never below a third."""
-    scale = noise_scale(tracks, 5 * options.moving_speed)
-    return float(np.clip(scale, 1 / 3, 10.0)) if np.isfinite(scale) else 1.0
-
-
-def _without_outliers(tracks: Tracks, scale: float) -> Tracks:
+def _without_outliers(tracks: Tracks, noise: Noise) -> Tracks:
     """Tracks without samples that are far off between neighbours that agree."""
     xy = tracks.xy.copy()
     for ball in range(len(tracks.ids)):
         rows = np.flatnonzero(tracks.observed[:, ball])
-        bad = outliers(tracks.t[rows], xy[rows, ball], tracks.sigma[rows, ball] * scale)
+        bad = outliers(tracks.t[rows], xy[rows, ball], tracks.sigma[rows, ball] * noise.scale)
         xy[rows[bad], ball] = np.nan
-    return Tracks(
-        tracks.frame, tracks.t, tracks.ids, tracks.kinds, xy, tracks.px, tracks.sigma, tracks.sigma_along,
-        tracks.streak, tracks.radius_px, tracks.colour,
-    )  # fmt: skip
+    return replace(tracks, xy=xy)
 
 
-def _first_story(tracks: Tracks, scale: float, table: Table, options: FitOptions) -> Story:
+def _first_story(tracks: Tracks, table: Table, options: FitOptions) -> Story:
     samples = []
     for ball in range(len(tracks.ids)):
         rows = np.flatnonzero(tracks.observed[:, ball])
         sigma = np.sqrt((tracks.sigma[rows, ball] ** 2 + tracks.sigma_along[rows, ball] ** 2) / 2)
-        samples.append(Samples(tracks.t[rows], tracks.xy[rows, ball], sigma * scale))
+        samples.append(Samples(tracks.t[rows], tracks.xy[rows, ball], sigma))
     segments = []
     for ball, seen in enumerate(samples):
         allowed = near_something(seen, samples[:ball] + samples[ball + 1 :], table)
@@ -92,7 +87,7 @@ def _first_story(tracks: Tracks, scale: float, table: Table, options: FitOptions
     return tell(samples, segments, table, tracks.kinds)
 
 
-def _report(solution: Solution, tracks: Tracks, data: Data, scale: float, table: Table, options: FitOptions) -> Fit:
+def _report(solution: Solution, tracks: Tracks, data: Data, table: Table, options: FitOptions) -> Fit:
     good = accepted_spans(solution, data, table.ball_radius)
     chi2, _, _ = span_chi2(solution, data)
     potted = pocketed(solution, tracks, table)
@@ -105,7 +100,7 @@ def _report(solution: Solution, tracks: Tracks, data: Data, scale: float, table:
     moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > options.moving_speed
     accepted = np.isfinite(state.xy[..., 0]) & ~state.measured
     share, seconds = _share(tracks.t, moving, accepted)
-    chi2_all, noise = _misfit(solution, tracks, data, scale, good)
+    chi2_all, noise = _misfit(solution, gather(tracks), good)
     notes = [
         f"{len([c for c in solution.story.contacts if c.kind == 'free'])} changes of velocity have no known cause."
     ]
@@ -127,15 +122,13 @@ def _share(t: Floats, moving: NDArray[np.bool_], accepted: NDArray[np.bool_]) ->
     ), seconds
 
 
-def _misfit(
-    solution: Solution, tracks: Tracks, data: Data, scale: float, good: NDArray[np.bool_]
-) -> tuple[float, float]:
+def _misfit(solution: Solution, data: Data, good: NDArray[np.bool_]) -> tuple[float, float]:
     """chi2 per degree of freedom of accepted spans against the tracks' own sigmas, and the noise in m."""
     rows = good[owners(solution.story, data)]
     if not rows.any():
         return float("nan"), float("nan")
     miss = residuals(solution, data)[rows]
-    whitened = np.einsum("kij,kj->ki", data.whiten[rows], miss) * scale
+    whitened = np.einsum("kij,kj->ki", data.whiten[rows], miss)
     used = np.unique(owners(solution.story, data)[rows])
     free = sum(2 if solution.story.spans[k].static else 5 for k in used)
     chi2 = float((whitened**2).sum() / max(whitened.size - free, 1))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,46 +13,99 @@ Floats = NDArray[np.float64]
 
 _MAD = 1.4826
 """Median absolute deviation to standard deviation, normal distribution."""
+_ENOUGH = 20
+"""Values that a median needs to be trusted."""
 
 
-def third_differences(t: Floats, xy: Floats, sigma: Floats) -> Floats:
-    """Of every four successive samples, what no parabola explains, in standard deviations (T-3, 2).
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """What to make of the sigmas of tracks."""
 
-    Weights are divided differences, so times may be irregular. Shapes: t (T,), xy (T, 2), sigma (T,).
+    scale: float
+    """factor on every sigma."""
+    timing: float
+    """s: jitter of the moments at which pictures were taken; it moves fast balls along their way."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Misfit:
+    """What no parabola explains in every four successive samples of the balls, M values each."""
+
+    along: Floats
+    """m, in the direction of motion."""
+    across: Floats
+    sigma: Floats
+    """m, standard deviation that the tracks promise, across and along."""
+    sigma_along: Floats
+    speed: Floats
+    """m/s."""
+
+
+def estimate_noise(tracks: Tracks, speed: float) -> Noise:
+    """From third differences of balls that move faster than `speed` (m/s).
+
+    Moving balls count where there are enough of them: a compressed still picture repeats its errors, so that balls
+    at rest look too good. Where there is nothing to tell it from, the tracks are believed.
     """
-    if len(t) < 4:
-        return np.empty((0, 2))
+    balls = [_misfit(tracks, ball) for ball in range(len(tracks.ids))]
+    every = _Misfit(*(np.concatenate([getattr(b, name) for b in balls] or [np.empty(0)]) for name in _Misfit.__slots__))
+    fast = every.speed > speed
+    for chosen in (fast, ~fast):
+        if chosen.sum() >= _ENOUGH:
+            scale = _MAD * float(np.median(np.abs(every.across[chosen]) / every.sigma[chosen]))
+            break
+    else:
+        return Noise(1.0, 0.0)
+    scale = float(np.clip(scale, 1 / 3, 10.0))
+    if fast.sum() < _ENOUGH:
+        return Noise(scale, 0.0)
+    fast &= every.speed >= np.median(every.speed[fast])
+    spread = _MAD * float(np.median(np.abs(every.along[fast]) / every.speed[fast]))
+    known = scale * float(np.median(every.sigma_along[fast] / every.speed[fast]))
+    return Noise(scale, float(np.sqrt(max(spread**2 - known**2, 0.0))))
+
+
+def with_noise(tracks: Tracks, noise: Noise) -> Tracks:
+    """Tracks whose sigmas say what the samples show; where time jitters, `streak` gives the direction of motion."""
+    sigma, along, streak = tracks.sigma * noise.scale, tracks.sigma_along * noise.scale, tracks.streak.copy()
+    for ball in range(len(tracks.ids)):
+        rows = np.flatnonzero(tracks.observed[:, ball])
+        if len(rows) < 2 or noise.timing == 0:
+            continue
+        v = velocities(tracks.t[rows], tracks.xy[rows, ball])
+        shake = np.hypot(*v.T) * noise.timing
+        along[rows, ball] = np.hypot(along[rows, ball], shake)
+        streak[rows, ball] = np.where(shake[:, None] > 0, v * noise.timing, streak[rows, ball])
+    return replace(tracks, sigma=sigma, sigma_along=along, streak=streak)
+
+
+def velocities(t: Floats, xy: Floats) -> Floats:
+    """Central differences (T, 2) of xy (T, 2) at t (T,), one-sided at the ends."""
+    before, after = np.clip(np.arange(len(t)) - 1, 0, None), np.clip(np.arange(len(t)) + 1, None, len(t) - 1)
+    return (xy[after] - xy[before]) / (t[after] - t[before])[:, None]
+
+
+def _misfit(tracks: Tracks, ball: int) -> _Misfit:
+    """Divided differences of third order, so that times may be irregular."""
+    rows = np.flatnonzero(tracks.observed[:, ball])
+    if len(rows) < 4:
+        return _Misfit(*(np.empty(0) for _ in range(5)))
+    t, xy = tracks.t[rows], tracks.xy[rows, ball]
     window = np.lib.stride_tricks.sliding_window_view(t, 4)  # (T-3, 4)
     gaps = window[:, :, None] - window[:, None, :]
     gaps[:, np.arange(4), np.arange(4)] = 1.0
     weight = 1 / gaps.prod(axis=2)
-    spread = np.sqrt(((weight * np.lib.stride_tricks.sliding_window_view(sigma, 4)) ** 2).sum(axis=1))
-    values = np.lib.stride_tricks.sliding_window_view(xy, 4, axis=0)  # (T-3, 2, 4)
-    scaled: Floats = (values * weight[:, None, :]).sum(axis=2) / spread[:, None]
-    return scaled
-
-
-def noise_scale(tracks: Tracks, speed: float) -> float:
-    """Noise over the sigmas of the tracks, from third differences of balls that move faster than `speed` (m/s).
-
-    Moving balls count where there are enough of them: a compressed still picture repeats its errors, so that balls
-    at rest look too good. NaN where there is nothing to tell it from.
-    """
-    moving, resting = [], []
-    for ball in range(len(tracks.ids)):
-        seen = tracks.observed[:, ball]
-        t, xy = tracks.t[seen], tracks.xy[seen, ball]
-        values = third_differences(t, xy, tracks.sigma[seen, ball])
-        if not len(values):
-            continue
-        fast = np.linalg.norm(xy[3:] - xy[:-3], axis=1) > speed * (t[3:] - t[:-3])
-        moving.append(values[fast])
-        resting.append(values[~fast])
-    for groups in (moving, resting):
-        together = np.concatenate([np.abs(g).ravel() for g in groups]) if groups else np.empty(0)
-        if len(together) >= 20:
-            return float(_MAD * np.median(together))
-    return float("nan")
+    weight /= np.linalg.norm(weight, axis=1)[:, None]
+    miss = np.einsum("tk,tdk->td", weight, np.lib.stride_tricks.sliding_window_view(xy, 4, axis=0))
+    way = xy[3:] - xy[:-3]
+    length = np.linalg.norm(way, axis=1)
+    direction = np.where(length[:, None] > 0, way / np.maximum(length, 1e-12)[:, None], np.array([1.0, 0.0]))
+    sigma, along = (
+        np.sqrt((weight**2 * np.lib.stride_tricks.sliding_window_view(s[rows, ball], 4) ** 2).sum(axis=1))
+        for s in (tracks.sigma, tracks.sigma_along)
+    )
+    across = miss[:, 1] * direction[:, 0] - miss[:, 0] * direction[:, 1]
+    return _Misfit((miss * direction).sum(axis=1), across, sigma, along, length / (t[3:] - t[:-3]))
 
 
 def outliers(t: Floats, xy: Floats, sigma: Floats, limit: float = 8.0) -> NDArray[np.bool_]:
@@ -63,8 +118,7 @@ def outliers(t: Floats, xy: Floats, sigma: Floats, limit: float = 8.0) -> NDArra
         return bad
     left, right = xy[1:-3], xy[3:-1]
     share = ((t[2:-2] - t[1:-3]) / (t[3:-1] - t[1:-3]))[:, None]
-    between = left + share * (right - left)
-    jump = np.linalg.norm(xy[2:-2] - between, axis=1)
+    jump = np.linalg.norm(xy[2:-2] - (left + share * (right - left)), axis=1)
     step = np.linalg.norm(right - left, axis=1)
     before = np.linalg.norm(left - xy[:-4], axis=1) / (t[1:-3] - t[:-4])
     after = np.linalg.norm(xy[4:] - right, axis=1) / (t[4:] - t[3:-1])

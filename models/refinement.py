@@ -27,6 +27,8 @@ SLIDING_PRIOR = (0.2, 0.25)
 """mu_sliding and the standard deviation of its logarithm: 0.15 to 0.25 on worn and new cloth (Alciatore 2024)."""
 ROLLING_PRIOR = (0.010, 0.4)
 """mu_rolling and the standard deviation of its logarithm: 0.005 to 0.015."""
+SLIDING_RANGE, ROLLING_RANGE = (0.05, 0.5), (0.002, 0.04)
+"""What no cloth exceeds, polished or wet."""
 DIAMETER_SIGMA = 0.02
 """relative: one factor per clip on the distance of touching balls, for what the calibration misses."""
 NOSE_SIGMA = 0.004
@@ -90,8 +92,8 @@ class Layout:
     size: int
 
 
-def gather(tracks: Tracks, scale: float) -> Data:
-    """Observations of all balls, their sigmas multiplied by `scale`."""
+def gather(tracks: Tracks) -> Data:
+    """Observations of all balls."""
     frame, ball = np.nonzero(tracks.observed)
     order = np.lexsort((frame, ball))
     frame, ball = frame[order], ball[order]
@@ -99,7 +101,7 @@ def gather(tracks: Tracks, scale: float) -> Data:
     length = np.linalg.norm(streak, axis=1)
     along = np.where(length[:, None] > 0, streak / np.maximum(length, 1e-12)[:, None], np.array([1.0, 0.0]))
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    sigma = np.stack([tracks.sigma_along[frame, ball], tracks.sigma[frame, ball]], axis=1) * scale
+    sigma = np.stack([tracks.sigma_along[frame, ball], tracks.sigma[frame, ball]], axis=1)
     whiten = np.stack([along, across], axis=1) / sigma[:, :, None]
     return Data(ball.astype(np.int64), tracks.t[frame], tracks.xy[frame, ball], whiten)
 
@@ -205,7 +207,8 @@ def _moved(solution: Solution, plan: Layout, step: Floats) -> Solution:
     contacts = tuple(replace(c, t=c.t + float(step[plan.contact + k])) for k, c in enumerate(solution.story.contacts))
     g = step[plan.globals :]
     friction = Friction(
-        solution.friction.sliding * float(np.exp(g[0])), solution.friction.rolling * float(np.exp(g[1]))
+        float(np.clip(solution.friction.sliding * np.exp(g[0]), *SLIDING_RANGE)),
+        float(np.clip(solution.friction.rolling * np.exp(g[1]), *ROLLING_RANGE)),
     )
     return replace(
         solution, story=Story(tuple(spans), contacts), friction=friction,

@@ -91,3 +91,38 @@ class Story:
             if i != contact
         ]
         return Story(tuple(spans), tuple(contacts))
+
+    def split(self, contact: Contact, states: tuple[Floats, ...]) -> Story:
+        """The story with one more contact, which cuts the spans `contact.before`; `states` (8,) are those after it.
+
+        `contact.after` is ignored: the new spans get numbers of their own.
+        """
+        spans, contacts, number = list(self.spans), list(self.contacts), len(self.contacts)
+        after = []
+        for k, state in zip(contact.before, states, strict=True):
+            old = spans[k]
+            fresh = len(spans)
+            after.append(fresh)
+            static = not bool(np.any(state[2:6]))
+            spans.append(Span(old.ball, static, number, old.end, contact.t, state))
+            spans[k] = replace(old, end=number)
+            if old.end is not None:
+                next_one = contacts[old.end]
+                contacts[old.end] = replace(next_one, before=tuple(fresh if q == k else q for q in next_one.before))
+        contacts.append(replace(contact, after=tuple(after)))
+        return Story(tuple(spans), tuple(contacts))
+
+    def excerpt(self, contact: int) -> tuple[Story, tuple[int, ...]]:
+        """Only the spans that meet at a contact, as contact 0, and their numbers here."""
+        one = self.contacts[contact]
+        chosen = (*one.before, *one.after)
+        spans = []
+        for k in chosen:
+            span = self.spans[k]
+            spans.append(
+                replace(span, start=0 if span.start == contact else None, end=0 if span.end == contact else None,
+                        t0=self.begin(k))
+            )  # fmt: skip
+        count = len(one.before)
+        local = replace(one, before=tuple(range(count)), after=tuple(range(count, 2 * count)))
+        return Story(tuple(spans), (local,)), chosen

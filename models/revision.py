@@ -1,0 +1,192 @@
+"""Second thoughts about a refined story: contacts that were missed, misnamed or never happened."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.billiards.motion import kinematics
+from models.contacts import INWARD, NEAR_CUSHION, cushion_distances
+from models.refinement import Data, Solution, owners, refine
+from models.scene import CUSHIONS, Table
+from models.story import Contact, Story
+
+Floats = NDArray[np.float64]
+
+OVERSHOOT = 0.2
+"""ball radii: a path that goes so far into a cushion or a ball has met it."""
+SLOW = 0.03
+"""m/s: below, nothing is worth a contact."""
+
+
+def revise(solution: Solution, data: Data, table: Table, price: float, dear: float, rounds: int = 3) -> Solution:
+    """The solution after misnamed contacts are renamed, missed ones inserted and needless ones removed."""
+    for _ in range(rounds):
+        story = _renamed(solution, table)
+        story = _doubled(solution, story, table)
+        story = _inserted(solution, story, data, table)
+        changed = story is not solution.story
+        if changed:
+            solution = refine(story, data, table, start=solution)
+        gains = _gains(solution, data, table)
+        pruned = prune(solution.story, gains, price, dear)
+        if len(pruned.contacts) < len(gains):
+            solution = refine(pruned, data, table, start=solution)
+        else:
+            solution = replace(solution, story=pruned)
+            if not changed:
+                break
+    return solution
+
+
+def prune(story: Story, gains: Floats, price: float, dear: float) -> Story:
+    """The story without contacts that the samples do not ask for; `gains` (C,) are kept in the others."""
+    tolls = np.array([dear if c.kind == "free" else price for c in story.contacts])
+    revised = Story(story.spans, tuple(replace(c, gain=float(g)) for c, g in zip(story.contacts, gains, strict=True)))
+    touched: set[int] = set()
+    gone = []
+    for k in (int(k) for k in np.argsort(gains) if gains[k] < tolls[k]):
+        around = {*story.contacts[k].before, *story.contacts[k].after}
+        if not touched & around:  # neighbours wait: without this one they may be needed
+            touched |= around
+            gone.append(k)
+    for k in sorted(gone, reverse=True):
+        revised = revised.without(k)
+    return revised
+
+
+def _gains(solution: Solution, data: Data, table: Table) -> Floats:
+    owner = owners(solution.story, data)
+    return np.array([_gain(solution, data, owner, table, k) for k in range(len(solution.story.contacts))])
+
+
+def _gain(solution: Solution, data: Data, owner: NDArray[np.int64], table: Table, number: int) -> float:
+    """chi2 that a contact improves on the spans that it joins."""
+    contact, spans = solution.story.contacts[number], solution.story.spans
+    if any(spans[k].static for k in (*contact.before, *contact.after)):
+        return max(contact.gain, 1e3)
+    part, chosen = solution.story.excerpt(number)
+    rows = np.isin(owner, chosen)
+    if rows.sum() < 3:
+        return max(contact.gain, 1e3)
+    local = Data(data.ball[rows], data.t[rows], data.xy[rows], data.whiten[rows])
+    whole = part.without(0)
+    states = [_joined(solution, part, local, k) for k in range(len(contact.before))]
+    whole = Story(tuple(replace(s, state=state) for s, state in zip(whole.spans, states, strict=True)), ())
+    split = refine(part, local, table, iterations=6, start=solution)
+    joined = min(refine(w, local, table, iterations=12, start=solution).chi2 for w in (whole, part.without(0)))
+    return joined - split.chi2
+
+
+def _joined(solution: Solution, part: Story, local: Data, k: int) -> Floats:
+    """First guess of the state of a span without the contact at its end: straight through its samples."""
+    span = part.spans[k]
+    rows = local.ball == span.ball
+    t, xy = local.t[rows] - span.t0, local.xy[rows]
+    if len(t) < 3:
+        return span.state
+    line = np.polynomial.polynomial.polyfit(t, xy, 2 if len(t) > 3 else 1)
+    state = span.state.copy()
+    state[:4] = [*line[0], *line[1]]
+    state[4:6] = 0.05 * line[1]
+    return state
+
+
+def _renamed(solution: Solution, table: Table) -> Story:
+    """Changes of velocity without a cause that turn out to lie at a cushion."""
+    contacts = list(solution.story.contacts)
+    changed = False
+    for number, contact in enumerate(contacts):
+        if contact.kind != "free":
+            continue
+        side = _reversed_at(solution, contact, table)
+        if side is not None:
+            contacts[number] = replace(contact, kind="cushion", cushion=CUSHIONS[side])
+            changed = True
+    return Story(solution.story.spans, tuple(contacts)) if changed else solution.story
+
+
+def _reversed_at(solution: Solution, contact: Contact, table: Table, but: int = -1) -> int | None:
+    """The cushion near which a ball turns back at a contact, other than `but`."""
+    spans = solution.story.spans
+    before, after = end_state(solution, contact.before[0]), spans[contact.after[0]].state
+    distance = cushion_distances(after[:2], table) - table.ball_radius - solution.nose
+    reach = 0.5 * NEAR_CUSHION * table.ball_radius
+    for side in np.argsort(np.abs(distance)):
+        towards, away = -INWARD[side] @ before[2:4], INWARD[side] @ after[2:4]
+        if side != but and abs(distance[side]) < reach and towards > SLOW and away > 0:
+            return int(side)
+    return None
+
+
+def _doubled(solution: Solution, story: Story, table: Table) -> Story:
+    """In a corner a ball meets two cushions within one picture."""
+    for number, contact in enumerate(solution.story.contacts):
+        if contact.kind != "cushion" or contact != story.contacts[number]:
+            continue
+        first = CUSHIONS.index(contact.cushion)
+        second = _reversed_at(solution, contact, table, but=first)
+        if second is None:
+            continue
+        before = end_state(solution, contact.before[0])
+        after = story.spans[contact.after[0]].state.copy()
+        middle = after.copy()  # between the two contacts only the first component has turned
+        n = INWARD[second]
+        middle[2:4] += (n @ before[2:4] - n @ after[2:4]) * n
+        spans = list(story.spans)
+        spans[contact.after[0]] = replace(spans[contact.after[0]], state=middle)
+        t = min(contact.t + 2e-3, story.finish(contact.after[0]) - 1e-3)
+        if t > contact.t + 2e-4:
+            extra = Contact("cushion", t, (contact.after[0],), (), CUSHIONS[second], gain=contact.gain)
+            story = Story(tuple(spans), story.contacts).split(extra, (after,))
+    return story
+
+
+def _inserted(solution: Solution, story: Story, data: Data, table: Table) -> Story:
+    """Cushions that paths run through."""
+    if story is not solution.story:
+        return story
+    last = {int(ball): float(data.t[data.ball == ball].max()) for ball in np.unique(data.ball)}
+    for k, span in enumerate(solution.story.spans):
+        if span.static:
+            continue
+        begin, end = story.begin(k), min(story.finish(k), last[span.ball])
+        if end - begin < 1e-3:
+            continue
+        t = np.linspace(begin, end, max(int((end - begin) / 1e-3), 8))
+        path = kinematics(np.repeat(span.state[None], len(t), axis=0), t - begin, solution.friction)
+        depth = -(cushion_distances(path[:, :2], table) - table.ball_radius - solution.nose)  # (M, 4)
+        side = int(np.argmax(depth.max(axis=0)))
+        if depth[:, side].max() < OVERSHOOT * table.ball_radius or depth[0, side] > 0.5 * OVERSHOOT * table.ball_radius:
+            continue
+        if _in_pocket_mouth(path[int(np.argmax(depth[:, side])), :2], table):
+            continue
+        crossing = int(np.argmax(depth[:, side] > 0))
+        if crossing in (0, len(t) - 1):
+            continue
+        before = path[crossing]
+        after = np.concatenate([before, np.zeros(2)])
+        push = -1.75 * (INWARD[side] @ before[2:4]) * INWARD[side]
+        after[2:4] += push
+        after[4:6] += push
+        contact = Contact("cushion", float(t[crossing]), (k,), (), CUSHIONS[side])
+        story = story.split(contact, (after,))
+    return story
+
+
+def _in_pocket_mouth(x: Floats, table: Table) -> bool:
+    """Where there is no cushion to meet: within three radii of a pocket."""
+    return bool(
+        len(table.pocket_centres) and np.linalg.norm(table.pocket_centres - x, axis=1).min() < 3 * table.ball_radius
+    )
+
+
+def end_state(solution: Solution, k: int) -> Floats:
+    """Position, velocity, slip (6,) of a span where it ends."""
+    span = solution.story.spans[k]
+    if span.static:
+        return np.concatenate([span.state[:2], np.zeros(4)])
+    tau = np.array([solution.story.finish(k) - solution.story.begin(k)])
+    return kinematics(span.state[None], tau, solution.friction)[0]
