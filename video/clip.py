@@ -114,9 +114,11 @@ def _pictures(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> Iterator[tup
     if last < 0:
         return
     with opened(clip.path) as (container, stream):
+        turn = Turn()
         for frame, picture in enumerate(decoded(container, stream)):
+            turn = turn_of(picture) if frame == 0 else turn
             if wanted[frame]:
-                yield frame, turn_of(picture).upright(luma_of(picture) if grey else rgb_of(picture))
+                yield frame, turn.upright(luma_of(picture) if grey else rgb_of(picture))
             if frame == last:
                 return
     raise ClipError(f"{clip.path.name} has changed since it was opened: frame {last} is gone; open it again")
@@ -130,6 +132,7 @@ class _Seen:
     dts: list[int | None]
     change: list[tuple[float, float]]
     size: tuple[int, int] = (0, 0)
+    turned: bool = False
     time_base: Fraction = Fraction(1)
     rate: Fraction | None = None
     seconds: float | None = None
@@ -170,8 +173,9 @@ def _read_header(seen: _Seen, container: Any, stream: Any) -> None:
 
 
 def _check_size(path: Path, seen: _Seen, picture: Any) -> None:
-    turn: Turn = turn_of(picture)
-    size = (picture.height, picture.width) if turn.swap else (picture.width, picture.height)
+    if not seen.pts:
+        seen.turned = turn_of(picture).swap
+    size = (picture.height, picture.width) if seen.turned else (picture.width, picture.height)
     if not seen.pts:
         if min(size) < SIDES[0] or max(size) > SIDES[1]:
             raise ClipError(

@@ -96,7 +96,10 @@ def _unpacked(stream: Any, packet: Any, told: list[str]) -> list[Any]:
 
 
 def turn_of(picture: Any) -> Turn:
-    """The rotation and mirroring that the container asks for, to the next quarter turn."""
+    """The rotation and mirroring that the container asks for, to the next quarter turn.
+
+    To be asked of the first picture alone: a picture whose side data was looked at waits for the garbage collector.
+    """
     for data in picture.side_data:
         if data.type == av.sidedata.sidedata.Type.DISPLAYMATRIX:
             a, b, _, c, d = (int(v) for v in np.frombuffer(data, np.int32)[:5])
@@ -107,7 +110,7 @@ def turn_of(picture: Any) -> Turn:
 
 def rgb_of(picture: Any) -> NDArray[np.uint8]:
     """(H, W, 3) as stored, not yet upright."""
-    return np.asarray(picture.to_ndarray(format="rgb24"), np.uint8)
+    return np.asarray(picture.reformat(format="rgb24", threads=1).to_ndarray(), np.uint8)
 
 
 def luma_of(picture: Any) -> NDArray[np.uint8]:

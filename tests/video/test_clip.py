@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import struct
 from collections.abc import Iterable, Sequence
@@ -181,6 +182,19 @@ def test_reading_can_stop_before_the_end(tmp_path: Path) -> None:
     frames = read_frames(clip)
     assert next(frames)[0] == 0
     frames.close()  # type: ignore[attr-defined]
+
+
+def test_no_picture_waits_for_the_garbage_collector(tmp_path: Path) -> None:
+    path = film(tmp_path / "a.mp4", numbered(30))
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in read_frames(open_clip(path)):
+            pass
+        held = sum(isinstance(each, av.VideoFrame) for each in gc.get_objects())
+    finally:
+        gc.enable()
+    assert held <= 3
 
 
 def test_a_file_that_breaks_off_is_used_as_far_as_it_goes(tmp_path: Path) -> None:
