@@ -41,7 +41,7 @@ class BallSizes:
 def ball_sizes(pictures: list[Picture], background: Picture, camera: Camera, table: Table) -> BallSizes:
     """Radii of round things that lie inside the noses and are not of the cloth's colour.
 
-    `background` is the table without what moves; `camera` is calibrated for `table`, whose size need not be right: only its shape counts.
+    `background` is the table without what moves; `camera` is calibrated for `table`, of which only the shape counts.
     """
     scale = min(1.0, PROBE_WIDTH / camera.width_px)
     cloth = local_cloth(background, round(camera.width_px * scale), round(camera.height_px * scale))
@@ -135,7 +135,7 @@ def _outermost_edge(steep: Floats) -> NDArray[np.int64]:
     peak = np.zeros_like(strong)
     peak[:, 1:-1] = strong[:, 1:-1] & (steep[:, 1:-1] >= steep[:, :-2]) & (steep[:, 1:-1] >= steep[:, 2:])
     last = steep.shape[1] - 1 - np.argmax(peak[:, ::-1], axis=1)
-    return np.where(peak.any(axis=1), last, np.argmax(steep, axis=1))
+    return np.asarray(np.where(peak.any(axis=1), last, np.argmax(steep, axis=1)), np.int64)
 
 
 def _circle_through(points: Floats) -> tuple[Floats, float] | None:

@@ -11,10 +11,10 @@ from models.scene import NOSE_HEIGHT_RADII, Camera, Table
 
 Floats = NDArray[np.float64]
 
-FOCAL_PRIOR = 1.0
-"""Focal length in picture widths where the perspective does not tell: a horizontal field of view of 53 degrees."""
+FOCAL_PRIOR = 0.8
+"""Focal length in picture widths where the perspective does not tell: a horizontal field of view of 64 degrees."""
 FOCAL_PRIOR_SIGMA = 0.35
-"""One standard deviation of its logarithm: 39 to 71 degrees, phones to broadcast cameras."""
+"""One standard deviation of its logarithm: 48 to 83 degrees, broadcast cameras to phones."""
 ASPECT_SIGMA = 0.01
 """Standard deviation of the logarithm of length over width: tables are built 2:1, preset by preset within 1 %."""
 SQUARE_SIGMA = 0.004

@@ -102,7 +102,8 @@ def local_cloth(picture: Picture, width: int, height: int) -> Floats:
     """Colour of the cloth around each place (height, width, 3): the picture without anything of a ball's size."""
     tiny = cv2.resize(picture, (LIGHT_WIDTH, round(LIGHT_WIDTH * height / width)), interpolation=cv2.INTER_AREA)
     smooth = cv2.medianBlur(tiny, 13)
-    return cv2.resize(smooth.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR).astype(np.float64)
+    large = cv2.resize(smooth.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(large, np.float64)
 
 
 def _colour_inside(small: Picture, corners: Floats) -> Floats:

@@ -16,6 +16,7 @@ from video.clip import Clip, read_frames
 from video.table_balls import ball_sizes
 from video.table_camera import View, camera_from_corners, orient
 from video.table_cloth import Cloth, find_cloth, intersections, line_through
+from video.table_drift import camera_moves, follow_camera, reference_of
 from video.table_edges import Noses, find_noses
 from video.table_preset import guess_table, has_snooker_d, pocket_share
 
@@ -28,6 +29,8 @@ ASPECTS = (1.85, 2.15)
 """Length over width that is still taken for a billiard table."""
 LEAST_SUPPORT = 0.6
 """Share of the cloth's sides that must end in a straight line."""
+MOST_LOST = 0.1
+"""Share of pictures in which a moving camera may be lost."""
 MARKED_CORNER_SIGMA = 2.0
 """px, of corners that a user gives."""
 
@@ -54,22 +57,82 @@ class _Found:
     cloth: Floats
     outer: Floats | None
     notes: tuple[str, ...]
+    given: bool = False
+    """Whether the user gave the corners."""
 
 
 def find_scene(clip: Clip, options: CalibrateOptions, progress: Progress = silent) -> Scene:
-    """Find table and camera in a clip.
+    """Find table and camera in a clip; the reference picture of a moving camera is the first one.
 
     TableNotFound, one sentence, where there is none that can be trusted; OptionError where an option makes no sense.
     """
     asked = parse_table(options.table) if options.table is not None else None
-    pictures = _glances(clip)
-    progress(0.4)
-    background = median_picture(pictures)
-    found = _from_user(options.corners, background) if options.corners is not None else _search(background, clip)
-    progress(0.6)
+    frames = _glance_frames(clip)
+    pictures = [picture for _, picture in read_frames(clip, indices=frames)]
+    progress(0.3)
+    found, background = _look(clip, pictures, options.corners)
+    motion, lost = _follow(clip, pictures, found)
+    progress(0.7)
+    if motion is not None:
+        # What stood still in the room is sharp again when every glance is laid over the first one.
+        pictures = [_laid_over(picture, motion[frame]) for picture, frame in zip(pictures, frames, strict=True)]
+        background = median_picture(pictures)
+        found = _from_user(options.corners, background) if options.corners is not None else _search(background, clip)
     table, camera, named = _name(found, background, pictures, asked, options.ball_radius)
     progress(1.0)
-    return Scene(table, camera, _lab(found.cloth), (*found.notes, *named, _height_note(camera, found.view)))
+    notes = (*found.notes, *named, _height_note(camera, found.view), *_motion_notes(motion, lost))
+    return Scene(table, replace(camera, motion=motion), _lab(found.cloth), notes)
+
+
+def _look(clip: Clip, pictures: list[Picture], corners: str | None) -> tuple[_Found, Picture]:
+    """The table in the median of all glances, or in the first one where the camera has moved too much for that."""
+    background = median_picture(pictures)
+    if corners is not None:
+        return _from_user(corners, background), background
+    try:
+        return _search(background, clip), background
+    except TableNotFound:
+        return _search(pictures[0], clip), pictures[0]
+
+
+def _follow(clip: Clip, pictures: list[Picture], found: _Found) -> tuple[Floats | None, int]:
+    """Motion of the camera (T, 3, 3), or None where it stands, and the number of pictures that were interpolated."""
+    greys = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in pictures]
+    reference = reference_of(greys[0], found.corners)
+    moves = camera_moves(reference, greys[1:])
+    if moves is None:
+        raise TableNotFound(
+            f"{clip.path.name} does not show one view of the table throughout (a cut, a zoom or somebody in front); "
+            "trim it to one shot from one camera"
+        )
+    if not moves:
+        return None, 0
+    if not found.given:
+        reference = reference_of(greys[0], _search(pictures[0], clip).corners)
+    everything = read_frames(clip, indices=np.arange(clip.frame_count), grey=True)
+    motion, lost = follow_camera(reference, everything, clip.frame_count)
+    if lost > MOST_LOST * clip.frame_count:
+        raise TableNotFound(
+            f"{clip.path.name} was filmed by a camera that moves and could not be followed in {lost} of "
+            f"{clip.frame_count} pictures; film from a fixed place, or trim it"
+        )
+    return motion, lost
+
+
+def _laid_over(picture: Picture, motion: Floats) -> Picture:
+    """A picture (H, W, 3) as the reference camera would have seen it."""
+    height, width = picture.shape[:2]
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(
+        cv2.warpPerspective(picture, motion, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8
+    )
+
+
+def _motion_notes(motion: Floats | None, lost: int) -> tuple[str, ...]:
+    if motion is None:
+        return ()
+    gaps = f"; {lost} pictures between were interpolated" if lost else ""
+    return (f"the camera moves and was followed by the rails of the table{gaps}",)
 
 
 def median_picture(pictures: list[Picture]) -> Picture:
@@ -79,9 +142,9 @@ def median_picture(pictures: list[Picture]) -> Picture:
     return np.ascontiguousarray(np.partition(stack, half, axis=0)[half])
 
 
-def _glances(clip: Clip) -> list[Picture]:
+def _glance_frames(clip: Clip) -> NDArray[np.int64]:
     spread = np.unique(np.linspace(0, len(clip.distinct) - 1, GLANCES).round().astype(int))
-    return [picture for _, picture in read_frames(clip, indices=clip.distinct[spread])]
+    return np.asarray(clip.distinct[spread], np.int64)
 
 
 def _search(background: Picture, clip: Clip) -> _Found:
@@ -145,7 +208,7 @@ def _from_user(text: str, background: Picture) -> _Found:
     cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
     colour = np.median(background[inside > 0], axis=0).astype(np.float64)
     return _Found(
-        corners, np.eye(8) * MARKED_CORNER_SIGMA**2, view, colour, None, ("corners were given with --corners",)
+        corners, np.eye(8) * MARKED_CORNER_SIGMA**2, view, colour, None, ("corners were given with --corners",), True
     )
 
 
@@ -200,8 +263,3 @@ def _lab(rgb: Floats) -> Floats:
     pixel = (rgb / 255).astype(np.float32).reshape(1, 1, 3)
     lab: Floats = cv2.cvtColor(pixel, cv2.COLOR_RGB2LAB)[0, 0].astype(np.float64)
     return lab
-
-
-def scene_of_frame(scene: Scene, motion: Floats) -> Scene:
-    """The same scene with a camera that moves: `motion` (T, 3, 3) from reference to frame pixels."""
-    return replace(scene, camera=replace(scene.camera, motion=motion))
