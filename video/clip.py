@@ -87,8 +87,10 @@ def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = s
             f"{path.name} has {distinct} distinct picture{'s' * (distinct != 1)}; "
             f"tracking needs at least {FEWEST_PICTURES}"
         )
-    t, rate, note = _timed(seen, fps)
-    notes = tuple(n for n in (note, *_notes(seen, t)) if n)
+    t, note = presentation_times(seen.pts, seen.dts, seen.time_base, seen.rate or USUAL_RATE)
+    notes = tuple(_notes(seen, t, note if fps is None else ""))
+    rate = nominal_rate(t, seen.rate) if fps is None else Fraction(fps)
+    t = t if fps is None else even_times(len(t), rate)
     return Clip(path, _digest(path), *seen.size, rate, t, repeat, seen.has_audio, notes)
 
 
@@ -190,14 +192,9 @@ def _check_size(path: Path, seen: _Seen, picture: Any) -> None:
         )
 
 
-def _timed(seen: _Seen, fps: Fraction | None) -> tuple[Floats, Fraction, str]:
-    if fps is not None:
-        return even_times(len(seen.pts), fps), Fraction(fps), ""
-    t, note = presentation_times(seen.pts, seen.dts, seen.time_base, seen.rate or USUAL_RATE)
-    return t, nominal_rate(t, seen.rate), note
-
-
-def _notes(seen: _Seen, t: Floats) -> Iterator[str]:
+def _notes(seen: _Seen, t: Floats, timing: str) -> Iterator[str]:
+    if timing:
+        yield timing
     shown = _shown(seen, t)
     if seen.seconds and shown < seen.seconds - max(3 * (t[-1] - t[-2]), 0.02 * seen.seconds):
         yield f"it breaks off at {shown:.2f} s of {seen.seconds:.2f} s; the {len(t)} pictures before are used"

@@ -87,6 +87,11 @@ def test_fps_overrides_the_container(tmp_path: Path) -> None:
     clip = open_clip(film(tmp_path / "a.mp4", numbered(12)), fps=Fraction(24000, 1001))
     assert np.allclose(clip.t, np.arange(12) * 1001 / 24000, atol=1e-12)
     assert clip.rate == Fraction(24000, 1001)
+    assert clip.notes == ()
+
+
+def test_a_faster_rate_than_the_container_says_is_no_broken_file(tmp_path: Path) -> None:
+    assert open_clip(film(tmp_path / "a.mp4", numbered(12)), fps=Fraction(240)).notes == ()
 
 
 def test_a_stream_without_timestamps_gets_even_ones_and_a_note(tmp_path: Path) -> None:
