@@ -16,9 +16,9 @@ from detectors.view import View
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-LEAST_VOTES = 0.16
+LEAST_VOTES = 0.22
 """Share of a full circle's votes below which a peak is not looked at."""
-MOST = 80
+MOST = 50
 """Candidates looked at per picture."""
 EDGE_LEVELS = 10.0
 """Grey levels per working px above which a pixel is an edge."""
@@ -57,7 +57,7 @@ def _votes(contrast: Floats32, foreground: Bools, view: View) -> Floats32:
 
 def _spread(votes: Floats32, view: View) -> Floats32:
     """Votes summed over their scatter, as a share of what a full circle gives."""
-    sigma = 0.9 + 0.06 * float(np.median(view.radius))
+    sigma = 0.9 + 0.06 * view.typical
     blurred = cv2.GaussianBlur(votes, (0, 0), sigma)
     full = 2 * np.pi * view.radius * EDGE_THICKNESS_PX / (2 * np.pi * (sigma**2 + 0.6))
     return np.asarray(blurred / full, dtype=np.float32)

@@ -36,7 +36,7 @@ class Cloth:
 
     colour: Floats32
     """(h, w, 3) RGB of the empty table."""
-    plate: Floats32
+    plate: Bytes
     """(h, w, 3) RGB median of the pictures, balls at rest included."""
     basis: Floats
     """(3, 3) rows: two axes across the cloth's colour, one along it (brightness)."""
@@ -45,16 +45,14 @@ class Cloth:
 
     def contrast(self, working: Bytes) -> Floats32:
         """Signed differences (h, w, 3) from the empty table along `basis`, darker cloth weighed down."""
-        difference = cv2.subtract(working.astype(np.float32), self.colour)
-        rotated = np.asarray(cv2.transform(difference, self.basis.astype(np.float32)), dtype=np.float32)
-        along = rotated[..., 2]
-        np.multiply(along, SHADOW_WEIGHT, out=along, where=along < 0)
-        return rotated
+        difference = cv2.subtract(working, self.colour, dtype=cv2.CV_32F)
+        first, second, along = cv2.split(cv2.transform(difference, self.basis.astype(np.float32)))
+        return np.asarray(cv2.merge((first, second, cv2.max(along, SHADOW_WEIGHT * along))), dtype=np.float32)
 
-    def moved(self, working: Bytes) -> Floats32:
+    def moved(self, working: Bytes) -> Bytes:
         """How far (h, w) a picture differs from the median picture, grey levels."""
-        difference = cv2.absdiff(working.astype(np.float32), self.plate)
-        return np.asarray(difference.max(axis=-1), dtype=np.float32)
+        red, green, blue = cv2.split(cv2.absdiff(working, self.plate))
+        return np.asarray(cv2.max(cv2.max(red, green), blue), dtype=np.uint8)
 
 
 def learn_cloth(workings: list[Bytes], view: View) -> Cloth:
@@ -63,14 +61,15 @@ def learn_cloth(workings: list[Bytes], view: View) -> Cloth:
     smooth = _smooth_cloth(plate, view)
     basis = colour_basis(np.median(smooth[view.cloth], axis=0).astype(np.float64))
     threshold = max(LEAST_DIFFERENCE, NOISE_FACTOR * _noise(plate, smooth, view))
-    first = Cloth(smooth, plate, basis, threshold)
-    away = size(first.contrast(plate.astype(np.uint8))) > threshold
-    return Cloth(np.where(_as_wide_as_balls(away, view)[..., None], smooth, plate), plate, basis, threshold)
+    plate_bytes = np.asarray(np.rint(plate), dtype=np.uint8)
+    away = size(Cloth(smooth, plate_bytes, basis, threshold).contrast(plate_bytes)) > threshold
+    return Cloth(np.where(_as_wide_as_balls(away, view)[..., None], smooth, plate), plate_bytes, basis, threshold)
 
 
 def size(contrast: Floats32) -> Floats32:
     """Length (h, w) of the differences (h, w, 3)."""
-    return np.asarray(np.sqrt(np.einsum("ijk,ijk->ij", contrast, contrast)), dtype=np.float32)
+    first, second, along = cv2.split(contrast)
+    return np.asarray(cv2.magnitude(cv2.magnitude(first, second), along), dtype=np.float32)
 
 
 def colour_basis(rgb: Floats) -> Floats:
@@ -112,7 +111,7 @@ def _cloth_coloured(colours: Floats, cloth_lab: Floats) -> Bools:
 
 def _as_wide_as_balls(away: Bools, view: View) -> Bools:
     """Where a difference is as wide as a ball, with its surroundings."""
-    half = max(1, round(MARKING_RADII * float(np.median(view.radius))))
+    half = max(1, round(MARKING_RADII * view.typical))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * half + 1, 2 * half + 1))
     opened = cv2.morphologyEx((away & view.area).astype(np.uint8), cv2.MORPH_OPEN, kernel)
     return np.asarray(cv2.dilate(opened, kernel) > 0)

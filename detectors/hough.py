@@ -33,7 +33,7 @@ LINK_RADII = 0.35
 """Half width below which what links a streak to something else is cut."""
 CUE_RADII = 0.5
 """Half width below which what touches a ball is left out of its shape: cues, lines."""
-MOST_REST, MOST_REST_SHARE = 1.0, 0.28
+MOST_REST, MOST_REST_SHARE = 1.8, 0.28
 """A shape of which this is left beside its discs, in discs and as a share, is more than balls and their shadows."""
 CLEAR_SCORE = 0.88
 """Score from which a ball needs no such proof."""
@@ -80,44 +80,52 @@ class BallFinder:
         return _as_detections(rgb, found, frame)
 
     def _discs(self, rgb: Bytes, frame: int, guesses: Floats, foreground: Bools) -> Found:
-        scene = self.view.scene
+        """Sharp balls near guesses (n, 2), working px."""
         guessed = self.view.to_picture(guesses)
         expected = self.view.predicted_radius(guessed)
-        circles = fit_circles(rgb, _moved(scene, guessed, frame), expected, self.cloth.basis)
-        circles = second_chances(rgb, circles, expected, self.cloth.basis)
-        home = self.view.to_working(_moved_back(scene, circles.centre, frame))
-        cover = _cover(foreground, home, self.view)
-        allowed = _at(self.view.centres, home)
-        good = np.asarray(allowed & (circles.support > LEAST_SUPPORT) & (cover > LEAST_COVER))
-        found = _without_overlaps(_of_circles(circles, cover).take(good), scene, frame)
-        return self._without_intruders(found, foreground, frame)
+        circles = fit_circles(rgb, _moved(self.view.scene, guessed, frame), expected, self.cloth.basis)
+        intruders = self._intruders(self._balls(circles, foreground, frame), foreground, frame)
+        free = ~_at(intruders, guesses)
+        again = second_chances(rgb, circles.take(free), expected[free], self.cloth.basis)
+        found = _chained(self._balls(again, foreground, frame), self._balls(circles.take(~free), foreground, frame))
+        found = _without_overlaps(found, self.view.scene, frame)
+        return found.take(~_at(intruders, self._home(found.centre, frame)) | (found.score > CLEAR_SCORE))
 
-    def _without_intruders(self, found: Found, foreground: Bools, frame: int) -> Found:
-        """Balls that account for the shape they are part of; hands and sleeves are larger than the discs on them."""
-        radius = float(np.median(self.view.radius))
-        wide = cv2.morphologyEx(
-            (foreground & self.view.centres).astype(np.uint8), cv2.MORPH_OPEN, _disc_kernel(CUE_RADII * radius)
-        )
+    def _balls(self, circles: Circles, foreground: Bools, frame: int) -> Found:
+        """Circles that are round, differ from the cloth and lie on the table."""
+        home = self._home(circles.centre, frame)
+        cover = _cover(foreground, home, self.view)
+        good = _at(self.view.centres, home) & (circles.support > LEAST_SUPPORT) & (cover > LEAST_COVER)
+        return _without_overlaps(_of_circles(circles, cover).take(good), self.view.scene, frame)
+
+    def _intruders(self, found: Found, foreground: Bools, frame: int) -> Bools:
+        """Shapes (h, w) that balls do not account for: hands and sleeves are larger than the discs on them."""
+        radius = self.view.typical
+        inside = (foreground & self.view.centres).astype(np.uint8)
+        wide = cv2.morphologyEx(inside, cv2.MORPH_OPEN, _disc_kernel(CUE_RADII * radius))
         _, labels = cv2.connectedComponents(wide)
         whole = np.bincount(labels.ravel())
         rest = whole - np.bincount(labels[self._discs_drawn(found, frame)], minlength=len(whole))
         intruder = (rest > MOST_REST * np.pi * radius**2) & (rest > MOST_REST_SHARE * whole)
         intruder[0] = False
-        part = _at(labels, self.view.to_working(_moved_back(self.view.scene, found.centre, frame)))
-        return found.take(~intruder[part] | (found.score > CLEAR_SCORE))
+        return np.asarray(intruder[labels])
+
+    def _home(self, px: Floats, frame: int) -> Floats:
+        """Px (n, 2) of a frame to working px."""
+        return self.view.to_working(_moved_back(self.view.scene, px, frame))
 
     def _moving(self, working: Bytes, strength: Floats32) -> Bools:
         """What is neither cloth nor part of the median picture; the ends of a streak are faint."""
         faint = 0.6 * self.cloth.threshold
         moving = (strength > faint) & (self.cloth.moved(working) > faint) & self.view.area
-        kernel = _disc_kernel(LINK_RADII * float(np.median(self.view.radius)))
+        kernel = _disc_kernel(LINK_RADII * self.view.typical)
         opened = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_OPEN, kernel)
         return np.asarray(opened > 0)
 
     def _discs_drawn(self, found: Found, frame: int) -> Bools:
         """(h, w) working px within 1.15 radii of balls."""
         drawn = np.zeros(self.view.radius.shape, np.uint8)
-        home = self.view.to_working(_moved_back(self.view.scene, found.centre, frame))
+        home = self._home(found.centre, frame)
         for (x, y), r in zip(home, _at(self.view.radius, home), strict=True):
             cv2.circle(drawn, (round(x * 16), round(y * 16)), round(1.15 * float(r) * 16), 1, -1, shift=4)
         return np.asarray(drawn > 0)
@@ -126,15 +134,15 @@ class BallFinder:
         """Streaks in px of the picture, without short ones that a disc explains."""
         ends = [self.view.to_picture(streaks.centre + side * streaks.vector / 2) for side in (-1, 1)]
         first, last = (_moved(self.view.scene, end, frame) for end in ends)
-        scale = float(np.sqrt(np.prod(self.view.scale)))
-        rough = Streaks((first + last) / 2, last - first, streaks.radius / scale, streaks.fill)
+        rough = Streaks((first + last) / 2, last - first, streaks.radius / self.view.scale, streaks.fill)
         fine = refine_streaks(rgb, rough, self.cloth.basis)
         length = np.linalg.norm(fine.vector, axis=1)
         across = np.full(len(length), STREAK_SIGMA_PX)
         along = np.hypot(across, STREAK_SIGMA_SHARE * length)
         swept = Found(fine.centre, fine.radius, fine.vector, fine.fill, across, along)
         inside = _inside(discs.centre, swept) & (discs.score > CLEAR_SCORE)
-        return swept.take(~inside.any(axis=1) | (length > CLEAR_STREAK_RADII * fine.radius))
+        clear: Bools = length > CLEAR_STREAK_RADII * fine.radius
+        return swept.take(clear | ~np.asarray(inside.any(axis=1)))
 
 
 def ball_finder(scene: Scene, pictures: Iterable[tuple[int, Bytes]]) -> BallFinder:
@@ -179,8 +187,11 @@ def _of_circles(circles: Circles, cover: Floats) -> Found:
 
 def _joined(discs: Found, streaks: Found) -> Found:
     """Discs outside the streaks, and the streaks first."""
-    free = discs.take(~_inside(discs.centre, streaks).any(axis=0))
-    return Found(*(np.concatenate([getattr(streaks, n), getattr(free, n)]) for n in Found.__slots__))
+    return _chained(streaks, discs.take(~_inside(discs.centre, streaks).any(axis=0)))
+
+
+def _chained(first: Found, second: Found) -> Found:
+    return Found(*(np.concatenate([getattr(first, n), getattr(second, n)]) for n in Found.__slots__))
 
 
 def _inside(points: Floats, streaks: Found) -> Bools:
@@ -197,11 +208,12 @@ def _without_overlaps(found: Found, scene: Scene, frame: int) -> Found:
     """The best ones of those that cannot stand beside each other."""
     radius = scene.table.ball_radius
     xy = scene.camera.to_table(found.centre, radius, frame)
+    apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1) > APART_RADII * radius
     kept: list[int] = []
     streaked = np.linalg.norm(found.streak, axis=1) > 0
-    for row in np.lexsort((-found.score, ~streaked)):
-        if all(np.linalg.norm(xy[row] - xy[other]) > APART_RADII * radius for other in kept):
-            kept.append(int(row))
+    for row in np.lexsort((-found.score, ~streaked)).tolist():
+        if apart[row, kept].all():
+            kept.append(row)
     return found.take(np.array(kept, dtype=np.int64))
 
 

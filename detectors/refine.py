@@ -64,6 +64,10 @@ class Circles:
     edge: Floats
     """(K,) median gradient of the supporting edges, grey levels over a sixth of a radius."""
 
+    def take(self, rows: NDArray[np.int64] | Bools) -> Circles:
+        """Some of the rows."""
+        return Circles(*(getattr(self, name)[rows] for name in self.__slots__))
+
 
 def fit_circles(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats) -> Circles:
     """Circles near guesses: centres (K, 2) px, expected radii (K,) px, in a picture (H, W, 3)."""
@@ -135,7 +139,7 @@ def _fit(edge: Floats, strength: Floats, radius: Floats, loose: float) -> tuple[
     shift = np.zeros((len(edge), 3))
     shift[:, 2] = np.median(offset, axis=1)
     shift[:, 2] = np.clip(shift[:, 2], -0.1 * radius, 0.1 * radius)
-    for _ in range(6):
+    for _ in range(4):
         residual = offset - shift @ design.T
         weights = clear * np.clip(1 - (residual / scale) ** 2, 0, None) ** 2
         normal = np.einsum("ka,ai,aj->kij", weights, design, design)

@@ -47,10 +47,13 @@ class Streaks:
 
 def find_streaks(moving: Bools, strength: Floats32, view: View) -> Streaks:
     """Capsules among the blobs of what differs from both the cloth and the median picture, working px."""
+    left, top, width, height = cv2.boundingRect(moving.astype(np.uint8))
+    if width == 0:
+        return _stacked([])
+    window = slice(top, top + height), slice(left, left + width)
+    moving, strength, rim = moving[window], strength[window], view.rim[window]
     count, labels, stats, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8), connectivity=8)
-    edge = ~view.area
-    edge[[0, -1]] = edge[:, [0, -1]] = True
-    beyond = set(labels[cv2.dilate(edge.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0].tolist())
+    beyond = set(labels[rim].tolist())
     least = 0.5 * np.pi * float(view.radius.min()) ** 2
     found = []
     for blob in range(1, count):
@@ -61,7 +64,7 @@ def find_streaks(moving: Bools, strength: Floats32, view: View) -> Streaks:
         levels = np.where(inside, strength[y : y + h, x : x + w], 0)
         # Relative to the ball's own contrast, so that its shadow is left out.
         clear = inside & (levels > FAINT_SHARE * np.quantile(levels[inside], 0.9))
-        capsule = _capsule(clear, np.array([x, y], dtype=float), view)
+        capsule = _capsule(clear, np.array([left + x, top + y], dtype=float), view)
         if capsule is not None:
             found.append(capsule)
     return _stacked(found)

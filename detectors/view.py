@@ -19,7 +19,7 @@ Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
 WORKING_RADIUS_PX = 7.5
-"""Radius of a ball in the working picture; smaller ones are never enlarged."""
+"""Radius of a ball in the working picture, about: it is the whole divided by a whole number."""
 CUSHION_SLACK_RADII = 0.55
 """How far beyond its place at the cushion (one radius inside the nose) a centre may be seen: calibration."""
 JAW_RADII = 2.6
@@ -35,24 +35,28 @@ class View:
     scene: Scene
     box: tuple[int, int, int, int]
     """x0, y0, x1, y1 px: the part of the reference picture it shows."""
-    scale: tuple[float, float]
+    scale: float
     radius: Floats32
     """(h, w) working px: radius of a ball whose centre is seen there."""
+    typical: float
+    """Working px: median of `radius`."""
     centres: Bools
     """(h, w) where the centre of a ball on the table may be."""
     cloth: Bools
     """(h, w) the playing surface."""
     area: Bools
     """(h, w) what balls can cover."""
+    rim: Bools
+    """(h, w) the outermost pixels of `area`, and what lies beyond."""
 
     def to_picture(self, working: Floats) -> Floats:
         """Working px (..., 2) to px of the reference picture."""
-        px: Floats = (working + 0.5) / np.array(self.scale) - 0.5 + np.array(self.box[:2], dtype=float)
+        px: Floats = (working + 0.5) / self.scale - 0.5 + np.array(self.box[:2], dtype=float)
         return px
 
     def to_working(self, px: Floats) -> Floats:
         """Reference px (..., 2) to working px."""
-        working: Floats = (px - np.array(self.box[:2], dtype=float) + 0.5) * np.array(self.scale) - 0.5
+        working: Floats = (px - np.array(self.box[:2], dtype=float) + 0.5) * self.scale - 0.5
         return working
 
     def picture(self, rgb: Bytes, frame: int | None = None) -> Bytes:
@@ -69,9 +73,8 @@ class View:
 
     def _followed(self, rgb: Bytes, motion: Floats) -> Bytes:
         h, w = self.radius.shape
-        sx, sy = self.scale
-        x0, y0 = self.box[:2]
-        to_working = np.array([[sx, 0, (0.5 - x0) * sx - 0.5], [0, sy, (0.5 - y0) * sy - 0.5], [0, 0, 1.0]])
+        s, (x0, y0) = self.scale, self.box[:2]
+        to_working = np.array([[s, 0, (0.5 - x0) * s - 0.5], [0, s, (0.5 - y0) * s - 0.5], [0, 0, 1.0]])
         matrix = to_working @ np.linalg.inv(motion)
         return np.asarray(cv2.warpPerspective(rgb, matrix, (w, h), flags=cv2.INTER_LINEAR), dtype=np.uint8)
 
@@ -84,10 +87,11 @@ def view_of(scene: Scene) -> View:
     """Lay the working picture over a scene."""
     camera, table = scene.camera, scene.table
     box = _box(camera, table)
-    span = np.array([box[2] - box[0], box[3] - box[1]])
     middle = float(camera.radius_px(np.array([table.length / 2, table.width / 2]), table.ball_radius))
-    w, h = (int(n) for n in np.maximum(np.round(span * min(1.0, WORKING_RADIUS_PX / middle)), 8))
-    scale = (w / float(span[0]), h / float(span[1]))
+    shrink = max(1, round(middle / WORKING_RADIUS_PX))
+    w, h = (box[2] - box[0]) // shrink, (box[3] - box[1]) // shrink
+    box = (box[0], box[1], box[0] + w * shrink, box[1] + h * shrink)
+    scale = 1.0 / shrink
     px = _grid(box, scale, w, h)
     centres = _allowed(table, camera.to_table(px, table.ball_radius))
     on_cloth = camera.to_table(px, 0.0)
@@ -97,7 +101,8 @@ def view_of(scene: Scene) -> View:
     reach = 2 * int(np.ceil(radius.max() * 1.5)) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
     area = cv2.dilate(centres.astype(np.uint8), kernel).astype(bool)
-    return View(scene, box, scale, radius, centres, cloth, area)
+    inner = cv2.erode(area.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return View(scene, box, scale, radius, float(np.median(radius[centres])), centres, cloth, area, inner == 0)
 
 
 def predicted_radius(scene: Scene, px: Floats) -> Floats:
@@ -115,9 +120,9 @@ def _box(camera: Camera, table: Table) -> tuple[int, int, int, int]:
     return int(low[0]), int(low[1]), x1, y1
 
 
-def _grid(box: tuple[int, int, int, int], scale: tuple[float, float], w: int, h: int) -> Floats:
-    x = (np.arange(w) + 0.5) / scale[0] - 0.5 + box[0]
-    y = (np.arange(h) + 0.5) / scale[1] - 0.5 + box[1]
+def _grid(box: tuple[int, int, int, int], scale: float, w: int, h: int) -> Floats:
+    x = (np.arange(w) + 0.5) / scale - 0.5 + box[0]
+    y = (np.arange(h) + 0.5) / scale - 0.5 + box[1]
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
@@ -137,9 +142,10 @@ def _within(table: Table, xy: Floats, inset: float) -> Bools:
     return within
 
 
-def _radius_map(scene: Scene, box: tuple[int, int, int, int], scale: tuple[float, float], w: int, h: int) -> Floats32:
-    """Radius in working px on a coarse grid, interpolated: it changes slowly."""
-    coarse_w, coarse_h = 33, 21
-    coarse = _grid(box, (scale[0] * coarse_w / w, scale[1] * coarse_h / h), coarse_w, coarse_h)
-    radii = predicted_radius(scene, coarse) * np.sqrt(scale[0] * scale[1])
-    return np.asarray(cv2.resize(radii.astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+def _radius_map(scene: Scene, box: tuple[int, int, int, int], scale: float, w: int, h: int) -> Floats32:
+    """Radius in working px on every 16th pixel, interpolated: it changes slowly."""
+    step = 16
+    coarse = _grid(box, scale / step, -(-w // step), -(-h // step))
+    radii = (predicted_radius(scene, coarse) * scale).astype(np.float32)
+    size = (radii.shape[1] * step, radii.shape[0] * step)
+    return np.asarray(cv2.resize(radii, size, interpolation=cv2.INTER_LINEAR)[:h, :w], dtype=np.float32)
