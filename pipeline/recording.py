@@ -31,8 +31,10 @@ PATH_HZ = 100.0
 CLOTH_MARGIN_RADII = 4.0
 
 
-def write_recording(clip: Clip, scene: Scene, detections: Detections, tracks: Tracks, fit: Fit, path: Path) -> None:
-    """Write `path` (.rrd), with a blueprint; timelines are seconds of the source clip and its frames.
+def write_recording(
+    clip: Clip, scene: Scene, detections: Detections, tracks: Tracks, fit: Fit, path: Path, title: str
+) -> None:
+    """Write `path` (.rrd), named `title`, with a blueprint; timelines are seconds of the source clip and its frames.
 
     Entities: `picture/` in px (video, detections, tracks, paths, events), `plan/` in m (table, balls, paths,
     events), `plots/` (speed m/s, residual mm), `log/events` and `about`.
@@ -43,7 +45,7 @@ def write_recording(clip: Clip, scene: Scene, detections: Detections, tracks: Tr
     recording.set_log_tick_enabled(False)
     aside = path.with_name(path.name + ".part")
     recording.save(aside, default_blueprint=_blueprint(clip, scene))
-    recording.send_recording_name(clip.path.name)
+    recording.send_recording_name(title)
     colours = np.array([ball_colour(*seen) for seen in zip(tracks.kinds, tracks.colour, strict=True)], dtype=np.uint8)
     _log_video(recording, clip, path.with_name(path.stem + ".part.mp4"))
     _log_detections(recording, clip, detections)

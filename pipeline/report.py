@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -42,15 +42,22 @@ class ReportFiles:
 
 
 def write_report(
-    clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, files: ReportFiles, options: Mapping[str, str], path: Path
+    clip: Clip,
+    scene: Scene,
+    tracks: Tracks,
+    fit: Fit,
+    files: ReportFiles,
+    title: str,
+    settings: Sequence[str],
+    path: Path,
 ) -> None:
-    """Write the page to `path`; `options` are the settings that reproduce the run, for its last section."""
+    """Write the page to `path`; `settings` are the options that reproduce the run, for its last section."""
     colours = [_css(ball_colour(*seen)) for seen in zip(tracks.kinds, tracks.colour, strict=True)]
     page = Environment(
         loader=PackageLoader("pipeline", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     ).get_template("report.html")
     html = page.render(
-        name=clip.path.name,
+        name=title,
         trust=fit.trust,
         poster=_data_uri(files.poster, "image/png"),
         video=_video_source(files.slow),
@@ -61,7 +68,7 @@ def write_report(
         parameters=[(p, parameter_range(p.name)) for p in fit.parameters],
         quality=_quality(clip, fit),
         notes=[*scene.notes, *clip.notes],
-        options=dict(options),
+        settings=list(settings),
         versions={name: version(name) for name in PACKAGES},
         digest=clip.digest,
     )

@@ -17,7 +17,7 @@ def chunks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Chunk]]:
     scene = shot.made_up_scene()
     tracks = shot.made_up_tracks(clip, scene)
     fit = shot.made_up_fit(tracks.t)
-    write_recording(clip, scene, shot.made_up_detections(tracks), tracks, fit, folder / "recording.rrd")
+    write_recording(clip, scene, shot.made_up_detections(tracks), tracks, fit, folder / "recording.rrd", "made up")
     assert not list(folder.glob("*.part*")), "nothing half-written is left"
     by_entity: dict[str, list[Chunk]] = {}
     for chunk in RrdReader(folder / "recording.rrd").stream():

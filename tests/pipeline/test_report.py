@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import made_up_shot as shot
 import pytest
@@ -19,8 +18,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     tracks = shot.made_up_tracks(clip, scene)
     (folder / "poster.png").write_bytes(b"\x89PNG")
     files = ReportFiles(folder / "clip.mp4", folder / "poster.png", 8.0)
-    hostile = replace(clip, path=clip.path.with_name("<script>alert(1).mp4"))
-    write_report(hostile, scene, tracks, shot.made_up_fit(tracks.t), files, {"--slow": "8"}, folder / "report.html")
+    hostile = "<script>alert(1)</script>.mp4"
+    fit = shot.made_up_fit(tracks.t)
+    write_report(clip, scene, tracks, fit, files, hostile, ["--slow 8"], folder / "report.html")
     return (folder / "report.html").read_text(encoding="utf-8")
 
 

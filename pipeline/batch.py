@@ -1,0 +1,95 @@
+"""A folder of clips, one after the other: one bad clip stops nothing, and a second run resumes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import av
+import numpy as np
+
+from models.errors import TruerollError
+from pipeline.cache import Cache
+from pipeline.chain import run_clip
+from pipeline.graph import Watcher
+from pipeline.options import RunOptions
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """How one clip of a batch went."""
+
+    clip: str
+    """Path below the folder."""
+    status: str
+    """done or failed"""
+    trust: str
+    contacts: int
+    seconds_in: float
+    """s of the clip with its last event; 0 where nothing happened"""
+    folder: str
+    sentence: str
+    """Why it failed, empty else."""
+
+
+def find_clips(folder: Path) -> Iterator[Path]:
+    """Every file below `folder` that holds moving pictures, by content; hidden files and links are left out."""
+    for path in sorted(folder.rglob("*")):
+        hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+        if not hidden and path.is_file() and not path.is_symlink() and _has_pictures(path):
+            yield path
+
+
+def _has_pictures(path: Path) -> bool:
+    """Whether a demuxer for films takes the file and finds a video stream of more than one still."""
+    if path.suffix.lower() in (".py", ".md", ".txt", ".json", ".csv", ".html", ".rrd", ".png", ".jpg", ".jpeg"):
+        return False
+    try:
+        with av.open(str(path)) as container:
+            return bool(container.streams.video) and not container.format.name.endswith("_pipe")
+    except (av.FFmpegError, OSError, ValueError):
+        return False
+
+
+def run_batch(
+    clips: list[Path], root: Path, out: Path, options: RunOptions, cache: Cache, watch: Callable[[Path], Watcher]
+) -> list[Row]:
+    """Run every clip into a folder of its own below `out`; rewrite summary.csv after each."""
+    rows = []
+    for clip in clips:
+        rows.append(_run_one(clip, root, out, options, cache, watch(clip)))
+        write_summary(rows, out / "summary.csv")
+    return rows
+
+
+def folder_of(clip: Path, root: Path, out: Path) -> Path:
+    """A folder per clip that mirrors the batch; the suffix stays, so that a.mp4 and a.mov do not meet."""
+    return out / clip.relative_to(root).parent / clip.name.replace(".", "_")
+
+
+def _run_one(clip: Path, root: Path, out: Path, options: RunOptions, cache: Cache, watcher: Watcher) -> Row:
+    name, folder = str(clip.relative_to(root)), folder_of(clip, root, out)
+    try:
+        run = run_clip(clip, folder, options, cache, watcher)
+    except TruerollError as error:
+        return Row(name, "failed", "", 0, 0.0, "", str(error))
+    contacts = sum(kind in ("ball", "cushion") for kind in run.events.kind)
+    last = float(np.max(run.events.t, initial=0.0))
+    return Row(name, "done", run.trust.light, contacts, round(last, 3), str(folder), "")
+
+
+def write_summary(rows: list[Row], path: Path) -> None:
+    """summary.csv, replaced in one step."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    names = [field.name for field in fields(Row)]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows([getattr(row, name) for name in names] for row in rows)
+    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    aside.write_text(text.getvalue(), encoding="utf-8")
+    os.replace(aside, path)

@@ -1,0 +1,190 @@
+"""Content-addressed entries of plain files: built aside, published by one rename, locked per key, checked when read.
+
+ROOT/entries/ab/abcd.../          the files of an entry and its manifest.json
+ROOT/building/                    entries that are being built; what a killed process leaves is pruned
+ROOT/locks/abcd....lock           one per key
+ROOT/latest/STAGE-CLIP.json       the parts of the last key, to say why a stage is stale
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock
+
+MANIFEST = "manifest.json"
+ABANDONED_S = 24 * 3600.0
+"""A folder under building/ untouched for so long belongs to a process that died."""
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """What an entry depends on, and the address that follows from it."""
+
+    stage: str
+    parts: Mapping[str, Any]
+    """JSON-able: options, inputs (content hashes), source (hash per file), libraries."""
+
+    @property
+    def digest(self) -> str:
+        text = json.dumps({"stage": self.stage, **self.parts}, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A finished entry."""
+
+    folder: Path
+    key: str
+    stage: str
+    content: str
+    """SHA-256 over the names and hashes of its files: equal results have equal content, whatever made them."""
+    seconds: float
+    """Time that it took to make."""
+    size: int
+    """bytes"""
+    used: float
+    """Last use, s since the epoch."""
+
+
+class Cache:
+    """Entries below one root folder; safe for many processes on one file system."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        for name in ("entries", "building", "locks", "latest"):
+            (root / name).mkdir(parents=True, exist_ok=True)
+
+    def folder(self, key: str) -> Path:
+        return self.root / "entries" / key[:2] / key
+
+    def find(self, key: Key) -> Entry | None:
+        """The entry of this key, or None where it is missing, torn or altered."""
+        entry = _read_entry(self.folder(key.digest))
+        if entry is not None:
+            os.utime(entry.folder / MANIFEST)
+        return entry
+
+    def is_damaged(self, key: Key) -> bool:
+        """Whether an entry is there that cannot be trusted."""
+        folder = self.folder(key.digest)
+        return folder.exists() and _read_entry(folder) is None
+
+    def make(self, key: Key, build: Callable[[Path], None]) -> Entry:
+        """The entry of this key, built by `build(folder)` unless another process has done it meanwhile."""
+        with FileLock(self.root / "locks" / f"{key.digest}.lock"):
+            entry = self.find(key)
+            return entry if entry is not None else self._publish(key, build)
+
+    def _publish(self, key: Key, build: Callable[[Path], None]) -> Entry:
+        aside = Path(tempfile.mkdtemp(prefix=f"{key.stage}-", dir=self.root / "building"))
+        try:
+            start = time.monotonic()
+            build(aside)
+            _write_manifest(aside, key, time.monotonic() - start)
+            final = self.folder(key.digest)
+            if final.exists():
+                shutil.rmtree(final)
+            final.parent.mkdir(exist_ok=True)
+            aside.rename(final)
+        except BaseException:
+            shutil.rmtree(aside, ignore_errors=True)
+            raise
+        entry = _read_entry(final)
+        if entry is None:
+            raise OSError(f"the entry that was just written to {final} cannot be read back; is the disk full?")
+        return entry
+
+    def remember(self, key: Key, clip: str) -> None:
+        """Note the parts of the key that a stage last had for a clip."""
+        path = self._latest(key.stage, clip)
+        aside = path.with_suffix(f".{os.getpid()}.part")
+        aside.write_text(json.dumps(key.parts, sort_keys=True), encoding="utf-8")
+        aside.replace(path)
+
+    def recall(self, stage: str, clip: str) -> dict[str, Any] | None:
+        """The parts that `remember` noted, None if never."""
+        try:
+            parts: dict[str, Any] = json.loads(self._latest(stage, clip).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return parts
+
+    def _latest(self, stage: str, clip: str) -> Path:
+        return self.root / "latest" / f"{stage}-{clip[:32]}.json"
+
+    def entries(self) -> Iterator[Entry]:
+        """All whole entries, the least recently used first."""
+        found = [_read_entry(path.parent, check=False) for path in (self.root / "entries").glob(f"*/*/{MANIFEST}")]
+        yield from sorted((entry for entry in found if entry is not None), key=lambda entry: (entry.used, entry.key))
+
+    def prune(self, *, older_than_s: float | None = None, largest_bytes: int | None = None) -> list[Entry]:
+        """Remove old entries, then the least recently used until the rest fits; also what dead processes left."""
+        now = time.time()
+        for path in (self.root / "building").iterdir():
+            if now - path.stat().st_mtime > ABANDONED_S:
+                shutil.rmtree(path, ignore_errors=True)
+        kept = list(self.entries())
+        total = sum(entry.size for entry in kept)
+        removed = []
+        for entry in kept:
+            old = older_than_s is not None and now - entry.used > older_than_s
+            if old or (largest_bytes is not None and total > largest_bytes):
+                self._remove(entry)
+                removed.append(entry)
+                total -= entry.size
+        return removed
+
+    def _remove(self, entry: Entry) -> None:
+        with FileLock(self.root / "locks" / f"{entry.key}.lock"):
+            shutil.rmtree(entry.folder, ignore_errors=True)
+
+
+def _write_manifest(folder: Path, key: Key, seconds: float) -> None:
+    files = {
+        str(path.relative_to(folder)): {"sha256": _file_hash(path), "size": path.stat().st_size}
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+    document = {"stage": key.stage, "key": key.digest, "parts": dict(key.parts), "seconds": seconds, "files": files}
+    (folder / MANIFEST).write_text(json.dumps(document, indent=1), encoding="utf-8")
+
+
+def _read_entry(folder: Path, *, check: bool = True) -> Entry | None:
+    """The entry in `folder`; None where a file is missing, torn or altered."""
+    try:
+        document = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        used = (folder / MANIFEST).stat().st_mtime
+        files: dict[str, dict[str, Any]] = document["files"]
+        for name, facts in files.items():
+            path = folder / name
+            if path.stat().st_size != facts["size"] or (check and _file_hash(path) != facts["sha256"]):
+                return None
+        content = hashlib.sha256(json.dumps({n: f["sha256"] for n, f in files.items()}, sort_keys=True).encode())
+        size = sum(int(facts["size"]) for facts in files.values())
+        return Entry(folder, document["key"], document["stage"], content.hexdigest(), document["seconds"], size, used)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _file_hash(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def default_root() -> Path:
+    """$TRUEROLL_CACHE, else trueroll below the user's cache folder."""
+    named = os.environ.get("TRUEROLL_CACHE")
+    if named:
+        return Path(named)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "trueroll"

@@ -1,0 +1,113 @@
+"""The chain of a run: from a clip to the files of its folder."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from models.errors import ClipError
+from models.events import Events
+from models.fit import Fit, Trust
+from pipeline.cache import Cache, Entry
+from pipeline.graph import Graph, Watcher, stage_value
+from pipeline.options import RunOptions, told_apart
+from pipeline.stages.calibrate import calibrate_stage
+from pipeline.stages.detect import detect_stage
+from pipeline.stages.export import export_stage
+from pipeline.stages.fit import fit_stage
+from pipeline.stages.read import read_stage
+from pipeline.stages.record import RecordOptions, record_stage
+from pipeline.stages.render import render_stage
+from pipeline.stages.report import ReportOptions, report_stage
+from pipeline.stages.track import track_stage
+from video.clip import Clip, open_clip
+
+FILES: Mapping[str, tuple[str, ...]] = {
+    "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
+    "render": ("slow.mp4", "poster.png"),
+    "record": ("recording.rrd",),
+    "report": ("report.html",),
+}
+"""Which stage makes which files of a run's folder."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A finished run."""
+
+    folder: Path
+    trust: Trust
+    events: Events
+
+
+def run_graph(clip: Path, options: RunOptions) -> Graph:
+    """The stages of a run of this clip; ClipError where there is no such file."""
+    digest = clip_digest(clip)
+    settings = told_apart(options)
+    stages = (
+        read_stage(clip, digest, options.read),
+        calibrate_stage(options.calibrate),
+        detect_stage(options.detect),
+        track_stage(options.track),
+        fit_stage(options.fit),
+        export_stage(),
+        render_stage(options.render),
+        record_stage(RecordOptions(clip.name)),
+        report_stage(ReportOptions(clip.name, options.render.slow, settings)),
+    )
+    return Graph.of(stages, digest)
+
+
+def clip_digest(path: Path) -> str:
+    """SHA-256 of the file's bytes."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        open_clip(path)  # knows the sentence for a file that cannot be opened
+        raise ClipError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def run_clip(clip: Path, folder: Path, options: RunOptions, cache: Cache, watcher: Watcher) -> Run:
+    """Run the chain on one clip and publish its files in `folder`.
+
+    Raises a TruerollError, one sentence, where the clip cannot be used; nothing is left half-written then.
+    """
+    graph = run_graph(clip, options)
+    entries = graph.run(cache, watcher, {"read": partial(_at, clip)})
+    publish(entries, folder)
+    stage = next(stage for stage in graph.stages if stage.name == "fit")
+    fit: Fit = stage_value(stage, entries["fit"])
+    return Run(folder, fit.trust, fit.events)
+
+
+def _at(path: Path, clip: Clip) -> Clip:
+    """The clip where it lies today: the cache knows content, not places."""
+    return replace(clip, path=path)
+
+
+def publish(entries: Mapping[str, Entry], folder: Path) -> None:
+    """Copy the files of a run out of the cache, each aside first and then under its name in one step."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for stage, names in FILES.items():
+        for name in names:
+            _copy(entries[stage].folder / name, folder / name)
+
+
+def _copy(source: Path, target: Path) -> None:
+    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        shutil.copyfile(source, aside)
+        os.replace(aside, target)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def default_folder(clip: Path) -> Path:
+    """Where a run goes that was not told: out/<name of the clip>."""
+    return Path("out") / clip.stem

@@ -1,0 +1,112 @@
+"""Options of the command line, made from the option dataclasses of the stages."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, get_type_hints
+
+import typer
+
+from detectors.detect import DetectOptions
+from models.association import TrackOptions
+from models.fitting import FitOptions
+from pipeline.stages.read import ReadOptions
+from video.annotation import RenderOptions
+from video.table_finder import CalibrateOptions
+
+PARTS = ("read", "calibrate", "detect", "track", "fit", "render")
+EXPERT_PARTS = ("track", "fit")
+"""Their options are for researchers: shown in a panel of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """The options of every stage that has any."""
+
+    read: ReadOptions = field(default_factory=ReadOptions)
+    calibrate: CalibrateOptions = field(default_factory=CalibrateOptions)
+    detect: DetectOptions = field(default_factory=DetectOptions)
+    track: TrackOptions = field(default_factory=TrackOptions)
+    fit: FitOptions = field(default_factory=FitOptions)
+    render: RenderOptions = field(default_factory=RenderOptions)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One option on the command line, with the stages that it reaches."""
+
+    name: str
+    parts: tuple[str, ...]
+    kind: Any
+    default: Any
+    help: str
+
+    @property
+    def flag(self) -> str:
+        return "--" + self.name.replace("_", "-")
+
+
+def run_settings() -> dict[str, Setting]:
+    """Every field of every stage's options by name; a name that several stages share is one setting."""
+    settings: dict[str, Setting] = {}
+    for part in PARTS:
+        options = getattr(RunOptions(), part)
+        kind = type(options)
+        hints, words = get_type_hints(kind), field_docstrings(kind)
+        for option in fields(kind):
+            name = option.name
+            before = settings.get(name)
+            parts = (*before.parts, part) if before else (part,)
+            sentence = f"{before.help} {words[name]}" if before else words[name]
+            settings[name] = Setting(name, parts, hints[name], getattr(options, name), sentence)
+    return settings
+
+
+def field_docstrings(kind: type) -> dict[str, str]:
+    """The string under each field of a dataclass: what it means and its unit."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    assert isinstance(body, ast.ClassDef)
+    words: dict[str, str] = {}
+    for node, after in zip(body.body, body.body[1:], strict=False):
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            told = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+            words[node.target.id] = " ".join(str(after.value.value).split()) if told else ""  # type: ignore[attr-defined]
+    return {option.name: _sentence(words.get(option.name, "")) for option in fields(kind)}
+
+
+def _sentence(words: str) -> str:
+    return words if words.endswith((".", "!", "?")) or not words else words + "."
+
+
+def parameters() -> list[inspect.Parameter]:
+    """The settings as keyword parameters that typer understands."""
+    made = []
+    for setting in run_settings().values():
+        panel = "For researchers" if setting.parts[0] in EXPERT_PARTS and len(setting.parts) == 1 else None
+        option = typer.Option(setting.default, setting.flag, help=setting.help, rich_help_panel=panel)
+        kind = inspect.Parameter.KEYWORD_ONLY
+        made.append(inspect.Parameter(setting.name, kind, default=option, annotation=setting.kind))
+    return made
+
+
+def collect(values: dict[str, Any]) -> RunOptions:
+    """Options of all stages from values by setting name."""
+    options = RunOptions()
+    for name, setting in run_settings().items():
+        for part in setting.parts:
+            changed = replace(getattr(options, part), **{name: values[name]})
+            options = replace(options, **{part: changed})
+    return options
+
+
+def told_apart(options: RunOptions) -> tuple[str, ...]:
+    """The settings that differ from their defaults, as one would type them."""
+    words = []
+    for name, setting in run_settings().items():
+        value = getattr(getattr(options, setting.parts[0]), name)
+        if value != setting.default:
+            words.append(setting.flag if value is True else f"{setting.flag} {value}")
+    return tuple(words)

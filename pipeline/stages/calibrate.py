@@ -1,0 +1,18 @@
+"""Calibrate: the table in the picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from models.progress import Progress
+from models.scene import Scene
+from pipeline.stage import Inputs, Stage
+from video.table_finder import CalibrateOptions, find_scene
+
+
+def calibrate_stage(options: CalibrateOptions) -> Stage:
+    return Stage("calibrate", __name__, ("read",), Scene, _run, options)
+
+
+def _run(inputs: Inputs, options: CalibrateOptions, folder: Path, progress: Progress) -> Scene:
+    return find_scene(inputs["read"], options, progress)

@@ -1,0 +1,30 @@
+"""Read: the clip's timestamps, size and repeats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+
+from models.progress import Progress
+from pipeline.stage import Inputs, Stage
+from video.clip import Clip, open_clip
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """How the clip's time is read."""
+
+    fps: str | None = None
+    """Pictures per second, such as 29.97 or 30000/1001, where the container lies about them."""
+
+
+def read_stage(path: Path, digest: str, options: ReadOptions) -> Stage:
+    return Stage("read", __name__, (), Clip, partial(_run, path), options, {"clip": digest})
+
+
+def _run(path: Path, inputs: Inputs, options: ReadOptions, folder: Path, progress: Progress) -> Clip:
+    fps = None if options.fps is None else Fraction(options.fps)
+    clip = open_clip(path, fps=fps, progress=progress)
+    return replace(clip, path=Path("clip"))  # the content decides, not the name: whoever takes the clip knows its path

@@ -1,0 +1,28 @@
+"""Record: everything on one timeline for the rerun viewer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from models.progress import Progress
+from pipeline.stage import Inputs, Stage
+
+
+@dataclass(frozen=True, slots=True)
+class RecordOptions:
+    """What the recording says of itself."""
+
+    title: str
+    """Name of the clip, as shown in the viewer."""
+
+
+def record_stage(options: RecordOptions) -> Stage:
+    return Stage("record", __name__, ("read", "calibrate", "detect", "track", "fit"), None, _run, options)
+
+
+def _run(inputs: Inputs, options: RecordOptions, folder: Path, progress: Progress) -> None:
+    from pipeline.recording import write_recording  # slow to import, and not needed while cached
+
+    clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
+    write_recording(clip, scene, inputs["detect"], tracks, fit, folder / "recording.rrd", options.title)

@@ -1,0 +1,34 @@
+"""Report: one page to keep and send."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from models.progress import Progress
+from pipeline.stage import Inputs, Stage
+
+
+@dataclass(frozen=True, slots=True)
+class ReportOptions:
+    """What the page says of the run."""
+
+    title: str
+    """Name of the clip."""
+    slow: float
+    """How many times slower the slow motion is."""
+    settings: tuple[str, ...]
+    """The options that reproduce the run."""
+
+
+def report_stage(options: ReportOptions) -> Stage:
+    return Stage("report", __name__, ("read", "calibrate", "track", "fit", "render"), None, _run, options)
+
+
+def _run(inputs: Inputs, options: ReportOptions, folder: Path, progress: Progress) -> None:
+    from pipeline.report import ReportFiles, write_report  # slow to import, and not needed while cached
+
+    made = inputs["render"]
+    files = ReportFiles(made / "slow.mp4", made / "poster.png", options.slow)
+    clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
+    write_report(clip, scene, tracks, fit, files, options.title, options.settings, folder / "report.html")

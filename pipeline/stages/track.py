@@ -1,0 +1,21 @@
+"""Track: which detection is which ball."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from models.association import TrackOptions, associate
+from models.progress import Progress
+from models.tracks import Tracks
+from pipeline.stage import Inputs, Stage
+
+
+def track_stage(options: TrackOptions) -> Stage:
+    return Stage("track", __name__, ("read", "calibrate", "detect"), Tracks, _run, options)
+
+
+def _run(inputs: Inputs, options: TrackOptions, folder: Path, progress: Progress) -> Tracks:
+    clip = inputs["read"]
+    return associate(
+        inputs["detect"], clip.distinct, clip.t[clip.distinct], inputs["calibrate"], options, progress
+    )  # fmt: skip

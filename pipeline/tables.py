@@ -1,0 +1,188 @@
+"""The tables of a run: tracks.csv, events.csv, trajectory.csv and scene.json."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pyarrow import csv
+
+from models.fit import Fit
+from models.scene import Camera, Scene
+from models.tracks import Tracks
+from models.trajectory import Trajectory
+from video.clip import Clip
+
+Floats = NDArray[np.float64]
+Columns = dict[str, Sequence[str] | NDArray[Any]]
+
+TRAJECTORY_HZ = 1000.0
+DEFAULT_MODEL = ("rolling_resistance", "sliding_friction", "spin_decay", "cushion_restitution", "ball_restitution")
+DECIMALS = {"x": 6, "y": 6, "sigma": 6, "t": 6, "t_sigma": 6, "x_px": 3, "y_px": 3, "radius_px": 2, "frame": 3}
+"""Places kept of each column (m, s, px); others get six."""
+SHOT = 0
+
+
+def write_tracks(scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
+    """One row per ball and distinct picture: as seen, or where the physics puts it (`observed` 0)."""
+    filled = fit.trajectory.at(tracks.t)
+    seen = tracks.observed
+    row, ball = np.nonzero(seen | (np.isfinite(filled.xy[..., 0]) & ~filled.measured))
+    observed = seen[row, ball]
+    frame = tracks.frame[row]
+    xy = np.where(observed[:, None], tracks.xy[row, ball], filled.xy[row, ball])
+    computed = scene.camera.to_pixels(filled.xy[row, ball], scene.table.ball_radius, frame)
+    px = np.where(observed[:, None], tracks.px[row, ball], computed)
+    radius = np.where(observed, tracks.radius_px[row, ball], scene.camera.radius_px(xy, scene.table.ball_radius))
+    columns: Columns = {
+        "shot": np.full(len(row), SHOT), "frame": frame, "t": tracks.t[row],
+        "id": [tracks.ids[k] for k in ball], "kind": [tracks.kinds[k] for k in ball],
+        "x_px": px[:, 0], "y_px": px[:, 1], "x": xy[:, 0], "y": xy[:, 1],
+        "sigma": np.where(observed, tracks.sigma[row, ball], filled.sigma[row, ball]),
+        "radius_px": radius, "observed": observed.astype(np.int64),
+    }  # fmt: skip
+    _write(columns, path)
+
+
+def write_events(fit: Fit, path: Path) -> None:
+    """One row per event; gaps in mm."""
+    events = fit.events
+    columns: Columns = {
+        "shot": np.full(len(events), SHOT), "kind": list(events.kind), "t": events.t, "t_sigma": events.t_sigma,
+        "frame": events.frame, "a": list(events.a), "b": list(events.b), "x": events.xy[:, 0], "y": events.xy[:, 1],
+        "probability": events.probability, "gap_mm": 1000 * events.gap, "gap_mm_sigma": 1000 * events.gap_sigma,
+        "speed": events.speed,
+    }  # fmt: skip
+    _write(columns, path)
+
+
+def write_trajectory(fit: Fit, path: Path) -> None:
+    """The fitted motion at `TRAJECTORY_HZ`, ball by ball."""
+    motion = fit.trajectory
+    first = float(motion.start.min()) if len(motion.start) else 0.0
+    last = float(motion.end.max()) if len(motion.end) else 0.0
+    t = np.arange(math.ceil(first * TRAJECTORY_HZ), math.floor(last * TRAJECTORY_HZ) + 1) / TRAJECTORY_HZ
+    state = motion.at(t)
+    ball, row = np.nonzero(np.isfinite(state.xy[..., 0]).T) if len(motion.ids) else (np.empty(0, int),) * 2
+    columns: Columns = {
+        "shot": np.full(len(row), SHOT), "t": t[row], "id": [motion.ids[k] for k in ball],
+    }  # fmt: skip
+    for name, values in (
+        ("x", state.xy[..., 0]), ("y", state.xy[..., 1]), ("vx", state.v[..., 0]), ("vy", state.v[..., 1]),
+        ("wx", state.w[..., 0]), ("wy", state.w[..., 1]), ("wz", state.w[..., 2]),
+        ("sigma", state.sigma), ("sigma_v", state.sigma_v),
+    ):  # fmt: skip
+        columns[name] = values[row, ball]
+    _write(columns, path)
+
+
+def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
+    """Table, calibration, the fitted model and how far to trust it."""
+    table = scene.table
+    document = {
+        "scene": "billiards",
+        "units": "m",
+        "fps": float(clip.rate),
+        "table": {"name": table.name, "game": table.game, "length": table.length, "width": table.width,
+                  "pockets": table.pockets, "cloth_lab": scene.cloth_lab.tolist()},
+        "ball_radius": table.ball_radius,
+        "ball_mass": table.ball_mass,
+        "image": _image(scene.camera, table.ball_radius, scene),
+        "calibration": _calibration(scene),
+        "model": sorted({p.name.split(".")[0] for p in fit.parameters}) or list(DEFAULT_MODEL),
+        "effects": _effects(fit),
+        "balls": _balls(tracks, fit.trajectory),
+        "fit": _quality(tracks, fit),
+        "trust": {"light": fit.trust.light, "why": list(fit.trust.reasons)},
+        "notes": [*clip.notes, *scene.notes],
+        "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct),
+                 "repeats": np.flatnonzero(clip.repeat).tolist(), "seconds": float(clip.t[-1])},
+    }  # fmt: skip
+    path.write_text(json.dumps(_strict(document), indent=1, allow_nan=False), encoding="utf-8")
+
+
+def _image(camera: Camera, radius: float, scene: Scene) -> dict[str, Any]:
+    centre = np.array([scene.table.length / 2, scene.table.width / 2])
+    scale = 1 / math.sqrt(abs(float(np.linalg.det(camera.metres_per_pixel(centre, radius)))))
+    origin = camera.to_pixels(np.zeros(2), radius)
+    return {"px_per_m": scale, "origin_px": origin.tolist(), "width_px": camera.width_px, "height_px": camera.height_px}
+
+
+def _calibration(scene: Scene) -> dict[str, Any]:
+    camera = scene.camera
+    return {
+        "plane": camera.plane,
+        "matrix": camera.matrix.tolist(),
+        "matrix_about": "(x, y, z above the cloth, 1) in m to homogeneous px of the reference picture",
+        "corners_px": camera.corners_px.tolist(),
+        "corner_covariance_px2": camera.corner_covariance.tolist(),
+        "camera_height": camera.height,
+        "camera_height_sigma": camera.height_sigma,
+        "camera_moves": camera.motion is not None,
+    }
+
+
+def _effects(fit: Fit) -> dict[str, dict[str, Any]]:
+    effects: dict[str, dict[str, Any]] = {}
+    for p in fit.parameters:
+        effect, _, name = p.name.partition(".")
+        facts = {"value": p.value, "sigma": p.sigma, "unit": p.unit, "prior_only": p.prior_only}
+        effects.setdefault(effect, {})[name] = facts
+    return effects
+
+
+def _balls(tracks: Tracks, motion: Trajectory) -> list[dict[str, Any]]:
+    """Each ball with its state where its motion begins."""
+    balls = []
+    for k, ball in enumerate(motion.ids):
+        rows = np.flatnonzero(motion.ball == k)
+        facts: dict[str, Any] = {"id": ball, "kind": tracks.kinds[tracks.ids.index(ball)]}
+        if len(rows):
+            first = rows[0]
+            x, v, w = motion.position[first, 0], motion.position[first, 1], motion.spin[first, 0]
+            facts |= {"t": motion.start[first], "x": x[0], "y": x[1], "vx": v[0], "vy": v[1]}
+            facts |= {"wx": w[0], "wy": w[1], "wz": w[2], "covariance": motion.covariance[first].tolist()}
+        balls.append(facts)
+    return balls
+
+
+def _quality(tracks: Tracks, fit: Fit) -> dict[str, float]:
+    """Noise, misfit, and how many ball-seconds of motion an accepted fit explains."""
+    step = np.gradient(tracks.t)[:, None] if len(tracks.t) > 1 else np.zeros((len(tracks.t), 1))
+    return {
+        "noise_m": fit.noise,
+        "chi2_per_dof": fit.chi2_per_dof,
+        "moving_s": float(np.sum(step * fit.moving)),
+        "accepted_s": float(np.sum(step * (fit.moving & fit.accepted))),
+    }
+
+
+def _strict(data: Any) -> Any:
+    """The same tree with NaN and infinity as null, which strict JSON wants."""
+    if isinstance(data, Mapping):
+        return {key: _strict(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_strict(value) for value in data]
+    if isinstance(data, float | np.floating):
+        return float(data) if math.isfinite(data) else None
+    return data.item() if isinstance(data, np.generic) else data
+
+
+def _write(columns: Columns, path: Path) -> None:
+    """A csv with rounded numbers and empty cells for NaN."""
+    arrays = {}
+    for name, values in columns.items():
+        if isinstance(values, np.ndarray) and values.dtype.kind == "f":
+            rounded = np.round(values, DECIMALS.get(name, 6)) + 0.0
+            arrays[name] = pa.array(rounded, mask=~np.isfinite(rounded))
+        elif isinstance(values, np.ndarray):
+            arrays[name] = pa.array(values)
+        else:
+            arrays[name] = pa.array(list(values), type=pa.string())
+    csv.write_csv(pa.table(arrays), path, csv.WriteOptions(quoting_style="needed", quoting_header="none"))
