@@ -28,12 +28,18 @@ READING_SECONDS = 2.0
 """s of the finished video that the time of a contact stays to be read."""
 PATH_STEP = 1 / 240
 """s between points of a path."""
+PLAN_STEP = 3
+"""Points of a path per point of the plan, which is small."""
 MOST_LABELS, MOST_TIMES = 6, 3
 """Balls named, and contact times shown, at once: more would hide the shot."""
 TURN_SHARE = 0.12
 """Share of its way round the ball that a label goes per picture: it glides, it does not jump."""
 LEAST_PROBABILITY = 0.5
 """Events below are not drawn."""
+MOST_SIGMA = 0.1
+"""s; an event whose time is less sure is not drawn: it would flash at a wrong moment."""
+BEYOND_RADII = 3.0
+"""How far outside the noses, in ball radii, a path is still drawn: pockets, but no run-away fit."""
 SURE = 0.9
 """Probability from which an event is drawn without naming it."""
 INSET_SHARE = 0.23
@@ -141,7 +147,7 @@ class Annotation:
         draw_trail(picture, way, fade, self.colours[ball], width, balls)
 
     def _panels(self, picture: Picture, t: float, xy: Floats) -> None:
-        so_far = [path.xy[: np.searchsorted(path.t, t)] for path in self.paths]
+        so_far = [path.xy[: np.searchsorted(path.t, t) : PLAN_STEP] for path in self.paths]
         self.inset.draw(picture, round(self.inset_place[0]), round(self.inset_place[1]), xy, so_far, self.colours)
         self.clock.draw(picture, self.clock_place, t, self.scale)
 
@@ -167,7 +173,7 @@ class Annotation:
 
     def _names(self, picture: Picture, t: float, balls: Balls, taken: list[Rect]) -> None:
         """Name and speed beside the balls that move or have just come to rest."""
-        shown = [int(ball) for ball in balls.present if self._presence(t, int(ball)) > 0]
+        shown = [int(ball) for ball in balls.present if self._presence(t, int(ball)) > 0 and balls.sure[ball]]
         shown.sort(key=lambda ball: (-len(self.paths[ball].t), ball))
         for ball in shown[:MOST_LABELS]:
             speed = balls.speed[ball]
@@ -231,7 +237,8 @@ def _path(sightings: Sightings, fit: Fit, ball: int) -> Path:
     inside = [t for t in fit.events.t if ((spans[:, 0] <= t) & (t <= spans[:, 1])).any()]
     times = np.unique(np.concatenate([*parts, spans.ravel(), np.array(inside)]))
     xy = fit.trajectory.at(times).xy[:, ball]
-    known = np.isfinite(xy[:, 0])
+    table, beyond = sightings.scene.table, BEYOND_RADII * sightings.scene.table.ball_radius
+    known = ((xy > -beyond) & (xy < np.array([table.length, table.width]) + beyond)).all(axis=1)
     radii = sightings.radius[rows, ball]
     radius = float(np.median(radii[np.isfinite(radii)])) if np.isfinite(radii).any() else 8.0
     return Path(times[known], xy[known], spans, radius)
@@ -242,7 +249,8 @@ def _marks(sightings: Sightings, fit: Fit) -> tuple[Mark, ...]:
     events = fit.events
     marks = []
     for k, kind in enumerate(events.kind):
-        if kind not in STRENGTHS or events.probability[k] < LEAST_PROBABILITY or events.a[k] not in fit.trajectory.ids:
+        known = events.probability[k] >= LEAST_PROBABILITY and events.t_sigma[k] <= MOST_SIGMA
+        if kind not in STRENGTHS or not known or events.a[k] not in fit.trajectory.ids:
             continue
         ball = fit.trajectory.ids.index(events.a[k])
         xy = _contact_point(sightings, fit, k)

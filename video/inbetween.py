@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -13,6 +12,7 @@ from models.fit import Fit
 from models.scene import Scene, apply_homography
 from models.tracks import Tracks
 from models.trajectory import State, Trajectory
+from video.clip import Clip, read_frames
 from video.palette import lab_to_rgb
 from video.plate import Plate, learn_plate
 from video.sprites import SHADOW_RADII, Outline, Peeled, Sprite, paste, peel
@@ -23,8 +23,12 @@ Picture = NDArray[np.uint8]
 
 LEAST_SHIFT = 0.15
 """px between two pictures below which a ball is left as it is: no eye sees it."""
-PLATE_SAMPLES = 32
-"""Pictures, spread over the clip, that the plate is learnt from: its memory is theirs times the swept area."""
+MOST_SAMPLES, FEWEST_SAMPLES = 32, 13
+"""Pictures, spread over the clip, that the plate is learnt from."""
+PLATE_BYTES = 64_000_000
+"""Memory for the swept pixels of those pictures; larger areas are learnt from fewer."""
+OUTSIDE = 40.0
+"""px beyond the border where a ball that is not seen is still followed."""
 RADIUS_RATIO = (0.8, 1.3)
 """How far a ball's seen radius may lie from the expected one: glare, dark rims and calibration, no more."""
 STREAK_POINTS = 7
@@ -56,8 +60,8 @@ class Sightings:
     """(T, N)"""
     moves: Mask
     """(T - 1, N) the ball moves between this picture and the next."""
-    exposure: float
-    """s, how long the shutter is open, as the streaks tell; 0 without streaks."""
+    way: Floats
+    """(T, P, N, 2) px, relative to the centre: where the ball goes while the shutter is open; P = 1 without streaks."""
     colour: NDArray[np.uint8]
     """(N, 3) sRGB"""
 
@@ -103,13 +107,9 @@ class Sightings:
     def outline(self, row: int, ball: int) -> Outline:
         """Where a ball is during the exposure of a picture."""
         centre = self.centre[row, ball]
-        radius = float(self.radius[row, ball])
-        times = self.t[row] + self.exposure * np.linspace(-0.5, 0.5, STREAK_POINTS)
-        way = self.project(self.trajectory.at(np.clip(times, *self.span[ball])).xy[:, ball], float(self.t[row]))
-        way = way - way[STREAK_POINTS // 2] + centre
-        if self.exposure == 0 or not np.isfinite(way).all() or np.ptp(way, axis=0).max() < 1:
-            way = centre[None]
-        return Outline(way, centre, radius)
+        way = self.way[row, :, ball]
+        sharp = not np.isfinite(way).all() or np.ptp(way, axis=0).max() < 1
+        return Outline(centre[None] if sharp else way + centre, centre, float(self.radius[row, ball]))
 
 
 def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:
@@ -122,14 +122,17 @@ def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:
     frames = np.broadcast_to(tracks.frame[:, None], xy.shape[:2])
     put = camera.to_pixels(xy, height, frames if camera.motion is not None else None)
     observed = tracks.observed & np.isfinite(tracks.px[..., 0])
-    centre = np.where(observed[..., None], tracks.px, put)
+    size = np.array([camera.width_px, camera.height_px])
+    inside = np.all((put > -OUTSIDE) & (put < size + OUTSIDE), axis=-1, keepdims=True)
+    centre = np.where(observed[..., None], tracks.px, np.where(inside, put, np.nan))
     offset = tracks.px - put
     offset[~(observed & np.isfinite(put[..., 0]))] = 0
     radius = _radii(scene, tracks, np.where(np.isfinite(xy), xy, tracks.xy))
     return Sightings(
         scene=scene, trajectory=fit.trajectory, span=_spans(fit.trajectory), frame=tracks.frame, t=tracks.t,
         centre=centre, offset=offset, radius=radius, observed=observed,
-        moves=_moves(scene, tracks, fit.trajectory), exposure=_exposure(tracks, modelled.v),
+        moves=_moves(scene, tracks, fit.trajectory),
+        way=_ways(scene, tracks, fit.trajectory, _exposure(tracks, modelled.v)),
         colour=np.array([lab_to_rgb(lab) for lab in tracks.colour], dtype=np.uint8).reshape(-1, 3),
     )  # fmt: skip
 
@@ -143,7 +146,8 @@ def _radii(scene: Scene, tracks: Tracks, xy: Floats) -> Floats:
         both = known & np.isfinite(tracks.radius_px[:, ball])
         if both.any():
             radius[:, ball] *= np.clip(np.median(tracks.radius_px[both, ball] / radius[both, ball]), *RADIUS_RATIO)
-    return radius
+    usual = np.median(radius[np.isfinite(radius)]) if np.isfinite(radius).any() else np.nan
+    return np.asarray(np.clip(radius, usual / 3, usual * 3), dtype=np.float64)
 
 
 def _spans(trajectory: Trajectory) -> Floats:
@@ -167,6 +171,16 @@ def _moves(scene: Scene, tracks: Tracks, trajectory: Trajectory) -> Mask:
     return moves
 
 
+def _ways(scene: Scene, tracks: Tracks, trajectory: Trajectory, exposure: float) -> Floats:
+    """(T, P, N, 2) px, relative to the middle: every ball's way while the shutter is open for `exposure` s."""
+    if exposure == 0:
+        return np.zeros((len(tracks.t), 1, len(tracks.ids), 2))
+    times = tracks.t[:, None] + exposure * np.linspace(-0.5, 0.5, STREAK_POINTS)
+    times = np.clip(times, tracks.t[0], tracks.t[-1])
+    px = scene.camera.to_pixels(trajectory.at(times).xy, scene.table.ball_radius)
+    return np.asarray(px - px[:, [STREAK_POINTS // 2]], dtype=np.float64)
+
+
 def _exposure(tracks: Tracks, v: Floats) -> float:
     """Median of streak length over speed where balls are streaked, s, at most the time between two pictures."""
     length, speed = np.linalg.norm(tracks.streak, axis=-1), np.linalg.norm(v, axis=-1)
@@ -176,22 +190,24 @@ def _exposure(tracks: Tracks, v: Floats) -> float:
     return float(min(np.median(length[streaked] / speed[streaked]), np.median(np.diff(tracks.t))))
 
 
-def plate_rows(sightings: Sightings) -> NDArray[np.int64]:
-    """Rows of the pictures that the plate is learnt from, evenly over the clip."""
-    rows: NDArray[np.int64] = np.unique(np.linspace(0, len(sightings.t) - 1, PLATE_SAMPLES).round().astype(np.int64))
-    return rows
+def plate_of(sightings: Sightings, clip: Clip) -> Plate:
+    """Learn what moving balls hide from pictures spread evenly over the clip."""
+    swept = swept_by(sightings)
+    count = int(np.clip(PLATE_BYTES // (4 * max(1, int(swept.sum()))), FEWEST_SAMPLES, MOST_SAMPLES))
+    rows = np.unique(np.linspace(0, len(sightings.t) - 1, count).round().astype(np.int64))
+    pictures = read_frames(clip, indices=sightings.frame[rows])
+    return learn_plate(swept, (_sample(sightings, int(row), rgb) for row, (_, rgb) in zip(rows, pictures, strict=True)))
 
 
-def plate_behind(sightings: Sightings, pictures: Iterator[tuple[int, Picture]]) -> Plate:
-    """Learn what moving balls hide, from `pictures` (frame, RGB) of the rows of `plate_rows`."""
+def swept_by(sightings: Sightings) -> Mask:
+    """(H, W) reference pixels that a moving ball with its surroundings ever touches."""
     camera = sightings.scene.camera
     swept = np.zeros((camera.height_px, camera.width_px), dtype=np.uint8)
     for row, ball in zip(*np.nonzero(sightings.moves), strict=True):
         for side in (row, row + 1):
             if np.isfinite(sightings.centre[side, ball]).all():
                 _stamp(swept, sightings.outline(side, ball), sightings.motion(float(sightings.t[side])))
-    rows = {int(frame): row for row, frame in enumerate(sightings.frame)}
-    return learn_plate(swept > 0, (_sample(sightings, rows[frame], rgb) for frame, rgb in pictures))
+    return swept > 0
 
 
 def _stamp(mask: Picture, outline: Outline, motion: Floats | None) -> None:

@@ -25,8 +25,8 @@ TRAIL_SEGMENTS = 28
 """Pieces of a trail, each with its own opacity."""
 TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
 LABEL_OPACITY = 0.72
-DASHES = 10
-"""Around a ball whose place is measured, not fitted."""
+DASH_PX, FEWEST_DASHES = 12.0, 5
+"""Dash with its gap around a ball whose place is measured, not fitted."""
 
 
 def unit(height: int) -> float:
@@ -50,6 +50,8 @@ class Balls:
     """(N,)"""
     measured: Mask
     """(N,) place measured, not fitted."""
+    sure: Mask
+    """(N,) seen in a picture around, or carried by accepted physics."""
 
     @property
     def present(self) -> NDArray[np.intp]:
@@ -121,7 +123,7 @@ def draw_ring(
         step = 360 / dashes
         for dash in range(dashes):
             start = dash * step
-            cv2.ellipse(mask, middle, (size, size), 0, start, start + 0.55 * step, 255, stroke, cv2.LINE_AA, SHIFT)
+            cv2.ellipse(mask, middle, (size, size), 0, start, start + 0.5 * step, 255, stroke, cv2.LINE_AA, SHIFT)
     else:
         cv2.circle(mask, middle, size, 255, stroke, cv2.LINE_AA, SHIFT)
     lay(picture, mask, x0, y0, colour, opacity)
@@ -139,9 +141,10 @@ def draw_disc(picture: Picture, centre: Floats, radius: float, colour: Colour, o
 def draw_measured(picture: Picture, balls: Balls, colours: Sequence[Colour], scale: float) -> None:
     """Dashed rings around balls that no accepted physics carries."""
     for ball in balls.present:
-        if balls.measured[ball] and balls.moving[ball]:
+        if balls.measured[ball] and balls.moving[ball] and balls.sure[ball]:
             radius = float(balls.radius[ball]) + 3.5 * scale
-            draw_ring(picture, balls.centre[ball], radius, 1.6 * scale, mix(colours[ball], WHITE, 0.5), 0.9, DASHES)
+            dashes = max(FEWEST_DASHES, round(2 * np.pi * radius / (DASH_PX * scale)))
+            draw_ring(picture, balls.centre[ball], radius, 1.6 * scale, mix(colours[ball], WHITE, 0.5), 0.9, dashes)
 
 
 def draw_flash(picture: Picture, centre: Floats, radius: float, age: float, scale: float, strength: float) -> None:
@@ -197,7 +200,9 @@ class Clock:
 
     def size(self, scale: float) -> tuple[int, int]:
         """Width and height, px."""
-        return round(196 * scale), round(62 * scale)
+        small = round(13 * scale)
+        lower = text_mask(self.slow, small).shape[1] + text_mask(self.word, small).shape[1]
+        return lower + round(24 * scale + 1.65 * small + 9.2 * scale) + 2, round(62 * scale)
 
     def draw(self, picture: Picture, rect: Rect, t: float, scale: float) -> None:
         """Draw into `rect`, in place."""

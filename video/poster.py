@@ -15,7 +15,7 @@ from models.scene import Scene
 from models.tracks import Tracks
 from video.annotation import EIGHTFOLD, Annotation, RenderOptions, annotate
 from video.clip import Clip, read_frames
-from video.inbetween import Sightings, plate_behind, plate_rows, sight
+from video.inbetween import Sightings, plate_of, sight
 from video.layout import Rect, place_label
 from video.overlay import Balls, Label, draw_disc, draw_ring, draw_trail
 from video.palette import FLASH, INK, WHITE
@@ -38,7 +38,7 @@ def render_poster(
 ) -> None:
     """Write a PNG: the last picture with every ball along its way, as a stroboscope sees it, and its contacts."""
     sightings = sight(scene, tracks, fit)
-    plate = plate_behind(sightings, read_frames(clip, indices=sightings.frame[plate_rows(sightings)]))
+    plate = plate_of(sightings, clip)
     flashes = _flashes(sightings)
     rows = sorted({0, len(sightings.t) - 1, *(row for row, _ in flashes)})
     ghosts: list[tuple[Sprite, Floats]] = []
@@ -97,14 +97,8 @@ def _draw(
         paste(still, [(sprite, place, GHOST)])
     count = len(annotation.paths)
     centre = sightings.centre[-1]
-    balls = Balls(
-        centre,
-        sightings.radius[-1],
-        np.zeros(count),
-        np.zeros((count, 2)),
-        np.zeros(count, bool),
-        np.zeros(count, bool),
-    )
+    none = np.zeros(count, dtype=bool)
+    balls = Balls(centre, sightings.radius[-1], np.zeros(count), np.zeros((count, 2)), none, none, ~none)
     for ball, path in enumerate(annotation.paths):
         if len(path.t):
             way = sightings.project(path.xy, end)

@@ -16,7 +16,7 @@ from models.tracks import Tracks
 from models.trajectory import State
 from video.annotation import EIGHTFOLD, Annotation, RenderOptions, annotate
 from video.clip import Clip, read_frames
-from video.inbetween import Sightings, open_interval, plate_behind, plate_rows, sight
+from video.inbetween import Sightings, open_interval, plate_of, sight
 from video.overlay import Balls
 from video.plate import Plate
 from video.poster import render_poster
@@ -50,7 +50,7 @@ def render_slow_motion(
     sightings = sight(scene, tracks, fit)
     rate = min(max(clip.rate, LEAST_RATE), MOST_RATE)
     times = _times(sightings, rate, options)
-    plate = plate_behind(sightings, read_frames(clip, indices=sightings.frame[plate_rows(sightings)]))
+    plate = plate_of(sightings, clip)
     preset, crf = ("ultrafast", 26) if options.quick else ("veryfast", 20)
     done = 0
     with VideoWriter(path, clip.width, clip.height, rate, crf=crf, preset=preset) as writer:
@@ -106,9 +106,10 @@ def balls_at(sightings: Sightings, state: State, k: int, t: float) -> Balls:
     centre = np.where(np.isfinite(centre), centre, np.where(seen[:, None], still, np.nan))
     speed = np.linalg.norm(state.v[k], axis=1)
     moving = (np.nan_to_num(speed) > LEAST_SPEED) & sightings.moves[min(row, len(sightings.moves) - 1)]
+    sure = ~state.measured[k] | sightings.observed[row] | sightings.observed[after]
     ahead = sightings.project(state.xy[k] + 0.01 * state.v[k], t) - sightings.project(state.xy[k], t)
     length = np.linalg.norm(ahead, axis=1, keepdims=True)
     heading = np.where(moving[:, None] & (length > 1e-6), ahead / np.maximum(length, 1e-6), 0.0)
     near = row if share < 0.5 else after
     radius = np.where(np.isfinite(sightings.radius[near]), sightings.radius[near], sightings.radius[row])
-    return Balls(centre, radius, np.where(moving, speed, 0.0), np.nan_to_num(heading), moving, state.measured[k])
+    return Balls(centre, radius, np.where(moving, speed, 0.0), np.nan_to_num(heading), moving, state.measured[k], sure)

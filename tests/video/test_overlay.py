@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import staged_shot as shot
+from numpy.typing import NDArray
+
+from models.scene import Camera, Scene
+from video.inset import plan_of
+from video.layout import Side, overlap, place_label, place_panel
+from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_ring, draw_trail, error_text
+from video.palette import KIND_COLOURS, ball_colour, lab_to_rgb
+from video.text import lay, lay_sparse, text_mask, write
+
+Picture = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+
+
+def black(height: int = 120, width: int = 200) -> Picture:
+    return np.zeros((height, width, 3), dtype=np.uint8)
+
+
+def balls(*centres: tuple[float, float], measured: bool = False) -> Balls:
+    count = len(centres)
+    yes, no = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+    centre = np.array(centres, dtype=np.float64).reshape(-1, 2)
+    return Balls(centre, np.full(count, 8.0), np.ones(count), np.zeros((count, 2)), yes, yes if measured else no, yes)
+
+
+def test_text_is_antialiased_and_its_height_does_not_depend_on_the_letters() -> None:
+    masks = [text_mask(text, 14) for text in ("cue", "0.62 m/s", "± 0.6 ms", "pqy")]
+    assert len({mask.shape[0] for mask in masks}) == 1
+    assert all(len(np.unique(mask)) > 10 for mask in masks)
+
+
+def test_digits_are_equally_wide_so_that_a_running_clock_does_not_tremble() -> None:
+    assert len({text_mask(digit * 5, 27, True).shape[1] for digit in "0123456789"}) == 1
+
+
+def test_every_sign_that_is_written_is_in_the_font() -> None:
+    missing = text_mask("\uffff", 20)
+    for sign in "±–×0123456789.()%/abcdefghijklmnopqrstuvwxyz-":
+        mask = text_mask(sign, 20)
+        assert mask.any()
+        assert mask.shape != missing.shape or not np.array_equal(mask, missing)
+
+
+@pytest.mark.parametrize("corner", [(-30, -8), (190, 110), (500, 500), (-500, 20), (60, -500)])
+def test_what_hangs_over_the_border_is_cut(corner: tuple[int, int]) -> None:
+    picture = black()
+    write(picture, "over the border", *corner, 16, (255, 255, 255))
+    draw_ring(picture, np.array(corner, dtype=float), 30, 2, (255, 0, 0), 1.0)
+    draw_flash(picture, np.array(corner, dtype=float), 8, 0.3, 1.0, 1.0)
+    assert picture.shape == black().shape
+
+
+def test_both_ways_of_painting_through_a_mask_agree() -> None:
+    rng = np.random.default_rng(2)
+    ground = rng.integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    mask = rng.integers(0, 256, (20, 30), dtype=np.uint8)
+    first, second = ground.copy(), ground.copy()
+    lay(first, mask, 11, 7, (250, 10, 90))
+    lay_sparse(second, mask, 11, 7, (250, 10, 90))
+    assert np.abs(first.astype(int) - second).max() <= 1
+    exact = ground[7:27, 11:41] + (np.array([250, 10, 90]) - ground[7:27, 11:41]) * (mask[..., None] / 255)
+    assert np.abs(first[7:27, 11:41] - exact).max() <= 1
+
+
+def test_a_trail_goes_under_the_balls_and_fades() -> None:
+    picture = black()
+    way = np.column_stack([np.linspace(20, 180, 50), np.full(50, 60.0)])
+    draw_trail(picture, way, np.linspace(0, 1, 50), (255, 0, 0), 4.0, balls((100.0, 60.0)))
+    assert not picture[54:67, 94:107].any()
+    assert 0 < picture[60, 50].max() < picture[60, 85].max() < picture[60, 170].max()
+
+
+def test_only_measured_balls_wear_a_dashed_ring() -> None:
+    fitted, measured = black(), black()
+    draw_measured(fitted, balls((100.0, 60.0)), [(255, 255, 255)], 1.0)
+    draw_measured(measured, balls((100.0, 60.0), measured=True), [(255, 255, 255)], 1.0)
+    assert not fitted.any()
+    angles = np.linspace(0, 2 * np.pi, 200)
+    ring = np.rint(np.column_stack([60 + 11.5 * np.sin(angles), 100 + 11.5 * np.cos(angles)])).astype(int)
+    lit = measured[ring[:, 0], ring[:, 1]].max(axis=1) > 128
+    assert 0.3 < lit.mean() < 0.85
+    assert not measured[56:65, 96:105].any()
+
+
+def test_a_label_keeps_off_balls_other_labels_and_the_border() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        centres = rng.uniform(0, 1, (4, 2)) * [400, 300]
+        taken = [(float(x) - 10, float(y) - 10, 20.0, 20.0) for x, y in centres] + [(150.0, 100.0, 100.0, 30.0)]
+        size, radius = (80, 22), 10.0
+        side = place_label(size, centres[0], radius, np.zeros(2), taken, (400, 300), None)
+        left, top = centres[0] + side.corner(size, radius)
+        rect = (float(left), float(top), 80.0, 22.0)
+        assert overlap(rect, (0.0, 0.0, 400.0, 300.0)) > 0.9 * 80 * 22
+        assert sum(overlap(rect, other) for other in taken) < 0.35 * 80 * 22
+
+
+def test_a_label_glides_the_short_way_round_without_crossing_its_ball() -> None:
+    start, aim = Side(np.deg2rad(170), 0.7), Side(np.deg2rad(-170), 0.7)
+    half = start.towards(aim, 0.5)
+    assert np.cos(half.angle) == pytest.approx(-1)
+    for angle in np.linspace(-np.pi, np.pi, 73):
+        left, top = Side(float(angle), 0.7).corner((80, 22), 10.0)
+        nearest = np.hypot(max(left, -(left + 80), 0.0), max(top, -(top + 22), 0.0))
+        assert nearest > 10.0
+
+
+def test_a_panel_takes_the_corner_that_hides_least() -> None:
+    cost = np.ones((45, 80))
+    cost[:15, 55:] = 0
+    left, top, width, height = place_panel((100, 60), (640, 360), cost, [], 1 / 8)
+    assert left > 500
+    assert top < 20
+    other = place_panel((100, 60), (640, 360), cost, [(left, top, width, height)], 1 / 8)
+    assert overlap((left, top, width, height), other) == 0
+
+
+def test_errors_of_times_are_written_with_the_digits_they_deserve() -> None:
+    assert error_text(6.2e-4) == "± 0.6 ms"
+    assert error_text(0.0123) == "± 12 ms"
+    assert error_text(float("nan")) == ""
+
+
+def test_colours_follow_names_and_keep_apart_in_dull_pictures() -> None:
+    assert ball_colour("red", np.array([40.0, 5.0, 5.0])) == KIND_COLOURS["red"]
+    dull = ball_colour("solid", np.array([45.0, 15.0, -20.0]))
+    assert max(dull) - min(dull) > 60
+    assert lab_to_rgb(np.array([100.0, 0.0, 0.0])) == (255, 255, 255)
+
+
+def upright_scene() -> Scene:
+    """x down and y to the left, as where the longer side stands."""
+    matrix = np.array([[0, -100.0, 0, 200.0], [100.0, 0, 0, 20.0], [0, 0, 1e-9, 1.0]])
+    camera = Camera(matrix, 240, 320, np.zeros((4, 2)), np.eye(8), "cloth", 100.0, 1.0)
+    return Scene(shot.TABLE, camera, np.array([45.0, -30.0, 10.0]), ())
+
+
+@pytest.mark.parametrize("scene", [shot.scene(), upright_scene()])
+def test_the_plan_stands_as_the_table_stands_in_the_picture(scene: Scene) -> None:
+    plan = plan_of(scene, 180)
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.5]])
+    on_plan = plan.plan(corners).astype(float)
+    in_picture = scene.camera.to_pixels(corners, 0.0)
+    for k in (1, 2):
+        a, b = on_plan[k] - on_plan[0], in_picture[k] - in_picture[0]
+        assert a @ b / np.linalg.norm(a) / np.linalg.norm(b) == pytest.approx(1, abs=1e-3)
+    width, height = plan.size
+    assert max(width, height) == pytest.approx(180, abs=2)
+    assert (height > width) == (abs(in_picture[1, 1] - in_picture[0, 1]) > 50)
+
+
+def test_the_plan_shows_balls_in_their_colour_and_leaves_out_absent_ones() -> None:
+    plan = plan_of(shot.scene(), 180)
+    picture = black(200, 300)
+    xy: Floats = np.array([[0.45, 0.475], [np.nan, np.nan]])
+    plan.draw(picture, 10, 20, xy, [np.empty((0, 2))] * 2, [(255, 255, 0), (0, 255, 255)])
+    x, y = plan.plan(xy[0]) / 16 / 2
+    assert picture[20 + round(y), 10 + round(x), :2].min() > 200
+    assert not ((picture[..., 0] < 60) & (picture[..., 1] > 220)).any()
+
+
+def test_labels_and_clock_fit_into_the_sizes_they_announce() -> None:
+    for scale in (0.78, 1.0, 2.0):
+        label = Label("solid-2", "1.23 m/s", (250, 200, 0))
+        picture = black(300, 600)
+        label.draw(picture, np.array([20.0, 30.0]), scale)
+        rows, columns = np.nonzero(picture.max(axis=2))
+        width, height = label.size(scale)
+        assert 20 <= columns.min() <= columns.max() < 20 + width
+        assert 30 <= rows.min() <= rows.max() < 30 + height
+        clock = Clock("8× slower", "green", "fit not trusted")
+        picture = black(300, 600)
+        size = clock.size(scale)
+        clock.draw(picture, (20.0, 30.0, float(size[0]), float(size[1])), 12.345, scale)
+        rows, columns = np.nonzero(picture.max(axis=2))
+        assert columns.max() < 20 + size[0]
+        assert rows.max() < 30 + size[1]

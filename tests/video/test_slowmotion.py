@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+import staged_shot as shot
+from numpy.typing import NDArray
+
+from video.slowmotion import RenderOptions, render_poster, render_slow_motion
+
+Picture = NDArray[np.uint8]
+
+
+def rendered(
+    folder: Path, options: RenderOptions, rate: int = shot.RATE, pictures: int = 16
+) -> tuple[list[Picture], Fraction, Path]:
+    """The slow motion of the staged shot: pictures, rate, file."""
+    clip = shot.clip_in(folder, pictures, rate)
+    path = folder / "slow.mp4"
+    render_slow_motion(clip, shot.scene(), shot.tracks(clip.t), shot.fit(clip.t), path, options)
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        made = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
+        assert stream.codec_context.name == "h264"
+        assert stream.codec_context.pix_fmt == "yuv420p"
+        return made, Fraction(stream.average_rate or 0), path
+
+
+@pytest.mark.parametrize(("rate", "shown"), [(30, 30), (15, 25), (120, 60)])
+def test_it_is_exactly_so_much_slower_at_the_clips_rate_within_25_and_60(tmp_path: Path, rate: int, shown: int) -> None:
+    made, out, _ = rendered(tmp_path, RenderOptions(slow=4.0), rate)
+    assert out == shown
+    assert len(made) == int(15 / rate * 4 * shown + 1e-6) + 1
+
+
+def test_real_pictures_come_back_where_nothing_is_drawn(tmp_path: Path) -> None:
+    made, _, _ = rendered(tmp_path, RenderOptions(slow=4.0))
+    for k in (5, 9):
+        real = shot.film(k / shot.RATE).astype(float)
+        free = np.s_[140:190, 160:310]
+        assert np.abs(made[4 * k][free] - real[free]).mean() < 3
+
+
+def test_the_ball_goes_evenly_between_the_pictures(tmp_path: Path) -> None:
+    made, _, _ = rendered(tmp_path, RenderOptions(slow=8.0))
+    places = []
+    for k in range(48, 96):
+        x, y = shot.place(k / 8 / shot.RATE)[0] * shot.SCALE + shot.MARGIN
+        part = made[k][round(y) - 3 : round(y) + 4].astype(float).min(axis=2).mean(axis=0)
+        near = np.arange(round(x) - 9, round(x) + 10)
+        weight = np.clip(part[near] - 110, 0, None)
+        places.append(float((weight * near).sum() / weight.sum()) - x)
+    assert np.std(places) < 0.35
+
+
+def test_every_picture_carries_clock_plan_and_after_the_strike_a_trail(tmp_path: Path) -> None:
+    made, _, _ = rendered(tmp_path, RenderOptions(slow=4.0))
+    bare, drawn = shot.film(14 / shot.RATE), made[56]
+    changed = np.abs(drawn.astype(int) - bare).max(axis=2) > 40
+    assert 0.05 < changed.mean() < 0.5
+    y = round(0.45 * shot.SCALE + shot.MARGIN)
+    x = round((0.3 + 0.15) * shot.SCALE + shot.MARGIN)
+    assert drawn[y, x].min() > 150
+    before = np.abs(made[8].astype(int) - shot.film(2 / shot.RATE)).max(axis=2) > 40
+    assert not before[y - 5 : y + 5, x - 5 : x + 5].any()
+
+
+def test_the_same_shot_gives_the_same_bytes(tmp_path: Path) -> None:
+    digests = []
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        _, _, path = rendered(tmp_path / name, RenderOptions(slow=2.0, quick=True))
+        digests.append(hashlib.sha256(path.read_bytes()).hexdigest())
+    assert digests[0] == digests[1]
+
+
+def test_still_ends_are_cut_only_when_asked(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 50)
+    tracks, fit = shot.tracks(clip.t), shot.fit(clip.t)
+    still = replace(tracks, xy=np.repeat(tracks.xy[:1], 50, axis=0), px=np.repeat(tracks.px[:1], 50, axis=0))
+    lengths = []
+    for trim in (False, True):
+        path = tmp_path / f"{trim}.mp4"
+        moved = replace(fit.trajectory, end=np.array([0.1, 0.5, clip.t[-1]]))
+        options = RenderOptions(slow=1.0, trim_still=trim)
+        render_slow_motion(clip, shot.scene(), still, replace(fit, trajectory=moved), path, options)
+        with av.open(str(path)) as container:
+            lengths.append(sum(1 for _ in container.decode(video=0)))
+    assert lengths[0] == 50
+    assert 25 <= lengths[1] <= 35
+
+
+def test_progress_goes_to_one(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 8)
+    seen: list[float] = []
+    tell: Callable[[float], None] = seen.append
+    fit = shot.fit(clip.t)
+    render_slow_motion(clip, shot.scene(), shot.tracks(clip.t), fit, tmp_path / "s.mp4", RenderOptions(slow=2.0), tell)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+
+
+def test_a_speed_up_is_refused() -> None:
+    with pytest.raises(ValueError, match="1 to 1000 times slower"):
+        RenderOptions(slow=0.5)
+
+
+def test_the_poster_shows_the_ball_all_along_its_way(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 31)
+    path = tmp_path / "poster.png"
+    render_poster(clip, shot.scene(), shot.tracks(clip.t), shot.fit(clip.t), path)
+    still = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+    assert still.shape == (shot.HEIGHT, shot.WIDTH, 3)
+    last = shot.film(30 / shot.RATE)
+    y = round(0.45 * shot.SCALE + shot.MARGIN)
+    above = np.abs(still[y - 6].astype(int) - last[y - 6]).max(axis=1) > 30
+    start, end = (round(x * shot.SCALE + shot.MARGIN) for x in (0.3, 0.3 + 0.9 * 0.7))
+    runs = np.flatnonzero(np.diff(above[start:end].astype(int)) == 1)
+    assert len(runs) >= 2
