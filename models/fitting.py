@@ -46,7 +46,7 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
     Never raises for odd tracks: what physics cannot explain is `measured` in the trajectory, and `trust` says so.
     """
     table = scene.table
-    noise = estimate_noise(tracks, 5 * options.moving_speed)
+    noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
     believed = _without_outliers(tracks, noise)
     kept = with_noise(believed, noise)
     data = gather(kept)
@@ -56,7 +56,13 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
     progress(0.4)
     solution = refine(story, data, table, iterations=10 if options.quick else 30)
     progress(0.6)
-    solution = revise(solution, data, table, options.break_price, options.free_price, 1 if options.quick else 3)
+    rounds = 1 if options.quick else 3
+    solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
+    excess = _excess(solution, data)
+    if excess > 1.5:  # what the model misses is no smaller for being systematic
+        data = replace(data, whiten=data.whiten / np.sqrt(excess))
+        solution = refine(solution.story, data, table, iterations=10, start=solution)
+        solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
     progress(0.9)
     fit = _report(solution, believed, data, table, options)
     progress(1.0)
@@ -68,7 +74,7 @@ def _without_outliers(tracks: Tracks, noise: Noise) -> Tracks:
     xy = tracks.xy.copy()
     for ball in range(len(tracks.ids)):
         rows = np.flatnonzero(tracks.observed[:, ball])
-        bad = outliers(tracks.t[rows], xy[rows, ball], tracks.sigma[rows, ball] * noise.scale)
+        bad = outliers(tracks.t[rows], xy[rows, ball], tracks.sigma[rows, ball] * noise.scale[ball])
         xy[rows[bad], ball] = np.nan
     return replace(tracks, xy=xy)
 
@@ -85,6 +91,13 @@ def _first_story(tracks: Tracks, table: Table, options: FitOptions) -> Story:
         parts = segment(seen, allowed, options.break_price, options.free_price)
         segments.append(tidy(seen, parts, table.ball_radius) if parts else [])
     return tell(samples, segments, table, tracks.kinds)
+
+
+def _excess(solution: Solution, data: Data) -> float:
+    """Median chi2 per degree of freedom of the moving spans that were seen often enough; 1 to 9."""
+    chi2, _, count = span_chi2(solution, data)
+    moving = np.array([not span.static for span in solution.story.spans]) & (count >= 8)
+    return float(np.clip(np.median(chi2[moving]), 1.0, 9.0)) if moving.any() else 1.0
 
 
 def _report(solution: Solution, tracks: Tracks, data: Data, table: Table, options: FitOptions) -> Fit:

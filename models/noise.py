@@ -17,14 +17,20 @@ _ENOUGH = 20
 """Values that a median needs to be trusted."""
 
 
+FLOOR = 0.012
+"""ball radii: errors that do not average out (calibration, lens, shading), however sharp the picture."""
+
+
 @dataclass(frozen=True, slots=True)
 class Noise:
     """What to make of the sigmas of tracks."""
 
-    scale: float
-    """factor on every sigma."""
+    scale: Floats
+    """(N,) factor on the sigmas of each ball."""
     timing: float
     """s: jitter of the moments at which pictures were taken; it moves fast balls along their way."""
+    floor: float
+    """m, added in quadrature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,33 +47,46 @@ class _Misfit:
     """m/s."""
 
 
-def estimate_noise(tracks: Tracks, speed: float) -> Noise:
+def estimate_noise(tracks: Tracks, speed: float, radius: float) -> Noise:
     """From third differences of balls that move faster than `speed` (m/s).
 
     Moving balls count where there are enough of them: a compressed still picture repeats its errors, so that balls
-    at rest look too good. Where there is nothing to tell it from, the tracks are believed.
+    at rest look too good. Where there is nothing to tell it from, the tracks are believed. A ball that is twice as
+    restless as the others (a hand, a reflection) keeps its own factor.
     """
     balls = [_misfit(tracks, ball) for ball in range(len(tracks.ids))]
     every = _Misfit(*(np.concatenate([getattr(b, name) for b in balls] or [np.empty(0)]) for name in _Misfit.__slots__))
-    fast = every.speed > speed
+    together = _scale(every, speed)
+    own = np.array([_scale(ball, speed) for ball in balls])
+    scale = np.where(own > 2 * together, own, together)
+    scale = np.clip(np.where(np.isfinite(scale), scale, 1.0), 1 / 3, 10.0)
+    return Noise(scale, _timing(every, speed, float(np.median(scale)) if len(scale) else 1.0), FLOOR * radius)
+
+
+def _scale(miss: _Misfit, speed: float) -> float:
+    """Noise over sigma across the motion; NaN where there are too few samples."""
+    fast = miss.speed > speed
     for chosen in (fast, ~fast):
         if chosen.sum() >= _ENOUGH:
-            scale = _MAD * float(np.median(np.abs(every.across[chosen]) / every.sigma[chosen]))
-            break
-    else:
-        return Noise(1.0, 0.0)
-    scale = float(np.clip(scale, 1 / 3, 10.0))
+            return _MAD * float(np.median(np.abs(miss.across[chosen]) / miss.sigma[chosen]))
+    return float("nan")
+
+
+def _timing(miss: _Misfit, speed: float, scale: float) -> float:
+    """What the faster half scatters along its way beyond `scale` times the sigmas, over its speed, s."""
+    fast = miss.speed > speed
     if fast.sum() < _ENOUGH:
-        return Noise(scale, 0.0)
-    fast &= every.speed >= np.median(every.speed[fast])
-    spread = _MAD * float(np.median(np.abs(every.along[fast]) / every.speed[fast]))
-    known = scale * float(np.median(every.sigma_along[fast] / every.speed[fast]))
-    return Noise(scale, float(np.sqrt(max(spread**2 - known**2, 0.0))))
+        return 0.0
+    fast &= miss.speed >= np.median(miss.speed[fast])
+    spread = _MAD * float(np.median(np.abs(miss.along[fast]) / miss.speed[fast]))
+    known = scale * float(np.median(miss.sigma_along[fast] / miss.speed[fast]))
+    return float(np.sqrt(max(spread**2 - known**2, 0.0)))
 
 
 def with_noise(tracks: Tracks, noise: Noise) -> Tracks:
     """Tracks whose sigmas say what the samples show; where time jitters, `streak` gives the direction of motion."""
-    sigma, along, streak = tracks.sigma * noise.scale, tracks.sigma_along * noise.scale, tracks.streak.copy()
+    sigma = np.hypot(tracks.sigma * noise.scale, noise.floor)
+    along, streak = np.hypot(tracks.sigma_along * noise.scale, noise.floor), tracks.streak.copy()
     for ball in range(len(tracks.ids)):
         rows = np.flatnonzero(tracks.observed[:, ball])
         if len(rows) < 2 or noise.timing == 0:

@@ -140,19 +140,27 @@ def _measured(
             t, xy = np.array([*t, moment])[order], np.vstack([xy.reshape(-1, 2), place])[order]
     if len(t) == 0:
         return []
-    if len(t) == 1:
-        t, xy = np.array([begin, end]), np.repeat(xy, 2, axis=0)
+    t, xy = _held(t, xy, begin, end)
     coefficients = cubic_pieces(t, xy)
     noise = float(np.median(np.linalg.norm(np.linalg.inv(data.whiten[rows]), axis=(1, 2)))) if len(rows) else 0.01
     covariance = np.diag([noise**2, noise**2, (noise / interval) ** 2, (noise / interval) ** 2]) / 2
     starts, stops = t[:-1].copy(), t[1:].copy()
     pieces = []
     for index, (start, stop) in enumerate(zip(starts, stops, strict=True)):
-        shown = (begin if index == 0 else start, end if index == len(starts) - 1 else stop)
+        shown = (max(start, begin), min(stop, end))
         if shown[1] - shown[0] > 1e-9:
             position = _shifted(coefficients[index], shown[0] - start)
             pieces.append(Piece(span.ball, *shown, position, np.full((2, 3), np.nan), "measured", covariance))
     return pieces
+
+
+def _held(t: Floats, xy: Floats, begin: float, end: float) -> tuple[Floats, Floats]:
+    """Samples, with the first and last place kept where the curve must reach beyond them."""
+    if begin < t[0] - 1e-9:
+        t, xy = np.array([begin, *t]), np.vstack([xy[:1], xy])
+    if end > t[-1] + 1e-9:
+        t, xy = np.array([*t, end]), np.vstack([xy, xy[-1:]])
+    return t, xy
 
 
 def _shifted(position: Floats, by: float) -> Floats:

@@ -46,6 +46,10 @@ NOSE_SCATTER = 1.5e-3
 BALL_RESTITUTION = (0.94, 0.05)
 CUSHION_RESTITUTION = (0.75, 0.2)
 """mean and standard deviation; wide, since laws differ."""
+GAIN_TO_GO_ON = 0.03
+"""chi2 that an iteration must gain: far below what matters."""
+REFRESH = 4
+"""iterations between updates of the standard deviations that depend on speeds."""
 HUBER = 2.5
 """standard deviations where the loss turns linear."""
 _LONE = 5.0
@@ -121,9 +125,9 @@ def refine(story: Story, data: Data, table: Table, iterations: int = 30, start: 
     )
     now = replace(now, story=story)
     plan = layout(story)
-    damping = 1e-3
-    residual, jacobian = _linearise(now, plan, data, table)
-    for _ in range(iterations):
+    damping, frame = 1e-3, now
+    residual, jacobian = _linearise(now, plan, data, table, frame)
+    for iteration in range(iterations):
         weight, cost = _robust(residual, 2 * len(data.t))
         normal, gradient = _normal(jacobian, residual, weight)
         for _ in range(8):
@@ -131,19 +135,21 @@ def refine(story: Story, data: Data, table: Table, iterations: int = 30, start: 
             step = cho_solve(cho_factor(normal + np.diag(damping * diagonal)), -gradient)
             trial = _moved(now, plan, _limited(step, plan))
             if _in_order(trial.story):
-                new_residual, new_jacobian = _linearise(trial, plan, data, table, like=now)
-                new_cost = _robust(new_residual, 2 * len(data.t))[1]
+                linear = _linearise(trial, plan, data, table, frame)
+                new_cost = _robust(linear[0], 2 * len(data.t))[1]
                 if new_cost < cost:
                     break
             damping = min(damping * 6 + 1e-4, 1e8)
         else:
             break
-        done = cost - new_cost < 1e-3 + 1e-5 * cost
-        now = trial
-        residual, jacobian = _linearise(trial, plan, data, table)
+        settled = cost - new_cost < GAIN_TO_GO_ON + 1e-5 * cost
+        now, (residual, jacobian) = trial, linear
         damping *= 0.15
-        if done:
+        if settled and iteration > REFRESH:
             break
+        if settled or iteration % REFRESH == REFRESH - 1:
+            frame = now  # standard deviations that depend on speeds follow
+            residual, jacobian = _linearise(now, plan, data, table, frame)
     weight, cost = _robust(residual, 2 * len(data.t))
     normal, _ = _normal(jacobian, residual, weight)
     covariance = np.linalg.inv(normal + np.diag(np.full(plan.size, 1e-9)))
@@ -221,13 +227,12 @@ def _in_order(story: Story) -> bool:
 
 
 def _linearise(
-    now: Solution, plan: Layout, data: Data, table: Table, like: Solution | None = None
+    now: Solution, plan: Layout, data: Data, table: Table, frame: Solution
 ) -> tuple[Floats, sparse.csr_matrix]:
     """Whitened residuals (rows,) and their Jacobian: observations first, then what physics and priors say.
 
-    Standard deviations that depend on speeds are taken from `like`, so that steps compare like with like.
+    Standard deviations that depend on speeds are taken from `frame`, so that steps compare like with like.
     """
-    frame = like or now
     seen, seen_rows = _observations(now, plan, data)
     known = _Knowledge(now, frame, plan, table)
     for number in range(len(now.story.contacts)):

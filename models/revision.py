@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 
 OVERSHOOT = 0.2
 """ball radii: a path that goes so far into a cushion or a ball has met it."""
+TOUCHING = 0.5
+"""ball radii: two balls may be so far from touching where one of them breaks, and have met."""
 SLOW = 0.03
 """m/s: below, nothing is worth a contact."""
 
@@ -25,6 +27,7 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
     """The solution after misnamed contacts are renamed, missed ones inserted and needless ones removed."""
     for _ in range(rounds):
         story = _renamed(solution, table)
+        story = _paired(solution, story, data, table)
         story = _doubled(solution, story, table)
         story = _inserted(solution, story, data, table)
         changed = story is not solution.story
@@ -75,7 +78,7 @@ def _gain(solution: Solution, data: Data, owner: NDArray[np.int64], table: Table
     whole = part.without(0)
     states = [_joined(solution, part, local, k) for k in range(len(contact.before))]
     whole = Story(tuple(replace(s, state=state) for s, state in zip(whole.spans, states, strict=True)), ())
-    split = refine(part, local, table, iterations=6, start=solution)
+    split = refine(part, local, table, iterations=12, start=solution)
     joined = min(refine(w, local, table, iterations=12, start=solution).chi2 for w in (whole, part.without(0)))
     return joined - split.chi2
 
@@ -106,6 +109,112 @@ def _renamed(solution: Solution, table: Table) -> Story:
             contacts[number] = replace(contact, kind="cushion", cushion=CUSHIONS[side])
             changed = True
     return Story(solution.story.spans, tuple(contacts)) if changed else solution.story
+
+
+def _paired(solution: Solution, story: Story, data: Data, table: Table) -> Story:
+    """Balls that start or turn without a cause while another one passes: they met."""
+    if story is not solution.story:
+        return story
+    interval = float(np.median(np.diff(np.unique(data.t))))
+    for number, contact in enumerate(story.contacts):
+        if contact.kind == "strike":
+            shorter = _without_double_start(story, data, number, interval)
+            if shorter is not None:
+                return shorter
+        if contact.kind not in ("strike", "free"):
+            continue
+        met = _passer(solution, contact, table, interval)
+        if met is not None:
+            return _joined_contact(solution, number, met, table)
+    return story
+
+
+def _without_double_start(story: Story, data: Data, number: int, interval: float) -> Story | None:
+    """A ball that is hit by another one was not struck within the picture before."""
+    first = story.contacts[number].after[0]
+    end = story.spans[first].end
+    if end is None or story.contacts[end].kind != "ball":
+        return None
+    hit = story.contacts[end]
+    others = [k for k in hit.before if k != first]
+    rested = all(story.spans[k].static for k in story.contacts[number].before)
+    ran = not any(story.spans[k].static for k in others)
+    seen = (data.ball == story.spans[first].ball) & (data.t > story.begin(first)) & (data.t < hit.t)
+    if rested and ran and (seen.sum() <= 1 or hit.t - story.contacts[number].t < 1.5 * interval):
+        return story.without(number)
+    return None
+
+
+def _passer(solution: Solution, contact: Contact, table: Table, interval: float) -> tuple[int, float] | None:
+    """The span of another ball that comes within touch at a contact, and when."""
+    story = solution.story
+    place = story.spans[contact.after[0]].state[:2]
+    best: tuple[float, int, float] | None = None
+    for k, span in enumerate(story.spans):
+        if span.static or span.ball == story.spans[contact.before[0]].ball:
+            continue
+        begin, end = max(story.begin(k), contact.t - 1.5 * interval), min(story.finish(k), contact.t + 1.5 * interval)
+        if end - begin < 1e-3:
+            continue
+        t = np.linspace(begin, end, 61)
+        path = kinematics(np.repeat(span.state[None], len(t), axis=0), t - story.begin(k), solution.friction)
+        miss = np.abs(np.linalg.norm(path[:, :2] - place, axis=1) - 2 * table.ball_radius)
+        # the moment of touch nearest to the known one
+        cost = miss / (TOUCHING * table.ball_radius) + 0.5 * np.abs(t - contact.t) / interval
+        least = int(np.argmin(cost))
+        speed = float(np.hypot(*path[least, 2:4]))
+        inner = 0 < least < len(t) - 1 or abs(t[least] - contact.t) < 1.5 * interval
+        if (
+            miss[least] < TOUCHING * table.ball_radius
+            and inner
+            and speed > SLOW
+            and (best is None or cost[least] < best[0])
+        ):
+            best = (float(cost[least]), k, float(t[least]))
+    return None if best is None else (best[1], best[2])
+
+
+def _joined_contact(solution: Solution, number: int, met: tuple[int, float], table: Table) -> Story:
+    """One contact of two balls in the place of a break of one of them."""
+    story, (k, t) = solution.story, met
+    contact = story.contacts[number]
+    span = story.spans[k]
+    near_start = span.start is not None and t - story.begin(k) < 2e-3
+    near_end = span.end is not None and story.finish(k) - t < 2e-3
+    other = span.start if near_start else span.end if near_end else None
+    if other is not None:
+        partner = story.contacts[other]
+        if partner.kind not in ("free", "strike") or other == number:
+            return story
+        joined = Contact("ball", contact.t, (*contact.before, *partner.before), (*contact.after, *partner.after))
+        return _replaced(story, number, other, replace(joined, gain=contact.gain + partner.gain))
+    at = kinematics(span.state[None], np.array([t - story.begin(k)]), solution.friction)[0]
+    change = story.spans[contact.after[0]].state[2:4] - end_state(solution, contact.before[0])[2:4]
+    after = np.concatenate([at, np.zeros(2)])
+    after[2:4] -= change
+    after[4:6] -= change
+    grown = story.split(Contact("free", t, (k,), (), gain=contact.gain), (after,))
+    last = len(grown.contacts) - 1
+    fresh = grown.contacts[last]
+    joined = Contact("ball", t, (*contact.before, *fresh.before), (*contact.after, *fresh.after), gain=contact.gain)
+    return _replaced(grown, number, last, joined)
+
+
+def _replaced(story: Story, keep: int, drop: int, contact: Contact) -> Story:
+    """Contact `keep` becomes `contact`, which also stands for `drop`."""
+    spans = [
+        replace(span, start=_moved(span.start, keep, drop), end=_moved(span.end, keep, drop)) for span in story.spans
+    ]
+    contacts = [contact if k == keep else c for k, c in enumerate(story.contacts) if k != drop]
+    return Story(tuple(spans), tuple(contacts))
+
+
+def _moved(index: int | None, keep: int, drop: int) -> int | None:
+    """Number of a contact after `drop` has become `keep`."""
+    if index is None:
+        return None
+    target = keep if index == drop else index
+    return target - 1 if target > drop else target
 
 
 def _reversed_at(solution: Solution, contact: Contact, table: Table, but: int = -1) -> int | None:
