@@ -8,6 +8,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from detectors.ball_size import with_seen_size
 from detectors.hough import ball_finder
 from models.detections import Detections
 from models.errors import ModelError
@@ -20,6 +21,8 @@ Bytes = NDArray[np.uint8]
 LEARNING_PICTURES = 15
 """Pictures, spread over the clip, from which the empty table is learnt."""
 LEARNING_PICTURES_QUICK = 7
+SIZE_PICTURES = 3
+"""Pictures in which the size of the balls is checked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,16 +63,24 @@ def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Pro
 def detect_in_picture(rgb: Bytes, scene: Scene, options: DetectOptions | None = None) -> Detections:
     """The balls in one still picture (H, W, 3); they all have frame 0."""
     _refuse_missing(options or DetectOptions())
-    return ball_finder(scene, [(0, rgb)]).look(rgb)
+    pictures = [(0, rgb)]
+    return ball_finder(with_seen_size(scene, pictures), pictures).look(rgb)
 
 
 def open_detector(clip: Clip, scene: Scene, options: DetectOptions) -> Detector:
     """The detector that the options ask for, made ready for a clip."""
     _refuse_missing(options)
     frames = clip.distinct
-    count = min(len(frames), LEARNING_PICTURES_QUICK if options.quick else LEARNING_PICTURES)
-    chosen = frames[np.unique(np.linspace(0, len(frames) - 1, count).round().astype(np.int64))]
-    return ball_finder(scene, read_frames(clip, indices=chosen))
+    few = list(read_frames(clip, indices=_spread(frames, SIZE_PICTURES)))
+    sized = with_seen_size(scene, few)
+    chosen = _spread(frames, LEARNING_PICTURES_QUICK if options.quick else LEARNING_PICTURES)
+    return ball_finder(sized, read_frames(clip, indices=chosen))
+
+
+def _spread(frames: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """At most `count` of the frames (n,), evenly spread, both ends among them."""
+    places = np.linspace(0, len(frames) - 1, min(count, len(frames)))
+    return frames[np.unique(places.round().astype(np.int64))]
 
 
 def joined(parts: list[Detections]) -> Detections:
