@@ -1,6 +1,6 @@
 """Make the sample clips: a world moves the balls, the renderer films them, the truth is written beside each clip.
 
-python sample_videos/make.py [--only NAME] [--out DIR] [--seconds S]
+python sample_videos/make.py [--only NAME] [--out DIR]
 
 The same script on the same library versions writes the same bytes.
 """
@@ -60,7 +60,9 @@ def play(shot: dict[str, Any]) -> tuple[Floats, list[dict[str, str]]]:
         path = Path(folder) / "shot.json"
         path.write_text(json.dumps(shot))
         subprocess.run([sys.executable, str(WORLD), str(path), folder], check=True)
-        table = np.loadtxt(Path(folder) / "trajectory.csv", delimiter=",", skiprows=1, usecols=(2, 3, 4, 10, 11, 12, 13))
+        table = np.loadtxt(
+            Path(folder) / "trajectory.csv", delimiter=",", skiprows=1, usecols=(2, 3, 4, 10, 11, 12, 13)
+        )
         with (Path(folder) / "events.csv").open() as file:
             events = list(csv.DictReader(file))
     return table.reshape(-1, len(shot["balls"]), 7), events
@@ -137,7 +139,7 @@ def write_clip(path: Path, view: View, sample: Sample, motion: Motion, bar: Prog
         stream = container.add_stream("libx264", rate=sample.rate)
         stream.width, stream.height, stream.pix_fmt = view.camera.width_px, view.camera.height_px, "yuv420p"
         stream.time_base = stream.codec_context.time_base = base
-        stream.options = {"crf": str(sample.crf), "preset": "veryslow", "threads": "1",
+        stream.options = {"crf": str(sample.crf), "preset": "slow", "threads": "1",
                           "x264-params": "force-cfr=1:colorprim=bt709:transfer=bt709:colormatrix=bt709"}  # fmt: skip
         for t in times:
             picture = render_picture(view, motion, float(t), rng)
@@ -151,7 +153,9 @@ def write_clip(path: Path, view: View, sample: Sample, motion: Motion, bar: Prog
     part.replace(path)
 
 
-def write_truth(path: Path, view: View, sample: Sample, motion: Motion, shot: dict[str, Any], events: list[dict[str, str]]) -> None:
+def write_truth(
+    path: Path, view: View, sample: Sample, motion: Motion, shot: dict[str, Any], events: list[dict[str, str]]
+) -> None:
     """NAME.truth.json: scene, camera, events; NAME.truth.csv: a row per picture and ball."""
     times = times_of(sample)
     scene = {
@@ -162,7 +166,7 @@ def write_truth(path: Path, view: View, sample: Sample, motion: Motion, shot: di
         "lens": {"k1": sample.k1, "unit_px": round(view.lens.unit_px, 3)},
         "table": {"name": sample.table.name, "game": sample.table.game, **shot["table"]},
         "ball_radius": sample.table.ball_radius, "width_px": view.camera.width_px, "height_px": view.camera.height_px,
-        "camera": {"matrix": view.camera.matrix.tolist(), "about": "(x, y, z up from the cloth, 1) m to px, without the lens"},
+        "camera": {"matrix": view.camera.matrix.tolist(), "about": "(x, y, z up from the cloth, 1) to px, no lens"},
         "strike_at": sample.strike_at, "effects": shot["effects"], "laws": shot["laws"],
         "balls": [{"id": b.id, "kind": b.look.kind} for b in sample.balls],
         "events": [on_clip(event, sample) for event in events if float(event["t"]) + sample.strike_at <= times[-1]],
@@ -188,13 +192,13 @@ def on_clip(event: dict[str, str], sample: Sample) -> dict[str, str | float | No
 def truth_rows(view: View, sample: Sample, motion: Motion, frame: int, t: float) -> list[list[str]]:
     """Rows of the balls that are still there at t; a ball on its way down a pocket is not visible."""
     xyz, px = motion(t).xyz, seen_centres(view, motion, t)
-    radius = view.camera.radius_px(xyz[:, :2], sample.table.ball_radius)
     rows = []
-    for ball, place, seen, size in zip(sample.balls, xyz, px, radius, strict=True):
-        if np.isfinite(place).all():
-            on_table = int(place[2] > 0.999 * sample.table.ball_radius)
-            rows.append([str(frame), f"{t:.6f}", ball.id, f"{place[0]:.5f}", f"{place[1]:.5f}",
-                         f"{seen[0]:.3f}", f"{seen[1]:.3f}", f"{size:.2f}", str(on_table)])  # fmt: skip
+    for ball in np.flatnonzero(np.isfinite(xyz[:, 0])):
+        (x, y, z), seen = xyz[ball], px[ball]
+        radius_px = view.camera.radius_px(xyz[ball, :2], sample.table.ball_radius)
+        on_table = z > 0.999 * sample.table.ball_radius
+        rows.append([str(frame), f"{t:.6f}", sample.balls[ball].id, f"{x:.5f}", f"{y:.5f}",
+                     f"{seen[0]:.3f}", f"{seen[1]:.3f}", f"{radius_px:.2f}", str(int(on_table))])  # fmt: skip
     return rows
 
 
@@ -208,7 +212,9 @@ def scoreboard(lines: tuple[str, ...], width_px: int, height_px: int) -> Picture
         y = top + 26 * i
         cv2.rectangle(board, (left, y), (left + 238, y + 22), (16, 22, 40, 225), -1)
         cv2.rectangle(board, (left, y), (left + 5, y + 22), ((240, 200, 20, 255), (230, 235, 240, 255))[i % 2], -1)
-        cv2.putText(board, line, (left + 14, y + 16), cv2.FONT_HERSHEY_DUPLEX, 0.48, (240, 240, 240, 255), 1, cv2.LINE_AA)
+        cv2.putText(
+            board, line, (left + 14, y + 16), cv2.FONT_HERSHEY_DUPLEX, 0.48, (240, 240, 240, 255), 1, cv2.LINE_AA
+        )
     return board
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -69,7 +69,7 @@ class Sample:
     irregular: bool = False
     """Times jitter and pictures are missing, as phones do it."""
     scoreboard: tuple[str, ...] = ()
-    crf: int = 28
+    crf: int = 21
     """x264's quality: larger is smaller and worse."""
     seed: int = 0
 
@@ -105,7 +105,9 @@ def pool(*places: tuple[int, float, float]) -> tuple[Ball, ...]:
 def snooker(*places: tuple[str, float, float]) -> tuple[Ball, ...]:
     """Snooker balls by colour; reds get numbers."""
     reds = iter(range(1, 16))
-    return tuple(Ball(f"red-{next(reds)}" if kind == "red" else kind, snooker_ball(kind), x, y) for kind, x, y in places)
+    return tuple(
+        Ball(f"red-{next(reds)}" if kind == "red" else kind, snooker_ball(kind), x, y) for kind, x, y in places
+    )
 
 
 SAMPLES: tuple[Sample, ...] = (
@@ -122,9 +124,9 @@ SAMPLES: tuple[Sample, ...] = (
         Look(cloth=(0.10, 0.50, 0.27), rail=(0.36, 0.22, 0.11), floor=(0.16, 0.16, 0.18), brightness=1.3,
              lamps=lamps(POOL_9FT, 2, 1.15, 0.2), noise=1.4, seed=2),
         pool((0, 0.75, 0.72), (1, 1.3, 0.5), (10, 1.75, 0.85), (4, 2.05, 0.4), (8, 1.0, 0.22), (13, 2.3, 1.0),
-             (6, 0.4, 0.95)),
+             (7, 0.4, 0.95)),
         (2.383, -0.818), (10.0, 29.0, 5.0), True, Fraction(60), 3.0, exposure=1 / 160, k1=0.002, seed=12,
-        strike_at=0.3, crf=29,
+        strike_at=0.3,
     ),
     Sample(
         "carom_match", "three balls from above at 29.97 fps, scoreboard, foreign law", CAROM,
@@ -150,7 +152,8 @@ SAMPLES: tuple[Sample, ...] = (
         "potted_phone", "8 ft pool from above by a phone of variable rate, a ball is potted, foreign law", POOL_8FT,
         overhead(POOL_8FT, 960, 540, 0.77, (0.06, -0.05)),
         Look(cloth=(0.55, 0.10, 0.14), rail=(0.20, 0.12, 0.08), floor=(0.32, 0.31, 0.30), brightness=1.4,
-             lamps=(Lamp((0.5, 0.2, 1.7), 0.10), Lamp((1.9, 0.9, 1.7), 0.10)), ambient=0.45, noise=1.8, vignette=0.2, seed=5),
+             lamps=(Lamp((0.5, 0.2, 1.7), 0.10), Lamp((1.9, 0.9, 1.7), 0.10)), ambient=0.45, noise=1.8,
+             vignette=0.2, seed=5),
         pool((0, 0.8, 0.62), (9, 1.85, 0.92), (2, 1.4, 0.3), (7, 2.0, 0.35), (12, 0.5, 0.95)),
         (2.304, 0.639), (6.5, -23.4, 4.9), True, Fraction(30), 3.4, exposure=1 / 90, readout=0.004, k1=0.002,
         player=True, irregular=True, seed=15,
@@ -165,8 +168,3 @@ SAMPLES: tuple[Sample, ...] = (
         (2.946, 0.249), (0.0, 0.0, 0.0), False, Fraction(30), 3.6, exposure=1 / 110, k1=0.001, seed=16,
     ),
 )  # fmt: skip
-
-
-def small(sample: Sample) -> Sample:
-    """A short piece of a sample, for a look or a test."""
-    return replace(sample, seconds=0.2)

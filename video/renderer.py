@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -68,11 +69,14 @@ class View:
 
 def make_view(
     table: Table, camera: Camera, look: Look, balls: tuple[BallLook, ...], exposure: float = 0.0, readout: float = 0.0,
-    k1: float = 0.0, overlay: Picture | None = None,
+    k1: float = 0.0, overlay: Picture | None = None, samples: int = 3,
 ) -> View:  # fmt: skip
-    """Render the empty table once and keep it; `k1` is the lens error of `renderer_camera.Lens`."""
+    """Render the empty table once and keep it.
+
+    `k1` is the lens error of `renderer_camera.Lens`; `samples` per pixel and axis smooth the table's edges.
+    """
     lens, light = lens_of(camera, k1), make_light(table, look)
-    empty = make_empty_table(table, camera, lens, look, light)
+    empty = make_empty_table(table, camera, lens, look, light, samples)
     return View(table, camera, lens, look, balls, exposure, readout, light, empty, overlay)
 
 
@@ -98,6 +102,8 @@ def seen_centres(view: View, motion: Motion, t: float) -> Floats:
 
 def expose(view: View, motion: Motion, t: float) -> Singles:
     """Linear light (H, W, 3) gathered by the sensor during the exposure around t."""
+    # without readout all balls share their moments: ask for each once
+    motion = lru_cache(maxsize=4 * MOST_MOMENTS)(motion)
     offsets = moments(view, motion, t)
     centres = seen_centres(view, motion, t)
     delay = row_delay(view, np.nan_to_num(centres[:, 1], nan=0.0))
@@ -193,7 +199,7 @@ def _sprite(view: View, ball: int, pose: tuple[Floats, Floats], velocity: Floats
     """Ball in a window, every row at its own time."""
     centre = pose[0]
     if view.readout and np.any(velocity):
-        rows = np.arange(window[0].start, window[0].stop)
+        rows = np.arange(window[0].start, window[0].stop, dtype=np.float64)
         late = row_delay(view, rows) - row_delay(view, row)
         centre = centre + late[:, None, None] * velocity
     rays = view.empty.rays[window]
@@ -264,16 +270,18 @@ def _average(
 
 
 def _draw_player(picture: Singles, view: View, motion: Motion, t: float, offsets: Floats) -> None:
-    """Cue and hand over the picture, blurred by up to eight moments of the exposure."""
-    if not motion(t).rods:
+    """Cue and hand over the picture, blurred by the moments of the exposure where they move."""
+    ends = [motion(t + float(dt)).rods for dt in (offsets[0], offsets[-1])]
+    if not ends[0] or not ends[1]:
         return
-    times = offsets if len(offsets) <= 8 else np.linspace(offsets[0], offsets[-1], 8)
+    tips = [project(view.camera, view.lens, rods[-1].b) for rods in ends]
+    count = int(np.clip(np.ceil(np.linalg.norm(tips[1] - tips[0]) / 2), 1, 8))
     clean, total = picture.copy(), np.zeros_like(picture)
-    for dt in times:
-        layer = clean.copy()
-        draw_rods(layer, view.camera, view.lens, view.light, motion(t + float(dt)).rods, 1.0)
-        total += layer
-    picture[:] = total / len(times)
+    for dt in np.linspace(offsets[0], offsets[-1], count) if count > 1 else (0.0,):
+        picture[:] = clean
+        draw_rods(picture, view.camera, view.lens, view.light, motion(t + float(dt)).rods)
+        total += picture
+    picture[:] = total / count
 
 
 def develop(view: View, light: Singles, rng: np.random.Generator) -> Picture:
@@ -297,7 +305,8 @@ def _falloff(view: View) -> Singles:
     """(H, W) share of the light that the lens lets through."""
     height, width = view.camera.height_px, view.camera.width_px
     y, x = np.ogrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
-    return (1 - view.look.vignette * (x**2 + y**2) / 2).astype(np.float32)
+    share: Singles = (1 - view.look.vignette * (x**2 + y**2) / 2).astype(np.float32)
+    return share
 
 
 def _srgb_curve(levels: int = 4096) -> Picture:

@@ -70,7 +70,7 @@ def rays_of(camera: Camera, lens: Lens, px: Floats) -> Floats:
     """Unit vectors (..., 3) on the table's axes from the eye through seen pixels (..., 2)."""
     straight = lens.straighten(px)
     homogeneous = np.concatenate([straight, np.ones((*px.shape[:-1], 1))], axis=-1)
-    rays = homogeneous @ np.linalg.inv(camera.matrix[:, :3]).T
+    rays: Floats = homogeneous @ np.linalg.inv(camera.matrix[:, :3]).T
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     return rays
 

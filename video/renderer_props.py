@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +45,12 @@ def cue_rods(tip: Floats, direction: Floats, elevation: float = 0.06) -> tuple[R
     )
     return tuple(
         Rod(tip - way * near, tip - way * far, thin, thick, colour)
-        for (near, thin, colour), (far, thick, _) in zip(stretches[:-1], stretches[1:], strict=True)
+        for (near, thin, colour), (far, thick, _) in pairwise(stretches)
     )
 
 
 def hand_rods(bridge: Floats, direction: Floats, sleeve: Colour = (0.06, 0.06, 0.08)) -> tuple[Rod, ...]:
-    """A bridge hand under a cue that points along `direction` (2,): fingers on the cloth at `bridge` (3,), arm behind."""
+    """A bridge hand under a cue along `direction` (2,): fingers on the cloth at `bridge` (3,), the arm behind."""
     ahead = np.append(np.asarray(direction) / np.linalg.norm(direction), 0.0)
     aside = np.array([-ahead[1], ahead[0], 0.0])
     up = np.array([0.0, 0.0, 1.0])
@@ -57,10 +58,13 @@ def hand_rods(bridge: Floats, direction: Floats, sleeve: Colour = (0.06, 0.06, 0
     wrist = palm - 0.085 * ahead + 0.035 * aside + 0.02 * up
     elbow = wrist - 0.27 * ahead + 0.11 * aside + 0.06 * up
     tips = [(0.035, 0.075), (0.042, 0.045), (0.036, 0.015), (0.012, -0.022)]
-    fingers = [Rod(palm + 0.02 * (0.6 - i * 0.4) * aside, bridge + a * ahead + s * aside + 0.006 * up, 0.011, 0.007, SKIN)
-               for i, (a, s) in enumerate(tips)]  # fmt: skip
+    knuckles = [palm + 0.02 * (0.6 - i * 0.4) * aside for i in range(len(tips))]
+    fingers = [
+        Rod(knuckle, bridge + a * ahead + s * aside + 0.006 * up, 0.011, 0.007, SKIN)
+        for knuckle, (a, s) in zip(knuckles, tips, strict=True)
+    ]
     thumb = Rod(palm - 0.02 * aside, bridge - 0.005 * ahead - 0.012 * aside + 0.016 * up, 0.012, 0.008, SKIN)
-    shoulder = elbow - 0.35 * ahead + 0.05 * aside + 0.15 * up
+    shoulder = elbow - 0.95 * ahead + 0.10 * aside + 0.30 * up
     return (
         Rod(shoulder, elbow, 0.060, 0.048, sleeve),
         Rod(elbow, wrist + (elbow - wrist) * 0.25, 0.048, 0.038, sleeve),
@@ -71,10 +75,10 @@ def hand_rods(bridge: Floats, direction: Floats, sleeve: Colour = (0.06, 0.06, 0
     )
 
 
-def draw_rods(picture: Singles, camera: Camera, lens: Lens, light: Light, rods: tuple[Rod, ...], share: float) -> None:
-    """Lay rods over a linear picture (H, W, 3), in place, with their shadows; `share` < 1 fades them (motion blur)."""
+def draw_rods(picture: Singles, camera: Camera, lens: Lens, light: Light, rods: tuple[Rod, ...]) -> None:
+    """Lay rods over a linear picture (H, W, 3), in place, with their shadows."""
     for rod in rods:
-        _throw_shadow(picture, camera, lens, light, rod, share)
+        _throw_shadow(picture, camera, lens, light, rod)
     for rod in rods:
         window, near, across, alpha = _cover(picture.shape, camera, lens, rod)
         if alpha.size == 0:
@@ -83,10 +87,10 @@ def draw_rods(picture: Singles, camera: Camera, lens: Lens, light: Light, rods: 
         shade = 0.30 + 0.70 * bulge - 0.12 * across + 0.10 * np.clip(bulge, 0, 1) ** 12
         colour = linear(rod.colour)[None, None, :] * shade[..., None]
         patch = picture[window]
-        patch += (colour - patch) * (alpha * share)[..., None]
+        patch += (colour - patch) * alpha[..., None]
 
 
-def _throw_shadow(picture: Singles, camera: Camera, lens: Lens, light: Light, rod: Rod, share: float) -> None:
+def _throw_shadow(picture: Singles, camera: Camera, lens: Lens, light: Light, rod: Rod) -> None:
     for lamp in range(len(light.radius)):
         source = light.position[lamp]
         ends = [end + (end - source) * (end[2] / (source[2] - end[2])) for end in (rod.a, rod.b)]
@@ -102,7 +106,7 @@ def _throw_shadow(picture: Singles, camera: Camera, lens: Lens, light: Light, ro
                 * (1 + np.cos(np.pi * np.clip(near, 0, 1)))
                 / 2
             )
-            picture[window] *= (1 - dark * share)[..., None]
+            picture[window] *= (1 - dark)[..., None]
 
 
 def _cover(

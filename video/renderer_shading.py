@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from video.renderer_look import IVORY, BallLook, Colour
 
@@ -43,10 +43,15 @@ class Light:
     """(3,) linear colour of the cloth, thrown back to balls."""
 
 
+def singles(values: ArrayLike) -> Singles:
+    """Values in float32."""
+    return np.asarray(values, dtype=np.float32)
+
+
 def linear(colour: Colour) -> Singles:
     """sRGB in [0, 1] to linear light (3,)."""
     c = np.asarray(colour, dtype=np.float64)
-    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return singles(np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4))
 
 
 def irradiance(light: Light, lamp: int, point: Singles, normal: Singles) -> Singles:
@@ -54,7 +59,7 @@ def irradiance(light: Light, lamp: int, point: Singles, normal: Singles) -> Sing
     way = light.position[lamp].astype(np.float32) - point
     distance = np.sqrt(np.einsum("...i,...i", way, way))
     facing = np.maximum(np.einsum("...i,...i", way, normal), 0) / distance
-    return (light.strength[lamp] * facing * (light.reference[lamp] / distance) ** 2).astype(np.float32)
+    return singles(light.strength[lamp] * facing * (light.reference[lamp] / distance) ** 2)
 
 
 @lru_cache(maxsize=32)
@@ -66,7 +71,7 @@ def number_bitmap(number: int) -> Singles:
     (w, h), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 22)
     cv2.putText(big, text, (2 * size - w // 2, 2 * size + h // 2), cv2.FONT_HERSHEY_SIMPLEX, scale, 0, 22, cv2.LINE_AA)
     small = cv2.resize(big, (size, size), interpolation=cv2.INTER_AREA)
-    return (small / np.float32(255)).astype(np.float32)
+    return singles(small / np.float32(255))
 
 
 def paint(ball: BallLook, body: Singles, softness: float) -> Singles:
@@ -75,17 +80,14 @@ def paint(ball: BallLook, body: Singles, softness: float) -> Singles:
     colour = np.broadcast_to(base, body.shape)
     if ball.style == "spotted":
         cos = np.abs(body).max(axis=-1)
-        ink = (
-            linear((0.70, 0.10, 0.10))
-            if max(ball.colour[1:]) > 0.6 or ball.colour[0] < 0.8
-            else linear((0.1, 0.1, 0.1))
-        )
-        return mix(colour, ink, soft_step(cos - SPOT_COS, softness * 0.35))
+        # match balls carry red dots on white and yellow, dark ones on red
+        dots = linear((0.70, 0.10, 0.10) if ball.colour[1] > 0.4 else (0.1, 0.1, 0.1))
+        return mix(colour, dots, soft_step(singles(cos - SPOT_COS), softness * 0.35))
     if ball.style == "stripe":
-        colour = mix(colour, ivory, soft_step(np.abs(body[..., 2]) - STRIPE_HALF, softness))
+        colour = mix(colour, ivory, soft_step(singles(np.abs(body[..., 2]) - STRIPE_HALF), softness))
     if ball.number is None or ball.style == "plain":
         return colour
-    disc = soft_step(np.abs(body[..., 0]) - DISC_COS, softness * 0.5)
+    disc = soft_step(singles(np.abs(body[..., 0]) - DISC_COS), softness * 0.5)
     if not disc.any():
         return colour
     half = np.sqrt(1 - DISC_COS**2)
@@ -99,12 +101,12 @@ def paint(ball: BallLook, body: Singles, softness: float) -> Singles:
 
 def mix(a: Singles, b: Singles, share: Singles) -> Singles:
     """a where share (h, w) is 0, b where it is 1."""
-    return (a + (b - a) * share[..., None]).astype(np.float32)
+    return singles(a + (b - a) * share[..., None])
 
 
 def soft_step(x: Singles, width: float) -> Singles:
     """0 below, 1 above x = 0, over `width`."""
-    return np.clip(x / max(width, 1e-6) + 0.5, 0, 1).astype(np.float32)
+    return singles(np.clip(x / max(width, 1e-6) + 0.5, 0, 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +158,7 @@ def lit(colour: Singles, light: Light, normal: Singles, rays: Singles, centre: F
         shine += (1 - np.clip((angle - 0.8 * size) / (0.6 * size), 0, 1)) * 0.9
         shine += 0.10 * np.exp(-((angle / 0.35) ** 2))
     fresnel = 0.04 + 0.30 * np.clip(1 + facing, 0, 1) ** 4
-    return (colour * total + gloss * (shine + fresnel * light.ambient)[..., None]).astype(np.float32)
+    return singles(colour * total + gloss * (shine + fresnel * light.ambient)[..., None])
 
 
 def shadow(light: Light, share: Singles, point: Singles, centre: Floats, radius: float) -> Singles:
@@ -177,7 +179,7 @@ def shadow(light: Light, share: Singles, point: Singles, centre: Floats, radius:
         covered = np.clip((size + disc - angle) / (2 * np.minimum(size, disc)), 0, 1)
         covered = covered * covered * (3 - 2 * covered) * np.minimum((size / disc) ** 2, 1)
         lost = lost + share[..., lamp] * covered
-    return (1 - np.clip(lost, 0, 1) * near).astype(np.float32)
+    return singles(1 - np.clip(lost, 0, 1) * near)
 
 
 SHADOW_REACH = 5.0

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from models.scene import NOSE_HEIGHT_RADII, Camera, Table
 from video.renderer_camera import Lens, rays_of
 from video.renderer_look import Look
-from video.renderer_shading import Light, Singles, irradiance, linear
+from video.renderer_shading import Light, Singles, irradiance, linear, singles
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 CUSHION_WIDTH, RAIL_WIDTH = 0.050, 0.125
 """m: cloth-covered top of the cushion, and wood behind it."""
-FLOOR_DEPTH = 0.80
-"""m below the cloth."""
+FLOOR_DEPTH, APRON = 0.80, 0.16
+"""m below the cloth: the floor; the lower edge of the wood around the table."""
 HOLE_RADIUS, HOLE_BACK_CORNER, HOLE_BACK_SIDE = 0.060, 0.020, 0.042
 """m: radius of a pocket's hole, and how far its middle lies behind the noses (corner: along both axes)."""
 RIM = 0.012
@@ -32,8 +32,6 @@ JAW_CORNER, JAW_SIDE, JAW_TAPER = 0.080, 0.064, 0.75
 """m from a pocket along the rail where the nose begins; how fast the mouth narrows backwards."""
 TEXTURE = 1024
 """px of a square texture tile."""
-SAMPLES = 3
-"""Samples per pixel and axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,25 +73,26 @@ def make_light(table: Table, look: Look) -> Light:
     return Light(position, radius, strength, distance, look.ambient, linear(look.cloth))
 
 
-def make_empty_table(table: Table, camera: Camera, lens: Lens, look: Look, light: Light) -> EmptyTable:
-    """Render the table without balls, `SAMPLES` squared rays a pixel."""
+def make_empty_table(table: Table, camera: Camera, lens: Lens, look: Look, light: Light, samples: int) -> EmptyTable:
+    """Render the table without balls, `samples` squared rays a pixel."""
     tiles = textures(np.random.default_rng(look.seed))
     height, width = camera.height_px, camera.width_px
     rows, columns = np.mgrid[:height, :width].astype(np.float64)
     picture = np.zeros((height, width, 3), np.float32)
-    offsets = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) / SAMPLES
+    offsets = (np.arange(samples) - (samples - 1) / 2) / samples
     for dy in offsets:
         for dx in offsets:
             rays = rays_of(camera, lens, np.stack([columns + dx, rows + dy], axis=-1))
             hits = meet(table, look, camera.eye, rays.reshape(-1, 3), tiles)
-            picture += shade(light, hits)[0].reshape(picture.shape) / SAMPLES**2
-    rays = rays_of(camera, lens, np.stack([columns, rows], axis=-1)).astype(np.float32)
-    hits = meet(table, look, camera.eye, rays.reshape(-1, 3).astype(np.float64), tiles)
-    depth = np.linalg.norm(hits.point - camera.eye.astype(np.float32), axis=1)
+            picture += shade(light, hits)[0].reshape(picture.shape) / samples**2
+    rays = rays_of(camera, lens, np.stack([columns, rows], axis=-1))
+    hits = meet(table, look, camera.eye, rays.reshape(-1, 3), tiles)
+    depth = singles(np.linalg.norm(hits.point - camera.eye, axis=1))
     depth[hits.hole] = 1e3
     share = shade(light, hits)[1].reshape(height, width, -1)
     shape = (height, width)
-    return EmptyTable(picture, rays, depth.reshape(shape).astype(np.float32), hits.point.reshape(*shape, 3), share)
+    point = hits.point.reshape(*shape, 3)
+    return EmptyTable(picture, singles(rays), depth.reshape(shape), point, share)
 
 
 def shade(light: Light, hits: Hits) -> tuple[Singles, Singles]:
@@ -141,8 +140,11 @@ def meet(table: Table, look: Look, eye: Floats, rays: Floats, tiles: dict[str, S
     colour[rail] = rail_colour(table, look, point[rail], tiles)
     colour[above & rim] = linear((0.10, 0.09, 0.08))
     colour[hole] = 0.004
-    colour[over] = floor_colour(table, look, point[over], off_table(table, point[over]), tiles)
+    colour[over] = floor_colour(look, point[over], off_table(table, point[over]), tiles)
     light_open[over] = 0.8
+    depth = apron_depth(table, eye, rays)
+    apron = over & (depth > -APRON)
+    colour[apron] = linear(look.rail) * (0.35 + 1.2 * (depth[apron] + APRON))[:, None]
     return Hits(
         point.astype(np.float32),
         normal.astype(np.float32),
@@ -155,7 +157,8 @@ def meet(table: Table, look: Look, eye: Floats, rays: Floats, tiles: dict[str, S
 def plane(eye: Floats, rays: Floats, z: float) -> Floats:
     """Where rays (R, 3) cross height z, (R, 3); far away for rays that never come down."""
     down = np.minimum(rays[:, 2], -1e-3)
-    return eye + rays * ((z - eye[2]) / down)[:, None]
+    crossing: Floats = eye + rays * ((z - eye[2]) / down)[:, None]
+    return crossing
 
 
 def off_table(table: Table, point: Floats) -> Floats:
@@ -189,9 +192,9 @@ def tilt(table: Table, point: Floats, normal: Floats, cushion: Mask) -> None:
     """Lean the normals of cushion tops by 12 degrees over the table, in place."""
     lean = np.sin(np.radians(12))
     x, y = point[:, 0], point[:, 1]
-    for axis, value in ((0, np.where(x < 0, lean, np.where(x > table.length, -lean, 0))),
-                        (1, np.where(y < 0, lean, np.where(y > table.width, -lean, 0)))):  # fmt: skip
-        normal[cushion, axis] = value[cushion]
+    lean_x = np.where(x < 0, lean, np.where(x > table.length, -lean, 0))
+    lean_y = np.where(y < 0, lean, np.where(y > table.width, -lean, 0))
+    normal[cushion, 0], normal[cushion, 1] = lean_x[cushion], lean_y[cushion]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
 
 
@@ -199,7 +202,7 @@ def textures(rng: np.random.Generator) -> dict[str, Singles]:
     """Tiles (S, S) of mean 0 and deviation 1: fine fibres, broad patches, wood grain."""
     white = rng.standard_normal((TEXTURE, TEXTURE)).astype(np.float32)
     tiles = {
-        "fibre": cv2.GaussianBlur(white, (0, 0), 1.2, borderType=cv2.BORDER_WRAP if False else cv2.BORDER_REFLECT),
+        "fibre": cv2.GaussianBlur(white, (0, 0), 1.2),
         "patch": cv2.resize(
             rng.standard_normal((12, 12)).astype(np.float32), (TEXTURE, TEXTURE), interpolation=cv2.INTER_CUBIC
         ),
@@ -212,7 +215,8 @@ def sample(tile: Singles, u: Floats, v: Floats) -> Singles:
     """Values (R,) of a tile at R places, in tiles; repeats mirrored."""
     columns = np.abs(((u + 1) % 2) - 1) * (TEXTURE - 1)
     rows = np.abs(((v + 1) % 2) - 1) * (TEXTURE - 1)
-    return tile[rows.astype(np.int32), columns.astype(np.int32)]
+    values: Singles = tile[rows.astype(np.int32), columns.astype(np.int32)]
+    return values
 
 
 def cloth_colour(table: Table, look: Look, point: Floats, tiles: dict[str, Singles]) -> Floats:
@@ -246,21 +250,32 @@ def rail_colour(table: Table, look: Look, point: Floats, tiles: dict[str, Single
     colour = linear(look.rail)[None, :] * (1 + 0.22 * grain)[:, None].clip(0.3, 2)
     step = table.length / 8
     middle = CUSHION_WIDTH + RAIL_WIDTH * 0.45
-    along_x = (
-        np.abs(x / step - np.round(x / step)) * step,
-        np.minimum(np.abs(y + middle), np.abs(y - table.width - middle)),
-    )
-    along_y = (
-        np.abs(y / step - np.round(y / step)) * step,
-        np.minimum(np.abs(x + middle), np.abs(x - table.length - middle)),
-    )
-    for near, off in (along_x, along_y):
+    for along, across, far in ((x, y, table.width), (y, x, table.length)):
+        near = np.abs(along / step - np.round(along / step)) * step
+        off = np.minimum(np.abs(across + middle), np.abs(across - far - middle))
         colour[(near + off < 0.011) & (off_table(table, point) < RAIL_WIDTH)] = linear((0.9, 0.88, 0.8))
-    return colour
+    return np.asarray(colour)
 
 
-def floor_colour(table: Table, look: Look, point: Floats, away: Floats, tiles: dict[str, Singles]) -> Floats:
-    """Linear colour (R, 3) of the floor, dark near the table; the table's apron where a ray ends below it."""
+def apron_depth(table: Table, eye: Floats, rays: Floats) -> Floats:
+    """Height z (R,) at which rays meet the table's outer sides that face the eye; -inf where they pass."""
+    edge = RAIL_WIDTH + CUSHION_WIDTH
+    depth = np.full(len(rays), -np.inf)
+    for axis, size in ((0, table.length), (1, table.width)):
+        near = size + edge if eye[axis] > size / 2 else -edge
+        slope = np.where(np.abs(rays[:, axis]) < 1e-9, 1e-9, rays[:, axis])
+        reach = (near - eye[axis]) / slope
+        half = (table.length, table.width)[1 - axis] / 2
+        across = np.abs(eye[1 - axis] + reach * rays[:, 1 - axis] - half)
+        outside = (eye[axis] - near) * (near - size / 2) > 0
+        hit = (reach > 0) & (across <= half + edge) & outside
+        depth = np.where(hit, eye[2] + reach * rays[:, 2], depth)
+    met: Floats = np.where(depth < NOSE_HEIGHT_RADII * table.ball_radius, depth, -np.inf)
+    return met
+
+
+def floor_colour(look: Look, point: Floats, away: Floats, tiles: dict[str, Singles]) -> Floats:
+    """Linear colour (R, 3) of the floor, darker near the table."""
     x, y = point[:, 0], point[:, 1]
     base = linear(look.floor)[None, :]
     if look.floor_kind == "planks":
@@ -269,6 +284,6 @@ def floor_colour(table: Table, look: Look, point: Floats, away: Floats, tiles: d
         tone = 1 + 0.18 * shift + 0.12 * sample(tiles["grain"], x / 1.5 + shift, y / 1.1)
         tone = np.where(np.abs(y / 0.14 - np.round(y / 0.14)) < 0.02, 0.5 * tone, tone)
     else:
-        tone = 1 + 0.25 * sample(tiles["patch"], x / 5, y / 5) + 0.10 * sample(tiles["fibre"], x * 0.6, y * 0.6)
-    shade_ = np.where(away < RAIL_WIDTH + CUSHION_WIDTH, 0.12, 0.45 + 0.55 * np.clip((away - 0.2) / 0.5, 0, 1))
-    return np.asarray(base * (np.clip(tone, 0.1, 2) * shade_)[:, None])
+        tone = 1 + 0.12 * sample(tiles["patch"], x / 5, y / 5) + 0.10 * sample(tiles["fibre"], x * 0.6, y * 0.6)
+    lit = 0.20 + 0.80 * np.clip((away + 0.2) / 0.8, 0, 1)
+    return np.asarray(base * (np.clip(tone, 0.1, 2) * lit)[:, None])

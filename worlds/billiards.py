@@ -42,6 +42,8 @@ MOUTH_CORNER, MOUTH_SIDE = 0.045, 0.040
 """m: a ball drops once its centre is nearer than this to the pocket's point on the nose rectangle."""
 JAW_CORNER, JAW_SIDE = 0.080, 0.062
 """m: no cushion this near to a pocket, along the rail."""
+POCKET_BACK = 0.012
+"""m behind the noses where the leather of a pocket stops the centre of a falling ball."""
 STRIKE, BALL, CUSHION, POCKET, REST = range(5)
 """Indices in `KINDS`."""
 MOST_EVENTS = 1000
@@ -206,13 +208,23 @@ def note(events, count, kind, t, a, b, x, y, speed):
 
 
 @njit(cache=KEEP)
-def move(xyz, v, w, q, moving, potted, fall, radius, p, t, dt, events, count):
+def stop_at_leather(xy, v, size):
+    """Take from a falling ball the speed that would carry it through the back of the pocket."""
+    for axis in range(2):
+        beyond = -xy[axis] if v[axis] < 0 else xy[axis] - size[axis]
+        if beyond > POCKET_BACK:
+            v[axis] = 0.0
+
+
+@njit(cache=KEEP)
+def move(xyz, v, w, q, moving, potted, fall, size, radius, p, t, dt, events, count):
     """March every moving ball by dt under the cloth's friction, or down a pocket."""
     pull_x, pull_y = p[3] * 1e-3 * GRAVITY, p[4] * 1e-3 * GRAVITY
     for i in np.flatnonzero(moving):
         if potted[i]:
             fall[i] += GRAVITY * dt
             xyz[i, 2] -= fall[i] * dt
+            stop_at_leather(xyz[i], v[i], size)
             moving[i] = xyz[i, 2] > -4 * radius
         elif not roll_or_slide(v[i], w[i], radius, p[0], p[1], p[2], pull_x, pull_y, dt) and w[i, 2] * p[2] == 0.0:
             moving[i] = False
@@ -298,7 +310,7 @@ def march(xyz, v, w, size, radius, pockets, p, laws, dt, steps, every):
             row = samples[step // every]
             row[:, :3], row[:, 3:5], row[:, 5:8], row[:, 8:] = xyz, v, w, q
         t = (step + 1) * dt
-        count = move(xyz, v, w, q, moving, potted, fall, radius, p, t, dt, events, count)
+        count = move(xyz, v, w, q, moving, potted, fall, size, radius, p, t, dt, events, count)
         count = meet_rails(xyz, v, w, moving, potted, size, radius, pockets, p, laws[0], t, dt, events, count)
         count = meet_balls(xyz, v, w, moving, potted, radius, p[8], laws[1], t, dt, events, count)
     return samples, events[:count]

@@ -14,8 +14,17 @@ from video.renderer_look import BallLook, Lamp, Look, pool_ball
 
 TABLE = Table("small", "carom", 1.0, 0.5, 0.0286, 0.17, False)
 WHITE = BallLook("cue", (1.0, 1.0, 1.0))
-PLAIN = Look(cloth=(0.0, 0.0, 0.0), marks="none", ambient=0.9, gloss=0.0, wear=0.0, vignette=0.0, blur_px=0.0, noise=0.0,
-             lamps=(Lamp((0.5, 0.25, 1.5)),))  # fmt: skip
+PLAIN = Look(
+    cloth=(0.0, 0.0, 0.0),
+    marks="none",
+    ambient=0.9,
+    gloss=0.0,
+    wear=0.0,
+    vignette=0.0,
+    blur_px=0.0,
+    noise=0.0,
+    lamps=(Lamp((0.5, 0.25, 1.5)),),
+)
 
 
 def overhead() -> Camera:

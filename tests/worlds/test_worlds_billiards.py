@@ -20,7 +20,7 @@ RADIUS, GRAVITY = 0.028575, 9.81
 def play(tmp_path: Path, balls: list[dict[str, Any]], seconds: float, effects: dict[str, Any], **shot: Any) -> Any:
     """Columns of the trajectory (T, N, 12) and rows of events."""
     for i, ball in enumerate(balls):
-        ball.update(id=ball.get("id", "ab"[i]), radius=RADIUS)
+        ball.update(id=ball.get("id", "abcd"[i]), radius=RADIUS)
     table = {"length": 2.54, "width": 1.27, "pockets": shot.pop("pockets", False)}
     text = {"table": table, "seconds": seconds, "hz": 1000, "balls": balls, "effects": effects, **shot}
     (tmp_path / "shot.json").write_text(json.dumps(text))
@@ -72,7 +72,9 @@ def test_the_foreign_cushion_law_never_adds_energy_and_treats_all_sides_alike(tm
     balls = []
     for turn, (x, y) in zip(turns, gaps, strict=True):
         vx, vy = turn @ (1.5, 0.4)
-        balls.append({"id": f"{x}", "x": x, "y": y, "vx": vx, "vy": vy, "wx": -vy / RADIUS, "wy": vx / RADIUS, "wz": 20.0})
+        balls.append(
+            {"id": f"{x}", "x": x, "y": y, "vx": vx, "vy": vy, "wx": -vy / RADIUS, "wy": vx / RADIUS, "wz": 20.0}
+        )
     samples, events = play(tmp_path, balls, 0.25, effects, laws={"cushion": "mathavan_2010", "ball": "alciatore"})
     assert sorted(e["b"] for e in events if e["kind"] == "cushion") == ["bottom", "left", "right", "top"]
     v, w = samples[..., 3:5], samples[..., 5:8]
