@@ -57,8 +57,9 @@ def _tried(scene: Scene, pictures: list[tuple[int, Bytes]], factor: float) -> tu
 
 
 def _clear(found: Detections) -> NDArray[np.bool_]:
-    sharp: NDArray[np.bool_] = ~found.streak.any(axis=1)
-    return sharp & (found.score > CLEAR_SCORE)
+    sharp = np.linalg.norm(found.streak, axis=1) == 0
+    clear: NDArray[np.bool_] = sharp & (found.score > CLEAR_SCORE)
+    return clear
 
 
 def _ratios(found: Detections, scene: Scene) -> NDArray[np.float64]:

@@ -141,8 +141,8 @@ class BallFinder:
         along = np.hypot(across, STREAK_SIGMA_SHARE * length)
         swept = Found(fine.centre, fine.radius, fine.vector, fine.fill, across, along)
         inside = _inside(discs.centre, swept) & (discs.score > CLEAR_SCORE)
-        clear: Bools = length > CLEAR_STREAK_RADII * fine.radius
-        return swept.take(clear | ~np.asarray(inside.any(axis=1)))
+        clear: Bools = (length > CLEAR_STREAK_RADII * fine.radius) | (inside.sum(axis=1) == 0)
+        return swept.take(clear)
 
 
 def ball_finder(scene: Scene, pictures: Iterable[tuple[int, Bytes]]) -> BallFinder:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.scene import Camera, Scene, Table
+from models.scene import POCKETS, Camera, Scene, Table
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
@@ -24,6 +24,8 @@ CUSHION_SLACK_RADII = 0.55
 """How far beyond its place at the cushion (one radius inside the nose) a centre may be seen: calibration."""
 JAW_RADII = 2.6
 """Around a pocket's centre a ball may stand between the jaws, as far as the line of the noses."""
+CORNER_HOLE_RADII, SIDE_HOLE_RADII = 1.4, 0.7
+"""Nearer than this to where the noses' lines meet, or to the middle of a side, a ball has dropped."""
 MARGIN_RADII = 1.8
 """Picture kept around the place of the outermost centres."""
 
@@ -133,6 +135,9 @@ def _allowed(table: Table, xy: Floats) -> Bools:
     for pocket in table.pocket_centres:
         jaws = np.linalg.norm(xy - pocket, axis=-1) < JAW_RADII * radius
         inside |= jaws & _within(table, xy, 0.0)
+    for name, pocket in zip(POCKETS, table.pocket_centres, strict=False):
+        hole = CORNER_HOLE_RADII if "-" in name else SIDE_HOLE_RADII
+        inside &= np.linalg.norm(xy - pocket, axis=-1) > hole * radius
     return inside
 
 
