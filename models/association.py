@@ -18,7 +18,7 @@ from models.kinds import Look, name_ids, name_kinds
 from models.progress import Progress, silent
 from models.scene import Scene
 from models.sightings import Sightings, sight
-from models.stitching import Tracklet, is_ball, make_tracklet, stitch
+from models.stitching import Tracklet, cut, is_ball, stitch
 from models.tracks import Tracks
 
 Floats = NDArray[np.float64]
@@ -59,8 +59,7 @@ def associate(
         )
     sightings = sight(detections, frame, scene)
     chains = follow(sightings, t, scene.table, options.breadth, options.patience, progress)
-    pieces = [make_tracklet(picture, row, sightings, t) for picture, row in chains if len(picture) >= 3]
-    joined = stitch(pieces, sightings, t, scene.table)
+    joined = stitch(cut(chains, sightings, t), sightings, t, scene.table)
     balls = [piece for piece in joined if is_ball(piece, sightings, t, scene.table)]
     if options.balls:
         balls = sorted(balls, key=lambda piece: -len(piece.picture))[: options.balls]

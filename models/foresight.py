@@ -43,6 +43,8 @@ class Foresight:
     """(N,) m/s, sum of the velocity changes; 0 where the ball met nothing."""
     contacts: NDArray[np.int64]
     """(N,) how many cushions and balls it met."""
+    since: Floats
+    """(N,) s from there to the end of the interval, weighted by the velocity changes."""
 
 
 def foresee(xy: Floats, v: Floats, dt: float, table: Table, solid: NDArray[np.bool_]) -> Foresight:
@@ -52,7 +54,7 @@ def foresee(xy: Floats, v: Floats, dt: float, table: Table, solid: NDArray[np.bo
     mean_v = v * (1.0 + keep) / 2
     free, free_v = xy + mean_v * dt, v * keep
     x, w = xy.copy(), mean_v.copy()
-    kick, contacts = np.zeros(len(x)), np.zeros(len(x), np.int64)
+    kick, since, contacts = np.zeros(len(x)), np.zeros(len(x)), np.zeros(len(x), np.int64)
     left = dt
     for _ in range(MOST_CONTACTS):
         pair_t, a, b = _next_ball(x, w, table.ball_radius, solid, left)
@@ -65,15 +67,19 @@ def foresee(xy: Floats, v: Floats, dt: float, table: Table, solid: NDArray[np.bo
         if pair_t <= rail_t:
             change = _bounce(x, w, a, b)
             kick[[a, b]] += change
+            since[[a, b]] += change * left
             contacts[[a, b]] += 1
         else:
-            kick[c] += abs(w[c, axis]) * (1 + CUSHION_RESTITUTION)
+            change = abs(w[c, axis]) * (1 + CUSHION_RESTITUTION)
+            kick[c] += change
+            since[c] += change * left
             w[c, axis] *= -CUSHION_RESTITUTION
             contacts[c] += 1
     else:
         x += w * left
     met = (contacts > 0)[:, None]
-    return Foresight(free, free_v, np.where(met, x, free), np.where(met, w, free_v), kick, contacts)
+    since = since / np.maximum(kick, 1e-12)
+    return Foresight(free, free_v, np.where(met, x, free), np.where(met, w, free_v), kick, contacts, since)
 
 
 def _next_ball(x: Floats, v: Floats, radius: float, solid: NDArray[np.bool_], horizon: float) -> tuple[float, int, int]:

@@ -33,15 +33,28 @@ PUSH = 1.5
 """m/s^2, standard deviation per axis of what free motion does beyond rolling (sliding is about 2)."""
 NEW_BALL_SPEED = 0.1
 """m/s, standard deviation per axis of the velocity of a ball that appears at rest, as most do."""
-SURPRISE, SURPRISE_NEAR, SURPRISE_NEW = 0.004, 0.05, 0.2
-"""Chance per picture of a velocity that was not foreseen: in the open (a strike), near balls and cushions, and that a
-ball which has just appeared moves."""
+UNFORESEEN, UNFORESEEN_NEAR = 0.002, 0.05
+"""Chance per picture of a contact that was not foreseen: in the open, and near balls and cushions."""
+STRIKE, STRIKE_NEW = 5e-4, 0.2
+"""Chance per picture of being set in motion by something that is not tracked; and that a new ball moves already."""
 STRIKE_SPEED = 3.0
-"""m/s, typical of a ball set in motion by something unseen; the tail reaches four times that."""
+"""m/s, typical of a struck ball; the tail reaches four times that."""
+OUTLIER, OUTLIER_RADII = 0.01, 0.4
+"""Share of sightings that are off (a hand, a shadow, a highlight), and by how many ball radii."""
+SUSPICIOUS = 5.0
+"""Squared distance of a sighting in standard deviations, above which the velocity is doubted (8 % of good ones)."""
+TIMING = 0.15
+"""Standard deviation of the time of a foreseen contact, in picture intervals."""
 LATE_BIRTH = 7.0
 """Price of a ball that appears after the first moments: balls do not, except from under a hand."""
 COLOUR_LIMIT = 12.0
 """Most that a wrong colour may cost: a hand, a shadow or a streak changes it."""
+STILL = 3
+"""Sightings that a ball counts at birth where the next pictures show it at rest."""
+FREE, MET, BUMPED, STRUCK, OFF = range(5)
+"""A ball went on freely, through foreseen contacts, through unforeseen ones, was struck, or was badly measured."""
+BRANCH_LIMIT = 14.0
+"""How much dearer than the best an assignment may be to be followed."""
 _IMPOSSIBLE = 1e6
 
 
@@ -60,7 +73,7 @@ class Reading:
     """(N, 3) and (N,): mean L*a*b* and its standard deviation."""
     seen: Ints
     missed: Ints
-    """(N,) pictures seen in all, and missed since it was last seen."""
+    """(N,) pictures seen in all (`STILL` at birth for what is seen to rest), and missed since it was last seen."""
     last: Ints
     """(N,) detection in the last picture, -1 for none."""
     price: float = 0.0
@@ -81,7 +94,7 @@ class Bid:
     miss: Floats
     """(N,)"""
     mode: Ints
-    """(N, K) 0 free, 1 foreseen contact, 2 surprise."""
+    """(N, K) what explains it best: `FREE`, ... `OFF`."""
     foresight: Foresight
     p_free: Floats
     p_contact: Floats
@@ -150,22 +163,29 @@ def _bid(reading: Reading, sightings: Sightings, now: Ints, dt: float, table: Ta
     push = np.minimum(PUSH, 0.02 + 20 * speed)
     p_free = _propagate(p, dt, push)
     doubt = _contact_doubt(foresight, p_free, table.ball_radius)
-    p_contact = p_free + np.stack([(doubt * dt) ** 2, doubt**2 * dt / 2, doubt**2], axis=1)
+    # a velocity that is off by `doubt` since the contact puts the ball off by as much times `since`
+    since = foresight.since
+    p_contact = p_free + np.stack([doubt**2 * (since**2 + (TIMING * dt) ** 2), doubt**2 * since, doubt**2], axis=1)
     near, pace = _opportunity(reading, foresight, dt, table)
 
     z, s = sightings.xy[now], sightings.sigma[now]
     extra = sightings.sigma_along[now] ** 2 - s**2
     along = _unit(sightings.streak[now])
     met = foresight.contacts > 0
-    surprise = np.where(reading.seen == 1, SURPRISE_NEW, np.where(near, SURPRISE_NEAR, SURPRISE))
+    bump = np.where(near, UNFORESEEN_NEAR, UNFORESEEN)
+    half = xy + v * dt / 2
+    wild = (OUTLIER_RADII * table.ball_radius) ** 2
     density = np.stack(
         [
             _log_normal(z, foresight.free, p_free[:, 0], s, extra, along)
-            + np.log(np.where(met, 0.2, 0.95 - 0.2 * near))[:, None],
+            + np.log(np.where(met, 0.2, 0.95 - bump))[:, None],
             _log_normal(z, foresight.xy, p_contact[:, 0], s, extra, along) + np.log(np.where(met, 0.75, 1e-9))[:, None],
-            _log_surprise(z, xy, v, pace, dt, s, p[:, 0]) + np.log(surprise)[:, None],
+            _log_normal(z, half, p[:, 0] + (0.6 * pace * dt + 0.002) ** 2, s, extra, along) + np.log(bump)[:, None],
+            _log_far(z, half, (STRIKE_SPEED * dt / 2) ** 2)
+            + np.log(np.where(reading.seen == 1, STRIKE_NEW, STRIKE))[:, None],
+            _log_normal(z, foresight.free, p_free[:, 0] + wild, s, extra, along) + np.log(OUTLIER),
         ]
-    )  # (3, N, K)
+    )  # (5, N, K)
     mode = np.argmax(density, axis=0)
     tint = ((sightings.colour[now][None] - reading.colour[:, None]) ** 2).sum(axis=2) / reading.spread[:, None] ** 2
     seen = _detection_chance(reading, foresight, table)
@@ -202,7 +222,7 @@ def _opportunity(reading: Reading, foresight: Foresight, dt: float, table: Table
     np.fill_diagonal(close, False)
     pace = np.maximum(speed, np.where(close, speed[None], 0.0).max(axis=1, initial=0.0))
     near = (rail & (speed > 0.02)) | (close.any(axis=1) & (pace > 0.02))
-    return near, np.where(near, pace, np.where(speed < 0.05, STRIKE_SPEED, speed))
+    return near, pace
 
 
 def _unit(vectors: Floats) -> Floats:
@@ -221,12 +241,10 @@ def _log_normal(z: Floats, mean: Floats, variance: Floats, sigma: Floats, extra:
     return density
 
 
-def _log_surprise(z: Floats, xy: Floats, v: Floats, pace: Floats, dt: float, sigma: Floats, variance: Floats) -> Floats:
-    """Log density (N, K) in 1/m^2 of where a ball may be after something unforeseen, with a heavy tail."""
-    scale = 0.5 * pace * dt + 0.003
-    width = scale[:, None] ** 2 + sigma[None] ** 2 + variance[:, None]
-    r2 = ((z[None] - (xy + v * dt / 2)[:, None]) ** 2).sum(axis=2)
-    density: Floats = -np.log(2 * np.pi * width) - 1.5 * np.log1p(r2 / width)
+def _log_far(z: Floats, mean: Floats, variance: float) -> Floats:
+    """Log density (N, K) in 1/m^2 with a heavy tail."""
+    r2 = ((z[None] - mean[:, None]) ** 2).sum(axis=2)
+    density: Floats = -np.log(2 * np.pi * (variance + 1e-6)) - 1.5 * np.log1p(r2 / (variance + 1e-6))
     return density
 
 
@@ -252,6 +270,8 @@ def _assignments(reading: Reading, bid: Bid, breadth: int) -> list[tuple[float, 
     chosen = np.where(columns < k, columns, -1)
     price = float(full[rows, columns].sum())
     result = [(price, chosen)]
+    if breadth > 1:
+        result += _departures(reading, bid, chosen, price)
     seen = np.flatnonzero((chosen >= 0) & reading.sure)
     if breadth > 1 and len(seen) > 1:
         swap = bid.cost[np.ix_(seen, chosen[seen])]
@@ -260,10 +280,27 @@ def _assignments(reading: Reading, bid: Bid, breadth: int) -> list[tuple[float, 
         delta[np.tril_indices(len(seen))] = np.inf
         for flat in np.argsort(delta, axis=None, kind="stable")[:4]:
             i, j = divmod(int(flat), len(seen))
-            if delta[i, j] > 14.0:
+            if delta[i, j] > BRANCH_LIMIT:
                 break
             other = chosen.copy()
             other[seen[i]], other[seen[j]] = chosen[seen[j]], chosen[seen[i]]
+            result.append((price + float(delta[i, j]), other))
+    return result
+
+
+def _departures(reading: Reading, bid: Bid, chosen: Ints, price: float) -> list[tuple[float, Ints]]:
+    """Beside an assignment: a ball that was not seen left with a detection that nobody took, though that is rare."""
+    unseen = np.flatnonzero((chosen < 0) & reading.sure & (reading.missed <= 3))
+    free = np.setdiff1d(np.arange(bid.cost.shape[1]), chosen)
+    if not len(unseen) or not len(free):
+        return []
+    delta = bid.cost[np.ix_(unseen, free)] - bid.miss[unseen, None]
+    result = []
+    for flat in np.argsort(delta, axis=None, kind="stable")[:2]:
+        i, j = divmod(int(flat), len(free))
+        if delta[i, j] < BRANCH_LIMIT:
+            other = chosen.copy()
+            other[unseen[i]] = free[j]
             result.append((price + float(delta[i, j]), other))
     return result
 
@@ -282,30 +319,35 @@ def _update(
     """The reading one picture later."""
     hit = chosen >= 0
     rows = np.arange(len(chosen))
-    mode = np.where(hit, bid.mode[rows, chosen] if bid.mode.shape[1] else 0, np.where(bid.foresight.contacts > 0, 1, 0))
-    contact = mode == 1
+    mode = np.where(
+        hit, bid.mode[rows, chosen] if bid.mode.shape[1] else FREE, np.where(bid.foresight.contacts > 0, MET, FREE)
+    )
+    contact = mode == MET
     xy = np.where(contact[:, None], bid.foresight.xy, bid.foresight.free)
     v = np.where(contact[:, None], bid.foresight.v, bid.foresight.free_v)
     p = np.where(contact[:, None], bid.p_contact, bid.p_free)
     colour, spread = reading.colour.copy(), reading.spread.copy()
     for i in np.flatnonzero(hit):
         d = now[chosen[i]]
-        xy[i], v[i], p[i] = _correct(reading.xy[i], xy[i], v[i], p[i], int(mode[i]), sightings, int(d), dt)
+        xy[i], v[i], p[i] = _correct(
+            reading.xy[i], xy[i], v[i], p[i], int(mode[i]), sightings, int(d), dt, table.ball_radius
+        )
         share = max(1 / (reading.seen[i] + 1), 0.05)
         colour[i] += share * (sightings.colour[d] - colour[i])
-    price = LATE_BIRTH * float(np.sum(hit & (reading.seen == 2))) * (not early)
     keep = _keep(reading, hit, xy, table)
     born = _births(chosen, sightings, now, xy[hit], table)
+    price = LATE_BIRTH * float(np.sum(hit & (reading.seen == 2)) + np.sum(sightings.still[born])) * (not early)
     z = sightings.xy[born]
     one = np.ones(len(born))
+    speed = np.where(sightings.still[born], 0.01, NEW_BALL_SPEED)
     return Reading(
         np.concatenate([reading.label[keep], labels + np.arange(len(born))]),
         np.concatenate([xy[keep], z]),
         np.concatenate([v[keep], np.zeros_like(z)]),
-        np.concatenate([p[keep], np.stack([sightings.sigma[born] ** 2, 0 * one, NEW_BALL_SPEED**2 * one], axis=1)]),
+        np.concatenate([p[keep], np.stack([sightings.sigma[born] ** 2, 0 * one, speed**2], axis=1)]),
         np.concatenate([colour[keep], sightings.colour[born]]),
         np.concatenate([spread[keep], 8.0 * one]),
-        np.concatenate([(reading.seen + hit)[keep], np.ones(len(born), np.int64)]),
+        np.concatenate([(reading.seen + hit)[keep], np.where(sightings.still[born], STILL, 1)]),
         np.concatenate([np.where(hit, 0, reading.missed + 1)[keep], np.zeros(len(born), np.int64)]),
         np.concatenate([np.where(hit, now[chosen] if len(now) else -1, -1)[keep], born]),
         price,
@@ -314,23 +356,29 @@ def _update(
 
 
 def _correct(
-    start: Floats, xy: Floats, v: Floats, p: Floats, mode: int, sightings: Sightings, d: int, dt: float
+    start: Floats, xy: Floats, v: Floats, p: Floats, mode: int, sightings: Sightings, d: int, dt: float, radius: float
 ) -> tuple[Floats, Floats, Floats]:
     """Place, velocity and variances of one ball after detection d."""
-    z, r2 = sightings.xy[d], sightings.sigma[d] ** 2
-    if mode == 2:
-        way = z - start
-        doubt = 0.5 * float(np.hypot(*way)) / dt + 0.2
-        return z.copy(), way / dt, np.array([r2, 0.0, doubt**2])
+    z, r2 = sightings.xy[d], sightings.sigma[d] ** 2 + (mode == OFF) * (OUTLIER_RADII * radius) ** 2
+    if mode in (BUMPED, STRUCK):
+        pace = (z - start) / dt  # if it happened at the beginning of the interval; on average in its middle
+        doubt = 0.7 * float(np.hypot(*pace)) + 0.2
+        return z.copy(), 1.3 * pace, np.array([r2, 0.0, doubt**2])
     u = _unit(sightings.streak[d : d + 1])[0]
     innovation = z - xy
     ahead = float(innovation @ u) * u
     across = innovation - ahead
-    total, total_along = p[0] + r2, p[0] + sightings.sigma_along[d] ** 2
+    total, total_along = p[0] + r2, p[0] + max(sightings.sigma_along[d] ** 2, r2)
     scaled = across / total + ahead / total_along
     gain = p[:2] / total
     corrected = np.array([p[0] * (1 - gain[0]), p[1] * (1 - gain[0]), p[2] - gain[1] * p[1]])
-    corrected[0] = max(corrected[0], 0.02 * r2)
+    corrected[0] = max(corrected[0], 0.02 * sightings.sigma[d] ** 2)
+    # a ball that keeps departing from what was foreseen moves otherwise: doubt its velocity, to catch up with it
+    distance = float(across @ across / (p[0] + sightings.sigma[d] ** 2))
+    distance += float((innovation @ u) ** 2 / (p[0] + sightings.sigma_along[d] ** 2))
+    if distance > SUSPICIOUS:
+        corrected[2] += 0.1 * float(innovation @ innovation) / dt**2
+        corrected[0] += 0.1 * float(innovation @ innovation)
     return xy + p[0] * scaled, v + p[1] * scaled, corrected
 
 

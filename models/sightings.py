@@ -17,6 +17,8 @@ OFF_TABLE_RADII = 1.0
 """A ball's centre is at least one radius inside the noses; this much further out may be an error of the calibration."""
 _POCKET_RADII = 2.2
 """A centre this near to a pocket's centre may lie outside the noses: the ball is falling."""
+_NEXT, _SAME_PLACE = 6, 3.0
+"""Pictures looked ahead, and standard deviations, to tell a ball at rest."""
 _LEAST_SIGMA_PX = 0.25
 """Association trusts no detector further than this: compression moves small balls about."""
 
@@ -41,6 +43,8 @@ class Sightings:
     """(K, 3) L*a*b*."""
     scale: Floats
     """(K,) m/px."""
+    still: NDArray[np.bool_]
+    """(K,) seen again in the same place in most of the next pictures."""
 
 
 def sight(detections: Detections, frame: Ints, scene: Scene) -> Sightings:
@@ -58,7 +62,22 @@ def sight(detections: Detections, frame: Ints, scene: Scene) -> Sightings:
     sigma = np.hypot(detections.sigma[row], _LEAST_SIGMA_PX) * scale
     along = np.hypot(detections.sigma_along[row], _LEAST_SIGMA_PX) * scale
     first = np.searchsorted(picture, np.arange(len(frame) + 1))
-    return Sightings(row, first, xy, sigma, np.maximum(along, sigma), ends - xy, detections.colour[row], scale)
+    still = _still(first, xy, sigma)
+    return Sightings(row, first, xy, sigma, np.maximum(along, sigma), ends - xy, detections.colour[row], scale, still)
+
+
+def _still(first: Ints, xy: Floats, sigma: Floats) -> NDArray[np.bool_]:
+    """Which sightings (K,) recur within their noise in most of the next `_NEXT` pictures."""
+    still = np.zeros(len(xy), bool)
+    for k in range(len(first) - 1 - _NEXT):
+        now = slice(first[k], first[k + 1])
+        again = np.zeros(first[k + 1] - first[k], np.int64)
+        for later in range(k + 1, k + 1 + _NEXT):
+            then = slice(first[later], first[later + 1])
+            gap = np.hypot(*np.moveaxis(xy[now, None] - xy[None, then], 2, 0))
+            again += (gap < _SAME_PLACE * np.hypot(sigma[now, None], sigma[None, then])).any(axis=1)
+        still[now] = again >= _NEXT - 2
+    return still
 
 
 def _metres_per_pixel(camera: Camera, xy: Floats, z: float) -> Floats:

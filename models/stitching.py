@@ -16,6 +16,8 @@ Ints = NDArray[np.int64]
 
 FASTEST = 12.0
 """m/s, a hard break."""
+LONG_GAP, FEWEST = 4, 3
+"""Pictures without a sighting that end a tracklet, and the fewest sightings of one."""
 LEAST_SEEN = 5
 """sightings: fewer are no ball."""
 LEAST_SHARE = 0.08
@@ -43,6 +45,17 @@ class Tracklet:
     """(4,) x, y, vx, vy at the first and at the last sighting."""
 
 
+def cut(chains: list[tuple[Ints, Ints]], sightings: Sightings, t: Floats) -> list[Tracklet]:
+    """Tracklets of chains of (pictures, sightings), cut at long gaps: a ball that left may have picked up clutter."""
+    tracklets = []
+    for picture, row in chains:
+        starts = np.flatnonzero(np.diff(picture, prepend=-LONG_GAP - 1) > LONG_GAP)
+        for first, end in zip(starts, [*starts[1:], len(picture)], strict=True):
+            if end - first >= FEWEST:
+                tracklets.append(make_tracklet(picture[first:end], row[first:end], sightings, t))
+    return tracklets
+
+
 def make_tracklet(picture: Ints, row: Ints, sightings: Sightings, t: Floats) -> Tracklet:
     """Gather what stitching needs of a chain of sightings."""
     colours = sightings.colour[row]
@@ -63,10 +76,9 @@ def _state(xy: Floats, t: Floats, at: int) -> Floats:
 
 def stitch(tracklets: list[Tracklet], sightings: Sightings, t: Floats, table: Table) -> list[Tracklet]:
     """Join tracklets over gaps, cheapest together."""
-    pieces = [piece for piece in tracklets if len(piece.picture) >= 3]
-    if not pieces:
+    pieces, n = tracklets, len(tracklets)
+    if not n:
         return []
-    n = len(pieces)
     cost = np.full((n, 2 * n), _IMPOSSIBLE)
     cost[:, n:] = LINK_PRICE / 2
     for i, before in enumerate(pieces):

@@ -43,7 +43,7 @@ def test_a_break_of_equal_balls_exchanges_few(fps: int) -> None:
         rng = np.random.default_rng(seed)
         seen = observe(play(*break_shot(16, rng), seconds=3.0), overhead(), fps, rng)
         tracks = _track(seen)
-        assert 16 <= len(tracks.ids) <= 18
+        assert len(tracks.ids) == 16
         counts.append(switches(tracks, seen.px))
     assert sum(counts) <= 10
 
@@ -162,7 +162,7 @@ def test_marked_carom_balls_keep_their_identity(footage: Path, clip: str, colour
         [place[int(frame[k]), round(tracks.px[k, j, 0], 6)] for k in np.flatnonzero(tracks.observed[:, j])]
         for j in range(3)
     ]
-    assert [len(set(column)) for column in own] == [1, 1, 1]
+    assert np.sum([np.count_nonzero(np.diff(column)) for column in own]) <= (0 if coloured else 2)
     if coloured:
         assert {tracks.kinds[j]: names[own[j][0]] for j in range(3)} == {
             "red": "red",
