@@ -2,8 +2,8 @@
 
     python benchmarks/samples.py [-o DIR] [--only WORD] [--reuse]
 
-Prints one row per clip: positions (px, RMS per axis over visible moving balls at every picture), contact times (ms), contacts
-missed and extra. The foreign half moves by other laws than any the fit holds.
+Prints one row per clip: positions (px, RMS per axis over visible moving balls at every picture), contact times (ms),
+contacts missed and extra. The foreign half moves by other laws than any the fit holds.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from run_folder import ROOT, RunFolder, read_columns, read_run, run_clip
 SAMPLES = ROOT / "sample_videos"
 NEAR_S = 0.1
 """A reported event farther than this from a true one of the same kind and balls is another event."""
+LAWS = {False: "own", True: "foreign"}
 MOVING = 0.02
 """m/s"""
 
@@ -155,7 +156,7 @@ def main() -> int:
         scores.append(score(clip, read_run(folder)))
         s = scores[-1]
         print(
-            f"| {s.name} | {'foreign' if s.foreign else 'own'} | {s.measured_px:.2f} | {s.fitted_px:.2f} | {s.fitted_mm:.2f} "
+            f"| {s.name} | {LAWS[s.foreign]} | {s.measured_px:.2f} | {s.fitted_px:.2f} | {s.fitted_mm:.2f} "
             f"| {np.median(np.abs(s.contact_ms)) if s.contact_ms else np.nan:.1f} | {len(s.contact_ms)} "
             f"| {'; '.join(s.missed)} | {'; '.join(s.extra)} |"
         )
@@ -164,8 +165,7 @@ def main() -> int:
         times = [abs(ms) for s in half for ms in s.contact_ms]
         if half and times:
             px = np.sqrt(np.mean([s.fitted_px**2 for s in half]))
-            name = "foreign" if foreign else "own"
-            print(f"\n{name} laws: fitted {px:.2f} px RMS per axis, contacts {np.median(times):.1f} ms median")
+            print(f"\n{LAWS[foreign]} laws: fitted {px:.2f} px RMS per axis, contacts {np.median(times):.1f} ms median")
     return int(failed)
 
 
