@@ -109,6 +109,17 @@ def orient(corners: Floats, width_px: int, height_px: int, corner_sigma: float) 
     return (np.roll(ordered, -2, axis=0) if backwards else ordered), views[first]
 
 
+def eye_over(homography: Floats, focal: float, width_px: int, height_px: int) -> Floats:
+    """Where the camera stands (3,) over a plane that `homography` (3, 3) takes to pixels; the last is its height."""
+    k = np.array([[focal, 0, (width_px - 1) / 2], [0, focal, (height_px - 1) / 2], [0, 0, 1.0]])
+    rays = np.linalg.solve(k, homography)
+    rays /= np.sqrt(np.linalg.norm(rays[:, 0]) * np.linalg.norm(rays[:, 1]))
+    across = np.cross(rays[:, 0], rays[:, 1])
+    across /= np.linalg.norm(across)
+    eye = np.linalg.solve(np.column_stack([rays[:, 0], rays[:, 1], across]), -rays[:, 2])
+    return np.array([eye[0], eye[1], abs(eye[2])])
+
+
 def camera_from_corners(
     corners: Floats, covariance: Floats, table: Table, view: View, width_px: int, height_px: int
 ) -> Camera:

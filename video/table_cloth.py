@@ -18,6 +18,8 @@ LEAST_SHARE = 0.06
 """Share of the picture that a table must cover to be measured."""
 LIGHT_WIDTH = 160
 """Width in px of the picture from which the light on the cloth is taken: balls are a few px there."""
+LEAST_FILL = 0.5
+"""Share of the quadrangle that must have the cloth's colour; players, shadows and balls take the rest."""
 ANGLES = (0.07, 0.12, 0.2)
 """Tried angles between colour vectors (rad) within which a pixel has the hue of the cloth."""
 SHADES = (0.35, 0.5, 0.65)
@@ -135,9 +137,18 @@ def _quadrangle(mask: NDArray[np.uint8]) -> _Quadrangle | None:
     if corners is None:
         return None
     corners = _snap(corners, contour[:, 0].astype(np.float64))
-    if corners is None:
+    if corners is None or cv2.contourArea(contour) < LEAST_FILL * _area(corners):
         return None
+    if _filled(mask, corners) < LEAST_FILL:
+        return None  # a frame of wood, not the cloth inside it
     return _Quadrangle(corners, _support(corners, contour, mask.shape))
+
+
+def _filled(mask: NDArray[np.uint8], corners: Floats) -> float:
+    """Share of the quadrangle (4, 2) that has the colour."""
+    inside = np.zeros_like(mask)
+    cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
+    return float(mask[inside > 0].mean()) if inside.any() else 0.0
 
 
 def _best_sides(polygon: Floats, area: float) -> Floats | None:

@@ -17,7 +17,7 @@ from video.table_balls import ball_sizes
 from video.table_camera import View, camera_from_corners, orient
 from video.table_cloth import Cloth, find_cloth, intersections, line_through
 from video.table_drift import camera_moves, follow_camera, reference_of
-from video.table_edges import Noses, find_noses
+from video.table_noses import Noses, find_noses
 from video.table_preset import guess_table, has_snooker_d, pocket_share
 
 Floats = NDArray[np.float64]

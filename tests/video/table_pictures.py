@@ -1,0 +1,138 @@
+"""Pictures of tables drawn for tests: a pinhole camera looks at raised cushions, a cloth, pockets and balls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.scene import NOSE_HEIGHT_RADII, Camera, Table, apply_homography
+
+Floats = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+OVER = 4
+"""Pictures are drawn this much larger and then reduced."""
+CUSHION = 0.05
+"""m, width of the cloth on a cushion."""
+RAIL = 0.13
+"""m, width of the wood around it."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colours (RGB) of a table."""
+
+    cloth: tuple[int, int, int] = (30, 140, 90)
+    cushion: float = 0.93
+    shadow: float = 0.55
+    wood: tuple[int, int, int] = (95, 60, 35)
+    floor: tuple[int, int, int] = (120, 118, 112)
+    noise: float = 3.0
+
+
+def looking(table: Table, focal: float, size: tuple[int, int], place: Floats, target: Floats, roll: float) -> Camera:
+    """The camera at `place` (3,) m that looks at `target` (3,) and is turned by `roll` rad, picture of `size` px.
+
+    The table's axes are x right, y down, z up as seen from above, so they are left-handed.
+    """
+    forward = target - place
+    forward /= np.linalg.norm(forward)
+    down = np.array([np.sin(roll), np.cos(roll), 0.0])
+    down -= forward * (down @ forward)
+    down /= np.linalg.norm(down)
+    right = -np.cross(down, forward)  # left-handed world
+    rotation = np.stack([right, down, forward])
+    centre = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2])
+    k = np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1.0]])
+    matrix = k @ np.column_stack([rotation, -rotation @ place])
+    corners = np.zeros((4, 2))
+    camera = Camera(matrix, size[0], size[1], corners, np.eye(8), "noses", float(place[2]), 0.0)
+    seen = camera.to_pixels(table.corners, NOSE_HEIGHT_RADII * table.ball_radius)
+    return Camera(matrix, size[0], size[1], seen, np.eye(8), "noses", float(place[2]), 0.0)
+
+
+def draw_table(
+    table: Table, camera: Camera, look: Look, balls: Floats | None = None, rng: np.random.Generator | None = None
+) -> Picture:
+    """A table, RGB (H, W, 3), with balls at (N, 2) m."""
+    canvas = np.empty((camera.height_px * OVER, camera.width_px * OVER, 3), np.uint8)
+    canvas[:] = look.floor
+    nose = NOSE_HEIGHT_RADII * table.ball_radius
+    cloth = np.array(look.cloth, np.float64)
+    _fill(canvas, camera, _grown(table, CUSHION + RAIL), nose, look.wood)
+    _fill(canvas, camera, _grown(table, CUSHION), nose, tuple(look.cushion * cloth))
+    bed = canvas.copy()
+    _fill(bed, camera, _grown(table, 8 * CUSHION), 0.0, tuple(look.shadow * cloth))
+    _fill(bed, camera, _grown(table, -0.012), 0.0, tuple(cloth))
+    # The bed is seen through the opening between the noses: near cushions hide its edge, far ones show their face.
+    opening = np.zeros_like(canvas)
+    _fill(opening, camera, table.corners, nose, (255, 255, 255))
+    canvas = np.where(opening > 127, bed, canvas)
+    for x, y in table.pocket_centres:
+        reach = 0.012 if x in (0.0, table.length) else 0.035
+        centre = np.array([x + np.sign(x - table.length / 2) * reach * (x != table.length / 2), y])
+        centre[1] += np.sign(y - table.width / 2) * reach
+        _disc(canvas, camera, centre, nose, 0.062, (12, 12, 14))
+    for index, (x, y) in enumerate(balls if balls is not None else []):
+        colour = ((235, 230, 215), (190, 25, 30), (230, 180, 20), (25, 60, 160))[index % 4]
+        _disc(canvas, camera, np.array([x, y]), table.ball_radius, table.ball_radius, colour)
+    picture = cv2.resize(canvas, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
+    picture = cv2.GaussianBlur(picture, (0, 0), 0.6)
+    if rng is None:
+        return picture
+    noisy = picture + rng.normal(0, look.noise, picture.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def _grown(table: Table, margin: float) -> Floats:
+    return table.corners + margin * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+
+
+def _fill(canvas: Picture, camera: Camera, polygon: Floats, z: float, colour: tuple[float, ...]) -> None:
+    px = (camera.to_pixels(polygon, z) + 0.5) * OVER - 0.5
+    cv2.fillPoly(canvas, [np.rint(px * 16).astype(np.int32)], colour, cv2.LINE_AA, 4)
+
+
+def _disc(
+    canvas: Picture, camera: Camera, centre: Floats, z: float, radius: float, colour: tuple[float, ...]
+) -> None:
+    angles = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    _fill(canvas, camera, centre + radius * np.column_stack([np.cos(angles), np.sin(angles)]), z, colour)
+
+
+def write_clip(path: Path, pictures: list[Picture]) -> Path:
+    """An H.264 clip at 25 pictures per second."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=Fraction(25), options={"crf": "16", "preset": "ultrafast"})
+        stream.height, stream.width = pictures[0].shape[:2]
+        stream.pix_fmt = "yuv420p"
+        for picture in pictures:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
+    return path
+
+
+def corner_error(found: Floats, true: Floats) -> float:
+    """px, the largest distance between corresponding corners."""
+    return float(np.linalg.norm(found - true, axis=1).max())
+
+
+def moved(picture: Picture, homography: Floats) -> Picture:
+    """The picture after the camera moved by `homography` (3, 3), source to moved pixels."""
+    size = (picture.shape[1], picture.shape[0])
+    return np.asarray(cv2.warpPerspective(picture, homography, size, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+def small_motion(angle: float, shift: tuple[float, float], tilt: float) -> Floats:
+    """A homography (3, 3) of a hand: turn (rad), shift (px) and tilt (1/px)."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, -sine, shift[0]], [sine, cosine, shift[1]], [tilt, 0.4 * tilt, 1.0]])
+
+
+__all__ = ["Look", "apply_homography", "corner_error", "draw_table", "looking", "moved", "small_motion", "write_clip"]
