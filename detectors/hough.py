@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from detectors.candidates import candidate_centres
 from detectors.cloth import Cloth, Floats32, learn_cloth, size
 from detectors.colour import PLACES, ball_colours
-from detectors.refine import Circles, fit_circles, second_chances
+from detectors.refine import DIRECTIONS, Circles, fit_circles, second_chances
 from detectors.streaks import Streaks, find_streaks, refine_streaks
 from detectors.view import View, view_of
 from models.detections import Detections
@@ -35,8 +35,10 @@ CUE_RADII = 0.5
 """Half width below which what touches a ball is left out of its shape: cues, lines."""
 MOST_REST, MOST_REST_SHARE = 1.8, 0.28
 """A shape of which this is left beside its discs, in discs and as a share, is more than balls and their shadows."""
-CLEAR_SCORE = 0.88
-"""Score from which a ball needs no such proof."""
+CLEAR_SCORE, SURE_SCORE = 0.88, 0.955
+"""Scores from which a ball on such a shape is believed: with cloth around it, and without."""
+RING_RADII, MOST_RING = 1.3, 0.6
+"""A ball beside a hand has cloth around it: the ring that is looked at, and how much of it may be something else."""
 CLEAR_STREAK_RADII = 0.8
 """Length over radius up to which a clear disc is the better measure."""
 STREAK_SIGMA_PX, STREAK_SIGMA_SHARE = 0.3, 0.03
@@ -89,7 +91,11 @@ class BallFinder:
         again = second_chances(rgb, circles.take(free), expected[free], self.cloth.basis)
         found = _chained(self._balls(again, foreground, frame), self._balls(circles.take(~free), foreground, frame))
         found = _without_overlaps(found, self.view.scene, frame)
-        return found.take(~_at(intruders, self._home(found.centre, frame)) | (found.score > CLEAR_SCORE))
+        home = self._home(found.centre, frame)
+        alone = _ring(foreground, home, self.view) < MOST_RING
+        sure = (found.score > SURE_SCORE) | ((found.score > CLEAR_SCORE) & alone)
+        doubtful = _at(intruders, home) | (_at(self.view.pockets, home) & (found.score < CLEAR_SCORE))
+        return found.take(sure | ~doubtful)
 
     def _balls(self, circles: Circles, foreground: Bools, frame: int) -> Found:
         """Circles that are round, differ from the cloth and lie on the table."""
@@ -101,7 +107,7 @@ class BallFinder:
     def _intruders(self, found: Found, foreground: Bools, frame: int) -> Bools:
         """Shapes (h, w) that balls do not account for: hands and sleeves are larger than the discs on them."""
         radius = self.view.typical
-        inside = (foreground & self.view.centres).astype(np.uint8)
+        inside = (foreground & self.view.centres & ~self.view.pockets).astype(np.uint8)
         wide = cv2.morphologyEx(inside, cv2.MORPH_OPEN, _disc_kernel(CUE_RADII * radius))
         _, labels = cv2.connectedComponents(wide)
         whole = np.bincount(labels.ravel())
@@ -141,8 +147,8 @@ class BallFinder:
         along = np.hypot(across, STREAK_SIGMA_SHARE * length)
         swept = Found(fine.centre, fine.radius, fine.vector, fine.fill, across, along)
         inside = _inside(discs.centre, swept) & (discs.score > CLEAR_SCORE)
-        clear: Bools = (length > CLEAR_STREAK_RADII * fine.radius) | (inside.sum(axis=1) == 0)
-        return swept.take(clear)
+        free: Bools = inside.sum(axis=1) == 0
+        return swept.take(free | np.asarray(length > CLEAR_STREAK_RADII * fine.radius))
 
 
 def ball_finder(scene: Scene, pictures: Iterable[tuple[int, Bytes]]) -> BallFinder:
@@ -167,6 +173,13 @@ def _at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
     u = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
     v = np.clip(np.rint(working[..., 1]).astype(int), 0, h - 1)
     return np.asarray(mask[v, u])
+
+
+def _ring(foreground: Bools, home: Floats, view: View) -> Floats:
+    """Share (n,) of the ring around discs at working px (n, 2) that is not cloth."""
+    radius = _at(view.radius, home)
+    ring = home[:, None] + RING_RADII * radius[:, None, None] * DIRECTIONS
+    return np.asarray(_at(foreground, ring).mean(axis=1), dtype=np.float64)
 
 
 def _disc_kernel(half: float) -> Bytes:

@@ -26,6 +26,8 @@ JAW_RADII = 2.6
 """Around a pocket's centre a ball may stand between the jaws, as far as the line of the noses."""
 CORNER_HOLE_RADII, SIDE_HOLE_RADII = 1.4, 0.7
 """Nearer than this to where the noses' lines meet, or to the middle of a side, a ball has dropped."""
+POCKET_RADII = 3.2
+"""Reach of a pocket's opening about its corner."""
 MARGIN_RADII = 1.8
 """Picture kept around the place of the outermost centres."""
 
@@ -44,6 +46,8 @@ class View:
     """Working px: median of `radius`."""
     centres: Bools
     """(h, w) where the centre of a ball on the table may be."""
+    pockets: Bools
+    """(h, w) where a centre is at a pocket, which is seen as a dark shape of its own."""
     cloth: Bools
     """(h, w) the playing surface."""
     area: Bools
@@ -96,6 +100,11 @@ def view_of(scene: Scene) -> View:
     scale = 1.0 / shrink
     px = _grid(box, scale, w, h)
     centres = _allowed(table, camera.to_table(px, table.ball_radius))
+    pockets = np.zeros((h, w), dtype=bool)
+    for pocket in table.pocket_centres:
+        pockets |= (
+            np.linalg.norm(camera.to_table(px, table.ball_radius) - pocket, axis=-1) < POCKET_RADII * table.ball_radius
+        )
     on_cloth = camera.to_table(px, 0.0)
     cloth = (on_cloth[..., 0] > 0) & (on_cloth[..., 0] < table.length)
     cloth &= (on_cloth[..., 1] > 0) & (on_cloth[..., 1] < table.width)
@@ -104,7 +113,7 @@ def view_of(scene: Scene) -> View:
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
     area = cv2.dilate(centres.astype(np.uint8), kernel).astype(bool)
     inner = cv2.erode(area.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    return View(scene, box, scale, radius, float(np.median(radius[centres])), centres, cloth, area, inner == 0)
+    return View(scene, box, scale, radius, float(np.median(radius[centres])), centres, pockets, cloth, area, inner == 0)
 
 
 def predicted_radius(scene: Scene, px: Floats) -> Floats:
