@@ -13,7 +13,7 @@ from models.fit import Fit, Light
 from models.tracks import Tracks
 from video.inbetween import Sightings
 from video.inset import Inset, plan_of
-from video.layout import Rect, Side, place_label, place_panel
+from video.layout import Rect, Side, covered_share, place_label, place_panel
 from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, error_text, unit
 from video.palette import FLASH, Colour, ball_colour
 
@@ -28,12 +28,16 @@ READING_SECONDS = 2.0
 """s of the finished video that the time of a contact stays to be read."""
 PATH_STEP = 1 / 240
 """s between points of a path."""
+POINTS_APART = 3.0
+"""px between drawn points of a path."""
 PLAN_STEP = 3
 """Points of a path per point of the plan, which is small."""
 MOST_LABELS, MOST_TIMES = 6, 3
 """Balls named, and contact times shown, at once: more would hide the shot."""
 TURN_SHARE = 0.12
 """Share of its way round the ball that a label goes per picture: it glides, it does not jump."""
+MOST_COVERED, FADE_STEP = 0.4, 0.1
+"""Share of a label over other things from which it fades; change of opacity per picture."""
 LEAST_PROBABILITY = 0.5
 """Events below are not drawn."""
 MOST_SIGMA = 0.1
@@ -84,6 +88,8 @@ class Path:
     """(k, 2) s, when it moved."""
     radius: float
     """px, of the ball while it moved."""
+    drawn: NDArray[np.intp]
+    """Indices of the points that a line needs: some px apart, all corners."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +122,12 @@ class Annotation:
     """s of the shot that a contact's time is shown."""
     sides: dict[int, tuple[Side, Side]] = field(default_factory=dict)
     """Where the label of a ball is to be, and on its way there where it is."""
+    clear: dict[int, float] = field(default_factory=dict)
+    """Opacity of the label of a ball: it fades where there is no room."""
     mark_sides: dict[int, Side] = field(default_factory=dict)
     """Where the label of a mark is."""
+    crowded: set[int] = field(default_factory=set)
+    """Marks for whose label there was no room."""
 
     def draw(self, picture: Picture, t: float, balls: Balls, xy: Floats) -> None:
         """Draw on `picture` (H, W, 3), in place; `xy` (N, 2) m are the places of the balls."""
@@ -138,10 +148,14 @@ class Annotation:
         first, last = np.searchsorted(path.t, [t - TRAIL_SECONDS, t])
         if last - first < 1:
             return
-        way = self.sightings.project(path.xy[first:last], t)
-        age = (t - path.t[first:last]) / TRAIL_SECONDS
+        points = path.drawn[np.searchsorted(path.drawn, first) : np.searchsorted(path.drawn, last)]
+        way = self.sightings.project(path.xy[points], t)
+        age = (t - path.t[points]) / TRAIL_SECONDS
         if np.isfinite(balls.centre[ball]).all():
-            way, age = np.concatenate([way, balls.centre[ball][None]]), np.append(age, age[-1])
+            way, age = (
+                np.concatenate([way, balls.centre[ball][None]]),
+                np.append(age, 0.0),
+            )
         fade = np.clip(1 - age, 0, 1) ** 1.3
         width = float(np.clip(0.42 * path.radius, 2.2, 9 * self.scale))
         draw_trail(picture, way, fade, self.colours[ball], width, balls)
@@ -160,6 +174,10 @@ class Annotation:
             if k not in self.mark_sides:
                 obstacles = [*taken, *self._soon(t)]
                 self.mark_sides[k] = place_label(size, spot, radius, np.zeros(2), obstacles, _bounds(picture), None)
+                rect = (*(spot + self.mark_sides[k].corner(size, radius)), *size)
+                self.crowded |= {k} if covered_share(rect, taken) > MOST_COVERED else set()
+            if k in self.crowded:
+                continue
             age = (t - mark.t) / self.reading
             opacity = float(np.clip(min(age * 12, (1 - age) * 5), 0, 1))
             _put(picture, mark.label, spot + self.mark_sides[k].corner(size, radius), self.scale, opacity, taken)
@@ -183,7 +201,12 @@ class Annotation:
             aim = place_label(size, centre, radius, balls.heading[ball], taken, _bounds(picture), aim)
             now = aim if now is None else now.towards(aim, TURN_SHARE)
             self.sides[ball] = aim, now
-            _put(picture, label, centre + now.corner(size, radius), self.scale, self._presence(t, ball), taken)
+            corner = centre + now.corner(size, radius)
+            room = covered_share((*corner, *size), taken) < MOST_COVERED
+            self.clear[ball] = float(
+                np.clip(self.clear.get(ball, float(room)) + (FADE_STEP if room else -FADE_STEP), 0, 1)
+            )
+            _put(picture, label, corner, self.scale, self._presence(t, ball) * self.clear[ball], taken)
 
     def _presence(self, t: float, ball: int) -> float:
         """Opacity of a ball's name: it comes and goes with its motion."""
@@ -202,6 +225,8 @@ def _bounds(picture: Picture) -> tuple[int, int]:
 
 def _put(picture: Picture, label: Label, corner: Floats, scale: float, opacity: float, taken: list[Rect]) -> None:
     """Draw a label inside the picture, and note that its place is taken."""
+    if opacity <= 0:
+        return
     size = np.array(label.size(scale), dtype=np.float64)
     left, top = np.maximum(np.minimum(corner, _bounds(picture) - size - 2), 2)
     label.draw(picture, np.array([left, top]), scale, opacity)
@@ -229,7 +254,7 @@ def _path(sightings: Sightings, fit: Fit, ball: int) -> Path:
     """Sample one ball's motion while it moves, corners at events included."""
     rows = np.flatnonzero(sightings.moves[:, ball])
     if not len(rows):
-        return Path(np.empty(0), np.empty((0, 2)), np.empty((0, 2)), 0.0)
+        return Path(np.empty(0), np.empty((0, 2)), np.empty((0, 2)), 0.0, np.empty(0, dtype=np.intp))
     breaks = np.flatnonzero(np.diff(rows) > 1)
     starts, ends = rows[np.concatenate([[0], breaks + 1])], rows[np.concatenate([breaks, [len(rows) - 1]])] + 1
     spans = np.column_stack([sightings.t[starts], sightings.t[ends]])
@@ -241,7 +266,19 @@ def _path(sightings: Sightings, fit: Fit, ball: int) -> Path:
     known = ((xy > -beyond) & (xy < np.array([table.length, table.width]) + beyond)).all(axis=1)
     radii = sightings.radius[rows, ball]
     radius = float(np.median(radii[np.isfinite(radii)])) if np.isfinite(radii).any() else 8.0
-    return Path(times[known], xy[known], spans, radius)
+    times, xy = times[known], xy[known]
+    drawn = _apart(sightings.project(xy, float(sightings.t[0])), np.isin(times, inside))
+    return Path(times, xy, spans, radius, drawn)
+
+
+def _apart(px: Floats, corner: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Indices of points (n, 2) px at least `POINTS_APART` apart along the way, and of all corners (n,)."""
+    if not len(px):
+        return np.empty(0, dtype=np.intp)
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(px, axis=0), axis=1))]) / POINTS_APART
+    keep = corner | np.concatenate([[True], np.diff(np.floor(way)) > 0])
+    keep[-1] = True
+    return np.flatnonzero(keep)
 
 
 def _marks(sightings: Sightings, fit: Fit) -> tuple[Mark, ...]:

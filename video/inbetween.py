@@ -262,20 +262,18 @@ class Interval:
         """The two pictures without moving balls, one passing into the other."""
         x = float(np.clip((share - DISSOLVE[0]) / (DISSOLVE[1] - DISSOLVE[0]), 0, 1))
         weight = x * x * (3 - 2 * x)
-        first, second = self.before.behind, self.after.behind
         motion = self.sightings.motion(t)
-        if motion is not None:
-            first, second = (self._carried(picture, k, motion) for picture, k in ((first, 0), (second, 1)))
         if weight in (0.0, 1.0):
-            return (first if weight == 0 else second).copy()
-        mixed: Picture = cv2.addWeighted(first, 1 - weight, second, weight, 0)
+            return self._carried(0 if weight == 0 else 1, motion)
+        mixed: Picture = cv2.addWeighted(self._carried(0, motion), 1 - weight, self._carried(1, motion), weight, 0)
         return mixed
 
-    def _carried(self, picture: Picture, side: int, motion: Floats) -> Picture:
-        """A picture as a drifting camera sees it at another time."""
+    def _carried(self, side: int, motion: Floats | None) -> Picture:
+        """A copy of one side without moving balls, as a drifting camera sees it with another motion."""
+        picture = (self.before, self.after)[side].behind
         own = self.sightings.motion(float(self.sightings.t[self.row + side]))
-        if own is None:
-            return picture
+        if own is None or motion is None:
+            return picture.copy()
         step, size = motion @ np.linalg.inv(own), (picture.shape[1], picture.shape[0])
         return np.asarray(cv2.warpPerspective(picture, step, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
 

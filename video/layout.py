@@ -30,6 +30,11 @@ def overlap(a: Rect, b: Rect) -> float:
     return max(0.0, width) * max(0.0, height)
 
 
+def covered_share(rect: Rect, taken: Sequence[Rect]) -> float:
+    """Area of a rectangle over taken ones, share of its own; what is taken twice counts twice."""
+    return sum(overlap(rect, other) for other in taken) / (rect[2] * rect[3])
+
+
 def overlaps(rects: Floats, others: Floats) -> Floats:
     """Shared areas (n, m) of rectangles (n, 4) and (m, 4), px^2."""
     low = np.maximum(rects[:, None, :2], others[None, :, :2])

@@ -21,8 +21,8 @@ Picture = NDArray[np.uint8]
 
 SHIFT = 4
 """Binary digits after the point of OpenCV's sub-pixel coordinates."""
-TRAIL_SEGMENTS = 28
-"""Pieces of a trail, each with its own opacity."""
+TRAIL_PIECE, MOST_PIECES = 9.0, 20
+"""px of a trail with one opacity; pieces of a trail."""
 TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
 LABEL_OPACITY = 0.72
 DASH_PX, FEWEST_DASHES = 12.0, 5
@@ -86,11 +86,12 @@ def draw_trail(picture: Picture, way: Floats, fade: Floats, colour: Colour, widt
     x1, y1 = (int(v) for v in np.minimum(np.ceil(way.max(axis=0) + margin), [picture.shape[1], picture.shape[0]]))
     if x1 <= x0 or y1 <= y0:
         return
+    inside = np.all((balls.centre > [x0 - 64, y0 - 64]) & (balls.centre < [x1 + 64, y1 + 64]), axis=1)
     layers = ((colour, width, TRAIL_OPACITY), (mix(WHITE, colour, 0.12), width * 0.3, CORE_OPACITY))
     for ink, thickness, opacity in layers:
         mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
         _strokes(mask, way - [x0, y0], fade * opacity, max(1, round(thickness)))
-        for ball in balls.present:
+        for ball in balls.present[inside[balls.present]]:
             centre, radius = fixed(balls.centre[ball] - [x0, y0]).tolist(), float(balls.radius[ball]) + 0.5
             cv2.circle(mask, centre, round(radius * (1 << SHIFT)), 0, -1, cv2.LINE_AA, SHIFT)
         lay_sparse(picture, mask, x0, y0, ink)
@@ -99,7 +100,9 @@ def draw_trail(picture: Picture, way: Floats, fade: Floats, colour: Colour, widt
 def _strokes(mask: Picture, way: Floats, opacity: Floats, thickness: int) -> None:
     """Draw a polyline in pieces of even opacity, the oldest first."""
     points = fixed(way)
-    cuts = np.unique(np.linspace(0, len(points) - 1, min(TRAIL_SEGMENTS, len(points) - 1) + 1).astype(int))
+    length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    pieces = int(np.clip(length / TRAIL_PIECE, 2, min(MOST_PIECES, len(points) - 1)))
+    cuts = np.unique(np.linspace(0, len(points) - 1, pieces + 1).astype(int))
     for start, end in pairwise(cuts):
         level = round(float(opacity[end]) * 255)
         if level > 2:

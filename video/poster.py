@@ -16,7 +16,7 @@ from models.tracks import Tracks
 from video.annotation import EIGHTFOLD, Annotation, RenderOptions, annotate
 from video.clip import Clip, read_frames
 from video.inbetween import Sightings, plate_of, sight
-from video.layout import Rect, place_label
+from video.layout import Rect, covered_share, place_label
 from video.overlay import Balls, Label, draw_disc, draw_ring, draw_trail
 from video.palette import FLASH, INK, WHITE
 from video.plate import Plate
@@ -29,6 +29,8 @@ APART_RADII = 5.0
 """Way between two flashes of the stroboscope, in ball radii."""
 GHOST = 0.5
 """Opacity of the balls along the way."""
+MOST_COVERED = 0.25
+"""Share of a label over other things from which it is left out."""
 MOST_TIMES = 8
 """Contacts whose time is written: more would hide the table."""
 
@@ -122,8 +124,9 @@ def _write(still: Picture, sightings: Sightings, annotation: Annotation, balls: 
     end, scale = float(sightings.t[-1]), annotation.scale
     bounds = (still.shape[1], still.shape[0])
     taken: list[Rect] = [annotation.inset_place, *balls.boxes(2.0), *_ways(sightings, annotation, end)]
-    marks = sorted(annotation.marks, key=lambda mark: (-mark.strength, mark.t))[:MOST_TIMES]
-    labels = [(mark.label, sightings.project(mark.xy, end)) for mark in sorted(marks, key=lambda mark: mark.t)]
+    order = sorted(annotation.marks, key=lambda mark: (-mark.strength, mark.t))[:MOST_TIMES]
+    times = [(mark.label, sightings.project(mark.xy, end)) for mark in order]
+    names = []
     for mark in annotation.marks:
         spot = sightings.project(mark.xy, end)
         draw_disc(still, spot, 3.4 * scale, INK, 0.8)
@@ -132,9 +135,11 @@ def _write(still: Picture, sightings: Sightings, annotation: Annotation, balls: 
         if len(path.t):
             start = sightings.project(path.xy[0], end)
             draw_ring(still, start, path.radius + 2.5 * scale, 1.6 * scale, WHITE, 0.8)
-            labels.insert(0, (Label(annotation.names[ball], "", annotation.colours[ball]), start))
-    for label, spot in labels:
+            names.append((Label(annotation.names[ball], "", annotation.colours[ball]), start))
+    for label, spot in [*names, *times]:
         size = label.size(scale)
         corner = spot + place_label(size, spot, 12 * scale, np.zeros(2), taken, bounds, None).corner(size, 12 * scale)
-        label.draw(still, corner, scale)
-        taken.append((float(corner[0]), float(corner[1]), float(size[0]), float(size[1])))
+        rect = (float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
+        if covered_share(rect, taken) < MOST_COVERED:
+            label.draw(still, corner, scale)
+            taken.append(rect)

@@ -72,10 +72,12 @@ class Sprite:
     """px of the top-left pixel in the picture that it was cut from."""
     centre: Floats
     """(2,) px, where the ball was."""
-    cover: Singles
-    """(h, w, 4) colour times mask, and mask 0 to 1."""
     shade: Singles
     """(h, w, 3) brightness around the ball with it over without it, minus 1; 0 far away."""
+    cover: Singles
+    """(k, l, 4) colour times mask, and mask 0 to 1: the part that is not empty."""
+    inset: tuple[int, int]
+    """Columns and rows of `shade` before those of `cover`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,15 +160,20 @@ def _erase(
 
 def _cut(
     picture: Picture, behind: Picture, outline: Outline, ball: Singles, touched: Singles, box: tuple[int, int, int, int]
-) -> Sprite:
-    """The sprite of one ball, from the picture with and without it."""
+) -> Sprite | None:
+    """The sprite of one ball, from the picture with and without it; None where nothing of it shows."""
     x, y, width, height = box
     here = np.s_[y : y + height, x : x + width]
     seen, empty = picture[here].astype(np.float32), behind[here].astype(np.float32)
     mask = np.where(touched > 0, ball, 0)[..., None]
+    rows, columns = (np.flatnonzero(mask[..., 0].any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return None
+    tight = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     shade = np.clip((seen + 2) / (empty + 2), *SHADE_LIMITS) - 1
     shade *= (touched > 0)[..., None]
-    return Sprite(x, y, outline.centre, np.concatenate([seen * mask, mask], axis=2), shade)
+    cover = np.concatenate([seen * mask, mask], axis=2)[tight]
+    return Sprite(x, y, outline.centre, shade, cover, (int(columns[0]), int(rows[0])))
 
 
 def paste(picture: Picture, layers: Sequence[tuple[Sprite, Floats, float]]) -> None:
@@ -174,19 +181,35 @@ def paste(picture: Picture, layers: Sequence[tuple[Sprite, Floats, float]]) -> N
 
     Weights add to 1, or to less for a ball that fades.
     """
-    corners = np.array([np.array([sprite.x, sprite.y]) + centre - sprite.centre for sprite, centre, _ in layers])
-    ends = corners + [sprite.cover.shape[1::-1] for sprite, _, _ in layers]
+    shades, covers = [], []
+    for sprite, centre, weight in layers:
+        corner = np.array([sprite.x, sprite.y]) + centre - sprite.centre
+        shades.append((sprite.shade, corner, weight, cv2.INTER_LINEAR))
+        covers.append((sprite.cover, corner + sprite.inset, weight, cv2.INTER_CUBIC))
+    for kind, parts in enumerate((shades, covers)):
+        box = _hull(picture, parts)
+        if box is None:
+            continue
+        ground = picture[box[1] : box[3], box[0] : box[2]]
+        layer = _moved(box, parts)
+        kept, added = (1 + layer, 0.0) if kind == 0 else (1 - np.clip(layer[..., 3:], 0, 1), layer[..., :3])
+        ground[:] = np.rint(np.clip(ground * kept + added, 0, 255)).astype(np.uint8)
+
+
+def _hull(picture: Picture, parts: Sequence[tuple[Singles, Floats, float, int]]) -> tuple[int, int, int, int] | None:
+    """x0, y0, x1, y1 of the box around patches put at corners, cut at the picture; None if it is empty."""
+    corners = np.array([corner for _, corner, *_ in parts])
+    ends = corners + [patch.shape[1::-1] for patch, *_ in parts]
     x0, y0 = (int(v) for v in np.maximum(np.floor(corners.min(axis=0)), 0))
     x1, y1 = (int(v) for v in np.minimum(np.ceil(ends.max(axis=0)), picture.shape[1::-1]))
-    if x1 <= x0 or y1 <= y0:
-        return
-    size = (x1 - x0, y1 - y0)
-    cover = np.zeros((size[1], size[0], 4), dtype=np.float32)
-    shade = np.zeros((size[1], size[0], 3), dtype=np.float32)
-    for (x, y), (sprite, _, weight) in zip(corners, layers, strict=True):
+    return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
+
+
+def _moved(box: tuple[int, int, int, int], parts: Sequence[tuple[Singles, Floats, float, int]]) -> Singles:
+    """The weighted sum of patches put at corners between pixels, in a box."""
+    x0, y0, x1, y1 = box
+    total = np.zeros((y1 - y0, x1 - x0, parts[0][0].shape[2]), dtype=np.float32)
+    for patch, (x, y), weight, flags in parts:
         shift = np.array([[1.0, 0.0, x - x0], [0.0, 1.0, y - y0]])
-        cover += cv2.warpAffine(sprite.cover, shift, size, flags=cv2.INTER_CUBIC) * weight
-        shade += cv2.warpAffine(sprite.shade, shift, size, flags=cv2.INTER_LINEAR) * weight
-    ground = picture[y0:y1, x0:x1]
-    mask = np.clip(cover[..., 3:], 0, 1)
-    ground[:] = np.rint(np.clip(ground * (1 + shade) * (1 - mask) + cover[..., :3], 0, 255)).astype(np.uint8)
+        total += cv2.warpAffine(patch, shift, (x1 - x0, y1 - y0), flags=flags) * weight
+    return total
