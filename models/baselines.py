@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly, UnivariateSpline
 
 Floats = NDArray[np.float64]
 
@@ -27,3 +27,22 @@ def cubic_pieces(t: Floats, xy: Floats) -> Floats:
     step = np.diff(t)
     wide = step > LONGEST_SMOOTH_GAP * np.median(step)
     return np.where(wide[:, None, None], linear_pieces(t, xy), pieces)
+
+
+def smooth_pieces(t: Floats, xy: Floats, sigma: Floats) -> tuple[Floats, Floats]:
+    """Break points (M+1,) and coefficients (M, 4, 2) of the smoothest cubic that keeps to samples within their errors.
+
+    Straight lines between samples where a gap is wide, so that nothing is invented there. Shapes: t (T,), xy (T, 2),
+    sigma (T,) m.
+    """
+    step = np.diff(t)
+    if len(t) < 6 or np.any(step > LONGEST_SMOOTH_GAP * np.median(step)):
+        return t, cubic_pieces(t, xy)
+    curves = [PPoly.from_spline(UnivariateSpline(t, xy[:, k], w=1 / sigma, s=len(t))._eval_args) for k in (0, 1)]
+    breaks = np.unique(np.concatenate([curve.x for curve in curves]))
+    breaks = breaks[(breaks >= t[0]) & (breaks <= t[-1])]
+    orders = [
+        [curve.derivative(k)(breaks[:-1]) / (1, 1, 2, 6)[k] if k else curve(breaks[:-1]) for k in range(4)]
+        for curve in curves
+    ]
+    return breaks, np.moveaxis(np.array(orders), (0, 1, 2), (2, 1, 0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ NEAR_CUSHION = 0.6
 """ball radii: a centre may be so far from where it should touch (calibration, cloth edge, soft rubber)."""
 NEAR_BALL = 0.45
 """ball radii: the same for the distance of two balls."""
+JUMP = 0.4
+"""ball radii: curves that pass each other by more do not belong to one motion."""
 SETTLED = 0.15
 """m/s: a ball that is slower before it stands has rolled out rather than been stopped."""
 STILL = 0.12
@@ -44,6 +47,8 @@ class Break:
     gain: float
     left_curve: SpanStart
     right_curve: SpanStart
+    jump: bool
+    """The curves before and after do not meet."""
 
     @property
     def change(self) -> Floats:
@@ -73,7 +78,7 @@ def tidy(samples: Samples, segments: list[Segment], radius: float) -> list[Segme
     named = []
     for part in segments:
         xy = samples.xy[part.first : part.last + 1]
-        lone = part.last == part.first and 0 < part.first and part.last < len(samples.t) - 1
+        lone = part.last == part.first and part.first > 0 and part.last < len(samples.t) - 1
         named.append(Segment(part.first, part.last, not lone and (part.static or _still(xy, radius))))
     joined = [named[0]]
     for part in named[1:]:
@@ -87,21 +92,24 @@ def tidy(samples: Samples, segments: list[Segment], radius: float) -> list[Segme
     return joined
 
 
-def breaks_of(ball: int, samples: Samples, segments: list[Segment]) -> list[Break]:
+def breaks_of(ball: int, samples: Samples, segments: list[Segment], radius: float) -> list[Break]:
     """Times, places and velocities at the breaks between segments."""
     fits = [_fit(samples, part) for part in segments]
     found = []
-    for k, (one, two) in enumerate(zip(fits[:-1], fits[1:], strict=True)):
+    for k, (one, two) in enumerate(pairwise(fits)):
         last, first = segments[k].last, segments[k + 1].first
         early, late = float(samples.t[last]), float(samples.t[first])
         t_best, x = _meeting(samples, segments[k], segments[k + 1], one, two)
         if found and t_best < found[-1].t + 0.1 * (late - early):
             t_best = found[-1].t + 0.1 * (late - early)
+        apart = float(np.linalg.norm(one.at(t_best) - two.at(t_best)))
+        sure = min(_certain(segments[k]), _certain(segments[k + 1])) and not segments[k].static
+        jump = sure and apart > JUMP * radius + 5 * float(np.median(samples.sigma))
         whole = _part(samples, segments[k].first, segments[k + 1].last)
         gain = fit_span(whole, float(whole.t[0])).chi2 - one.chi2 - two.chi2
         before = np.zeros(2) if segments[k].static else _velocity(samples, segments, k, one, t_best)
         after = np.zeros(2) if segments[k + 1].static else _velocity(samples, segments, k + 1, two, t_best)
-        found.append(Break(ball, k, t_best, early, late, x, before, after, segments[k].static, gain, one, two))
+        found.append(Break(ball, k, t_best, early, late, x, before, after, segments[k].static, gain, one, two, jump))
     return found
 
 
@@ -116,7 +124,8 @@ def explain(breaks: list[Break], table: Table) -> list[_Cause]:
             chosen.append(cause)
     for k, one in enumerate(breaks):
         if k not in used:
-            chosen.append(_Cause(0.0, "strike" if one.from_rest else "free", (k,)))
+            kind: ContactKind = "strike" if one.from_rest else "jump" if one.jump else "free"
+            chosen.append(_Cause(0.0, kind, (k,)))
     return chosen
 
 
@@ -209,7 +218,7 @@ def tell(samples: list[Samples], segments: list[list[Segment]], table: Table, ki
         for k, part in enumerate(parts):
             index[ball, k] = len(spans)
             spans.append(_span(ball, seen, part))
-        breaks += breaks_of(ball, seen, parts) if parts else []
+        breaks += breaks_of(ball, seen, parts, table.ball_radius) if parts else []
     contacts: list[Contact] = []
     for cause in explain(breaks, table):
         members = [breaks[k] for k in cause.breaks]
@@ -341,6 +350,11 @@ def _meeting(samples: Samples, left: Segment, right: Segment, one: SpanStart, tw
     # a curve through one sample is no curve: trust the other side
     middle = (early + late) / 2
     return middle, (one if known[0] else two).at(middle)
+
+
+def _certain(part: Segment) -> bool:
+    """Whether a segment has samples enough for a curve."""
+    return part.static or part.last - part.first >= 2
 
 
 def _interval(samples: Samples) -> float:

@@ -43,9 +43,9 @@ class Fit:
     trajectory: Trajectory
     parameters: tuple[Parameter, ...]
     noise: float
-    """m, one standard deviation per axis of the measured positions, as the residuals say."""
+    """m, one standard deviation per axis of the measured positions, as the residuals say (robust)."""
     chi2_per_dof: float
-    """of the accepted pieces, against the sigmas of the tracks."""
+    """of the accepted pieces, against the noise that successive samples show by themselves."""
     residual: Floats
     """(T, N, 2) m, measured minus fitted; NaN where not seen."""
     moving: NDArray[np.bool_]

@@ -11,8 +11,8 @@ from models.contacts import near_something, tell, tidy
 from models.events import Events
 from models.fit import Fit, Parameter
 from models.happenings import events_of, pocketed
-from models.noise import Noise, estimate_noise, outliers, with_noise
-from models.paths import trajectory_of
+from models.noise import Noise, estimate_noise, outliers, seldom_seen, with_noise
+from models.paths import measured_pieces, pack, pieces_of
 from models.progress import Progress, silent
 from models.refinement import ROLLING_PRIOR, SLIDING_PRIOR, Data, Solution, gather, layout, owners, refine, residuals
 from models.revision import revise
@@ -47,9 +47,9 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
     """
     table = scene.table
     noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
-    believed = _without_outliers(tracks, noise)
-    kept = with_noise(believed, noise)
-    data = gather(kept)
+    seldom = seldom_seen(tracks)
+    kept = with_noise(_believable(tracks, noise, seldom), noise)
+    shown = data = gather(kept)
     if len(data.t) == 0:
         return _nothing(tracks)
     story = _first_story(kept, table, options)
@@ -64,18 +64,18 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
         solution = refine(solution.story, data, table, iterations=10, start=solution)
         solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
     progress(0.9)
-    fit = _report(solution, believed, data, table, options)
+    fit = _report(solution, tracks, kept, shown, table, options)
     progress(1.0)
     return fit
 
 
-def _without_outliers(tracks: Tracks, noise: Noise) -> Tracks:
-    """Tracks without samples that are far off between neighbours that agree."""
+def _believable(tracks: Tracks, noise: Noise, seldom: NDArray[np.bool_]) -> Tracks:
+    """Tracks without balls that were seen `seldom` (N,), and without samples far off between good neighbours."""
     xy = tracks.xy.copy()
     for ball in range(len(tracks.ids)):
         rows = np.flatnonzero(tracks.observed[:, ball])
         bad = outliers(tracks.t[rows], xy[rows, ball], tracks.sigma[rows, ball] * noise.scale[ball])
-        xy[rows[bad], ball] = np.nan
+        xy[rows if seldom[ball] else rows[bad], ball] = np.nan
     return replace(tracks, xy=xy)
 
 
@@ -100,28 +100,42 @@ def _excess(solution: Solution, data: Data) -> float:
     return float(np.clip(np.median(chi2[moving]), 1.0, 9.0)) if moving.any() else 1.0
 
 
-def _report(solution: Solution, tracks: Tracks, data: Data, table: Table, options: FitOptions) -> Fit:
+def _report(solution: Solution, seen: Tracks, tracks: Tracks, data: Data, table: Table, options: FitOptions) -> Fit:
+    """The fit as others see it; `seen` are the tracks as they came, `tracks` those that were fitted."""
     good = accepted_spans(solution, data, table.ball_radius)
     chi2, _, _ = span_chi2(solution, data)
     potted = pocketed(solution, tracks, table)
     events = events_of(solution, tracks, table, chi2, potted)
     ends = {tracks.ids.index(event.a): event.t for event in potted}
-    trajectory = trajectory_of(
-        solution, data, good, tracks.ids, float(tracks.t[0]), float(tracks.t[-1]), table.ball_radius, ends
+    left_out = [
+        ball for ball in range(len(seen.ids)) if seen.observed[:, ball].any() and not tracks.observed[:, ball].any()
+    ]
+    unfitted = [piece for ball in left_out for piece in measured_pieces(seen, ball)]
+    whole = (float(tracks.t[0]), float(tracks.t[-1]))
+    trajectory = pack(
+        pieces_of(solution, data, good, len(seen.ids), whole, table.ball_radius, ends) + unfitted, seen.ids
     )
-    state = trajectory.at(tracks.t)
+    state = trajectory.at(seen.t)
     moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > options.moving_speed
     accepted = np.isfinite(state.xy[..., 0]) & ~state.measured
-    share, seconds = _share(tracks.t, moving, accepted)
-    chi2_all, noise = _misfit(solution, gather(tracks), good)
-    notes = [
-        f"{len([c for c in solution.story.contacts if c.kind == 'free'])} changes of velocity have no known cause."
-    ]
-    doubts = notes if any(c.kind == "free" for c in solution.story.contacts) else []
+    share, seconds = _share(seen.t, moving, accepted)
+    chi2_all, noise = _misfit(solution, data, good)
     return Fit(
-        events, trajectory, _parameters(solution), noise, chi2_all, tracks.xy - state.xy, moving, accepted,
-        light(share, chi2_all, seconds, doubts),
+        events, trajectory, _parameters(solution), noise, chi2_all, seen.xy - state.xy, moving, accepted,
+        light(share, chi2_all, seconds, _doubts(solution, [seen.ids[ball] for ball in left_out])),
     )  # fmt: skip
+
+
+def _doubts(solution: Solution, left_out: list[str]) -> list[str]:
+    """Sentences on what a user should not rely on."""
+    found = []
+    if free := sum(contact.kind == "free" for contact in solution.story.contacts):
+        found.append(f"{free} change{'s' if free > 1 else ''} of velocity without a known cause.")
+    if jumps := sum(contact.kind == "jump" for contact in solution.story.contacts):
+        found.append(f"Paths jump at {jumps} place{'s' if jumps > 1 else ''}: pictures may be missing there.")
+    if left_out:
+        found.append(f"Seen too seldom to be fitted: {', '.join(left_out)}.")
+    return found
 
 
 def _share(t: Floats, moving: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> tuple[float, float]:
@@ -136,16 +150,16 @@ def _share(t: Floats, moving: NDArray[np.bool_], accepted: NDArray[np.bool_]) ->
 
 
 def _misfit(solution: Solution, data: Data, good: NDArray[np.bool_]) -> tuple[float, float]:
-    """chi2 per degree of freedom of accepted spans against the tracks' own sigmas, and the noise in m."""
-    rows = good[owners(solution.story, data)]
+    """chi2 per degree of freedom of accepted spans, single outliers trimmed, and the noise per axis in m."""
+    owner = owners(solution.story, data)
+    rows = good[owner]
     if not rows.any():
         return float("nan"), float("nan")
     miss = residuals(solution, data)[rows]
-    whitened = np.einsum("kij,kj->ki", data.whiten[rows], miss)
-    used = np.unique(owners(solution.story, data)[rows])
-    free = sum(2 if solution.story.spans[k].static else 5 for k in used)
-    chi2 = float((whitened**2).sum() / max(whitened.size - free, 1))
-    return chi2, float(np.sqrt((miss**2).sum() / max(miss.size - free, 1)))
+    size = (np.einsum("kij,kj->ki", data.whiten[rows], miss) ** 2).sum(axis=1)
+    free = sum(2 if solution.story.spans[k].static else 5 for k in np.unique(owner[rows]))
+    chi2 = float(np.minimum(size, 25.0).sum() / max(2 * len(size) - free, 1))
+    return chi2, float(np.sqrt(np.median((miss**2).sum(axis=1)) / (2 * np.log(2))))
 
 
 def _parameters(solution: Solution) -> tuple[Parameter, ...]:

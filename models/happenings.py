@@ -22,6 +22,10 @@ GAP_HORIZON = 0.25
 """s: how far free paths are followed beyond a contact to find their least distance."""
 POCKET_REACH = 3.0
 """ball radii plus the way of two frames: a track that ends so near to a pocket has been potted."""
+_LONGEST = 0.5
+"""s: a rest less certain is no event."""
+_SHORTEST = 0.01
+"""m: a ball that moved less has not come to rest, it jittered."""
 _PRICE = 20.0
 """chi2 that an event must improve to be as likely as not."""
 
@@ -95,7 +99,7 @@ def pocketed(solution: Solution, tracks: Tracks, table: Table) -> list[Happening
 def _fall(solution: Solution, tracks: Tracks, table: Table, ball: int, span: int, row: int) -> list[Happening]:
     story, interval = solution.story, float(np.median(np.diff(tracks.t)))
     state, begin = story.spans[span].state, story.begin(span)
-    t = tracks.t[row] + np.linspace(0, 8 * interval, 161)
+    t = max(float(tracks.t[row]), begin) + np.linspace(0, 8 * interval, 161)
     path = kinematics(np.repeat(state[None], len(t), axis=0), t - begin, solution.friction)
     speed = float(np.hypot(*path[0, 2:4]))
     distance = np.linalg.norm(path[:, None, :2] - table.pocket_centres, axis=2)  # (161, 6)
@@ -120,6 +124,8 @@ def probability(gain: float) -> float:
 def _contact(
     solution: Solution, plan: Layout, number: int, contact: Contact, ids: tuple[str, ...], table: Table, chi2: Floats
 ) -> list[Happening]:
+    if contact.kind == "jump":
+        return []
     if contact.kind == "free":
         return _stopped(solution, plan, number, contact, ids)
     spans = solution.story.spans
@@ -162,7 +168,7 @@ def _stopped(solution: Solution, plan: Layout, number: int, contact: Contact, id
     return [
         Happening("rest", contact.t, sigma, ids[spans[two].ball], "", spans[two].state[:2], probability(contact.gain))
         for one, two in zip(contact.before, contact.after, strict=True)
-        if spans[two].static and not spans[one].static
+        if spans[two].static and not spans[one].static and sigma < _LONGEST
     ]
 
 
@@ -178,7 +184,10 @@ def _rests(solution: Solution, plan: Layout, tracks: Tracks) -> list[Happening]:
         if t > min(story.finish(k), float(seen[-1])):
             continue
         place = kinematics(span.state[None], np.array([length]), solution.friction)[0, :2]
-        found.append(Happening("rest", t, _rest_sigma(solution, plan, k), tracks.ids[span.ball], "", place, 0.99))
+        sigma = _rest_sigma(solution, plan, k)
+        if sigma > _LONGEST or np.linalg.norm(place - span.state[:2]) < _SHORTEST:
+            continue
+        found.append(Happening("rest", t, sigma, tracks.ids[span.ball], "", place, 0.99))
     return found
 
 

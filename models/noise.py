@@ -15,8 +15,14 @@ _MAD = 1.4826
 """Median absolute deviation to standard deviation, normal distribution."""
 _ENOUGH = 20
 """Values that a median needs to be trusted."""
+_BURST = 17
+"""Samples over which bursts of noise are judged; a contact disturbs four of them."""
+_CALM, _CALM_NORMAL = 0.35, 0.4538
+"""Quantile that tells the noise of a burst in spite of three contacts, and its value for a standard normal."""
 
 
+SELDOM = 0.5
+"""share of the pictures of its life: real balls are missed less, hands and cues more."""
 FLOOR = 0.012
 """ball radii: errors that do not average out (calibration, lens, shading), however sharp the picture."""
 
@@ -31,6 +37,8 @@ class Noise:
     """s: jitter of the moments at which pictures were taken; it moves fast balls along their way."""
     floor: float
     """m, added in quadrature."""
+    bursts: Floats
+    """(T, N, 2) >= 1: further factors along and across the motion where a ball is seen badly for a while."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,20 +55,31 @@ class _Misfit:
     """m/s."""
 
 
+_FIELDS = ("along", "across", "sigma", "sigma_along", "speed")
+
+
 def estimate_noise(tracks: Tracks, speed: float, radius: float) -> Noise:
     """From third differences of balls that move faster than `speed` (m/s).
 
     Moving balls count where there are enough of them: a compressed still picture repeats its errors, so that balls
-    at rest look too good. Where there is nothing to tell it from, the tracks are believed. A ball that is twice as
-    restless as the others (a hand, a reflection) keeps its own factor.
+    at rest look too good. Where there is nothing to tell it from, the tracks are believed. Balls with too few samples
+    take what the best seen ones show.
     """
     balls = [_misfit(tracks, ball) for ball in range(len(tracks.ids))]
-    every = _Misfit(*(np.concatenate([getattr(b, name) for b in balls] or [np.empty(0)]) for name in _Misfit.__slots__))
-    together = _scale(every, speed)
+    seen = tracks.observed.sum(axis=0)
+    best = [ball for ball, count in zip(balls, seen, strict=True) if count >= 0.6 * seen.max()]
+    reference = _Misfit(*(np.concatenate([getattr(b, name) for b in best] or [np.empty(0)]) for name in _FIELDS))
+    together = _scale(reference, speed)
     own = np.array([_scale(ball, speed) for ball in balls])
-    scale = np.where(own > 2 * together, own, together)
+    scale = np.where(np.isfinite(own), np.fmax(own, 0.7 * together), together)
     scale = np.clip(np.where(np.isfinite(scale), scale, 1.0), 1 / 3, 10.0)
-    return Noise(scale, _timing(every, speed, float(np.median(scale)) if len(scale) else 1.0), FLOOR * radius)
+    usual = float(np.clip(together, 1 / 3, 10.0)) if np.isfinite(together) else 1.0
+    bursts = np.ones((len(tracks.t), len(tracks.ids), 2))
+    for ball, miss in enumerate(balls):
+        rows = np.flatnonzero(tracks.observed[:, ball])
+        if len(rows) >= _BURST:
+            bursts[rows, ball] = _bursts(miss, float(scale[ball]))
+    return Noise(scale, _timing(reference, speed, usual), FLOOR * radius, bursts)
 
 
 def _scale(miss: _Misfit, speed: float) -> float:
@@ -70,6 +89,17 @@ def _scale(miss: _Misfit, speed: float) -> float:
         if chosen.sum() >= _ENOUGH:
             return _MAD * float(np.median(np.abs(miss.across[chosen]) / miss.sigma[chosen]))
     return float("nan")
+
+
+def _bursts(miss: _Misfit, scale: float) -> Floats:
+    """How much more than usual the samples (n, 2) scatter around their moment, along and across the motion; >= 1."""
+    values = np.abs(np.stack([miss.along / miss.sigma_along, miss.across / miss.sigma], axis=1)) / scale
+    padded = np.pad(values, ((_BURST // 2, _BURST // 2), (0, 0)), mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, _BURST, axis=0)
+    local = np.quantile(windows, _CALM, axis=-1) / _CALM_NORMAL  # (n-3, 2)
+    at_samples = np.concatenate([local[:1], (local[:-2] + local[1:-1]) / 2, local[-2:], local[-1:]])[: len(values) + 3]
+    spread = np.concatenate([at_samples, np.repeat(at_samples[-1:], len(values) + 3 - len(at_samples), axis=0)])
+    return np.clip(np.where(spread > 1.5, spread, 1.0), 1.0, 30.0)
 
 
 def _timing(miss: _Misfit, speed: float, scale: float) -> float:
@@ -85,16 +115,17 @@ def _timing(miss: _Misfit, speed: float, scale: float) -> float:
 
 def with_noise(tracks: Tracks, noise: Noise) -> Tracks:
     """Tracks whose sigmas say what the samples show; where time jitters, `streak` gives the direction of motion."""
-    sigma = np.hypot(tracks.sigma * noise.scale, noise.floor)
+    sigma = np.hypot(tracks.sigma * noise.scale * noise.bursts[..., 1], noise.floor)
     along, streak = np.hypot(tracks.sigma_along * noise.scale, noise.floor), tracks.streak.copy()
     for ball in range(len(tracks.ids)):
         rows = np.flatnonzero(tracks.observed[:, ball])
-        if len(rows) < 2 or noise.timing == 0:
+        if len(rows) < 2:
             continue
         v = velocities(tracks.t[rows], tracks.xy[rows, ball])
         shake = np.hypot(*v.T) * noise.timing
-        along[rows, ball] = np.hypot(along[rows, ball], shake)
-        streak[rows, ball] = np.where(shake[:, None] > 0, v * noise.timing, streak[rows, ball])
+        known = tracks.sigma_along[rows, ball] * noise.scale[ball]
+        along[rows, ball] = np.fmax(np.hypot(along[rows, ball], shake), known * noise.bursts[rows, ball, 0])
+        streak[rows, ball] = np.where(np.hypot(*v.T)[:, None] > 0, v * 1e-3, streak[rows, ball])
     return replace(tracks, sigma=sigma, sigma_along=along, streak=streak)
 
 
@@ -125,6 +156,15 @@ def _misfit(tracks: Tracks, ball: int) -> _Misfit:
     )
     across = miss[:, 1] * direction[:, 0] - miss[:, 0] * direction[:, 1]
     return _Misfit((miss * direction).sum(axis=1), across, sigma, along, length / (t[3:] - t[:-3]))
+
+
+def seldom_seen(tracks: Tracks) -> NDArray[np.bool_]:
+    """(N,) balls seen in fewer than three pictures, or in less than half of those of their life."""
+    seldom = np.zeros(len(tracks.ids), bool)
+    for ball in range(len(tracks.ids)):
+        rows = np.flatnonzero(tracks.observed[:, ball])
+        seldom[ball] = len(rows) < 3 or len(rows) < SELDOM * (rows[-1] - rows[0] + 1)
+    return seldom
 
 
 def outliers(t: Floats, xy: Floats, sigma: Floats, limit: float = 8.0) -> NDArray[np.bool_]:

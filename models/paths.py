@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.baselines import cubic_pieces
-from models.billiards.motion import STATE, kinematics_jacobian, polynomials, rolling_spin
+from models.baselines import smooth_pieces
+from models.billiards.motion import STATE, kinematics_jacobian, polynomials, rest_time, rolling_spin
 from models.refinement import Data, Layout, Solution, layout, owners
+from models.story import Story
+from models.tracks import Tracks
 from models.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
@@ -28,24 +30,32 @@ class Piece:
     covariance: Floats
 
 
-def trajectory_of(
-    solution: Solution, data: Data, good: NDArray[np.bool_], ids: tuple[str, ...], t0: float, t1: float,
-    radius: float, ends: dict[int, float],
-) -> Trajectory:  # fmt: skip
-    """The motion of all balls between t0 and t1; `ends` are the times at which balls vanish, s."""
+def pieces_of(
+    solution: Solution, data: Data, good: NDArray[np.bool_], balls: int, whole: tuple[float, float], radius: float,
+    ends: dict[int, float],
+) -> list[Piece]:  # fmt: skip
+    """The motion of all balls in the `whole` clip, s; `ends` are the times at which balls vanish, s."""
     story = solution.story
     plan, owner = layout(story), owners(story, data)
     pieces: list[Piece] = []
-    for ball in range(len(ids)):
+    for ball in range(balls):
         for k in story.of_ball(ball):
-            begin, end = _extent(solution, data, k, t0, t1, ends)
+            begin, end = _extent(solution, data, k, *whole, ends)
+            pieces += _bridge(story, data, k)
             if end - begin <= 1e-9:
                 continue
             if good[k]:
                 pieces += _physical(solution, plan, k, begin, end, radius)
             else:
                 pieces += _measured(solution, data, owner, k, begin, end)
-    return pack(pieces, ids)
+    return pieces
+
+
+def measured_pieces(tracks: Tracks, ball: int) -> list[Piece]:
+    """A curve through the samples of a ball, from its first to its last."""
+    rows = np.flatnonzero(tracks.observed[:, ball])
+    t = tracks.t[rows]
+    return _curve(ball, t, tracks.xy[rows, ball], tracks.sigma[rows, ball], t[0], t[-1]) if len(rows) > 1 else []
 
 
 def pack(pieces: list[Piece], ids: tuple[str, ...]) -> Trajectory:
@@ -90,11 +100,26 @@ def _extent(
     if span.start is None:
         begin = t0 if span.static else float(seen[0])
     end = story.finish(k)
+    if span.start is not None and story.contacts[span.start].kind == "jump":
+        begin = float(seen[min(np.searchsorted(seen, begin), len(seen) - 1)])
+    if span.end is not None and story.contacts[span.end].kind == "jump":
+        end = float(seen[max(np.searchsorted(seen, end) - 1, 0)])
     if span.end is None:
         last = float(seen[-1])
-        rests = span.static or polynomials(span.state, last - begin, solution.friction)[-1][0] == "rest"
+        rests = span.static or last - begin > float(rest_time(span.state, solution.friction))
         end = ends.get(span.ball, t1 if rests else last)
     return max(begin, t0), min(end, t1)
+
+
+def _bridge(story: Story, data: Data, k: int) -> list[Piece]:
+    """Straight from the last sample before a jump to the first one after it, where span k begins with a jump."""
+    start = story.spans[k].start
+    if start is None or story.contacts[start].kind != "jump":
+        return []
+    rows = np.flatnonzero(data.ball == story.spans[k].ball)
+    after = int(np.clip(np.searchsorted(data.t[rows], story.begin(k)), 1, len(rows) - 1))
+    pair = rows[[after - 1, after]]
+    return _curve(story.spans[k].ball, data.t[pair], data.xy[pair], np.full(2, 0.01), *data.t[pair])
 
 
 def _physical(solution: Solution, plan: Layout, k: int, begin: float, end: float, radius: float) -> list[Piece]:
@@ -140,27 +165,30 @@ def _measured(
             t, xy = np.array([*t, moment])[order], np.vstack([xy.reshape(-1, 2), place])[order]
     if len(t) == 0:
         return []
-    t, xy = _held(t, xy, begin, end)
-    coefficients = cubic_pieces(t, xy)
     noise = float(np.median(np.linalg.norm(np.linalg.inv(data.whiten[rows]), axis=(1, 2)))) if len(rows) else 0.01
-    covariance = np.diag([noise**2, noise**2, (noise / interval) ** 2, (noise / interval) ** 2]) / 2
-    starts, stops = t[:-1].copy(), t[1:].copy()
+    return _curve(span.ball, t, xy, np.full(len(t), noise), begin, end)
+
+
+def _curve(ball: int, t: Floats, xy: Floats, sigma: Floats, begin: float, end: float) -> list[Piece]:
+    """Pieces of a smooth curve through samples, held at its ends."""
+    breaks, coefficients = smooth_pieces(t, xy, sigma) if len(t) > 1 else (t, np.empty((0, 4, 2)))
+    noise, interval = float(np.median(sigma)), float(np.median(np.diff(t))) if len(t) > 1 else 0.04
+    covariance = np.diag([noise**2, noise**2, (noise / interval) ** 2, (noise / interval) ** 2])
+    first = coefficients[0, 0] if len(coefficients) else xy[0]
+    last = _shifted(coefficients[-1], breaks[-1] - breaks[-2])[0] if len(coefficients) else xy[0]
+    rows = [(start, stop, c) for start, stop, c in zip(breaks[:-1], breaks[1:], coefficients, strict=True)]
+    rows = [(-np.inf, breaks[0], _still(first)), *rows, (breaks[-1], np.inf, _still(last))]
     pieces = []
-    for index, (start, stop) in enumerate(zip(starts, stops, strict=True)):
+    for start, stop, position in rows:
         shown = (max(start, begin), min(stop, end))
         if shown[1] - shown[0] > 1e-9:
-            position = _shifted(coefficients[index], shown[0] - start)
-            pieces.append(Piece(span.ball, *shown, position, np.full((2, 3), np.nan), "measured", covariance))
+            moved = _shifted(position, shown[0] - start) if np.isfinite(start) else position
+            pieces.append(Piece(ball, *shown, moved, np.full((2, 3), np.nan), "measured", covariance))
     return pieces
 
 
-def _held(t: Floats, xy: Floats, begin: float, end: float) -> tuple[Floats, Floats]:
-    """Samples, with the first and last place kept where the curve must reach beyond them."""
-    if begin < t[0] - 1e-9:
-        t, xy = np.array([begin, *t]), np.vstack([xy[:1], xy])
-    if end > t[-1] + 1e-9:
-        t, xy = np.array([*t, end]), np.vstack([xy, xy[-1:]])
-    return t, xy
+def _still(x: Floats) -> Floats:
+    return np.concatenate([x[None], np.zeros((3, 2))])
 
 
 def _shifted(position: Floats, by: float) -> Floats:

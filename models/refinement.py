@@ -316,6 +316,9 @@ class _Knowledge:
         contact = self.now.story.contacts[number]
         before = [self._end(k) for k in contact.before]
         after = [self._start(k) for k in contact.after]
+        if contact.kind == "jump":
+            self._say(self._time(number), np.array([0.01]))
+            return
         for one, two in zip(before, after, strict=True):
             self._say(one.times(_X) - two.times(_X), np.full(2, CONTINUITY_SIGMA))
         if contact.kind == "ball":
@@ -388,6 +391,13 @@ class _Knowledge:
         change = after - before
         self._say(change.times(_V).times(tangent), np.array([0.25 * pace + 0.02]))
         self._say(change.times(_U) - change.times(_V), np.full(2, 0.5 * pace + 0.05))
+
+    def _time(self, number: int) -> _Quantity:
+        """Of a contact, relative to where it stands: nothing else holds the time of a jump."""
+        slope = np.zeros((1, self.plan.size))
+        slope[0, self.plan.contact + number] = 1.0
+        moved = self.now.story.contacts[number].t - self.frame.story.contacts[number].t
+        return _Quantity(np.array([moved]), slope)
 
     def _say(self, quantity: _Quantity, sigma: Floats) -> None:
         self._value.append(quantity.value / sigma)

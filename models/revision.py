@@ -28,6 +28,7 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
     for _ in range(rounds):
         story = _renamed(solution, table)
         story = _paired(solution, story, data, table)
+        story = _vanished(solution, story, data, table)
         story = _doubled(solution, story, table)
         story = _inserted(solution, story, data, table)
         changed = story is not solution.story
@@ -46,7 +47,7 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
 
 def prune(story: Story, gains: Floats, price: float, dear: float) -> Story:
     """The story without contacts that the samples do not ask for; `gains` (C,) are kept in the others."""
-    tolls = np.array([dear if c.kind == "free" else price for c in story.contacts])
+    tolls = np.array([dear if c.kind in ("free", "jump") else price for c in story.contacts])
     revised = Story(story.spans, tuple(replace(c, gain=float(g)) for c, g in zip(story.contacts, gains, strict=True)))
     touched: set[int] = set()
     gone = []
@@ -127,6 +128,39 @@ def _paired(solution: Solution, story: Story, data: Data, table: Table) -> Story
         if met is not None:
             return _joined_contact(solution, number, met, table)
     return story
+
+
+def _vanished(solution: Solution, story: Story, data: Data, table: Table) -> Story:
+    """Balls at rest that are gone once another one has come: they were hit, and were too fast to be seen again."""
+    if story is not solution.story:
+        return story
+    times = np.unique(data.t)
+    interval = float(np.median(np.diff(times)))
+    for ball in np.unique(data.ball):
+        k = story.of_ball(int(ball))[-1]
+        gone = float(data.t[data.ball == ball].max()) + 0.5 * interval
+        if not story.spans[k].static or story.spans[k].end is not None or gone > times[-1] - 1.5 * interval:
+            continue
+        probe = Contact("free", gone, (k,), (k,))
+        met = _passer(solution, probe, table, interval)
+        if met is not None:
+            return _hit_away(solution, k, met)
+    return story
+
+
+def _hit_away(solution: Solution, resting: int, met: tuple[int, float]) -> Story:
+    """The resting ball leaves along the line of centres with what the other one brings."""
+    story, (k, t) = solution.story, met
+    if min(t - story.begin(k), story.finish(k) - t) < 2e-3:
+        return story
+    moving = kinematics(story.spans[k].state[None], np.array([t - story.begin(k)]), solution.friction)[0]
+    place = story.spans[resting].state
+    line = place[:2] - moving[:2]
+    line /= np.hypot(*line)
+    given = 0.95 * max(float(moving[2:4] @ line), SLOW) * line
+    states = (np.concatenate([place[:2], given, given, np.zeros(2)]), np.concatenate([moving, np.zeros(2)]))
+    states[1][2:6] -= np.tile(given, 2)
+    return story.split(Contact("ball", t, (resting, k), (), gain=100.0), states)
 
 
 def _without_double_start(story: Story, data: Data, number: int, interval: float) -> Story | None:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-ContactKind = Literal["strike", "ball", "cushion", "free"]
-"""`free`: a ball changed its velocity and nothing known was near."""
+ContactKind = Literal["strike", "ball", "cushion", "free", "jump"]
+"""`free`: a ball changed its velocity and nothing known was near; `jump`: its path does not go on where it ended,
+because pictures are missing or something else was followed."""
 
 
 @dataclass(frozen=True, slots=True)
