@@ -1,0 +1,157 @@
+"""Entries are whole or absent, made once, and thrown away when asked."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pipeline.cache import ABANDONED_S, Cache, Entry, Key
+
+ROOT = Path(__file__).resolve().parents[2]
+
+WORKER = """
+import sys, time
+from pathlib import Path
+from pipeline.cache import Cache, Key
+
+root, log, seconds = Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3])
+
+def build(folder):
+    (folder / "result.txt").write_text("half")
+    with log.open("a") as lines:
+        lines.write("built\\n")
+    time.sleep(seconds)
+    (folder / "result.txt").write_text("whole")
+
+Cache(root).make(Key("fit", {"options": {"speed": 1}}), build)
+"""
+KEY = Key("fit", {"options": {"speed": 1}})
+
+
+def put(cache: Cache, text: str, key: Key = KEY) -> Entry:
+    return cache.make(key, lambda folder: (folder / "result.txt").write_text(text) and None)
+
+
+def worker(cache: Cache, log: Path, seconds: float) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", WORKER, str(cache.root), str(log), str(seconds)]
+    return subprocess.Popen(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)})
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Cache:
+    return Cache(tmp_path / "cache")
+
+
+def test_an_entry_is_made_once_and_found_again(cache: Cache) -> None:
+    assert cache.find(KEY) is None
+    made = put(cache, "first")
+    again, found = put(cache, "second"), cache.find(KEY)
+    assert found is not None
+    assert made.content == again.content == found.content
+    assert (made.folder / "result.txt").read_text() == "first"
+
+
+def test_another_option_is_another_entry(cache: Cache) -> None:
+    put(cache, "slow")
+    other = Key("fit", {"options": {"speed": 2}})
+    assert cache.find(other) is None
+    assert put(cache, "fast", other).folder != put(cache, "slow").folder
+
+
+def test_equal_results_have_equal_content_whatever_made_them(cache: Cache) -> None:
+    other = Key("fit", {"options": {"speed": 2}})
+    assert put(cache, "same").content == put(cache, "same", other).content
+    assert put(cache, "same").content != put(cache, "different", Key("fit", {})).content
+
+
+@pytest.mark.parametrize("name", ["result.txt", "manifest.json"])
+@pytest.mark.parametrize("damage", ["torn", "altered", "gone"])
+def test_a_damaged_entry_is_noticed_and_rebuilt(cache: Cache, name: str, damage: str) -> None:
+    file = put(cache, "whole").folder / name
+    before = file.stat()
+    text = file.read_text()
+    if damage == "gone":
+        file.unlink()
+    else:
+        file.write_text(text[: len(text) // 2] if damage == "torn" else text.replace("e", "E"))
+        os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert cache.find(KEY) is None
+    assert cache.is_damaged(KEY)
+    assert (put(cache, "again").folder / "result.txt").read_text() == "again"
+    assert not cache.is_damaged(KEY)
+
+
+def test_a_build_that_fails_leaves_nothing(cache: Cache) -> None:
+    def build(folder: Path) -> None:
+        (folder / "result.txt").write_text("half")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cache.make(KEY, build)
+    assert cache.find(KEY) is None
+    assert not list((cache.root / "building").iterdir())
+    assert not list((cache.root / "entries").rglob("*.txt"))
+
+
+def test_two_processes_make_an_entry_once(cache: Cache, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    workers = [worker(cache, log, 0.5) for _ in range(2)]
+    assert [w.wait(30) for w in workers] == [0, 0]
+    assert log.read_text() == "built\n"
+    found = cache.find(KEY)
+    assert found is not None
+    assert (found.folder / "result.txt").read_text() == "whole"
+
+
+def test_a_killed_process_leaves_no_entry_and_its_rubbish_is_pruned(cache: Cache, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    killed = worker(cache, log, 60)
+    wait_until(log.exists)
+    killed.send_signal(signal.SIGKILL)
+    killed.wait(10)
+    assert not list((cache.root / "entries").rglob("*.txt"))
+    (rubbish,) = (cache.root / "building").iterdir()
+    cache.prune()
+    assert rubbish.exists(), "a fresh folder may belong to a process at work"
+    long_ago = time.time() - ABANDONED_S - 1
+    os.utime(rubbish, (long_ago, long_ago))
+    cache.prune()
+    assert not rubbish.exists()
+    assert (put(cache, "again").folder / "result.txt").read_text() == "again", "its lock died with it"
+
+
+def wait_until(ready: object, seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not ready():  # type: ignore[operator]
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.02)
+
+
+def test_pruning_by_age_removes_what_was_not_used(cache: Cache) -> None:
+    old, fresh = put(cache, "old", Key("fit", {"k": 1})), put(cache, "fresh", Key("fit", {"k": 2}))
+    last_week = time.time() - 7 * 86400
+    os.utime(old.folder / "manifest.json", (last_week, last_week))
+    assert [entry.key for entry in cache.prune(older_than_s=3 * 86400)] == [old.key]
+    assert [entry.key for entry in cache.entries()] == [fresh.key]
+
+
+def test_pruning_by_size_removes_the_least_recently_used_first(cache: Cache) -> None:
+    keys = [Key("render", {"k": k}) for k in range(3)]
+    made = [put(cache, "x" * 1000, key) for key in keys]
+    now = time.time()
+    for age, entry in zip((10, 20, 30), made, strict=True):
+        os.utime(entry.folder / "manifest.json", (now - age, now - age))
+    cache.find(keys[2])
+    assert [entry.key for entry in cache.prune(largest_bytes=2000)] == [made[1].key]
+
+
+def test_entries_say_what_they_are(cache: Cache) -> None:
+    put(cache, "x" * 1000)
+    (entry,) = cache.entries()
+    assert (entry.stage, entry.size, entry.key) == ("fit", 1000, KEY.digest)
