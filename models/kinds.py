@@ -17,8 +17,12 @@ SNOOKER_COLOURS = {
     "brown": (38.0, 22.0, 30.0), "blue": (38.0, 0.0, -42.0), "pink": (68.0, 38.0, 12.0), "black": (18.0, 0.0, 2.0),
 }  # fmt: skip
 """CIE L*a*b* under even, warm white light; read off photographs of sets, good to about 15."""
+MOST_SATURATED = 55.0
+"""CIE chroma beyond which colours are not told apart by it."""
 UNSURE_COLOUR = 45.0
 """Lab distance beyond which a snooker ball has no name."""
+ONE_COLOUR, LEAST_OF_A_COLOUR = 14.0, 3
+"""Lab distance within which pool balls have one colour, and how many of each of two colours make an English set."""
 NUMBERED = ("solid", "stripe", "ball")
 """Kinds of which there are always several: their ids count from 1."""
 
@@ -64,7 +68,7 @@ def _snooker(look: Look) -> tuple[str, ...]:
     names = list(SNOOKER_COLOURS)
     reference = np.array([SNOOKER_COLOURS[name] for name in names])
     weight = np.array([0.6, 1.0, 1.0])  # lightness says least: it changes with the light and the highlight
-    distance = np.hypot.reduce((look.colour[:, None] - reference[None]) * weight, axis=2)
+    distance = np.hypot.reduce((_calm(look.colour)[:, None] - _calm(reference)[None]) * weight, axis=2)
     distance[:, names.index("cue")] += 40.0 * (look.white < 0.5)
     distance[look.white >= 0.7, names.index("cue")] *= 0.5
     balls = len(look.white)
@@ -73,6 +77,13 @@ def _snooker(look: Look) -> tuple[str, ...]:
     cost = np.concatenate([distance, reds, np.full((balls, balls), UNSURE_COLOUR)], axis=1)
     _, chosen = linear_sum_assignment(cost)
     return tuple(column[c] for c in chosen)
+
+
+def _calm(colour: Floats) -> Floats:
+    """Colours (..., 3) with their saturation limited: cameras exaggerate it, the hue stays."""
+    chroma = np.hypot(colour[..., 1], colour[..., 2])
+    share = np.minimum(1.0, MOST_SATURATED / np.maximum(chroma, 1e-9))
+    return np.asarray(colour * np.stack([np.ones_like(share), share, share], axis=-1))
 
 
 def _carom(look: Look) -> tuple[str, ...]:
@@ -108,8 +119,14 @@ def _pool(look: Look) -> tuple[str, ...]:
     if lightness[eight] < 40 and look.chroma[eight] < 25 and look.white[eight] < 0.35:
         kinds[eight] = "eight"
     rest = (kinds != "cue") & (kinds != "eight")
-    red = rest & (a > 25) & (a > 0.7 * b)
-    yellow = rest & (b > 35) & (a < 0.5 * b)
-    if red.sum() >= 3 and yellow.sum() >= 3 and not (kinds == "stripe").sum() > 2:
+    red = rest & (a > 25) & (a > 0.6 * b)
+    yellow = rest & ~red & (b > 15) & (b > abs(a))
+    if min(red.sum(), yellow.sum()) >= LEAST_OF_A_COLOUR and _alike(look.colour[red]) and _alike(look.colour[yellow]):
         kinds[red], kinds[yellow] = "red", "yellow"
     return tuple(kinds)
+
+
+def _alike(colour: Floats) -> bool:
+    """Whether balls (n, 3) have one colour: those of an English set do, solids and stripes do not."""
+    off = np.hypot.reduce(colour - np.median(colour, axis=0), axis=1)
+    return bool(np.percentile(off, 75) < ONE_COLOUR)

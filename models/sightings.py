@@ -41,6 +41,8 @@ class Sightings:
     """(K, 2) m travelled during the exposure, sign unknown."""
     colour: Floats
     """(K, 3) L*a*b*."""
+    score: Floats
+    """(K,) in [0, 1]."""
     scale: Floats
     """(K,) m/px."""
     still: NDArray[np.bool_]
@@ -63,7 +65,8 @@ def sight(detections: Detections, frame: Ints, scene: Scene) -> Sightings:
     along = np.hypot(detections.sigma_along[row], _LEAST_SIGMA_PX) * scale
     first = np.searchsorted(picture, np.arange(len(frame) + 1))
     still = _still(first, xy, sigma)
-    return Sightings(row, first, xy, sigma, np.maximum(along, sigma), ends - xy, detections.colour[row], scale, still)
+    colour, score = detections.colour[row], detections.score[row]
+    return Sightings(row, first, xy, sigma, np.maximum(along, sigma), ends - xy, colour, score, scale, still)
 
 
 def _still(first: Ints, xy: Floats, sigma: Floats) -> NDArray[np.bool_]:

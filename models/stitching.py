@@ -1,4 +1,4 @@
-"""Tracklets to balls: which one goes on where another ends, and which are balls at all."""
+"""Tracklets to balls: which one goes on where another ends."""
 
 from __future__ import annotations
 
@@ -18,14 +18,10 @@ FASTEST = 12.0
 """m/s, a hard break."""
 LONG_GAP, FEWEST = 4, 3
 """Pictures without a sighting that end a tracklet, and the fewest sightings of one."""
-LEAST_SEEN = 5
-"""sightings: fewer are no ball."""
-LEAST_SHARE = 0.08
-"""of the pictures: a ball that does not fall into a pocket is seen at least this often."""
-JITTER = 6.0
-"""standard deviations: a hand's second differences are larger than that in most pictures, a ball's only at contacts."""
 LINK_PRICE = 30.0
 """Cost above which two tracklets are two balls; balls do not appear, so it is high."""
+COLOUR_LIMIT, SAME_PLACE_COLOUR = 25.0, 5.0
+"""Most that different colours may cost: little where one ball could only be the other, as a hand shades them."""
 _IMPOSSIBLE = 1e6
 
 
@@ -116,7 +112,8 @@ def _link_cost(before: Tracklet, after: Tracklet, t: Floats, table: Table) -> fl
     reach = 0.01 + 0.3 * gap + 0.5 * gap * float(np.hypot(*before.end[2:]))
     ahead = float(np.hypot(*(way - gap * (before.end[2:] + after.start[2:]) / 2)))
     motion = np.log1p((min(distance, ahead) / reach) ** 2) * 3.0
-    return float(min(colour / 2, 25.0) + motion + 2.0 * np.log1p(gap) + (15.0 if fell(before, table) else 0.0))
+    limit = SAME_PLACE_COLOUR if min(distance, ahead) < table.ball_radius else COLOUR_LIMIT
+    return float(min(colour / 2, limit) + motion + 2.0 * np.log1p(gap) + (15.0 if fell(before, table) else 0.0))
 
 
 def fell(piece: Tracklet, table: Table) -> bool:
@@ -129,21 +126,3 @@ def fell(piece: Tracklet, table: Table) -> bool:
     speed = float(np.hypot(*piece.end[2:]))
     heading = float(piece.end[2:] @ towards[nearest]) / max(speed * float(gap[nearest]), 1e-9)
     return bool(gap[nearest] < 3 * table.ball_radius + 0.1 * speed and speed > 0.05 and heading > 0.3)
-
-
-def is_ball(piece: Tracklet, sightings: Sightings, t: Floats, table: Table) -> bool:
-    """Whether a tracklet lasts and moves as a ball: hands, chalk and cues come, go and jitter."""
-    seen = len(piece.picture)
-    lasting = seen >= LEAST_SHARE * len(t) or fell(piece, table)
-    return seen >= LEAST_SEEN and lasting and _jitter(piece, sightings, t) < JITTER
-
-
-def _jitter(piece: Tracklet, sightings: Sightings, t: Floats) -> float:
-    """Median departure of each sighting from between its neighbours, in standard deviations."""
-    times, xy, sigma = t[piece.picture], sightings.xy[piece.row], sightings.sigma_along[piece.row]
-    if len(times) < 3:
-        return 0.0
-    share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
-    off = np.hypot(*(xy[1:-1] - xy[:-2] - share * (xy[2:] - xy[:-2])).T)
-    push = 2.0 * (times[2:] - times[:-2]) ** 2 / 8
-    return float(np.median(off / np.hypot(1.2 * sigma[1:-1], push)))

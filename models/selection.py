@@ -1,0 +1,72 @@
+"""Which tracklets are balls: hands, cues, chalk, shadows and projected lines come, go, jitter or look like cloth."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.scene import Scene, Table
+from models.sightings import Sightings
+from models.stitching import Tracklet, fell
+
+Floats = NDArray[np.float64]
+
+LEAST_SEEN = 5
+"""sightings: fewer are no ball."""
+LEAST_SHARE = 0.08
+"""of the pictures: a ball that does not fall into a pocket is seen at least this often."""
+JITTER = 6.0
+"""standard deviations: what a hand departs from between its neighbours in most pictures, a ball only at contacts."""
+MOST_LOST = 0.15
+"""Share of its pictures in which a ball may go unseen while it moves."""
+CLOTH_LIKE = 12.0
+"""CIE Lab distance from the cloth below which a shadow or a projected line is meant; balls keep 20 and more."""
+VANISH_TIME, VANISH_PICTURES = 0.3, 5
+"""s and pictures before the end: what is no longer seen there has vanished."""
+VANISH_SCORE = 0.85
+"""Median score of what appears or vanishes in the open and is a ball behind a player all the same."""
+POCKET_REACH = 0.2
+"""m from a pocket's centre within which a ball may vanish between two pictures."""
+
+
+def is_ball(piece: Tracklet, sightings: Sightings, t: Floats, scene: Scene) -> bool:
+    """Whether a tracklet lasts, looks and moves as a ball."""
+    seen = len(piece.picture)
+    lasting = seen >= LEAST_SHARE * len(t) or fell(piece, scene.table)
+    if seen < LEAST_SEEN or not lasting:
+        return False
+    if float(np.hypot.reduce(piece.colour - scene.cloth_lab)) < CLOTH_LIKE:
+        return False
+    if _lost_share(piece, sightings, scene.table) > MOST_LOST or _jitter(piece, sightings, t) > JITTER:
+        return False
+    return not _vanishes(piece, t, scene.table) or float(np.median(sightings.score[piece.row])) >= VANISH_SCORE
+
+
+def _lost_share(piece: Tracklet, sightings: Sightings, table: Table) -> float:
+    """Share of the pictures from first to last in which it moved unseen; resting behind a hand does not count."""
+    way = np.hypot(*np.diff(sightings.xy[piece.row], axis=0).T)
+    unseen = np.diff(piece.picture) - 1
+    lost = int(unseen[way > table.ball_radius].sum())
+    return lost / (lost + len(piece.picture))
+
+
+def _jitter(piece: Tracklet, sightings: Sightings, t: Floats) -> float:
+    """Median departure of each sighting from between its neighbours, in standard deviations."""
+    times, xy, sigma = t[piece.picture], sightings.xy[piece.row], sightings.sigma_along[piece.row]
+    if len(times) < 3:
+        return 0.0
+    share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
+    off = np.hypot(*(xy[1:-1] - xy[:-2] - share * (xy[2:] - xy[:-2])).T)
+    push = 2.0 * (times[2:] - times[:-2]) ** 2 / 8  # m: what sliding friction bends a path by
+    return float(np.median(off / np.hypot(1.2 * sigma[1:-1], push)))
+
+
+def _vanishes(piece: Tracklet, t: Floats, table: Table) -> bool:
+    """Whether it ends before the clip does, away from the pockets."""
+    last = int(piece.picture[-1])
+    if t[-1] - t[last] < VANISH_TIME or len(t) - 1 - last < VANISH_PICTURES:
+        return False
+    if not table.pockets:
+        return True
+    gap = float(np.hypot(*(table.pocket_centres - piece.end[:2]).T).min())
+    return gap > POCKET_REACH + VANISH_TIME * float(np.hypot(*piece.end[2:]))
