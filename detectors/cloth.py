@@ -28,6 +28,8 @@ NOISE_FACTOR = 5.0
 MARKING_RADII = 0.6
 """Half width, in ball radii, below which a difference in the median picture is a marking of the cloth."""
 DEGREE = 4
+GRADUAL_LEVELS, GRADUAL_RADII = 45.0, 3.0
+"""Differences up to this many grey levels, smoothed over this many ball radii, are the light's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ class Cloth:
 def learn_cloth(workings: list[Bytes], view: View) -> Cloth:
     """The empty table from a few working pictures (h, w, 3), one is enough."""
     plate = np.median(np.stack(workings), axis=0).astype(np.float32)
-    smooth = _smooth_cloth(plate, view)
+    smooth = _followed(plate, _smooth_cloth(plate, view), view)
     basis = colour_basis(np.median(smooth[view.cloth], axis=0).astype(np.float64))
     threshold = max(LEAST_DIFFERENCE, NOISE_FACTOR * _noise(plate, smooth, view))
     plate_bytes = np.asarray(np.rint(plate), dtype=np.uint8)
@@ -107,6 +109,17 @@ def _cloth_coloured(colours: Floats, cloth_lab: Floats) -> Bools:
     distance = np.linalg.norm((lab - cloth_lab) * np.array([0.33, 1.0, 1.0]), axis=1)
     near: Bools = distance < max(12.0, float(np.median(distance)))
     return near
+
+
+def _followed(plate: Floats32, smooth: Floats32, view: View) -> Floats32:
+    """The smooth cloth (h, w, 3), with what changes over many radii and no polynomial follows, such as lamps."""
+    residual = plate - smooth
+    level = cv2.magnitude(cv2.magnitude(residual[..., 0], residual[..., 1]), residual[..., 2])
+    weight = (view.cloth & (level < GRADUAL_LEVELS)).astype(np.float32)
+    sigma = GRADUAL_RADII * view.typical
+    total = cv2.GaussianBlur(weight, (0, 0), sigma)[..., None]
+    gradual = cv2.GaussianBlur(residual * weight[..., None], (0, 0), sigma) / (total + 0.02)
+    return np.asarray(np.clip(smooth + gradual, 0, 255), dtype=np.float32)
 
 
 def _as_wide_as_balls(away: Bools, view: View) -> Bools:

@@ -33,8 +33,11 @@ LINK_RADII = 0.35
 """Half width below which what links a streak to something else is cut."""
 CUE_RADII = 0.5
 """Half width below which what touches a ball is left out of its shape: cues, lines."""
-MOST_REST, MOST_REST_SHARE = 1.8, 0.28
-"""A shape of which this is left beside its discs, in discs and as a share, is more than balls and their shadows."""
+MOST_REST, MOST_STILL_REST, MOST_REST_SHARE = 1.8, 5.0, 0.28
+"""A shape of which this is left beside its discs is more than balls and their shadows: in discs, where it moves and
+where it does not (shaded cushions do not), and as a share."""
+FAINT = 0.6
+"""Share of the threshold from which a moving pixel counts."""
 CLEAR_SCORE, SURE_SCORE = 0.88, 0.955
 """Scores from which a ball on such a shape is believed: with cloth around it, and without."""
 RING_RADII, MOST_RING = 1.3, 0.6
@@ -62,6 +65,18 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
+class Scan:
+    """What a working picture (h, w) shows that the empty table does not."""
+
+    contrast: Floats32
+    """(h, w, 3)"""
+    strength: Floats32
+    foreground: Bools
+    moving: Bools
+    """Neither cloth nor part of the median picture."""
+
+
+@dataclass(frozen=True, slots=True)
 class BallFinder:
     """Finds the balls of one scene, picture by picture."""
 
@@ -70,29 +85,38 @@ class BallFinder:
 
     def look(self, rgb: Bytes, frame: int = 0) -> Detections:
         """The balls in a picture (H, W, 3)."""
-        working = self.view.picture(rgb, frame)
-        contrast = self.cloth.contrast(working)
-        strength = size(contrast)
-        foreground = (strength > self.cloth.threshold) & self.view.area
-        guesses, _ = candidate_centres(contrast, foreground, self.view)
-        discs = self._discs(rgb, frame, guesses, foreground)
-        streaks = find_streaks(self._moving(working, strength), strength, self.view)
-        swept = self._swept(rgb, streaks, discs, frame)
+        scan = self._scan(self.view.picture(rgb, frame))
+        guesses, _ = candidate_centres(scan.contrast, scan.foreground, self.view)
+        discs = self._discs(rgb, frame, guesses, scan)
+        swept = self._swept(rgb, find_streaks(scan.moving, scan.strength, self.view), discs, frame)
         found = _without_overlaps(_joined(discs, swept), self.view.scene, frame)
         return _as_detections(rgb, found, frame)
 
-    def _discs(self, rgb: Bytes, frame: int, guesses: Floats, foreground: Bools) -> Found:
+    def _scan(self, working: Bytes) -> Scan:
+        contrast = self.cloth.contrast(working)
+        strength = size(contrast)
+        foreground = (strength > self.cloth.threshold) & self.view.area
+        # The ends of a streak are faint.
+        faint = FAINT * self.cloth.threshold
+        moving = (strength > faint) & (self.cloth.moved(working) > faint) & self.view.area
+        kernel = _disc_kernel(LINK_RADII * self.view.typical)
+        opened = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+        return Scan(contrast, strength, foreground, np.asarray(opened > 0))
+
+    def _discs(self, rgb: Bytes, frame: int, guesses: Floats, scan: Scan) -> Found:
         """Sharp balls near guesses (n, 2), working px."""
         guessed = self.view.to_picture(guesses)
         expected = self.view.predicted_radius(guessed)
         circles = fit_circles(rgb, _moved(self.view.scene, guessed, frame), expected, self.cloth.basis)
-        intruders = self._intruders(self._balls(circles, foreground, frame), foreground, frame)
+        intruders = self._intruders(self._balls(circles, scan.foreground, frame), scan, frame)
         free = ~_at(intruders, guesses)
         again = second_chances(rgb, circles.take(free), expected[free], self.cloth.basis)
-        found = _chained(self._balls(again, foreground, frame), self._balls(circles.take(~free), foreground, frame))
+        found = _chained(
+            self._balls(again, scan.foreground, frame), self._balls(circles.take(~free), scan.foreground, frame)
+        )
         found = _without_overlaps(found, self.view.scene, frame)
         home = self._home(found.centre, frame)
-        alone = _ring(foreground, home, self.view) < MOST_RING
+        alone = _ring(scan.foreground, home, self.view) < MOST_RING
         sure = (found.score > SURE_SCORE) | ((found.score > CLEAR_SCORE) & alone)
         doubtful = _at(intruders, home) | (_at(self.view.pockets, home) & (found.score < CLEAR_SCORE))
         return found.take(sure | ~doubtful)
@@ -104,29 +128,24 @@ class BallFinder:
         good = _at(self.view.centres, home) & (circles.support > LEAST_SUPPORT) & (cover > LEAST_COVER)
         return _without_overlaps(_of_circles(circles, cover).take(good), self.view.scene, frame)
 
-    def _intruders(self, found: Found, foreground: Bools, frame: int) -> Bools:
+    def _intruders(self, found: Found, scan: Scan, frame: int) -> Bools:
         """Shapes (h, w) that balls do not account for: hands and sleeves are larger than the discs on them."""
-        radius = self.view.typical
-        inside = (foreground & self.view.centres & ~self.view.pockets).astype(np.uint8)
-        wide = cv2.morphologyEx(inside, cv2.MORPH_OPEN, _disc_kernel(CUE_RADII * radius))
+        inside = (scan.foreground & self.view.centres & ~self.view.pockets).astype(np.uint8)
+        wide = cv2.morphologyEx(inside, cv2.MORPH_OPEN, _disc_kernel(CUE_RADII * self.view.typical))
         _, labels = cv2.connectedComponents(wide)
         whole = np.bincount(labels.ravel())
-        rest = whole - np.bincount(labels[self._discs_drawn(found, frame)], minlength=len(whole))
-        intruder = (rest > MOST_REST * np.pi * radius**2) & (rest > MOST_REST_SHARE * whole)
+        spare = ~self._discs_drawn(found, frame)
+        rest = np.bincount(labels[spare], minlength=len(whole))
+        moved = np.bincount(labels[spare & scan.moving], minlength=len(whole))
+        disc = np.pi * self.view.typical**2
+        large = (moved > MOST_REST * disc) | (rest > MOST_STILL_REST * disc)
+        intruder = large & (rest > MOST_REST_SHARE * whole)
         intruder[0] = False
         return np.asarray(intruder[labels])
 
     def _home(self, px: Floats, frame: int) -> Floats:
         """Px (n, 2) of a frame to working px."""
         return self.view.to_working(_moved_back(self.view.scene, px, frame))
-
-    def _moving(self, working: Bytes, strength: Floats32) -> Bools:
-        """What is neither cloth nor part of the median picture; the ends of a streak are faint."""
-        faint = 0.6 * self.cloth.threshold
-        moving = (strength > faint) & (self.cloth.moved(working) > faint) & self.view.area
-        kernel = _disc_kernel(LINK_RADII * self.view.typical)
-        opened = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_OPEN, kernel)
-        return np.asarray(opened > 0)
 
     def _discs_drawn(self, found: Found, frame: int) -> Bools:
         """(h, w) working px within 1.15 radii of balls."""
