@@ -180,7 +180,7 @@ def test_a_missing_input_and_a_circle_are_refused(code: Path) -> None:
     read, detect = chain().stages[:2]
     with pytest.raises(ValueError, match="needs"):
         Graph.of([detect], "clip")
-    with pytest.raises(ValueError, match="circle|cycle"):
+    with pytest.raises(ValueError, match="cycle"):
         Graph.of([replace(read, needs=("detect",)), detect], "clip")
 
 
