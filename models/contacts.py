@@ -331,8 +331,8 @@ def _fit(samples: Samples, part: Segment) -> SpanStart:
 
 def _still(xy: Floats, radius: float) -> bool:
     """Whether samples (n, 2) only jitter about one place."""
-    third = max(len(xy) // 3, 1)
-    drift = np.linalg.norm(np.median(xy[:third], axis=0) - np.median(xy[-third:], axis=0))
+    few = min(5, max(len(xy) // 3, 1))
+    drift = np.linalg.norm(np.median(xy[:few], axis=0) - np.median(xy[-few:], axis=0))
     spread = np.linalg.norm(xy - np.median(xy, axis=0), axis=1)
     return bool(drift < STILL * radius and np.median(spread) < STILL * radius and spread.max() < radius)
 

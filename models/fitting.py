@@ -59,8 +59,8 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
     rounds = 1 if options.quick else 3
     solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
     excess = _excess(solution, data)
-    if excess > 1.5:  # what the model misses is no smaller for being systematic
-        data = replace(data, whiten=data.whiten / np.sqrt(excess))
+    if np.any(excess > 1.5):  # what the model misses is no smaller for being systematic
+        data = replace(data, whiten=data.whiten / np.sqrt(excess)[:, None, None])
         solution = refine(solution.story, data, table, iterations=10, start=solution)
         solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
     progress(0.9)
@@ -93,11 +93,10 @@ def _first_story(tracks: Tracks, table: Table, options: FitOptions) -> Story:
     return tell(samples, segments, table, tracks.kinds)
 
 
-def _excess(solution: Solution, data: Data) -> float:
-    """Median chi2 per degree of freedom of the moving spans that were seen often enough; 1 to 9."""
-    chi2, _, count = span_chi2(solution, data)
-    moving = np.array([not span.static for span in solution.story.spans]) & (count >= 8)
-    return float(np.clip(np.median(chi2[moving]), 1.0, 9.0)) if moving.any() else 1.0
+def _excess(solution: Solution, data: Data) -> Floats:
+    """chi2 per degree of freedom of the span of each sample (K,), 1 to 100: bad spans shall not bend the good ones."""
+    chi2, _, _ = span_chi2(solution, data)
+    return np.clip(np.nan_to_num(chi2, nan=1.0), 1.0, 100.0)[owners(solution.story, data)]
 
 
 def _report(solution: Solution, seen: Tracks, tracks: Tracks, data: Data, table: Table, options: FitOptions) -> Fit:

@@ -15,10 +15,10 @@ _MAD = 1.4826
 """Median absolute deviation to standard deviation, normal distribution."""
 _ENOUGH = 20
 """Values that a median needs to be trusted."""
-_BURST = 17
+_BURST = 25
 """Samples over which bursts of noise are judged; a contact disturbs four of them."""
-_CALM, _CALM_NORMAL = 0.35, 0.4538
-"""Quantile that tells the noise of a burst in spite of three contacts, and its value for a standard normal."""
+_CALM, _CALM_NORMAL = 0.25, 0.3186
+"""Quantile that tells the noise of a burst in spite of four contacts, and its value for a standard normal."""
 
 
 SELDOM = 0.5
@@ -99,7 +99,7 @@ def _bursts(miss: _Misfit, scale: float) -> Floats:
     local = np.quantile(windows, _CALM, axis=-1) / _CALM_NORMAL  # (n-3, 2)
     at_samples = np.concatenate([local[:1], (local[:-2] + local[1:-1]) / 2, local[-2:], local[-1:]])[: len(values) + 3]
     spread = np.concatenate([at_samples, np.repeat(at_samples[-1:], len(values) + 3 - len(at_samples), axis=0)])
-    return np.clip(np.where(spread > 1.5, spread, 1.0), 1.0, 30.0)
+    return np.clip(np.where(spread > 1.8, spread, 1.0), 1.0, 30.0)
 
 
 def _timing(miss: _Misfit, speed: float, scale: float) -> float:

@@ -73,6 +73,8 @@ def _gain(solution: Solution, data: Data, owner: NDArray[np.int64], table: Table
         return max(contact.gain, 1e3)
     part, chosen = solution.story.excerpt(number)
     rows = np.isin(owner, chosen)
+    if contact.kind != "ball" and min(int((owner == k).sum()) for k in chosen) <= 1:
+        return refine(solution.story.without(number), data, table, iterations=10, start=solution).chi2 - solution.chi2
     if rows.sum() < 3:
         return max(contact.gain, 1e3)
     local = Data(data.ball[rows], data.t[rows], data.xy[rows], data.whiten[rows])
