@@ -139,7 +139,9 @@ def write_clip(path: Path, view: View, sample: Sample, motion: Motion, bar: Prog
         stream = container.add_stream("libx264", rate=sample.rate)
         stream.width, stream.height, stream.pix_fmt = view.camera.width_px, view.camera.height_px, "yuv420p"
         stream.time_base = stream.codec_context.time_base = base
-        stream.options = {"crf": str(sample.crf), "preset": "slow", "threads": "1",
+        stream.codec_context.thread_count = 1
+        # without B-frames: x264's macroblock tree over them is not the same from run to run
+        stream.options = {"crf": str(sample.crf), "preset": "slow", "bf": "0",
                           "x264-params": "force-cfr=1:colorprim=bt709:transfer=bt709:colormatrix=bt709"}  # fmt: skip
         for t in times:
             picture = render_picture(view, motion, float(t), rng)

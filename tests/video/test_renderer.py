@@ -11,6 +11,7 @@ from models.scene import Camera, Table
 from video.renderer import Motion, Poses, View, develop, expose, make_view, render_picture, seen_centres
 from video.renderer_camera import look_at, project
 from video.renderer_look import BallLook, Lamp, Look, pool_ball
+from video.renderer_props import cue_rods
 
 TABLE = Table("small", "carom", 1.0, 0.5, 0.0286, 0.17, False)
 WHITE = BallLook("cue", (1.0, 1.0, 1.0))
@@ -151,3 +152,30 @@ def test_a_ball_that_is_gone_leaves_the_empty_table() -> None:
     view = make_view(TABLE, overhead(), PLAIN, (WHITE,))
     gone = Poses(np.full((1, 3), np.nan), np.eye(3)[None])
     assert np.array_equal(expose(view, lambda _: gone, 0.0), view.empty.picture)
+
+
+def test_the_near_cushion_hides_the_foot_of_a_ball_and_a_sunk_ball_is_gone() -> None:
+    view = make_view(TABLE, oblique(), PLAIN, (WHITE,))
+    open_cloth = straight(0.5, 0.25)
+    frozen = straight(0.5, TABLE.width - TABLE.ball_radius)
+    seen = [
+        np.abs(expose(view, motion, 0.0) - view.empty.picture).sum(axis=2) > 0.25 for motion in (open_cloth, frozen)
+    ]
+    sizes = [float(view.camera.radius_px(motion(0.0).xyz[0, :2], TABLE.ball_radius)) for motion in (open_cloth, frozen)]
+    covered = [mask.sum() / (np.pi * size**2) for mask, size in zip(seen, sizes, strict=True)]
+    assert covered[0] == pytest.approx(1.0, abs=0.1)
+    assert covered[1] < 0.97 * covered[0]
+    below = Poses(np.array([[0.5, 0.25, -2 * TABLE.ball_radius]]), np.eye(3)[None])
+    changed = np.abs(expose(view, lambda _: below, 0.0) - view.empty.picture).max()
+    assert changed < 0.05
+
+
+def test_a_cue_lies_over_the_picture_from_its_tip_backwards() -> None:
+    view = make_view(TABLE, overhead(), replace(PLAIN, cloth=(0.2, 0.5, 0.3)), (WHITE,))
+    tip = np.array([0.6, 0.25, 0.03])
+    held = Poses(np.full((1, 3), np.nan), np.eye(3)[None], cue_rods(tip, np.array([1.0, 0.0])))
+    changed = np.abs(expose(view, lambda _: held, 0.0) - view.empty.picture).sum(axis=2) > 0.1
+    x, y = np.round(project(view.camera, view.lens, tip)).astype(int)
+    assert changed[y, x - 20]
+    assert not changed[:, x + 4 :].any()
+    assert changed[:, : x - 20].sum() > 400
