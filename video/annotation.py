@@ -15,7 +15,7 @@ from video.inbetween import Sightings
 from video.inset import Inset, plan_of
 from video.layout import Rect, Side, covered_share, place_label, place_panel
 from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, error_text, unit
-from video.palette import FLASH, Colour, ball_colour
+from video.palette import FLASH, Colour, apart_from, ball_colour, lab_to_rgb
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -28,7 +28,9 @@ READING_SECONDS = 2.0
 """s of the finished video that the time of a contact stays to be read."""
 PATH_STEP = 1 / 240
 """s between points of a path."""
-POINTS_APART = 3.0
+LEAST_SPEED = 2e-3
+"""m/s below which a ball counts as resting."""
+POINTS_APART = 6.0
 """px between drawn points of a path."""
 PLAN_STEP = 3
 """Points of a path per point of the plan, which is small."""
@@ -110,6 +112,8 @@ class Annotation:
 
     sightings: Sightings
     colours: tuple[Colour, ...]
+    halos: tuple[Colour, ...]
+    """Of the trails."""
     names: tuple[str, ...]
     paths: tuple[Path, ...]
     marks: tuple[Mark, ...]
@@ -158,7 +162,7 @@ class Annotation:
             )
         fade = np.clip(1 - age, 0, 1) ** 1.3
         width = float(np.clip(0.42 * path.radius, 2.2, 9 * self.scale))
-        draw_trail(picture, way, fade, self.colours[ball], width, balls)
+        draw_trail(picture, way, fade, self.halos[ball], width, balls)
 
     def _panels(self, picture: Picture, t: float, xy: Floats) -> None:
         so_far = [path.xy[: np.searchsorted(path.t, t) : PLAN_STEP] for path in self.paths]
@@ -243,9 +247,11 @@ def annotate(sightings: Sightings, tracks: Tracks, fit: Fit, first: Picture, slo
     cost = _cost(sightings, paths, first)
     inset_place = place_panel(inset.size, (width, height), cost, [], 1 / COST_STEP)
     clock_place = place_panel(clock.size(scale), (width, height), cost, [inset_place], 1 / COST_STEP)
+    colours = tuple(ball_colour(kind, lab) for kind, lab in zip(tracks.kinds, tracks.colour, strict=True))
+    cloth = lab_to_rgb(sightings.scene.cloth_lab)
     return Annotation(
         sightings=sightings, names=tracks.ids, paths=paths, marks=_marks(sightings, fit), inset=inset,
-        colours=tuple(ball_colour(kind, lab) for kind, lab in zip(tracks.kinds, tracks.colour, strict=True)),
+        colours=colours, halos=tuple(apart_from(colour, cloth) for colour in colours),
         inset_place=inset_place, clock=clock, clock_place=clock_place, scale=scale, reading=READING_SECONDS / slow,
     )  # fmt: skip
 
@@ -257,7 +263,7 @@ def _path(sightings: Sightings, fit: Fit, ball: int) -> Path:
         return Path(np.empty(0), np.empty((0, 2)), np.empty((0, 2)), 0.0, np.empty(0, dtype=np.intp))
     breaks = np.flatnonzero(np.diff(rows) > 1)
     starts, ends = rows[np.concatenate([[0], breaks + 1])], rows[np.concatenate([breaks, [len(rows) - 1]])] + 1
-    spans = np.column_stack([sightings.t[starts], sightings.t[ends]])
+    spans = _trimmed(np.column_stack([sightings.t[starts], sightings.t[ends]]), fit, ball)
     parts = [np.arange(start, end, PATH_STEP) for start, end in spans]
     inside = [t for t in fit.events.t if ((spans[:, 0] <= t) & (t <= spans[:, 1])).any()]
     times = np.unique(np.concatenate([*parts, spans.ravel(), np.array(inside)]))
@@ -269,6 +275,18 @@ def _path(sightings: Sightings, fit: Fit, ball: int) -> Path:
     times, xy = times[known], xy[known]
     drawn = _apart(sightings.project(xy, float(sightings.t[0])), np.isin(times, inside))
     return Path(times, xy, spans, radius, drawn)
+
+
+def _trimmed(spans: Floats, fit: Fit, ball: int) -> Floats:
+    """Spans (k, 2) s between pictures, begun and ended where the ball really does."""
+    exact = spans.copy()
+    for k, (start, end) in enumerate(spans):
+        times = np.arange(start, end, PATH_STEP)
+        speed = np.linalg.norm(fit.trajectory.at(times).v[:, ball], axis=1)
+        moving = np.flatnonzero(speed > LEAST_SPEED)
+        if len(moving):
+            exact[k] = times[moving[0]], min(times[moving[-1]] + PATH_STEP, end)
+    return exact
 
 
 def _apart(px: Floats, corner: NDArray[np.bool_]) -> NDArray[np.intp]:

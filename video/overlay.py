@@ -21,7 +21,7 @@ Picture = NDArray[np.uint8]
 
 SHIFT = 4
 """Binary digits after the point of OpenCV's sub-pixel coordinates."""
-TRAIL_PIECE, MOST_PIECES = 9.0, 20
+TRAIL_PIECE, MOST_PIECES = 10.0, 18
 """px of a trail with one opacity; pieces of a trail."""
 TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
 LABEL_OPACITY = 0.72

@@ -27,6 +27,8 @@ KIND_COLOURS: dict[str, Colour] = {
 
 LEAST_CHROMA = 45.0
 """C* to which a seen colour is raised, so that trails of dull pictures can be told apart."""
+LEAST_CONTRAST = 60.0
+"""Levels of 255 of brightness by which a trail must differ from the cloth."""
 GREY_CHROMA = 10.0
 """C* below which a seen colour is grey and stays so."""
 
@@ -50,6 +52,13 @@ def ball_colour(kind: str, lab: Floats) -> Colour:
     if GREY_CHROMA < chroma < LEAST_CHROMA:
         raised[1:] *= LEAST_CHROMA / chroma
     return lab_to_rgb(raised)
+
+
+def apart_from(colour: Colour, ground: Colour) -> Colour:
+    """`colour`, or ink where it could not be told from `ground`: around a white core that is seen on any cloth."""
+    weights = np.array([0.3, 0.59, 0.11])
+    distance = np.abs(np.array(colour, dtype=np.float64) - ground)
+    return INK if float(distance @ weights) < LEAST_CONTRAST and distance.max() < 2 * LEAST_CONTRAST else colour
 
 
 def mix(first: Colour, second: Colour, share: float) -> Colour:

@@ -16,6 +16,8 @@ Mask = NDArray[np.bool_]
 RING_TOLERANCE = 14.0
 """Levels of 255 by which a pixel around a hole may differ from the plate and still count as the same cloth: beyond
 are hands, cues and other balls; within are light, shadow and coding."""
+RING_PIXELS = 500
+"""Pixels of the ring that are looked at: enough for three numbers."""
 SORTED_AT_ONCE = 65536
 """Pixels of the plate whose samples are sorted together: bounds memory."""
 
@@ -113,6 +115,8 @@ def fill_behind(patch: Picture, behind: Picture, ring: Mask) -> NDArray[np.float
     rows, columns = np.nonzero(ring)
     if len(rows) < 12:
         return ground
+    sparse = slice(None, None, max(1, len(rows) // RING_PIXELS))
+    rows, columns = rows[sparse], columns[sparse]
     difference = patch[rows, columns].astype(np.float32) - ground[rows, columns]
     middle = np.median(difference, axis=0)
     same = (np.abs(difference - middle) < RING_TOLERANCE).all(axis=1)

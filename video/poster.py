@@ -105,7 +105,7 @@ def _draw(
         if len(path.t):
             way = sightings.project(path.xy, end)
             width = float(np.clip(0.3 * path.radius, 2.0, 6 * annotation.scale))
-            draw_trail(still, way, np.full(len(way), 0.9), annotation.colours[ball], width, balls)
+            draw_trail(still, way, np.full(len(way), 0.9), annotation.halos[ball], width, balls)
     left, top = (round(v) for v in annotation.inset_place[:2])
     paths = [path.xy for path in annotation.paths]
     annotation.inset.draw(still, left, top, fit.trajectory.at(end).xy, paths, annotation.colours)

@@ -14,7 +14,7 @@ from models.progress import Progress, silent
 from models.scene import Scene
 from models.tracks import Tracks
 from models.trajectory import State
-from video.annotation import EIGHTFOLD, Annotation, RenderOptions, annotate
+from video.annotation import EIGHTFOLD, LEAST_SPEED, Annotation, RenderOptions, annotate
 from video.clip import Clip, read_frames
 from video.inbetween import Sightings, open_interval, plate_of, sight
 from video.overlay import Balls
@@ -29,8 +29,6 @@ Picture = NDArray[np.uint8]
 
 LEAST_RATE, MOST_RATE = Fraction(25), Fraction(60)
 """1/s, pictures per second of the finished video."""
-LEAST_SPEED = 2e-3
-"""m/s below which a ball counts as resting."""
 LEAD = 0.5
 """s of the shot kept before the first and after the last motion when still parts are trimmed."""
 SNAP = 0.05
