@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +9,14 @@ import numpy as np
 import pytest
 import staged_shot as shot
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
+from models.events import Events
+from models.fit import Fit, Trust
+from models.scene import Camera, Scene, Table
+from models.tracks import Tracks
+from models.trajectory import Trajectory
+from video.clip import Clip, open_clip, read_frames
 from video.inbetween import Sightings, open_interval, plate_of, sight, swept_by
 from video.plate import Plate, learn_plate
 from video.sprites import Outline, paste, peel
@@ -171,3 +179,66 @@ def test_tracks_and_fit_of_different_shots_are_refused() -> None:
     tracks = replace(shot.tracks(TIMES), ids=("cue", "blue"))
     with pytest.raises(ValueError, match="same balls"):
         sight(shot.scene(), tracks, shot.fit(TIMES))
+
+
+def overhead(table: Table, scale: float, left: float, top: float, clip: Clip) -> Scene:
+    """A camera straight above: `scale` px/m, the nose corner at (left, top) px."""
+    matrix = np.array([[scale, 0, 0, left], [0, scale, 0, top], [0, 0, 1e-9, 1.0]])
+    camera = Camera(matrix, clip.width, clip.height, table.corners * scale + [left, top], np.eye(8), "noses", 9.0, 1.0)
+    return Scene(table, camera, np.array([45.0, 10.0, -60.0]), ())
+
+
+def drawn_through(tracks: Tracks) -> Fit:
+    """A fit without physics: smooth curves through the places of the tracks."""
+    count = len(tracks.t) - 1
+    pieces = [PchipInterpolator(tracks.t, tracks.xy[:, ball]).c[::-1] for ball in range(len(tracks.ids))]
+    total = count * len(tracks.ids)
+    trajectory = Trajectory(
+        tracks.ids, np.repeat(np.arange(len(tracks.ids)), count), np.tile(tracks.t[:-1], len(tracks.ids)),
+        np.tile(tracks.t[1:], len(tracks.ids)), np.concatenate([piece.transpose(1, 0, 2) for piece in pieces]),
+        np.full((total, 2, 3), np.nan), ("measured",) * total, np.tile(np.eye(4) * 1e-6, (total, 1, 1)),
+    )  # fmt: skip
+    none = np.empty(0)
+    events = Events((), none, none, none, (), (), np.empty((0, 2)), none, none, none, none)
+    shape = tracks.xy.shape[:2]
+    yes, trust = np.ones(shape, dtype=bool), Trust("red", ("no physics",))
+    return Fit(events, trajectory, (), 1e-3, 1.0, np.zeros(tracks.xy.shape), yes, ~yes, trust)
+
+
+def test_withheld_pictures_of_a_real_clip_are_made_better_than_by_blending(footage: Path) -> None:
+    """Every other picture of carom_F1 is hidden and made from its neighbours; compared around the moving balls."""
+    clip = open_clip(footage / "carom_F1.mp4")
+    truth = json.loads((footage / "carom_F1.gt.json").read_text())
+    rows = np.arange(40, 61)
+    px = np.array([[truth["tracks"][name][row][1:3] for name in ("red", "white", "yellow")] for row in rows], float)
+    table = Table("carom-match", "carom", 2.84, 1.42, 0.03075, 0.21, False)
+    scale = (740 - 134) / (2.84 - 2 * 0.03075)  # the extremes of the centres, as the truth file states them
+    scene = overhead(table, scale, 134 - 0.03075 * scale, 103 - 0.03075 * scale, clip)
+    small = np.full(px.shape[:2], 1e-3)
+    lab = np.array([[45.0, 60.0, 40.0], [92.0, 0.0, 5.0], [80.0, 5.0, 75.0]])
+    ids = ("red", "white", "yellow")
+    everything = Tracks(
+        rows, clip.t[rows], ids, ids, scene.camera.to_table(px, 0.03075), px, small, small, np.zeros_like(px),
+        np.full(px.shape[:2], 6.6), lab,
+    )  # fmt: skip
+    half = replace(everything, **{
+        name: getattr(everything, name)[::2]
+        for name in ("frame", "t", "xy", "px", "sigma", "sigma_along", "streak", "radius_px")
+    })  # fmt: skip
+    sightings = sight(scene, half, drawn_through(half))
+    plate = plate_of(sightings, clip)
+    pictures = [picture for _, picture in read_frames(clip, indices=rows)]
+    made_error, blend_error = [], []
+    for row in range(len(half.t) - 1):
+        first, real, second = pictures[2 * row : 2 * row + 3]
+        t = float(everything.t[2 * row + 1])
+        interval = open_interval(sightings, plate, row, first, second)
+        made = interval.at(t, sightings.centres(t, sightings.state(np.array([t])).xy[0]))
+        for ball in (0, 2):
+            x, y = np.rint(px[2 * row + 1, ball]).astype(int)
+            here = np.s_[y - 12 : y + 13, x - 12 : x + 13]
+            made_error.append(float((difference(made[here], real[here]) ** 2).mean()))
+            blend = first[here] / 2.0 + second[here] / 2.0
+            blend_error.append(float((difference(blend.astype(np.uint8), real[here]) ** 2).mean()))
+    gain = 10 * np.log10(np.mean(blend_error) / np.mean(made_error))
+    assert gain > 6, f"{gain:.1f} dB"
