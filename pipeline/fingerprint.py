@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ast
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -33,19 +34,21 @@ def _files_behind(module: str, root: Path) -> set[Path]:
     found: set[Path] = set()
     waiting = [module]
     seen: set[str] = set()
+    ours = {path.stem for path in root.iterdir()}
     while waiting:
         name = waiting.pop()
-        if name in seen:
+        if name in seen or name.split(".", 1)[0] not in ours:
             continue
         seen.add(name)
         path = _module_file(name, root)
         if path is None:
             continue
+        text = _read(path.read_bytes())
         found.add(path)
-        found.update(_named_data(path))
+        found.update(_named_data(path, text.words))
         if path.name == "__init__.py" and path.parent.name == "effects":
             waiting.extend(f"{name}.{sibling.stem}" for sibling in path.parent.glob("*.py") if sibling != path)
-        waiting.extend(_imported(path, name))
+        waiting.extend(_resolved(text.imports, name))
     return found
 
 
@@ -57,35 +60,44 @@ def _module_file(name: str, root: Path) -> Path | None:
     return None
 
 
-def _imported(path: Path, name: str) -> Iterator[str]:
-    """Names that may be modules: of every import statement, with the packages above them."""
-    for node in ast.walk(_parsed(path.read_bytes())):
+@dataclass(frozen=True, slots=True)
+class _Text:
+    """What a module says that matters here."""
+
+    imports: tuple[tuple[int, str, tuple[str, ...]], ...]
+    """Of every import: its leading dots, the module, the names taken from it."""
+    words: str
+    """All its strings."""
+
+
+@lru_cache(maxsize=2048)
+def _read(source: bytes) -> _Text:
+    """By content: an edit within the same tick of the clock counts too."""
+    imports: list[tuple[int, str, tuple[str, ...]]] = []
+    words = []
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
-            targets = [alias.name for alias in node.names]
+            imports.extend((0, alias.name, ()) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            package = name.split(".")[: -node.level] if node.level else []
-            module = ".".join([*package, *([node.module] if node.module else [])])
-            targets = [module, *(f"{module}.{alias.name}" for alias in node.names)]
-        else:
-            continue
-        for target in targets:
+            imports.append((node.level, node.module or "", tuple(alias.name for alias in node.names)))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            words.append(node.value)
+    return _Text(tuple(imports), " ".join(words))
+
+
+def _resolved(imports: Iterable[tuple[int, str, tuple[str, ...]]], name: str) -> Iterator[str]:
+    """Names that may be modules, of the imports of module `name`, with the packages above them."""
+    for level, module, names in imports:
+        package = name.split(".")[:-level] if level else []
+        base = ".".join([*package, *([module] if module else [])])
+        for target in (base, *(f"{base}.{taken}" for taken in names)):
             parts = target.split(".")
             yield from (".".join(parts[: k + 1]) for k in range(len(parts)))
 
 
-@lru_cache(maxsize=512)
-def _parsed(source: bytes) -> ast.Module:
-    """By content: an edit within the same tick of the clock counts too."""
-    return ast.parse(source)
-
-
-def _named_data(module: Path) -> set[Path]:
+def _named_data(module: Path, words: str) -> set[Path]:
     """Files beside a module that are not Python and that it names, or the folder they are in."""
     data = _package_data(module.parent)
-    if not data:
-        return set()
-    strings = [n.value for n in ast.walk(_parsed(module.read_bytes())) if isinstance(n, ast.Constant)]
-    words = " ".join(value for value in strings if isinstance(value, str))
     return {path for path in data if any(part in words for part in path.relative_to(module.parent).parts)}
 
 

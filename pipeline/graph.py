@@ -61,6 +61,7 @@ class Graph:
 
     def outlook(self, cache: Cache) -> list[Outlook]:
         """What a run would do, without doing it."""
+        sources = self._sources()
         contents: dict[str, str] = {}
         views = []
         for stage in self.stages:
@@ -68,7 +69,7 @@ class Graph:
             if waits:
                 views.append(Outlook(stage.name, stage.needs, "waiting", f"waits for {', '.join(waits)}"))
                 continue
-            key = stage_key(stage, contents)
+            key = stage_key(stage, contents, sources[stage.name])
             entry = cache.find(key)
             if entry is not None:
                 contents[stage.name] = entry.content
@@ -82,10 +83,11 @@ class Graph:
         self, cache: Cache, watcher: Watcher, bound: Mapping[str, Callable[[Any], Any]] | None = None
     ) -> dict[str, Entry]:
         """Run what is not cached; `bound` adapts the values of the stages it names before they are handed on."""
+        sources = self._sources()
         entries: dict[str, Entry] = {}
         values: dict[str, Any] = {}
         for stage in self.stages:
-            key = stage_key(stage, {name: entry.content for name, entry in entries.items()})
+            key = stage_key(stage, {name: entry.content for name, entry in entries.items()}, sources[stage.name])
             progress = watcher.started(stage.name)
             entry = cache.find(key)
             cached = entry is not None
@@ -96,6 +98,10 @@ class Graph:
             entries[stage.name] = entry
             watcher.finished(stage.name, entry.seconds, cached)
         return entries
+
+    def _sources(self) -> dict[str, dict[str, str]]:
+        """By stage, the code behind it as it is now: what is edited during a long run counts for the next one."""
+        return {stage.name: source_hashes(stage.module) for stage in self.stages}
 
     def _value(
         self,
@@ -112,13 +118,13 @@ class Graph:
         return values[name]
 
 
-def stage_key(stage: Stage, contents: Mapping[str, str]) -> Key:
-    """The key of a stage whose inputs have these contents."""
+def stage_key(stage: Stage, contents: Mapping[str, str], source: Mapping[str, str]) -> Key:
+    """The key of a stage whose inputs have these contents and whose code is `source` (hashes by file)."""
     parts = {
         "options": stage.settings,
         "facts": dict(stage.facts),
         "inputs": {name: contents[name] for name in sorted(stage.needs)},
-        "source": source_hashes(stage.module),
+        "source": dict(source),
         "libraries": library_versions(),
     }
     return Key(stage.name, parts)
