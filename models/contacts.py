@@ -95,7 +95,7 @@ def tidy(samples: Samples, segments: list[Segment], radius: float) -> list[Segme
 def breaks_of(ball: int, samples: Samples, segments: list[Segment], radius: float) -> list[Break]:
     """Times, places and velocities at the breaks between segments."""
     fits = [_fit(samples, part) for part in segments]
-    found = []
+    found: list[Break] = []
     for k, (one, two) in enumerate(pairwise(fits)):
         last, first = segments[k].last, segments[k + 1].first
         early, late = float(samples.t[last]), float(samples.t[first])
@@ -146,7 +146,8 @@ def near_something(samples: Samples, others: list[Samples], table: Table) -> NDA
         pace = np.interp(middle, (other.t[1:] + other.t[:-1]) / 2, np.linalg.norm(np.diff(other.xy, axis=0), axis=1))
         reach = (2 + 2 * NEAR_BALL) * table.ball_radius + 0.8 * (step + pace)
         near |= np.linalg.norm(ends.mean(axis=0) - there, axis=1) < reach
-    return near
+    known: NDArray[np.bool_] = near
+    return known
 
 
 def _pairs(breaks: list[Break], table: Table) -> list[_Cause]:
@@ -190,7 +191,8 @@ def _apart(one: Break, two: Break, reach: float) -> Floats:
     t = one.t if one.late - one.early <= two.late - two.early else two.t
     places = [[b.x, b.left_curve.at(t), b.right_curve.at(t)] for b in (one, two)]
     apart = np.array([b - a for a in places[0] for b in places[1]])
-    return apart[np.argmin(np.abs(np.linalg.norm(apart, axis=1) - reach))]
+    nearest: Floats = apart[np.argmin(np.abs(np.linalg.norm(apart, axis=1) - reach))]
+    return nearest
 
 
 def _cushions(breaks: list[Break], table: Table) -> list[_Cause]:
@@ -368,7 +370,8 @@ def _velocity(samples: Samples, segments: list[Segment], k: int, fit: SpanStart,
     if part.last > part.first:
         return fit.velocity(t)
     before, after = max(part.first - 1, 0), min(part.last + 1, len(samples.t) - 1)
-    return (samples.xy[after] - samples.xy[before]) / (samples.t[after] - samples.t[before])
+    mean: Floats = (samples.xy[after] - samples.xy[before]) / (samples.t[after] - samples.t[before])
+    return mean
 
 
 def _end_speed(samples: Samples, part: Segment) -> float:

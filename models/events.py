@@ -17,7 +17,7 @@ class Events:
     """E events in columns, sorted by time."""
 
     kind: tuple[str, ...]
-    """(E,) one of `EVENT_KINDS`."""
+    """(E,) one of `EVENT_KINDS`; rest is when a ball has become slower than the eye can see, 0.01 m/s."""
     t: Floats
     """(E,) s."""
     t_sigma: Floats
@@ -33,7 +33,10 @@ class Events:
     probability: Floats
     """(E,) that it happened."""
     gap: Floats
-    """(E,) m, least distance of the two surfaces on their free paths, negative where they would overlap; NaN if not a contact."""
+    """(E,) m, least distance of the two surfaces on their free paths, negative where they would overlap.
+
+    NaN if not a contact.
+    """
     gap_sigma: Floats
     """(E,) m."""
     speed: Floats

@@ -11,13 +11,15 @@ from models.contacts import near_something, tell, tidy
 from models.events import Events
 from models.fit import Fit, Parameter
 from models.happenings import events_of, pocketed
+from models.knowledge import ROLLING_PRIOR, SLIDING_PRIOR
 from models.noise import Noise, estimate_noise, outliers, seldom_seen, with_noise
 from models.paths import measured_pieces, pack, pieces_of
 from models.progress import Progress, silent
-from models.refinement import ROLLING_PRIOR, SLIDING_PRIOR, Data, Solution, gather, layout, owners, refine, residuals
+from models.refinement import refine
 from models.revision import revise
 from models.scene import Scene, Table
 from models.segmentation import Samples, segment
+from models.solution import Data, Solution, gather, layout, owners, residuals
 from models.story import Story
 from models.tracks import Tracks
 from models.trajectory import Trajectory

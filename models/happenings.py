@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.motion import STATE, kinematics, rest_time
+from models.billiards.motion import GRAVITY, STATE, Friction, kinematics, rest_time
 from models.contacts import INWARD, cushion_distances
 from models.events import Events
 from models.paths import state_covariance
-from models.refinement import Layout, Solution, layout
 from models.scene import CUSHIONS, POCKETS, Table
+from models.solution import Layout, Solution, end_state, layout
 from models.story import Contact
 from models.tracks import Tracks
 
@@ -22,6 +22,8 @@ GAP_HORIZON = 0.25
 """s: how far free paths are followed beyond a contact to find their least distance."""
 POCKET_REACH = 3.0
 """ball radii plus the way of two frames: a track that ends so near to a pocket has been potted."""
+REST_SPEED = 0.01
+"""m/s: slower, no eye sees a ball move (a fifth of a pixel per picture); real balls even roll back a little at the end."""
 _LONGEST = 0.5
 """s: a rest less certain is no event."""
 _SHORTEST = 0.01
@@ -76,9 +78,13 @@ def frame_at(tracks: Tracks, t: Floats) -> Floats:
     """Fractional pictures (E,) at times t (E,), also a little outside the clip."""
     if len(tracks.t) < 2:
         return np.zeros_like(t)
-    row = np.clip(np.searchsorted(tracks.t, t, side="right") - 1, 0, len(tracks.t) - 2)
+    row, numbers = (
+        np.clip(np.searchsorted(tracks.t, t, side="right") - 1, 0, len(tracks.t) - 2),
+        tracks.frame.astype(float),
+    )
     share = (t - tracks.t[row]) / (tracks.t[row + 1] - tracks.t[row])
-    return tracks.frame[row] + share * (tracks.frame[row + 1] - tracks.frame[row])
+    frames: Floats = numbers[row] + share * (numbers[row + 1] - numbers[row])
+    return frames
 
 
 def pocketed(solution: Solution, tracks: Tracks, table: Table) -> list[Happening]:
@@ -140,7 +146,7 @@ def _contact(
             "strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], likely, speed=float(np.hypot(*after[0][2:4]))
         )
         return [event]
-    before = [_at_end(solution, k) for k in contact.before]
+    before = [end_state(solution, k) for k in contact.before]
     if contact.kind == "cushion":
         side = CUSHIONS.index(contact.cushion)
         gap, gap_sigma = _cushion_gap(solution, plan, contact, side, table)
@@ -178,10 +184,11 @@ def _rests(solution: Solution, plan: Layout, tracks: Tracks) -> list[Happening]:
     for k, span in enumerate(story.spans):
         if span.static:
             continue
-        length = float(rest_time(span.state, solution.friction))
+        stop = float(rest_time(span.state, solution.friction))
+        length = max(stop - REST_SPEED / (solution.friction.rolling * GRAVITY), 0.0)
         t = story.begin(k) + length
         seen = tracks.t[tracks.observed[:, span.ball]]
-        if t > min(story.finish(k), float(seen[-1])):
+        if story.begin(k) + stop > min(story.finish(k), float(seen[-1])):
             continue
         place = kinematics(span.state[None], np.array([length]), solution.friction)[0, :2]
         sigma = _rest_sigma(solution, plan, k)
@@ -201,25 +208,18 @@ def _rest_sigma(solution: Solution, plan: Layout, k: int) -> float:
         slope[plan.span[k] + index] = (
             float(rest_time(span.state + shift, friction) - rest_time(span.state - shift, friction)) / (2 * step)
         )  # fmt: skip
-    for index, name in enumerate(("sliding", "rolling")):
-        up, down = ({**_asdict(friction), name: _asdict(friction)[name] * np.exp(s * step)} for s in (1, -1))
-        change = float(rest_time(span.state, type(friction)(**up)) - rest_time(span.state, type(friction)(**down)))
+    for index in range(2):
+        up, down = (_scaled(friction, index, float(np.exp(sign * step))) for sign in (1, -1))
+        change = float(rest_time(span.state, up) - rest_time(span.state, down))
         slope[plan.globals + index] = change / (2 * step)
     if span.start is not None:
         slope[plan.contact + span.start] = 1.0
     return float(np.sqrt(max(slope @ solution.covariance @ slope, 0.0)))
 
 
-def _asdict(friction: object) -> dict[str, float]:
-    return {"sliding": friction.sliding, "rolling": friction.rolling}  # type: ignore[attr-defined]
-
-
-def _at_end(solution: Solution, k: int) -> Floats:
-    span = solution.story.spans[k]
-    if span.static:
-        return np.concatenate([span.state[:2], np.zeros(4)])
-    tau = np.array([solution.story.finish(k) - solution.story.begin(k)])
-    return kinematics(span.state[None], tau, solution.friction)[0]
+def _scaled(friction: Friction, index: int, by: float) -> Friction:
+    """With one coefficient, sliding (0) or rolling (1), multiplied."""
+    return Friction(friction.sliding * (by if index == 0 else 1.0), friction.rolling * (by if index == 1 else 1.0))
 
 
 def _free_path(solution: Solution, k: int, t: Floats) -> Floats:

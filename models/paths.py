@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from models.baselines import smooth_pieces
 from models.billiards.motion import STATE, kinematics_jacobian, polynomials, rest_time, rolling_spin
-from models.refinement import Data, Layout, Solution, layout, owners
+from models.solution import Data, Layout, Solution, layout, owners
 from models.story import Story
 from models.tracks import Tracks
 from models.trajectory import Trajectory

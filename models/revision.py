@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from models.billiards.motion import kinematics
 from models.contacts import INWARD, NEAR_CUSHION, cushion_distances
-from models.refinement import Data, Solution, owners, refine
+from models.refinement import refine
 from models.scene import CUSHIONS, Table
+from models.solution import Data, Solution, end_state, owners
 from models.story import Contact, Story
 
 Floats = NDArray[np.float64]
@@ -326,12 +327,3 @@ def _in_pocket_mouth(x: Floats, table: Table) -> bool:
     return bool(
         len(table.pocket_centres) and np.linalg.norm(table.pocket_centres - x, axis=1).min() < 3 * table.ball_radius
     )
-
-
-def end_state(solution: Solution, k: int) -> Floats:
-    """Position, velocity, slip (6,) of a span where it ends."""
-    span = solution.story.spans[k]
-    if span.static:
-        return np.concatenate([span.state[:2], np.zeros(4)])
-    tau = np.array([solution.story.finish(k) - solution.story.begin(k)])
-    return kinematics(span.state[None], tau, solution.friction)[0]

@@ -100,7 +100,8 @@ def fit_span(samples: Samples, t0: float) -> SpanStart:
         solution = np.linalg.solve(normal, (basis * w[:, None]).T @ samples.xy)
         misfit = ((samples.xy - basis @ solution) ** 2 * w[:, None]).sum() + (prior[:, None] * solution**2).sum()
         if best is None or misfit < best.chi2 - 1e-9:
-            best = SpanStart(t0, *solution, slide=min(slide, length + 0.05), chi2=float(misfit))
+            x, v, slip, roll = solution
+            best = SpanStart(t0, x, v, slip, roll, min(slide, length + 0.05), float(misfit))
     assert best is not None
     return best
 
@@ -144,7 +145,8 @@ def _piece_costs(samples: Samples, first: int) -> Floats:
     normal = normal + np.diag([_VAGUE, _VAGUE, SLIDING_ACCELERATION**-2])
     solution = np.linalg.solve(normal, right)
     parabola = square - (solution * right).sum(axis=(1, 2))
-    return np.minimum(constant, parabola + 4.0)
+    cost: Floats = np.minimum(constant, parabola + 4.0)
+    return cost
 
 
 def _static_cost(samples: Samples, first: int, end: int) -> float:

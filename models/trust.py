@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.fit import Light, Trust
-from models.refinement import Data, Solution, owners, residuals
+from models.solution import Data, Solution, owners, residuals
 
 Floats = NDArray[np.float64]
 

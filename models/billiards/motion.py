@@ -53,7 +53,8 @@ def rest_time(state: Floats, friction: Friction) -> Floats:
     slide = slide_time(state, friction)
     _, v, _ = _roll_start(state, friction)
     speed = np.hypot(v[..., 0], v[..., 1])
-    return slide + speed / _deceleration(v, speed, state[..., 6:8], friction.rolling * GRAVITY)
+    time: Floats = slide + speed / _deceleration(v, speed, state[..., 6:8], friction.rolling * GRAVITY)
+    return time
 
 
 def kinematics(state: Floats, tau: Floats, friction: Friction) -> Floats:

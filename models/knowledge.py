@@ -1,0 +1,222 @@
+"""What is known of billiards before anything is seen, as pseudo-observations with honest standard deviations.
+
+Real cushions and cloths obey no single law: paths are continuous, balls touch at two radii, cushions at one, equal
+masses share momentum, spin survives a contact with another ball, and coefficients are about what tables have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from models.billiards.motion import STATE, kinematics_jacobian
+from models.contacts import INWARD, cushion_distances
+from models.scene import CUSHIONS, Table
+from models.solution import Layout, Solution
+from models.story import Contact
+
+Floats = NDArray[np.float64]
+
+SLIDING_PRIOR = (0.2, 0.25)
+"""mu_sliding and the standard deviation of its logarithm: 0.15 to 0.25 on worn and new cloth (Alciatore 2024)."""
+ROLLING_PRIOR = (0.010, 0.4)
+"""mu_rolling and the standard deviation of its logarithm: 0.005 to 0.015."""
+DIAMETER_SIGMA = 0.02
+"""relative: one factor per clip on the distance of touching balls, for what the calibration misses."""
+NOSE_SIGMA = 0.004
+"""m: one offset per cushion, for what the calibration misses and the rubber gives."""
+EXTRA_SIGMA = 0.02
+"""m/s^2 per axis: slope, nap and drag, per span."""
+SLIP_SIGMA = 0.7
+"""slip after a strike, over the speed."""
+CONTINUITY_SIGMA = 2e-4
+"""m: paths do not jump at contacts."""
+TOUCH_SIGMA = 8e-4
+"""m: scatter of the distance of touching balls."""
+NOSE_SCATTER = 1.5e-3
+"""m: scatter of where balls meet a nose."""
+BALL_RESTITUTION = (0.94, 0.05)
+CUSHION_RESTITUTION = (0.75, 0.2)
+"""mean and standard deviation; wide, since laws differ."""
+_LONE = 5.0
+"""m/s: prior standard deviation of a velocity."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Quantity:
+    """A vector (d,) and its derivatives (d, P)."""
+
+    value: Floats
+    slope: Floats
+
+    def __add__(self, other: _Quantity) -> _Quantity:
+        return _Quantity(self.value + other.value, self.slope + other.slope)
+
+    def __sub__(self, other: _Quantity) -> _Quantity:
+        return _Quantity(self.value - other.value, self.slope - other.slope)
+
+    def times(self, matrix: Floats) -> _Quantity:
+        """Left-multiplied by a constant matrix (m, d)."""
+        return _Quantity(matrix @ self.value, matrix @ self.slope)
+
+
+class Knowledge:
+    """Rows of pseudo-observations, collected one law at a time."""
+
+    def __init__(self, now: Solution, frame: Solution, plan: Layout, table: Table) -> None:
+        self.now, self.frame, self.plan, self.table = now, frame, plan, table
+        self._value: list[Floats] = []
+        self._slope: list[Floats] = []
+        self._ends = self._at_ends(now)
+        self._frame_ends = self._at_ends(frame)[0] if frame is not now else self._ends[0]
+
+    def values(self) -> Floats:
+        return np.concatenate(self._value)
+
+    def rows(self) -> sparse.csr_matrix:
+        return sparse.csr_matrix(np.concatenate(self._slope))
+
+    def contact(self, number: int) -> None:
+        """What is known about one contact."""
+        contact = self.now.story.contacts[number]
+        before = [self._end(k) for k in contact.before]
+        after = [self._start(k) for k in contact.after]
+        if contact.kind == "jump":
+            self._say(self._time(number), np.array([0.01]))
+            return
+        for one, two in zip(before, after, strict=True):
+            self._say(one.times(_X) - two.times(_X), np.full(2, CONTINUITY_SIGMA))
+        if contact.kind == "ball":
+            self._touch(contact, before, after)
+        elif contact.kind == "cushion":
+            self._bounce(contact, before[0], after[0])
+
+    def span(self, number: int) -> None:
+        """Slip, extra acceleration and velocity have priors; the slip after a ball contact is told there."""
+        span = self.now.story.spans[number]
+        if span.static:
+            return
+        start = self._start(number)
+        speed = float(np.hypot(*self.frame.story.spans[number].state[2:4]))
+        self._say(start.times(_V), np.full(2, _LONE))
+        self._say(start.times(_C), np.full(2, EXTRA_SIGMA))
+        self._say(start.times(_U), np.full(2, SLIP_SIGMA * speed + 0.2))
+
+    def coefficients(self) -> None:
+        """Priors of what all spans share."""
+        identity = np.eye(self.plan.size)[self.plan.globals :]
+        friction = self.now.friction
+        value = np.concatenate(
+            [[np.log(friction.sliding / SLIDING_PRIOR[0]), np.log(friction.rolling / ROLLING_PRIOR[0])],
+             [self.now.diameter - 1], self.now.nose]
+        )  # fmt: skip
+        sigma = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4])
+        self._say(_Quantity(value, identity), sigma)
+
+    def _touch(self, contact: Contact, before: list[_Quantity], after: list[_Quantity]) -> None:
+        """Two balls: distance, momentum, restitution, little friction, spin that survives."""
+        apart = after[1].times(_X) - after[0].times(_X)
+        distance = float(np.hypot(*apart.value))
+        normal = apart.value / max(distance, 1e-9)
+        frame_apart = self._state(contact.after[1])[:2] - self._state(contact.after[0])[:2]
+        n = frame_apart / max(float(np.hypot(*frame_apart)), 1e-9)
+        reach = 2 * self.table.ball_radius
+        slope = normal @ apart.slope
+        slope[self.plan.globals + 2] -= reach
+        self._say(_Quantity(np.array([distance - reach * self.now.diameter]), slope[None]), np.array([TOUCH_SIGMA]))
+        if contact.driven:
+            return
+        tangent = np.array([[-n[1], n[0]]])
+        changes = [two - one for one, two in zip(before, after, strict=True)]
+        closing = float((self._frame_ends[contact.before[0]][2:4] - self._frame_ends[contact.before[1]][2:4]) @ n)
+        hit = max(abs(closing), 0.02)
+        momentum = changes[0].times(_V) + changes[1].times(_V)
+        self._say(momentum, np.full(2, 0.03 * hit + 0.01))
+        back = (after[1] - after[0]).times(_V).times(n[None]) + (before[1] - before[0]).times(_V).times(
+            n[None] * BALL_RESTITUTION[0]
+        )
+        self._say(back, np.array([BALL_RESTITUTION[1] * hit + 0.01]))
+        for change in changes:
+            self._say(change.times(_V).times(tangent), np.array([0.06 * hit + 0.01]))
+            self._say(change.times(_U) - change.times(_V), np.full(2, 0.12 * hit + 0.03))
+
+    def _bounce(self, contact: Contact, before: _Quantity, after: _Quantity) -> None:
+        """A cushion: distance, restitution, some friction, spin that partly survives."""
+        side = CUSHIONS.index(contact.cushion)
+        n = INWARD[side][None]
+        tangent = np.array([[-n[0, 1], n[0, 0]]])
+        distance = cushion_distances(after.value[:2], self.table)[side] - self.table.ball_radius - self.now.nose[side]
+        slope = n @ after.times(_X).slope
+        slope[0, self.plan.globals + 3 + side] -= 1
+        self._say(_Quantity(np.array([distance]), slope), np.array([NOSE_SCATTER]))
+        velocity = self._frame_ends[contact.before[0]][2:4]
+        hit, pace = max(float(-(n @ velocity)[0]), 0.02), float(np.hypot(*velocity))
+        mean, spread = CUSHION_RESTITUTION
+        self._say(after.times(_V).times(n) + before.times(_V).times(n * mean), np.array([spread * hit + 0.02]))
+        change = after - before
+        self._say(change.times(_V).times(tangent), np.array([0.25 * pace + 0.02]))
+        self._say(change.times(_U) - change.times(_V), np.full(2, 0.5 * pace + 0.05))
+
+    def _time(self, number: int) -> _Quantity:
+        """Of a contact, relative to where it stands: nothing else holds the time of a jump."""
+        slope = np.zeros((1, self.plan.size))
+        slope[0, self.plan.contact + number] = 1.0
+        moved = self.now.story.contacts[number].t - self.frame.story.contacts[number].t
+        return _Quantity(np.array([moved]), slope)
+
+    def _say(self, quantity: _Quantity, sigma: Floats) -> None:
+        self._value.append(quantity.value / sigma)
+        self._slope.append(quantity.slope / sigma[:, None])
+
+    def _state(self, span: int) -> Floats:
+        return self.frame.story.spans[span].state
+
+    def _start(self, span: int) -> _Quantity:
+        """State at the start (8,)."""
+        described = self.now.story.spans[span]
+        slope = np.zeros((STATE, self.plan.size))
+        size = 2 if described.static else STATE
+        first = self.plan.span[span]
+        slope[np.arange(size), first + np.arange(size)] = 1.0
+        return _Quantity(described.state, slope)
+
+    def _end(self, span: int) -> _Quantity:
+        """State at the end (8,); the extra acceleration is of no interest there and zero."""
+        described = self.now.story.spans[span]
+        value, slope = np.zeros(STATE), np.zeros((STATE, self.plan.size))
+        first = self.plan.span[span]
+        if described.static:
+            value[:2] = described.state[:2]
+            slope[[0, 1], [first, first + 1]] = 1.0
+            return _Quantity(value, slope)
+        ends, slopes, index = self._ends
+        value[:6] = ends[span]
+        local = slopes[index[span]]  # (6, 11)
+        slope[:6, first : first + STATE] = local[:, :STATE]
+        slope[:6, self.plan.globals : self.plan.globals + 2] = local[:, STATE + 1 :]
+        if described.end is not None:
+            slope[:6, self.plan.contact + described.end] += local[:, STATE]
+        if described.start is not None:
+            slope[:6, self.plan.contact + described.start] -= local[:, STATE]
+        return _Quantity(value, slope)
+
+    @staticmethod
+    def _at_ends(solution: Solution) -> tuple[Floats, Floats, dict[int, int]]:
+        """Position, velocity, slip (S, 6) of all spans at their ends, with Jacobians of the moving ones."""
+        story = solution.story
+        moving = [k for k, span in enumerate(story.spans) if not span.static and span.end is not None]
+        ends = np.zeros((len(story.spans), 6))
+        for k, span in enumerate(story.spans):
+            ends[k, :2] = span.state[:2]
+        if not moving:
+            return ends, np.empty((0, 6, STATE + 3)), {}
+        states = np.array([story.spans[k].state for k in moving])
+        tau = np.array([story.finish(k) - story.begin(k) for k in moving])
+        ends[moving], slopes = kinematics_jacobian(states, tau, solution.friction)
+        return ends, slopes, {k: row for row, k in enumerate(moving)}
+
+
+_X, _V, _U, _C = (np.eye(STATE)[k : k + 2] for k in (0, 2, 4, 6))
