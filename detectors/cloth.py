@@ -27,6 +27,8 @@ LEAST_DIFFERENCE = 15.0
 NOISE_FACTOR = 5.0
 MARKING_RADII = 0.6
 """Half width, in ball radii, below which a difference in the median picture is a marking of the cloth."""
+NUMBER_RADII = 0.3
+"""Size, in ball radii, up to which what a ball encloses is part of it."""
 DEGREE = 4
 GRADUAL_LEVELS, GRADUAL_RADII = 45.0, 3.0
 """Differences up to this many grey levels, smoothed over this many ball radii, are the light's."""
@@ -37,7 +39,11 @@ class Cloth:
     """The empty table in the working picture."""
 
     colour: Floats32
-    """(h, w, 3) RGB of the empty table."""
+    """(h, w, 3) RGB of the empty table, markings included."""
+    marked: NDArray[np.int64]
+    """(n,) flat places of the markings: a cue that lay there for long is taken for one, so plain cloth passes too."""
+    plain: Floats32
+    """(n, 3) RGB of the plain cloth there."""
     plate: Bytes
     """(h, w, 3) RGB median of the pictures, balls at rest included."""
     basis: Floats
@@ -47,7 +53,17 @@ class Cloth:
 
     def contrast(self, working: Bytes) -> Floats32:
         """Signed differences (h, w, 3) from the empty table along `basis`, darker cloth weighed down."""
-        difference = cv2.subtract(working, self.colour, dtype=cv2.CV_32F)
+        found = self._weighed(cv2.subtract(working, self.colour, dtype=cv2.CV_32F))
+        if not len(self.marked):
+            return found
+        rows = found.reshape(-1, 3)
+        plain = self._weighed(working.reshape(-1, 3)[self.marked][None] - self.plain[None])[0]
+        marked = rows[self.marked]
+        nearer = (plain**2).sum(axis=1, keepdims=True) < (marked**2).sum(axis=1, keepdims=True)
+        rows[self.marked] = np.where(nearer, plain, marked)
+        return found
+
+    def _weighed(self, difference: Floats32) -> Floats32:
         first, second, along = cv2.split(cv2.transform(difference, self.basis.astype(np.float32)))
         return np.asarray(cv2.merge((first, second, cv2.max(along, SHADOW_WEIGHT * along))), dtype=np.float32)
 
@@ -64,8 +80,12 @@ def learn_cloth(workings: list[Bytes], view: View) -> Cloth:
     basis = colour_basis(np.median(smooth[view.cloth], axis=0).astype(np.float64))
     threshold = max(LEAST_DIFFERENCE, NOISE_FACTOR * _noise(plate, smooth, view))
     plate_bytes = np.asarray(np.rint(plate), dtype=np.uint8)
-    away = size(Cloth(smooth, plate_bytes, basis, threshold).contrast(plate_bytes)) > threshold
-    return Cloth(np.where(_as_wide_as_balls(away, view)[..., None], smooth, plate), plate_bytes, basis, threshold)
+    none = np.empty(0, dtype=np.int64)
+    away = size(Cloth(smooth, none, smooth.reshape(-1, 3)[none], plate_bytes, basis, threshold).contrast(plate_bytes))
+    markings = (away > threshold) & view.area & ~_as_wide_as_balls(away > threshold, view)
+    marked = np.flatnonzero(markings)
+    colour = np.where(markings[..., None], plate, smooth)
+    return Cloth(colour, marked, smooth.reshape(-1, 3)[marked], plate_bytes, basis, threshold)
 
 
 def size(contrast: Floats32) -> Floats32:
@@ -124,7 +144,16 @@ def _followed(plate: Floats32, smooth: Floats32, view: View) -> Floats32:
 
 def _as_wide_as_balls(away: Bools, view: View) -> Bools:
     """Where a difference is as wide as a ball, with its surroundings."""
-    half = max(1, round(MARKING_RADII * view.typical))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * half + 1, 2 * half + 1))
-    opened = cv2.morphologyEx((away & view.area).astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    # The number of a ball may have the colour of the cloth.
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((~away).astype(np.uint8), connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] < np.pi * (NUMBER_RADII * view.typical) ** 2
+    whole = ((away | small[labels]) & view.area).astype(np.uint8)
+    kernel = disc_kernel(MARKING_RADII * view.typical)
+    opened = cv2.morphologyEx(whole, cv2.MORPH_OPEN, kernel)
     return np.asarray(cv2.dilate(opened, kernel) > 0)
+
+
+def disc_kernel(radius: float) -> Bytes:
+    """Structuring element of a radius in px, at least 1."""
+    n = 2 * max(1, round(radius)) + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (n, n)), dtype=np.uint8)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detectors.candidates import candidate_centres
-from detectors.cloth import Cloth, Floats32, learn_cloth, size
+from detectors.cloth import Cloth, Floats32, disc_kernel, learn_cloth, size
 from detectors.colour import PLACES, ball_colours
 from detectors.refine import DIRECTIONS, Circles, fit_circles, second_chances
 from detectors.streaks import Streaks, find_streaks, refine_streaks
@@ -36,6 +36,8 @@ CUE_RADII = 0.5
 MOST_REST, MOST_STILL_REST, MOST_REST_SHARE = 1.8, 5.0, 0.28
 """A shape of which this is left beside its discs is more than balls and their shadows: in discs, where it moves and
 where it does not (shaded cushions do not), and as a share."""
+APART_SEEN_RADII = 0.9
+"""The same in the picture, where one ball may hide part of another."""
 FAINT = 0.6
 """Share of the threshold from which a moving pixel counts."""
 CLEAR_SCORE, SURE_SCORE = 0.88, 0.955
@@ -99,7 +101,7 @@ class BallFinder:
         # The ends of a streak are faint.
         faint = FAINT * self.cloth.threshold
         moving = (strength > faint) & (self.cloth.moved(working) > faint) & self.view.area
-        kernel = _disc_kernel(LINK_RADII * self.view.typical)
+        kernel = disc_kernel(LINK_RADII * self.view.typical)
         opened = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_OPEN, kernel)
         return Scan(contrast, strength, foreground, np.asarray(opened > 0))
 
@@ -131,7 +133,7 @@ class BallFinder:
     def _intruders(self, found: Found, scan: Scan, frame: int) -> Bools:
         """Shapes (h, w) that balls do not account for: hands and sleeves are larger than the discs on them."""
         inside = (scan.foreground & self.view.centres & ~self.view.pockets).astype(np.uint8)
-        wide = cv2.morphologyEx(inside, cv2.MORPH_OPEN, _disc_kernel(CUE_RADII * self.view.typical))
+        wide = cv2.morphologyEx(inside, cv2.MORPH_OPEN, disc_kernel(CUE_RADII * self.view.typical))
         _, labels = cv2.connectedComponents(wide)
         whole = np.bincount(labels.ravel())
         spare = ~self._discs_drawn(found, frame)
@@ -166,8 +168,8 @@ class BallFinder:
         along = np.hypot(across, STREAK_SIGMA_SHARE * length)
         swept = Found(fine.centre, fine.radius, fine.vector, fine.fill, across, along)
         inside = _inside(discs.centre, swept) & (discs.score > CLEAR_SCORE)
-        free: Bools = inside.sum(axis=1) == 0
-        return swept.take(free | np.asarray(length > CLEAR_STREAK_RADII * fine.radius))
+        explained = np.asarray(inside.any(axis=1)) & np.asarray(length < CLEAR_STREAK_RADII * fine.radius)
+        return swept.take(~explained)
 
 
 def ball_finder(scene: Scene, pictures: Iterable[tuple[int, Bytes]]) -> BallFinder:
@@ -201,11 +203,6 @@ def _ring(foreground: Bools, home: Floats, view: View) -> Floats:
     return np.asarray(_at(foreground, ring).mean(axis=1), dtype=np.float64)
 
 
-def _disc_kernel(half: float) -> Bytes:
-    n = 2 * max(1, round(half)) + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (n, n)), dtype=np.uint8)
-
-
 def _cover(foreground: Bools, home: Floats, view: View) -> Floats:
     radius = _at(view.radius, home)
     return np.asarray(_at(foreground, home[:, None] + 0.85 * radius[:, None, None] * PLACES).mean(axis=1))
@@ -219,7 +216,7 @@ def _of_circles(circles: Circles, cover: Floats) -> Found:
 
 def _joined(discs: Found, streaks: Found) -> Found:
     """Discs outside the streaks, and the streaks first."""
-    return _chained(streaks, discs.take(~_inside(discs.centre, streaks).any(axis=0)))
+    return _chained(streaks, discs.take(~np.asarray(_inside(discs.centre, streaks).any(axis=0))))
 
 
 def _chained(first: Found, second: Found) -> Found:
@@ -241,6 +238,8 @@ def _without_overlaps(found: Found, scene: Scene, frame: int) -> Found:
     radius = scene.table.ball_radius
     xy = scene.camera.to_table(found.centre, radius, frame)
     apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1) > APART_RADII * radius
+    seen = np.linalg.norm(found.centre[:, None] - found.centre[None], axis=-1)
+    apart &= seen > APART_SEEN_RADII * found.radius[:, None]
     kept: list[int] = []
     streaked = np.linalg.norm(found.streak, axis=1) > 0
     for row in np.lexsort((-found.score, ~streaked)).tolist():

@@ -26,7 +26,7 @@ JAW_RADII = 2.6
 """Around a pocket's centre a ball may stand between the jaws, as far as the line of the noses."""
 CORNER_HOLE_RADII, SIDE_HOLE_RADII = 1.4, 0.7
 """Nearer than this to where the noses' lines meet, or to the middle of a side, a ball has dropped."""
-POCKET_RADII = 3.2
+POCKET_RADII = 3.0
 """Reach of a pocket's opening about its corner."""
 MARGIN_RADII = 1.8
 """Picture kept around the place of the outermost centres."""
