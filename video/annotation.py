@@ -52,7 +52,7 @@ INSET_SHARE = 0.23
 """Longer side of the plan, share of the picture's width."""
 COST_STEP = 8
 """px of the picture per cell of the map of what a panel would hide."""
-TABLE_COST, PATH_COST, DETAIL_COST = 1.0, 6.0, 0.7
+TABLE_COST, PATH_COST, DETAIL_COST = 1.0, 6.0, 1.5
 STRENGTHS = {"ball": 1.0, "strike": 0.75, "cushion": 0.65, "pocket": 0.8}
 NORMALS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
 TRUST_WORDS: dict[Light, str] = {"green": "fit trusted", "amber": "fit with care", "red": "fit not trusted"}
@@ -128,6 +128,8 @@ class Annotation:
     """Where the label of a ball is to be, and on its way there where it is."""
     clear: dict[int, float] = field(default_factory=dict)
     """Opacity of the label of a ball: it fades where there is no room."""
+    named: list[Rect] = field(default_factory=list)
+    """Where the names stood on the picture before."""
     mark_sides: dict[int, Side] = field(default_factory=dict)
     """Where the label of a mark is."""
     crowded: set[int] = field(default_factory=set)
@@ -144,7 +146,7 @@ class Annotation:
                 radius = balls.radius_of(mark.ball)
                 draw_flash(picture, centre, radius, (t - mark.t) / FLASH_SECONDS, self.scale, mark.strength)
         self._panels(picture, t, xy)
-        taken = [self.inset_place, self.clock_place, *balls.boxes(2.0)]
+        taken = [self.inset_place, self.clock_place, *balls.boxes(0.6)]
         self._times(picture, t, balls, taken)
         self._names(picture, t, balls, taken)
 
@@ -176,7 +178,7 @@ class Annotation:
             mark, spot = self.marks[k], self.sightings.project(self.marks[k].xy, t)
             size, radius = mark.label.size(self.scale), 1.6 * balls.radius_of(mark.ball)
             if k not in self.mark_sides:
-                obstacles = [*taken, *self._soon(t)]
+                obstacles = [*taken, *self.named, *self._soon(t)]
                 self.mark_sides[k] = place_label(size, spot, radius, np.zeros(2), obstacles, _bounds(picture), None)
                 rect = (*(spot + self.mark_sides[k].corner(size, radius)), *size)
                 self.crowded |= {k} if covered_share(rect, taken) > MOST_COVERED else set()
@@ -197,6 +199,7 @@ class Annotation:
         """Name and speed beside the balls that move or have just come to rest."""
         shown = [int(ball) for ball in balls.present if self._presence(t, int(ball)) > 0 and balls.sure[ball]]
         shown.sort(key=lambda ball: (-len(self.paths[ball].t), ball))
+        others = len(taken)
         for ball in shown[:MOST_LABELS]:
             speed = balls.speed[ball]
             label = Label(self.names[ball], f"{speed:.2f} m/s" if np.isfinite(speed) else "", self.colours[ball])
@@ -211,6 +214,7 @@ class Annotation:
                 np.clip(self.clear.get(ball, float(room)) + (FADE_STEP if room else -FADE_STEP), 0, 1)
             )
             _put(picture, label, corner, self.scale, self._presence(t, ball) * self.clear[ball], taken)
+        self.named = taken[others:]
 
     def _presence(self, t: float, ball: int) -> float:
         """Opacity of a ball's name: it comes and goes with its motion."""
@@ -342,6 +346,9 @@ def _cost(sightings: Sightings, paths: Sequence[Path], first: Picture) -> Floats
     used: Picture = np.zeros((height, width), dtype=np.uint8)
     start = float(sightings.t[0])
     balls = sightings.centre[[0, -1]].reshape(-1, 2)
+    scene = sightings.scene
+    for x, y in sightings.project(scene.table.pocket_centres, start) / COST_STEP:
+        cv2.circle(used, (round(x), round(y)), 5, 1, -1)
     for places in (*(sightings.project(path.xy, start) for path in paths), balls):
         for x, y in places[np.isfinite(places[:, 0])] / COST_STEP:
             cv2.circle(used, (round(x), round(y)), 3, 1, -1)

@@ -23,7 +23,7 @@ SUPERSAMPLE = 2
 BALL_GROWTH = 1.35
 """Balls of the plan are drawn larger than life, to be seen."""
 WOOD: Colour = (58, 44, 36)
-OPACITY = 0.93
+OPACITY = 0.96
 SHIFT = 4
 """Binary digits after the point of OpenCV's sub-pixel coordinates."""
 

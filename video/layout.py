@@ -19,6 +19,10 @@ GAPS = (0.7, 2.2)
 WAY_COST, STAY_COST, FAR_COST, RANK_COST = 0.5, 0.5, 0.15, 0.02
 """Of a label on its ball's way, of going to the other side, of the larger gap, of each less liked direction; a label
 that is covered wholly costs 2, one that is outside the picture 8."""
+PANEL_PLACES = ((0, 1), (1, 1), (0, 0), (1, 0), (0.5, 1), (0.5, 0), (0, 0.5), (1, 0.5))
+"""Shares of the way from left to right and from top to bottom."""
+MIDDLE_COST = 0.1
+"""Of a panel that stands in no corner, in the unit of the map."""
 PANEL_MARGIN = 0.022
 """Between panels and the border of the picture, share of its height."""
 
@@ -98,20 +102,19 @@ def _corners(angles: Floats, gaps: Floats, size: tuple[int, int], radius: float)
 def place_panel(
     size: tuple[int, int], bounds: tuple[int, int], cost: Floats, taken: Sequence[Rect], scale: float
 ) -> Rect:
-    """The corner of the picture where a panel hides least.
+    """The place on the border of the picture, best a corner, where a panel hides least.
 
     `cost` (h, w) is a coarse map of the picture: what a hidden pixel costs; `scale` its pixels per pixel.
     """
     margin = PANEL_MARGIN * bounds[1]
-    lefts, tops = (margin, bounds[0] - margin - size[0]), (margin, bounds[1] - margin - size[1])
-    best, least = (lefts[0], tops[0], float(size[0]), float(size[1])), np.inf
-    for top in tops[::-1]:
-        for left in lefts:
-            rect = (float(left), float(top), float(size[0]), float(size[1]))
-            x0, y0 = int(left * scale), int(top * scale)
-            part = cost[y0 : y0 + max(1, int(size[1] * scale)), x0 : x0 + max(1, int(size[0] * scale))]
-            hidden = float(part.mean()) if part.size else np.inf
-            clash = sum(overlap(rect, other) for other in taken) / (size[0] * size[1])
-            if hidden + 100 * clash < least:
-                best, least = rect, hidden + 100 * clash
+    room = np.array(bounds) - 2 * margin - size
+    best, least = (margin, margin, float(size[0]), float(size[1])), np.inf
+    for u, v in PANEL_PLACES:
+        rect = (float(margin + u * room[0]), float(margin + v * room[1]), float(size[0]), float(size[1]))
+        x0, y0 = int(rect[0] * scale), int(rect[1] * scale)
+        part = cost[y0 : y0 + max(1, int(size[1] * scale)), x0 : x0 + max(1, int(size[0] * scale))]
+        hidden = (float(part.mean()) if part.size else np.inf) + MIDDLE_COST * (0.5 in (u, v))
+        total = hidden + 100 * covered_share(rect, taken)
+        if total < least:
+            best, least = rect, total
     return best

@@ -64,10 +64,10 @@ class Balls:
         return radius if np.isfinite(radius) else float(np.nanmax(self.radius, initial=4.0))
 
     def boxes(self, margin: float) -> list[Rect]:
-        """Squares around the balls."""
+        """Squares around the balls, with a margin in radii."""
         rects = []
         for ball in self.present:
-            half = float(self.radius[ball]) + margin
+            half = float(self.radius[ball]) * (1 + margin) + 2
             rects.append((float(self.centre[ball, 0]) - half, float(self.centre[ball, 1]) - half, 2 * half, 2 * half))
         return rects
 

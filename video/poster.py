@@ -123,7 +123,7 @@ def _write(still: Picture, sightings: Sightings, annotation: Annotation, balls: 
     """Contacts with their times, and names where the balls started."""
     end, scale = float(sightings.t[-1]), annotation.scale
     bounds = (still.shape[1], still.shape[0])
-    taken: list[Rect] = [annotation.inset_place, *balls.boxes(2.0), *_ways(sightings, annotation, end)]
+    taken: list[Rect] = [annotation.inset_place, *balls.boxes(0.3), *_ways(sightings, annotation, end)]
     order = sorted(annotation.marks, key=lambda mark: (-mark.strength, mark.t))[:MOST_TIMES]
     times = [(mark.label, sightings.project(mark.xy, end)) for mark in order]
     names = []

@@ -13,6 +13,9 @@ import pytest
 import staged_shot as shot
 from numpy.typing import NDArray
 
+from models.events import Events
+from models.fit import Trust
+from models.trajectory import Trajectory
 from video.slowmotion import RenderOptions, render_poster, render_slow_motion
 
 Picture = NDArray[np.uint8]
@@ -124,3 +127,42 @@ def test_the_poster_shows_the_ball_all_along_its_way(tmp_path: Path) -> None:
     start, end = (round(x * shot.SCALE + shot.MARGIN) for x in (0.3, 0.3 + 0.9 * 0.7))
     runs = np.flatnonzero(np.diff(above[start:end].astype(int)) == 1)
     assert len(runs) >= 2
+
+
+def test_a_shot_without_any_fit_is_shown_as_it_was_filmed(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 8)
+    fit = shot.fit(clip.t)
+    nothing = Trajectory(
+        shot.IDS, np.empty(0, dtype=np.int64), np.empty(0), np.empty(0), np.empty((0, 4, 2)), np.empty((0, 2, 3)), (),
+        np.empty((0, 4, 4)),
+    )  # fmt: skip
+    none = np.empty(0)
+    quiet = Events((), none, none, none, (), (), np.empty((0, 2)), none, none, none, none)
+    path = tmp_path / "slow.mp4"
+    empty = replace(fit, trajectory=nothing, events=quiet, trust=Trust("red", ("nothing fits",)))
+    render_slow_motion(clip, shot.scene(), shot.tracks(clip.t), empty, path, RenderOptions(slow=2.0))
+    render_poster(clip, shot.scene(), shot.tracks(clip.t), empty, tmp_path / "poster.png")
+    with av.open(str(path)) as container:
+        assert sum(1 for _ in container.decode(video=0)) == 15
+
+
+def test_balls_never_seen_again_after_a_pocket_leave_the_picture(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 16)
+    tracks, fit = shot.tracks(clip.t), shot.fit(clip.t)
+    gone = tracks.t > 0.3
+    for values in (tracks.xy, tracks.px):
+        values[gone, 0] = np.nan
+    for values in (tracks.sigma, tracks.sigma_along, tracks.radius_px):
+        values[gone, 0] = np.nan
+    ends = replace(fit.trajectory, end=np.array([0.1, 0.31, clip.t[-1]]))
+    one = np.ones(1)
+    pocket = Events(
+        ("pocket",), 0.31 * one, 2e-3 * one, 9.3 * one, ("cue",), ("top",), shot.place(0.31)[:1], one, np.nan * one,
+        np.nan * one, one,
+    )  # fmt: skip
+    path = tmp_path / "slow.mp4"
+    render_slow_motion(
+        clip, shot.scene(), tracks, replace(fit, trajectory=ends, events=pocket), path, RenderOptions(slow=4.0)
+    )
+    render_poster(clip, shot.scene(), tracks, replace(fit, trajectory=ends, events=pocket), tmp_path / "poster.png")
+    assert path.stat().st_size > 1000
