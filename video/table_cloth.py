@@ -44,23 +44,32 @@ class _Quadrangle:
     support: float
 
 
-def find_cloth(picture: Picture) -> Cloth | None:
-    """The most table-like region of one colour in an RGB picture, or None."""
+def find_cloths(picture: Picture, count: int = 3) -> list[Cloth]:
+    """The most table-like regions of one colour in an RGB picture, best first, clearly different from each other."""
     scale = picture.shape[1] / SEARCH_WIDTH
     small = cv2.resize(picture, (SEARCH_WIDTH, round(picture.shape[0] / scale)), interpolation=cv2.INTER_AREA)
-    candidates: list[_Quadrangle] = []
-    for colour in dominant_colours(small):
-        for mask in _masks(small, colour):
-            candidate = _quadrangle(mask)
-            if candidate is not None:
-                candidates.append(candidate)
-    if not candidates:
-        return None
-    best = max(c.support for c in candidates)
+    found = [
+        quadrangle
+        for colour in dominant_colours(small)
+        for mask in _masks(small, colour)
+        if (quadrangle := _quadrangle(mask)) is not None
+    ]
+    best = max((one.support for one in found), default=0.0)
     # Regions without the cushions end as sharply as those with them: among equals the largest is the table.
-    chosen = max((c for c in candidates if c.support >= 0.95 * best), key=lambda c: _area(c.corners))
-    corners = (chosen.corners + 0.5) * scale - 0.5
-    return Cloth(corners, _colour_inside(small, chosen.corners), chosen.support)
+    found.sort(key=lambda one: (one.support >= 0.95 * best, _area(one.corners) * one.support), reverse=True)
+    different: list[_Quadrangle] = []
+    for one in found:
+        if all(_apart(one.corners, other.corners) > 4.0 for other in different):
+            different.append(one)
+    return [
+        Cloth((one.corners + 0.5) * scale - 0.5, _colour_inside(small, one.corners), one.support)
+        for one in different[:count]
+    ]
+
+
+def _apart(corners: Floats, others: Floats) -> float:
+    """px by which two quadrangles differ at their worst corner, whichever they start from."""
+    return float(np.linalg.norm(corners[:, None] - others[None], axis=2).min(axis=1).max())
 
 
 def dominant_colours(picture: Picture, count: int = 5) -> list[Floats]:

@@ -15,7 +15,7 @@ from models.scene import Camera, Scene, Table
 from video.clip import Clip, read_frames
 from video.table_balls import ball_sizes
 from video.table_camera import View, camera_from_corners, orient
-from video.table_cloth import Cloth, find_cloth, intersections, line_through
+from video.table_cloth import find_cloths, intersections, line_through
 from video.table_drift import camera_moves, follow_camera, reference_of
 from video.table_noses import Noses, find_noses
 from video.table_preset import guess_table, has_snooker_d, pocket_share
@@ -25,10 +25,16 @@ Picture = NDArray[np.uint8]
 
 GLANCES = 9
 """Pictures spread over the clip whose median is the table without what moves."""
-ASPECTS = (1.85, 2.15)
+ASPECTS = (1.9, 2.1)
 """Length over width that is still taken for a billiard table."""
 LEAST_SUPPORT = 0.6
 """Share of the cloth's sides that must end in a straight line."""
+MOST_MISFIT = 40.0
+"""Squared standard deviations of shape, cushions and missing lines beyond which a table is not believed."""
+GOOD_MISFIT = 8.0
+"""With less than that other regions need not be tried."""
+UNSUPPORTED_COST = 20.0
+"""Squared standard deviations that a cloth whose sides do not end in straight lines costs against another."""
 MOST_LOST = 0.1
 """Share of pictures in which a moving camera may be lost."""
 MARKED_CORNER_SIGMA = 2.0
@@ -48,8 +54,8 @@ class CalibrateOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class _Found:
-    """Corners of the noses, in the order of `Table.corners`, and what was met on the way."""
+class FoundTable:
+    """A table in a picture: corners of the noses, in the order of `Table.corners`, and what was met on the way."""
 
     corners: Floats
     covariance: Floats
@@ -77,25 +83,29 @@ def find_scene(clip: Clip, options: CalibrateOptions, progress: Progress = silen
         # What stood still in the room is sharp again when every glance is laid over the first one.
         pictures = [_laid_over(picture, motion[frame]) for picture, frame in zip(pictures, frames, strict=True)]
         background = median_picture(pictures)
-        found = _from_user(options.corners, background) if options.corners is not None else _search(background, clip)
+        found = _found_in(background, clip, options.corners)
     table, camera, named = _name(found, background, pictures, asked, options.ball_radius)
     progress(1.0)
     notes = (*found.notes, *named, _height_note(camera, found.view), *_motion_notes(motion, lost))
     return Scene(table, replace(camera, motion=motion), _lab(found.cloth), notes)
 
 
-def _look(clip: Clip, pictures: list[Picture], corners: str | None) -> tuple[_Found, Picture]:
+def _found_in(picture: Picture, clip: Clip, corners: str | None) -> FoundTable:
+    return search_picture(picture, clip.path.name) if corners is None else _from_user(corners, picture)
+
+
+def _look(clip: Clip, pictures: list[Picture], corners: str | None) -> tuple[FoundTable, Picture]:
     """The table in the median of all glances, or in the first one where the camera has moved too much for that."""
     background = median_picture(pictures)
     if corners is not None:
         return _from_user(corners, background), background
     try:
-        return _search(background, clip), background
+        return search_picture(background, clip.path.name), background
     except TableNotFound:
-        return _search(pictures[0], clip), pictures[0]
+        return search_picture(pictures[0], clip.path.name), pictures[0]
 
 
-def _follow(clip: Clip, pictures: list[Picture], found: _Found) -> tuple[Floats | None, int]:
+def _follow(clip: Clip, pictures: list[Picture], found: FoundTable) -> tuple[Floats | None, int]:
     """Motion of the camera (T, 3, 3), or None where it stands, and the number of pictures that were interpolated."""
     greys = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in pictures]
     reference = reference_of(greys[0], found.corners)
@@ -108,7 +118,7 @@ def _follow(clip: Clip, pictures: list[Picture], found: _Found) -> tuple[Floats 
     if not moves:
         return None, 0
     if not found.given:
-        reference = reference_of(greys[0], _search(pictures[0], clip).corners)
+        reference = reference_of(greys[0], search_picture(pictures[0], clip.path.name).corners)
     everything = read_frames(clip, indices=np.arange(clip.frame_count), grey=True)
     motion, lost = follow_camera(reference, everything, clip.frame_count)
     if lost > MOST_LOST * clip.frame_count:
@@ -147,28 +157,41 @@ def _glance_frames(clip: Clip) -> NDArray[np.int64]:
     return np.asarray(clip.distinct[spread], np.int64)
 
 
-def _search(background: Picture, clip: Clip) -> _Found:
-    cloth = find_cloth(background)
-    if cloth is None or cloth.support < LEAST_SUPPORT:
+def search_picture(picture: Picture, name: str = "the picture") -> FoundTable:
+    """Find the table in one RGB picture; TableNotFound, a sentence that starts with `name`, where there is none."""
+    cloths = [cloth for cloth in find_cloths(picture) if cloth.support > LEAST_SUPPORT]
+    if not cloths:
         raise TableNotFound(
-            f"{clip.path.name} shows no cloth with four straight sides; give the corners of the playing surface "
+            f"{name} shows no cloth with four straight sides; give the corners of the playing surface "
             "with --corners x,y,x,y,x,y,x,y"
         )
-    height, width = background.shape[:2]
-    outer, _ = orient(cloth.corners, width, height, 3.0)
-    noses = find_noses(background, outer)
-    if noses is None:
+    height, width = picture.shape[:2]
+    attempts = []
+    for cloth in cloths:
+        outer, _ = orient(cloth.corners, width, height, 3.0)
+        noses = find_noses(picture, outer)
+        if noses is not None:
+            attempts.append((noses.misfit + UNSUPPORTED_COST * (1 - cloth.support), outer, noses, cloth))
+            if attempts[-1][0] < GOOD_MISFIT:
+                break
+    if not attempts:
         raise TableNotFound(
-            f"{clip.path.name} shows a cloth but not where its cushions end; give the corners of the playing surface "
+            f"{name} shows a cloth but not where its cushions end; give the corners of the playing surface "
             "with --corners x,y,x,y,x,y,x,y"
+        )
+    misfit, outer, noses, cloth = min(attempts, key=lambda attempt: attempt[0])
+    if misfit > MOST_MISFIT:
+        raise TableNotFound(
+            f"{name} shows a cloth whose sides do not look like four equal cushions; give the corners of "
+            "the playing surface with --corners x,y,x,y,x,y,x,y"
         )
     corners, view = orient(noses.corners, width, height, _mean_sigma(noses.covariance))
     if not ASPECTS[0] < view.aspect < ASPECTS[1]:
         raise TableNotFound(
-            f"{clip.path.name} shows a cloth {view.aspect:.2f} times as long as wide, and tables are 2; "
+            f"{name} shows a cloth {view.aspect:.2f} times as long as wide, and tables are 2; "
             "give the corners of the playing surface with --corners x,y,x,y,x,y,x,y"
         )
-    return _Found(*_ordered(corners, noses), view, cloth.colour, _like(outer, corners), _edge_notes(noses, cloth))
+    return FoundTable(*_ordered(corners, noses), view, cloth.colour, _like(outer, corners), _edge_notes(noses))
 
 
 def _ordered(corners: Floats, noses: Noses) -> tuple[Floats, Floats]:
@@ -187,7 +210,7 @@ def _mean_sigma(covariance: Floats) -> float:
     return float(np.sqrt(np.mean(np.diag(covariance))))
 
 
-def _edge_notes(noses: Noses, cloth: Cloth) -> tuple[str, ...]:
+def _edge_notes(noses: Noses) -> tuple[str, ...]:
     notes = [f"table found by its cloth; corners known to {_mean_sigma(noses.covariance):.1f} px"]
     hidden = 4 - sum(noses.seen)
     if hidden:
@@ -197,7 +220,7 @@ def _edge_notes(noses: Noses, cloth: Cloth) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _from_user(text: str, background: Picture) -> _Found:
+def _from_user(text: str, background: Picture) -> FoundTable:
     height, width = background.shape[:2]
     corners, view = orient(parse_corners(text, width, height), width, height, MARKED_CORNER_SIGMA)
     if not 1.5 < view.aspect < 2.6:
@@ -207,7 +230,7 @@ def _from_user(text: str, background: Picture) -> _Found:
     inside = np.zeros((height, width), np.uint8)
     cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
     colour = np.median(background[inside > 0], axis=0).astype(np.float64)
-    return _Found(
+    return FoundTable(
         corners, np.eye(8) * MARKED_CORNER_SIGMA**2, view, colour, None, ("corners were given with --corners",), True
     )
 
@@ -236,7 +259,7 @@ def parse_corners(text: str, width: int, height: int) -> Floats:
 
 
 def _name(
-    found: _Found, background: Picture, pictures: list[Picture], asked: Table | None, ball_radius: float | None
+    found: FoundTable, background: Picture, pictures: list[Picture], asked: Table | None, ball_radius: float | None
 ) -> tuple[Table, Camera, tuple[str, ...]]:
     """The table's preset (or what was asked for), and its camera."""
     height, width = background.shape[:2]

@@ -54,6 +54,8 @@ class Noses:
     """Usual distance from the outer edge of the cloth to the nose, in table lengths."""
     seen: tuple[bool, ...]
     """Whether a side's nose was seen (top, right, bottom, left); else it was put where the other sides say."""
+    misfit: float
+    """Squared standard deviations by which equal cushions, a 2:1 table and lines along all sides are missed."""
     straightness: float
     """px, the largest robust deviation of a nose from a straight line."""
 
@@ -64,6 +66,7 @@ class _Choice:
     """(4,) of the noses, in table lengths inwards from the outer edge"""
     seen: tuple[bool, ...]
     cushion: float
+    misfit: float
     sigmas: Floats
     """(4,) of the depths, were they not seen"""
 
@@ -83,7 +86,7 @@ def find_noses(picture: Picture, outer: Floats) -> Noses | None:
     if corners is None:
         return None
     bend = max(fitted.bend for fitted, is_seen in zip(lines, choice.seen, strict=True) if is_seen)
-    return Noses(corners, _covariance(lines), choice.cushion, choice.seen, bend)
+    return Noses(corners, _covariance(lines), choice.cushion, choice.seen, choice.misfit, bend)
 
 
 def _choose(sides: list[Side], outer: Floats, width_px: int, height_px: int) -> _Choice:
@@ -104,7 +107,7 @@ def _choose(sides: list[Side], outer: Floats, width_px: int, height_px: int) -> 
         total = cost + _shape_cost(sides, filled, seen, width_px, height_px)
         if best is None or total < best[0]:
             spread = np.hypot(sigmas, CUSHION_SIGMA * width / max(np.sqrt(seen.sum()), 1) / 2)
-            best = (total, _Choice(filled, tuple(bool(s) for s in seen), width, np.asarray(spread, np.float64)))
+            best = (total, _Choice(filled, tuple(bool(s) for s in seen), width, total, np.asarray(spread, np.float64)))
     assert best is not None
     return best[1]
 

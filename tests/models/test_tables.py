@@ -39,7 +39,7 @@ def test_a_ball_radius_replaces_that_of_the_preset_and_keeps_the_material() -> N
 
 @pytest.mark.parametrize("text", ["", "pool", "2.54", "2.54x", "254x127", "2.54x-1.27", "2.54x0.1", "nanx1"])
 def test_what_is_no_table_is_refused_with_an_example(text: str) -> None:
-    with pytest.raises(OptionError, match="2.54x1.27|about half as wide"):
+    with pytest.raises(OptionError, match=r"2\.54x1\.27|about half as wide"):
         parse_table(text)
 
 

@@ -16,7 +16,7 @@ from models.scene import NOSE_HEIGHT_RADII, Camera, Table, apply_homography
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-OVER = 4
+OVER = 2
 """Pictures are drawn this much larger and then reduced."""
 CUSHION = 0.05
 """m, width of the cloth on a cushion."""
@@ -81,13 +81,13 @@ def draw_table(
         _disc(canvas, camera, centre, nose, 0.062, (12, 12, 14))
     for index, (x, y) in enumerate(balls if balls is not None else []):
         colour = ((235, 230, 215), (190, 25, 30), (230, 180, 20), (25, 60, 160))[index % 4]
-        _disc(canvas, camera, np.array([x, y]), table.ball_radius, table.ball_radius, colour)
-    picture = cv2.resize(canvas, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
-    picture = cv2.GaussianBlur(picture, (0, 0), 0.6)
+        _ball(canvas, camera, np.array([x, y]), table.ball_radius, colour)
+    small = cv2.resize(canvas, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
+    picture = np.asarray(cv2.GaussianBlur(small, (0, 0), 0.6), np.uint8)
     if rng is None:
         return picture
     noisy = picture + rng.normal(0, look.noise, picture.shape)
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(noisy), 0, 255), np.uint8)
 
 
 def _grown(table: Table, margin: float) -> Floats:
@@ -99,11 +99,17 @@ def _fill(canvas: Picture, camera: Camera, polygon: Floats, z: float, colour: tu
     cv2.fillPoly(canvas, [np.rint(px * 16).astype(np.int32)], colour, cv2.LINE_AA, 4)
 
 
-def _disc(
-    canvas: Picture, camera: Camera, centre: Floats, z: float, radius: float, colour: tuple[float, ...]
-) -> None:
+def _disc(canvas: Picture, camera: Camera, centre: Floats, z: float, radius: float, colour: tuple[float, ...]) -> None:
     angles = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     _fill(canvas, camera, centre + radius * np.column_stack([np.cos(angles), np.sin(angles)]), z, colour)
+
+
+def _ball(canvas: Picture, camera: Camera, centre: Floats, radius: float, colour: tuple[float, ...]) -> None:
+    """A sphere's outline is a circle, nearly, from wherever one looks."""
+    middle = (camera.to_pixels(centre, radius) + 0.5) * OVER - 0.5
+    size = float(camera.radius_px(centre, radius)) * OVER
+    x, y = np.rint(middle * 16).astype(int)
+    cv2.circle(canvas, (int(x), int(y)), round(size * 16), colour, -1, cv2.LINE_AA, 4)
 
 
 def write_clip(path: Path, pictures: list[Picture]) -> Path:
