@@ -12,11 +12,11 @@ from pathlib import Path
 import av
 import numpy as np
 
-from models.errors import TruerollError
 from pipeline.cache import Cache
 from pipeline.chain import run_clip
 from pipeline.graph import Watcher
 from pipeline.options import RunOptions
+from pipeline.sentences import one_sentence
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +75,8 @@ def _run_one(clip: Path, root: Path, out: Path, options: RunOptions, cache: Cach
     name, folder = str(clip.relative_to(root)), folder_of(clip, root, out)
     try:
         run = run_clip(clip, folder, options, cache, watcher)
-    except TruerollError as error:
-        return Row(name, "failed", "", 0, 0.0, "", str(error))
+    except Exception as error:  # whatever is wrong with one clip, the others are not to suffer
+        return Row(name, "failed", "", 0, 0.0, "", one_sentence(error))
     contacts = sum(kind in ("ball", "cushion") for kind in run.events.kind)
     last = float(np.max(run.events.t, initial=0.0))
     return Row(name, "done", run.trust.light, contacts, round(last, 3), str(folder), "")

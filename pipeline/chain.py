@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from models.errors import ClipError
+from models.errors import ClipError, OptionError
 from models.events import Events
 from models.fit import Fit, Trust
 from pipeline.cache import Cache, Entry
@@ -79,6 +79,7 @@ def run_clip(clip: Path, folder: Path, options: RunOptions, cache: Cache, watche
     Raises a TruerollError, one sentence, where the clip cannot be used; nothing is left half-written then.
     """
     graph = run_graph(clip, options)
+    refuse_closed(folder)
     entries = graph.run(cache, watcher, {"read": partial(_at, clip)})
     publish(entries, folder)
     stage = next(stage for stage in graph.stages if stage.name == "fit")
@@ -89,6 +90,17 @@ def run_clip(clip: Path, folder: Path, options: RunOptions, cache: Cache, watche
 def _at(path: Path, clip: Clip) -> Clip:
     """The clip where it lies today: the cache knows content, not places."""
     return replace(clip, path=path)
+
+
+def refuse_closed(folder: Path) -> None:
+    """OptionError where no results can be written: known before the work, not after it."""
+    place = folder.absolute()
+    while not place.exists() and not place.is_symlink():
+        place = place.parent
+    if not place.is_dir():
+        raise OptionError(f"The results need a folder; {place} is none, name another with -o")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise OptionError(f"The results need a folder that can be written; {place} cannot, name another with -o")
 
 
 def publish(entries: Mapping[str, Entry], folder: Path) -> None:

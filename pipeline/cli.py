@@ -12,26 +12,29 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
-import click
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table as Grid
 
-from models.errors import OptionError, TruerollError
+from models.errors import OptionError
 from pipeline.cache import Cache, default_root
 from pipeline.chain import Run, default_folder, run_clip, run_graph
-from pipeline.display import Quiet, StageDisplay
+from pipeline.display import StageDisplay
 from pipeline.options import RunOptions, collect, parameters
-from pipeline.sentences import event_sentence, event_time
+from pipeline.sentences import event_sentence, event_time, one_sentence
 
 app = typer.Typer(
     help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 console = Console(stderr=True, highlight=False)
+
+INTERRUPTED = 130
+UsageError: type[Exception] = typer.BadParameter.__bases__[0]
+"""Of the click that this typer uses: its own or the package."""
 
 ClipArgument = Annotated[Path, typer.Argument(help="A clip of a shot: mp4, mov, mkv, avi, webm.")]
 OutOption = Annotated[
@@ -96,9 +99,9 @@ def run(
     """A clip to annotated slow motion, tracks, contacts and a fitted model."""
     folder = out if out is not None else default_folder(clip)
     with StageDisplay(console, str(clip)) as display:
-        made = run_clip(clip, folder, options, _open_cache(cache), Quiet() if as_json else display)
+        made = run_clip(clip, folder, options, _open_cache(cache), display)
     if as_json:
-        print(json.dumps(_as_json(made)))
+        print(json.dumps(_as_json(made), allow_nan=False))
     else:
         _tell(made)
 
@@ -123,8 +126,8 @@ def _tell(made: Run) -> None:
     else:
         screen.print("Nothing moves in this clip.")
     light = {"green": "green", "amber": "yellow", "red": "red"}[made.trust.light]
-    screen.print(f"[{light}]●[/] trust: {made.trust.light}. " + " ".join(made.trust.reasons))
-    screen.print(f"Look at {made.folder / 'slow.mp4'} and {made.folder / 'report.html'}", soft_wrap=True)
+    screen.print(f"[{light}]●[/] trust: {made.trust.light}. " + escape(" ".join(made.trust.reasons)))
+    print(f"Look at {made.folder / 'slow.mp4'} and {made.folder / 'report.html'}")
 
 
 def batch(
@@ -145,7 +148,7 @@ def batch(
         raise OptionError(f"A folder with clips was expected; {folder} holds none")
     store = _open_cache(cache)
     with StageDisplay(console) as display:
-        rows = run_batch(clips, folder, out, options, store, lambda clip: Quiet() if as_json else display.of(clip.name))
+        rows = run_batch(clips, folder, out, options, store, lambda clip: display.of(clip.name))
     failed = [row for row in rows if row.status == "failed"]
     if as_json:
         print(json.dumps([asdict(row) for row in rows]))
@@ -153,7 +156,10 @@ def batch(
         grid = Grid("clip", "trust", "contacts", "look at", box=None, pad_edge=False)
         for row in rows:
             grid.add_row(
-                row.clip, row.trust or row.status, str(row.contacts), row.sentence or f"{row.folder}/report.html"
+                escape(row.clip),
+                row.trust or row.status,
+                str(row.contacts),
+                escape(row.sentence or f"{row.folder}/report.html"),
             )
         Console(highlight=False).print(grid)
         print(f"{len(rows) - len(failed)} of {len(rows)} clips done; {out / 'summary.csv'} lists them.")
@@ -256,26 +262,28 @@ def main() -> NoReturn:
     """The program: 0 all went well, 1 some of it failed, 2 wrong usage, 130 interrupted."""
     debug = "--debug" in sys.argv
     try:
-        app(standalone_mode=False)
-        status = 0
-    except click.exceptions.Exit as leave:
-        status = leave.exit_code
-    except click.ClickException as error:
-        error.show()
-        status = 2
-    except (KeyboardInterrupt, click.Abort):
+        status = app(sys.argv[1:] or ["--help"], standalone_mode=False) or 0
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+    except Exception as error:
+        status = _fail(error, debug)
+    if status == INTERRUPTED:
         print("trueroll: interrupted; nothing half-written is left", file=sys.stderr)
-        status = 130
-    except TruerollError as error:
-        status = _fail(error, 2 if isinstance(error, OptionError) else 1, debug)
-    except OSError as error:
-        status = _fail(error, 1, debug)
-    sys.stdout.flush()
     sys.exit(status)
 
 
-def _fail(error: Exception, status: int, debug: bool) -> int:
+def _fail(error: Exception, debug: bool) -> int:
+    """Say in one line what went wrong; the exit status."""
     if debug:
         traceback.print_exception(error)
-    print(f"trueroll: {error}", file=sys.stderr)
-    return status
+    if isinstance(error, UsageError):
+        print(f"trueroll: {_usage(error)}", file=sys.stderr)
+        return 2
+    print(f"trueroll: {one_sentence(error)}", file=sys.stderr)
+    return 2 if isinstance(error, OptionError) else 1
+
+
+def _usage(error: Any) -> str:
+    context = error.ctx.command_path if error.ctx else "trueroll"
+    return f"{' '.join(error.format_message().split()).rstrip('.')}; see {context} --help"

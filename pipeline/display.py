@@ -1,4 +1,4 @@
-"""Progress on the terminal: one line per stage."""
+"""Progress on the terminal: one line per stage; nothing where nobody watches."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from models.progress import Progress
 
 
 class StageDisplay:
-    """A watcher of a run that draws a bar per stage; a context manager."""
+    """A watcher of a run that draws a bar per stage on a terminal; a context manager."""
 
     def __init__(self, console: Console, title: str = "") -> None:
         columns = (
@@ -21,14 +21,14 @@ class StageDisplay:
             TextColumn("{task.fields[note]}"),
             TimeElapsedColumn(),
         )
-        self._bars = Bars(*columns, console=console, transient=not console.is_terminal)
+        self._bars = Bars(*columns, console=console, disable=not console.is_terminal)
         self._tasks: dict[str, TaskID] = {}
         self._title = title
 
     def __enter__(self) -> StageDisplay:
         self._bars.start()
         if self._title:
-            self._bars.console.print(self._title, highlight=False)
+            self._say(self._title)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
@@ -39,8 +39,12 @@ class StageDisplay:
         for task in self._tasks.values():
             self._bars.remove_task(task)
         self._tasks.clear()
-        self._bars.console.print(title, highlight=False)
+        self._say(title)
         return self
+
+    def _say(self, title: str) -> None:
+        if self._bars.console.is_terminal:
+            self._bars.console.print(title, highlight=False, markup=False)
 
     def started(self, stage: str) -> Progress:
         task = self._bars.add_task(stage, total=1.0, note="")
@@ -51,13 +55,3 @@ class StageDisplay:
         note = "cached" if cached else f"{seconds:.1f} s"
         self._bars.update(self._tasks[stage], completed=1.0, note=note)
         self._bars.stop_task(self._tasks[stage])
-
-
-class Quiet:
-    """A watcher that says nothing."""
-
-    def started(self, stage: str) -> Progress:
-        return lambda share: None
-
-    def finished(self, stage: str, seconds: float, cached: bool) -> None:
-        return None

@@ -12,6 +12,7 @@ import typer
 
 from detectors.detect import DetectOptions
 from models.association import TrackOptions
+from models.errors import OptionError
 from models.fitting import FitOptions
 from pipeline.stages.read import ReadOptions
 from video.annotation import RenderOptions
@@ -97,7 +98,10 @@ def collect(values: dict[str, Any]) -> RunOptions:
     options = RunOptions()
     for name, setting in run_settings().items():
         for part in setting.parts:
-            changed = replace(getattr(options, part), **{name: values[name]})
+            try:
+                changed = replace(getattr(options, part), **{name: values[name]})
+            except ValueError as error:
+                raise OptionError(f"{setting.flag} {values[name]} cannot be used: {error}") from error
             options = replace(options, **{part: changed})
     return options
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.errors import TruerollError
 from models.events import Events
 
 TEXTBOOK = {
@@ -36,3 +37,14 @@ def event_time(events: Events, k: int) -> str:
 def parameter_range(name: str) -> str:
     """The textbook range of a fitted parameter, empty where none is known."""
     return TEXTBOOK.get(name, "")
+
+
+def one_sentence(error: Exception) -> str:
+    """What went wrong, in one line: our own words, the system's about a file, or that it was not foreseen."""
+    if isinstance(error, TruerollError):
+        return " ".join(str(error).split())
+    if isinstance(error, OSError):
+        place = f" ({error.filename})" if error.filename else ""
+        return f"A file could not be read or written: {error.strerror or error}{place}"
+    words = " ".join(str(error).split())
+    return f"Something unforeseen went wrong: {type(error).__name__}: {words}. Please report it with --debug"

@@ -11,6 +11,9 @@ from models.progress import Progress
 from pipeline.stage import Inputs, Stage
 from video.clip import Clip, open_clip
 
+FEWEST, MOST = 1, 100_000
+"""Pictures per second of a film of moving balls."""
+
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
@@ -18,6 +21,16 @@ class ReadOptions:
 
     fps: str | None = None
     """Pictures per second, such as 29.97 or 30000/1001, where the container lies about them."""
+
+    def __post_init__(self) -> None:
+        if self.fps is None:
+            return
+        try:
+            positive = FEWEST <= Fraction(self.fps) <= MOST
+        except (ValueError, ZeroDivisionError) as error:
+            raise ValueError("a number such as 29.97 or 30000/1001 was expected") from error
+        if not positive:
+            raise ValueError(f"{FEWEST} to {MOST} pictures per second were expected")
 
 
 def read_stage(path: Path, digest: str, options: ReadOptions) -> Stage:

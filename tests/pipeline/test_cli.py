@@ -1,0 +1,202 @@
+"""What the program says of wrong usage and of files that are no clips: one line, and the right status."""
+
+from __future__ import annotations
+
+import json
+import re
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import made_up_shot as shot
+import numpy as np
+import pytest
+from terminal import Terminal, terminal
+
+from pipeline.options import run_settings
+from video.writer import VideoWriter
+
+trueroll = pytest.fixture(terminal)
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to be in, with a cache of its own and room for long lines."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TRUEROLL_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("COLUMNS", "200")
+    return tmp_path
+
+
+def noise(path: Path, pictures: int) -> None:
+    """A film of snow, in which there is no table."""
+    chance = np.random.default_rng(5)
+    with VideoWriter(path, 320, 180, Fraction(30)) as writer:
+        for _ in range(pictures):
+            writer.write(chance.integers(0, 255, (180, 320, 3), dtype=np.uint8))
+
+
+def sound(path: Path) -> None:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("aac", rate=44100, layout="mono")
+        for k in range(20):
+            frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+            frame.sample_rate, frame.pts = 44100, 1024 * k
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+def cut(path: Path) -> None:
+    """A film that ends within its index."""
+    noise(path, 20)
+    path.write_bytes(path.read_bytes()[:400])
+
+
+BAD = {
+    "missing": (lambda path: None, "does not exist"),
+    "folder": (Path.mkdir, "is a folder"),
+    "empty": (Path.touch, "empty"),
+    "text": (lambda path: path.write_text("This is a list of things to buy.\n" * 50), "no video"),
+    "truncated": (cut, "cut off"),
+    "sound": (sound, "sound but no pictures"),
+    "single": (lambda path: noise(path, 1), "1 distinct picture"),
+    "snow": (lambda path: noise(path, 20), "cloth|table"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_clip_is_one_line_and_leaves_nothing(trueroll: Terminal, name: str) -> None:
+    make, wanted = BAD[name]
+    clip = Path(f"{name}.mp4")
+    make(clip)
+    said = trueroll("run", clip, "-o", "out")
+    assert said.status == 1
+    assert said.out == ""
+    assert re.fullmatch(rf"trueroll: [^\n]*({wanted})[^\n]*\n", said.err), said.err
+    assert "Traceback" not in said.err
+    assert "unforeseen" not in said.err
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "wanted"),
+    [
+        (("run",), "clip"),
+        (("run", "--nope", "x.mp4"), "--nope"),
+        (("walk",), "walk"),
+        (("run", "x.mp4", "--slow", "much"), "--slow"),
+        (("run", "x.mp4", "--slow", "0"), "1 to 1000"),
+        (("run", "x.mp4", "--fps", "fast"), "30000/1001"),
+        (("run", "x.mp4", "--fps", "1/0"), "30000/1001"),
+        (("run", "x.mp4", "--fps", "-25"), "1 to 100000"),
+        (("run", "x.mp4", "--detector", "magic"), "--detector"),
+        (("batch", "nowhere"), "nowhere"),
+        (("batch", "."), "holds none"),
+        (("view", "."), "recording.rrd"),
+        (("graph", "-o", "graph.gif"), "svg"),
+        (("cache", "--prune"), "--older-than"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_status_2(trueroll: Terminal, arguments: tuple[str, ...], wanted: str) -> None:
+    said = trueroll(*arguments)
+    assert said.status == 2
+    assert re.fullmatch(rf"trueroll: [^\n]*{re.escape(wanted)}[^\n]*\n", said.err), said.err
+
+
+@pytest.mark.parametrize(
+    ("option", "wanted"),
+    [("--corners=1,2,3", "eight numbers"), ("--table=huge", "huge"), ("--model=no", "no")],
+)
+def test_an_option_that_makes_no_sense_for_a_clip_is_wrong_usage(trueroll: Terminal, option: str, wanted: str) -> None:
+    shot.made_up_clip(Path("clip.mp4"))
+    said = trueroll("run", "clip.mp4", option)
+    assert said.status == 2
+    assert re.fullmatch(rf"trueroll: [^\n]*{wanted}[^\n]*\n", said.err), said.err
+
+
+def test_results_that_cannot_be_written_are_known_before_the_work(trueroll: Terminal) -> None:
+    shot.made_up_clip(Path("clip.mp4"))
+    said = trueroll("run", "clip.mp4", "-o", "clip.mp4/out")
+    assert said.status == 2
+    assert said.err.count("\n") == 1
+    assert "-o" in said.err
+
+
+def test_debug_shows_where_an_error_comes_from(trueroll: Terminal) -> None:
+    said = trueroll("run", "missing.mp4", "--debug")
+    assert said.status == 1
+    assert "Traceback" in said.err
+    assert said.err.splitlines()[-1].startswith("trueroll: ")
+
+
+def test_what_nobody_foresaw_is_one_line_too(trueroll: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("a sum\nof nothing")
+
+    monkeypatch.setattr("pipeline.cli.run_clip", fail)
+    said = trueroll("run", "x.mp4")
+    assert said.status == 1
+    assert said.err.count("\n") == 1
+    assert "ZeroDivisionError: a sum of nothing" in said.err
+
+
+def test_an_interrupted_run_says_so(trueroll: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pipeline.cli.run_clip", stop)
+    said = trueroll("run", "x.mp4")
+    assert said.status == 130
+    assert said.err == "trueroll: interrupted; nothing half-written is left\n"
+
+
+def test_help_holds_every_option_with_its_meaning(trueroll: Terminal) -> None:
+    said = trueroll("run", "--help")
+    assert said.status == 0
+    words = re.sub(r"[\s│]+", " ", said.out)
+    for setting in run_settings().values():
+        assert setting.help, f"{setting.flag} does not say what it means"
+        assert setting.flag in words
+        assert setting.help in words
+        if setting.default not in (None, False, ""):
+            assert f"default: {setting.default}" in words
+
+
+def test_help_names_every_command_and_so_does_no_argument(trueroll: Terminal) -> None:
+    said = trueroll("--help")
+    assert said.status == 0
+    assert all(re.search(rf"\b{name}\b", said.out) for name in ("run", "batch", "view", "graph", "cache"))
+    assert trueroll().out == said.out
+
+
+def test_the_version_is_printed(trueroll: Terminal) -> None:
+    assert re.fullmatch(r"trueroll \d+\.\d+\.\d+\n", trueroll("--version").out)
+
+
+def test_the_graph_of_a_clip_says_what_would_run(trueroll: Terminal) -> None:
+    shot.made_up_clip(Path("clip.mp4"))
+    views = {view["stage"]: view for view in json.loads(trueroll("graph", "clip.mp4", "--json").out)}
+    assert views["read"]["state"] == "stale"
+    assert views["fit"]["state"] == "waiting"
+    assert "read" in trueroll("graph", "clip.mp4", "-o", "graph.svg").out
+    assert Path("graph.svg").read_text().startswith("<svg")
+
+
+def test_another_network_under_the_same_name_is_another_detector(trueroll: Terminal) -> None:
+    from pipeline.chain import run_graph
+    from pipeline.options import RunOptions, collect
+
+    shot.made_up_clip(Path("clip.mp4"))
+    plain = {name: setting.default for name, setting in run_settings().items()}
+    facts = []
+    for content in ("one", "two"):
+        Path("net.onnx").write_text(content)
+        stages = run_graph(Path("clip.mp4"), collect(plain | {"model": "net.onnx"})).stages
+        facts.append(next(stage.facts for stage in stages if stage.name == "detect"))
+    assert facts[0] != facts[1]
+    assert collect(plain) == RunOptions()
+
+
+def test_the_cache_is_listed_and_pruned(trueroll: Terminal) -> None:
+    assert json.loads(trueroll("cache", "--json").out) == []
+    assert trueroll("cache", "--prune", "--max-size", "0").status == 0
