@@ -15,7 +15,7 @@ run: .venv/.program
 	@echo "Look at $(OUT)/*/slow.mp4, $(OUT)/*/report.html and $(OUT)/summary.csv; or: $(BIN)/trueroll view $(OUT)/overhead_pool"
 
 test: .venv/.tools
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 check: .venv/.tools
 	$(BIN)/ruff check .
