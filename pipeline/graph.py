@@ -13,7 +13,7 @@ from models.progress import Progress
 from pipeline.cache import Cache, Entry, Key
 from pipeline.fingerprint import library_versions, source_hashes
 from pipeline.stage import Stage
-from pipeline.values import load_value, save_value
+from pipeline.values import FORMAT, load_value, save_value
 
 State = Literal["cached", "stale", "waiting"]
 
@@ -126,6 +126,7 @@ def stage_key(stage: Stage, contents: Mapping[str, str], source: Mapping[str, st
         "inputs": {name: contents[name] for name in sorted(stage.needs)},
         "source": dict(source),
         "libraries": library_versions(),
+        "format": FORMAT,
     }
     return Key(stage.name, parts)
 
