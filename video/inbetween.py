@@ -23,6 +23,8 @@ Picture = NDArray[np.uint8]
 
 LEAST_SHIFT = 0.15
 """px between two pictures below which a ball is left as it is: no eye sees it."""
+SEEN_SHIFT = 2.0
+"""px between the places seen in two pictures from which a ball moves, whatever the fit says: well above their noise."""
 MOST_SAMPLES, FEWEST_SAMPLES = 32, 13
 """Pictures, spread over the clip, that the plate is learnt from."""
 PLATE_BYTES = 64_000_000
@@ -161,14 +163,15 @@ def _spans(trajectory: Trajectory) -> Floats:
 
 
 def _moves(scene: Scene, tracks: Tracks, trajectory: Trajectory) -> Mask:
-    """(T - 1, N) where a ball's way between two pictures is more than `LEAST_SHIFT`."""
+    """(T - 1, N) where a ball's way between two pictures is more than `LEAST_SHIFT`, or it was seen to move."""
     share = np.linspace(0, 1, 5)
     times = tracks.t[:-1, None] + np.diff(tracks.t)[:, None] * share
     px = scene.camera.to_pixels(trajectory.at(times).xy, scene.table.ball_radius)
     low = np.where(np.isfinite(px), px, np.inf).min(axis=1)
     high = np.where(np.isfinite(px), px, -np.inf).max(axis=1)
-    moves: Mask = (high - low).max(axis=-1) > LEAST_SHIFT
-    return moves
+    put = (high - low).max(axis=-1) > LEAST_SHIFT
+    seen = np.linalg.norm(np.diff(scene.camera.to_pixels(tracks.xy, scene.table.ball_radius), axis=0), axis=-1)
+    return np.asarray(put | (seen > SEEN_SHIFT), dtype=np.bool_)
 
 
 def _ways(scene: Scene, tracks: Tracks, trajectory: Trajectory, exposure: float) -> Floats:

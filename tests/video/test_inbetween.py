@@ -165,6 +165,16 @@ def test_the_plate_of_a_clip_shows_the_cloth_where_the_ball_rolled(tmp_path: Pat
     assert difference(plate.picture, shot.cloth())[swept].mean() < 3
 
 
+def test_a_ball_seen_to_move_is_moved_even_if_the_fit_says_that_it_rests() -> None:
+    fit = shot.fit(TIMES)
+    resting = fit.trajectory.position.copy()
+    resting[1, 1] = 0
+    wrong = replace(fit, trajectory=replace(fit.trajectory, position=resting))
+    sightings = sight(shot.scene(), shot.tracks(TIMES), wrong)
+    made, t = midway(sightings, perfect_plate(), 20, shot.film)
+    assert difference(made, shot.film(t)).mean() < 0.3
+
+
 def test_streaks_are_cut_along_the_way_of_the_exposure() -> None:
     tracks = shot.tracks(TIMES)
     tracks.streak[10:, 0, 0] = 0.9 * 0.02
