@@ -103,7 +103,7 @@ def breaks_of(ball: int, samples: Samples, segments: list[Segment], radius: floa
         if found and t_best < found[-1].t + 0.1 * (late - early):
             t_best = found[-1].t + 0.1 * (late - early)
         apart = float(np.linalg.norm(one.at(t_best) - two.at(t_best)))
-        sure = min(_certain(segments[k]), _certain(segments[k + 1])) and not segments[k].static
+        sure = _certain(segments[k]) and _certain(segments[k + 1])
         jump = sure and apart > JUMP * radius + 5 * float(np.median(samples.sigma))
         whole = _part(samples, segments[k].first, segments[k + 1].last)
         gain = fit_span(whole, float(whole.t[0])).chi2 - one.chi2 - two.chi2
@@ -222,6 +222,7 @@ def tell(samples: list[Samples], segments: list[list[Segment]], table: Table, ki
             spans.append(_span(ball, seen, part))
         breaks += breaks_of(ball, seen, parts, table.ball_radius) if parts else []
     contacts: list[Contact] = []
+    unseen: dict[int, Break] = {}
     for cause in explain(breaks, table):
         members = [breaks[k] for k in cause.breaks]
         before = tuple(index[b.ball, b.left] for b in members)
@@ -236,8 +237,39 @@ def tell(samples: list[Samples], segments: list[list[Segment]], table: Table, ki
             spans[one] = _ending(spans[one], len(contacts))
             fresh = _span(b.ball, samples[b.ball], segments[b.ball][b.left + 1], t, b)
             spans[two] = Span(fresh.ball, fresh.static, len(contacts), spans[two].end, t, fresh.state)
+        if cause.kind == "strike" and members[0].jump:
+            unseen[len(contacts)] = members[0]
         contacts.append(contact)
-    return _with_strikes(Story(tuple(spans), tuple(contacts)), table, kinds)
+    story = _with_runs(Story(tuple(spans), tuple(contacts)), unseen)
+    return _with_strikes(story, table, kinds)
+
+
+def _with_runs(story: Story, unseen: dict[int, Break]) -> Story:
+    """Balls that rested, were lost, and came back elsewhere ran there meanwhile: struck, then stopped by something."""
+    spans, contacts = list(story.spans), list(story.contacts)
+    for number, gap in unseen.items():
+        strike = contacts[number]
+        rest, goal = strike.before[0], strike.after[0]
+        margin = 0.2 * (gap.late - gap.early)
+        start, stop = gap.early + margin, gap.late - margin
+        there = gap.right_curve.at(stop)
+        v = (there - spans[rest].state[:2]) / (stop - start)
+        run = Span(
+            gap.ball,
+            False,
+            number,
+            len(contacts),
+            start,
+            np.concatenate([spans[rest].state[:2], v, 0.1 * v, np.zeros(2)]),
+        )
+        arrived = spans[goal].state.copy()
+        arrived[:2] = there
+        arrived[2:4] = 0.0 if spans[goal].static else gap.right_curve.velocity(stop)
+        spans[goal] = Span(gap.ball, spans[goal].static, len(contacts), spans[goal].end, stop, arrived)
+        contacts[number] = Contact("strike", start, (rest,), (len(spans),), gain=strike.gain)
+        contacts.append(Contact("free", stop, (len(spans),), (goal,), gain=strike.gain))
+        spans.append(run)
+    return Story(tuple(spans), tuple(contacts))
 
 
 def _with_strikes(story: Story, table: Table, kinds: tuple[str, ...]) -> Story:

@@ -23,7 +23,7 @@ GAP_HORIZON = 0.25
 POCKET_REACH = 3.0
 """ball radii plus the way of two frames: a track that ends so near to a pocket has been potted."""
 REST_SPEED = 0.01
-"""m/s: slower, no eye sees a ball move (a fifth of a pixel per picture); real balls even roll back a little at the end."""
+"""m/s: slower, no eye sees a ball move (a fifth of a pixel per picture); real balls even roll back a little."""
 _LONGEST = 0.5
 """s: a rest less certain is no event."""
 _SHORTEST = 0.01
@@ -214,7 +214,8 @@ def _rest_sigma(solution: Solution, plan: Layout, k: int) -> float:
         slope[plan.globals + index] = change / (2 * step)
     if span.start is not None:
         slope[plan.contact + span.start] = 1.0
-    return float(np.sqrt(max(slope @ solution.covariance @ slope, 0.0)))
+    variance = float(slope @ solution.covariance @ slope)
+    return float(np.sqrt(max(variance, 0.0)))
 
 
 def _scaled(friction: Friction, index: int, by: float) -> Friction:

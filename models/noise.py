@@ -105,7 +105,7 @@ def _bursts(miss: _Misfit, scale: float) -> Floats:
 def _timing(miss: _Misfit, speed: float, scale: float) -> float:
     """What the faster half scatters along its way beyond `scale` times the sigmas, over its speed, s."""
     fast = miss.speed > speed
-    if fast.sum() < _ENOUGH:
+    if fast.sum() < _ENOUGH / 2:
         return 0.0
     fast &= miss.speed >= np.median(miss.speed[fast])
     spread = _MAD * float(np.median(np.abs(miss.along[fast]) / miss.speed[fast]))

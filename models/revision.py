@@ -20,6 +20,8 @@ OVERSHOOT = 0.2
 """ball radii: a path that goes so far into a cushion or a ball has met it."""
 TOUCHING = 0.5
 """ball radii: two balls may be so far from touching where one of them breaks, and have met."""
+NEAR_THE_END = 0.03
+"""s: a touch so shortly before a change of velocity is its cause."""
 SLOW = 0.03
 """m/s: below, nothing is worth a contact."""
 
@@ -154,13 +156,24 @@ def _vanished(solution: Solution, story: Story, data: Data, table: Table) -> Sto
 def _hit_away(solution: Solution, resting: int, met: tuple[int, float]) -> Story:
     """The resting ball leaves along the line of centres with what the other one brings."""
     story, (k, t) = solution.story, met
-    if min(t - story.begin(k), story.finish(k) - t) < 2e-3:
+    end = story.spans[k].end
+    ends_here = end is not None and story.contacts[end].kind == "free" and story.finish(k) - t < NEAR_THE_END
+    if ends_here:
+        t = story.finish(k)
+    elif min(t - story.begin(k), story.finish(k) - t) < 2e-3:
         return story
     moving = kinematics(story.spans[k].state[None], np.array([t - story.begin(k)]), solution.friction)[0]
     place = story.spans[resting].state
     line = place[:2] - moving[:2]
     line /= np.hypot(*line)
     given = 0.95 * max(float(moving[2:4] @ line), SLOW) * line
+    if ends_here and end is not None:
+        grown = story.split(
+            Contact("free", t, (resting,), ()), (np.concatenate([place[:2], given, given, np.zeros(2)]),)
+        )
+        one, two = grown.contacts[-1], grown.contacts[end]
+        hit = Contact("ball", t, (*one.before, *two.before), (*one.after, *two.after), gain=max(100.0, two.gain))
+        return _replaced(grown, end, len(grown.contacts) - 1, hit)
     states = (np.concatenate([place[:2], given, given, np.zeros(2)]), np.concatenate([moving, np.zeros(2)]))
     states[1][2:6] -= np.tile(given, 2)
     return story.split(Contact("ball", t, (resting, k), (), gain=100.0), states)
