@@ -185,4 +185,4 @@ def _write(columns: Columns, path: Path) -> None:
             arrays[name] = pa.array(values)
         else:
             arrays[name] = pa.array(list(values), type=pa.string())
-    csv.write_csv(pa.table(arrays), path, csv.WriteOptions(quoting_style="needed", quoting_header="none"))
+    csv.write_csv(pa.table(arrays), path, csv.WriteOptions(quoting_style="none", quoting_header="none"))

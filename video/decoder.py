@@ -61,9 +61,10 @@ def _picture_stream(container: Any, path: Path) -> Any:
     if not films:
         has = "sound but no pictures" if container.streams.audio else "no pictures"
         raise ClipError(f"{path.name} holds {has}; give a clip of the shot")
+    films = [s for s in films if s.codec_context is not None and s.codec_context.codec is not None]
+    if not films:
+        raise ClipError(f"{path.name} is cut off or coded in a way this decoder does not know; convert it to H.264")
     stream = max(films, key=lambda s: (s.width or 0) * (s.height or 0))
-    if stream.codec_context is None or stream.codec_context.codec is None:
-        raise ClipError(f"{path.name} is coded in a way this decoder does not know; convert it to H.264")
     stream.thread_type, stream.codec_context.thread_count = "AUTO", THREADS
     return stream
 
