@@ -232,11 +232,13 @@ def _fit(points: Floats) -> Floats:
 def intersections(lines: list[Floats]) -> Floats | None:
     """Corners (4, 2) of four lines in cyclic order: corner i lies on lines i - 1 and i; None if two are parallel."""
     corners = []
+    rows = [line.tolist() for line in lines]  # plain numbers: hundreds of combinations are tried
     for i in range(4):
-        point = np.cross(lines[i - 1], lines[i])
-        if abs(point[2]) < 1e-6:
+        (a, b, c), (d, e, f) = rows[i - 1], rows[i]
+        across = a * e - b * d
+        if abs(across) < 1e-6:
             return None
-        corners.append(point[:2] / point[2])
+        corners.append(((b * f - c * e) / across, (c * d - a * f) / across))
     return np.array(corners)
 
 

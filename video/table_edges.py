@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import product
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -27,6 +26,8 @@ POSITIONS = np.concatenate([np.linspace(0.09, 0.44, 70), np.linspace(0.56, 0.91,
 """(S,) places along a side, away from corner and middle pockets."""
 LEAST_STEP = 0.6
 """Least change across a nose in CIE Lab units per px."""
+FAINT = 1.5
+"""Lab units: a step of so many units per px may lie a pixel off; recompressed and resized clips moved faint lines so."""
 SYSTEMATIC = 0.4
 """px by which a sharp edge in the picture may differ from the nose: shading, blur, chroma subsampling."""
 
@@ -80,12 +81,13 @@ def _steepest_line(side: Side) -> Floats:
     count = side.gradient.shape[1]
     share = (POSITIONS - POSITIONS[0]) / (POSITIONS[-1] - POSITIONS[0])
     every = np.arange(0, len(POSITIONS), 4)
+    places = np.arange(0, count, 2)
     best, ends = -1.0, (0, 0)
-    for start, end in product(range(0, count, 2), repeat=2):
-        depth = np.rint(start + (end - start) * share[every]).astype(int)
-        step = float(np.linalg.norm(np.median(side.gradient[every, depth], axis=0)))
-        if step > best:
-            best, ends = step, (start, end)
+    for start in places:
+        depth = np.rint(start + (places[:, None] - start) * share[every]).astype(int)  # (ends, positions)
+        step = np.linalg.norm(np.median(side.gradient[every, depth], axis=1), axis=1)
+        if step.max() > best:
+            best, ends = float(step.max()), (int(start), int(places[int(np.argmax(step))]))
     depth = np.rint(ends[0] + (ends[1] - ends[0]) * share).astype(int)
     return line_through(side.pixels[0, depth[0]], side.pixels[-1, depth[-1]])
 
@@ -136,7 +138,12 @@ def fit_line(side: Side, depth: float, cushion: float) -> Line:
     floor = np.floor(place).astype(int)
     rest = (place - floor)[:, None]
     points = side.pixels[rows, floor] * (1 - rest) + side.pixels[rows, floor + 1] * rest
-    return robust_line(points[good] if good.sum() > 20 else points)
+    fitted = robust_line(points[good] if good.sum() > 20 else points)
+    # A faint step is easily the end of a shadow instead of the nose itself.
+    doubt = FAINT / float(np.linalg.norm(median))
+    offset = float(np.hypot(fitted.offset_sigma, doubt))
+    angle = float(np.hypot(fitted.angle_sigma, doubt / extent(side)))
+    return replace(fitted, offset_sigma=offset, angle_sigma=angle)
 
 
 def extent(side: Side) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from video.table_camera import best_view, eye_over, homography_between
-from video.table_cloth import intersections
+from video.table_cloth import intersections, line_through
 from video.table_edges import (
     DEPTHS,
     USUAL_CUSHION,
@@ -151,8 +151,8 @@ def _cushion_fit(depths: Floats, lean: Floats, sigmas: Floats) -> tuple[float, f
 
 def _shape_cost(sides: list[Side], depths: Floats, seen: NDArray[np.bool_], width_px: int, height_px: int) -> float:
     """Squared standard deviations by which the noses at these depths (4,) are no 2:1 rectangle in perspective."""
-    lines = [robust_line(side.pixels[::8, _index(depth)]) for side, depth in zip(sides, depths, strict=True)]
-    corners = intersections([fitted.line for fitted in lines])
+    places = [side.pixels[:, _index(depth)] for side, depth in zip(sides, depths, strict=True)]
+    corners = intersections([line_through(place[0], place[-1]) for place in places])
     if corners is None:
         return 1e6
     return best_view(corners, width_px, height_px, 2.0, 1.0 if seen.all() else 2.0).misfit
