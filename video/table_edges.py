@@ -27,7 +27,7 @@ POSITIONS = np.concatenate([np.linspace(0.09, 0.44, 70), np.linspace(0.56, 0.91,
 LEAST_STEP = 0.6
 """Least change across a nose in CIE Lab units per px."""
 FAINT = 1.5
-"""Lab units: a step of so many units per px may lie a pixel off; recompressed and resized clips moved faint lines so."""
+"""A step of so many Lab units per px may lie a pixel off: recompressing and resizing clips moved faint lines so."""
 SYSTEMATIC = 0.4
 """px by which a sharp edge in the picture may differ from the nose: shading, blur, chroma subsampling."""
 

@@ -279,7 +279,7 @@ def _name(
 
 def _height_note(camera: Camera, view: View) -> str:
     how = "from the perspective" if view.focal_sigma < 0.15 else "assumed, the perspective does not tell"
-    return f"camera {camera.height:.1f} +- {camera.height_sigma:.1f} m above the table ({how})"
+    return f"camera {camera.height:.2f} +- {camera.height_sigma:.2f} m above the table ({how})"
 
 
 def _lab(rgb: Floats) -> Floats:
