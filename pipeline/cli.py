@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import signal
 import sys
 import traceback
 from collections.abc import Callable
@@ -110,7 +111,8 @@ def _as_json(made: Run) -> dict[str, Any]:
     events = made.events
     names = ("kind", "t", "t_sigma", "a", "b", "probability")
     rows = [{name: getattr(events, name)[k] for name in names} for k in range(len(events))]
-    return {"folder": str(made.folder), "trust": asdict(made.trust), "events": rows}
+    trust = {"light": made.trust.light, "why": list(made.trust.reasons)}
+    return {"folder": str(made.folder), "trust": trust, "events": rows}
 
 
 def _tell(made: Run) -> None:
@@ -261,6 +263,7 @@ for _name, _command in (("run", run), ("batch", batch), ("graph", graph)):
 def main() -> NoReturn:
     """The program: 0 all went well, 1 some of it failed, 2 wrong usage, 130 interrupted."""
     debug = "--debug" in sys.argv
+    signal.signal(signal.SIGTERM, _leave)
     try:
         status = app(sys.argv[1:] or ["--help"], standalone_mode=False) or 0
         sys.stdout.flush()
@@ -271,6 +274,11 @@ def main() -> NoReturn:
     if status == INTERRUPTED:
         print("trueroll: interrupted; nothing half-written is left", file=sys.stderr)
     sys.exit(status)
+
+
+def _leave(number: int, frame: object) -> NoReturn:
+    """Asked to stop: leave by way of every clean-up."""
+    sys.exit(128 + number)
 
 
 def _fail(error: Exception, debug: bool) -> int:

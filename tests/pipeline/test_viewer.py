@@ -1,0 +1,53 @@
+"""The viewer is started on the recording, alone and without analytics."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+from terminal import Terminal, terminal
+
+from models.errors import OptionError
+from pipeline.viewer import show_recording
+
+trueroll = pytest.fixture(terminal)
+
+FAKE = """#!/bin/sh
+printf '%s\\n' "$RERUN_ANALYTICS" "$@" > "$(dirname "$0")/told"
+exit 3
+"""
+
+
+@pytest.fixture
+def told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where a stand-in for the viewer writes what it was told."""
+    (tmp_path / "rerun").write_text(FAKE)
+    (tmp_path / "rerun").chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    monkeypatch.setenv("RERUN_ANALYTICS", "1")
+    return tmp_path / "told"
+
+
+def test_the_viewer_shows_the_recording_without_analytics_and_its_status_is_ours(told: Path) -> None:
+    assert show_recording(Path("shot.rrd"), web=False) == 3
+    assert told.read_text().split() == ["0", "shot.rrd"]
+    assert os.environ["RERUN_ANALYTICS"] == "1"
+
+
+def test_in_the_browser_only_this_machine_is_served(told: Path) -> None:
+    show_recording(Path("shot.rrd"), web=True)
+    assert told.read_text().split() == ["0", "shot.rrd", "--web-viewer", "--bind", "127.0.0.1"]
+
+
+def test_a_folder_of_a_run_is_viewed_by_its_recording(told: Path, trueroll: Terminal, tmp_path: Path) -> None:
+    (tmp_path / "recording.rrd").touch()
+    assert trueroll("view", tmp_path, "--web").status == 3
+    assert told.read_text().split()[1] == str(tmp_path / "recording.rrd")
+
+
+def test_a_missing_viewer_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    with pytest.raises(OptionError, match="pip install rerun-sdk"):
+        show_recording(Path("shot.rrd"), web=False)
