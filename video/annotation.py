@@ -42,7 +42,7 @@ MOST_COVERED, FADE_STEP = 0.4, 0.1
 """Share of a label over other things from which it fades; change of opacity per picture."""
 LEAST_PROBABILITY = 0.5
 """Events below are not drawn."""
-MOST_SIGMA = 0.1
+MOST_SIGMA = 0.05
 """s; an event whose time is less sure is not drawn: it would flash at a wrong moment."""
 BEYOND_RADII = 3.0
 """How far outside the noses, in ball radii, a path is still drawn: pockets, but no run-away fit."""
@@ -52,7 +52,7 @@ INSET_SHARE = 0.23
 """Longer side of the plan, share of the picture's width."""
 COST_STEP = 8
 """px of the picture per cell of the map of what a panel would hide."""
-TABLE_COST, PATH_COST, DETAIL_COST = 1.0, 6.0, 1.5
+TABLE_COST, POCKET_COST, PATH_COST, DETAIL_COST = 1.0, 2.0, 20.0, 1.5
 STRENGTHS = {"ball": 1.0, "strike": 0.75, "cushion": 0.65, "pocket": 0.8}
 NORMALS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
 TRUST_WORDS: dict[Light, str] = {"green": "fit trusted", "amber": "fit with care", "red": "fit not trusted"}
@@ -346,10 +346,10 @@ def _cost(sightings: Sightings, paths: Sequence[Path], first: Picture) -> Floats
     used: Picture = np.zeros((height, width), dtype=np.uint8)
     start = float(sightings.t[0])
     balls = sightings.centre[[0, -1]].reshape(-1, 2)
-    scene = sightings.scene
-    for x, y in sightings.project(scene.table.pocket_centres, start) / COST_STEP:
-        cv2.circle(used, (round(x), round(y)), 5, 1, -1)
+    pockets: Picture = np.zeros((height, width), dtype=np.uint8)
+    for x, y in sightings.project(sightings.scene.table.pocket_centres, start) / COST_STEP:
+        cv2.circle(pockets, (round(x), round(y)), 5, 1, -1)
     for places in (*(sightings.project(path.xy, start) for path in paths), balls):
         for x, y in places[np.isfinite(places[:, 0])] / COST_STEP:
             cv2.circle(used, (round(x), round(y)), 3, 1, -1)
-    return np.asarray(detail + table * TABLE_COST + used * PATH_COST, dtype=np.float64)
+    return np.asarray(detail + table * TABLE_COST + pockets * POCKET_COST + used * PATH_COST, dtype=np.float64)

@@ -21,7 +21,7 @@ WAY_COST, STAY_COST, FAR_COST, RANK_COST = 0.5, 0.5, 0.15, 0.02
 that is covered wholly costs 2, one that is outside the picture 8."""
 PANEL_PLACES = ((0, 1), (1, 1), (0, 0), (1, 0), (0.5, 1), (0.5, 0), (0, 0.5), (1, 0.5))
 """Shares of the way from left to right and from top to bottom."""
-MIDDLE_COST = 0.1
+MIDDLE_COST = 0.2
 """Of a panel that stands in no corner, in the unit of the map."""
 PANEL_MARGIN = 0.022
 """Between panels and the border of the picture, share of its height."""

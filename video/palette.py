@@ -27,6 +27,10 @@ KIND_COLOURS: dict[str, Colour] = {
 
 LEAST_CHROMA = 45.0
 """C* to which a seen colour is raised, so that trails of dull pictures can be told apart."""
+LUMA = np.array([0.299, 0.587, 0.114])
+"""Shares of red, green and blue in brightness (ITU-R BT.601)."""
+BRIGHT = 150.0
+"""Levels of 255 from which ground is bright."""
 LEAST_CONTRAST = 60.0
 """Levels of 255 of brightness by which a trail must differ from the cloth."""
 GREY_CHROMA = 10.0
@@ -55,10 +59,11 @@ def ball_colour(kind: str, lab: Floats) -> Colour:
 
 
 def apart_from(colour: Colour, ground: Colour) -> Colour:
-    """`colour`, or ink where it could not be told from `ground`: around a white core that is seen on any cloth."""
-    weights = np.array([0.3, 0.59, 0.11])
+    """`colour`, or, where it could not be told from `ground`, a lighter one of its kind, on bright ground a darker."""
     distance = np.abs(np.array(colour, dtype=np.float64) - ground)
-    return INK if float(distance @ weights) < LEAST_CONTRAST and distance.max() < 2 * LEAST_CONTRAST else colour
+    if float(distance @ LUMA) >= LEAST_CONTRAST or distance.max() >= 2 * LEAST_CONTRAST:
+        return colour
+    return mix(colour, INK, 0.6) if float(np.array(ground) @ LUMA) > BRIGHT else mix(colour, WHITE, 0.45)
 
 
 def mix(first: Colour, second: Colour, share: float) -> Colour:

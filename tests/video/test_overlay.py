@@ -9,7 +9,7 @@ from models.scene import Camera, Scene
 from video.inset import plan_of
 from video.layout import Side, overlap, place_label, place_panel
 from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_ring, draw_trail, error_text
-from video.palette import KIND_COLOURS, ball_colour, lab_to_rgb
+from video.palette import KIND_COLOURS, apart_from, ball_colour, lab_to_rgb
 from video.text import lay, lay_sparse, text_mask, write
 
 Picture = NDArray[np.uint8]
@@ -129,6 +129,10 @@ def test_colours_follow_names_and_keep_apart_in_dull_pictures() -> None:
     assert ball_colour("red", np.array([40.0, 5.0, 5.0])) == KIND_COLOURS["red"]
     dull = ball_colour("solid", np.array([45.0, 15.0, -20.0]))
     assert max(dull) - min(dull) > 60
+    for colour, ground in (((232, 48, 48), (170, 40, 70)), ((246, 244, 232), (190, 190, 180))):
+        drawn = apart_from(colour, ground)
+        assert np.abs(np.array(drawn) - ground).max() > 1.4 * np.abs(np.array(colour) - ground).max()
+    assert apart_from((255, 206, 40), (40, 100, 230)) == (255, 206, 40)
     assert lab_to_rgb(np.array([100.0, 0.0, 0.0])) == (255, 255, 255)
 
 
