@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from detectors.candidates import candidate_centres
 from detectors.cloth import Cloth, Floats32, disc_kernel, learn_cloth, size
 from detectors.colour import PLACES, ball_colours
-from detectors.refine import DIRECTIONS, Circles, fit_circles, second_chances
+from detectors.refine import DIRECTIONS, Circles, fit_circles, second_chances, softened
 from detectors.streaks import Streaks, find_streaks, refine_streaks
 from detectors.view import View, view_of
 from models.detections import Detections
@@ -109,10 +109,11 @@ class BallFinder:
         """Sharp balls near guesses (n, 2), working px."""
         guessed = self.view.to_picture(guesses)
         expected = self.view.predicted_radius(guessed)
-        circles = fit_circles(rgb, _moved(self.view.scene, guessed, frame), expected, self.cloth.basis)
+        soft = softened(rgb)
+        circles = fit_circles(rgb, soft, _moved(self.view.scene, guessed, frame), expected, self.cloth.basis)
         intruders = self._intruders(self._balls(circles, scan.foreground, frame), scan, frame)
         free = ~_at(intruders, guesses)
-        again = second_chances(rgb, circles.take(free), expected[free], self.cloth.basis)
+        again = second_chances(rgb, soft, circles.take(free), expected[free], self.cloth.basis)
         found = _chained(
             self._balls(again, scan.foreground, frame), self._balls(circles.take(~free), scan.foreground, frame)
         )

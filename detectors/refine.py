@@ -24,9 +24,9 @@ STEPS = 32
 """Samples along a ray."""
 NEAREST, FARTHEST = 0.5, 1.5
 """Reach of a ray, ball radii."""
-PRIOR_RADII = (0.2, 0.14, 0.1)
+PRIOR_RADII = (0.2, 0.12, 0.07)
 """How far from the circle an edge is still looked for, one standard deviation, ball radii, round by round."""
-SATURATION = 25.0
+SATURATION = 10.0
 """Gradient above which a stronger one is no better: the rim of a stripe must not beat the rim of the ball."""
 RADIUS_RADII = 0.05
 """How far the seen radius may be from the predicted one: error of the calibration, blooming; one standard deviation."""
@@ -34,9 +34,11 @@ LEAST_GRADIENT = 9.0
 """Grey levels over a sixth of a radius: weaker changes are no edge."""
 TIGHT_RADII, TIGHT_PX = 0.07, 0.6
 """An edge supports a circle when it is within this of it."""
-FLOOR_PX = 0.06
+LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+"""Brightness of RGB (ITU-R BT.601)."""
+FLOOR_PX = 0.2
 """Error that no edge shows: shading, coding; px, one standard deviation."""
-ERROR_FACTOR = 1.0
+ERROR_FACTOR = 1.2
 """Measured over the formal error, on drawn balls with known centres."""
 
 DOUBTFUL = (0.35, 0.8)
@@ -69,11 +71,11 @@ class Circles:
         return Circles(*(getattr(self, name)[rows] for name in self.__slots__))
 
 
-def fit_circles(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats) -> Circles:
-    """Circles near guesses: centres (K, 2) px, expected radii (K,) px, in a picture (H, W, 3)."""
+def fit_circles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, basis: Floats) -> Circles:
+    """Circles near guesses: centres (K, 2) px, expected radii (K,) px, in a picture (H, W, 3) and `softened`."""
     place, seen = centre.astype(np.float64), radius.astype(np.float64)
     for turn, prior in enumerate(PRIOR_RADII):
-        edge, strength = _edges(rgb, place, radius, seen / radius, prior, basis)
+        edge, strength = _edges(rgb, soft, place, radius, seen / radius, prior, basis)
         # The first look starts a pixel or two off; later ones trust the circle more.
         step, dr, weights, residual = _fit(edge, strength, radius, loose=0.3 if turn == 0 else 0.15)
         place = place + step
@@ -81,14 +83,14 @@ def fit_circles(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats) -> Ci
     return _measured(place, seen, radius, weights, residual, strength)
 
 
-def second_chances(rgb: Bytes, circles: Circles, expected: Floats, basis: Floats) -> Circles:
+def second_chances(rgb: Bytes, soft: Bytes, circles: Circles, expected: Floats, basis: Floats) -> Circles:
     """Try circles with doubtful support again from places around them: a stripe or a number is a strong false start."""
     doubtful = np.flatnonzero((circles.support > DOUBTFUL[0]) & (circles.support < DOUBTFUL[1]))
     if not len(doubtful):
         return circles
     around = RESTART_RADII * DIRECTIONS[:: RAYS // RESTARTS]
     starts = circles.centre[doubtful, None] + expected[doubtful, None, None] * around
-    again = fit_circles(rgb, starts.reshape(-1, 2), np.repeat(expected[doubtful], RESTARTS), basis)
+    again = fit_circles(rgb, soft, starts.reshape(-1, 2), np.repeat(expected[doubtful], RESTARTS), basis)
     near = np.linalg.norm(again.centre - np.repeat(circles.centre[doubtful], RESTARTS, axis=0), axis=1)
     worth = np.where(near < np.repeat(expected[doubtful], RESTARTS), again.support, 0.0).reshape(-1, RESTARTS)
     best = np.argmax(worth, axis=1)
@@ -101,10 +103,10 @@ def second_chances(rgb: Bytes, circles: Circles, expected: Floats, basis: Floats
 
 
 def _edges(
-    rgb: Bytes, centre: Floats, radius: Floats, likely: Floats, prior: float, basis: Floats
+    rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, likely: Floats, prior: float, basis: Floats
 ) -> tuple[Floats, Floats]:
     """Edge on every ray: distance (K, A) px from the centre, gradient (K, A)."""
-    profile = ray_profiles(rgb, centre, radius, basis)
+    profile = ray_profiles(rgb, soft, centre, radius, basis)
     half = 2
     change = profile[:, :, 2 * half :] - profile[:, :, : -2 * half]
     gradient = np.sqrt(np.einsum("kasc,kasc->kas", change, change))
@@ -119,15 +121,32 @@ def _edges(
     return place * radius[:, None], np.take_along_axis(gradient, best[..., None], 2)[..., 0]
 
 
-def ray_profiles(rgb: Bytes, centre: Floats, radius: Floats, basis: Floats) -> NDArray[np.float32]:
+def ray_profiles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, basis: Floats) -> NDArray[np.float32]:
     """Colours (K, A, S, 3) along the rays, in the cloth's basis with brightness weighed down."""
     k = len(centre)
     offsets = DIRECTIONS[:, None] * DISTANCES[None, :, None]
     at = centre[:, None, None] + radius[:, None, None, None] * offsets[None]
     flat = at.reshape(k * RAYS, STEPS, 2).astype(np.float32)
-    colours = cv2.remap(rgb, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    colours = _colours_at(rgb, soft, flat)
     weighed = (basis * np.array([[1.0], [1.0], [SHADOW_WEIGHT]])).astype(np.float32)
-    return np.asarray(colours.reshape(k, RAYS, STEPS, 3).astype(np.float32) @ weighed.T, dtype=np.float32)
+    return np.asarray(colours.reshape(k, RAYS, STEPS, 3) @ weighed.T, dtype=np.float32)
+
+
+def _colours_at(rgb: Bytes, soft: Bytes, at: NDArray[np.float32]) -> NDArray[np.float32]:
+    """RGB (n, m, 3) at px (n, m, 2): the colour of the surroundings with the brightness of the place itself."""
+    sharp = cv2.remap(rgb, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    around = cv2.remap(soft, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    lighter = sharp.astype(np.float32) @ LUMA - around.astype(np.float32) @ LUMA
+    return np.asarray(around + lighter[..., None], dtype=np.float32)
+
+
+def softened(rgb: Bytes) -> Bytes:
+    """The picture (H, W, 3) averaged over 3 x 3 pixels, where colours are read.
+
+    Clips hold colour at half the resolution (4:2:0) and decoders repeat it: its edges stand on even pixels only, and a
+    red ball on blue cloth, which are equally bright, would be seen up to a pixel off.
+    """
+    return np.asarray(cv2.blur(rgb, (3, 3)), dtype=np.uint8)
 
 
 def _fit(edge: Floats, strength: Floats, radius: Floats, loose: float) -> tuple[Floats, Floats, Floats, Floats]:

@@ -19,6 +19,8 @@ FAINT_SHARE = 0.25
 """Share of a blob's own contrast below which a pixel is not part of it."""
 END_SHARE = 0.25
 """Height at which the ends of a streak are read: a ball leaves little light there."""
+MOST_LOPSIDED = 0.3
+"""Difference of a streak's halves, over its mean, above which it is none."""
 LEAST_STRETCH = 0.5
 """Streak over radius from which a blob counts as one; shorter ones are measured as discs."""
 LONGEST_RADII = 26.0
@@ -79,7 +81,8 @@ def _stacked(found: list[tuple[Floats, Floats, float, float]]) -> Streaks:
 
 def refine_streaks(rgb: Bytes, rough: Streaks, basis: Floats) -> Streaks:
     """Middles and lengths in the whole picture, px: the two sides and the two ends, each at half its height."""
-    return _stacked([_refined(rgb, *one, basis) for one in zip(*_columns(rough), strict=True)])
+    fine = [_refined(rgb, *one, basis) for one in zip(*_columns(rough), strict=True)]
+    return _stacked([one for one in fine if one is not None])
 
 
 def _columns(streaks: Streaks) -> tuple[Floats, Floats, Floats, Floats]:
@@ -88,7 +91,8 @@ def _columns(streaks: Streaks) -> tuple[Floats, Floats, Floats, Floats]:
 
 def _refined(
     rgb: Bytes, centre: Floats, vector: Floats, radius: float, fill: float, basis: Floats
-) -> tuple[Floats, Floats, float, float]:
+) -> tuple[Floats, Floats, float, float] | None:
+    """One streak in the whole picture; None where it is not the same from both ends, as a ball with its shadow."""
     length = float(np.linalg.norm(vector))
     along = vector / length
     across = np.array([-along[1], along[0]])
@@ -99,6 +103,9 @@ def _refined(
     ends = _crossings(share[:, np.abs(v) < 0.4 * radius].mean(axis=1), u, END_SHARE)
     if side is None or ends is None:
         return centre, vector, radius, fill
+    core = share[:, np.abs(v) < 0.4 * radius].mean(axis=1)
+    if _lopsided(core, u, sum(ends) / 2, length / 2 + radius) > MOST_LOPSIDED:
+        return None
     # The ramp of an end is as long as the shorter of streak and ball; half a level of it is cut off.
     seen = ends[1] - ends[0]
     exposed = max(seen - 2 * radius + 2 * END_SHARE * min(length, 2 * radius), 0.0)
@@ -106,6 +113,13 @@ def _refined(
     if np.linalg.norm(moved - centre) > 0.8 * radius or abs(exposed - length) > radius:
         return centre, vector, radius, fill
     return moved, along * exposed, radius, fill
+
+
+def _lopsided(profile: Floats, at: Floats, middle: float, reach: float) -> float:
+    """Mean difference of both halves of a profile (n,) about its middle, over its mean."""
+    offsets = np.arange(0.0, reach, 0.5)
+    before, after = np.interp(middle - offsets, at, profile), np.interp(middle + offsets, at, profile)
+    return float(np.abs(before - after).mean() / max(float((before + after).mean()) / 2, 1e-9))
 
 
 def _share(rgb: Bytes, at: Floats, u: Floats, v: Floats, length: float, radius: float, basis: Floats) -> Floats:
