@@ -53,6 +53,10 @@ STILL = 3
 """Sightings that a ball counts at birth where the next pictures show it at rest."""
 FREE, MET, BUMPED, STRUCK, OFF = range(5)
 """A ball went on freely, through foreseen contacts, through unforeseen ones, was struck, or was badly measured."""
+LATE_CONTACT = 0.3
+"""Share of a foreseen velocity change by which the velocity is in doubt where the change was not seen."""
+PULL = 10.0
+"""Most that it may cost to be moved against the push of the only ball near."""
 BRANCH_LIMIT = 14.0
 """How much dearer than the best an assignment may be to be followed."""
 _IMPOSSIBLE = 1e6
@@ -95,6 +99,8 @@ class Bid:
     """(N,)"""
     mode: Ints
     """(N, K) what explains it best: `FREE`, ... `OFF`."""
+    pace: Floats
+    """(N,) m/s, speeds at play near each ball."""
     foresight: Foresight
     p_free: Floats
     p_contact: Floats
@@ -166,7 +172,7 @@ def _bid(reading: Reading, sightings: Sightings, now: Ints, dt: float, table: Ta
     # a velocity that is off by `doubt` since the contact puts the ball off by as much times `since`
     since = foresight.since
     p_contact = p_free + np.stack([doubt**2 * (since**2 + (TIMING * dt) ** 2), doubt**2 * since, doubt**2], axis=1)
-    near, pace = _opportunity(reading, foresight, dt, table)
+    near, pace, push_from = _opportunity(reading, foresight, dt, table)
 
     z, s = sightings.xy[now], sightings.sigma[now]
     extra = sightings.sigma_along[now] ** 2 - s**2
@@ -174,13 +180,18 @@ def _bid(reading: Reading, sightings: Sightings, now: Ints, dt: float, table: Ta
     met = foresight.contacts > 0
     bump = np.where(near, UNFORESEEN_NEAR, UNFORESEEN)
     half = xy + v * dt / 2
+    # balls push and never pull: what departs against the only possible push has not been pushed
+    against = -((z[None] - foresight.free[:, None]) * push_from[:, None]).sum(axis=2) / (s[None] + 0.002)
+    pull = np.minimum(np.maximum(against, 0.0) ** 2 / 2, PULL)
     wild = (OUTLIER_RADII * table.ball_radius) ** 2
     density = np.stack(
         [
             _log_normal(z, foresight.free, p_free[:, 0], s, extra, along)
             + np.log(np.where(met, 0.2, 0.95 - bump))[:, None],
             _log_normal(z, foresight.xy, p_contact[:, 0], s, extra, along) + np.log(np.where(met, 0.75, 1e-9))[:, None],
-            _log_normal(z, half, p[:, 0] + (0.6 * pace * dt + 0.002) ** 2, s, extra, along) + np.log(bump)[:, None],
+            _log_normal(z, half, p[:, 0] + (0.6 * pace * dt + 0.002) ** 2, s, extra, along)
+            + np.log(bump)[:, None]
+            - pull,
             _log_far(z, half, (STRIKE_SPEED * dt / 2) ** 2)
             + np.log(np.where(reading.seen == 1, STRIKE_NEW, STRIKE))[:, None],
             _log_normal(z, foresight.free, p_free[:, 0] + wild, s, extra, along) + np.log(OUTLIER),
@@ -190,7 +201,7 @@ def _bid(reading: Reading, sightings: Sightings, now: Ints, dt: float, table: Ta
     tint = ((sightings.colour[now][None] - reading.colour[:, None]) ** 2).sum(axis=2) / reading.spread[:, None] ** 2
     seen = _detection_chance(reading, foresight, table)
     cost = -density.max(axis=0) - np.log(seen)[:, None] + np.log(CLUTTER) + np.minimum(tint / 2, COLOUR_LIMIT)
-    return Bid(cost, -np.log(1 - seen), mode, foresight, p_free, p_contact)
+    return Bid(cost, -np.log(1 - seen), mode, pace, foresight, p_free, p_contact)
 
 
 def _propagate(p: Floats, dt: float, push: Floats) -> Floats:
@@ -206,8 +217,11 @@ def _contact_doubt(foresight: Foresight, p: Floats, radius: float) -> Floats:
     return doubt
 
 
-def _opportunity(reading: Reading, foresight: Foresight, dt: float, table: Table) -> tuple[NDArray[np.bool_], Floats]:
-    """Which balls (N,) come near something that may change their velocity, and the speeds (N,) at play there, m/s."""
+def _opportunity(
+    reading: Reading, foresight: Foresight, dt: float, table: Table
+) -> tuple[NDArray[np.bool_], Floats, Floats]:
+    """Which balls (N,) come near something that may change their velocity, the speeds (N,) at play there, m/s, and
+    the unit vectors (N, 2) from the one ball that could push them; 0 where that may be several, or a cushion."""
     r = table.ball_radius
     a, b = reading.xy, foresight.free
     speed = np.hypot(*(b - a).T) / max(dt, 1e-9)
@@ -222,7 +236,9 @@ def _opportunity(reading: Reading, foresight: Foresight, dt: float, table: Table
     np.fill_diagonal(close, False)
     pace = np.maximum(speed, np.where(close, speed[None], 0.0).max(axis=1, initial=0.0))
     near = (rail & (speed > 0.02)) | (close.any(axis=1) & (pace > 0.02))
-    return near, pace
+    other = np.argmax(close, axis=1) if len(a) else np.empty(0, np.int64)
+    push_from = np.where(((close.sum(axis=1) == 1) & ~rail)[:, None], _unit(a - a[other]), 0.0)
+    return near, pace, push_from
 
 
 def _unit(vectors: Floats) -> Floats:
@@ -326,11 +342,13 @@ def _update(
     xy = np.where(contact[:, None], bid.foresight.xy, bid.foresight.free)
     v = np.where(contact[:, None], bid.foresight.v, bid.foresight.free_v)
     p = np.where(contact[:, None], bid.p_contact, bid.p_free)
+    # seen as if a foreseen contact had not happened: it may only have come late, so the velocity stays in doubt
+    p[:, 2] += np.where(mode == FREE, (LATE_CONTACT * bid.foresight.kick) ** 2, 0.0)
     colour, spread = reading.colour.copy(), reading.spread.copy()
     for i in np.flatnonzero(hit):
         d = now[chosen[i]]
         xy[i], v[i], p[i] = _correct(
-            reading.xy[i], xy[i], v[i], p[i], int(mode[i]), sightings, int(d), dt, table.ball_radius
+            reading.xy[i], xy[i], v[i], p[i], int(mode[i]), sightings, int(d), dt, table.ball_radius, float(bid.pace[i])
         )
         share = max(1 / (reading.seen[i] + 1), 0.05)
         colour[i] += share * (sightings.colour[d] - colour[i])
@@ -356,13 +374,22 @@ def _update(
 
 
 def _correct(
-    start: Floats, xy: Floats, v: Floats, p: Floats, mode: int, sightings: Sightings, d: int, dt: float, radius: float
+    start: Floats,
+    xy: Floats,
+    v: Floats,
+    p: Floats,
+    mode: int,
+    sightings: Sightings,
+    d: int,
+    dt: float,
+    radius: float,
+    around: float,
 ) -> tuple[Floats, Floats, Floats]:
-    """Place, velocity and variances of one ball after detection d."""
+    """Place, velocity and variances of one ball after detection d; `around` is the speed at play near it, m/s."""
     z, r2 = sightings.xy[d], sightings.sigma[d] ** 2 + (mode == OFF) * (OUTLIER_RADII * radius) ** 2
     if mode in (BUMPED, STRUCK):
         pace = (z - start) / dt  # if it happened at the beginning of the interval; on average in its middle
-        doubt = 0.7 * float(np.hypot(*pace)) + 0.2
+        doubt = 0.7 * float(np.hypot(*pace)) + 0.2 + (mode == BUMPED) * 0.4 * around
         return z.copy(), 1.3 * pace, np.array([r2, 0.0, doubt**2])
     u = _unit(sightings.streak[d : d + 1])[0]
     innovation = z - xy

@@ -1,14 +1,10 @@
-"""Shots of a foreign world, and how a camera above would detect them: truth for association."""
+"""Shots of a world of small fixed steps, and how a camera above would detect them: truth for association."""
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
-from types import ModuleType
 
+import fixed_step_table
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,20 +14,11 @@ from models.tracks import Tracks
 
 Floats = NDArray[np.float64]
 
-WORLD = Path(__file__).resolve().parents[2] / "worlds" / "billiards.py"
 R = 0.028575
 POOL = Table("pool-9ft", "pool", 2.54, 1.27, R, 0.17, pockets=True)
 HZ = 1000
 EXPOSURE = 0.3
 """of the picture interval"""
-EFFECTS = {
-    "sliding_friction": {"mu": 0.2},
-    "rolling_resistance": {"mu": 0.01},
-    "spin_decay": {"rate": 10.0},
-    "cushion_restitution": {"e": 0.8},
-    "cushion_friction": {"mu": 0.15},
-    "ball_restitution": {"e": 0.95},
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,26 +47,21 @@ def overhead(table: Table = POOL, px_per_m: float = 400.0, height: float = 4.0) 
 
 
 def play(cue: Floats, velocity: Floats, others: Floats, seconds: float, table: Table = POOL) -> Floats:
-    """Samples (S, N, 12) at `HZ` of a shot, the cue ball first."""
-    balls = [{"id": "cue", "x": cue[0], "y": cue[1], "vx": velocity[0], "vy": velocity[1], "radius": R}]
-    balls += [{"id": f"b{i}", "x": x, "y": y, "radius": R} for i, (x, y) in enumerate(others)]
-    shot = {
-        "table": {"length": table.length, "width": table.width, "pockets": table.pockets},
-        "seconds": seconds, "hz": HZ, "effects": EFFECTS, "laws": {"cushion": "mathavan_2010"}, "balls": balls,
-    }  # fmt: skip
-    samples: Floats = _world().play(shot)[0]
-    return samples
-
-
-@cache
-def _world() -> ModuleType:
-    """The foreign world, compiled once."""
-    spec = importlib.util.spec_from_file_location("foreign_billiards", WORLD)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    """Samples (S, N, 5) at `HZ` of x, y, vx, vy and whether the ball is on the table, the cue ball first."""
+    x = np.concatenate([cue[None], others])
+    v = np.zeros_like(x)
+    v[0] = velocity
+    pocket = 0.055 if table.pockets else 0.0
+    _, path, _ = fixed_step_table.play(
+        x, v, np.zeros((len(x), 3)), seconds=seconds, fps=HZ, radius=R, length=table.length, width=table.width,
+        law=fixed_step_table.GRIPPING, pocket=pocket,
+    )  # fmt: skip
+    moved = np.diff(path, axis=0, append=path[-1:]) * HZ
+    moved[np.abs(moved) > 20] = 0.0  # a ball that left is put aside
+    gone = np.hypot(*np.moveaxis(path[:, :, None] - table.pocket_centres, 3, 0)).min(axis=2, initial=np.inf) < pocket
+    gone |= ~np.isfinite(path).all(axis=2)
+    on_table = ~np.logical_or.accumulate(gone, axis=0)
+    return np.concatenate([path, moved, on_table[..., None]], axis=2)
 
 
 def break_shot(
@@ -116,12 +98,12 @@ def observe(
         int
     )
     seen = np.concatenate([np.repeat(samples[:1], still, axis=0), samples[step]])
-    seen[:still, :, 3:5] = 0.0
+    seen[:still, :, 2:4] = 0.0
     px = scene.camera.to_pixels(seen[..., :2], R)
-    way = scene.camera.to_pixels(seen[..., :2] + seen[..., 3:5] * EXPOSURE / fps, R) - px
+    way = scene.camera.to_pixels(seen[..., :2] + seen[..., 2:4] * EXPOSURE / fps, R) - px
     colours = np.tile([60.0, 0.0, 10.0], (px.shape[1], 1)) if colours is None else colours
     rows = []
-    for k, i in np.argwhere((seen[..., 2] > R / 2) & (rng.random(px.shape[:2]) > miss)):
+    for k, i in np.argwhere((seen[..., 4] > 0) & (rng.random(px.shape[:2]) > miss)):
         length = float(np.hypot(*way[k, i]))
         streak = way[k, i] * rng.choice([-1, 1]) if length > 3 else np.zeros(2)
         along = noise + 0.1 * np.hypot(*streak)
@@ -146,7 +128,7 @@ def owners(tracks: Tracks, px: Floats) -> NDArray[np.int64]:
     """Which true ball (T, N tracks) each sighting of a track is: -1 not seen, -2 no ball within 8 px."""
     result = np.full(tracks.observed.shape, -1)
     for k, j in np.argwhere(tracks.observed):
-        gap = np.hypot(*(px[k] - tracks.px[k, j]).T)
+        gap = np.nan_to_num(np.hypot(*(px[k] - tracks.px[k, j]).T), nan=np.inf)
         result[k, j] = int(np.argmin(gap)) if gap.min() < 8 else -2
     return result
 
