@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from models.fit import Fit, Light
 from models.tracks import Tracks
-from video.inbetween import Sightings
 from video.inset import Inset, plan_of
 from video.layout import Rect, Side, covered_share, place_label, place_panel
-from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, error_text, unit
-from video.palette import FLASH, Colour, apart_from, ball_colour, lab_to_rgb
+from video.motion_marks import Mark, Path, marks_of, path_of
+from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, unit
+from video.palette import Colour, apart_from, ball_colour, lab_to_rgb
+from video.sightings import Sightings
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -26,12 +27,6 @@ FLASH_SECONDS = 0.15
 """s of the shot that a contact flashes."""
 READING_SECONDS = 2.0
 """s of the finished video that the time of a contact stays to be read."""
-PATH_STEP = 1 / 240
-"""s between points of a path."""
-LEAST_SPEED = 2e-3
-"""m/s below which a ball counts as resting."""
-POINTS_APART = 6.0
-"""px between drawn points of a path."""
 PLAN_STEP = 3
 """Points of a path per point of the plan, which is small."""
 MOST_LABELS, MOST_TIMES = 6, 3
@@ -40,21 +35,11 @@ TURN_SHARE = 0.12
 """Share of its way round the ball that a label goes per picture: it glides, it does not jump."""
 MOST_COVERED, FADE_STEP = 0.4, 0.1
 """Share of a label over other things from which it fades; change of opacity per picture."""
-LEAST_PROBABILITY = 0.5
-"""Events below are not drawn."""
-MOST_SIGMA = 0.05
-"""s; an event whose time is less sure is not drawn: it would flash at a wrong moment."""
-BEYOND_RADII = 3.0
-"""How far outside the noses, in ball radii, a path is still drawn: pockets, but no run-away fit."""
-SURE = 0.9
-"""Probability from which an event is drawn without naming it."""
 INSET_SHARE = 0.23
 """Longer side of the plan, share of the picture's width."""
 COST_STEP = 8
 """px of the picture per cell of the map of what a panel would hide."""
 TABLE_COST, POCKET_COST, PATH_COST, DETAIL_COST = 1.0, 2.0, 20.0, 1.5
-STRENGTHS = {"ball": 1.0, "strike": 0.75, "cushion": 0.65, "pocket": 0.8}
-NORMALS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
 TRUST_WORDS: dict[Light, str] = {"green": "fit trusted", "amber": "fit with care", "red": "fit not trusted"}
 
 
@@ -76,34 +61,6 @@ class RenderOptions:
 
 EIGHTFOLD = RenderOptions()
 """The usual slow motion."""
-
-
-@dataclass(frozen=True, slots=True)
-class Path:
-    """Where one ball moved: n points in order of time; empty for a ball that rests."""
-
-    t: Floats
-    """(n,) s"""
-    xy: Floats
-    """(n, 2) m"""
-    spans: Floats
-    """(k, 2) s, when it moved."""
-    radius: float
-    """px, of the ball while it moved."""
-    drawn: NDArray[np.intp]
-    """Indices of the points that a line needs: some px apart, all corners."""
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """An event as it is drawn."""
-
-    t: float
-    xy: Floats
-    """(2,) m, the point of contact."""
-    ball: int
-    strength: float
-    label: Label
 
 
 @dataclass(slots=True)
@@ -245,7 +202,7 @@ def annotate(sightings: Sightings, tracks: Tracks, fit: Fit, first: Picture, slo
     """Prepare the drawing of a shot that is shown `slow` times slower; `first` (H, W, 3) is its first picture."""
     height, width = first.shape[:2]
     scale = unit(height)
-    paths = tuple(_path(sightings, fit, ball) for ball in range(len(tracks.ids)))
+    paths = tuple(path_of(sightings, fit, ball) for ball in range(len(tracks.ids)))
     inset = plan_of(sightings.scene, round(INSET_SHARE * width))
     clock = Clock(f"{slow:g}× slower", fit.trust.light, TRUST_WORDS[fit.trust.light])
     cost = _cost(sightings, paths, first)
@@ -254,86 +211,10 @@ def annotate(sightings: Sightings, tracks: Tracks, fit: Fit, first: Picture, slo
     colours = tuple(ball_colour(kind, lab) for kind, lab in zip(tracks.kinds, tracks.colour, strict=True))
     cloth = lab_to_rgb(sightings.scene.cloth_lab)
     return Annotation(
-        sightings=sightings, names=tracks.ids, paths=paths, marks=_marks(sightings, fit), inset=inset,
+        sightings=sightings, names=tracks.ids, paths=paths, marks=marks_of(sightings, fit), inset=inset,
         colours=colours, halos=tuple(apart_from(colour, cloth) for colour in colours),
         inset_place=inset_place, clock=clock, clock_place=clock_place, scale=scale, reading=READING_SECONDS / slow,
     )  # fmt: skip
-
-
-def _path(sightings: Sightings, fit: Fit, ball: int) -> Path:
-    """Sample one ball's motion while it moves, corners at events included."""
-    rows = np.flatnonzero(sightings.moves[:, ball])
-    if not len(rows):
-        return Path(np.empty(0), np.empty((0, 2)), np.empty((0, 2)), 0.0, np.empty(0, dtype=np.intp))
-    breaks = np.flatnonzero(np.diff(rows) > 1)
-    starts, ends = rows[np.concatenate([[0], breaks + 1])], rows[np.concatenate([breaks, [len(rows) - 1]])] + 1
-    spans = _trimmed(np.column_stack([sightings.t[starts], sightings.t[ends]]), fit, ball)
-    parts = [np.arange(start, end, PATH_STEP) for start, end in spans]
-    inside = [t for t in fit.events.t if ((spans[:, 0] <= t) & (t <= spans[:, 1])).any()]
-    times = np.unique(np.concatenate([*parts, spans.ravel(), np.array(inside)]))
-    xy = fit.trajectory.at(times).xy[:, ball]
-    table, beyond = sightings.scene.table, BEYOND_RADII * sightings.scene.table.ball_radius
-    known = ((xy > -beyond) & (xy < np.array([table.length, table.width]) + beyond)).all(axis=1)
-    radii = sightings.radius[rows, ball]
-    radius = float(np.median(radii[np.isfinite(radii)])) if np.isfinite(radii).any() else 8.0
-    times, xy = times[known], xy[known]
-    drawn = _apart(sightings.project(xy, float(sightings.t[0])), np.isin(times, inside))
-    return Path(times, xy, spans, radius, drawn)
-
-
-def _trimmed(spans: Floats, fit: Fit, ball: int) -> Floats:
-    """Spans (k, 2) s between pictures, begun and ended where the ball really does."""
-    exact = spans.copy()
-    for k, (start, end) in enumerate(spans):
-        times = np.arange(start, end, PATH_STEP)
-        speed = np.linalg.norm(fit.trajectory.at(times).v[:, ball], axis=1)
-        moving = np.flatnonzero(speed > LEAST_SPEED)
-        if len(moving):
-            exact[k] = times[moving[0]], min(times[moving[-1]] + PATH_STEP, end)
-    return exact
-
-
-def _apart(px: Floats, corner: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Indices of points (n, 2) px at least `POINTS_APART` apart along the way, and of all corners (n,)."""
-    if not len(px):
-        return np.empty(0, dtype=np.intp)
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(px, axis=0), axis=1))]) / POINTS_APART
-    keep = corner | np.concatenate([[True], np.diff(np.floor(way)) > 0])
-    keep[-1] = True
-    return np.flatnonzero(keep)
-
-
-def _marks(sightings: Sightings, fit: Fit) -> tuple[Mark, ...]:
-    """The events that are drawn: all but rests, and those that are likelier than not."""
-    events = fit.events
-    marks = []
-    for k, kind in enumerate(events.kind):
-        known = events.probability[k] >= LEAST_PROBABILITY and events.t_sigma[k] <= MOST_SIGMA
-        if kind not in STRENGTHS or not known or events.a[k] not in fit.trajectory.ids:
-            continue
-        ball = fit.trajectory.ids.index(events.a[k])
-        xy = _contact_point(sightings, fit, k)
-        doubt = "" if events.probability[k] >= SURE else f"  ({events.probability[k]:.0%})"
-        value = f"{events.t[k]:.3f} s {error_text(float(events.t_sigma[k]))}{doubt}"
-        title = {"ball": f"{events.a[k]} – {events.b[k]}", "cushion": f"{events.a[k]} – cushion"}.get(kind, kind)
-        if np.isfinite(xy).all():
-            marks.append(Mark(float(events.t[k]), xy, ball, STRENGTHS[kind], Label(title, value, FLASH)))
-    return tuple(marks)
-
-
-def _contact_point(sightings: Sightings, fit: Fit, event: int) -> Floats:
-    """Where two surfaces meet (2,) m: between the balls, at the cushion; else the ball's centre."""
-    events, radius = fit.events, sightings.scene.table.ball_radius
-    xy: Floats = events.xy[event]
-    normal = np.zeros(2)
-    if events.kind[event] == "cushion":
-        normal = np.array(NORMALS.get(events.b[event], (0.0, 0.0)))
-    if events.kind[event] == "ball" and events.b[event] in fit.trajectory.ids:
-        other = sightings.state(events.t[[event]]).xy[0, fit.trajectory.ids.index(events.b[event])]
-        away = other - xy
-        if np.isfinite(away).all() and np.linalg.norm(away) > 0:
-            normal = away / np.linalg.norm(away)
-    return np.asarray(xy + radius * normal, dtype=np.float64)
 
 
 def _cost(sightings: Sightings, paths: Sequence[Path], first: Picture) -> Floats:

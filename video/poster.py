@@ -15,11 +15,12 @@ from models.scene import Scene
 from models.tracks import Tracks
 from video.annotation import EIGHTFOLD, Annotation, RenderOptions, annotate
 from video.clip import Clip, read_frames
-from video.inbetween import Sightings, plate_of, sight
+from video.inbetween import plate_of
 from video.layout import Rect, covered_share, place_label
 from video.overlay import Balls, Label, draw_disc, draw_ring, draw_trail
 from video.palette import FLASH, INK, WHITE
 from video.plate import Plate
+from video.sightings import Sightings, sight
 from video.sprites import Sprite, paste, peel
 
 Floats = NDArray[np.float64]

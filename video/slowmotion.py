@@ -14,12 +14,14 @@ from models.progress import Progress, silent
 from models.scene import Scene
 from models.tracks import Tracks
 from models.trajectory import State
-from video.annotation import EIGHTFOLD, LEAST_SPEED, Annotation, RenderOptions, annotate
+from video.annotation import EIGHTFOLD, Annotation, RenderOptions, annotate
 from video.clip import Clip, read_frames
-from video.inbetween import Sightings, open_interval, plate_of, sight
+from video.inbetween import open_interval, plate_of
+from video.motion_marks import LEAST_SPEED
 from video.overlay import Balls
 from video.plate import Plate
 from video.poster import render_poster
+from video.sightings import Sightings, sight
 from video.writer import VideoWriter
 
 __all__ = ["RenderOptions", "render_poster", "render_slow_motion"]

@@ -17,8 +17,9 @@ from models.scene import Camera, Scene, Table
 from models.tracks import Tracks
 from models.trajectory import Trajectory
 from video.clip import Clip, open_clip, read_frames
-from video.inbetween import Sightings, open_interval, plate_of, sight, swept_by
+from video.inbetween import open_interval, plate_of, swept_by
 from video.plate import Plate, learn_plate
+from video.sightings import Sightings, sight
 from video.sprites import Outline, paste, peel
 
 Picture = NDArray[np.uint8]
