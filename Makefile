@@ -8,14 +8,17 @@ OUT ?= out
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: run test check clean
+.PHONY: run test slow check clean
 
 run: .venv/.program
 	$(BIN)/trueroll batch sample_videos -o $(OUT)
 	@echo "Look at $(OUT)/*/slow.mp4, $(OUT)/*/report.html and $(OUT)/summary.csv; or: $(BIN)/trueroll view $(OUT)/overhead_pool"
 
 test: .venv/.tools
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
+
+slow: .venv/.tools
+	$(BIN)/python -m pytest -m slow
 
 check: .venv/.tools
 	$(BIN)/ruff check .
@@ -39,5 +42,5 @@ $(BIN)/python:
 	@touch $@
 
 .venv/.tools: .venv/.program
-	$(BIN)/python -m pip install --quiet -e ".[dev,check]"
+	$(BIN)/python -m pip install --quiet -e ".[dev,check,train]"
 	@touch $@

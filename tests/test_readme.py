@@ -49,7 +49,13 @@ def type_in(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("command", [c for c in commands() if c != "make test"])
+def to_type() -> list[object]:
+    """Every command but `make test`, which is what runs this; `make run` takes minutes, so `.ci/run` asks for it."""
+    slow = {"make run": [pytest.mark.slow]}
+    return [pytest.param(command, marks=slow.get(command, [])) for command in commands() if command != "make test"]
+
+
+@pytest.mark.parametrize("command", to_type())
 def test_a_command_of_the_readme_works(command: str, checkout: Path) -> None:
     if not set_up_by_make():
         pytest.skip("the environment was not set up by make, and the README's commands need that; run make test")
