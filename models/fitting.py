@@ -74,6 +74,7 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
 def _believable(tracks: Tracks, noise: Noise, seldom: NDArray[np.bool_]) -> Tracks:
     """Tracks without balls that were seen `seldom` (N,), and without samples far off between good neighbours."""
     xy = tracks.xy.copy()
+    xy[~(np.isfinite(tracks.sigma) & np.isfinite(tracks.sigma_along))] = np.nan
     for ball in range(len(tracks.ids)):
         rows = np.flatnonzero(tracks.observed[:, ball])
         bad = outliers(tracks.t[rows], xy[rows, ball], tracks.sigma[rows, ball] * noise.scale[ball])

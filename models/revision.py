@@ -22,6 +22,8 @@ TOUCHING = 0.5
 """ball radii: two balls may be so far from touching where one of them breaks, and have met."""
 NEAR_THE_END = 0.03
 """s: a touch so shortly before a change of velocity is its cause."""
+CERTAIN = 3000.0
+"""chi2: a contact that improves so much is not questioned again."""
 SLOW = 0.03
 """m/s: below, nothing is worth a contact."""
 
@@ -38,7 +40,7 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
         if changed:
             solution = refine(story, data, table, start=solution)
         gains = _gains(solution, data, table)
-        pruned = prune(solution.story, gains, price, dear)
+        pruned = prune(solution, gains, price, dear)
         if len(pruned.contacts) < len(gains):
             solution = refine(pruned, data, table, start=solution)
         else:
@@ -48,9 +50,10 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
     return solution
 
 
-def prune(story: Story, gains: Floats, price: float, dear: float) -> Story:
+def prune(solution: Solution, gains: Floats, price: float, dear: float) -> Story:
     """The story without contacts that the samples do not ask for; `gains` (C,) are kept in the others."""
-    tolls = np.array([dear if c.kind in ("free", "jump") else price for c in story.contacts])
+    story = solution.story
+    tolls = np.array([dear if _doubtful(solution, c) else price for c in story.contacts])
     revised = Story(story.spans, tuple(replace(c, gain=float(g)) for c, g in zip(story.contacts, gains, strict=True)))
     touched: set[int] = set()
     gone = []
@@ -64,6 +67,13 @@ def prune(story: Story, gains: Floats, price: float, dear: float) -> Story:
     return revised
 
 
+def _doubtful(solution: Solution, contact: Contact) -> bool:
+    """Contacts without a cause, and cushions met so slowly that a bent path would do as well."""
+    if contact.kind == "cushion":
+        return bool(-INWARD[CUSHIONS.index(contact.cushion)] @ end_state(solution, contact.before[0])[2:4] < SLOW)
+    return contact.kind in ("free", "jump")
+
+
 def _gains(solution: Solution, data: Data, table: Table) -> Floats:
     owner = owners(solution.story, data)
     return np.array([_gain(solution, data, owner, table, k) for k in range(len(solution.story.contacts))])
@@ -72,6 +82,8 @@ def _gains(solution: Solution, data: Data, table: Table) -> Floats:
 def _gain(solution: Solution, data: Data, owner: NDArray[np.int64], table: Table, number: int) -> float:
     """chi2 that a contact improves on the spans that it joins."""
     contact, spans = solution.story.contacts[number], solution.story.spans
+    if contact.gain > CERTAIN:
+        return contact.gain
     if any(spans[k].static for k in (*contact.before, *contact.after)):
         return max(contact.gain, 1e3)
     part, chosen = solution.story.excerpt(number)
@@ -318,12 +330,19 @@ def _inserted(solution: Solution, story: Story, data: Data, table: Table) -> Sto
         path = kinematics(np.repeat(span.state[None], len(t), axis=0), t - begin, solution.friction)
         depth = -(cushion_distances(path[:, :2], table) - table.ball_radius - solution.nose)  # (M, 4)
         side = int(np.argmax(depth.max(axis=0)))
-        if depth[:, side].max() < OVERSHOOT * table.ball_radius or depth[0, side] > 0.5 * OVERSHOOT * table.ball_radius:
+        deepest = int(np.argmax(depth[:, side]))
+        inwards = path[:, 2:4] @ INWARD[side]
+        turns = 0 < deepest < len(t) - 1 and -inwards[:deepest].min() > SLOW and inwards[deepest:].max() > SLOW
+        if turns and depth[deepest, side] > -2 * OVERSHOOT * table.ball_radius:
+            depth[:, side] += max(-depth[deepest, side], 0.0) + 1e-4  # no ball turns back at a cushion by itself
+        elif depth[deepest, side] < OVERSHOOT * table.ball_radius:
+            continue
+        if depth[0, side] > 0.5 * OVERSHOOT * table.ball_radius:
             continue
         if _in_pocket_mouth(path[int(np.argmax(depth[:, side])), :2], table):
             continue
         crossing = int(np.argmax(depth[:, side] > 0))
-        if crossing in (0, len(t) - 1):
+        if crossing in (0, len(t) - 1) or -INWARD[side] @ path[crossing, 2:4] < 0:
             continue
         before = path[crossing]
         after = np.concatenate([before, np.zeros(2)])

@@ -19,6 +19,8 @@ SLIDE_TIMES = (0.0, 0.04, 0.08, 0.13, 0.2, 0.3, 0.42, 0.6, 0.85, 1.2, 1.7)
 """s: how long a ball may slide before it rolls; the grid of the closed-form fit. 1.7 s is a hard break shot."""
 SLIDING_ACCELERATION = 2.0
 """m/s^2, prior standard deviation per axis while sliding: about mu_s g."""
+SLIDING_SPREAD, LONG_SLIDE = 0.45, 0.15
+"""m/s^2 and s: how well the strength of sliding friction is known, and slides long enough to show it."""
 ROLLING_ACCELERATION = 0.12
 """m/s^2, prior standard deviation per axis while rolling: about mu_r g, with slope and nap."""
 _VAGUE = 1e-8
@@ -97,13 +99,24 @@ def fit_span(samples: Samples, t0: float) -> SpanStart:
         prior = np.array([_VAGUE, _VAGUE, SLIDING_ACCELERATION**-2, ROLLING_ACCELERATION**-2])
         basis = _basis(tau, slide)
         normal = (basis * w[:, None]).T @ basis + np.diag(prior)
-        solution = np.linalg.solve(normal, (basis * w[:, None]).T @ samples.xy)
-        misfit = ((samples.xy - basis @ solution) ** 2 * w[:, None]).sum() + (prior[:, None] * solution**2).sum()
+        solution: Floats = np.linalg.solve(normal, (basis * w[:, None]).T @ samples.xy).astype(np.float64)
+        misfit = (
+            _oddity(solution, slide, length)
+            + ((samples.xy - basis @ solution) ** 2 * w[:, None]).sum()
+            + (prior[:, None] * solution**2).sum()
+        )
         if best is None or misfit < best.chi2 - 1e-9:
             x, v, slip, roll = solution
             best = SpanStart(t0, x, v, slip, roll, min(slide, length + 0.05), float(misfit))
     assert best is not None
     return best
+
+
+def _oddity(solution: Floats, slide: float, length: float) -> float:
+    """chi2 of a long slide that is not as strong as friction makes it."""
+    if slide < LONG_SLIDE or length < LONG_SLIDE:
+        return 0.0
+    return float(((np.hypot(*solution[2]) - SLIDING_ACCELERATION) / SLIDING_SPREAD) ** 2)
 
 
 def _basis(tau: Floats, slide: float) -> Floats:

@@ -1,0 +1,176 @@
+"""The fit against a foreign simulator: contacts, motion, honesty."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filmed_shots import PX_PER_M, RADIUS, film, match, position_rms_px, random_shot, scene
+from fixed_step_table import GRIPPING, MIRROR, SPEED_DEPENDENT
+
+from models.fitting import FitOptions, fit_shot
+from models.tracks import Tracks
+
+STILL = np.zeros((1, 2))
+
+
+def only(tracks: Tracks, rows: np.ndarray) -> Tracks:
+    """Tracks of some pictures."""
+    return replace(
+        tracks, frame=tracks.frame[rows], t=tracks.t[rows], xy=tracks.xy[rows], px=tracks.px[rows],
+        sigma=tracks.sigma[rows], sigma_along=tracks.sigma_along[rows], streak=tracks.streak[rows],
+        radius_px=tracks.radius_px[rows],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("law", "fps", "noise_px", "limit_ms"),
+    [(MIRROR, 30, 0.3, 2.0), (SPEED_DEPENDENT, 60, 0.3, 4.0), (GRIPPING, 25, 0.5, 4.0)],
+)
+def test_contacts_of_random_shots_are_found_in_time(law: int, fps: int, noise_px: float, limit_ms: float) -> None:
+    errors, missed, extra, true, rms = [], 0, 0, 0, []
+    for seed in (1, 2, 3):
+        shot = random_shot(seed, law=law, fps=fps, noise_px=noise_px)
+        fit = fit_shot(shot.tracks, shot.scene)
+        found, lost, more = match(fit, shot)
+        errors += found
+        missed, extra, true = missed + len(lost), extra + more, true + len(shot.contacts)
+        rms.append(position_rms_px(fit, shot))
+    assert np.median(np.abs(errors)) < limit_ms * 1e-3
+    assert missed <= 0.1 * true
+    assert extra <= 0.1 * true
+    assert np.median(rms) < 0.6 * noise_px
+
+
+def test_a_collision_of_two_balls_is_timed_to_a_millisecond_and_errors_are_honest() -> None:
+    z = []
+    for seed in range(6):
+        shot = film(
+            np.array([[0.5, 0.6], [1.1, 0.61]]), np.array([[1.5, 0.0], [0, 0]]), np.zeros((2, 3)),
+            np.random.default_rng(seed), seconds=1.6,
+        )  # fmt: skip
+        fit = fit_shot(shot.tracks, shot.scene)
+        row = fit.events.kind.index("ball")
+        error = fit.events.t[row] - shot.contacts[0][0]
+        assert abs(error) < 1.5e-3
+        assert fit.events.gap[row] < -0.03
+        assert fit.events.speed[row] == pytest.approx(
+            1.04, abs=0.08
+        )  # it rolls by then: 5 sevenths of 1.5, less a little
+        z.append(error / fit.events.t_sigma[row])
+    assert np.sqrt(np.mean(np.square(z))) < 2.5
+
+
+def test_a_miss_by_a_millimetre_is_no_contact() -> None:
+    x = np.array([[0.5, 0.6], [1.1, 0.6 + 2 * RADIUS + 0.001]])
+    shot = film(x, np.array([[1.5, 0.0], [0, 0]]), np.zeros((2, 3)), np.random.default_rng(0), seconds=1.6)
+    fit = fit_shot(shot.tracks, shot.scene)
+    assert "ball" not in fit.events.kind
+
+
+def test_a_strike_is_the_cue_ball_leaving_its_place() -> None:
+    shot = random_shot(3)
+    fit = fit_shot(shot.tracks, shot.scene)
+    row = fit.events.kind.index("strike")
+    assert fit.events.a[row] == "cue"
+    assert fit.events.t[row] == pytest.approx(shot.strike, abs=4e-3)
+    assert fit.events.frame[row] == pytest.approx(shot.strike * 30, abs=0.15)
+
+
+def test_a_ball_into_a_corner_is_potted_there_and_ends() -> None:
+    x = np.array([[0.5, 0.5], [0.3, 0.3]])
+    direction = -np.array([1.0, 1.0]) / np.sqrt(2)
+    shot = film(x, np.array([1.2 * direction, [0, 0]]), np.zeros((2, 3)), np.random.default_rng(1), pocket=0.045)
+    fit = fit_shot(shot.tracks, shot.scene)
+    row = fit.events.kind.index("pocket")
+    assert (fit.events.a[row], fit.events.b[row]) == ("solid-1", "top-left")
+    gone = shot.tracks.t[~np.isfinite(shot.xy[:, 1, 0])][0]
+    assert fit.events.t[row] == pytest.approx(gone, abs=0.06)
+    assert np.isnan(fit.trajectory.at(gone + 0.5).xy[1]).all()
+
+
+def test_a_ball_at_rest_is_known_before_and_after_it_is_seen() -> None:
+    shot = random_shot(2)
+    tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
+    tracks.xy[:20, 2] = np.nan
+    fit = fit_shot(tracks, shot.scene)
+    np.testing.assert_allclose(fit.trajectory.at(0.05).xy[2], shot.xy[0, 2], atol=1e-3)
+
+
+def test_nothing_moves_and_nothing_happens() -> None:
+    x = np.array([[0.4, 0.5], [1.4, 0.7]])
+    shot = film(x, np.zeros((2, 2)), np.zeros((2, 3)), np.random.default_rng(5), seconds=2.0)
+    fit = fit_shot(shot.tracks, shot.scene)
+    assert len(fit.events) == 0
+    assert fit.trust.light == "green"
+    assert not fit.moving.any()
+    np.testing.assert_allclose(fit.trajectory.at(1.0).xy, x, atol=5e-4)
+
+
+def test_the_coefficients_of_the_cloth_come_out() -> None:
+    shot = random_shot(6)
+    values = {p.name: p for p in fit_shot(shot.tracks, shot.scene).parameters}
+    assert values["rolling_resistance.mu"].value == pytest.approx(0.0125, abs=0.001)
+    assert not values["rolling_resistance.mu"].prior_only
+    assert 0.12 < values["sliding_friction.mu"].value < 0.28
+
+
+def test_clips_may_begin_and_end_in_motion() -> None:
+    shot = random_shot(4)
+    rows = np.arange(18, 70)
+    cut = only(shot.tracks, rows)
+    fit = fit_shot(cut, shot.scene)
+    miss = (fit.trajectory.at(cut.t).xy - shot.xy[rows])[fit.moving] * PX_PER_M
+    assert np.sqrt(np.nanmean(miss**2)) < 0.5
+    assert (fit.moving & fit.accepted).sum() > 0.9 * fit.moving.sum()
+
+
+def test_a_ball_that_obeys_no_law_is_measured_and_not_trusted() -> None:
+    shot = random_shot(1)
+    t = shot.tracks.t
+    tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
+    tracks.xy[:, 2] = np.stack([1.2 + 0.3 * np.sin(3 * t), 0.6 + 0.2 * np.cos(5 * t)], axis=1)
+    sigma = np.full(tracks.sigma.shape, 0.3 / PX_PER_M)
+    tracks = replace(tracks, sigma=sigma, sigma_along=sigma)
+    fit = fit_shot(tracks, shot.scene)
+    assert fit.trajectory.at(t[40:50]).measured[:, 2].any()
+    assert fit.trust.light != "green"
+    seen = tracks.observed[:, 2]
+    assert np.abs(fit.residual[seen, 2]).max() < 0.05
+
+
+def test_outliers_and_lost_pictures_do_little_harm() -> None:
+    shot = random_shot(3, missing=0.25)
+    tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
+    tracks.xy[60, 0] += 0.08
+    tracks.xy[90, 1] -= 0.1
+    fit = fit_shot(tracks, shot.scene)
+    _, missed, extra = match(fit, shot)
+    assert not missed
+    assert extra == 0
+    assert position_rms_px(fit, shot) < 0.5
+
+
+def test_empty_tracks_give_an_empty_fit() -> None:
+    shot = random_shot(3)
+    blind = replace(shot.tracks, xy=np.full_like(shot.tracks.xy, np.nan))
+    fit = fit_shot(blind, scene())
+    assert len(fit.events) == 0
+    assert fit.trust.light != "green"
+    assert np.isnan(fit.trajectory.at(1.0).xy).all()
+
+
+def test_the_same_tracks_give_the_same_bytes() -> None:
+    shot = random_shot(2)
+    one, two = (fit_shot(shot.tracks, shot.scene, FitOptions(quick=True)) for _ in range(2))
+    assert one.trajectory.position.tobytes() == two.trajectory.position.tobytes()
+    assert one.events.t.tobytes() == two.events.t.tobytes()
+
+
+def test_progress_ends_at_one() -> None:
+    shot = random_shot(2, balls=2)
+    seen: list[float] = []
+    fit_shot(shot.tracks, shot.scene, FitOptions(quick=True), seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
