@@ -5,19 +5,15 @@ go (straight on, or through contacts with cushions and each other), prices every
 cheapest assignment and the cheapest exchanges of two balls beside it. Readings that explain the following pictures
 badly die out; after `patience` seconds the best one decides (Reid 1979, doi:10.1109/TAC.1979.1102177; the branching
 is over exchanges instead of Murty's full ranking).
-
-Costs are negative logarithms of likelihood ratios against "this detection is clutter".
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from models.foresight import Foresight, foresee
+from models.pricing import BUMPED, FREE, MET, OFF, OUTLIER_RADII, STILL, STRUCK, Bid, Reading, make_bid, unit
 from models.progress import Progress, silent
 from models.scene import Table
 from models.sightings import Sightings
@@ -25,86 +21,17 @@ from models.sightings import Sightings
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-CLUTTER = 0.15
-"""1/m^2 and picture: false detections."""
-SEEN, SEEN_HIDDEN = 0.95, 0.3
-"""Chance that a ball is detected: in the open, and where it went unseen lately."""
-PUSH = 1.5
-"""m/s^2, standard deviation per axis of what free motion does beyond rolling (sliding is about 2)."""
 NEW_BALL_SPEED = 0.1
 """m/s, standard deviation per axis of the velocity of a ball that appears at rest, as most do."""
-UNFORESEEN, UNFORESEEN_NEAR = 0.002, 0.05
-"""Chance per picture of a contact that was not foreseen: in the open, and near balls and cushions."""
-STRIKE, STRIKE_NEW = 5e-4, 0.2
-"""Chance per picture of being set in motion by something that is not tracked; and that a new ball moves already."""
-STRIKE_SPEED = 3.0
-"""m/s, typical of a struck ball; the tail reaches four times that."""
-OUTLIER, OUTLIER_RADII = 0.01, 0.4
-"""Share of sightings that are off (a hand, a shadow, a highlight), and by how many ball radii."""
 SUSPICIOUS = 5.0
 """Squared distance of a sighting in standard deviations, above which the velocity is doubted (8 % of good ones)."""
-TIMING = 0.15
-"""Standard deviation of the time of a foreseen contact, in picture intervals."""
 LATE_BIRTH = 7.0
 """Price of a ball that appears after the first moments: balls do not, except from under a hand."""
-COLOUR_LIMIT = 12.0
-"""Most that a wrong colour may cost: a hand, a shadow or a streak changes it."""
-STILL = 3
-"""Sightings that a ball counts at birth where the next pictures show it at rest."""
-FREE, MET, BUMPED, STRUCK, OFF = range(5)
-"""A ball went on freely, through foreseen contacts, through unforeseen ones, was struck, or was badly measured."""
 LATE_CONTACT = 0.3
 """Share of a foreseen velocity change by which the velocity is in doubt where the change was not seen."""
-PULL = 10.0
-"""Most that it may cost to be moved against the push of the only ball near."""
 BRANCH_LIMIT = 14.0
 """How much dearer than the best an assignment may be to be followed."""
 _IMPOSSIBLE = 1e6
-
-
-@dataclass(slots=True)
-class Reading:
-    """One reading of all pictures so far: N balls and what they were assigned in the last picture."""
-
-    label: Ints
-    """(N,)"""
-    xy: Floats
-    v: Floats
-    p: Floats
-    """(N, 3) variances per axis: place, place with velocity, velocity."""
-    colour: Floats
-    spread: Floats
-    """(N, 3) and (N,): mean L*a*b* and its standard deviation."""
-    seen: Ints
-    missed: Ints
-    """(N,) pictures seen in all (`STILL` at birth for what is seen to rest), and missed since it was last seen."""
-    last: Ints
-    """(N,) detection in the last picture, -1 for none."""
-    price: float = 0.0
-    parent: Reading | None = field(default=None, repr=False)
-
-    @property
-    def sure(self) -> NDArray[np.bool_]:
-        """(N,) balls that were seen often enough to be believed."""
-        return self.seen >= 3
-
-
-@dataclass(frozen=True, slots=True)
-class Bid:
-    """What every detection costs every ball of a reading, and the state it would start from."""
-
-    cost: Floats
-    """(N, K) against clutter."""
-    miss: Floats
-    """(N,)"""
-    mode: Ints
-    """(N, K) what explains it best: `FREE`, ... `OFF`."""
-    pace: Floats
-    """(N,) m/s, speeds at play near each ball."""
-    foresight: Foresight
-    p_free: Floats
-    p_contact: Floats
-    """(N, 3)"""
 
 
 def follow(
@@ -142,7 +69,7 @@ def _advance(
     labels: int,
 ) -> tuple[list[Reading], int]:
     """The best readings after one more picture, best first."""
-    bids = [_bid(reading, sightings, now, dt, table) for reading in readings]
+    bids = [make_bid(reading, sightings, now, dt, table) for reading in readings]
     choices: list[tuple[float, int, Ints]] = []
     for index, (reading, bid) in enumerate(zip(readings, bids, strict=True)):
         for price, chosen in _assignments(reading, bid, breadth):
@@ -157,121 +84,6 @@ def _advance(
             after.append(child)
     after.sort(key=lambda reading: reading.price)
     return after, max([labels] + [int(r.label.max()) + 1 for r in after if len(r.label)])
-
-
-def _bid(reading: Reading, sightings: Sightings, now: Ints, dt: float, table: Table) -> Bid:
-    """Price detections `now` (K,) for all balls."""
-    xy, v, p = reading.xy, reading.v, reading.p
-    speed = np.hypot(v[:, 0], v[:, 1])
-    resting = (speed < 0.02) | (speed < 2 * np.sqrt(p[:, 2]))
-    solid = reading.sure & ((reading.missed <= 3) | resting)
-    foresight = foresee(xy, np.where(resting[:, None] & (reading.seen > 3)[:, None], 0.0, v), dt, table, solid)
-    push = np.minimum(PUSH, 0.02 + 20 * speed)
-    p_free = _propagate(p, dt, push)
-    doubt = _contact_doubt(foresight, p_free, table.ball_radius)
-    # a velocity that is off by `doubt` since the contact puts the ball off by as much times `since`
-    since = foresight.since
-    p_contact = p_free + np.stack([doubt**2 * (since**2 + (TIMING * dt) ** 2), doubt**2 * since, doubt**2], axis=1)
-    near, pace, push_from = _opportunity(reading, foresight, dt, table)
-
-    z, s = sightings.xy[now], sightings.sigma[now]
-    extra = sightings.sigma_along[now] ** 2 - s**2
-    along = _unit(sightings.streak[now])
-    met = foresight.contacts > 0
-    bump = np.where(near, UNFORESEEN_NEAR, UNFORESEEN)
-    half = xy + v * dt / 2
-    # balls push and never pull: what departs against the only possible push has not been pushed
-    against = -((z[None] - foresight.free[:, None]) * push_from[:, None]).sum(axis=2) / (s[None] + 0.002)
-    pull = np.minimum(np.maximum(against, 0.0) ** 2 / 2, PULL)
-    wild = (OUTLIER_RADII * table.ball_radius) ** 2
-    density = np.stack(
-        [
-            _log_normal(z, foresight.free, p_free[:, 0], s, extra, along)
-            + np.log(np.where(met, 0.2, 0.95 - bump))[:, None],
-            _log_normal(z, foresight.xy, p_contact[:, 0], s, extra, along) + np.log(np.where(met, 0.75, 1e-9))[:, None],
-            _log_normal(z, half, p[:, 0] + (0.6 * pace * dt + 0.002) ** 2, s, extra, along)
-            + np.log(bump)[:, None]
-            - pull,
-            _log_far(z, half, (STRIKE_SPEED * dt / 2) ** 2)
-            + np.log(np.where(reading.seen == 1, STRIKE_NEW, STRIKE))[:, None],
-            _log_normal(z, foresight.free, p_free[:, 0] + wild, s, extra, along) + np.log(OUTLIER),
-        ]
-    )  # (5, N, K)
-    mode = np.argmax(density, axis=0)
-    tint = ((sightings.colour[now][None] - reading.colour[:, None]) ** 2).sum(axis=2) / reading.spread[:, None] ** 2
-    seen = _detection_chance(reading, foresight, table)
-    cost = -density.max(axis=0) - np.log(seen)[:, None] + np.log(CLUTTER) + np.minimum(tint / 2, COLOUR_LIMIT)
-    return Bid(cost, -np.log(1 - seen), mode, pace, foresight, p_free, p_contact)
-
-
-def _propagate(p: Floats, dt: float, push: Floats) -> Floats:
-    """Variances (N, 3) after dt of free motion with a white acceleration `push` (N,)."""
-    place = p[:, 0] + 2 * dt * p[:, 1] + dt**2 * p[:, 2] + (push * dt**2 / 2) ** 2
-    return np.stack([place, p[:, 1] + dt * p[:, 2] + push**2 * dt**3 / 2, p[:, 2] + (push * dt) ** 2], axis=1)
-
-
-def _contact_doubt(foresight: Foresight, p: Floats, radius: float) -> Floats:
-    """Standard deviation (N,) of the velocity after foreseen contacts, m/s: an offset turns the line of centres."""
-    tilt = np.clip(2 * np.sqrt(p[:, 0]) / radius, 0.12, 1.0)
-    doubt: Floats = foresight.kick * np.minimum(tilt * np.maximum(foresight.contacts, 1), 1.0)
-    return doubt
-
-
-def _opportunity(
-    reading: Reading, foresight: Foresight, dt: float, table: Table
-) -> tuple[NDArray[np.bool_], Floats, Floats]:
-    """Which balls (N,) come near something that may change their velocity, the speeds (N,) at play there, m/s, and
-    the unit vectors (N, 2) from the one ball that could push them; 0 where that may be several, or a cushion."""
-    r = table.ball_radius
-    a, b = reading.xy, foresight.free
-    speed = np.hypot(*(b - a).T) / max(dt, 1e-9)
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    slack = 0.015 + 3 * np.sqrt(reading.p[:, 0])
-    rail = (
-        (low.min(axis=1) < r + slack) | (high[:, 0] > table.length - r - slack) | (high[:, 1] > table.width - r - slack)
-    )
-    reach = (speed[:, None] + speed[None]) * dt / 2 + 2 * r + slack[:, None] + slack[None]
-    middle = (a + b) / 2
-    close = np.hypot(*np.moveaxis(middle[:, None] - middle[None], 2, 0)) < reach
-    np.fill_diagonal(close, False)
-    pace = np.maximum(speed, np.where(close, speed[None], 0.0).max(axis=1, initial=0.0))
-    near = (rail & (speed > 0.02)) | (close.any(axis=1) & (pace > 0.02))
-    other = np.argmax(close, axis=1) if len(a) else np.empty(0, np.int64)
-    push_from = np.where(((close.sum(axis=1) == 1) & ~rail)[:, None], _unit(a - a[other]), 0.0)
-    return near, pace, push_from
-
-
-def _unit(vectors: Floats) -> Floats:
-    length = np.hypot(vectors[:, 0], vectors[:, 1])
-    return vectors / np.maximum(length, 1e-9)[:, None]
-
-
-def _log_normal(z: Floats, mean: Floats, variance: Floats, sigma: Floats, extra: Floats, along: Floats) -> Floats:
-    """Log density (N, K) in 1/m^2 of detections z (K, 2) around places (N, 2); a streak is less sure along itself."""
-    r = z[None] - mean[:, None]
-    across = variance[:, None] + sigma[None] ** 2
-    lengthwise = across + extra[None]
-    ahead = (r * along[None]).sum(axis=2) ** 2
-    distance = ((r**2).sum(axis=2) - ahead) / across + ahead / lengthwise
-    density: Floats = -distance / 2 - np.log(2 * np.pi) - np.log(across * lengthwise) / 2
-    return density
-
-
-def _log_far(z: Floats, mean: Floats, variance: float) -> Floats:
-    """Log density (N, K) in 1/m^2 with a heavy tail."""
-    r2 = ((z[None] - mean[:, None]) ** 2).sum(axis=2)
-    density: Floats = -np.log(2 * np.pi * (variance + 1e-6)) - 1.5 * np.log1p(r2 / (variance + 1e-6))
-    return density
-
-
-def _detection_chance(reading: Reading, foresight: Foresight, table: Table) -> Floats:
-    """Chance (N,) that a detector sees the ball; small in the jaws of a pocket and where it went unseen lately."""
-    chance = np.where(reading.missed > 3, SEEN_HIDDEN, SEEN)
-    chance = np.where(reading.sure, chance, 0.5)
-    if table.pockets:
-        gap = np.hypot(*np.moveaxis(foresight.free[:, None] - table.pocket_centres[None], 2, 0)).min(axis=1)
-        chance = np.where(gap < 3 * table.ball_radius, np.minimum(chance, 0.6), chance)
-    return chance
 
 
 def _assignments(reading: Reading, bid: Bid, breadth: int) -> list[tuple[float, Ints]]:
@@ -391,7 +203,7 @@ def _correct(
         pace = (z - start) / dt  # if it happened at the beginning of the interval; on average in its middle
         doubt = 0.7 * float(np.hypot(*pace)) + 0.2 + (mode == BUMPED) * 0.4 * around
         return z.copy(), 1.3 * pace, np.array([r2, 0.0, doubt**2])
-    u = _unit(sightings.streak[d : d + 1])[0]
+    u = unit(sightings.streak[d : d + 1])[0]
     innovation = z - xy
     ahead = float(innovation @ u) * u
     across = innovation - ahead

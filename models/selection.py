@@ -17,6 +17,8 @@ LEAST_SHARE = 0.08
 """of the pictures: a ball that does not fall into a pocket is seen at least this often."""
 JITTER = 6.0
 """standard deviations: what a hand departs from between its neighbours in most pictures, a ball only at contacts."""
+TIME_JITTER = 0.07
+"""Error of a picture's time, in the interval of its neighbours: containers round, and repeat pictures irregularly."""
 MOST_LOST = 0.15
 """Share of its pictures in which a ball may go unseen while it moves."""
 CLOTH_LIKE = 12.0
@@ -56,9 +58,14 @@ def _jitter(piece: Tracklet, sightings: Sightings, t: Floats) -> float:
     if len(times) < 3:
         return 0.0
     share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
-    off = np.hypot(*(xy[1:-1] - xy[:-2] - share * (xy[2:] - xy[:-2])).T)
+    chord = xy[2:] - xy[:-2]
+    off = xy[1:-1] - xy[:-2] - share * chord
+    length = np.hypot(*chord.T)
+    along = (off * chord).sum(axis=1) / np.maximum(length, 1e-9)
+    across = np.sqrt(np.maximum((off**2).sum(axis=1) - along**2, 0.0))
     push = 2.0 * (times[2:] - times[:-2]) ** 2 / 8  # m: what sliding friction bends a path by
-    return float(np.median(off / np.hypot(1.2 * sigma[1:-1], push)))
+    spread = np.hypot(1.2 * sigma[1:-1], push)
+    return float(np.median(np.hypot(along / np.hypot(spread, TIME_JITTER * length), across / spread)))
 
 
 def _vanishes(piece: Tracklet, t: Floats, table: Table) -> bool:
