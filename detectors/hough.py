@@ -44,8 +44,9 @@ CLEAR_SCORE, SURE_SCORE = 0.88, 0.955
 """Scores from which a ball on such a shape is believed: with cloth around it, and without."""
 RING_RADII, MOST_RING = 1.3, 0.6
 """A ball beside a hand has cloth around it: the ring that is looked at, and how much of it may be something else."""
-CLEAR_STREAK_RADII = 0.8
-"""Length over radius up to which a clear disc is the better measure."""
+CLEAR_STRETCH, BESIDE_RADII = 0.8, 0.22
+"""Length over radius up to which a clear disc is the better measure; a sure one up to twice as
+much, if it is this far from the middle of the streak."""
 STREAK_SIGMA_PX, STREAK_SIGMA_SHARE = 0.3, 0.03
 """Error of a streak's middle: across it, px, and along it in addition, share of its length."""
 
@@ -168,8 +169,15 @@ class BallFinder:
         across = np.full(len(length), STREAK_SIGMA_PX)
         along = np.hypot(across, STREAK_SIGMA_SHARE * length)
         swept = Found(fine.centre, fine.radius, fine.vector, fine.fill, across, along)
-        inside = _inside(discs.centre, swept) & (discs.score > CLEAR_SCORE)
-        explained = np.asarray(inside.any(axis=1)) & np.asarray(length < CLEAR_STREAK_RADII * fine.radius)
+        inside = _inside(discs.centre, swept)
+        beside = (
+            np.linalg.norm(discs.centre[None] - swept.centre[:, None], axis=-1) > BESIDE_RADII * swept.radius[:, None]
+        )
+        stretch = (length / swept.radius)[:, None]
+        # A whole outline that is not about the middle is a ball's, and the rest its shadow.
+        short = (discs.score > CLEAR_SCORE) & (stretch < CLEAR_STRETCH)
+        shadow = (discs.score > SURE_SCORE) & beside & (stretch < 2 * CLEAR_STRETCH)
+        explained = np.asarray((inside & (short | shadow)).any(axis=1))
         return swept.take(~explained)
 
 

@@ -73,6 +73,8 @@ class Circles:
 
 def fit_circles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, basis: Floats) -> Circles:
     """Circles near guesses: centres (K, 2) px, expected radii (K,) px, in a picture (H, W, 3) and `softened`."""
+    if not len(centre):
+        return Circles(np.empty((0, 2)), *(np.empty(0) for _ in range(4)))
     place, seen = centre.astype(np.float64), radius.astype(np.float64)
     for turn, prior in enumerate(PRIOR_RADII):
         edge, strength = _edges(rgb, soft, place, radius, seen / radius, prior, basis)

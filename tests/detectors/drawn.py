@@ -1,0 +1,81 @@
+"""Drawn tables with known ball centres: shaded discs, shadows, motion blur, noise, on unevenly lit cloth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.scene import Camera, Scene, Table
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+WIDTH, HEIGHT = 640, 360
+PX_PER_M = 220.0
+CORNER = (40.0, 40.0)
+RADIUS = 0.0365
+"""m: 8 px in the picture."""
+CLOTH = (40.0, 120.0, 170.0)
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball at mid-exposure, px; `streak` px travelled during the exposure."""
+
+    x: float
+    y: float
+    colour: tuple[float, float, float] = (230.0, 230.0, 220.0)
+    streak: tuple[float, float] = (0.0, 0.0)
+
+
+def drawn_scene() -> Scene:
+    """A 2.54 m x 1.27 m table seen from straight above, far away, 220 px/m."""
+    table = Table("drawn", "pool", 2.54, 1.27, RADIUS, 0.17, pockets=False)
+    x0, y0 = CORNER
+    # A camera far above: z barely matters, yet the eye stands somewhere.
+    eye = 1000.0
+    middle = (1.27, 0.635)
+    matrix = np.array(
+        [
+            [PX_PER_M, 0.0, -(x0 + PX_PER_M * middle[0]) / eye, x0],
+            [0.0, PX_PER_M, -(y0 + PX_PER_M * middle[1]) / eye, y0],
+            [0.0, 0.0, -1.0 / eye, 1.0],
+        ]
+    )
+    corners = np.array(CORNER) + PX_PER_M * table.corners
+    lab = cv2.cvtColor(np.float32([[CLOTH]]) / np.float32(255), cv2.COLOR_RGB2LAB)[0, 0].astype(np.float64)
+    return Scene(table, Camera(matrix, WIDTH, HEIGHT, corners, np.eye(8), "cloth", eye, 1.0), lab, ())
+
+
+def draw(balls: list[Ball], rng: np.random.Generator, noise: float = 2.0) -> Bytes:
+    """A picture (H, W, 3) of balls on the table."""
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
+    light = 1.0 + 0.15 * np.cos((x - 250) / 260) * np.cos((y - 150) / 200)
+    picture = np.full((HEIGHT, WIDTH, 3), (70.0, 45.0, 30.0))
+    on_cloth = (np.abs(x - 319.4) < 279.4 + 8) & (np.abs(y - 179.7) < 139.7 + 8)
+    picture[on_cloth] = (np.array(CLOTH) * light[..., None])[on_cloth]
+    for ball in balls:
+        _lay(picture, ball, x, y)
+    return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.6) + rng.normal(0, noise, picture.shape), 0, 255).astype(
+        np.uint8
+    )
+
+
+def _lay(picture: Floats, ball: Ball, x: Floats, y: Floats) -> None:
+    radius = RADIUS * PX_PER_M
+    steps = np.linspace(-0.5, 0.5, 1 if ball.streak == (0.0, 0.0) else 41)
+    shares, colours = np.zeros(x.shape), np.zeros((*x.shape, 3))
+    shade = np.zeros(x.shape)
+    for step in steps:
+        dx, dy = x - ball.x - step * ball.streak[0], y - ball.y - step * ball.streak[1]
+        share = np.clip(radius + 0.5 - np.hypot(dx, dy), 0, 1)
+        bright = 0.75 + 0.25 * np.sqrt(np.clip(1 - (dx**2 + dy**2) / radius**2, 0, 1))
+        shares += share / len(steps)
+        colours += (share * bright / len(steps))[..., None] * np.array(ball.colour)
+        shade += 0.3 * np.exp(-((dx - 3) ** 2 + (dy - 4) ** 2) / (2 * (0.8 * radius) ** 2)) / len(steps)
+    picture *= (1 - shade * (1 - shares))[..., None]
+    picture *= (1 - shares)[..., None]
+    picture += colours
