@@ -8,7 +8,7 @@ OUT ?= out
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: run test slow check clean
+.PHONY: run test check clean
 
 run: .venv/.program
 	$(BIN)/trueroll batch sample_videos -o $(OUT)
@@ -16,9 +16,6 @@ run: .venv/.program
 
 test: .venv/.tools
 	$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
-
-slow: .venv/.tools
-	$(BIN)/python -m pytest -m slow
 
 check: .venv/.tools
 	$(BIN)/ruff check .
