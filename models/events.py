@@ -35,7 +35,7 @@ class Events:
     gap: Floats
     """(E,) m, least distance of the two surfaces on their free paths, negative where they would overlap.
 
-    NaN if not a contact.
+    NaN if not a contact, or unknown.
     """
     gap_sigma: Floats
     """(E,) m."""

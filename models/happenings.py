@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.billiards.motion import GRAVITY, STATE, Friction, kinematics, rest_time
-from models.contacts import INWARD, cushion_distances
+from models.contacts import CUE_KINDS, INWARD, cushion_distances
 from models.events import Events
 from models.paths import state_covariance
 from models.scene import CUSHIONS, POCKETS, Table
@@ -53,7 +53,7 @@ def events_of(solution: Solution, tracks: Tracks, table: Table, chi2: Floats, po
     plan = layout(solution.story)
     found = list(potted)
     for number, contact in enumerate(solution.story.contacts):
-        found += _contact(solution, plan, number, contact, tracks.ids, table, chi2)
+        found += _contact(solution, plan, number, contact, tracks, table, chi2)
     vanish = {event.a: event.t for event in potted}
     found += [event for event in _rests(solution, plan, tracks) if event.t < vanish.get(event.a, np.inf)]
     return listed(found, tracks)
@@ -128,8 +128,9 @@ def probability(gain: float) -> float:
 
 
 def _contact(
-    solution: Solution, plan: Layout, number: int, contact: Contact, ids: tuple[str, ...], table: Table, chi2: Floats
+    solution: Solution, plan: Layout, number: int, contact: Contact, tracks: Tracks, table: Table, chi2: Floats
 ) -> list[Happening]:
+    ids = tracks.ids
     if contact.kind == "jump":
         return []
     if contact.kind == "free":
@@ -142,10 +143,12 @@ def _contact(
     after = [spans[k].state for k in contact.after]
     likely = probability(contact.gain)
     if contact.kind == "strike":
-        event = Happening(
-            "strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], likely, speed=float(np.hypot(*after[0][2:4]))
-        )
-        return [event]
+        speed = float(np.hypot(*after[0][2:4]))
+        hitter = None if tracks.kinds[balls[0]] in CUE_KINDS else _hitter(solution, contact, tracks, table)
+        if hitter is not None:
+            sigma = max(sigma, 0.5 * float(np.median(np.diff(tracks.t))))
+            return [Happening("ball", contact.t, sigma, ids[hitter], ids[balls[0]], after[0][:2], 0.7, speed=speed)]
+        return [Happening("strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], likely, speed=speed)]
     before = [end_state(solution, k) for k in contact.before]
     if contact.kind == "cushion":
         side = CUSHIONS.index(contact.cushion)
@@ -165,6 +168,29 @@ def _contact(
         Happening("ball", contact.t, sigma, ids[balls[0]], ids[balls[1]], after[0][:2], likely, gap, gap_sigma, speed)
     ]
     return found + _stopped(solution, plan, number, contact, ids)
+
+
+def _hitter(solution: Solution, contact: Contact, tracks: Tracks, table: Table) -> int | None:
+    """The ball that set an object ball going though no common contact was fitted.
+
+    A neighbour that leaves in the same picture, or a ball whose track begins just after on a way that leads from here.
+    """
+    story, interval = solution.story, float(np.median(np.diff(tracks.t)))
+    place, ball = story.spans[contact.before[0]].state[:2], story.spans[contact.before[0]].ball
+    found: list[tuple[float, int]] = []
+    for k, span in enumerate(story.spans):
+        if span.ball == ball:
+            continue
+        if span.static:
+            there = span.state[:2]
+            fits = abs(story.finish(k) - contact.t) < 1.5 * interval
+        else:
+            there = kinematics(span.state[None], np.array([contact.t - span.t0]), solution.friction)[0, :2]
+            fits = span.start is None and 0 < span.t0 - contact.t < 5 * interval
+        miss = abs(float(np.linalg.norm(there - place)) / table.ball_radius - 2)
+        if fits and miss < (0.35 if span.static else 0.8):
+            found.append((miss, span.ball))
+    return min(found)[1] if found else None
 
 
 def _stopped(solution: Solution, plan: Layout, number: int, contact: Contact, ids: tuple[str, ...]) -> list[Happening]:

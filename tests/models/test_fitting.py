@@ -127,7 +127,7 @@ def test_clips_may_begin_and_end_in_motion() -> None:
 
 
 def test_a_ball_that_obeys_no_law_is_measured_and_not_trusted() -> None:
-    shot = random_shot(1)
+    shot = random_shot(1, seconds=2.4)
     t = shot.tracks.t
     tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
     tracks.xy[:, 2] = np.stack([1.2 + 0.3 * np.sin(3 * t), 0.6 + 0.2 * np.cos(5 * t)], axis=1)

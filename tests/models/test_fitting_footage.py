@@ -1,0 +1,76 @@
+"""The fit on tracks of real three-cushion shots, against events that people marked."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.fit import Fit
+from models.fitting import fit_shot
+from models.scene import Camera, Scene, Table
+from models.tracks import Tracks
+
+RADIUS, LENGTH, WIDTH = 0.03075, 2.84, 1.42
+PX_PER_M = (740 - 134) / (LENGTH - 2 * RADIUS)
+CUSHIONS = {"L": "left", "R": "right", "T": "top", "B": "bottom"}
+
+
+def carom(folder: Path, name: str) -> tuple[Tracks, Scene, list[dict[str, object]]]:
+    """Tracks of a clip from its marked centres; 15 pictures per second are a guess."""
+    marks = json.loads((folder / f"carom_{name}.gt.json").read_text())
+    ids = tuple(marks["tracks"])
+    px = np.full((max(len(rows) for rows in marks["tracks"].values()), 3, 2), np.nan)
+    for ball, rows in enumerate(marks["tracks"].values()):
+        for frame, row in enumerate(rows):
+            px[frame, ball] = np.nan if row is None else row[1:3]
+    xy = (px - [134, 103]) / PX_PER_M + RADIUS
+    sigma = np.full(px.shape[:2], 0.4 / PX_PER_M)
+    frames = np.arange(len(px))
+    tracks = Tracks(
+        frames, frames / 15, ids, ids, xy, px, sigma, sigma, np.zeros_like(xy),
+        np.full(px.shape[:2], 6.5), np.zeros((3, 3)),
+    )  # fmt: skip
+    table = Table("carom-match", "carom", LENGTH, WIDTH, RADIUS, 0.21, False)
+    matrix = np.array([[PX_PER_M, 0, 0, 120.0], [0, PX_PER_M, 0, 96.0], [0, 0, 0, 1.0]])
+    camera = Camera(matrix, 854, 480, table.corners * PX_PER_M, np.eye(8), "cloth", 3.0, 1.0)
+    return tracks, Scene(table, camera, np.array([40.0, 0.0, -30.0]), ()), marks.get("events", [])
+
+
+def found(fit: Fit, mark: dict[str, object]) -> bool:
+    """Whether a mark is among the events, within one and a half pictures."""
+    who, events = str(mark["who"]), fit.events
+    for k in range(len(events)):
+        near = abs(events.frame[k] - (float(str(mark["frame_1based"])) - 1)) <= 1.5
+        pair = {events.a[k], events.b[k]}
+        if mark["type"] == "ball_ball":
+            same = events.kind[k] == "ball" and pair == set(who.split("-"))
+        elif mark["type"] == "cushion":
+            ball, side = who.split()
+            same = events.kind[k] == "cushion" and pair == {ball, CUSHIONS[side]}
+        else:
+            same = events.kind[k] == "strike" and events.a[k] == who
+        if near and same:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("name", ["F1", "F3"])
+def test_marked_events_of_carom_shots_are_found(footage: Path, name: str) -> None:
+    tracks, scene, marks = carom(footage, name)
+    fit = fit_shot(tracks, scene)
+    assert np.mean([found(fit, mark) for mark in marks]) >= 0.85
+    contacts = sum(kind in ("ball", "cushion") for kind in fit.events.kind)
+    listed = sum(mark["type"] != "cue_strike" for mark in marks)
+    assert contacts <= listed / 0.85
+
+
+@pytest.mark.parametrize("name", ["F1", "F2", "F3"])
+def test_paths_of_carom_shots_stay_within_a_pixel(footage: Path, name: str) -> None:
+    tracks, scene, _ = carom(footage, name)
+    fit = fit_shot(tracks, scene)
+    miss = fit.residual[np.isfinite(fit.residual[..., 0])] * PX_PER_M
+    assert np.sqrt((miss**2).sum(axis=1).mean()) < 0.9
+    assert (fit.moving & fit.accepted).sum() > 0.8 * fit.moving.sum()
