@@ -63,11 +63,14 @@ class Graph:
         """What a run would do, without doing it."""
         sources = self._sources()
         contents: dict[str, str] = {}
+        behind: dict[str, set[str]] = {}
         views = []
         for stage in self.stages:
+            behind[stage.name] = set(stage.needs).union(*(behind[name] for name in stage.needs))
             waits = [name for name in stage.needs if name not in contents]
             if waits:
-                views.append(Outlook(stage.name, stage.needs, "waiting", f"waits for {', '.join(waits)}"))
+                nearest = [name for name in waits if not any(name in behind[other] for other in waits)]
+                views.append(Outlook(stage.name, stage.needs, "waiting", f"waits for {', '.join(nearest)}"))
                 continue
             key = stage_key(stage, contents, sources[stage.name])
             entry = cache.find(key)

@@ -157,7 +157,7 @@ def test_a_pruned_entry_is_rebuilt(code: Path, cache: Cache) -> None:
 def test_a_stage_that_never_ran_says_so_and_the_others_wait(code: Path, cache: Cache) -> None:
     views = {view.stage: view for view in chain().outlook(cache)}
     assert (views["read"].state, views["read"].why) == ("stale", "it never ran for this clip")
-    assert (views["render"].state, views["render"].why) == ("waiting", "waits for read, fit")
+    assert (views["render"].state, views["render"].why) == ("waiting", "waits for fit")
 
 
 def test_a_stage_that_fails_leaves_the_finished_ones(code: Path, cache: Cache) -> None:
