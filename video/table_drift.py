@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from models.scene import apply_homography
 from video.table_camera import homography_between
@@ -150,6 +149,8 @@ def follow_camera(reference: Reference, pictures: Iterable[tuple[int, Grey]], co
     filled = np.column_stack([np.interp(frames, frames[known], flat[known, k]) for k in range(8)])
     if count >= SMOOTHING:
         # A hand moves smoothly over a fifth of a second; what is left of a parabola is noise of the registration.
+        from scipy.signal import savgol_filter  # slow to import, and every start of the program would wait
+
         filled = savgol_filter(filled, SMOOTHING, 2, axis=0)
     moved = filled.reshape(count, 4, 2)
     return np.stack([homography_between(reference.corners, place) for place in moved]), int((~known).sum())

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 from models.scene import apply_homography
 from video.table_camera import square_to_quad
@@ -114,6 +113,8 @@ def sample_side(picture: Picture, outer: Floats, side: int, depths: Floats = DEP
 
 def side_peaks(side: Side) -> tuple[Floats, Floats]:
     """Depths and strengths of lines that run along the whole side, in the range of cushion widths."""
+    from scipy.signal import find_peaks  # slow to import, and every start of the program would wait
+
     index, properties = find_peaks(side.strength, height=LEAST_STEP, prominence=LEAST_STEP / 2)
     depth = DEPTHS[index]
     sharp = properties["prominences"] > 0.3 * properties["peak_heights"]
