@@ -25,8 +25,8 @@ Bools = NDArray[np.bool_]
 
 LEAST_SUPPORT = 0.6
 """Share of a circle's rays that must end at an edge."""
-LEAST_COVER = 0.55
-"""Share of the disc that must differ from the cloth."""
+LEAST_GUESS_COVER, LEAST_COVER = 0.3, 0.55
+"""Share of the disc that must differ from the cloth, before and after the fit."""
 APART_RADII = 1.75
 """Two balls are at least two radii apart on the table; less than this, with the errors, and one of them is none."""
 LINK_RADII = 0.35
@@ -108,6 +108,7 @@ class BallFinder:
 
     def _discs(self, rgb: Bytes, frame: int, guesses: Floats, scan: Scan) -> Found:
         """Sharp balls near guesses (n, 2), working px."""
+        guesses = guesses[_cover(scan.foreground, guesses, self.view) > LEAST_GUESS_COVER]
         guessed = self.view.to_picture(guesses)
         expected = self.view.predicted_radius(guessed)
         soft = softened(rgb)

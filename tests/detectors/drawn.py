@@ -46,7 +46,9 @@ def drawn_scene() -> Scene:
         ]
     )
     corners = np.array(CORNER) + PX_PER_M * table.corners
-    lab = cv2.cvtColor(np.float32([[CLOTH]]) / np.float32(255), cv2.COLOR_RGB2LAB)[0, 0].astype(np.float64)
+    lab = cv2.cvtColor(np.array([[CLOTH]], dtype=np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)[0, 0].astype(
+        np.float64
+    )
     return Scene(table, Camera(matrix, WIDTH, HEIGHT, corners, np.eye(8), "cloth", eye, 1.0), lab, ())
 
 
