@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ _LONGEST = 0.5
 """s: a rest less certain is no event."""
 _SHORTEST = 0.01
 """m: a ball that moved less has not come to rest, it jittered."""
+_NUDGE = 0.5
+"""ball radii: an object ball that seems to move less by itself was only seen badly."""
 _PRICE = 20.0
 """chi2 that an event must improve to be as likely as not."""
 
@@ -55,8 +57,21 @@ def events_of(solution: Solution, tracks: Tracks, table: Table, chi2: Floats, po
     for number, contact in enumerate(solution.story.contacts):
         found += _contact(solution, plan, number, contact, tracks, table, chi2)
     vanish = {event.a: event.t for event in potted}
-    found += [event for event in _rests(solution, plan, tracks) if event.t < vanish.get(event.a, np.inf)]
-    return listed(found, tracks)
+    found += _rests(solution, plan, tracks)
+    jaws = 3 * float(np.median(np.diff(tracks.t))) if potted else 0.0
+    kept = [
+        event for event in found
+        if event.kind not in ("rest", "cushion") or event.t < vanish.get(event.a, np.inf) - jaws
+    ]  # fmt: skip
+    return listed([_bounded(event, tracks) for event in kept], tracks)
+
+
+def _bounded(event: Happening, tracks: Tracks) -> Happening:
+    """No event is less certain than a few pictures: the samples before and after it show that much."""
+    seen = tracks.t[tracks.observed[:, tracks.ids.index(event.a)]]
+    row = int(np.clip(np.searchsorted(seen, event.t), 1, len(seen) - 1)) if len(seen) > 1 else 0
+    limit = 2 * float(seen[row] - seen[row - 1]) if row else _LONGEST
+    return replace(event, t_sigma=min(event.t_sigma, limit)) if event.kind != "rest" else event
 
 
 def listed(found: list[Happening], tracks: Tracks) -> Events:
@@ -97,9 +112,25 @@ def pocketed(solution: Solution, tracks: Tracks, table: Table) -> list[Happening
             continue
         span = solution.story.of_ball(ball)[-1]
         if solution.story.spans[span].static:
+            found += _stuck(solution, tracks, table, ball, span, rows)
             continue
         found += _fall(solution, tracks, table, ball, span, int(rows[-1]))
     return found
+
+
+def _stuck(
+    solution: Solution, tracks: Tracks, table: Table, ball: int, span: int, rows: NDArray[np.int64]
+) -> list[Happening]:
+    """A ball that stops in the jaws for a picture or three, then is gone, fell."""
+    story, interval = solution.story, float(np.median(np.diff(tracks.t)))
+    last = float(tracks.t[rows[-1]])
+    distance = np.linalg.norm(table.pocket_centres - tracks.xy[rows[-1], ball], axis=1)
+    pocket = int(np.argmin(distance))
+    waited = last - story.begin(span)
+    if story.spans[span].start is None or waited > 3 * interval or distance[pocket] > POCKET_REACH * table.ball_radius:
+        return []
+    x = tracks.xy[rows[-1], ball]
+    return [Happening("pocket", last + 0.5 * interval, interval, tracks.ids[ball], POCKETS[pocket], x, 0.9)]
 
 
 def _fall(solution: Solution, tracks: Tracks, table: Table, ball: int, span: int, row: int) -> list[Happening]:
@@ -148,6 +179,9 @@ def _contact(
         if hitter is not None:
             sigma = max(sigma, 0.5 * float(np.median(np.diff(tracks.t))))
             return [Happening("ball", contact.t, sigma, ids[hitter], ids[balls[0]], after[0][:2], 0.7, speed=speed)]
+        way = np.linalg.norm(end_state(solution, contact.after[0])[:2] - after[0][:2])
+        if tracks.kinds[balls[0]] not in CUE_KINDS and way < _NUDGE * table.ball_radius:
+            return []
         return [Happening("strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], likely, speed=speed)]
     before = [end_state(solution, k) for k in contact.before]
     if contact.kind == "cushion":
@@ -214,7 +248,7 @@ def _rests(solution: Solution, plan: Layout, tracks: Tracks) -> list[Happening]:
         length = max(stop - REST_SPEED / (solution.friction.rolling * GRAVITY), 0.0)
         t = story.begin(k) + length
         seen = tracks.t[tracks.observed[:, span.ball]]
-        if story.begin(k) + stop > min(story.finish(k), float(seen[-1])):
+        if story.begin(k) + stop > story.finish(k) or t > float(seen[-1]):
             continue
         place = kinematics(span.state[None], np.array([length]), solution.friction)[0, :2]
         sigma = _rest_sigma(solution, plan, k)

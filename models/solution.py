@@ -15,6 +15,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+FOREVER = 100.0
+"""s: every ball rests by then."""
+
+
 @dataclass(frozen=True, slots=True)
 class Data:
     """What was seen, one row per observation, sorted by ball and time."""
@@ -105,6 +109,6 @@ def end_state(solution: Solution, k: int) -> Floats:
     span = solution.story.spans[k]
     if span.static:
         return np.concatenate([span.state[:2], np.zeros(4)])
-    tau = np.array([solution.story.finish(k) - solution.story.begin(k)])
+    tau = np.array([min(solution.story.finish(k) - solution.story.begin(k), FOREVER)])
     state: Floats = kinematics(span.state[None], tau, solution.friction)[0]
     return state
