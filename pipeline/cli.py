@@ -20,7 +20,7 @@ from rich.table import Table as Grid
 
 from models.errors import OptionError
 from pipeline.cache import Cache, default_root
-from pipeline.chain import Run, default_folder, run_clip, run_graph
+from pipeline.chain import Run, default_folder, refuse_closed, run_clip, run_graph
 from pipeline.display import StageDisplay
 from pipeline.options import RunOptions, collect, parameters
 from pipeline.sentences import event_sentence, event_time, one_sentence
@@ -148,6 +148,7 @@ def batch(
     clips = [clip for clip in find_clips(folder) if not clip.resolve().is_relative_to(out.resolve())]
     if not clips:
         raise OptionError(f"A folder with clips was expected; {folder} holds none")
+    refuse_closed(out)
     store = _open_cache(cache)
     with StageDisplay(console) as display:
         rows = run_batch(clips, folder, out, options, store, lambda clip: display.of(clip.name))
@@ -179,12 +180,11 @@ def view(
     """The recording of a run in the rerun viewer."""
     from pipeline.viewer import show_recording
 
-    recording = target / "recording.rrd" if target.is_dir() else target
-    if target.is_dir() and not recording.is_file():
-        raise OptionError(
-            f"A run's folder holds recording.rrd; {target} does not. Run the clip first: trueroll run CLIP"
-        )
-    if not target.is_dir() and target.suffix != ".rrd":
+    if target.is_dir() or target.suffix == ".rrd":
+        recording = target / "recording.rrd" if target.is_dir() else target
+        if not recording.is_file():
+            raise OptionError(f"A recording was expected; {recording} is none. Run the clip first: trueroll run CLIP")
+    else:
         folder = default_folder(target)
         with StageDisplay(console, str(target)) as display:
             run_clip(target, folder, RunOptions(), _open_cache(cache), display)

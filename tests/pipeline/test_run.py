@@ -224,7 +224,14 @@ def test_one_bad_clip_stops_no_batch_and_a_second_batch_resumes(home: Home) -> N
     assert left == {"summary.csv", "deeper", "start_mp4"}
 
 
-def test_an_interrupted_run_leaves_nothing_half_written(home: Home) -> None:
+@pytest.mark.parametrize(
+    ("number", "status", "words"),
+    [
+        (signal.SIGINT, 130, "trueroll: interrupted; nothing half-written is left\n"),
+        (signal.SIGTERM, 143, ""),
+    ],
+)
+def test_a_run_that_is_stopped_leaves_nothing_half_written(home: Home, number: int, status: int, words: str) -> None:
     process = home.start("run", home.clip, "-o", "stopped", "--quick", "--slow", 16)
     building = home.folder / "cache" / "building"
     end = time.monotonic() + 60
@@ -232,10 +239,9 @@ def test_an_interrupted_run_leaves_nothing_half_written(home: Home) -> None:
         assert time.monotonic() < end, "the slow motion was never begun"
         assert process.poll() is None, process.communicate()
         time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert err == "trueroll: interrupted; nothing half-written is left\n"
+    assert (process.returncode, err) == (status, words)
     assert out == ""
     assert not (home.folder / "stopped").exists()
     assert not list(building.iterdir())
