@@ -136,7 +136,9 @@ def _paired(solution: Solution, story: Story, data: Data, table: Table) -> Story
     interval = float(np.median(np.diff(np.unique(data.t))))
     for number, contact in enumerate(story.contacts):
         if contact.kind == "strike":
-            shorter = _without_double_start(story, data, number, interval)
+            shorter = _without_double_start(story, data, number, interval) or _one_strike(
+                solution, data, number, interval, table
+            )
             if shorter is not None:
                 return shorter
         if contact.kind not in ("strike", "free"):
@@ -205,6 +207,24 @@ def _without_double_start(story: Story, data: Data, number: int, interval: float
     if rested and ran and (seen.sum() <= 1 or hit.t - story.contacts[number].t < 1.5 * interval):
         return story.without(number)
     return None
+
+
+def _one_strike(solution: Solution, data: Data, number: int, interval: float, table: Table) -> Story | None:
+    """A cue pushes for a moment: a second change of velocity within the next picture is the same strike."""
+    story = solution.story
+    first = story.contacts[number].after[0]
+    end = story.spans[first].end
+    if end is None or story.contacts[end].kind != "free" or story.finish(first) - story.begin(first) > 2.2 * interval:
+        return None
+    seen = (data.ball == story.spans[first].ball) & (data.t > story.begin(first)) & (data.t < story.finish(first))
+    way = np.linalg.norm(end_state(solution, first)[:2] - story.spans[first].state[:2])
+    onward = not story.spans[story.contacts[end].after[0]].static
+    if seen.sum() > 1 or way > table.ball_radius or not onward:
+        return None
+    shorter = story.without(number)
+    place = end if end < number else end - 1
+    contacts = tuple(replace(c, kind="strike") if k == place else c for k, c in enumerate(shorter.contacts))
+    return Story(shorter.spans, contacts)
 
 
 def _passer(solution: Solution, contact: Contact, table: Table, interval: float) -> tuple[int, float] | None:
