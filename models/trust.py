@@ -14,6 +14,8 @@ WORST_CHI2 = 4.0
 """per degree of freedom of a span, against the noise that the samples themselves show."""
 INVISIBLE = 0.03
 """ball radii: a misfit that nobody can see is accepted whatever its chi2."""
+WORST_MISS = 0.7
+"""ball radii: a path that misses its samples by more explains nothing, however noisy they are."""
 GREEN_SHARE, AMBER_SHARE = 0.9, 0.6
 """of the moving time that accepted fits explain."""
 
@@ -38,7 +40,7 @@ def span_chi2(solution: Solution, data: Data) -> tuple[Floats, Floats, NDArray[n
 def accepted_spans(solution: Solution, data: Data, radius: float) -> NDArray[np.bool_]:
     """(S,) which spans the physics explains. A span that nobody saw is believed where both neighbours are."""
     chi2, rms, count = span_chi2(solution, data)
-    good = (chi2 < WORST_CHI2) | (rms < INVISIBLE * radius)
+    good = ((chi2 < WORST_CHI2) | (rms < INVISIBLE * radius)) & (rms < WORST_MISS * radius)
     story = solution.story
     for k in np.flatnonzero(count == 0):
         span = story.spans[k]

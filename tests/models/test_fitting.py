@@ -152,6 +152,21 @@ def test_outliers_and_lost_pictures_do_little_harm() -> None:
     assert position_rms_px(fit, shot) < 0.5
 
 
+def test_noise_is_not_taken_for_motion() -> None:
+    shot = random_shot(3)
+    sigma = np.full(shot.tracks.sigma.shape, 1e-3)
+    anywhere = np.random.default_rng(0).uniform(0, 1, shot.tracks.xy.shape)
+    fit = fit_shot(replace(shot.tracks, xy=anywhere, sigma=sigma, sigma_along=sigma), shot.scene)
+    assert fit.trust.light == "red"
+
+
+@pytest.mark.parametrize("pictures", [0, 1, 2, 3, 5])
+def test_few_pictures_are_no_error(pictures: int) -> None:
+    shot = random_shot(3)
+    fit = fit_shot(only(shot.tracks, np.arange(pictures) + 30), shot.scene)
+    assert fit.residual.shape == (pictures, 3, 2)
+
+
 def test_empty_tracks_give_an_empty_fit() -> None:
     shot = random_shot(3)
     blind = replace(shot.tracks, xy=np.full_like(shot.tracks.xy, np.nan))
