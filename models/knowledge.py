@@ -14,16 +14,21 @@ from scipy import sparse
 
 from models.billiards.motion import STATE, kinematics_jacobian
 from models.contacts import INWARD, cushion_distances
+from models.effects.catalogue import prior_of
 from models.scene import CUSHIONS, Table
 from models.solution import Layout, Solution
 from models.story import Contact
 
 Floats = NDArray[np.float64]
 
-SLIDING_PRIOR = (0.2, 0.25)
-"""mu_sliding and the standard deviation of its logarithm: 0.15 to 0.25 on worn and new cloth (Alciatore 2024)."""
-ROLLING_PRIOR = (0.010, 0.4)
-"""mu_rolling and the standard deviation of its logarithm: 0.005 to 0.015."""
+_PRIORS = {
+    name: prior_of(name, parameter)
+    for name, parameter in (
+        ("sliding_friction", "mu"), ("rolling_resistance", "mu"), ("ball_restitution", "e"), ("cushion_restitution", "e"),
+    )
+}  # fmt: skip
+SLIDING_PRIOR, ROLLING_PRIOR, BALL_RESTITUTION, CUSHION_RESTITUTION = ((p.value, p.sigma) for p in _PRIORS.values())
+"""Usual value and standard deviation: of the logarithm for friction, of the number itself for restitution."""
 DIAMETER_SIGMA = 0.02
 """relative: one factor per clip on the distance of touching balls, for what the calibration misses."""
 NOSE_SIGMA = 0.004
@@ -38,9 +43,6 @@ TOUCH_SIGMA = 8e-4
 """m: scatter of the distance of touching balls."""
 NOSE_SCATTER = 1.5e-3
 """m: scatter of where balls meet a nose."""
-BALL_RESTITUTION = (0.94, 0.05)
-CUSHION_RESTITUTION = (0.75, 0.2)
-"""mean and standard deviation; wide, since laws differ."""
 _LONE = 5.0
 """m/s: prior standard deviation of a velocity."""
 

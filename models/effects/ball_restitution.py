@@ -1,0 +1,19 @@
+"""Ball restitution: the share of the closing speed with which two balls part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+from models.effects.effect import Phase, Prior
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class BallRestitution:
+    """One number for all speeds."""
+
+    name: str = "ball_restitution"
+    phases: tuple[Phase, ...] = ("ball_contact",)
+    parameters: tuple[Prior, ...] = (Prior("e", "1", 0.94, 0.05, False, (0.7, 1.0)),)
+    reference: str = "Alciatore, billiards.colostate.edu, physical properties of billiard equipment: 0.92 to 0.98"

@@ -1,0 +1,53 @@
+"""What an effect says of itself: its parameters with unit, bounds and prior, and where it acts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+Phase = Literal["free_roll", "after_strike", "ball_contact", "cushion_contact"]
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """A parameter before anything is seen."""
+
+    name: str
+    unit: str
+    """SI; "1" for a pure number."""
+    value: float
+    """The usual value."""
+    sigma: float
+    """One standard deviation: of the logarithm where `relative`, else in `unit`."""
+    relative: bool
+    bounds: tuple[float, float]
+    """What no table exceeds."""
+
+    def __post_init__(self) -> None:
+        low, high = self.bounds
+        if not low <= self.value <= high or self.sigma <= 0:
+            raise ValueError(f"{self.name}: a prior lies within its bounds and has a sigma above 0")
+
+
+class Effect(Protocol):
+    """An effect of the catalogue."""
+
+    @property
+    def name(self) -> str:
+        """As users know it."""
+        ...
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """Where it acts."""
+        ...
+
+    @property
+    def parameters(self) -> tuple[Prior, ...]:
+        """What the fit may determine."""
+        ...
+
+    @property
+    def reference(self) -> str:
+        """Where its law and its usual values come from."""
+        ...

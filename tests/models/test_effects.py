@@ -1,0 +1,42 @@
+"""Every effect of the catalogue says what a user and a fit need of it."""
+
+from __future__ import annotations
+
+import pytest
+
+from models.effects.catalogue import BILLIARDS, prior_of
+from models.effects.effect import Effect, Prior
+from pipeline.fingerprint import ROOT, source_hashes
+
+
+@pytest.mark.parametrize("effect", BILLIARDS, ids=lambda effect: effect.name)
+def test_an_effect_has_a_place_parameters_and_a_source(effect: Effect) -> None:
+    assert effect.phases
+    assert effect.parameters
+    assert effect.reference
+    assert (ROOT / "models" / "effects" / f"{effect.name}.py").is_file(), "one file per effect, named as users know it"
+    assert [prior_of(effect.name, prior.name) for prior in effect.parameters] == list(effect.parameters)
+
+
+def test_names_are_unique() -> None:
+    names = [effect.name for effect in BILLIARDS]
+    assert len(set(names)) == len(names)
+
+
+def test_a_prior_outside_its_bounds_is_refused() -> None:
+    with pytest.raises(ValueError, match="within its bounds"):
+        Prior("mu", "1", 2.0, 0.1, False, (0.0, 1.0))
+
+
+def test_an_unknown_effect_is_named_with_the_known_ones() -> None:
+    with pytest.raises(ValueError, match=r"rolling_resistance.*no glue\.mu"):
+        prior_of("glue", "mu")
+
+
+def test_the_fit_stands_on_every_effect_and_detection_on_none() -> None:
+    behind = {stage: source_hashes(f"pipeline.stages.{stage}") for stage in ("fit", "detect", "track")}
+    for effect in BILLIARDS:
+        path = f"models/effects/{effect.name}.py"
+        assert path in behind["fit"]
+        assert path not in behind["detect"]
+        assert path not in behind["track"]
