@@ -24,9 +24,12 @@ Floats = NDArray[np.float64]
 _PRIORS = {
     name: prior_of(name, parameter)
     for name, parameter in (
-        ("sliding_friction", "mu"), ("rolling_resistance", "mu"), ("ball_restitution", "e"), ("cushion_restitution", "e"),
+        ("sliding_friction", "mu"),
+        ("rolling_resistance", "mu"),
+        ("ball_restitution", "e"),
+        ("cushion_restitution", "e"),
     )
-}  # fmt: skip
+}
 SLIDING_PRIOR, ROLLING_PRIOR, BALL_RESTITUTION, CUSHION_RESTITUTION = ((p.value, p.sigma) for p in _PRIORS.values())
 """Usual value and standard deviation: of the logarithm for friction, of the number itself for restitution."""
 DIAMETER_SIGMA = 0.02
