@@ -17,7 +17,7 @@ from models.hypotheses import follow
 from models.kinds import Look, name_ids, name_kinds
 from models.progress import Progress, silent
 from models.scene import Scene
-from models.selection import is_ball
+from models.selection import is_ball, looks_like_ball
 from models.sightings import Sightings, sight
 from models.stitching import Tracklet, cut, stitch
 from models.tracks import Tracks
@@ -60,7 +60,8 @@ def associate(
         )
     sightings = sight(detections, frame, scene)
     chains = follow(sightings, t, scene.table, options.breadth, options.patience, progress)
-    joined = stitch(cut(chains, sightings, t), sightings, t, scene.table)
+    pieces = [piece for piece in cut(chains, sightings, t) if looks_like_ball(piece, sightings, t, scene)]
+    joined = stitch(pieces, sightings, t, scene.table)
     balls = [piece for piece in joined if is_ball(piece, sightings, t, scene)]
     if options.balls:
         balls = sorted(balls, key=lambda piece: -len(piece.picture))[: options.balls]

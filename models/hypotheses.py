@@ -9,6 +9,8 @@ is over exchanges instead of Murty's full ranking).
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
@@ -117,19 +119,24 @@ def _assignments(reading: Reading, bid: Bid, breadth: int) -> list[tuple[float, 
 
 
 def _departures(reading: Reading, bid: Bid, chosen: Ints, price: float) -> list[tuple[float, Ints]]:
-    """Beside an assignment: a ball that was not seen left with a detection that nobody took, though that is rare."""
+    """Beside an assignment: a ball that was not seen left with a detection that nobody took, though that is rare.
+
+    Two may have: a ball that was struck behind a hand, and the one that it sent off before it was seen again.
+    """
     unseen = np.flatnonzero((chosen < 0) & reading.sure & (reading.missed <= 3))
     free = np.setdiff1d(np.arange(bid.cost.shape[1]), chosen)
     if not len(unseen) or not len(free):
         return []
     delta = bid.cost[np.ix_(unseen, free)] - bid.miss[unseen, None]
+    ways = [divmod(int(flat), len(free)) for flat in np.argsort(delta, axis=None, kind="stable")[:4]]
+    ways = [way for way in ways if delta[way] < BRANCH_LIMIT]
+    pairs = [(p, q) for p, q in combinations(ways, 2) if p[0] != q[0] and p[1] != q[1]]
     result = []
-    for flat in np.argsort(delta, axis=None, kind="stable")[:2]:
-        i, j = divmod(int(flat), len(free))
-        if delta[i, j] < BRANCH_LIMIT:
-            other = chosen.copy()
+    for departed in [*((way,) for way in ways[:2]), *pairs[:1]]:
+        other = chosen.copy()
+        for i, j in departed:
             other[unseen[i]] = free[j]
-            result.append((price + float(delta[i, j]), other))
+        result.append((price + float(sum(delta[way] for way in departed)), other))
     return result
 
 

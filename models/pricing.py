@@ -35,6 +35,11 @@ TIMING = 0.15
 """Standard deviation of the time of a foreseen contact, in picture intervals."""
 COLOUR_LIMIT = 12.0
 """Most that a wrong colour may cost: a hand, a shadow or a streak changes it."""
+CLOTH_LIKE, GHOST = 12.0, 8.0
+"""CIE Lab distance from the cloth below which a shadow or a projected line is meant, balls keep 20 and more; and what
+such a sighting costs a ball of another colour."""
+MOST_CLOTH = 0.6
+"""Share of the cloth's colour in the mean colour of a streak, at most."""
 STILL = 3
 """Sightings that a ball counts at birth where the next pictures show it at rest."""
 FREE, MET, BUMPED, STRUCK, OFF = range(5)
@@ -127,10 +132,24 @@ def make_bid(reading: Reading, sightings: Sightings, now: Ints, dt: float, table
         ]
     )  # (5, N, K)
     mode = np.argmax(density, axis=0)
-    tint = ((sightings.colour[now][None] - reading.colour[:, None]) ** 2).sum(axis=2) / reading.spread[:, None] ** 2
     seen = _detection_chance(reading, foresight, table)
-    cost = -density.max(axis=0) - np.log(seen)[:, None] + np.log(CLUTTER) + np.minimum(tint / 2, COLOUR_LIMIT)
+    cost = -density.max(axis=0) - np.log(seen)[:, None] + np.log(CLUTTER) + _tint(reading, sightings, now, table)
     return Bid(cost, -np.log(1 - seen), mode, pace, foresight, p_free, p_contact)
+
+
+def _tint(reading: Reading, sightings: Sightings, now: Ints, table: Table) -> Floats:
+    """Price (N, K) of colours: a streak mixes the ball's with the cloth's, and what looks like cloth is no ball's."""
+    colour, cloth = sightings.colour[now], sightings.cloth
+    off = colour[None] - reading.colour[:, None]
+    fade = cloth - reading.colour
+    streaked = np.hypot(*sightings.streak[now].T) > table.ball_radius
+    share = (off * fade[:, None]).sum(axis=2) / np.maximum((fade**2).sum(axis=1), 1e-9)[:, None]
+    share = np.where(streaked, np.clip(share, 0.0, MOST_CLOTH), 0.0)
+    distance = ((off - share[:, :, None] * fade[:, None]) ** 2).sum(axis=2) / reading.spread[:, None] ** 2
+    clothy = np.hypot.reduce(colour - cloth, axis=1) < CLOTH_LIKE
+    plain = np.hypot.reduce(fade, axis=1) > 2 * CLOTH_LIKE
+    ghost = GHOST * (clothy & ~streaked)[None] * plain[:, None]
+    return np.asarray(np.minimum(distance / 2, COLOUR_LIMIT) + ghost)
 
 
 def _propagate(p: Floats, dt: float, push: Floats) -> Floats:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from models.pricing import CLOTH_LIKE
 from models.scene import Scene, Table
 from models.sightings import Sightings
 from models.stitching import Tracklet, fell
@@ -21,8 +22,14 @@ TIME_JITTER = 0.07
 """Error of a picture's time, in the interval of its neighbours: containers round, and repeat pictures irregularly."""
 MOST_LOST = 0.15
 """Share of its pictures in which a ball may go unseen while it moves."""
-CLOTH_LIKE = 12.0
-"""CIE Lab distance from the cloth below which a shadow or a projected line is meant; balls keep 20 and more."""
+STREAKED, MOST_IMPOSSIBLE = 2.2, 0.3
+"""Radii by which a streak is longer than the way to either neighbour, which no exposure makes nor two balls that touch;
+and in how many of the pictures: an edge of a sleeve, a cue or a line looks like a streak that goes nowhere."""
+JAWS, TIPS, OVER_NOSE = 2.2, 4.0, 0.93
+"""Radii from a pocket's centre: to where balls may hang in the jaws, and to where its lining reaches; and from a nose:
+what lies nearer throughout, beside the jaws, is that lining."""
+STEADY = 0.5
+"""Share of the pictures that a ball of the cloth's colour is seen at one place."""
 VANISH_TIME, VANISH_PICTURES = 0.3, 5
 """s and pictures before the end: what is no longer seen there has vanished."""
 VANISH_SCORE = 0.85
@@ -31,17 +38,50 @@ POCKET_REACH = 0.2
 """m from a pocket's centre within which a ball may vanish between two pictures."""
 
 
+def looks_like_ball(piece: Tracklet, sightings: Sightings, t: Floats, scene: Scene) -> bool:
+    """Whether the pictures of a tracklet may be those of a ball, before its pieces are joined."""
+    clothy = float(np.hypot.reduce(piece.colour - scene.cloth_lab)) < CLOTH_LIKE
+    if clothy and not (len(piece.picture) > STEADY * len(t) and _rests(piece, sightings, scene.table)):
+        return False
+    return _impossible_streaks(piece, sightings, scene.table) <= MOST_IMPOSSIBLE
+
+
 def is_ball(piece: Tracklet, sightings: Sightings, t: Floats, scene: Scene) -> bool:
     """Whether a tracklet lasts, looks and moves as a ball."""
     seen = len(piece.picture)
     lasting = seen >= LEAST_SHARE * len(t) or fell(piece, scene.table)
     if seen < LEAST_SEEN or not lasting:
         return False
-    if float(np.hypot.reduce(piece.colour - scene.cloth_lab)) < CLOTH_LIKE:
+    if not looks_like_ball(piece, sightings, t, scene) or _lines_pocket(piece, sightings, scene.table):
         return False
     if _lost_share(piece, sightings, scene.table) > MOST_LOST or _jitter(piece, sightings, t) > JITTER:
         return False
     return not _vanishes(piece, t, scene.table) or float(np.median(sightings.score[piece.row])) >= VANISH_SCORE
+
+
+def _rests(piece: Tracklet, sightings: Sightings, table: Table) -> bool:
+    """Whether nine sightings in ten are within half a radius of the middle one."""
+    xy = sightings.xy[piece.row]
+    return float(np.percentile(np.hypot(*(xy - np.median(xy, axis=0)).T), 90)) < table.ball_radius / 2
+
+
+def _lines_pocket(piece: Tracklet, sightings: Sightings, table: Table) -> bool:
+    """Whether it lies beside the mouth of a pocket and over the line of the noses, where no ball can be."""
+    if not table.pockets or not _rests(piece, sightings, table):
+        return False
+    place = np.median(sightings.xy[piece.row], axis=0)
+    gap = float(np.hypot(*(table.pocket_centres - place).T).min())
+    inside = float(min(place.min(), table.length - place[0], table.width - place[1]))
+    r = table.ball_radius
+    return JAWS * r < gap < TIPS * r and inside < OVER_NOSE * r
+
+
+def _impossible_streaks(piece: Tracklet, sightings: Sightings, table: Table) -> float:
+    """Share of the sightings with a streak longer than the way to either neighbour: no exposure outlasts a picture."""
+    xy, length = sightings.xy[piece.row], np.hypot(*sightings.streak[piece.row].T)
+    way = np.hypot(*np.diff(xy, axis=0).T)
+    longest = np.maximum(np.concatenate([way[:1], way]), np.concatenate([way, way[-1:]]))
+    return float(np.mean(length > longest + STREAKED * table.ball_radius))
 
 
 def _lost_share(piece: Tracklet, sightings: Sightings, table: Table) -> float:

@@ -47,6 +47,8 @@ class Sightings:
     """(K,) m/px."""
     still: NDArray[np.bool_]
     """(K,) seen again in the same place in most of the next pictures."""
+    cloth: Floats
+    """(3,) L*a*b*."""
 
 
 def sight(detections: Detections, frame: Ints, scene: Scene) -> Sightings:
@@ -66,7 +68,9 @@ def sight(detections: Detections, frame: Ints, scene: Scene) -> Sightings:
     first = np.searchsorted(picture, np.arange(len(frame) + 1))
     still = _still(first, xy, sigma)
     colour, score = detections.colour[row], detections.score[row]
-    return Sightings(row, first, xy, sigma, np.maximum(along, sigma), ends - xy, colour, score, scale, still)
+    return Sightings(
+        row, first, xy, sigma, np.maximum(along, sigma), ends - xy, colour, score, scale, still, scene.cloth_lab
+    )
 
 
 def _still(first: Ints, xy: Floats, sigma: Floats) -> NDArray[np.bool_]:
