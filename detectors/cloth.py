@@ -33,6 +33,8 @@ DEGREE = 4
 GRADUAL_LEVELS, GRADUAL_RADII = 45.0, 3.0
 """Differences up to this many grey levels, smoothed over this many ball radii, are the light's."""
 
+WHOLE = (slice(None), slice(None))
+
 
 @dataclass(frozen=True, slots=True)
 class Cloth:
@@ -51,25 +53,31 @@ class Cloth:
     threshold: float
     """Grey levels above which a pixel is not cloth."""
 
-    def contrast(self, working: Bytes) -> Floats32:
-        """Signed differences (h, w, 3) from the empty table along `basis`, darker cloth weighed down."""
-        found = self._weighed(cv2.subtract(working, self.colour, dtype=cv2.CV_32F))
-        if not len(self.marked):
+    def contrast(self, working: Bytes, part: tuple[slice, slice] = WHOLE) -> Floats32:
+        """Signed differences (h, w, 3) from the empty table along `basis`, darker cloth weighed down.
+
+        Of a part of the picture, given by its rows and columns.
+        """
+        found = self._weighed(cv2.subtract(working[part], self.colour[part], dtype=cv2.CV_32F))
+        y, x = np.divmod(self.marked, working.shape[1])
+        (top, bottom, _), (left, right, _) = (s.indices(n) for s, n in zip(part, working.shape[:2], strict=True))
+        within = (y >= top) & (y < bottom) & (x >= left) & (x < right)
+        if not within.any():
             return found
-        rows = found.reshape(-1, 3)
-        plain = self._weighed(working.reshape(-1, 3)[self.marked][None] - self.plain[None])[0]
-        marked = rows[self.marked]
+        y, x = y[within], x[within]
+        plain = self._weighed((working[y, x] - self.plain[within])[None])[0]
+        marked = found[y - top, x - left]
         nearer = (plain**2).sum(axis=1, keepdims=True) < (marked**2).sum(axis=1, keepdims=True)
-        rows[self.marked] = np.where(nearer, plain, marked)
+        found[y - top, x - left] = np.where(nearer, plain, marked)
         return found
 
     def _weighed(self, difference: Floats32) -> Floats32:
         first, second, along = cv2.split(cv2.transform(difference, self.basis.astype(np.float32)))
         return np.asarray(cv2.merge((first, second, cv2.max(along, SHADOW_WEIGHT * along))), dtype=np.float32)
 
-    def moved(self, working: Bytes) -> Bytes:
-        """How far (h, w) a picture differs from the median picture, grey levels."""
-        red, green, blue = cv2.split(cv2.absdiff(working, self.plate))
+    def moved(self, working: Bytes, part: tuple[slice, slice] = WHOLE) -> Bytes:
+        """How far (h, w) a part of a picture differs from the median picture, grey levels."""
+        red, green, blue = cv2.split(cv2.absdiff(working[part], self.plate[part]))
         return np.asarray(cv2.max(cv2.max(red, green), blue), dtype=np.uint8)
 
 

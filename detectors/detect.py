@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from detectors.ball_size import with_seen_size
 from detectors.hough import ball_finder
+from detectors.memory import Memory
 from models.detections import Detections
 from models.errors import ModelError
 from models.progress import Progress, silent
@@ -44,6 +45,10 @@ class Detector(Protocol):
         """The balls in picture `frame` (H, W, 3)."""
         ...
 
+    def follow(self, rgb: Bytes, frame: int, memory: Memory | None) -> tuple[Detections, Memory]:
+        """The same for one picture after another: `memory` is what the call for the picture before gave."""
+        ...
+
 
 def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Progress = silent) -> Detections:
     """The balls in every distinct picture of a clip; streams it twice and holds a few small pictures.
@@ -54,8 +59,10 @@ def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Pro
     detector = open_detector(clip, scene, options)
     frames = clip.distinct
     seen: list[Detections] = []
+    memory: Memory | None = None
     for done, (frame, rgb) in enumerate(read_frames(clip, indices=frames)):
-        seen.append(detector.look(rgb, frame))
+        found, memory = detector.follow(rgb, frame, memory)
+        seen.append(found)
         progress((done + 1) / max(len(frames), 1))
     return joined(seen)
 

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detectors.candidates import candidate_centres
-from detectors.cloth import Cloth, Floats32, disc_kernel, learn_cloth, size
+from detectors.cloth import Cloth, disc_kernel, learn_cloth, size
 from detectors.colour import PLACES, ball_colours
-from detectors.refine import DIRECTIONS, Circles, fit_circles, second_chances, softened
+from detectors.found import NO_BALLS, Found, chained, inside, joined, without_overlaps
+from detectors.memory import Memory, Scan, touched_places, windows
+from detectors.refine import DIRECTIONS, Circles, fit_circles, measure_again, second_chances, softened
 from detectors.streaks import Streaks, find_streaks, refine_streaks
 from detectors.view import View, view_of
 from models.detections import Detections
@@ -27,8 +29,6 @@ LEAST_SUPPORT = 0.6
 """Share of a circle's rays that must end at an edge."""
 LEAST_GUESS_COVER, LEAST_COVER = 0.3, 0.55
 """Share of the disc that must differ from the cloth, before and after the fit."""
-APART_RADII = 1.75
-"""Two balls are at least two radii apart on the table; less than this, with the errors, and one of them is none."""
 LINK_RADII = 0.35
 """Half width below which what links a streak to something else is cut."""
 CUE_RADII = 0.5
@@ -36,8 +36,6 @@ CUE_RADII = 0.5
 MOST_REST, MOST_STILL_REST, MOST_REST_SHARE = 1.8, 5.0, 0.28
 """A shape of which this is left beside its discs is more than balls and their shadows: in discs, where it moves and
 where it does not (shaded cushions do not), and as a share."""
-APART_SEEN_RADII = 0.9
-"""The same in the picture, where one ball may hide part of another."""
 FAINT = 0.6
 """Share of the threshold from which a moving pixel counts."""
 CLEAR_SCORE, SURE_SCORE = 0.88, 0.955
@@ -52,34 +50,6 @@ STREAK_SIGMA_PX, STREAK_SIGMA_SHARE = 0.3, 0.03
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """Balls in one picture, columns as in `Detections`, px of that picture."""
-
-    centre: Floats
-    radius: Floats
-    streak: Floats
-    score: Floats
-    sigma: Floats
-    sigma_along: Floats
-
-    def take(self, rows: NDArray[np.int64] | Bools) -> Found:
-        """Some of the rows."""
-        return Found(*(getattr(self, name)[rows] for name in self.__slots__))
-
-
-@dataclass(frozen=True, slots=True)
-class Scan:
-    """What a working picture (h, w) shows that the empty table does not."""
-
-    contrast: Floats32
-    """(h, w, 3)"""
-    strength: Floats32
-    foreground: Bools
-    moving: Bools
-    """Neither cloth nor part of the median picture."""
-
-
-@dataclass(frozen=True, slots=True)
 class BallFinder:
     """Finds the balls of one scene, picture by picture."""
 
@@ -88,38 +58,94 @@ class BallFinder:
 
     def look(self, rgb: Bytes, frame: int = 0) -> Detections:
         """The balls in a picture (H, W, 3)."""
-        scan = self._scan(self.view.picture(rgb, frame))
-        guesses, _ = candidate_centres(scan.contrast, scan.foreground, self.view)
-        discs = self._discs(rgb, frame, guesses, scan)
-        swept = self._swept(rgb, find_streaks(scan.moving, scan.strength, self.view), discs, frame)
-        found = _without_overlaps(_joined(discs, swept), self.view.scene, frame)
-        return _as_detections(rgb, found, frame)
+        return self.follow(rgb, frame, None)[0]
 
-    def _scan(self, working: Bytes) -> Scan:
-        contrast = self.cloth.contrast(working)
-        strength = size(contrast)
-        foreground = (strength > self.cloth.threshold) & self.view.area
+    def follow(self, rgb: Bytes, frame: int, memory: Memory | None) -> tuple[Detections, Memory]:
+        """The balls in a picture (H, W, 3) of a clip, and what to hand over with the next one: that is faster.
+
+        The memory's arrays are written over.
+        """
+        working = self.view.picture(rgb, frame)
+        soft = softened(rgb)
+        touched = touched_places(memory, working, self.view, self.cloth.threshold)
+        known = self._known(rgb, soft, frame, memory, touched)
+        parts = windows(touched, self.view)
+        scan = self._scan(working, parts, memory)
+        guesses = np.concatenate([np.empty((0, 2)), *(self._guesses(scan, part) for part in parts)])
+        discs = self._discs(rgb, soft, frame, guesses[_at(touched, guesses)], known, scan)
+        swept = self._swept(rgb, find_streaks(scan.moving, scan.strength, self.view), discs, frame)
+        found = without_overlaps(joined(discs, swept), self.view.scene, frame)
+        return _as_detections(rgb, found, frame), self._remembered(working, touched, scan, discs, frame, memory)
+
+    def _known(self, rgb: Bytes, soft: Bytes, frame: int, memory: Memory | None, touched: Bools) -> Found:
+        """Sharp balls of the picture before, measured anew; where one is lost, the place counts as touched."""
+        if memory is None:
+            return NO_BALLS
+        home = memory.home[~_at(touched, memory.home)]
+        relative = memory.relative[~_at(touched, memory.home)]
+        reference = self.view.to_picture(home)
+        expected = self.view.predicted_radius(reference)
+        circles = measure_again(
+            rgb, soft, _moved(self.view.scene, reference, frame), expected, relative, self.cloth.basis
+        )
+        found = self._balls(circles, memory.scan.foreground, frame)
+        if len(found.score) < len(home):
+            gaps = np.linalg.norm(home[:, None] - self._home(found.centre, frame)[None], axis=-1)
+            lost = home[~(gaps < _at(self.view.radius, home)[:, None]).any(axis=1)]
+            touched |= self._discs_drawn(lost)
+        return found
+
+    def _remembered(
+        self, working: Bytes, touched: Bools, scan: Scan, discs: Found, frame: int, memory: Memory | None
+    ) -> Memory:
+        home = self._home(discs.centre, frame)
+        relative = discs.radius / self.view.predicted_radius(self.view.to_picture(home))
+        if memory is None or touched.all():
+            return Memory(scan, working, home, relative, 0)
+        cv2.copyTo(working, touched.astype(np.uint8), memory.searched)
+        return Memory(scan, memory.searched, home, relative, memory.age + 1)
+
+    def _scan(self, working: Bytes, parts: list[tuple[slice, slice]], memory: Memory | None) -> Scan:
+        """The scan of the picture before, done anew in parts of the picture."""
+        h, w = self.view.radius.shape
+        if memory is None:
+            no = np.zeros((h, w), dtype=bool)
+            scan = Scan(np.zeros((h, w, 3), np.float32), np.zeros((h, w), np.float32), no, no.copy())
+        else:
+            scan = memory.scan
         # The ends of a streak are faint.
         faint = FAINT * self.cloth.threshold
-        moving = (strength > faint) & (self.cloth.moved(working) > faint) & self.view.area
         kernel = disc_kernel(LINK_RADII * self.view.typical)
-        opened = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_OPEN, kernel)
-        return Scan(contrast, strength, foreground, np.asarray(opened > 0))
+        for part in parts:
+            contrast = self.cloth.contrast(working, part)
+            strength = size(contrast)
+            area = self.view.area[part]
+            moving = (strength > faint) & (self.cloth.moved(working, part) > faint) & area
+            opened = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+            scan.contrast[part], scan.strength[part] = contrast, strength
+            scan.foreground[part] = (strength > self.cloth.threshold) & area
+            scan.moving[part] = opened > 0
+        return scan
 
-    def _discs(self, rgb: Bytes, frame: int, guesses: Floats, scan: Scan) -> Found:
-        """Sharp balls near guesses (n, 2), working px."""
+    def _guesses(self, scan: Scan, part: tuple[slice, slice]) -> Floats:
+        """Working px (n, 2) where balls may be in a part of the picture."""
+        guesses, _ = candidate_centres(scan.contrast[part], scan.foreground[part], self.view.window(part))
+        return np.add(guesses, (part[1].start, part[0].start), dtype=np.float64)
+
+    def _discs(self, rgb: Bytes, soft: Bytes, frame: int, guesses: Floats, known: Found, scan: Scan) -> Found:
+        """Sharp balls near guesses (n, 2), working px, beside the known ones."""
         guesses = guesses[_cover(scan.foreground, guesses, self.view) > LEAST_GUESS_COVER]
         guessed = self.view.to_picture(guesses)
         expected = self.view.predicted_radius(guessed)
-        soft = softened(rgb)
         circles = fit_circles(rgb, soft, _moved(self.view.scene, guessed, frame), expected, self.cloth.basis)
-        intruders = self._intruders(self._balls(circles, scan.foreground, frame), scan, frame)
+        first = chained(self._balls(circles, scan.foreground, frame), known)
+        intruders = self._intruders(first, scan, frame)
         free = ~_at(intruders, guesses)
         again = second_chances(rgb, soft, circles.take(free), expected[free], self.cloth.basis)
-        found = _chained(
+        found = chained(
             self._balls(again, scan.foreground, frame), self._balls(circles.take(~free), scan.foreground, frame)
         )
-        found = _without_overlaps(found, self.view.scene, frame)
+        found = without_overlaps(chained(found, known), self.view.scene, frame)
         home = self._home(found.centre, frame)
         alone = _ring(scan.foreground, home, self.view) < MOST_RING
         sure = (found.score > SURE_SCORE) | ((found.score > CLEAR_SCORE) & alone)
@@ -131,31 +157,32 @@ class BallFinder:
         home = self._home(circles.centre, frame)
         cover = _cover(foreground, home, self.view)
         good = _at(self.view.centres, home) & (circles.support > LEAST_SUPPORT) & (cover > LEAST_COVER)
-        return _without_overlaps(_of_circles(circles, cover).take(good), self.view.scene, frame)
+        return without_overlaps(_of_circles(circles, cover).take(good), self.view.scene, frame)
 
     def _intruders(self, found: Found, scan: Scan, frame: int) -> Bools:
         """Shapes (h, w) that balls do not account for: hands and sleeves are larger than the discs on them."""
         inside = (scan.foreground & self.view.centres & ~self.view.pockets).astype(np.uint8)
         wide = cv2.morphologyEx(inside, cv2.MORPH_OPEN, disc_kernel(CUE_RADII * self.view.typical))
-        _, labels = cv2.connectedComponents(wide)
-        whole = np.bincount(labels.ravel())
-        spare = ~self._discs_drawn(found, frame)
-        rest = np.bincount(labels[spare], minlength=len(whole))
-        moved = np.bincount(labels[spare & scan.moving], minlength=len(whole))
+        spare = wide & ~self._discs_drawn(self._home(found.centre, frame))
         disc = np.pi * self.view.typical**2
+        restless = np.count_nonzero((spare > 0) & scan.moving)
+        if restless <= MOST_REST * disc and cv2.countNonZero(spare) <= MOST_STILL_REST * disc:
+            return np.zeros(wide.shape, dtype=bool)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(wide)
+        rest = np.bincount(labels[spare > 0], minlength=count)
+        moved = np.bincount(labels[(spare > 0) & scan.moving], minlength=count)
         large = (moved > MOST_REST * disc) | (rest > MOST_STILL_REST * disc)
-        intruder = large & (rest > MOST_REST_SHARE * whole)
+        intruder = large & (rest > MOST_REST_SHARE * stats[:, cv2.CC_STAT_AREA])
         intruder[0] = False
-        return np.asarray(intruder[labels])
+        return np.asarray(intruder[labels] if intruder.any() else np.zeros(labels.shape, dtype=bool))
 
     def _home(self, px: Floats, frame: int) -> Floats:
         """Px (n, 2) of a frame to working px."""
         return self.view.to_working(_moved_back(self.view.scene, px, frame))
 
-    def _discs_drawn(self, found: Found, frame: int) -> Bools:
-        """(h, w) working px within 1.15 radii of balls."""
+    def _discs_drawn(self, home: Floats) -> Bools:
+        """(h, w) working px within 1.15 radii of balls at working px (n, 2)."""
         drawn = np.zeros(self.view.radius.shape, np.uint8)
-        home = self._home(found.centre, frame)
         for (x, y), r in zip(home, _at(self.view.radius, home), strict=True):
             cv2.circle(drawn, (round(x * 16), round(y * 16)), round(1.15 * float(r) * 16), 1, -1, shift=4)
         return np.asarray(drawn > 0)
@@ -170,7 +197,7 @@ class BallFinder:
         across = np.full(len(length), STREAK_SIGMA_PX)
         along = np.hypot(across, STREAK_SIGMA_SHARE * length)
         swept = Found(fine.centre, fine.radius, fine.vector, fine.fill, across, along)
-        inside = _inside(discs.centre, swept)
+        within = inside(discs.centre, swept)
         beside = (
             np.linalg.norm(discs.centre[None] - swept.centre[:, None], axis=-1) > BESIDE_RADII * swept.radius[:, None]
         )
@@ -178,7 +205,7 @@ class BallFinder:
         # A whole outline that is not about the middle is a ball's, and the rest its shadow.
         short = (discs.score > CLEAR_SCORE) & (stretch < CLEAR_STRETCH)
         shadow = (discs.score > SURE_SCORE) & beside & (stretch < 2 * CLEAR_STRETCH)
-        explained = np.asarray((inside & (short | shadow)).any(axis=1))
+        explained = np.asarray((within & (short | shadow)).any(axis=1))
         return swept.take(~explained)
 
 
@@ -222,40 +249,6 @@ def _of_circles(circles: Circles, cover: Floats) -> Found:
     score = np.clip(circles.support, 0, 1) * np.minimum(cover / 0.85, 1.0)
     none = np.zeros_like(circles.centre)
     return Found(circles.centre, circles.radius, none, score, circles.sigma, circles.sigma)
-
-
-def _joined(discs: Found, streaks: Found) -> Found:
-    """Discs outside the streaks, and the streaks first."""
-    return _chained(streaks, discs.take(~np.asarray(_inside(discs.centre, streaks).any(axis=0))))
-
-
-def _chained(first: Found, second: Found) -> Found:
-    return Found(*(np.concatenate([getattr(first, n), getattr(second, n)]) for n in Found.__slots__))
-
-
-def _inside(points: Floats, streaks: Found) -> Bools:
-    """Whether points (n, 2) lie in streaks: (K, n)."""
-    length = np.maximum(np.linalg.norm(streaks.streak, axis=1), 1e-9)
-    unit = streaks.streak / length[:, None]
-    at = points[None] - streaks.centre[:, None]
-    along = np.clip(np.einsum("kni,ki->kn", at, unit), -length[:, None] / 2, length[:, None] / 2)
-    beside = np.linalg.norm(at - along[..., None] * unit[:, None], axis=-1)
-    return np.asarray(beside < streaks.radius[:, None])
-
-
-def _without_overlaps(found: Found, scene: Scene, frame: int) -> Found:
-    """The best ones of those that cannot stand beside each other."""
-    radius = scene.table.ball_radius
-    xy = scene.camera.to_table(found.centre, radius, frame)
-    apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1) > APART_RADII * radius
-    seen = np.linalg.norm(found.centre[:, None] - found.centre[None], axis=-1)
-    apart &= seen > APART_SEEN_RADII * found.radius[:, None]
-    kept: list[int] = []
-    streaked = np.linalg.norm(found.streak, axis=1) > 0
-    for row in np.lexsort((-found.score, ~streaked)).tolist():
-        if apart[row, kept].all():
-            kept.append(row)
-    return found.take(np.array(kept, dtype=np.int64))
 
 
 def _as_detections(rgb: Bytes, found: Found, frame: int) -> Detections:

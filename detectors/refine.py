@@ -26,6 +26,8 @@ NEAREST, FARTHEST = 0.5, 1.5
 """Reach of a ray, ball radii."""
 PRIOR_RADII = (0.2, 0.12, 0.07)
 """How far from the circle an edge is still looked for, one standard deviation, ball radii, round by round."""
+LOOSE = (0.3, 0.15, 0.15)
+"""How far an edge may be from the circle through all edges to count, ball radii, round by round."""
 SATURATION = 10.0
 """Gradient above which a stronger one is no better: the rim of a stripe must not beat the rim of the ball."""
 RADIUS_RADII = 0.05
@@ -49,6 +51,9 @@ RESTARTS, RESTART_RADII = 6, 0.6
 ANGLES = np.arange(RAYS) * (2 * np.pi / RAYS)
 DIRECTIONS = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
 DISTANCES = np.linspace(NEAREST, FARTHEST, STEPS)
+DESIGN = np.column_stack([DIRECTIONS, np.ones(RAYS)])
+SQUARES = (DESIGN[:, :, None] * DESIGN[:, None, :]).reshape(RAYS, 9)
+"""Products of the design's columns: the normal equations are linear in the weights."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +68,6 @@ class Circles:
     """(K,) one standard deviation per axis."""
     support: Floats
     """(K,) share of the rays whose edge lies on the circle."""
-    edge: Floats
-    """(K,) median gradient of the supporting edges, grey levels over a sixth of a radius."""
 
     def take(self, rows: NDArray[np.int64] | Bools) -> Circles:
         """Some of the rows."""
@@ -74,15 +77,24 @@ class Circles:
 def fit_circles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, basis: Floats) -> Circles:
     """Circles near guesses: centres (K, 2) px, expected radii (K,) px, in a picture (H, W, 3) and `softened`."""
     if not len(centre):
-        return Circles(np.empty((0, 2)), *(np.empty(0) for _ in range(4)))
+        return Circles(np.empty((0, 2)), *(np.empty(0) for _ in range(3)))
     place, seen = centre.astype(np.float64), radius.astype(np.float64)
     for turn, prior in enumerate(PRIOR_RADII):
         edge, strength = _edges(rgb, soft, place, radius, seen / radius, prior, basis)
         # The first look starts a pixel or two off; later ones trust the circle more.
-        step, dr, weights, residual = _fit(edge, strength, radius, loose=0.3 if turn == 0 else 0.15)
+        step, dr, weights, residual = _fit(edge, strength, radius, LOOSE[turn])
         place = place + step
         seen = radius + dr
     return _measured(place, seen, radius, weights, residual, strength)
+
+
+def measure_again(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, relative: Floats, basis: Floats) -> Circles:
+    """Circles that were at centres (K, 2) px, of `relative` times the expected radii (K,) px, a picture ago."""
+    if not len(centre):
+        return Circles(np.empty((0, 2)), *(np.empty(0) for _ in range(3)))
+    edge, strength = _edges(rgb, soft, centre, radius, relative, PRIOR_RADII[-1], basis)
+    step, dr, weights, residual = _fit(edge, strength, radius, LOOSE[-1])
+    return _measured(centre + step, radius + dr, radius, weights, residual, strength)
 
 
 def second_chances(rgb: Bytes, soft: Bytes, circles: Circles, expected: Floats, basis: Floats) -> Circles:
@@ -129,17 +141,20 @@ def ray_profiles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, basis:
     offsets = DIRECTIONS[:, None] * DISTANCES[None, :, None]
     at = centre[:, None, None] + radius[:, None, None, None] * offsets[None]
     flat = at.reshape(k * RAYS, STEPS, 2).astype(np.float32)
-    colours = _colours_at(rgb, soft, flat)
     weighed = (basis * np.array([[1.0], [1.0], [SHADOW_WEIGHT]])).astype(np.float32)
-    return np.asarray(colours.reshape(k, RAYS, STEPS, 3) @ weighed.T, dtype=np.float32)
+    return _colours_at(rgb, soft, flat, weighed).reshape(k, RAYS, STEPS, 3)
 
 
-def _colours_at(rgb: Bytes, soft: Bytes, at: NDArray[np.float32]) -> NDArray[np.float32]:
-    """RGB (n, m, 3) at px (n, m, 2): the colour of the surroundings with the brightness of the place itself."""
+def _colours_at(rgb: Bytes, soft: Bytes, at: NDArray[np.float32], weighed: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Colours (n, m, 3) at px (n, m, 2): those of the surroundings with the brightness of the place itself.
+
+    `weighed` (3, 3) takes RGB to the colours that are wanted.
+    """
     sharp = cv2.remap(rgb, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     around = cv2.remap(soft, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    lighter = sharp.astype(np.float32) @ LUMA - around.astype(np.float32) @ LUMA
-    return np.asarray(around + lighter[..., None], dtype=np.float32)
+    lighter = np.outer(weighed.sum(axis=1), LUMA)
+    found = cv2.transform(around.astype(np.float32), weighed - lighter)
+    return np.asarray(cv2.add(found, cv2.transform(sharp.astype(np.float32), lighter)), dtype=np.float32)
 
 
 def softened(rgb: Bytes) -> Bytes:
@@ -154,7 +169,7 @@ def softened(rgb: Bytes) -> Bytes:
 def _fit(edge: Floats, strength: Floats, radius: Floats, loose: float) -> tuple[Floats, Floats, Floats, Floats]:
     """Shift (K, 2), change of radius (K,), weights (K, A) and residuals (K, A) of circles through edges (K, A)."""
     offset = edge - radius[:, None]
-    design = np.column_stack([DIRECTIONS, np.ones(RAYS)])
+    design, squares = DESIGN, SQUARES
     clear = np.clip((strength - LEAST_GRADIENT) / LEAST_GRADIENT, 0, 1)
     scale = np.maximum(loose * radius, 0.8)[:, None]
     shift = np.zeros((len(edge), 3))
@@ -163,8 +178,8 @@ def _fit(edge: Floats, strength: Floats, radius: Floats, loose: float) -> tuple[
     for _ in range(4):
         residual = offset - shift @ design.T
         weights = clear * np.clip(1 - (residual / scale) ** 2, 0, None) ** 2
-        normal = np.einsum("ka,ai,aj->kij", weights, design, design)
-        right = np.einsum("ka,ka,ai->ki", weights, offset, design)
+        normal = (weights @ squares).reshape(-1, 3, 3)
+        right = (weights * offset) @ design
         # The predicted radius is worth a few rays, and the guess a little: a one-sided arc stays put.
         normal[:, 2, 2] += 2.0 * (TIGHT_PX / (RADIUS_RADII * radius)) ** 2
         normal[:, [0, 1], [0, 1]] += 0.02
@@ -179,12 +194,9 @@ def _measured(
     tight = np.maximum(TIGHT_RADII * expected, TIGHT_PX)[:, None]
     good = (np.abs(residual) < 2 * tight) & (strength > LEAST_GRADIENT)
     spread = np.sqrt((weights * residual**2).sum(1) / np.maximum(weights.sum(1) - 3, 1.0))
-    design = np.column_stack([DIRECTIONS, np.ones(RAYS)])
-    normal = np.einsum("ka,ai,aj->kij", weights, design, design) + 0.02 * np.eye(3)
+    normal = (weights @ SQUARES).reshape(-1, 3, 3) + 0.02 * np.eye(3)
     # Neighbouring rays of a small ball cross the same pixels: they are one observation.
     repeated = np.maximum(1.0, RAYS * 1.5 / (2 * np.pi * expected))
     variance = np.linalg.inv(normal)[:, [0, 1], [0, 1]].mean(axis=1) * spread**2 * repeated
-    strong = np.where(good, strength, np.nan)
-    strong[~good.any(axis=1)] = 0.0
     sigma = ERROR_FACTOR * np.sqrt(variance + FLOOR_PX**2)
-    return Circles(centre, seen, sigma, good.mean(axis=1), np.nanmedian(strong, axis=1))
+    return Circles(centre, seen, sigma, good.mean(axis=1))

@@ -84,6 +84,21 @@ class View:
         matrix = to_working @ np.linalg.inv(motion)
         return np.asarray(cv2.warpPerspective(rgb, matrix, (w, h), flags=cv2.INTER_LINEAR), dtype=np.uint8)
 
+    def window(self, part: tuple[slice, slice]) -> View:
+        """A part of the working picture, given by its rows and columns, as a view of its own."""
+        (x0, y0, _, _), rows, columns = self.box, *part
+        left, right = round(columns.start / self.scale), round(columns.stop / self.scale)
+        top, bottom = round(rows.start / self.scale), round(rows.stop / self.scale)
+        maps = (self.centres, self.pockets, self.cloth, self.area, self.rim)
+        return View(
+            self.scene,
+            (x0 + left, y0 + top, x0 + right, y0 + bottom),
+            self.scale,
+            self.radius[part],
+            self.typical,
+            *(each[part] for each in maps),
+        )
+
     def predicted_radius(self, px: Floats) -> Floats:
         """Radius (...) px of the reference picture that a ball has at reference px (..., 2)."""
         return predicted_radius(self.scene, px)
