@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from models.contacts import near_something, tell, tidy
 from models.events import Events
-from models.fit import Fit, Parameter
+from models.fit import Fit, Parameter, Trust
 from models.happenings import events_of, pocketed
 from models.knowledge import ROLLING_PRIOR, SLIDING_PRIOR
 from models.noise import Noise, estimate_noise, outliers, seldom_seen, with_noise
@@ -22,7 +22,6 @@ from models.segmentation import Samples, segment
 from models.solution import Data, Solution, gather, layout, owners, residuals
 from models.story import Story
 from models.tracks import Tracks
-from models.trajectory import Trajectory
 from models.trust import accepted_spans, light, span_chi2
 
 Floats = NDArray[np.float64]
@@ -47,13 +46,19 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
 
     Never raises for odd tracks: what physics cannot explain is `measured` in the trajectory, and `trust` says so.
     """
-    table = scene.table
+    try:
+        return _fitted(tracks, scene.table, options, progress)
+    except np.linalg.LinAlgError as failure:
+        return _measured_only(tracks, options, f"The fit failed: {failure}; paths are as measured.")
+
+
+def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progress) -> Fit:
     noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
     seldom = seldom_seen(tracks)
     kept = with_noise(_believable(tracks, noise, seldom), noise)
     shown = data = gather(kept)
     if len(data.t) == 0:
-        return _nothing(tracks)
+        return _measured_only(tracks, options, "No ball was seen.")
     story = _first_story(kept, table, options)
     progress(0.4)
     solution = refine(story, data, table, iterations=10 if options.quick else 30)
@@ -178,24 +183,14 @@ def _parameters(solution: Solution) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def _nothing(tracks: Tracks) -> Fit:
-    """The fit of tracks in which no ball was seen."""
+def _measured_only(tracks: Tracks, options: FitOptions, why: str) -> Fit:
+    """The fit of tracks that physics could not be fitted to: curves through what was seen, no events."""
     none = np.empty(0)
-    balls = len(tracks.ids)
-    empty = Events((), none, none, none, (), (), np.empty((0, 2)), none, none, none, none)
-    pieces = Trajectory(
-        tracks.ids, np.empty(0, np.int64), none, none, np.empty((0, 4, 2)), np.empty((0, 2, 3)), (), np.empty((0, 4, 4))
-    )
-    nowhere = np.zeros((len(tracks.t), balls), bool)
-    trust = light(0.0, float("nan"), 0.0, ["No ball was seen."])
-    return Fit(
-        empty,
-        pieces,
-        (),
-        float("nan"),
-        float("nan"),
-        np.full((len(tracks.t), balls, 2), np.nan),
-        nowhere,
-        nowhere,
-        trust,
-    )
+    events = Events((), none, none, none, (), (), np.empty((0, 2)), none, none, none, none)
+    trajectory = pack([p for ball in range(len(tracks.ids)) for p in measured_pieces(tracks, ball)], tracks.ids)
+    state = trajectory.at(tracks.t)
+    moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > options.moving_speed
+    nowhere = np.zeros_like(moving)
+    _, seconds = _share(tracks.t, moving, nowhere)
+    trust = Trust("red", (why,)) if seconds else light(0.0, float("nan"), 0.0, [why])
+    return Fit(events, trajectory, (), float("nan"), float("nan"), tracks.xy - state.xy, moving, nowhere, trust)
