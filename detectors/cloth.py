@@ -118,16 +118,20 @@ def _noise(plate: Floats32, smooth: Floats32, view: View) -> float:
 def _smooth_cloth(plate: Floats32, view: View) -> Floats32:
     """Polynomial (h, w, 3) of the cloth's colour, fitted to the pixels that have it."""
     h, w = plate.shape[:2]
-    y, x = np.mgrid[-1 : 1 : h * 1j, -1 : 1 : w * 1j]
-    terms = np.stack([x**i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)], axis=-1)
+    powers = np.arange(DEGREE + 1)
+    across, down = (np.linspace(-1, 1, n)[:, None] ** powers for n in (w, h))
+    j, i = np.nonzero(powers[:, None] + powers <= DEGREE)
     rows = np.flatnonzero(view.cloth.ravel())[:: max(1, int(view.cloth.sum() // 20000))]
-    design, colours = terms.reshape(h * w, -1)[rows], plate.reshape(-1, 3)[rows].astype(np.float64)
+    design, colours = down[rows // w][:, j] * across[rows % w][:, i], plate.reshape(-1, 3)[rows].astype(np.float64)
     keep = _cloth_coloured(colours, view.scene.cloth_lab)
     for _ in range(5):
         coefficients = np.linalg.lstsq(design[keep], colours[keep], rcond=None)[0]
         miss = np.linalg.norm(colours - design @ coefficients, axis=1)
         keep = miss < max(3.0 * 1.4826 * float(np.median(miss[keep])), 6.0)
-    return np.asarray(np.clip(terms @ coefficients, 0, 255), dtype=np.float32)
+    table = np.zeros((len(powers), len(powers), 3))
+    table[j, i] = coefficients
+    surface = [down @ table[..., channel] @ across.T for channel in range(3)]
+    return np.asarray(np.clip(np.stack(surface, axis=-1), 0, 255), dtype=np.float32)
 
 
 def _cloth_coloured(colours: Floats, cloth_lab: Floats) -> Bools:

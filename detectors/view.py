@@ -114,12 +114,11 @@ def view_of(scene: Scene) -> View:
     box = (box[0], box[1], box[0] + w * shrink, box[1] + h * shrink)
     scale = 1.0 / shrink
     px = _grid(box, scale, w, h)
-    centres = _allowed(table, camera.to_table(px, table.ball_radius))
+    at_centres = camera.to_table(px, table.ball_radius)
+    centres = _allowed(table, at_centres)
     pockets = np.zeros((h, w), dtype=bool)
     for pocket in table.pocket_centres:
-        pockets |= (
-            np.linalg.norm(camera.to_table(px, table.ball_radius) - pocket, axis=-1) < POCKET_RADII * table.ball_radius
-        )
+        pockets |= _within_reach(at_centres, pocket, POCKET_RADII * table.ball_radius)
     on_cloth = camera.to_table(px, 0.0)
     cloth = (on_cloth[..., 0] > 0) & (on_cloth[..., 0] < table.length)
     cloth &= (on_cloth[..., 1] > 0) & (on_cloth[..., 1] < table.width)
@@ -157,12 +156,18 @@ def _allowed(table: Table, xy: Floats) -> Bools:
     inset = radius * (1 - CUSHION_SLACK_RADII)
     inside = _within(table, xy, inset)
     for pocket in table.pocket_centres:
-        jaws = np.linalg.norm(xy - pocket, axis=-1) < JAW_RADII * radius
+        jaws = _within_reach(xy, pocket, JAW_RADII * radius)
         inside |= jaws & _within(table, xy, 0.0)
     for name, pocket in zip(POCKETS, table.pocket_centres, strict=False):
         hole = CORNER_HOLE_RADII if "-" in name else SIDE_HOLE_RADII
-        inside &= np.linalg.norm(xy - pocket, axis=-1) > hole * radius
+        inside &= ~_within_reach(xy, pocket, hole * radius)
     return inside
+
+
+def _within_reach(xy: Floats, place: Floats, reach: float) -> Bools:
+    """Which points (..., 2) lie within a reach of a place (2,)."""
+    near: Bools = (xy[..., 0] - place[0]) ** 2 + (xy[..., 1] - place[1]) ** 2 < reach**2
+    return near
 
 
 def _within(table: Table, xy: Floats, inset: float) -> Bools:
