@@ -28,8 +28,8 @@ and in how many of the pictures: an edge of a sleeve, a cue or a line looks like
 JAWS, TIPS, OVER_NOSE = 2.2, 4.0, 0.93
 """Radii from a pocket's centre: to where balls may hang in the jaws, and to where its lining reaches; and from a nose:
 what lies nearer throughout, beside the jaws, is that lining."""
-STEADY = 0.5
-"""Share of the pictures that a ball of the cloth's colour is seen at one place."""
+STEADY, STEADY_RADII = 0.8, 0.1
+"""Share of the pictures in which a ball of the cloth's colour is seen at one place, and how near to it."""
 VANISH_TIME, VANISH_PICTURES = 0.3, 5
 """s and pictures before the end: what is no longer seen there has vanished."""
 VANISH_SCORE = 0.85
@@ -41,7 +41,9 @@ POCKET_REACH = 0.2
 def looks_like_ball(piece: Tracklet, sightings: Sightings, t: Floats, scene: Scene) -> bool:
     """Whether the pictures of a tracklet may be those of a ball, before its pieces are joined."""
     clothy = float(np.hypot.reduce(piece.colour - scene.cloth_lab)) < CLOTH_LIKE
-    if clothy and not (len(piece.picture) > STEADY * len(t) and _rests(piece, sightings, scene.table)):
+    if clothy and not (
+        len(piece.picture) > STEADY * len(t) and _rests(piece, sightings, STEADY_RADII * scene.table.ball_radius)
+    ):
         return False
     return _impossible_streaks(piece, sightings, scene.table) <= MOST_IMPOSSIBLE
 
@@ -59,15 +61,15 @@ def is_ball(piece: Tracklet, sightings: Sightings, t: Floats, scene: Scene) -> b
     return not _vanishes(piece, t, scene.table) or float(np.median(sightings.score[piece.row])) >= VANISH_SCORE
 
 
-def _rests(piece: Tracklet, sightings: Sightings, table: Table) -> bool:
-    """Whether nine sightings in ten are within half a radius of the middle one."""
+def _rests(piece: Tracklet, sightings: Sightings, reach: float) -> bool:
+    """Whether nine sightings in ten are within reach (m) of the middle one."""
     xy = sightings.xy[piece.row]
-    return float(np.percentile(np.hypot(*(xy - np.median(xy, axis=0)).T), 90)) < table.ball_radius / 2
+    return float(np.percentile(np.hypot(*(xy - np.median(xy, axis=0)).T), 90)) < reach
 
 
 def _lines_pocket(piece: Tracklet, sightings: Sightings, table: Table) -> bool:
     """Whether it lies beside the mouth of a pocket and over the line of the noses, where no ball can be."""
-    if not table.pockets or not _rests(piece, sightings, table):
+    if not table.pockets or not _rests(piece, sightings, table.ball_radius / 2):
         return False
     place = np.median(sightings.xy[piece.row], axis=0)
     gap = float(np.hypot(*(table.pocket_centres - place).T).min())

@@ -18,6 +18,8 @@ FASTEST = 12.0
 """m/s, a hard break."""
 LONG_GAP, FEWEST = 4, 3
 """Pictures without a sighting that end a tracklet, and the fewest sightings of one."""
+OVERLAP = 3
+"""Pictures in which a ball at rest may be seen twice, as one tracklet of it ends and the other begins."""
 LINK_PRICE = 30.0
 """Cost above which two tracklets are two balls; balls do not appear, so it is high."""
 COLOUR_LIMIT, SAME_PLACE_COLOUR = 25.0, 5.0
@@ -79,12 +81,22 @@ def stitch(tracklets: list[Tracklet], sightings: Sightings, t: Floats, table: Ta
     cost[:, n:] = LINK_PRICE / 2
     for i, before in enumerate(pieces):
         for j, after in enumerate(pieces):
-            if before.picture[-1] < after.picture[0]:
+            if _follows(before, after, table):
                 cost[i, j] = _link_cost(before, after, t, table) - LINK_PRICE / 2
     rows, columns = linear_sum_assignment(cost)
     follower = {int(i): int(j) for i, j in zip(rows, columns, strict=True) if j < n and cost[i, j] < LINK_PRICE / 2}
     heads = sorted(set(range(n)) - set(follower.values()))
     return [_join([pieces[i] for i in _chain(head, follower)], sightings, t) for head in heads]
+
+
+def _follows(before: Tracklet, after: Tracklet, table: Table) -> bool:
+    """Whether one tracklet begins where the other has ended, or within the last moments of a ball in one place."""
+    overlap = int(before.picture[-1]) - int(after.picture[0])
+    if overlap < 0:
+        return True
+    later = before.picture[0] < after.picture[0] and before.picture[-1] < after.picture[-1]
+    apart = float(np.hypot(*(after.start[:2] - before.end[:2])))
+    return bool(later and overlap < OVERLAP and apart < table.ball_radius)
 
 
 def _chain(head: int, follower: dict[int, int]) -> list[int]:
@@ -98,12 +110,14 @@ def _join(pieces: list[Tracklet], sightings: Sightings, t: Floats) -> Tracklet:
     if len(pieces) == 1:
         return pieces[0]
     picture = np.concatenate([piece.picture for piece in pieces])
-    return make_tracklet(picture, np.concatenate([piece.row for piece in pieces]), sightings, t)
+    row = np.concatenate([piece.row for piece in pieces])
+    new = picture > np.maximum.accumulate(np.concatenate([[-1], picture[:-1]]))
+    return make_tracklet(picture[new], row[new], sightings, t)
 
 
 def _link_cost(before: Tracklet, after: Tracklet, t: Floats, table: Table) -> float:
     """Price of `after` being `before` seen again: colour, and how far physics must be stretched."""
-    gap = float(t[after.picture[0]] - t[before.picture[-1]])
+    gap = max(float(t[after.picture[0]] - t[before.picture[-1]]), 0.0)
     way = after.start[:2] - before.end[:2]
     distance = float(np.hypot(*way))
     if distance > FASTEST * gap + table.ball_radius:
