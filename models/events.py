@@ -17,7 +17,8 @@ class Events:
     """E events in columns, sorted by time."""
 
     kind: tuple[str, ...]
-    """(E,) one of `EVENT_KINDS`; rest is when a ball has become slower than the eye can see, 0.01 m/s."""
+    """(E,) one of `EVENT_KINDS`; rest is when a ball has a twentieth of its radius left to go, about a pixel: the last
+    moment at which an eye tells it from its final place."""
     t: Floats
     """(E,) s."""
     t_sigma: Floats

@@ -109,7 +109,7 @@ def _excess(solution: Solution, data: Data) -> Floats:
 
 def _report(solution: Solution, seen: Tracks, tracks: Tracks, data: Data, table: Table, options: FitOptions) -> Fit:
     """The fit as others see it; `seen` are the tracks as they came, `tracks` those that were fitted."""
-    good = accepted_spans(solution, data, table.ball_radius)
+    good = accepted_spans(solution, data, table.ball_radius, _pixel(seen, table.ball_radius))
     chi2, _, _ = span_chi2(solution, data)
     potted = pocketed(solution, tracks, table)
     events = events_of(solution, tracks, table, chi2, potted)
@@ -131,6 +131,12 @@ def _report(solution: Solution, seen: Tracks, tracks: Tracks, data: Data, table:
         events, trajectory, _parameters(solution), noise, chi2_all, seen.xy - state.xy, moving, accepted,
         light(share, chi2_all, seconds, _doubts(solution, [seen.ids[ball] for ball in left_out])),
     )  # fmt: skip
+
+
+def _pixel(tracks: Tracks, radius: float) -> float:
+    """What a pixel shows where the balls are, m; 0 where their size in the picture is not known."""
+    sizes = tracks.radius_px[tracks.observed & np.isfinite(tracks.radius_px)]
+    return radius / float(np.median(sizes)) if len(sizes) and np.median(sizes) > 0 else 0.0
 
 
 def _doubts(solution: Solution, left_out: list[str]) -> list[str]:

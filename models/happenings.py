@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.motion import GRAVITY, STATE, Friction, kinematics, rest_time
+from models.billiards.motion import STATE, Friction, kinematics, rest_time, slide_time
 from models.contacts import CUE_KINDS, INWARD, cushion_distances
 from models.events import Events
 from models.paths import state_covariance
@@ -22,12 +22,13 @@ GAP_HORIZON = 0.25
 """s: how far free paths are followed beyond a contact to find their least distance."""
 POCKET_REACH = 3.0
 """ball radii plus the way of two frames: a track that ends so near to a pocket has been potted."""
-REST_SPEED = 0.01
-"""m/s: slower, no eye sees a ball move (a fifth of a pixel per picture); real balls even roll back a little."""
+TO_GO = 0.05
+"""ball radii, about a pixel: a ball that has no more left to go rests to the eye; real ones even roll back a little,
+into the dent that they make in the cloth, so that the moment of no speed at all cannot be seen."""
 _LONGEST = 0.5
 """s: a rest less certain is no event."""
 _SHORTEST = 0.01
-"""m: a ball that moved less has not come to rest, it jittered."""
+"""m: a ball that rested, and moved less by itself, has not come to rest: it jittered."""
 _NUDGE = 0.5
 """ball radii: an object ball that seems to move less by itself was only seen badly."""
 _PRICE = 20.0
@@ -57,7 +58,7 @@ def events_of(solution: Solution, tracks: Tracks, table: Table, chi2: Floats, po
     for number, contact in enumerate(solution.story.contacts):
         found += _contact(solution, plan, number, contact, tracks, table, chi2)
     vanish = {event.a: event.t for event in potted}
-    found += _rests(solution, plan, tracks)
+    found += _rests(solution, plan, tracks, table.ball_radius)
     jaws = 3 * float(np.median(np.diff(tracks.t))) if potted else 0.0
     kept = [
         event for event in found
@@ -238,24 +239,42 @@ def _stopped(solution: Solution, plan: Layout, number: int, contact: Contact, id
     ]
 
 
-def _rests(solution: Solution, plan: Layout, tracks: Tracks) -> list[Happening]:
+def _rests(solution: Solution, plan: Layout, tracks: Tracks, radius: float) -> list[Happening]:
     """Balls that rolled out, and were seen at rest."""
     story, found = solution.story, []
+    interval = float(np.median(np.diff(tracks.t))) if len(tracks.t) > 1 else 0.0
     for k, span in enumerate(story.spans):
         if span.static:
             continue
-        stop = float(rest_time(span.state, solution.friction))
-        length = max(stop - REST_SPEED / (solution.friction.rolling * GRAVITY), 0.0)
+        length, stop = _rolled_out(solution, k, TO_GO * radius)
         t = story.begin(k) + length
         seen = tracks.t[tracks.observed[:, span.ball]]
-        if story.begin(k) + stop > story.finish(k) or t > float(seen[-1]):
+        if story.begin(k) + stop > story.finish(k) or t > float(seen[-1]) + interval:
             continue
         place = kinematics(span.state[None], np.array([length]), solution.friction)[0, :2]
         sigma = _rest_sigma(solution, plan, k)
-        if sigma > _LONGEST or np.linalg.norm(place - span.state[:2]) < _SHORTEST:
+        if sigma > _LONGEST or (_began_at_rest(solution, k) and np.linalg.norm(place - span.state[:2]) < _SHORTEST):
             continue
         found.append(Happening("rest", t, sigma, tracks.ids[span.ball], "", place, 0.99))
     return found
+
+
+def _rolled_out(solution: Solution, k: int, to_go: float) -> tuple[float, float]:
+    """s after the start of a span: when it has `to_go` m left, and when it stops."""
+    state, friction = solution.story.spans[k].state, solution.friction
+    stop, slide = float(rest_time(state, friction)), float(slide_time(state, friction))
+    speed = float(np.hypot(*kinematics(state[None], np.array([slide]), friction)[0, 2:4]))
+    last = np.sqrt(2 * to_go * (stop - slide) / max(speed, 1e-9))
+    return max(stop - float(last), 0.0), stop
+
+
+def _began_at_rest(solution: Solution, k: int) -> bool:
+    """Whether a span is the first of its ball, or follows a rest."""
+    start, spans = solution.story.spans[k].start, solution.story.spans
+    if start is None:
+        return True
+    contact = solution.story.contacts[start]
+    return spans[contact.before[contact.after.index(k)]].static
 
 
 def _rest_sigma(solution: Solution, plan: Layout, k: int) -> float:

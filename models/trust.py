@@ -12,8 +12,10 @@ Floats = NDArray[np.float64]
 
 WORST_CHI2 = 4.0
 """per degree of freedom of a span, against the noise that the samples themselves show."""
-INVISIBLE = 0.03
-"""ball radii: a misfit that nobody can see is accepted whatever its chi2."""
+BLUR, UNEVEN = 0.5, 0.02
+"""px and ball radii, in quadrature: a misfit that a picture cannot tell from right is accepted whatever its chi2.
+Random noise may be a twentieth of a pixel, yet texture, dark limbs, lens and homography shift balls by up to half a
+pixel over longer ways, and no cloth is even to half a millimetre: slow balls curl, and settle back into their dent."""
 WORST_MISS = 0.7
 """ball radii: a path that misses its samples by more explains nothing, however noisy they are."""
 GREEN_SHARE, AMBER_SHARE = 0.9, 0.6
@@ -37,17 +39,22 @@ def span_chi2(solution: Solution, data: Data) -> tuple[Floats, Floats, NDArray[n
     return chi2, rms, count
 
 
-def accepted_spans(solution: Solution, data: Data, radius: float) -> NDArray[np.bool_]:
-    """(S,) which spans the physics explains. A span that nobody saw is believed where both neighbours are."""
+def accepted_spans(solution: Solution, data: Data, radius: float, pixel: float) -> NDArray[np.bool_]:
+    """(S,) which spans the physics explains; `pixel` is what a pixel shows, m.
+
+    A span that nobody saw is believed where both neighbours are.
+    """
     chi2, rms, count = span_chi2(solution, data)
-    good = ((chi2 < WORST_CHI2) | (rms < INVISIBLE * radius)) & (rms < WORST_MISS * radius)
+    floor = np.hypot(BLUR * pixel, UNEVEN * radius)
+    good = ((chi2 < WORST_CHI2) | (rms < floor)) & (rms < WORST_MISS * radius)
     story = solution.story
     for k in np.flatnonzero(count == 0):
         span = story.spans[k]
         near = [other for c in (span.start, span.end) if c is not None for other in _neighbours(solution, c, span.ball)]
         known = [other for other in near if other != k and count[other] > 0]
         good[k] = bool(known) and all(bool(good[other]) for other in known)
-    return good
+    accepted: NDArray[np.bool_] = good
+    return accepted
 
 
 def light(share: float, chi2: float, moving_seconds: float, notes: list[str]) -> Trust:
