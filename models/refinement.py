@@ -156,11 +156,12 @@ def _observations(now: Solution, plan: Layout, data: Data) -> tuple[Floats, spar
     begins = np.array([story.begin(k) for k in range(len(story.spans))])
     static = np.array([span.static for span in story.spans])[owner]
     states = np.array([span.state for span in story.spans])[owner]
-    value, slope = kinematics_jacobian(states, data.t - begins[owner], now.friction)
-    value, slope = value[:, :2].copy(), slope[:, :2].copy()  # (K, 2), (K, 2, 11)
-    value[static] = states[static, :2]
-    slope[static] = 0.0
+    value = states[:, :2].copy()
+    slope = np.zeros((len(owner), 2, STATE + 3))
     slope[static, 0, 0] = slope[static, 1, 1] = 1.0
+    runs = ~static  # most balls rest most of the time
+    moved, moved_slope = kinematics_jacobian(states[runs], (data.t - begins[owner])[runs], now.friction)
+    value[runs], slope[runs] = moved[:, :2], moved_slope[:, :2]
     whitened = np.einsum("kij,kj->ki", data.whiten, value - data.xy)
     slope = np.einsum("kij,kjp->kip", data.whiten, slope)
     starts = np.array([-1 if span.start is None else plan.contact + span.start for span in story.spans])[owner]
