@@ -86,7 +86,13 @@ class BallFinder:
         reference = self.view.to_picture(home)
         expected = self.view.predicted_radius(reference)
         circles = measure_again(
-            rgb, soft, _moved(self.view.scene, reference, frame), expected, relative, self.cloth.basis
+            rgb,
+            soft,
+            _moved(self.view.scene, reference, frame),
+            expected,
+            relative,
+            self._beneath(home),
+            self.cloth.basis,
         )
         found = self._balls(circles, memory.scan.foreground, frame)
         if len(found.score) < len(home):
@@ -137,11 +143,12 @@ class BallFinder:
         guesses = guesses[_cover(scan.foreground, guesses, self.view) > LEAST_GUESS_COVER]
         guessed = self.view.to_picture(guesses)
         expected = self.view.predicted_radius(guessed)
-        circles = fit_circles(rgb, soft, _moved(self.view.scene, guessed, frame), expected, self.cloth.basis)
+        cloth, basis = self._beneath(guesses), self.cloth.basis
+        circles = fit_circles(rgb, soft, _moved(self.view.scene, guessed, frame), expected, cloth, basis)
         first = chained(self._balls(circles, scan.foreground, frame), known)
         intruders = self._intruders(first, scan, frame)
         free = ~_at(intruders, guesses)
-        again = second_chances(rgb, soft, circles.take(free), expected[free], self.cloth.basis)
+        again = second_chances(rgb, soft, circles.take(free), expected[free], cloth[free], basis)
         found = chained(
             self._balls(again, scan.foreground, frame), self._balls(circles.take(~free), scan.foreground, frame)
         )
@@ -179,6 +186,10 @@ class BallFinder:
     def _home(self, px: Floats, frame: int) -> Floats:
         """Px (n, 2) of a frame to working px."""
         return self.view.to_working(_moved_back(self.view.scene, px, frame))
+
+    def _beneath(self, home: Floats) -> Floats:
+        """RGB (n, 3) of the empty table at working px (n, 2)."""
+        return np.asarray(_at(self.cloth.colour, home), dtype=np.float64)
 
     def _discs_drawn(self, home: Floats) -> Bools:
         """(h, w) working px within 1.15 radii of balls at working px (n, 2)."""
@@ -227,7 +238,7 @@ def _moved_back(scene: Scene, px: Floats, frame: int) -> Floats:
 
 def _at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
     """Values (n,) of a picture at working px (n, 2)."""
-    h, w = mask.shape
+    h, w = mask.shape[:2]
     u = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
     v = np.clip(np.rint(working[..., 1]).astype(int), 0, h - 1)
     return np.asarray(mask[v, u])
