@@ -17,7 +17,7 @@ from models.hypotheses import follow
 from models.kinds import Look, name_ids, name_kinds
 from models.progress import Progress, silent
 from models.scene import Scene
-from models.selection import is_ball, looks_like_ball
+from models.selection import is_ball, looks_like_ball, moves_like_ball
 from models.sightings import Sightings, sight
 from models.stitching import Tracklet, cut, stitch
 from models.tracks import Tracks
@@ -62,7 +62,11 @@ def associate(
     chains = follow(sightings, t, scene.table, options.breadth, options.patience, progress)
     pieces = [piece for piece in cut(chains, sightings, t) if looks_like_ball(piece, sightings, t, scene)]
     joined = stitch(pieces, sightings, t, scene.table)
-    balls = [piece for piece in joined if is_ball(piece, sightings, t, scene)]
+    likely = [piece for piece in joined if is_ball(piece, sightings, t, scene)]
+    balls = [
+        piece for piece in likely
+        if moves_like_ball(piece, [other for other in likely if other is not piece], sightings, t, scene.table)
+    ]  # fmt: skip
     if options.balls:
         balls = sorted(balls, key=lambda piece: -len(piece.picture))[: options.balls]
     if not balls:

@@ -20,6 +20,16 @@ JITTER = 6.0
 """standard deviations: what a hand departs from between its neighbours in most pictures, a ball only at contacts."""
 TIME_JITTER = 0.07
 """Error of a picture's time, in the interval of its neighbours: containers round, and repeat pictures irregularly."""
+ERRATIC = 4.0
+"""Standard deviations from between its neighbours above which a sighting is erratic: the velocity changed."""
+ERRATIC_BALL, ERRATIC_CLUTTER = 0.05, 0.35
+"""Share of the sightings in motion that are erratic without a ball near: 0 to 0.1 of balls, 0.25 to 0.5 of hands."""
+STILL_BALL, STILL_CLUTTER = 0.9, 0.7
+"""Share of the others, where nothing moves."""
+PRIOR = 2.0
+"""Log odds of a ball among what lasts and looks like one."""
+EXCUSE = 3.5
+"""Radii from another ball's centre within which a velocity may change."""
 MOST_LOST = 0.15
 """Share of its pictures in which a ball may go unseen while it moves."""
 STREAKED, MOST_IMPOSSIBLE = 2.2, 0.3
@@ -86,6 +96,34 @@ def _impossible_streaks(piece: Tracklet, sightings: Sightings, table: Table) -> 
     return float(np.mean(length > longest + STREAKED * table.ball_radius))
 
 
+def moves_like_ball(piece: Tracklet, others: list[Tracklet], sightings: Sightings, t: Floats, table: Table) -> bool:
+    """Whether its motion is likelier that of a ball than of a hand, which turns and halts again and again.
+
+    A ball's velocity changes at contacts only: those with `others` are excused, those with cushions are few.
+    """
+    if len(piece.picture) < 3:
+        return True
+    off, chord = _departures(piece, sightings, t)
+    excused = _near(piece, others, sightings, EXCUSE * table.ball_radius)[1:-1]
+    erratic = (off > ERRATIC) & ~excused
+    moving = (chord > ERRATIC) & ~erratic
+    still = (chord <= ERRATIC) & (off <= ERRATIC)
+    odds = PRIOR + float(np.sum(erratic)) * np.log(ERRATIC_BALL / ERRATIC_CLUTTER)
+    odds += float(np.sum(moving)) * np.log((1 - ERRATIC_BALL) / (1 - ERRATIC_CLUTTER))
+    odds += float(np.sum(still)) * np.log(STILL_BALL / STILL_CLUTTER)
+    return bool(odds > 0)
+
+
+def _near(piece: Tracklet, others: list[Tracklet], sightings: Sightings, reach: float) -> NDArray[np.bool_]:
+    """At which sightings (M,) another ball, where it was seen last, is within reach (m)."""
+    near = np.zeros(len(piece.picture), bool)
+    for other in others:
+        latest = np.searchsorted(other.picture, piece.picture, side="right") - 1
+        gap = np.hypot(*(sightings.xy[piece.row] - sightings.xy[other.row[np.maximum(latest, 0)]]).T)
+        near |= (latest >= 0) & (gap < reach)
+    return near
+
+
 def _lost_share(piece: Tracklet, sightings: Sightings, table: Table) -> float:
     """Share of the pictures from first to last in which it moved unseen; resting behind a hand does not count."""
     way = np.hypot(*np.diff(sightings.xy[piece.row], axis=0).T)
@@ -96,9 +134,12 @@ def _lost_share(piece: Tracklet, sightings: Sightings, table: Table) -> float:
 
 def _jitter(piece: Tracklet, sightings: Sightings, t: Floats) -> float:
     """Median departure of each sighting from between its neighbours, in standard deviations."""
+    return float(np.median(_departures(piece, sightings, t)[0])) if len(piece.picture) > 2 else 0.0
+
+
+def _departures(piece: Tracklet, sightings: Sightings, t: Floats) -> tuple[Floats, Floats]:
+    """How far each sighting (M - 2,) is from between its neighbours, and they from each other, in sigma."""
     times, xy, sigma = t[piece.picture], sightings.xy[piece.row], sightings.sigma_along[piece.row]
-    if len(times) < 3:
-        return 0.0
     share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
     chord = xy[2:] - xy[:-2]
     off = xy[1:-1] - xy[:-2] - share * chord
@@ -107,7 +148,8 @@ def _jitter(piece: Tracklet, sightings: Sightings, t: Floats) -> float:
     across = np.sqrt(np.maximum((off**2).sum(axis=1) - along**2, 0.0))
     push = 2.0 * (times[2:] - times[:-2]) ** 2 / 8  # m: what sliding friction bends a path by
     spread = np.hypot(1.2 * sigma[1:-1], push)
-    return float(np.median(np.hypot(along / np.hypot(spread, TIME_JITTER * length), across / spread)))
+    off_sigma: Floats = np.hypot(along / np.hypot(spread, TIME_JITTER * length), across / spread)
+    return off_sigma, length / (1.5 * sigma[1:-1])
 
 
 def _vanishes(piece: Tracklet, t: Floats, table: Table) -> bool:

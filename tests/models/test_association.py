@@ -14,7 +14,11 @@ from models.association import TrackOptions, associate
 from models.detections import Detections
 from models.errors import TrackError
 from models.scene import Scene, Table
+from models.sightings import sight
+from models.stitching import make_tracklet, stitch
 from models.tracks import Tracks
+
+CLOTH = overhead().cloth_lab
 
 
 def _track(seen: Seen, scene: Scene | None = None) -> Tracks:
@@ -70,6 +74,101 @@ def test_clutter_and_hands_are_no_balls() -> None:
     columns["centre"] = np.concatenate([d.centre, hand])[order]
     tracks = associate(Detections(**columns), seen.frame, seen.t, overhead())
     assert len(tracks.ids) == 2
+
+
+def _with(seen: Seen, frame: np.ndarray, centre: np.ndarray, **changed: object) -> Detections:
+    """The detections of a shot and one more row per frame, sharp and of the balls' colour unless it says otherwise."""
+    d = seen.detections
+    rows = {name: np.repeat(getattr(d, name)[:1], len(frame), axis=0) for name in Detections.__slots__}
+    rows |= {"frame": frame, "centre": centre, "streak": np.zeros((len(frame), 2))}
+    for name, value in changed.items():
+        rows[name] = np.broadcast_to(np.asarray(value, float), rows[name].shape)
+    order = np.argsort(np.concatenate([d.frame, frame]), kind="stable")
+    return Detections(*(np.concatenate([getattr(d, name), rows[name]])[order] for name in Detections.__slots__))
+
+
+def _two_balls(rng: np.random.Generator, seconds: float = 2.0) -> Seen:
+    samples = play(np.array([0.5, 0.6]), np.array([1.0, 0.3]), np.array([[1.6, 0.3]]), seconds=seconds)
+    return observe(samples, overhead(), 30, rng, clutter=0)
+
+
+def test_a_hand_that_halts_and_turns_is_no_ball() -> None:
+    seen = _two_balls(np.random.default_rng(20))
+    turns = np.array([0, 0, 0, 9, 9, -4, -12, 0, 0, 0, 7, 15, -9, -9, 0, 0, 12, -5, -11, 8, 0, 0, 0, 10, -14, 0, 6, -8])
+    hand = np.array([1000.0, 520.0]) + np.stack([np.cumsum(turns), np.cumsum(np.roll(turns, 3)) / 2], axis=1)
+    detections = _with(seen, np.arange(8, 8 + len(turns)), hand)
+    assert len(associate(detections, seen.frame, seen.t, overhead()).ids) == 2
+
+
+def test_a_streak_that_goes_nowhere_is_no_ball() -> None:
+    rng = np.random.default_rng(21)
+    seen = _two_balls(rng)
+    sleeve = np.array([1000.0, 520.0]) + rng.normal(0, 1, (30, 2))
+    detections = _with(seen, np.arange(30), sleeve, streak=[2.0, 50.0], sigma_along=1.5)
+    assert len(associate(detections, seen.frame, seen.t, overhead()).ids) == 2
+
+
+def test_a_ball_keeps_off_a_shadow_of_the_cloths_colour() -> None:
+    seen = _two_balls(np.random.default_rng(22))
+    hidden = (seen.ball == 1) & (seen.detections.frame >= 20) & (seen.detections.frame < 30)
+    kept = replace(seen, detections=_keep(seen.detections, ~hidden))
+    place = seen.px[20, 1] + [7.0, 3.0]
+    detections = _with(kept, np.arange(20, 30), np.tile(place, (10, 1)), colour=np.add(CLOTH, [2.0, 3.0, 1.0]))
+    tracks = associate(detections, seen.frame, seen.t, overhead())
+    assert len(tracks.ids) == 2
+    assert not np.any(np.hypot(*np.moveaxis(tracks.px - place, 2, 0)) < 1.0)
+
+
+def test_a_lining_of_a_pocket_is_no_ball_but_one_in_the_jaws_is() -> None:
+    seen = _two_balls(np.random.default_rng(23))
+    for xy, balls in (([3.4 * R, 0.8 * R], 2), ([1.3 * R, 1.3 * R], 3)):
+        place = overhead().camera.to_pixels(np.array([xy]), R)
+        detections = _with(seen, seen.frame, np.tile(place, (len(seen.frame), 1)))
+        assert len(associate(detections, seen.frame, seen.t, overhead()).ids) == balls
+
+
+def test_a_steady_ball_of_the_cloths_colour_stays() -> None:
+    rng = np.random.default_rng(24)
+    seen = _two_balls(rng)
+    place = np.array([1000.0, 520.0]) + rng.normal(0, 0.3, (len(seen.frame), 2))
+    detections = _with(seen, seen.frame, place, colour=np.add(CLOTH, [5.0, 4.0, 3.0]))
+    assert len(associate(detections, seen.frame, seen.t, overhead()).ids) == 3
+
+
+def test_tracklets_of_a_resting_ball_that_overlap_are_one_ball() -> None:
+    seen = _two_balls(np.random.default_rng(26))
+    scene, resting = overhead(), np.flatnonzero(seen.ball == 1)
+    sightings = sight(seen.detections, seen.frame, scene)
+    row = np.flatnonzero(np.isin(sightings.row, resting))[:12]
+    picture = np.searchsorted(sightings.first, row, side="right") - 1
+    first, second = (make_tracklet(picture[part], row[part], sightings, seen.t) for part in (slice(0, 7), slice(5, 12)))
+    (joined,) = stitch([first, second], sightings, seen.t, scene.table)
+    assert np.array_equal(joined.picture, picture)
+    apart = make_tracklet(picture[2:12], row[2:12], sightings, seen.t)
+    assert len(stitch([first, apart], sightings, seen.t, scene.table)) == 2
+
+
+def test_two_balls_that_leave_unseen_keep_their_identity() -> None:
+    """The cue ball is struck behind a hand, and its object ball is one faded streak before it is in a pocket."""
+    rng = np.random.default_rng(25)
+    scene, colours = overhead(), np.array([[98.0, 0.0, 2.0], [50.0, 70.0, 50.0]])
+    xy = np.array([[1.27, 0.35], [1.27, 0.18]])
+    rows = [(k, i, *xy[i], 0.0) for k in range(60) for i in (0, 1) if k < 29 or (k == 29 and i)]
+    rows += [(30, 1, 1.27, 0.08, 0.09)] + [(k, 0, 1.27, 0.24, 0.0) for k in range(30, 60)]
+    table = np.array(sorted(rows))
+    one, streaked = np.ones(len(table)), table[:, 4] > 0
+    colour = colours[table[:, 1].astype(int)] + rng.normal(0, 2, (len(table), 3))
+    colour[streaked] += 0.4 * (scene.cloth_lab - colour[streaked])
+    px = scene.camera.to_pixels(table[:, 2:4], R) + rng.normal(0, 0.2, (len(table), 2))
+    streak = np.stack([0 * one, 400.0 * table[:, 4]], axis=1)
+    detections = Detections(
+        table[:, 0].astype(np.int64), px, 11.0 * one, streak, colour, 0.1 * one, one, 0.3 * one,
+        np.where(streaked, 1.5, 0.3),
+    )  # fmt: skip
+    tracks = associate(detections, np.arange(60), np.arange(60) / 30, scene)
+    assert len(tracks.ids) == 2
+    ends = sorted(int(np.flatnonzero(tracks.observed[:, j])[-1]) for j in range(2))
+    assert ends == [30, 59]
 
 
 def test_a_resting_ball_behind_a_hand_stays_the_same_ball() -> None:
