@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from models.scene import CUSHIONS, Table
 from models.segmentation import Samples, Segment, SpanStart, fit_span
 from models.story import Contact, ContactKind, Span, Story
+from models.tidying import STILL, curve_of, part_of
 
 Floats = NDArray[np.float64]
 
@@ -20,10 +21,6 @@ NEAR_BALL = 0.45
 """ball radii: the same for the distance of two balls."""
 JUMP = 0.4
 """ball radii: curves that pass each other by more do not belong to one motion."""
-SETTLED = 0.15
-"""m/s: a ball that is slower before it stands has rolled out rather than been stopped."""
-STILL = 0.12
-"""ball radii: a ball that stays within is at rest, whatever its jitter."""
 CUE_KINDS = ("cue", "white", "yellow")
 """Balls that a cue may strike, where a strike has to be attributed."""
 
@@ -73,28 +70,9 @@ INWARD = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 """Normals (4, 2) of the noses, into the table."""
 
 
-def tidy(samples: Samples, segments: list[Segment], radius: float) -> list[Segment]:
-    """Balls that only jitter rest; single samples move; a moving ball that rolls out takes its rest along."""
-    named = []
-    for part in segments:
-        xy = samples.xy[part.first : part.last + 1]
-        lone = part.last == part.first and part.first > 0 and part.last < len(samples.t) - 1
-        named.append(Segment(part.first, part.last, not lone and (part.static or _still(xy, radius))))
-    joined = [named[0]]
-    for part in named[1:]:
-        last = joined[-1]
-        both = last.static and part.static
-        rolled_out = part.static and not last.static and _end_speed(samples, last) < SETTLED
-        if both or rolled_out:
-            joined[-1] = Segment(last.first, part.last, both)
-        else:
-            joined.append(part)
-    return joined
-
-
 def breaks_of(ball: int, samples: Samples, segments: list[Segment], radius: float) -> list[Break]:
     """Times, places and velocities at the breaks between segments."""
-    fits = [_fit(samples, part) for part in segments]
+    fits = [curve_of(samples, part) for part in segments]
     found: list[Break] = []
     for k, (one, two) in enumerate(pairwise(fits)):
         last, first = segments[k].last, segments[k + 1].first
@@ -105,7 +83,7 @@ def breaks_of(ball: int, samples: Samples, segments: list[Segment], radius: floa
         apart = float(np.linalg.norm(one.at(t_best) - two.at(t_best)))
         sure = _certain(segments[k]) and _certain(segments[k + 1])
         jump = sure and apart > JUMP * radius + 5 * float(np.median(samples.sigma))
-        whole = _part(samples, segments[k].first, segments[k + 1].last)
+        whole = part_of(samples, Segment(segments[k].first, segments[k + 1].last, False))
         gain = fit_span(whole, float(whole.t[0])).chi2 - one.chi2 - two.chi2
         before = np.zeros(2) if segments[k].static else _velocity(samples, segments, k, one, t_best)
         after = np.zeros(2) if segments[k + 1].static else _velocity(samples, segments, k + 1, two, t_best)
@@ -337,7 +315,7 @@ def _ending(span: Span, contact: int) -> Span:
 
 def _span(ball: int, samples: Samples, part: Segment, t: float | None = None, start: Break | None = None) -> Span:
     """A span with its state at time t, the time of its first sample by default."""
-    seen = _part(samples, part.first, part.last)
+    seen = part_of(samples, part)
     begin = float(seen.t[0]) if t is None else t
     if part.static:
         return Span(ball, True, None, None, begin, np.concatenate([np.median(seen.xy, axis=0), np.zeros(6)]))
@@ -346,29 +324,6 @@ def _span(ball: int, samples: Samples, part: Segment, t: float | None = None, st
         return Span(ball, False, None, None, begin, state)
     fit = fit_span(seen, begin)
     return Span(ball, False, None, None, begin, np.concatenate([fit.x, fit.v, fit.slip, np.zeros(2)]))
-
-
-def _part(samples: Samples, first: int, last: int) -> Samples:
-    rows = slice(first, last + 1)
-    return Samples(samples.t[rows], samples.xy[rows], samples.sigma[rows])
-
-
-def _fit(samples: Samples, part: Segment) -> SpanStart:
-    seen = _part(samples, part.first, part.last)
-    if part.static:
-        zero = np.zeros(2)
-        middle = np.median(seen.xy, axis=0)
-        chi2 = (((seen.xy - middle) / seen.sigma[:, None]) ** 2).sum()
-        return SpanStart(float(seen.t[0]), middle, zero, zero, zero, 0.0, float(chi2))
-    return fit_span(seen, float(seen.t[0]))
-
-
-def _still(xy: Floats, radius: float) -> bool:
-    """Whether samples (n, 2) only jitter about one place."""
-    few = min(5, max(len(xy) // 3, 1))
-    drift = np.linalg.norm(np.median(xy[:few], axis=0) - np.median(xy[-few:], axis=0))
-    spread = np.linalg.norm(xy - np.median(xy, axis=0), axis=1)
-    return bool(drift < STILL * radius and np.median(spread) < STILL * radius and spread.max() < radius)
 
 
 def _meeting(samples: Samples, left: Segment, right: Segment, one: SpanStart, two: SpanStart) -> tuple[float, Floats]:
@@ -404,10 +359,3 @@ def _velocity(samples: Samples, segments: list[Segment], k: int, fit: SpanStart,
     before, after = max(part.first - 1, 0), min(part.last + 1, len(samples.t) - 1)
     mean: Floats = (samples.xy[after] - samples.xy[before]) / (samples.t[after] - samples.t[before])
     return mean
-
-
-def _end_speed(samples: Samples, part: Segment) -> float:
-    if part.last == part.first:
-        return np.inf
-    fit = _fit(samples, part)
-    return float(np.hypot(*fit.velocity(float(samples.t[part.last]))))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.contacts import near_something, tell, tidy
+from models.contacts import near_something, tell
 from models.events import Events
 from models.fit import Fit, Parameter, Trust
 from models.happenings import events_of, pocketed
@@ -21,6 +21,7 @@ from models.scene import Scene, Table
 from models.segmentation import Samples, segment
 from models.solution import Data, Solution, gather, layout, owners, residuals
 from models.story import Story
+from models.tidying import tidy
 from models.tracks import Tracks
 from models.trust import accepted_spans, light, span_chi2
 

@@ -68,10 +68,19 @@ def prune(solution: Solution, gains: Floats, price: float, dear: float) -> Story
 
 
 def _doubtful(solution: Solution, contact: Contact) -> bool:
-    """Contacts without a cause, and cushions met so slowly that a bent path would do as well."""
+    """Contacts without a cause, and cushions and balls met so slowly that a bent path would do as well."""
+    if contact.kind == "ball" and not contact.driven:
+        return _closing(solution, contact) < SLOW
     if contact.kind == "cushion":
         return bool(-INWARD[CUSHIONS.index(contact.cushion)] @ end_state(solution, contact.before[0])[2:4] < SLOW)
     return contact.kind in ("free", "jump")
+
+
+def _closing(solution: Solution, contact: Contact) -> float:
+    """Speed at which two balls come together, m/s."""
+    one, two = (end_state(solution, k) for k in contact.before)
+    apart = two[:2] - one[:2]
+    return float((one[2:4] - two[2:4]) @ apart) / max(float(np.hypot(*apart)), 1e-9)
 
 
 def _gains(solution: Solution, data: Data, table: Table) -> Floats:

@@ -16,6 +16,8 @@ BLUR, UNEVEN = 0.5, 0.02
 """px and ball radii, in quadrature: a misfit that a picture cannot tell from right is accepted whatever its chi2.
 Random noise may be a twentieth of a pixel, yet texture, dark limbs, lens and homography shift balls by up to half a
 pixel over longer ways, and no cloth is even to half a millimetre: slow balls curl, and settle back into their dent."""
+TREMBLE = 0.25
+"""ball radii: no ball goes to and fro by itself, so that one which is seen so near to one place rests there."""
 WORST_MISS = 0.7
 """ball radii: a path that misses its samples by more explains nothing, however noisy they are."""
 GREEN_SHARE, AMBER_SHARE = 0.9, 0.6
@@ -45,7 +47,8 @@ def accepted_spans(solution: Solution, data: Data, radius: float, pixel: float) 
     A span that nobody saw is believed where both neighbours are.
     """
     chi2, rms, count = span_chi2(solution, data)
-    floor = np.hypot(BLUR * pixel, UNEVEN * radius)
+    static = np.array([span.static for span in solution.story.spans], dtype=bool)
+    floor = np.where(static, TREMBLE * radius, np.hypot(BLUR * pixel, UNEVEN * radius))
     good = ((chi2 < WORST_CHI2) | (rms < floor)) & (rms < WORST_MISS * radius)
     story = solution.story
     for k in np.flatnonzero(count == 0):
