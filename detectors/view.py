@@ -28,6 +28,8 @@ CORNER_HOLE_RADII, SIDE_HOLE_RADII = 1.4, 0.7
 """Nearer than this to where the noses' lines meet, or to the middle of a side, a ball has dropped."""
 POCKET_RADII = 3.0
 """Reach of a pocket's opening about its corner."""
+POCKET_SEEN_RADII = 1.5
+"""The same in the picture: its lining stands upright, and in a low view it hides far more of the cloth."""
 MARGIN_RADII = 1.8
 """Picture kept around the place of the outermost centres."""
 
@@ -119,6 +121,8 @@ def view_of(scene: Scene) -> View:
     pockets = np.zeros((h, w), dtype=bool)
     for pocket in table.pocket_centres:
         pockets |= _within_reach(at_centres, pocket, POCKET_RADII * table.ball_radius)
+        seen = camera.to_pixels(pocket, table.ball_radius)
+        pockets |= _within_reach(px, seen, POCKET_SEEN_RADII * float(camera.radius_px(pocket, table.ball_radius)))
     on_cloth = camera.to_table(px, 0.0)
     cloth = (on_cloth[..., 0] > 0) & (on_cloth[..., 0] < table.length)
     cloth &= (on_cloth[..., 1] > 0) & (on_cloth[..., 1] < table.width)
