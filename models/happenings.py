@@ -31,6 +31,8 @@ _SHORTEST = 0.01
 """m: a ball that rested, and moved less by itself, has not come to rest: it jittered."""
 _NUDGE = 0.5
 """ball radii: an object ball that seems to move less by itself was only seen badly."""
+_BLIND = 0.02
+"""of the time that a ball was not seen around its strike: how well its speed meanwhile is known."""
 _PRICE = 20.0
 """chi2 that an event must improve to be as likely as not."""
 
@@ -64,7 +66,15 @@ def events_of(solution: Solution, tracks: Tracks, table: Table, chi2: Floats, po
         event for event in found
         if event.kind not in ("rest", "cushion") or event.t < vanish.get(event.a, np.inf) - jaws
     ]  # fmt: skip
-    return listed([_bounded(event, tracks) for event in kept], tracks)
+    return listed([_bounded(event, tracks) for event in _one_cue(kept, tracks)], tracks)
+
+
+def _one_cue(found: list[Happening], tracks: Tracks) -> list[Happening]:
+    """Without strikes of object balls where a cue ball was struck: something else set them going, seen badly."""
+    strikes = [event for event in found if event.kind == "strike"]
+    struck = [event for event in strikes if tracks.kinds[tracks.ids.index(event.a)] in CUE_KINDS]
+    believed = struck or sorted(strikes, key=lambda event: event.t)[:1]
+    return [event for event in found if event.kind != "strike" or event in believed]
 
 
 def _bounded(event: Happening, tracks: Tracks) -> Happening:
@@ -180,6 +190,10 @@ def _contact(
         if hitter is not None:
             sigma = max(sigma, 0.5 * float(np.median(np.diff(tracks.t))))
             return [Happening("ball", contact.t, sigma, ids[hitter], ids[balls[0]], after[0][:2], 0.7, speed=speed)]
+        seen = tracks.t[tracks.observed[:, balls[0]]]
+        row = int(np.clip(np.searchsorted(seen, contact.t), 1, max(len(seen) - 1, 1)))
+        gap = float(seen[row] - seen[row - 1]) if len(seen) > 1 else 0.0
+        sigma = float(np.hypot(sigma, _BLIND * gap))
         way = np.linalg.norm(end_state(solution, contact.after[0])[:2] - after[0][:2])
         if tracks.kinds[balls[0]] not in CUE_KINDS and way < _NUDGE * table.ball_radius:
             return []

@@ -108,6 +108,53 @@ def test_nothing_moves_and_nothing_happens() -> None:
     np.testing.assert_allclose(fit.trajectory.at(1.0).xy, x, atol=5e-4)
 
 
+def test_a_ball_whose_detections_leap_to_and_fro_rests() -> None:
+    shot = random_shot(3)
+    still = int(np.argmin(np.nanmax(np.linalg.norm(shot.xy - shot.xy[0], axis=2), axis=0)))
+    tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
+    leaps = np.random.default_rng(4).integers(0, 2, len(tracks.t) // 5 + 1).repeat(5)[: len(tracks.t)]
+    tracks.xy[:, still] = shot.xy[0, still] + 0.3 * RADIUS * leaps[:, None] * [1.0, 0.3]
+    fit = fit_shot(tracks, shot.scene)
+    assert not fit.moving[:, still].any()
+    assert not {k for k, a in zip(fit.events.kind, fit.events.a, strict=True) if a == tracks.ids[still]}
+    assert fit.events.kind.count("strike") == 1
+
+
+def test_a_strike_within_a_gap_is_found_from_the_way_back_to_the_place_of_rest() -> None:
+    shot = random_shot(3)
+    tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
+    hidden = (tracks.t > shot.strike - 0.05) & (tracks.t < shot.strike + 0.15)
+    tracks.xy[hidden, tracks.ids.index("cue")] = np.nan
+    fit = fit_shot(tracks, shot.scene)
+    row = fit.events.kind.index("strike")
+    assert fit.events.a[row] == "cue"
+    assert abs(fit.events.t[row] - shot.strike) < 3 * fit.events.t_sigma[row]
+    assert fit.events.t_sigma[row] < 0.25
+
+
+def test_a_fit_that_fails_shows_what_was_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError("no solution")
+
+    monkeypatch.setattr("models.fitting.refine", fails)
+    shot = random_shot(3)
+    fit = fit_shot(shot.tracks, shot.scene)
+    assert fit.trust.light == "red"
+    assert "no solution" in fit.trust.reasons[0]
+    assert np.isfinite(fit.trajectory.at(shot.tracks.t).xy[shot.tracks.observed]).all()
+
+
+def test_a_ball_rests_when_it_has_a_pixel_left_to_go() -> None:
+    shot = film(
+        np.array([[0.5, 0.6], [2.0, 0.3]]), np.array([[0.5, 0.0], [0, 0]]), np.zeros((2, 3)),
+        np.random.default_rng(0), seconds=6.0,
+    )  # fmt: skip
+    fit = fit_shot(shot.tracks, shot.scene)
+    row = fit.events.kind.index("rest")
+    to_go = np.linalg.norm(shot.xy[:, 0] - shot.xy[-1, 0], axis=1)
+    assert fit.events.t[row] == pytest.approx(shot.tracks.t[np.argmax(to_go < 0.05 * RADIUS)], abs=0.06)
+
+
 def test_the_coefficients_of_the_cloth_come_out() -> None:
     shot = random_shot(6)
     values = {p.name: p for p in fit_shot(shot.tracks, shot.scene).parameters}
