@@ -16,7 +16,7 @@ from models.noise import Noise, estimate_noise, outliers, seldom_seen, with_nois
 from models.paths import measured_pieces, pack, pieces_of
 from models.progress import Progress, silent
 from models.refinement import refine
-from models.revision import revise
+from models.revision import revise, without_doubts
 from models.scene import Scene, Table
 from models.segmentation import Samples, segment
 from models.solution import Data, Solution, gather, layout, owners, residuals
@@ -70,7 +70,7 @@ def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progres
     if np.any(excess > 1.5):  # what the model misses is no smaller for being systematic
         data = replace(data, whiten=data.whiten / np.sqrt(excess)[:, None, None])
         solution = refine(solution.story, data, table, iterations=10, start=solution)
-        solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
+        solution = without_doubts(solution, data, table, options.free_price)
     progress(0.9)
     fit = _report(solution, tracks, kept, shown, table, options)
     progress(1.0)

@@ -72,7 +72,8 @@ def events_of(solution: Solution, tracks: Tracks, table: Table, chi2: Floats, po
 def _one_cue(found: list[Happening], tracks: Tracks) -> list[Happening]:
     """Without strikes of object balls where a cue ball was struck: something else set them going, seen badly."""
     strikes = [event for event in found if event.kind == "strike"]
-    struck = [event for event in strikes if tracks.kinds[tracks.ids.index(event.a)] in CUE_KINDS]
+    kinds = ("cue",) if "cue" in tracks.kinds else CUE_KINDS
+    struck = [event for event in strikes if tracks.kinds[tracks.ids.index(event.a)] in kinds]
     believed = struck or sorted(strikes, key=lambda event: event.t)[:1]
     return [event for event in found if event.kind != "strike" or event in believed]
 

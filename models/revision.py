@@ -50,6 +50,12 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
     return solution
 
 
+def without_doubts(solution: Solution, data: Data, table: Table, dear: float) -> Solution:
+    """The solution without contacts that have no cause and improve less than `dear`; nothing else is reconsidered."""
+    story = prune(solution, _gains(solution, data, table), 0.0, dear)
+    return refine(story, data, table, iterations=10, start=solution)
+
+
 def prune(solution: Solution, gains: Floats, price: float, dear: float) -> Story:
     """The story without contacts that the samples do not ask for; `gains` (C,) are kept in the others."""
     story = solution.story
