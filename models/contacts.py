@@ -219,7 +219,7 @@ def tell(samples: list[Samples], segments: list[list[Segment]], table: Table, ki
             unseen[len(contacts)] = members[0]
         contacts.append(contact)
     story = _with_runs(Story(tuple(spans), tuple(contacts)), unseen)
-    return _with_strikes(story, table, kinds)
+    return _with_strikes(story, samples, table, kinds)
 
 
 def _with_runs(story: Story, unseen: dict[int, Break]) -> Story:
@@ -250,11 +250,11 @@ def _with_runs(story: Story, unseen: dict[int, Break]) -> Story:
     return Story(tuple(spans), tuple(contacts))
 
 
-def _with_strikes(story: Story, table: Table, kinds: tuple[str, ...]) -> Story:
+def _with_strikes(story: Story, samples: list[Samples], table: Table, kinds: tuple[str, ...]) -> Story:
     """Where two resting balls part from each other, one of them was struck just before."""
     spans, contacts = list(story.spans), list(story.contacts)
     for number, contact in enumerate(story.contacts):
-        if contact.kind != "ball" or not all(_waits(spans, contact, side, table) for side in (0, 1)):
+        if contact.kind != "ball" or not all(_waits(spans, samples, contact, side, table) for side in (0, 1)):
             continue
         cue = _struck(spans, contact, kinds)
         other = 1 - cue
@@ -285,13 +285,16 @@ def _with_strikes(story: Story, table: Table, kinds: tuple[str, ...]) -> Story:
     return Story(tuple(spans), tuple(contacts))
 
 
-def _waits(spans: list[Span], contact: Contact, side: int, table: Table) -> bool:
-    """Whether a ball rests, or moves too little to come to the other one by itself."""
+def _waits(spans: list[Span], samples: list[Samples], contact: Contact, side: int, table: Table) -> bool:
+    """Whether a ball rests, or is seen to move too little to come to the other one by itself."""
     span, other = spans[contact.before[side]], spans[contact.after[1 - side]]
     if span.static:
         return True
     gap = np.linalg.norm(other.state[:2] - span.state[:2]) - 2 * table.ball_radius
-    way = np.linalg.norm(span.state[2:4]) * (contact.t - span.t0)
+    seen = samples[span.ball]
+    rows = np.flatnonzero((seen.t >= span.t0) & (seen.t < contact.t))
+    went = float(np.linalg.norm(seen.xy[rows[-1]] - seen.xy[rows[0]])) if len(rows) else 0.0
+    way = max(went, float(np.linalg.norm(span.state[2:4])) * (contact.t - span.t0))
     return bool(span.start is None and way < 0.5 * gap)
 
 

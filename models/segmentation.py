@@ -23,6 +23,12 @@ SLIDING_SPREAD, LONG_SLIDE = 0.45, 0.15
 """m/s^2 and s: how well the strength of sliding friction is known, and slides long enough to show it."""
 ROLLING_ACCELERATION = 0.12
 """m/s^2, prior standard deviation per axis while rolling: about mu_r g, with slope and nap."""
+SLIP_SHARE, SLIP_FLOOR = 0.7, 0.2
+"""of the speed, and m/s: slip of a ball that nothing has touched for a while, one standard deviation."""
+MOST_ODD = 100.0
+"""chi2 at which an odd beginning stays possible: a clip may begin within a contact."""
+STRUCK = 0.4
+"""of the price of a break without a visible cause: what a start from rest costs."""
 _VAGUE = 1e-8
 """1/variance of what is free: keeps short pieces solvable."""
 
@@ -180,14 +186,15 @@ def _second_pass(
         toll = 0.0 if k == 0 else (price if allowed[bounds[k] - 1] else dear)
         for m in range(k + 1, count):
             first, end = int(bounds[k]), int(bounds[m])
-            moving = fit_span(
-                Samples(samples.t[first:end], samples.xy[first:end], samples.sigma[first:end]), samples.t[first]
-            ).chi2
+            part = Samples(samples.t[first:end], samples.xy[first:end], samples.sigma[first:end])
+            span = fit_span(part, samples.t[first])
+            moving = span.chi2 + (_spin_from_nowhere(span) if k == 0 else 0.0)
             for static, cost in ((0, moving + 6.0), (1, _static_cost(samples, first, end))):
                 # coming to rest needs no cause; two rests in a row need a jump, which no ball makes
+                # a cue that nobody looks for may set going what rests
                 entry = [
                     best[k, 0] + (price * 0.5 if static else toll),
-                    best[k, 1] + (2 * dear if static and k else toll),
+                    best[k, 1] + (2 * dear if static and k else min(toll, STRUCK * dear)),
                 ]
                 before = int(np.argmin(entry))
                 if entry[before] + cost < best[m, static]:
@@ -196,6 +203,12 @@ def _second_pass(
             if moving > best[k].min() + 400 and m > k + 3 and moving > 40 * (end - first):
                 break
     return _walk_back(bounds, best, came)
+
+
+def _spin_from_nowhere(span: SpanStart) -> float:
+    """chi2 of a track that begins nearly at rest and is then driven by spin: no cue leaves a ball like that."""
+    usual = SLIP_SHARE * float(np.hypot(*span.v)) + SLIP_FLOOR
+    return float(min((np.hypot(*span.slip) / usual) ** 2, MOST_ODD))
 
 
 def _walk_back(bounds: Ints, best: Floats, came: Ints) -> list[Segment]:
