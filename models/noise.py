@@ -124,9 +124,7 @@ def with_noise(tracks: Tracks, noise: Noise) -> Tracks:
         v = velocities(tracks.t[rows], tracks.xy[rows, ball])
         shake = np.hypot(*v.T) * noise.timing
         known = tracks.sigma_along[rows, ball] * noise.scale[ball]
-        travels = np.hypot(*v.T) * np.median(np.diff(tracks.t[rows])) > known  # what lies still shows no jitter of time
-        burst = np.where(travels, noise.bursts[rows, ball, 0], 1.0)
-        along[rows, ball] = np.fmax(np.hypot(along[rows, ball], shake), known * burst)
+        along[rows, ball] = np.fmax(np.hypot(along[rows, ball], shake), known * noise.bursts[rows, ball, 0])
         streak[rows, ball] = np.where(np.hypot(*v.T)[:, None] > 0, v * 1e-3, streak[rows, ball])
     return replace(tracks, sigma=sigma, sigma_along=along, streak=streak)
 

@@ -27,8 +27,6 @@ SLIP_SHARE, SLIP_FLOOR = 0.7, 0.2
 """of the speed, and m/s: slip of a ball that nothing has touched for a while, one standard deviation."""
 MOST_ODD = 100.0
 """chi2 at which an odd beginning stays possible: a clip may begin within a contact."""
-STRUCK = 0.4
-"""of the price of a break without a visible cause: what a start from rest costs."""
 _VAGUE = 1e-8
 """1/variance of what is free: keeps short pieces solvable."""
 
@@ -191,10 +189,9 @@ def _second_pass(
             moving = span.chi2 + (_spin_from_nowhere(span) if k == 0 else 0.0)
             for static, cost in ((0, moving + 6.0), (1, _static_cost(samples, first, end))):
                 # coming to rest needs no cause; two rests in a row need a jump, which no ball makes
-                # a cue that nobody looks for may set going what rests
                 entry = [
                     best[k, 0] + (price * 0.5 if static else toll),
-                    best[k, 1] + (2 * dear if static and k else min(toll, STRUCK * dear)),
+                    best[k, 1] + (2 * dear if static and k else toll),
                 ]
                 before = int(np.argmin(entry))
                 if entry[before] + cost < best[m, static]:
