@@ -12,12 +12,16 @@ STILL = 0.12
 """ball radii: a ball that stays within is at rest, whatever its jitter."""
 AWAY, BACK = 1.0, 0.25
 """ball radii: a ball that goes no farther from its place, and is so near to it again later, never left it."""
+MOST_NUDGED = 3
+"""parts of a track in which a ball rests, is nudged, and rests again."""
 PROGRESS = 2.5
 """times its own scatter: a ball that stays within one radius must get on by so much to have moved."""
 
 
 def tidy(samples: Samples, segments: list[Segment], radius: float) -> list[Segment]:
     """Balls that only jitter rest; single samples move; a moving ball that rolls out takes its rest along."""
+    if len(segments) > MOST_NUDGED and _never_left(samples, radius):
+        return [Segment(0, len(samples.t) - 1, True)]
     named = []
     for part in segments:
         lone = part.last == part.first and part.first > 0 and part.last < len(samples.t) - 1
@@ -50,6 +54,14 @@ def curve_of(samples: Samples, part: Segment) -> SpanStart:
         chi2 = (((seen.xy - middle) / seen.sigma[:, None]) ** 2).sum()
         return SpanStart(float(seen.t[0]), middle, zero, zero, zero, 0.0, float(chi2))
     return fit_span(seen, float(seen.t[0]))
+
+
+def _never_left(samples: Samples, radius: float) -> bool:
+    """Whether a ball ends where it began and is hardly ever seen farther than `AWAY` from there."""
+    some = max(len(samples.t) // 5, 1)
+    began, ended = (np.median(samples.xy[part], axis=0) for part in (slice(some), slice(-some, None)))
+    ways = np.linalg.norm(samples.xy - np.median(samples.xy, axis=0), axis=1)
+    return bool(np.linalg.norm(ended - began) < BACK * radius and np.quantile(ways, 0.98) < AWAY * radius)
 
 
 def _returned(samples: Samples, parts: list[Segment], radius: float) -> list[Segment]:
