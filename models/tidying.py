@@ -24,7 +24,7 @@ def tidy(samples: Samples, segments: list[Segment], radius: float) -> list[Segme
         return [Segment(0, len(samples.t) - 1, True)]
     named = []
     for part in segments:
-        lone = part.last == part.first and part.first > 0 and part.last < len(samples.t) - 1
+        lone = part.last == part.first and _seen_leaving(samples, part, radius)
         named.append(Segment(part.first, part.last, not lone and (part.static or _still(samples, part, radius))))
     named = _returned(samples, named, radius)
     joined = [named[0]]
@@ -54,6 +54,14 @@ def curve_of(samples: Samples, part: Segment) -> SpanStart:
         chi2 = (((seen.xy - middle) / seen.sigma[:, None]) ** 2).sum()
         return SpanStart(float(seen.t[0]), middle, zero, zero, zero, 0.0, float(chi2))
     return fit_span(seen, float(seen.t[0]))
+
+
+def _seen_leaving(samples: Samples, lone: Segment, radius: float) -> bool:
+    """Whether a single sample shows motion: between others, or as the last one, far from where the ball was."""
+    if lone.first == 0:
+        return False
+    way = np.linalg.norm(samples.xy[lone.first] - samples.xy[lone.first - 1])
+    return lone.last < len(samples.t) - 1 or bool(way > AWAY * radius)
 
 
 def _never_left(samples: Samples, radius: float) -> bool:
