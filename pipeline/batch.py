@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -37,11 +38,18 @@ class Row:
 
 
 def find_clips(folder: Path) -> Iterator[Path]:
-    """Every file below `folder` that holds moving pictures, by content; hidden files and links are left out."""
+    """Every file below `folder` that is a film by name or by content; hidden files and links are left out.
+
+    A film by name that cannot be opened is among them: whoever gave it wants to know.
+    """
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
-        if not hidden and path.is_file() and not path.is_symlink() and _has_pictures(path):
+        if not hidden and path.is_file() and not path.is_symlink() and (_is_named_film(path) or _has_pictures(path)):
             yield path
+
+
+def _is_named_film(path: Path) -> bool:
+    return path.suffix.lower() in (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".ts", ".mpg")
 
 
 def _has_pictures(path: Path) -> bool:
@@ -60,19 +68,28 @@ def run_batch(
 ) -> list[Row]:
     """Run every clip into a folder of its own below `out`; rewrite summary.csv after each."""
     rows = []
+    folders = folders_of(clips, root, out)
     for clip in clips:
-        rows.append(_run_one(clip, root, out, options, cache, watch(clip)))
+        rows.append(_run_one(clip, root, folders[clip], options, cache, watch(clip)))
         write_summary(rows, out / "summary.csv")
     return rows
 
 
-def folder_of(clip: Path, root: Path, out: Path) -> Path:
-    """A folder per clip that mirrors the batch; the suffix stays, so that a.mp4 and a.mov do not meet."""
-    return out / clip.relative_to(root).parent / clip.name.replace(".", "_")
+def folders_of(clips: list[Path], root: Path, out: Path) -> dict[Path, Path]:
+    """A folder per clip that mirrors the batch: by the stem, with the suffix where two clips would meet (a.mp4, a.mov).
+
+    Names that differ in case only meet on some file systems.
+    """
+    places = {clip: out / clip.relative_to(root).with_suffix("") for clip in clips}
+    shared = Counter(str(place).lower() for place in places.values())
+    return {
+        clip: place if shared[str(place).lower()] == 1 else place.with_name(clip.name.replace(".", "_"))
+        for clip, place in places.items()
+    }
 
 
-def _run_one(clip: Path, root: Path, out: Path, options: RunOptions, cache: Cache, watcher: Watcher) -> Row:
-    name, folder = str(clip.relative_to(root)), folder_of(clip, root, out)
+def _run_one(clip: Path, root: Path, folder: Path, options: RunOptions, cache: Cache, watcher: Watcher) -> Row:
+    name = str(clip.relative_to(root))
     try:
         run = run_clip(clip, folder, options, cache, watcher)
     except Exception as error:  # whatever is wrong with one clip, the others are not to suffer

@@ -1,7 +1,7 @@
 """Content-addressed entries of plain files: built aside, published by one rename, locked per key, checked when read.
 
 ROOT/entries/ab/abcd.../          the files of an entry and its manifest.json
-ROOT/building/                    entries that are being built; what a killed process leaves is pruned
+ROOT/building/                    entries that are being built; what a killed process leaves is pruned, told by its lock
 ROOT/locks/abcd....lock           one per key
 ROOT/latest/STAGE-CLIP.json       the parts of the last key, to say why a stage is stale
 """
@@ -15,15 +15,14 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
 MANIFEST = "manifest.json"
-ABANDONED_S = 24 * 3600.0
-"""A folder under building/ untouched for so long belongs to a process that died."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +81,12 @@ class Cache:
 
     def make(self, key: Key, build: Callable[[Path], None]) -> Entry:
         """The entry of this key, built by `build(folder)` unless another process has done it meanwhile."""
-        with FileLock(self.root / "locks" / f"{key.digest}.lock"):
+        with FileLock(self._lock(key.digest)):
             entry = self.find(key)
             return entry if entry is not None else self._publish(key, build)
 
     def _publish(self, key: Key, build: Callable[[Path], None]) -> Entry:
-        aside = Path(tempfile.mkdtemp(prefix=f"{key.stage}-", dir=self.root / "building"))
+        aside = Path(tempfile.mkdtemp(prefix=f"{key.stage}-{key.digest}-", dir=self.root / "building"))
         try:
             start = time.monotonic()
             build(aside)
@@ -131,9 +130,7 @@ class Cache:
     def prune(self, *, older_than_s: float | None = None, largest_bytes: int | None = None) -> list[Entry]:
         """Remove old entries, then the least recently used until the rest fits; also what dead processes left."""
         now = time.time()
-        for path in (self.root / "building").iterdir():
-            if now - path.stat().st_mtime > ABANDONED_S:
-                shutil.rmtree(path, ignore_errors=True)
+        self._clear_rubbish()
         kept = list(self.entries())
         total = sum(entry.size for entry in kept)
         removed = []
@@ -143,11 +140,33 @@ class Cache:
                 self._remove(entry)
                 removed.append(entry)
                 total -= entry.size
+        self._drop_unused_locks()
         return removed
 
+    def _clear_rubbish(self) -> None:
+        """What dead processes left: a lock dies with its process, so that what nobody locks nobody builds."""
+        for path in (self.root / "building").iterdir():
+            with suppress(Timeout), FileLock(self._lock(_key_of(path)), timeout=0):
+                shutil.rmtree(path, ignore_errors=True)
+
+    def _drop_unused_locks(self) -> None:
+        """Lock files without an entry that nobody holds; whoever waits for one notices that it is gone."""
+        for path in (self.root / "locks").glob("*.lock"):
+            if not self.folder(path.stem).exists():
+                with suppress(Timeout), FileLock(path, timeout=0):
+                    path.unlink(missing_ok=True)
+
+    def _lock(self, key: str) -> Path:
+        return self.root / "locks" / f"{key}.lock"
+
     def _remove(self, entry: Entry) -> None:
-        with FileLock(self.root / "locks" / f"{entry.key}.lock"):
+        with FileLock(self._lock(entry.key)):
             shutil.rmtree(entry.folder, ignore_errors=True)
+
+
+def _key_of(building: Path) -> str:
+    """The key that a folder under building/ is for: STAGE-KEY-CHANCE."""
+    return building.name.rpartition("-")[0].rpartition("-")[2] or building.name
 
 
 def _write_manifest(folder: Path, key: Key, seconds: float) -> None:

@@ -80,6 +80,7 @@ def run_clip(clip: Path, folder: Path, options: RunOptions, cache: Cache, watche
     """
     graph = run_graph(clip, options)
     refuse_closed(folder)
+    refuse_overwriting(clip, folder)
     entries = graph.run(cache, watcher, {"read": partial(_at, clip)})
     publish(entries, folder)
     stage = next(stage for stage in graph.stages if stage.name == "fit")
@@ -101,6 +102,15 @@ def refuse_closed(folder: Path) -> None:
         raise OptionError(f"The results need a folder; {place} is none, name another with -o")
     if not os.access(place, os.W_OK | os.X_OK):
         raise OptionError(f"The results need a folder that can be written; {place} cannot, name another with -o")
+
+
+def refuse_overwriting(clip: Path, folder: Path) -> None:
+    """OptionError where a result would take the place of the clip itself."""
+    for names in FILES.values():
+        for name in names:
+            target = folder / name
+            if target.exists() and target.samefile(clip):
+                raise OptionError(f"The results would overwrite the clip {clip} itself; name another folder with -o")
 
 
 def publish(entries: Mapping[str, Entry], folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 import signal
 import sys
 import traceback
@@ -178,7 +179,7 @@ def view(
     debug: DebugOption = False,
 ) -> None:
     """The recording of a run in the rerun viewer."""
-    from pipeline.viewer import show_recording
+    from pipeline.viewer import WEB_ADDRESS, show_recording
 
     if target.is_dir() or target.suffix == ".rrd":
         recording = target / "recording.rrd" if target.is_dir() else target
@@ -189,6 +190,8 @@ def view(
         with StageDisplay(console, str(target)) as display:
             run_clip(target, folder, RunOptions(), _open_cache(cache), display)
         recording = folder / "recording.rrd"
+    if web:
+        print(f"Look at {WEB_ADDRESS} (end with Ctrl-C)", flush=True)
     raise typer.Exit(show_recording(recording, web=web))
 
 
@@ -238,6 +241,9 @@ def show_cache(
     if prune:
         if older_than is None and max_size is None:
             raise OptionError("Pruning needs to know what to remove: give --older-than DAYS or --max-size MB")
+        for flag, value, unit in (("--older-than", older_than, "days"), ("--max-size", max_size, "MB")):
+            if value is not None and not 0 <= value < math.inf:
+                raise OptionError(f"{flag} is a number of {unit} that is 0 or more; got {value:g}")
         removed = store.prune(
             older_than_s=None if older_than is None else 86400 * older_than,
             largest_bytes=None if max_size is None else round(1e6 * max_size),

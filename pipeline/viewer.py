@@ -8,7 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-from models.errors import OptionError
+from models.errors import OptionError, TruerollError
+
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+WEB_ADDRESS = "http://127.0.0.1:9090?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9876%2Fproxy"
+"""Where rerun serves its page, with the place that the page takes the recording from."""
 
 
 def show_recording(recording: Path, *, web: bool) -> int:
@@ -20,7 +24,10 @@ def show_recording(recording: Path, *, web: bool) -> int:
     program = Path(sys.executable).with_name("rerun")
     if not program.exists():
         raise OptionError(f"The rerun viewer was expected at {program}; install it with: pip install rerun-sdk")
-    command = [str(program), str(recording), *(["--web-viewer", "--bind", "127.0.0.1"] if web else [])]
+    if not web and sys.platform.startswith("linux") and not any(os.environ.get(name) for name in DISPLAYS):
+        raise TruerollError("The viewer needs a display and there is none; use --web")
+    # Both viewers listen for recordings: on this machine only.
+    command = [str(program), str(recording), "--bind", "127.0.0.1", *(["--web-viewer"] if web else [])]
     process = subprocess.Popen(command, env=os.environ | {"RERUN_ANALYTICS": "0"}, start_new_session=True)
     try:
         return process.wait()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.cache import ABANDONED_S, Cache, Entry, Key
+from pipeline.cache import Cache, Entry, Key
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -118,12 +118,22 @@ def test_a_killed_process_leaves_no_entry_and_its_rubbish_is_pruned(cache: Cache
     assert not list((cache.root / "entries").rglob("*.txt"))
     (rubbish,) = (cache.root / "building").iterdir()
     cache.prune()
-    assert rubbish.exists(), "a fresh folder may belong to a process at work"
-    long_ago = time.time() - ABANDONED_S - 1
-    os.utime(rubbish, (long_ago, long_ago))
-    cache.prune()
     assert not rubbish.exists()
+    assert not list((cache.root / "locks").iterdir())
     assert (put(cache, "again").folder / "result.txt").read_text() == "again", "its lock died with it"
+
+
+def test_what_a_process_at_work_builds_is_not_pruned(cache: Cache, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    busy = worker(cache, log, 60)
+    try:
+        wait_until(log.exists)
+        cache.prune(largest_bytes=0)
+        assert len(list((cache.root / "building").iterdir())) == 1
+        assert len(list((cache.root / "locks").iterdir())) == 1
+    finally:
+        busy.kill()
+        busy.wait(10)
 
 
 def wait_until(ready: object, seconds: float = 20.0) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from terminal import Terminal, terminal
 
+from pipeline.batch import folders_of
 from pipeline.options import run_settings
 from video.writer import VideoWriter
 
@@ -96,6 +97,8 @@ def test_a_bad_clip_is_one_line_and_leaves_nothing(trueroll: Terminal, name: str
         (("view", "missing.rrd"), "missing.rrd"),
         (("graph", "-o", "graph.gif"), "svg"),
         (("cache", "--prune"), "--older-than"),
+        (("cache", "--prune", "--max-size", "-5"), "0 or more"),
+        (("cache", "--prune", "--older-than", "nan"), "0 or more"),
     ],
 )
 def test_wrong_usage_is_one_line_and_status_2(trueroll: Terminal, arguments: tuple[str, ...], wanted: str) -> None:
@@ -121,6 +124,33 @@ def test_results_that_cannot_be_written_are_known_before_the_work(trueroll: Term
     assert said.status == 2
     assert said.err.count("\n") == 1
     assert "-o" in said.err
+
+
+def test_a_clip_is_never_overwritten_by_its_own_results(trueroll: Terminal) -> None:
+    Path("ow").mkdir()
+    shot.made_up_clip(Path("ow/slow.mp4"))
+    before = Path("ow/slow.mp4").read_bytes()
+    said = trueroll("run", "ow/slow.mp4", "-o", "ow")
+    assert said.status == 2
+    assert "overwrite" in said.err
+    assert Path("ow/slow.mp4").read_bytes() == before
+
+
+def test_clips_of_a_batch_get_folders_of_their_own() -> None:
+    clips = [Path("in") / name for name in ("a.mp4", "b.mp4", "b.mov", "deeper/a.mp4")]
+    folders = folders_of(clips, Path("in"), Path("out"))
+    assert [str(folders[clip]) for clip in clips] == ["out/a", "out/b_mp4", "out/b_mov", "out/deeper/a"]
+
+
+def test_a_broken_film_is_a_failed_row_and_other_files_are_none(trueroll: Terminal) -> None:
+    Path("in").mkdir()
+    Path("in/broken.mp4").write_text("no film")
+    Path("in/notes.doc").write_text("no film")
+    said = trueroll("batch", "in", "-o", "many", "--json")
+    assert said.status == 1
+    (row,) = json.loads(said.out)
+    assert (row["clip"], row["status"]) == ("broken.mp4", "failed")
+    assert "no video" in row["sentence"]
 
 
 def test_debug_shows_where_an_error_comes_from(trueroll: Terminal) -> None:

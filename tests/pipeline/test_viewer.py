@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from terminal import Terminal, terminal
 
-from models.errors import OptionError
+from models.errors import OptionError, TruerollError
 from pipeline.viewer import show_recording
 
 trueroll = pytest.fixture(terminal)
@@ -27,24 +27,34 @@ def told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "rerun").chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
     monkeypatch.setenv("RERUN_ANALYTICS", "1")
+    monkeypatch.setenv("DISPLAY", ":0")
     return tmp_path / "told"
 
 
 def test_the_viewer_shows_the_recording_without_analytics_and_its_status_is_ours(told: Path) -> None:
     assert show_recording(Path("shot.rrd"), web=False) == 3
-    assert told.read_text().split() == ["0", "shot.rrd"]
+    assert told.read_text().split() == ["0", "shot.rrd", "--bind", "127.0.0.1"]
     assert os.environ["RERUN_ANALYTICS"] == "1"
 
 
 def test_in_the_browser_only_this_machine_is_served(told: Path) -> None:
     show_recording(Path("shot.rrd"), web=True)
-    assert told.read_text().split() == ["0", "shot.rrd", "--web-viewer", "--bind", "127.0.0.1"]
+    assert told.read_text().split() == ["0", "shot.rrd", "--bind", "127.0.0.1", "--web-viewer"]
 
 
 def test_a_folder_of_a_run_is_viewed_by_its_recording(told: Path, trueroll: Terminal, tmp_path: Path) -> None:
     (tmp_path / "recording.rrd").touch()
     assert trueroll("view", tmp_path, "--web").status == 3
     assert told.read_text().split()[1] == str(tmp_path / "recording.rrd")
+
+
+def test_no_display_is_one_sentence_that_names_the_browser(told: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    with pytest.raises(TruerollError, match="use --web"):
+        show_recording(Path("shot.rrd"), web=False)
+    assert not told.exists()
 
 
 def test_a_missing_viewer_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
