@@ -39,8 +39,20 @@ UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 """Of the click that this typer uses: its own or the package."""
 
 ClipArgument = Annotated[Path, typer.Argument(help="A clip of a shot: mp4, mov, mkv, avi, webm.")]
+
+
+def _named(text: str | Path) -> Path:
+    """A path that is not empty: an empty one would mean the folder one is in."""
+    if not str(text).strip():
+        raise OptionError("-o, --out needs a name; an empty one was given")
+    return Path(text)
+
+
 OutOption = Annotated[
-    Path | None, typer.Option("-o", "--out", help="Folder of the results; out/<clip> where not given.")
+    Path | None,
+    typer.Option(
+        "-o", "--out", parser=_named, metavar="PATH", help="Folder of the results; out/<clip> where not given."
+    ),
 ]
 CacheOption = Annotated[
     Path | None, typer.Option("--cache", help="Cache folder; $TRUEROLL_CACHE, else ~/.cache/trueroll where not given.")
@@ -136,7 +148,9 @@ def _tell(made: Run) -> None:
 def batch(
     folder: Annotated[Path, typer.Argument(help="Folder with clips, at any depth.")],
     options: RunOptions,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the results.")] = Path("out"),
+    out: Annotated[
+        Path, typer.Option("-o", "--out", parser=_named, metavar="PATH", help="Folder of the results.")
+    ] = Path("out"),
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
@@ -198,7 +212,10 @@ def view(
 def graph(
     options: RunOptions,
     clip: Annotated[Path | None, typer.Argument(help="The clip whose stages are looked at.")] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Draw it into an .svg or .png file.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", parser=_named, metavar="PATH", help="Draw it into an .svg or .png file."),
+    ] = None,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
@@ -217,6 +234,13 @@ def graph(
         write_picture(views, out)
     if as_json:
         print(json.dumps([asdict(v) for v in views]))
+        return
+    if clip is None:
+        grid = Grid("stage", "needs", box=None, pad_edge=False)
+        for v in views:
+            grid.add_row(v.stage, ", ".join(v.needs))
+        Console(highlight=False).print(grid)
+        print(f"Drawn in {out}" if out is not None else "Name a clip to see what is cached: trueroll graph CLIP")
         return
     grid = Grid("stage", "needs", "state", "why", box=None, pad_edge=False)
     style = {"cached": "green", "stale": "yellow", "waiting": "dim"}

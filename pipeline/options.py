@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import inspect
+import math
 import textwrap
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, get_type_hints
 
@@ -18,9 +20,24 @@ from pipeline.stages.read import ReadOptions
 from video.annotation import RenderOptions
 from video.table_finder import CalibrateOptions
 
+SMALLEST = math.ulp(0.0)
+"""The least number above 0."""
+
 PARTS = ("read", "calibrate", "detect", "track", "fit", "render")
 EXPERT_PARTS = ("track", "fit")
 """Their options are for researchers: shown in a panel of their own."""
+
+
+RANGES: Mapping[str, tuple[float, float, str]] = {
+    "breadth": (1, math.inf, "1 or more readings"),
+    "patience": (SMALLEST, math.inf, "more than 0 s"),
+    "balls": (0, math.inf, "0 (as many as are seen) or more"),
+    "break_price": (0, math.inf, "0 or more"),
+    "free_price": (0, math.inf, "0 or more"),
+    "moving_speed": (SMALLEST, 1, "more than 0 and at most 1 m/s"),
+    "slow": (1, 100, "1 to 100 times"),
+}
+"""By setting: least, most, and both in words; all are finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +96,9 @@ def field_docstrings(kind: type) -> dict[str, str]:
 
 
 def _sentence(words: str) -> str:
-    return words if words.endswith((".", "!", "?")) or not words else words + "."
+    """The words with a capital, but for names such as chi2 that are never written so, and a full stop."""
+    start = words if words.startswith("chi2") else words[:1].upper() + words[1:]
+    return start if start.endswith((".", "!", "?")) or not start else start + "."
 
 
 def parameters() -> list[inspect.Parameter]:
@@ -97,13 +116,24 @@ def collect(values: dict[str, Any]) -> RunOptions:
     """Options of all stages from values by setting name."""
     options = RunOptions()
     for name, setting in run_settings().items():
+        _check_range(setting, values[name])
         for part in setting.parts:
             try:
                 changed = replace(getattr(options, part), **{name: values[name]})
             except ValueError as error:
                 raise OptionError(f"{setting.flag} {values[name]} cannot be used: {error}") from error
             options = replace(options, **{part: changed})
+    if options.detect.detector == "onnx" and options.detect.model is None:
+        raise OptionError("--detector onnx needs a network: name its file with --model, or use --detector hough")
     return options
+
+
+def _check_range(setting: Setting, value: Any) -> None:
+    """OptionError where a number is outside of what makes sense, before any work starts."""
+    if setting.name in RANGES:
+        least, most, words = RANGES[setting.name]
+        if not (least <= value <= most and math.isfinite(value)):
+            raise OptionError(f"{setting.flag} is {words}; got {value}")
 
 
 def told_apart(options: RunOptions) -> tuple[str, ...]:

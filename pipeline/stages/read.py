@@ -11,7 +11,7 @@ from models.progress import Progress
 from pipeline.stage import Inputs, Stage
 from video.clip import Clip, open_clip
 
-FEWEST, MOST = 1, 100_000
+FEWEST, MOST = 1, 1000
 """Pictures per second of a film of moving balls."""
 
 
