@@ -132,6 +132,8 @@ class Scene:
     """CIE L*a*b* of the cloth (3,)."""
     notes: tuple[str, ...]
     """Sentences for the user: how the table was found, what was assumed."""
+    doubts: tuple[str, ...] = ()
+    """Those among them that say what may be wrong, so that no result deserves full trust before it is settled."""
 
 
 def apply_homography(homography: Floats, points: Floats) -> Floats:

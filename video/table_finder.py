@@ -84,10 +84,13 @@ def find_scene(clip: Clip, options: CalibrateOptions, progress: Progress = silen
         pictures = [_laid_over(picture, motion[frame]) for picture, frame in zip(pictures, frames, strict=True)]
         background = median_picture(pictures)
         found = _found_in(background, clip, options.corners)
-    table, camera, named = _name(found, background, pictures, asked, options.ball_radius)
+    table, named, doubts = _name(found, background, pictures, asked)
+    if options.ball_radius is not None:
+        table = with_ball_radius(table, options.ball_radius)
+    camera = _camera(found, background, table)
     progress(1.0)
     notes = (*found.notes, *named, _height_note(camera, found.view), *_motion_notes(motion, lost))
-    return Scene(table, replace(camera, motion=motion), _lab(found.cloth), notes)
+    return Scene(table, replace(camera, motion=motion), _lab(found.cloth), notes, doubts)
 
 
 def _found_in(picture: Picture, clip: Clip, corners: str | None) -> FoundTable:
@@ -249,32 +252,36 @@ def parse_corners(text: str, width: int, height: int) -> Floats:
         raise OptionError(f"--corners must lie in or near the picture of {width} x {height} px; got {text!r}")
     offset = points - points.mean(axis=0)
     ordered = points[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
-    lines = [line_through(ordered[i], ordered[(i + 1) % 4]) for i in range(4)]
     edges = np.roll(ordered, -1, axis=0) - ordered
     following = np.roll(edges, -1, axis=0)
     turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
-    if intersections(lines) is None or np.any(turns < 1.0):
+    # Corners that coincide have no line through them: the turns tell first.
+    if np.any(turns < 1.0) or not _meet(ordered):
         raise OptionError(f"--corners must be the four corners of a convex quadrangle; got {text!r}")
     return ordered
 
 
+def _meet(corners: Floats) -> bool:
+    """Whether the sides of a quadrangle (4, 2) meet, as lines, in its corners."""
+    return intersections([line_through(corners[i], corners[(i + 1) % 4]) for i in range(4)]) is not None
+
+
 def _name(
-    found: FoundTable, background: Picture, pictures: list[Picture], asked: Table | None, ball_radius: float | None
-) -> tuple[Table, Camera, tuple[str, ...]]:
-    """The table's preset (or what was asked for), and its camera."""
-    height, width = background.shape[:2]
-    given: tuple[str, ...] = ("table size was given with --table",)
+    found: FoundTable, background: Picture, pictures: list[Picture], asked: Table | None
+) -> tuple[Table, tuple[str, ...], tuple[str, ...]]:
+    """The table's preset (or what was asked for), notes on it, and what else it could be."""
     if asked is not None:
-        table, notes = asked, given
-    else:
-        trial = PRESETS["pool-9ft"]
-        camera = camera_from_corners(found.corners, found.covariance, trial, found.view, width, height)
-        sizes = ball_sizes(pictures[::2], background, camera, trial)
-        pockets = found.outer is None or pocket_share(background, found.outer, found.corners, found.cloth) > 0.3
-        table, notes = guess_table(sizes, pockets, has_snooker_d(background, found.corners))
-    if ball_radius is not None:
-        table = with_ball_radius(table, ball_radius)
-    return table, camera_from_corners(found.corners, found.covariance, table, found.view, width, height), notes
+        return asked, ("table size was given with --table",), ()
+    trial = PRESETS["pool-9ft"]
+    sizes = ball_sizes(pictures[::2], background, _camera(found, background, trial), trial)
+    pockets = found.outer is None or pocket_share(background, found.outer, found.corners, found.cloth) > 0.3
+    guess = guess_table(sizes, pockets, has_snooker_d(background, found.corners))
+    return guess.table, (guess.note, *guess.doubts), guess.doubts
+
+
+def _camera(found: FoundTable, background: Picture, table: Table) -> Camera:
+    height, width = background.shape[:2]
+    return camera_from_corners(found.corners, found.covariance, table, found.view, width, height)
 
 
 def _height_note(camera: Camera, view: View) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,8 @@ Picture = NDArray[np.uint8]
 
 COMMON = {
     "pool-9ft": 1.0,
-    "pool-8ft": 0.25,
+    "pool-8ft": 0.4,
+    "pool-8ft-pro": 0.1,
     "pool-7ft": 0.3,
     "blackball-7ft": 0.08,
     "blackball-6ft": 0.08,
@@ -28,18 +31,43 @@ COMMON = {
     "carom-210": 0.25,
 }
 """How often a table is filmed, relative to others: decides only where ball sizes leave a doubt."""
-D_WEIGHT = 20.0
-"""How much more often a semicircle at a quarter of the length is seen on snooker tables than on others."""
+SURE = 0.9
+"""Probability of a preset below which the user is told what else the table could be."""
+LIKELY = 0.05
+"""Least probability of a preset that is told as an alternative."""
+COULD_BE = "The table could also be "
+"""How a doubt about the table begins."""
+D_SEEN, D_IMAGINED = 0.7, 0.02
+"""How often a semicircle at a quarter of the length is found on a snooker table, and on another: cloths without one,
+lines too thin for a small picture; round shadows, rings of chalk."""
 D_RADIUS = 0.164
 """Radius of the D over the width of the table: 292 mm on 1778 mm (WPBSA rules, section 1.1)."""
 SHEET = (800, 400)
 """px of the plan view in which marks are looked for."""
 
 
-def guess_table(sizes: BallSizes, pockets: bool, has_d: bool) -> tuple[Table, tuple[str, ...]]:
-    """The most probable preset, and a sentence on why."""
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """The most probable preset, and what speaks for and against it."""
+
+    table: Table
+    probabilities: dict[str, float]
+    """Of all presets that are filmed, by their names; they add up to 1."""
+    note: str
+    doubts: tuple[str, ...]
+    """What else the table could be; empty where the preset is sure."""
+
+
+def guess_table(sizes: BallSizes, pockets: bool, has_d: bool) -> Guess:
+    """The most probable preset given the size of the balls, pockets and marks."""
     weights = {name: _weight(PRESETS[name], sizes, pockets, has_d) for name in COMMON}
+    total = sum(weights.values())
+    probabilities = {name: weight / total for name, weight in weights.items()}
     table = PRESETS[max(weights, key=lambda name: weights[name])]
+    return Guess(table, probabilities, _why(table, sizes, pockets, has_d), _doubts(table, probabilities))
+
+
+def _why(table: Table, sizes: BallSizes, pockets: bool, has_d: bool) -> str:
     reasons = ["it has pockets" if pockets else "it has no pockets"]
     if has_d:
         reasons.append("a D is drawn on its cloth")
@@ -47,13 +75,32 @@ def guess_table(sizes: BallSizes, pockets: bool, has_d: bool) -> tuple[Table, tu
         reasons.append(f"its balls have {100 * sizes.share:.2f} +- {100 * sizes.sigma:.2f} % of its length as radius")
     else:
         reasons.append("no ball could be measured")
-    return table, (f"table taken for {table.name} because {', '.join(reasons)}; give --table to override",)
+    return f"table taken for {table.name} because {', '.join(reasons)}; give --table to override"
+
+
+def _doubts(table: Table, probabilities: dict[str, float]) -> tuple[str, ...]:
+    """One sentence on the presets that are nearly as probable, the most probable first; none where one is sure."""
+    if probabilities[table.name] >= SURE:
+        return ()
+    others = sorted((name for name in probabilities if name != table.name), key=lambda name: -probabilities[name])
+    likely = [name for name in others if probabilities[name] > LIKELY] or others[:1]
+    told = " or ".join(f"{name} ({_consequence(PRESETS[name], table)})" for name in likely)
+    return (f"{COULD_BE}{told}: {table.name} is {probabilities[table.name]:.0%} probable; give --table.",)
+
+
+def _consequence(other: Table, table: Table) -> str:
+    """What becomes of every length and speed if it is the other table."""
+    change = round(100 * (other.length / table.length - 1))
+    if change == 0:
+        return "the same lengths, other balls"
+    return f"every length and speed {abs(change)} % {'larger' if change > 0 else 'smaller'}"
 
 
 def _weight(table: Table, sizes: BallSizes, pockets: bool, has_d: bool) -> float:
     if table.pockets != pockets:
         return 0.0
-    weight = COMMON[table.name] * (D_WEIGHT if has_d and table.game == "snooker" else 1.0)
+    drawn = D_SEEN if table.game == "snooker" else D_IMAGINED
+    weight = COMMON[table.name] * (drawn if has_d else 1 - drawn)
     if not sizes.count:
         return weight
     off = np.log(table.ball_radius / table.length / sizes.share) / (sizes.sigma / sizes.share)

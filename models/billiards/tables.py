@@ -35,10 +35,12 @@ def _add(name: str, game: Game, length: float, width: float, ball: Ball) -> None
     PRESETS[name] = Table(name, game, length, width, ball.radius, ball.mass, pockets=game != "carom")
 
 
-# Playing surfaces between the noses: WPA equipment specifications section 2 (100 x 50 in, 88 x 44 in; BCA: 78 x 39 in),
+# Playing surfaces between the noses: WPA equipment specifications section 2 (100 x 50 in, 88 x 44 in; BCA: 78 x 39 in;
+# makers call 92 x 46 in a "pro" or "oversize" 8 ft),
 # WPBSA rules section 1.1 (11 ft 8 1/2 in x 5 ft 10 in), UMB rules article 11 (2.84 x 1.42 m); the rest: makers' sheets.
 _add("pool-9ft", "pool", 2.54, 1.27, POOL_BALL)
 _add("pool-8ft", "pool", 2.2352, 1.1176, POOL_BALL)
+_add("pool-8ft-pro", "pool", 2.3368, 1.1684, POOL_BALL)
 _add("pool-7ft", "pool", 1.9812, 0.9906, POOL_BALL)
 _add("blackball-7ft", "pool", 1.8288, 0.9144, BLACKBALL_BALL)
 _add("blackball-6ft", "pool", 1.6764, 0.8382, BLACKBALL_BALL)

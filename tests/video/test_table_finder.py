@@ -134,7 +134,9 @@ def test_corners_and_sizes_that_are_given_are_taken(tmp_path: Path) -> None:
     assert (scene.table.length, scene.table.width, scene.table.ball_radius) == (2.24, 1.12, 0.026)
 
 
-@pytest.mark.parametrize("text", ["1,2,3", "a,b,c,d,e,f,g,h", "0,0,10,0,20,0,30,0", "9e9,0,1,0,1,1,0,1"])
+@pytest.mark.parametrize(
+    "text", ["1,2,3", "a,b,c,d,e,f,g,h", "0,0,10,0,20,0,30,0", "9e9,0,1,0,1,1,0,1", "0,0,0,0,0,0,0,0"]
+)
 def test_corners_that_make_no_quadrangle_are_refused(text: str) -> None:
     with pytest.raises(OptionError, match="--corners"):
         parse_corners(text, 1280, 720)
