@@ -25,6 +25,7 @@ from pipeline.stages.record import RecordOptions, record_stage
 from pipeline.stages.render import render_stage
 from pipeline.stages.report import ReportOptions, report_stage
 from pipeline.stages.track import track_stage
+from pipeline.verdict import run_trust
 from video.clip import Clip, open_clip
 
 FILES: Mapping[str, tuple[str, ...]] = {
@@ -43,6 +44,8 @@ class Run:
     folder: Path
     trust: Trust
     events: Events
+    notes: tuple[str, ...] = ()
+    """Sentences on what was not as it should be with the clip."""
 
 
 def run_graph(clip: Path, options: RunOptions) -> Graph:
@@ -83,9 +86,10 @@ def run_clip(clip: Path, folder: Path, options: RunOptions, cache: Cache, watche
     refuse_overwriting(clip, folder)
     entries = graph.run(cache, watcher, {"read": partial(_at, clip)})
     publish(entries, folder)
-    stage = next(stage for stage in graph.stages if stage.name == "fit")
-    fit: Fit = stage_value(stage, entries["fit"])
-    return Run(folder, fit.trust, fit.events)
+    stages = {stage.name: stage for stage in graph.stages}
+    seen: Clip = stage_value(stages["read"], entries["read"])
+    fit: Fit = stage_value(stages["fit"], entries["fit"])
+    return Run(folder, run_trust(seen, fit), fit.events, seen.notes)
 
 
 def _at(path: Path, clip: Clip) -> Clip:

@@ -114,6 +114,8 @@ def run(
     folder = out if out is not None else default_folder(clip)
     with StageDisplay(console, str(clip)) as display:
         made = run_clip(clip, folder, options, _open_cache(cache), display)
+    for note in made.notes:
+        console.print(f"Note: {note}", markup=False, soft_wrap=True)
     if as_json:
         print(json.dumps(_as_json(made), allow_nan=False))
     else:

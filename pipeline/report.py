@@ -20,6 +20,7 @@ from models.scene import Scene
 from models.tracks import Tracks
 from pipeline.sampling import ever_moves, sample_motion
 from pipeline.sentences import event_sentence, parameter_range
+from pipeline.verdict import run_trust
 from video.clip import Clip
 from video.palette import INK, Colour, ball_colour, mix
 
@@ -58,11 +59,12 @@ def write_report(
     ).get_template("report.html")
     html = page.render(
         name=title,
-        trust=fit.trust,
+        trust=run_trust(clip, fit),
         poster=_data_uri(files.poster, "image/png"),
         video=_video_source(files.slow),
         events=_event_rows(fit, files.slow_factor),
         plan=_embedded(plan_figure(scene, fit, colours), "plan"),
+        plan_ratio=round(scene.table.width / scene.table.length, 4),
         speeds=_embedded(speed_figure(fit, colours), "speeds"),
         plotly=get_plotlyjs(),
         parameters=[(p, parameter_range(p.name)) for p in fit.parameters],
@@ -103,8 +105,11 @@ def plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
         marker={"symbol": "x", "size": 8, "color": "#c2410c"},
         text=[event_sentence(events, k) for k in marked], hovertemplate="%{text}<extra></extra>",
     )  # fmt: skip
-    figure.update_yaxes(autorange="reversed", scaleanchor="x", title="y (m)")
-    figure.update_xaxes(title="x (m)", constrain="domain")
+    rim = 0.04 * table.length
+    figure.update_yaxes(
+        range=[table.width + rim, -rim], scaleanchor="x", constrain="domain", constraintoward="top", title="y (m)"
+    )
+    figure.update_xaxes(range=[-rim, table.length + rim], constrain="domain", title="x (m)")
     return _styled(figure, height=440)
 
 
@@ -137,7 +142,8 @@ def _styled(figure: go.Figure, height: int) -> go.Figure:
 
 
 def _embedded(figure: go.Figure, name: str) -> str:
-    html: str = figure.to_html(full_html=False, include_plotlyjs=False, div_id=name, config={"displaylogo": False})
+    config = {"displayModeBar": False, "responsive": True}  # the bar of buttons would cover a pocket
+    html: str = figure.to_html(full_html=False, include_plotlyjs=False, div_id=name, config=config)
     return html
 
 

@@ -17,6 +17,7 @@ from models.fit import Fit
 from models.scene import Camera, Scene
 from models.tracks import Tracks
 from models.trajectory import Trajectory
+from pipeline.verdict import run_trust
 from video.clip import Clip
 
 Floats = NDArray[np.float64]
@@ -84,7 +85,7 @@ def write_trajectory(fit: Fit, path: Path) -> None:
 
 def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
     """Table, calibration, the fitted model and how far to trust it."""
-    table = scene.table
+    table, trust = scene.table, run_trust(clip, fit)
     document = {
         "scene": "billiards",
         "units": "m",
@@ -99,7 +100,7 @@ def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) 
         "effects": _effects(fit),
         "balls": _balls(tracks, fit.trajectory),
         "fit": _quality(tracks, fit),
-        "trust": {"light": fit.trust.light, "why": list(fit.trust.reasons)},
+        "trust": {"light": trust.light, "why": list(trust.reasons)},
         "notes": [*clip.notes, *scene.notes],
         "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct),
                  "repeats": np.flatnonzero(clip.repeat).tolist(), "seconds": float(clip.t[-1])},

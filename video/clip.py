@@ -26,6 +26,9 @@ FEWEST_PICTURES = 5
 SIDES = (32, 16384)
 """px: no table is recognised in a smaller picture, and no camera makes a larger one."""
 
+INCOMPLETE = ("it breaks off", "it is damaged")
+"""How a note begins that says that pictures are missing."""
+
 USUAL_RATE = Fraction(25)
 """Pictures per second where neither timestamps nor header say one: what FFmpeg takes as well."""
 
@@ -197,9 +200,9 @@ def _notes(seen: _Seen, t: Floats, timing: str) -> Iterator[str]:
         yield timing
     shown = _shown(seen, t)
     if seen.seconds and shown < seen.seconds - max(3 * (t[-1] - t[-2]), 0.02 * seen.seconds):
-        yield f"it breaks off at {shown:.2f} s of {seen.seconds:.2f} s; the {len(t)} pictures before are used"
+        yield f"{INCOMPLETE[0]} at {shown:.2f} s of {seen.seconds:.2f} s; the {len(t)} pictures before are used"
     elif seen.damage:
-        yield f"it is damaged ({seen.damage[0]}); the {len(t)} pictures that can be decoded are used"
+        yield f"{INCOMPLETE[1]} ({seen.damage[0]}); the {len(t)} pictures that can be decoded are used"
     if seen.aspect != 1:
         yield f"its pixels are not square ({seen.aspect.numerator}:{seen.aspect.denominator}); they are used as stored"
 

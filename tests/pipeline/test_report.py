@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from pathlib import Path
 
 import made_up_shot as shot
 import pytest
 
 from pipeline.report import ReportFiles, write_report
+from pipeline.verdict import run_trust
 
 
 @pytest.fixture(scope="module")
@@ -44,3 +47,10 @@ def test_the_page_says_who_did_what_when_and_how_surely(page: str) -> None:
     assert "0.5000 s ± 1.0 ms" in page
     assert "everything is made up" in page
     assert "rolling_resistance.mu" in page
+
+
+def test_a_clip_that_breaks_off_is_amber_and_says_why(tmp_path: Path) -> None:
+    clip = replace(shot.made_up_clip(tmp_path / "clip.mp4"), notes=("it breaks off at 0.50 s of 0.80 s",))
+    trust = run_trust(clip, shot.made_up_fit(clip.t))
+    assert trust.light == "amber"
+    assert "breaks off at 0.50 s" in trust.reasons[0]

@@ -1,0 +1,14 @@
+"""How far to trust a run: the verdict on the fit, and what was wrong with the clip itself."""
+
+from __future__ import annotations
+
+from models.fit import Fit, Trust
+from video.clip import INCOMPLETE, Clip
+
+
+def run_trust(clip: Clip, fit: Fit) -> Trust:
+    """The trust of the fit; amber at best where the clip is not whole, for what came after is not known."""
+    missing = tuple(f"The clip is not whole: {note}." for note in clip.notes if note.startswith(INCOMPLETE))
+    if not missing:
+        return fit.trust
+    return Trust("amber" if fit.trust.light == "green" else fit.trust.light, (*missing, *fit.trust.reasons))
