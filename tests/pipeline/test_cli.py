@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
+import time
 from fractions import Fraction
 from pathlib import Path
 
@@ -174,7 +177,7 @@ def test_what_nobody_foresaw_is_one_line_too(trueroll: Terminal, monkeypatch: py
     def fail(*_: object) -> None:
         raise ZeroDivisionError("a sum\nof nothing")
 
-    monkeypatch.setattr("pipeline.cli.run_clip", fail)
+    monkeypatch.setattr("pipeline.commands.run_clip", fail)
     said = trueroll("run", "x.mp4")
     assert said.status == 1
     assert said.err.count("\n") == 1
@@ -185,10 +188,33 @@ def test_an_interrupted_run_says_so(trueroll: Terminal, monkeypatch: pytest.Monk
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pipeline.cli.run_clip", stop)
+    monkeypatch.setattr("pipeline.commands.run_clip", stop)
     said = trueroll("run", "x.mp4")
     assert said.status == 130
     assert said.err == "trueroll: interrupted; nothing half-written is left\n"
+
+
+def test_an_interrupt_while_the_program_is_still_loading_is_one_line() -> None:
+    code = (
+        "import pipeline.cli as c, signal, threading; threading.Timer(0.15, signal.raise_signal, [2]).start(); c.main()"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (said.returncode, said.stderr) == (130, "trueroll: interrupted; nothing half-written is left\n")
+
+
+def test_an_interrupt_that_a_finaliser_swallows_is_raised_again(
+    trueroll: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Swallows:
+        def __del__(self) -> None:
+            raise KeyboardInterrupt
+
+    def work(*_: object) -> None:
+        Swallows()
+        time.sleep(20)
+
+    monkeypatch.setattr("pipeline.commands.run_clip", work)
+    assert trueroll("run", "x.mp4").status == 130
 
 
 def test_help_holds_every_option_with_its_meaning(trueroll: Terminal) -> None:
