@@ -273,7 +273,7 @@ def _name(
     if asked is not None:
         return asked, ("table size was given with --table",), ()
     trial = PRESETS["pool-9ft"]
-    sizes = ball_sizes(pictures[::2], background, _camera(found, background, trial), trial)
+    sizes = ball_sizes(pictures, background, _camera(found, background, trial), trial)
     pockets = found.outer is None or pocket_share(background, found.outer, found.corners, found.cloth) > 0.3
     guess = guess_table(sizes, pockets, has_snooker_d(background, found.corners))
     return guess.table, (guess.note, *guess.doubts), guess.doubts
