@@ -23,7 +23,7 @@ from models.solution import Data, Solution, gather, layout, owners, residuals
 from models.story import Story
 from models.tidying import tidy
 from models.tracks import Tracks
-from models.trust import accepted_spans, light, span_chi2
+from models.trust import accepted_spans, light, span_chi2, with_doubts
 
 Floats = NDArray[np.float64]
 
@@ -48,9 +48,10 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
     Never raises for odd tracks: what physics cannot explain is `measured` in the trajectory, and `trust` says so.
     """
     try:
-        return _fitted(tracks, scene.table, options, progress)
+        fit = _fitted(tracks, scene.table, options, progress)
     except np.linalg.LinAlgError as failure:
-        return _measured_only(tracks, options, f"The fit failed: {failure}; paths are as measured.")
+        fit = _measured_only(tracks, options, f"The fit failed: {failure}; paths are as measured.")
+    return replace(fit, trust=with_doubts(fit.trust, scene.doubts))
 
 
 def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progress) -> Fit:

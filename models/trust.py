@@ -75,6 +75,13 @@ def light(share: float, chi2: float, moving_seconds: float, notes: list[str]) ->
     return Trust(colour, (*reasons, *notes))
 
 
+def with_doubts(trust: Trust, doubts: tuple[str, ...]) -> Trust:
+    """The same light with what else may be wrong, such as the size of the table; green no longer."""
+    if not doubts:
+        return trust
+    return Trust("amber" if trust.light == "green" else trust.light, (*trust.reasons, *doubts))
+
+
 def _neighbours(solution: Solution, contact: int, ball: int) -> list[int]:
     c = solution.story.contacts[contact]
     return [k for k in (*c.before, *c.after) if solution.story.spans[k].ball == ball]
