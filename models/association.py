@@ -25,6 +25,7 @@ from models.tracks import Tracks
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+CAROM_BALLS = 3
 FEWEST_PICTURES = 5
 
 
@@ -67,6 +68,8 @@ def associate(
         piece for piece in likely
         if moves_like_ball(piece, [other for other in likely if other is not piece], sightings, t, scene.table)
     ]  # fmt: skip
+    if not scene.table.pockets:
+        balls = _that_stay(balls, len(t))
     if options.balls:
         balls = sorted(balls, key=lambda piece: -len(piece.picture))[: options.balls]
     if not balls:
@@ -75,6 +78,13 @@ def associate(
             "check the table that was found, or give --corners and --ball-radius."
         )
     return _gather(balls, sightings, detections, frame, t, scene)
+
+
+def _that_stay(balls: list[Tracklet], pictures: int) -> list[Tracklet]:
+    """On a table without pockets no ball leaves: beyond the three of carom, only what is there most of the time."""
+    ranked = sorted(balls, key=lambda piece: -len(piece.picture))
+    kept = [piece for k, piece in enumerate(ranked) if k < CAROM_BALLS or len(piece.picture) > pictures / 2]
+    return [piece for piece in balls if any(piece is other for other in kept)]
 
 
 def _gather(
