@@ -19,7 +19,7 @@ AGAIN_S = 0.05
 def main() -> NoReturn:
     """The program: 0 all went well, 1 some of it failed, 2 wrong usage, 130 interrupted."""
     signal.signal(signal.SIGINT, _drop)
-    from pipeline.commands import execute  # heavy: a second or more
+    from pipeline.execute import execute  # heavy: a second or more
 
     signal.signal(signal.SIGTERM, _leave)
     signal.signal(signal.SIGINT, signal.default_int_handler)

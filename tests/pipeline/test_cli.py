@@ -177,7 +177,7 @@ def test_what_nobody_foresaw_is_one_line_too(trueroll: Terminal, monkeypatch: py
     def fail(*_: object) -> None:
         raise ZeroDivisionError("a sum\nof nothing")
 
-    monkeypatch.setattr("pipeline.commands.run_clip", fail)
+    monkeypatch.setattr("pipeline.commands.run.run_clip", fail)
     said = trueroll("run", "x.mp4")
     assert said.status == 1
     assert said.err.count("\n") == 1
@@ -188,7 +188,7 @@ def test_an_interrupted_run_says_so(trueroll: Terminal, monkeypatch: pytest.Monk
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pipeline.commands.run_clip", stop)
+    monkeypatch.setattr("pipeline.commands.run.run_clip", stop)
     said = trueroll("run", "x.mp4")
     assert said.status == 130
     assert said.err == "trueroll: interrupted; nothing half-written is left\n"
@@ -213,7 +213,7 @@ def test_an_interrupt_that_a_finaliser_swallows_is_raised_again(
         Swallows()
         time.sleep(20)
 
-    monkeypatch.setattr("pipeline.commands.run_clip", work)
+    monkeypatch.setattr("pipeline.commands.run.run_clip", work)
     assert trueroll("run", "x.mp4").status == 130
 
 

@@ -1,0 +1,87 @@
+"""What the commands share: the program's name, and options that several of them take."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from models.errors import OptionError
+from pipeline.cache import Cache, default_root
+from pipeline.options import collect, parameters
+
+app = typer.Typer(
+    help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+console = Console(stderr=True, highlight=False)
+
+ClipArgument = Annotated[Path, typer.Argument(help="A clip of a shot: mp4, mov, mkv, avi, webm.")]
+
+
+def named(text: str | Path) -> Path:
+    """A path that is not empty: an empty one would mean the folder one is in."""
+    if not str(text).strip():
+        raise OptionError("-o, --out needs a name; an empty one was given")
+    return Path(text)
+
+
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-o", "--out", parser=named, metavar="PATH", help="Folder of the results; out/<clip> where not given."
+    ),
+]
+CacheOption = Annotated[
+    Path | None, typer.Option("--cache", help="Cache folder; $TRUEROLL_CACHE, else ~/.cache/trueroll where not given.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+DebugOption = Annotated[bool, typer.Option("--debug", help="Show where an error comes from.")]
+
+
+def open_cache(folder: Path | None) -> Cache:
+    root = folder if folder is not None else default_root()
+    try:
+        return Cache(root)
+    except OSError as error:
+        raise OptionError(f"The cache needs a folder that can be written; {root}: {error.strerror}") from error
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"trueroll {version('trueroll')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    show_version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    return None
+
+
+def with_settings(function: Callable[..., None]) -> Callable[..., None]:
+    """The command with the option of every stage appended, as one `options` argument."""
+    own = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "options"]
+    names = {p.name for p in own}
+    extra = parameters()
+
+    def command(**values: Any) -> None:
+        options = collect({p.name: values[p.name] for p in extra})
+        function(**{name: values[name] for name in names}, options=options)
+
+    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own] + extra
+    )
+    command.__annotations__ = {p.name: p.annotation for p in [*own, *extra]}
+    command.__doc__ = function.__doc__
+    return command

@@ -1,0 +1,73 @@
+"""trueroll run: one clip to the folder of its results."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as Grid
+
+from pipeline.chain import Run, default_folder, run_clip
+from pipeline.command_line import (
+    CacheOption,
+    ClipArgument,
+    DebugOption,
+    JsonOption,
+    OutOption,
+    app,
+    console,
+    open_cache,
+    with_settings,
+)
+from pipeline.display import StageDisplay
+from pipeline.options import RunOptions
+from pipeline.sentences import event_sentence, event_time
+
+
+@app.command("run")
+@with_settings
+def run(
+    clip: ClipArgument,
+    options: RunOptions,
+    out: OutOption = None,
+    cache: CacheOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """A clip to annotated slow motion, tracks, contacts and a fitted model."""
+    folder = out if out is not None else default_folder(clip)
+    with StageDisplay(console, str(clip)) as display:
+        made = run_clip(clip, folder, options, open_cache(cache), display)
+    for note in made.notes:
+        console.print(f"Note: {note}", markup=False, soft_wrap=True)
+    if as_json:
+        print(json.dumps(_as_json(made), allow_nan=False))
+    else:
+        _tell(made)
+
+
+def _as_json(made: Run) -> dict[str, Any]:
+    events = made.events
+    names = ("kind", "t", "t_sigma", "a", "b", "probability")
+    rows = [{name: getattr(events, name)[k] for name in names} for k in range(len(events))]
+    trust = {"light": made.trust.light, "why": list(made.trust.reasons)}
+    return {"folder": str(made.folder), "trust": trust, "events": rows}
+
+
+def _tell(made: Run) -> None:
+    """What happened, how far to trust it, and where to look."""
+    screen = Console(highlight=False)
+    if len(made.events):
+        grid = Grid("time", "what", "probability", box=None, pad_edge=False)
+        for k in range(len(made.events)):
+            grid.add_row(
+                event_time(made.events, k), event_sentence(made.events, k), f"{made.events.probability[k]:.0%}"
+            )
+        screen.print(grid)
+    else:
+        screen.print("Nothing moves in this clip.")
+    light = {"green": "green", "amber": "yellow", "red": "red"}[made.trust.light]
+    screen.print(f"[{light}]●[/] trust: {made.trust.light}. " + escape(" ".join(made.trust.reasons)))
+    print(f"Look at {made.folder / 'slow.mp4'} and {made.folder / 'report.html'}")
