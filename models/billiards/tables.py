@@ -83,6 +83,9 @@ def _of_size(name: str, text: str) -> Table:
     width, length = sorted(float(number) for number in match.groups())
     if not (0.5 < length < 5 and 0.3 * length < width):
         raise OptionError(f"a table is 0.5 to 5 m long and about half as wide; got {text!r}")
-    # Only the cushions are named here, so the balls are those of the nearest table that is sold.
-    nearest = min(PRESETS.values(), key=lambda table: abs(table.length - length))
-    return replace(nearest, name=f"{length:g}x{width:g}", length=length, width=width)
+    return replace(nearest_preset(length), name=f"{length:g}x{width:g}", length=length, width=width)
+
+
+def nearest_preset(length: float) -> Table:
+    """The table that is sold whose length (m) is nearest: whose balls a table has of which only the size is known."""
+    return min(PRESETS.values(), key=lambda table: abs(table.length - length))
