@@ -13,10 +13,11 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
+from models.events import Events
 from models.fit import Fit
 from models.scene import Camera, Scene
 from models.tracks import Tracks
-from models.trajectory import Trajectory
+from models.trajectory import State, Trajectory
 from pipeline.verdict import run_trust
 from video.clip import Clip
 
@@ -51,9 +52,8 @@ def write_tracks(scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
     _write(columns, path)
 
 
-def write_events(fit: Fit, path: Path) -> None:
+def write_events(events: Events, path: Path) -> None:
     """One row per event; gaps in mm."""
-    events = fit.events
     columns: Columns = {
         "shot": np.full(len(events), SHOT), "kind": list(events.kind), "t": events.t, "t_sigma": events.t_sigma,
         "frame": events.frame, "a": list(events.a), "b": list(events.b), "x": events.xy[:, 0], "y": events.xy[:, 1],
@@ -63,17 +63,18 @@ def write_events(fit: Fit, path: Path) -> None:
     _write(columns, path)
 
 
-def write_trajectory(fit: Fit, path: Path) -> None:
+def write_trajectory(motion: Trajectory, path: Path) -> None:
     """The fitted motion at `TRAJECTORY_HZ`, ball by ball."""
-    motion = fit.trajectory
     first = float(motion.start.min()) if len(motion.start) else 0.0
     last = float(motion.end.max()) if len(motion.end) else 0.0
     t = np.arange(math.ceil(first * TRAJECTORY_HZ), math.floor(last * TRAJECTORY_HZ) + 1) / TRAJECTORY_HZ
-    state = motion.at(t)
-    ball, row = np.nonzero(np.isfinite(state.xy[..., 0]).T) if len(motion.ids) else (np.empty(0, int),) * 2
-    columns: Columns = {
-        "shot": np.full(len(row), SHOT), "t": t[row], "id": [motion.ids[k] for k in ball],
-    }  # fmt: skip
+    write_states(motion.ids, t, motion.at(t), path)
+
+
+def write_states(ids: tuple[str, ...], t: Floats, state: State, path: Path) -> None:
+    """Balls `ids` (N,) at times t (T,), ball by ball; no row where a ball is not."""
+    ball, row = np.nonzero(np.isfinite(state.xy[..., 0]).T) if len(ids) else (np.empty(0, int),) * 2
+    columns: Columns = {"shot": np.full(len(row), SHOT), "t": t[row], "id": [ids[k] for k in ball]}
     for name, values in (
         ("x", state.xy[..., 0]), ("y", state.xy[..., 1]), ("vx", state.v[..., 0]), ("vy", state.v[..., 1]),
         ("wx", state.w[..., 0]), ("wy", state.w[..., 1]), ("wz", state.w[..., 2]),

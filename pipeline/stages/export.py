@@ -22,7 +22,7 @@ def export_stage() -> Stage:
 def _run(inputs: Inputs, options: ExportOptions, folder: Path, progress: Progress) -> None:
     scene, tracks, fit = inputs["calibrate"], inputs["track"], inputs["fit"]
     write_tracks(scene, tracks, fit, folder / "tracks.csv")
-    write_events(fit, folder / "events.csv")
+    write_events(fit.events, folder / "events.csv")
     write_scene(inputs["read"], scene, tracks, fit, folder / "scene.json")
     progress(0.5)
-    write_trajectory(fit, folder / "trajectory.csv")
+    write_trajectory(fit.trajectory, folder / "trajectory.csv")

@@ -101,7 +101,7 @@ def test_events_are_in_seconds_and_gaps_in_millimetres(fit: Fit, tmp_path: Path)
     events = replace(
         fit.events, gap=np.full(len(fit.events), 0.002), gap_sigma=np.full(len(fit.events), np.nan)
     )  # fmt: skip
-    write_events(replace(fit, events=events), tmp_path / "events.csv")
+    write_events(events, tmp_path / "events.csv")
     table = rows(tmp_path / "events.csv", EVENTS)
     assert [row["kind"] for row in table] == list(events.kind)
     assert [float(row["t"]) for row in table] == pytest.approx(list(events.t))
@@ -110,7 +110,7 @@ def test_events_are_in_seconds_and_gaps_in_millimetres(fit: Fit, tmp_path: Path)
 
 
 def test_the_trajectory_has_a_thousand_rows_per_second_and_ball(fit: Fit, tmp_path: Path) -> None:
-    write_trajectory(fit, tmp_path / "trajectory.csv")
+    write_trajectory(fit.trajectory, tmp_path / "trajectory.csv")
     white = [row for row in rows(tmp_path / "trajectory.csv", TRAJECTORY) if row["id"] == "white"]
     t = np.array([float(row["t"]) for row in white])
     assert np.diff(t) == pytest.approx(0.001)
@@ -159,7 +159,7 @@ def test_a_shot_in_which_nothing_was_seen_still_makes_whole_files(
         fit, trajectory=still, residual=fit.residual[:, :0], moving=fit.moving[:, :0], accepted=fit.accepted[:, :0]
     )
     write_tracks(scene, nobody, nothing, tmp_path / "tracks.csv")
-    write_trajectory(nothing, tmp_path / "trajectory.csv")
+    write_trajectory(nothing.trajectory, tmp_path / "trajectory.csv")
     write_scene(clip, scene, nobody, nothing, tmp_path / "scene.json")
     assert rows(tmp_path / "tracks.csv", TRACKS) == []
     assert rows(tmp_path / "trajectory.csv", TRAJECTORY) == []
