@@ -72,9 +72,12 @@ class Inset:
 
 
 def plan_of(scene: Scene, longest: int) -> Inset:
-    """A plan whose longer side has `longest` px."""
-    table = scene.table
-    upright = _stands(scene)
+    """A plan whose longer side has `longest` px and stands as the table stands in the picture."""
+    return furnished(scene.table, lab_to_rgb(scene.cloth_lab), _stands(scene), longest)
+
+
+def furnished(table: Table, cloth: Colour, upright: bool, longest: int) -> Inset:
+    """An empty table from above, its longer side `longest` px; `upright`: x runs down."""
     rail = RAIL_SHARE * table.length
     scale = longest * SUPERSAMPLE / (table.length + 2 * rail)
     sides = (table.length, table.width)
@@ -87,7 +90,7 @@ def plan_of(scene: Scene, longest: int) -> Inset:
         shape = (short_px, long_px)
     radius = max(BALL_GROWTH * table.ball_radius * scale, 2.2 * SUPERSAMPLE)
     inset = Inset(np.full((*shape, 3), WOOD, dtype=np.uint8), to_plan, radius)
-    _furnish(inset, table, lab_to_rgb(scene.cloth_lab), scale)
+    _furnish(inset, table, cloth, scale)
     return inset
 
 
