@@ -1,0 +1,182 @@
+"""When two balls touch: errors of the fit against the Cramer-Rao bound, and against interpolation.
+
+    python benchmarks/contact_timing.py [--seeds N] [--truth DIR]
+
+Truth: worlds/billiards.py, run as a process (fixed steps, Alciatore's ball friction). Closing speed about 1 m/s along
+the line of centres, 1 mm noise per axis, pictures within 0.3 s of the contact. The bound is computed for every contact
+from the exact Fisher information of the samples, all of these being unknown: both paths, restitution, throw, sliding
+and rolling friction; known are the ball's size, that momentum is kept, and how each ball spins before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pairs import GRAVITY, LENGTH, WIDTH, Meeting, R, Truth, film, happened, scene
+from scipy.interpolate import Akima1DInterpolator, CubicSpline, make_interp_spline
+
+from models.billiards.motion import Friction, kinematics
+from models.fitting import fit_shot
+from models.tracks import Tracks
+
+RATES = (30, 60, 240)
+NOISE, CLOSING = 1e-3, 1.0
+STEP = 1e-6
+"""Of the central differences of the Fisher information."""
+
+
+def isolated(rng: np.random.Generator) -> Meeting:
+    """A rolling ball meets a resting one, at cut angles of up to 55 degrees."""
+    n = _direction(rng.uniform(0, 2 * np.pi))
+    across = np.tan(np.radians(rng.uniform(-55, 55)))
+    v = np.array([CLOSING * (n + across * _left(n)), np.zeros(2)])
+    return _meeting(n, v, np.zeros((2, 2)), rng)
+
+
+def both_moving(rng: np.random.Generator) -> Meeting:
+    """Two rolling balls, the second at 0.2 to 0.8 m/s in any direction."""
+    n = _direction(rng.uniform(0, 2 * np.pi))
+    second = rng.uniform(0.2, 0.8) * _direction(rng.uniform(0, 2 * np.pi))
+    first = second + CLOSING * (n + rng.uniform(-0.8, 0.8) * _left(n))
+    return _meeting(n, np.array([first, second]), np.zeros((2, 2)), rng)
+
+
+def sliding(rng: np.random.Generator) -> Meeting:
+    """A ball that still slides, from backspin to overspin, meets a resting one."""
+    n = _direction(rng.uniform(0, 2 * np.pi))
+    v = CLOSING * (n + np.tan(np.radians(rng.uniform(-45, 45))) * _left(n))
+    slip = rng.choice([-0.4, 0.3, 0.8, 1.4]) * v + 0.1 * rng.normal(size=2)
+    return _meeting(n, np.array([v, np.zeros(2)]), np.array([slip, np.zeros(2)]), rng)
+
+
+def _meeting(n: np.ndarray, v: np.ndarray, slip: np.ndarray, rng: np.random.Generator) -> Meeting:
+    middle = np.array([LENGTH / 2, WIDTH / 2])
+    x = middle + R * np.array([-n, n])
+    return Meeting(x, v, slip, rng.uniform(0.16, 0.24), rng.uniform(0.007, 0.013), rng.uniform(0.93, 0.97))
+
+
+def _direction(angle: float) -> np.ndarray:
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _left(n: np.ndarray) -> np.ndarray:
+    return np.array([-n[1], n[0]])
+
+
+CASES: dict[str, tuple[Callable[[np.random.Generator], Meeting], float]] = {
+    "one at rest": (isolated, 1.3),
+    "both moving": (both_moving, 1.7),
+    "sliding": (sliding, 1.7),
+}
+"""How meetings are drawn, and the share of the bound that the fit shall keep to."""
+
+
+def places(p: np.ndarray, t: np.ndarray, slips: np.ndarray) -> np.ndarray:
+    """Both paths, flat, of p: time, place and direction of the contact, velocities, e, throw, ln mu_s, ln mu_r."""
+    n = _direction(p[3])
+    v, friction = p[4:8].reshape(2, 2), Friction(float(np.exp(p[10])), float(np.exp(p[11])))
+    push = (1 + p[8]) / 2 * ((v[0] - v[1]) @ n) * (n + p[9] * _left(n))
+    earlier = t < p[0]
+    paths = []
+    for ball, sign in enumerate((-1, 1)):
+        x = p[1:3] + (0 if ball == 0 else 2 * R) * n
+        speed, slip = np.hypot(*v[ball]), np.hypot(*slips[ball])
+        a = -friction.sliding * GRAVITY * slips[ball] / slip if slip > 0 else np.zeros(2)
+        if slip == 0 and speed > 0:
+            a = -friction.rolling * GRAVITY * v[ball] / speed
+        tau = (t[earlier] - p[0])[:, None]
+        change = sign * push
+        state = np.concatenate([x, v[ball] + change, slips[ball] + change, np.zeros(2)])
+        tau_after = t[~earlier] - p[0]
+        after = kinematics(np.repeat(state[None], len(tau_after), axis=0), tau_after, friction)[:, :2]
+        paths.append(np.concatenate([x + v[ball] * tau + a * tau**2 / 2, after]))
+    return np.concatenate(paths).ravel()
+
+
+def bound(meeting: Meeting, truth: Truth, t: np.ndarray) -> float:
+    """Least standard deviation of the contact's time, s: (F^-1)[0, 0]^(1/2), Kay 1993, eq. 3.21."""
+    n = (meeting.x[1] - meeting.x[0]) / (2 * R)
+    p = np.concatenate(
+        [[truth.contact], meeting.x[0], [np.arctan2(n[1], n[0])], meeting.v.ravel(), [meeting.e, 0.02],
+         np.log([meeting.mu_s, meeting.mu_r])]
+    )  # fmt: skip
+    moves = np.hypot(*meeting.v.T) > 0
+    free = [k for k in range(len(p)) if k not in (4, 5, 6, 7) or moves[(k - 4) // 2]]
+    slope = []
+    for k in free:
+        step = np.zeros(len(p))
+        step[k] = STEP
+        slope.append((places(p + step, t, meeting.slip) - places(p - step, t, meeting.slip)) / (2 * STEP))
+    jacobian = np.array(slope).T / NOISE
+    return float(np.sqrt(np.linalg.inv(jacobian.T @ jacobian)[0, 0]))
+
+
+def fitted(tracks: Tracks) -> tuple[float, float]:
+    """Time of the contact of a and b by the fit, and its sigma, s; NaN where it finds none."""
+    events = fit_shot(tracks, scene()).events
+    rows = [k for k, kind in enumerate(events.kind) if kind == "ball"]
+    return (float(events.t[rows[0]]), float(events.t_sigma[rows[0]])) if rows else (np.nan, np.nan)
+
+
+RIVALS: dict[str, Callable[[np.ndarray, np.ndarray], Callable[[np.ndarray], np.ndarray]]] = {
+    "linear": lambda t, x: make_interp_spline(t, x, k=1),
+    "cubic": lambda t, x: CubicSpline(t, x, bc_type="not-a-knot"),
+    "Akima": lambda t, x: Akima1DInterpolator(t, x),
+}
+
+
+def crossing(name: str, tracks: Tracks) -> float:
+    """When two interpolated paths first come within two radii, else when they are nearest, s."""
+    curve = RIVALS[name](tracks.t, tracks.xy.reshape(len(tracks.t), 4))
+    t = np.arange(tracks.t[0], tracks.t[-1], 2e-5)
+    xy = curve(t)
+    gap = np.hypot(xy[:, 2] - xy[:, 0], xy[:, 3] - xy[:, 1]) - 2 * R
+    inside = np.flatnonzero(gap < 0)
+    return float(t[inside[0] if len(inside) else np.argmin(gap)])
+
+
+def row(case: str, fps: int, goal: float, meetings: list[Meeting], truths: list[Truth]) -> str:
+    errors: dict[str, list[float]] = {name: [] for name in ("fit", *RIVALS)}
+    bounds, pulls = [], []
+    for seed, (meeting, truth) in enumerate(zip(meetings, truths, strict=True)):
+        tracks = film(truth, fps, np.random.default_rng([seed, fps]), noise=NOISE)
+        bounds.append(bound(meeting, truth, tracks.t))
+        found, sigma = fitted(tracks)
+        errors["fit"].append(found - truth.contact)
+        pulls.append((found - truth.contact) / sigma)
+        for name in RIVALS:
+            errors[name].append(crossing(name, tracks) - truth.contact)
+    known = np.array(errors["fit"])
+    seen = np.isfinite(known)
+    rms = {name: 1e3 * float(np.sqrt(np.mean(np.array(e)[seen] ** 2))) for name, e in errors.items()}
+    least = 1e3 * float(np.sqrt(np.mean(np.square(np.array(bounds)[seen]))))
+    bias = 1e3 * float(known[seen].mean())
+    cells = [
+        case, str(fps), f"{seen.sum()}/{len(seen)}", f"{least:.3f}", f"{rms['fit']:.3f}",
+        f"{rms['fit'] / least:.2f} (<= {goal})", f"{bias:+.3f}", f"{np.sqrt(np.mean(np.array(pulls)[seen] ** 2)):.2f}",
+        *(f"{rms[name]:.2f}" for name in RIVALS),
+    ]  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=60, help="contacts per row of the table")
+    parser.add_argument("--truth", type=Path, default=Path(tempfile.gettempdir()) / "trueroll_pairs",
+                        help="folder that keeps what the world made")  # fmt: skip
+    arguments = parser.parse_args()
+    head = ("contact", "fps", "found", "bound ms", "fit RMS ms", "over bound", "bias ms", "RMS error/sigma", *RIVALS)
+    print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
+    for number, (case, (draw, goal)) in enumerate(CASES.items()):
+        meetings = [draw(np.random.default_rng([number, seed])) for seed in range(arguments.seeds)]
+        truths = happened(meetings, arguments.truth)
+        for fps in RATES:
+            print(row(case, fps, goal, meetings, truths), flush=True)
+
+
+if __name__ == "__main__":
+    main()
