@@ -1,0 +1,90 @@
+"""Normal equations of many shots that share a few numbers: the states of each shot are eliminated on their own.
+
+The matrix has the shape of an arrow: blocks of states on the diagonal, the shared numbers at the border. Its Schur
+complement is as small as what is shared, so that the cost grows linearly with the number of shots (Triggs et al.
+2000, "Bundle adjustment", section 6.1, doi:10.1007/3-540-44480-7_21).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+Floats = NDArray[np.float64]
+
+LEAST_KNOWN = 1e-6
+"""1/variance of a number that nothing tells, in its own unit."""
+RIDGE = 1e-10
+"""relative to what is known of a number: far above the rounding errors of a large fit."""
+
+
+@dataclass(slots=True)
+class ShotBlock:
+    """Sums over the rows of one shot; M numbers of state, P shared ones."""
+
+    states: Floats
+    """(M, M)"""
+    coupling: Floats
+    """(M, P)"""
+    shared: Floats
+    """(P, P)"""
+    gradient: Floats
+    """(M,)"""
+    shared_gradient: Floats
+    """(P,)"""
+
+    @classmethod
+    def empty(cls, states: int, shared: int) -> ShotBlock:
+        return cls(
+            np.zeros((states, states)), np.zeros((states, shared)), np.zeros((shared, shared)),
+            np.zeros(states), np.zeros(shared),
+        )  # fmt: skip
+
+    def add(self, where: slice, by_states: Floats, by_shared: Floats, residual: Floats) -> None:
+        """Rows with slopes (R, m) by the states at `where`, (R, P) by the shared numbers, and residuals (R,)."""
+        self.states[where, where] += by_states.T @ by_states
+        self.coupling[where] += by_states.T @ by_shared
+        self.shared += by_shared.T @ by_shared
+        self.gradient[where] += by_states.T @ residual
+        self.shared_gradient += by_shared.T @ residual
+
+    def reduced(self) -> Floats:
+        """(P, P) what the shot tells of the shared numbers, its states unknown."""
+        return self.shared - self.coupling.T @ solved(self.states, self.coupling, 0.0)
+
+
+def solved(normal: Floats, right: Floats, damping: float) -> Floats:
+    """Solution (M, ...) of damped normal equations (M, M), also where nothing is known about a number.
+
+    Scaled to a unit diagonal, so that one small ridge makes every finite matrix invertible.
+    """
+    if not np.all(np.isfinite(normal)):
+        raise np.linalg.LinAlgError("the normal equations of a fit hold numbers that are not finite")
+    if len(normal) == 0:
+        return np.asarray(right, dtype=np.float64)
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), LEAST_KNOWN))
+    scaled = normal * scale * scale[:, None]
+    scaled[np.diag_indices_from(scaled)] += damping + RIDGE
+    column = scale.reshape(-1, *[1] * (right.ndim - 1))
+    return np.asarray(cho_solve(cho_factor(scaled), right * column) * column, dtype=np.float64)
+
+
+def eliminate(
+    blocks: list[ShotBlock], prior: Floats, prior_gradient: Floats, damping: float, held: NDArray[np.bool_]
+) -> tuple[Floats, list[Floats]]:
+    """Levenberg-Marquardt step of the shared numbers (P,), those `held` (P,) kept, and of each shot's states (M,)."""
+    whole, right = prior.copy(), -prior_gradient
+    inner = []
+    for block in blocks:
+        states = block.states.copy()
+        states[np.diag_indices_from(states)] *= 1 + damping
+        inside = solved(states, np.column_stack([block.coupling, block.gradient]), 0.0)
+        inner.append(inside)
+        whole = whole + block.shared - block.coupling.T @ inside[:, :-1]
+        right = right - block.shared_gradient + block.coupling.T @ inside[:, -1]
+    whole[held] = whole[:, held] = 0.0
+    step = np.where(held, 0.0, solved(whole + np.diag(held.astype(float)), right, damping))
+    return step, [-(inside[:, -1] + inside[:, :-1] @ step) for inside in inner]
