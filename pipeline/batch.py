@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
@@ -17,6 +16,7 @@ from pipeline.cache import Cache
 from pipeline.chain import run_clip
 from pipeline.graph import Watcher
 from pipeline.options import RunOptions
+from pipeline.publish import aside
 from pipeline.sentences import one_sentence
 
 
@@ -107,6 +107,5 @@ def write_summary(rows: list[Row], path: Path) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
     writer.writerows([getattr(row, name) for name in names] for row in rows)
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    aside.write_text(text.getvalue(), encoding="utf-8")
-    os.replace(aside, path)
+    with aside(path) as fresh:
+        fresh.write_text(text.getvalue(), encoding="utf-8")

@@ -16,6 +16,7 @@ from models.fit import Fit, Trust
 from pipeline.cache import Cache, Entry
 from pipeline.graph import Graph, Watcher, stage_value
 from pipeline.options import RunOptions, told_apart
+from pipeline.publish import aside
 from pipeline.stages.calibrate import calibrate_stage
 from pipeline.stages.detect import detect_stage
 from pipeline.stages.export import export_stage
@@ -122,16 +123,8 @@ def publish(entries: Mapping[str, Entry], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for stage, names in FILES.items():
         for name in names:
-            _copy(entries[stage].folder / name, folder / name)
-
-
-def _copy(source: Path, target: Path) -> None:
-    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        shutil.copyfile(source, aside)
-        os.replace(aside, target)
-    finally:
-        aside.unlink(missing_ok=True)
+            with aside(folder / name) as path:
+                shutil.copyfile(entries[stage].folder / name, path)
 
 
 def default_folder(clip: Path) -> Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -18,6 +17,7 @@ from plotly.offline import get_plotlyjs
 from models.fit import Fit
 from models.scene import Scene
 from models.tracks import Tracks
+from pipeline.publish import aside
 from pipeline.sampling import ever_moves, sample_motion
 from pipeline.sentences import event_sentence, parameter_range
 from pipeline.verdict import run_trust
@@ -74,9 +74,8 @@ def write_report(
         versions={name: version(name) for name in PACKAGES},
         digest=clip.digest,
     )
-    aside = path.with_name(path.name + ".part")
-    aside.write_text(html, encoding="utf-8")
-    os.replace(aside, path)
+    with aside(path) as fresh:
+        fresh.write_text(html, encoding="utf-8")
 
 
 def plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
