@@ -100,7 +100,7 @@ def _first_story(tracks: Tracks, table: Table, options: FitOptions) -> Story:
         allowed = near_something(seen, samples[:ball] + samples[ball + 1 :], table)
         parts = segment(seen, allowed, options.break_price, options.free_price)
         segments.append(tidy(seen, parts, table.ball_radius) if parts else [])
-    return tell(samples, segments, table, tracks.kinds)
+    return tell(samples, segments, table, tracks.kinds).with_pushes()
 
 
 def _excess(solution: Solution, data: Data) -> Floats:

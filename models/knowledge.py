@@ -44,6 +44,12 @@ CONTINUITY_SIGMA = 2e-4
 """m: paths do not jump at contacts."""
 TOUCH_SIGMA = 8e-4
 """m: scatter of the distance of touching balls."""
+RUBBER = np.array([CUSHION_RESTITUTION[0], 0.0, 0.5])
+RUBBER_SIGMA = np.array([CUSHION_RESTITUTION[1], 0.04, 0.5])
+"""Restitution, its change with speed (s/m), grip: between a nose that slips and one that sticks. Mathavan 2010 has the
+nose stick, so that a ball leaves with a slip of its speed of arrival, however it span; a mirror has it slip."""
+RESTITUTION_SCATTER, SPIN_SCATTER = 0.03, 0.12
+"""Of the speed into the cushion: what laws with these three numbers miss of each other."""
 NOSE_SCATTER = 1.5e-3
 """m: scatter of where balls meet a nose."""
 _LONE = 5.0
@@ -98,6 +104,8 @@ class Knowledge:
             self._touch(contact, before, after)
         elif contact.kind == "cushion":
             self._bounce(contact, before[0], after[0])
+        elif contact.pushed:
+            self._spin_survives(after[0] - before[0], float(np.hypot(*self._state(contact.after[0])[2:4])))
 
     def span(self, number: int) -> None:
         """Slip, extra acceleration and velocity have priors; the slip after a ball contact is told there."""
@@ -116,9 +124,9 @@ class Knowledge:
         friction = self.now.friction
         value = np.concatenate(
             [[np.log(friction.sliding / SLIDING_PRIOR[0]), np.log(friction.rolling / ROLLING_PRIOR[0])],
-             [self.now.diameter - 1], self.now.nose]
+             [self.now.diameter - 1], self.now.nose, self.now.rubber - RUBBER]
         )  # fmt: skip
-        sigma = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4])
+        sigma = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])
         self._say(_Quantity(value, identity), sigma)
 
     def _touch(self, contact: Contact, before: list[_Quantity], after: list[_Quantity]) -> None:
@@ -146,7 +154,11 @@ class Knowledge:
         self._say(back, np.array([BALL_RESTITUTION[1] * hit + 0.01]))
         for change in changes:
             self._say(change.times(_V).times(tangent), np.array([0.06 * hit + 0.01]))
-            self._say(change.times(_U) - change.times(_V), np.full(2, 0.12 * hit + 0.03))
+            self._spin_survives(change, hit)
+
+    def _spin_survives(self, change: _Quantity, hit: float) -> None:
+        """A ball that another one hits at `hit` m/s keeps its spin: its slip changes as its velocity does."""
+        self._say(change.times(_U) - change.times(_V), np.full(2, 0.12 * hit + 0.03))
 
     def _bounce(self, contact: Contact, before: _Quantity, after: _Quantity) -> None:
         """A cushion: distance, restitution, some friction, spin that partly survives."""
@@ -159,11 +171,21 @@ class Knowledge:
         self._say(_Quantity(np.array([distance]), slope), np.array([NOSE_SCATTER]))
         velocity = self._frame_ends[contact.before[0]][2:4]
         hit, pace = max(float(-(n @ velocity)[0]), 0.02), float(np.hypot(*velocity))
-        mean, spread = CUSHION_RESTITUTION
-        self._say(after.times(_V).times(n) + before.times(_V).times(n * mean), np.array([spread * hit + 0.02]))
+        e, slower, grip = self.now.rubber
+        column = self.plan.globals + 7
+        coming, leaving = before.times(_V).times(n), after.times(_V).times(n)
+        back = leaving + coming.times(np.array([[e + slower * hit]]))
+        back.slope[0, column : column + 2] += coming.value * [1.0, hit]
+        self._say(back, np.array([RESTITUTION_SCATTER * hit + 0.02]))
         change = after - before
         self._say(change.times(_V).times(tangent), np.array([0.25 * pace + 0.02]))
-        self._say(change.times(_U) - change.times(_V), np.full(2, 0.5 * pace + 0.05))
+        turned = change.times(_U) - change.times(_V)
+        # what a nose that sticks would stop
+        stopped = before.times(_U).times(n) - coming.times(np.array([[self.frame.rubber[0]]]))
+        along = turned.times(n) + stopped.times(np.array([[grip]]))
+        along.slope[0, column + 2] += stopped.value[0]
+        self._say(along, np.array([SPIN_SCATTER * hit + 0.05 * pace + 0.03]))
+        self._say(turned.times(tangent), np.array([0.2 * hit + 0.05 * pace + 0.05]))
 
     def _time(self, number: int) -> _Quantity:
         """Of a contact, relative to where it stands: nothing else holds the time of a jump."""

@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 
 from models.billiards.motion import STATE, Friction, kinematics_jacobian
-from models.knowledge import ROLLING_PRIOR, SLIDING_PRIOR, Knowledge
+from models.knowledge import ROLLING_PRIOR, RUBBER, SLIDING_PRIOR, Knowledge
 from models.scene import Table
 from models.solution import Data, Layout, Solution, layout, owners
 from models.story import Story
@@ -38,7 +38,7 @@ HUBER = 2.5
 def refine(story: Story, data: Data, table: Table, iterations: int = 30, start: Solution | None = None) -> Solution:
     """Best-fitting states, contact times and coefficients for a story; the covariance is taken at the end."""
     now = start or Solution(
-        story, Friction(SLIDING_PRIOR[0], ROLLING_PRIOR[0]), 1.0, np.zeros(4), np.inf, np.empty((0, 0))
+        story, Friction(SLIDING_PRIOR[0], ROLLING_PRIOR[0]), 1.0, np.zeros(4), RUBBER.copy(), np.inf, np.empty((0, 0))
     )
     now = replace(now, story=story)
     plan = layout(story)
@@ -126,6 +126,7 @@ def _moved(solution: Solution, plan: Layout, step: Floats) -> Solution:
     return replace(
         solution, story=Story(tuple(spans), contacts), friction=friction,
         diameter=solution.diameter + float(g[2]), nose=solution.nose + g[3:7],
+        rubber=solution.rubber + g[7:10],
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from models.billiards.motion import kinematics
 from models.contacts import INWARD, NEAR_CUSHION, cushion_distances
+from models.encounters import SLOW, doubtful, with_encounters
 from models.refinement import refine
 from models.scene import CUSHIONS, Table
 from models.solution import Data, Solution, end_state, owners
@@ -24,13 +25,14 @@ NEAR_THE_END = 0.03
 """s: a touch so shortly before a change of velocity is its cause."""
 CERTAIN = 3000.0
 """chi2: a contact that improves so much is not questioned again."""
-SLOW = 0.03
-"""m/s: below, nothing is worth a contact."""
+MOST_ENCOUNTERS = 6
+"""in a row: one contact often shows the next."""
 
 
 def revise(solution: Solution, data: Data, table: Table, price: float, dear: float, rounds: int = 3) -> Solution:
     """The solution after misnamed contacts are renamed, missed ones inserted and needless ones removed."""
     for _ in range(rounds):
+        solution = _acquainted(solution, data, table, price, dear)
         story = _renamed(solution, table)
         story = _paired(solution, story, data, table)
         story = _vanished(solution, story, data, table)
@@ -50,6 +52,17 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
     return solution
 
 
+def _acquainted(solution: Solution, data: Data, table: Table, price: float, dear: float) -> Solution:
+    """The solution with the contacts of passing balls, as long as new ones come up."""
+    fresh: frozenset[int] | None = None
+    for _ in range(MOST_ENCOUNTERS):
+        story, fresh = with_encounters(solution, data, table, price, dear, fresh)
+        if not fresh:
+            break
+        solution = refine(story, data, table, start=solution)
+    return solution
+
+
 def without_doubts(solution: Solution, data: Data, table: Table, dear: float) -> Solution:
     """The solution without contacts that have no cause and improve less than `dear`; nothing else is reconsidered."""
     story = prune(solution, _gains(solution, data, table), 0.0, dear)
@@ -59,7 +72,7 @@ def without_doubts(solution: Solution, data: Data, table: Table, dear: float) ->
 def prune(solution: Solution, gains: Floats, price: float, dear: float) -> Story:
     """The story without contacts that the samples do not ask for; `gains` (C,) are kept in the others."""
     story = solution.story
-    tolls = np.array([dear if _doubtful(solution, c) else price for c in story.contacts])
+    tolls = np.array([dear if doubtful(solution, c) else price for c in story.contacts])
     revised = Story(story.spans, tuple(replace(c, gain=float(g)) for c, g in zip(story.contacts, gains, strict=True)))
     touched: set[int] = set()
     gone = []
@@ -70,23 +83,7 @@ def prune(solution: Solution, gains: Floats, price: float, dear: float) -> Story
             gone.append(k)
     for k in sorted(gone, reverse=True):
         revised = revised.without(k)
-    return revised
-
-
-def _doubtful(solution: Solution, contact: Contact) -> bool:
-    """Contacts without a cause, and cushions and balls met so slowly that a bent path would do as well."""
-    if contact.kind == "ball" and not contact.driven:
-        return _closing(solution, contact) < SLOW
-    if contact.kind == "cushion":
-        return bool(-INWARD[CUSHIONS.index(contact.cushion)] @ end_state(solution, contact.before[0])[2:4] < SLOW)
-    return contact.kind in ("free", "jump")
-
-
-def _closing(solution: Solution, contact: Contact) -> float:
-    """Speed at which two balls come together, m/s."""
-    one, two = (end_state(solution, k) for k in contact.before)
-    apart = two[:2] - one[:2]
-    return float((one[2:4] - two[2:4]) @ apart) / max(float(np.hypot(*apart)), 1e-9)
+    return revised.with_pushes()
 
 
 def _gains(solution: Solution, data: Data, table: Table) -> Floats:

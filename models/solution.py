@@ -40,6 +40,9 @@ class Solution:
     """factor on two radii."""
     nose: Floats
     """(4,) m, where centres turn, beyond one radius from each nose; > 0 towards the table."""
+    rubber: Floats
+    """(3,) of all cushions: restitution of a slow ball, its change with speed in s/m, and grip: how far the nose stops
+    the spin about the line of the cushion, 0 not at all, 1 until it does not slip."""
     chi2: float
     """robust, with pseudo-observations."""
     covariance: Floats
@@ -55,8 +58,12 @@ class Layout:
     contact: int
     """column of the time of the first contact."""
     globals: int
-    """ln mu_sliding, ln mu_rolling, diameter, four noses."""
+    """ln mu_sliding, ln mu_rolling, diameter, four noses, three of the rubber."""
     size: int
+
+
+SHARED = 10
+"""Numbers that all spans and contacts share."""
 
 
 def gather(tracks: Tracks) -> Data:
@@ -78,7 +85,7 @@ def layout(story: Story) -> Layout:
     sizes = np.array([2 if span.static else STATE for span in story.spans], dtype=np.int64)
     starts = np.concatenate([[0], np.cumsum(sizes)])
     contact = int(starts[-1])
-    return Layout(starts[:-1], contact, contact + len(story.contacts), contact + len(story.contacts) + 7)
+    return Layout(starts[:-1], contact, contact + len(story.contacts), contact + len(story.contacts) + SHARED)
 
 
 def owners(story: Story, data: Data) -> Ints:

@@ -44,6 +44,8 @@ class Contact:
     cushion: str = ""
     driven: bool = False
     """Balls that touched while one of them was struck: momentum is not conserved."""
+    pushed: bool = False
+    """A strike that no cue can have given, since other balls move: it keeps the spin as contacts of balls do."""
     gain: float = 0.0
     """chi2 that the break improves, over one span without it."""
 
@@ -69,6 +71,16 @@ class Story:
         """s; infinite where the span runs to the end of the track."""
         end = self.spans[span].end
         return np.inf if end is None else self.contacts[end].t
+
+    def with_pushes(self) -> Story:
+        """The story in which every strike says whether it can be a cue's: none strikes while balls move."""
+        runs = [(self.begin(k), self.finish(k), span.ball) for k, span in enumerate(self.spans) if not span.static]
+        contacts = []
+        for one in self.contacts:
+            ball = self.spans[one.before[0]].ball
+            pushed = any(begin < one.t < end and other != ball for begin, end, other in runs)
+            contacts.append(replace(one, pushed=pushed and one.kind == "strike"))
+        return Story(self.spans, tuple(contacts))
 
     def without(self, contact: int) -> Story:
         """The story in which `contact` did not happen: every span before it goes on."""
@@ -112,6 +124,38 @@ class Story:
                 contacts[old.end] = replace(next_one, before=tuple(fresh if q == k else q for q in next_one.before))
         contacts.append(replace(contact, after=tuple(after)))
         return Story(tuple(spans), tuple(contacts))
+
+    def merged(self, keep: int, drop: int, contact: Contact) -> Story:
+        """The story in which `contact` stands for the contacts `keep` and `drop`; later ones move up by one."""
+
+        def place(index: int | None) -> int | None:
+            if index is None:
+                return None
+            target = keep if index == drop else index
+            return target - 1 if target > drop else target
+
+        spans = tuple(replace(span, start=place(span.start), end=place(span.end)) for span in self.spans)
+        contacts = [contact if k == keep else c for k, c in enumerate(self.contacts) if k != drop]
+        return Story(spans, tuple(contacts))
+
+    def part(self, spans: list[int]) -> Story:
+        """Only some spans, in this order, and the contacts that join no others."""
+        place = {k: number for number, k in enumerate(spans)}
+        inside = [i for i, c in enumerate(self.contacts) if place.keys() >= {*c.before, *c.after}]
+        order = {i: number for number, i in enumerate(inside)}
+        kept = [
+            replace(
+                self.spans[k], t0=self.begin(k),
+                start=None if (first := self.spans[k].start) is None else order.get(first),
+                end=None if (last := self.spans[k].end) is None else order.get(last),
+            )
+            for k in spans
+        ]  # fmt: skip
+        contacts = [
+            replace(c, before=tuple(place[k] for k in c.before), after=tuple(place[k] for k in c.after))
+            for c in (self.contacts[i] for i in inside)
+        ]
+        return Story(tuple(kept), tuple(contacts))
 
     def excerpt(self, contact: int) -> tuple[Story, tuple[int, ...]]:
         """Only the spans that meet at a contact, as contact 0, and their numbers here."""
