@@ -4,8 +4,9 @@
 
 Truth: worlds/billiards.py, run as a process (fixed steps, Alciatore's ball friction). Closing speed about 1 m/s along
 the line of centres, 1 mm noise per axis, pictures within 0.3 s of the contact. The bound is computed for every contact
-from the exact Fisher information of the samples, all of these being unknown: both paths, restitution, throw, sliding
-and rolling friction; known are the ball's size, that momentum is kept, and how each ball spins before.
+from the exact Fisher information of the samples, all of these being unknown: both paths, restitution, friction
+between the balls, sliding and rolling friction, the spin of balls that slide; known are the balls' size, that they are
+equally heavy and that momentum is kept.
 """
 
 from __future__ import annotations
@@ -75,11 +76,13 @@ CASES: dict[str, tuple[Callable[[np.random.Generator], Meeting], float]] = {
 """How meetings are drawn, and the share of the bound that the fit shall keep to."""
 
 
-def places(p: np.ndarray, t: np.ndarray, slips: np.ndarray) -> np.ndarray:
-    """Both paths, flat, of p: time, place and direction of the contact, velocities, e, throw, ln mu_s, ln mu_r."""
-    n = _direction(p[3])
-    v, friction = p[4:8].reshape(2, 2), Friction(float(np.exp(p[10])), float(np.exp(p[11])))
-    push = (1 + p[8]) / 2 * ((v[0] - v[1]) @ n) * (n + p[9] * _left(n))
+def places(p: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Both paths, flat, of p: time, place and direction of the contact, velocities, e, impulses of friction between the
+    balls across and up (shares of the normal one), ln mu_s, ln mu_r, slips."""
+    n, slips = _direction(p[3]), p[13:17].reshape(2, 2)
+    v, friction = p[4:8].reshape(2, 2), Friction(float(np.exp(p[11])), float(np.exp(p[12])))
+    normal = (1 + p[8]) / 2 * ((v[0] - v[1]) @ n)
+    push, spun = normal * (n + p[9] * _left(n)), 2.5 * normal * p[10] * n
     earlier = t < p[0]
     paths = []
     for ball, sign in enumerate((-1, 1)):
@@ -90,7 +93,7 @@ def places(p: np.ndarray, t: np.ndarray, slips: np.ndarray) -> np.ndarray:
             a = -friction.rolling * GRAVITY * v[ball] / speed
         tau = (t[earlier] - p[0])[:, None]
         change = sign * push
-        state = np.concatenate([x, v[ball] + change, slips[ball] + change, np.zeros(2)])
+        state = np.concatenate([x, v[ball] + change, slips[ball] + change + spun, np.zeros(2)])
         tau_after = t[~earlier] - p[0]
         after = kinematics(np.repeat(state[None], len(tau_after), axis=0), tau_after, friction)[:, :2]
         paths.append(np.concatenate([x + v[ball] * tau + a * tau**2 / 2, after]))
@@ -101,16 +104,17 @@ def bound(meeting: Meeting, truth: Truth, t: np.ndarray) -> float:
     """Least standard deviation of the contact's time, s: (F^-1)[0, 0]^(1/2), Kay 1993, eq. 3.21."""
     n = (meeting.x[1] - meeting.x[0]) / (2 * R)
     p = np.concatenate(
-        [[truth.contact], meeting.x[0], [np.arctan2(n[1], n[0])], meeting.v.ravel(), [meeting.e, 0.02],
-         np.log([meeting.mu_s, meeting.mu_r])]
+        [[truth.contact], meeting.x[0], [np.arctan2(n[1], n[0])], meeting.v.ravel(), [meeting.e, 0.02, 0.02],
+         np.log([meeting.mu_s, meeting.mu_r]), meeting.slip.ravel()]
     )  # fmt: skip
-    moves = np.hypot(*meeting.v.T) > 0
-    free = [k for k in range(len(p)) if k not in (4, 5, 6, 7) or moves[(k - 4) // 2]]
+    moves, slides = np.hypot(*meeting.v.T) > 0, np.hypot(*meeting.slip.T) > 0
+    free = [*range(4), *range(8, 13)]
+    free += [4 + k for k in range(4) if moves[k // 2]] + [13 + k for k in range(4) if slides[k // 2]]
     slope = []
     for k in free:
         step = np.zeros(len(p))
         step[k] = STEP
-        slope.append((places(p + step, t, meeting.slip) - places(p - step, t, meeting.slip)) / (2 * STEP))
+        slope.append((places(p + step, t) - places(p - step, t)) / (2 * STEP))
     jacobian = np.array(slope).T / NOISE
     return float(np.sqrt(np.linalg.inv(jacobian.T @ jacobian)[0, 0]))
 
