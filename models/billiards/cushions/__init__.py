@@ -1,0 +1,1 @@
+"""Ball against cushion: one file per published law."""

@@ -1,0 +1,1 @@
+"""Ball against ball: one file per published law."""
