@@ -18,11 +18,11 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from models.effects.catalogue import prior_of
-from models.encounter import MEETING, PATH, SHARED, Encounter, Paths, free_paths, met_paths
+from models.touch import MEETING, PATH, SHARED, Encounter, Paths, free_paths, met_paths, nearest
 
 Floats = NDArray[np.float64]
 
-CORRELATIONS = (0.0, 0.3, 0.5, 0.65, 0.8)
+CORRELATIONS = (0.0, 0.35, 0.6, 0.8)
 """Of errors of successive samples, equally probable before: an AR(1) process each."""
 KNOWN_NOISE = 50.0
 """Degrees of freedom with which the size of the noise is known before: to a tenth."""
@@ -32,9 +32,12 @@ SLOPE_SIGMA = 0.02
 """m/s^2 per axis: slope and nap."""
 SHARPNESS = 1e-5
 """m: surfaces that touch are so near."""
+LOOSER = (1e-3, 1e-4)
+"""m: steps on the way there."""
 BALL_FRICTION, CUSHION_FRICTION = 0.06, 0.2
 """Impulse of friction over the normal one, one standard deviation: Alciatore, technical proof A.14; Han 2005."""
-MOST_STEPS, SETTLED = 25, 1e-4
+MOST_STEPS, SETTLED = 20, 3e-3
+"""Of a descent, and the chi2 that another step must gain."""
 OUTLIER = 4.5
 """standard deviations under both hypotheses."""
 
@@ -97,10 +100,10 @@ class _Fitted:
 Model = Callable[[Encounter, Floats], Paths]
 
 
-def weigh(encounter: Encounter, t: float) -> Verdict:
+def weigh(encounter: Encounter, t: float, correlations: tuple[float, ...] = CORRELATIONS) -> Verdict:
     """How probable a contact near t (s) is, and when; ValueError where there are too few samples to say.
 
-    The encounter's window holds no other contact.
+    The encounter's window holds no other contact. `correlations` are those of errors that are thought possible.
     """
     count = sum(len(ball.t) for ball in encounter.balls)
     if 2 * count < encounter.shared + SHARED + MEETING:
@@ -108,13 +111,21 @@ def weigh(encounter: Encounter, t: float) -> Verdict:
     free, met = _starts(encounter, t)
     kept = _believed(encounter, free, met)
     found: list[tuple[float, _Fitted, _Fitted]] = []
-    for correlation in CORRELATIONS:
+    for correlation in correlations:
         noise = _noise(encounter, kept, correlation)
         free_fit = _fit(encounter, free_paths, free, noise)
         met_fit = _fit(encounter, met_paths, met, noise)
         found.append((correlation, free_fit, met_fit))
         free, met = free_fit.p, met_fit.p
     return _verdict(encounter, found)
+
+
+def geometry_alone(encounter: Encounter, t: float) -> tuple[float, float]:
+    """Gap, and its sigma, m, to which the paths that are seen before t (s) lead; errors taken as independent."""
+    late = np.concatenate([ball.t >= t for ball in encounter.balls])
+    _, met = _starts(encounter, t)
+    fit = _fit(encounter, free_paths, met[: encounter.shared + SHARED], _noise(encounter, ~late, 0.0))
+    return _margin(encounter, fit)
 
 
 def _verdict(encounter: Encounter, found: list[tuple[float, _Fitted, _Fitted]]) -> Verdict:
@@ -138,7 +149,7 @@ def _verdict(encounter: Encounter, found: list[tuple[float, _Fitted, _Fitted]]) 
 def _margin(encounter: Encounter, fit: _Fitted) -> tuple[float, float]:
     """Gap of the free paths that begin as this fit does, and its sigma, m."""
     size = encounter.shared + SHARED
-    paths = free_paths(encounter, fit.p[:size])
+    paths = nearest(encounter, fit.p[:size])
     variance = float(paths.gap_slope @ fit.covariance[:size, :size] @ paths.gap_slope)
     if len(fit.p) == size:
         variance += encounter.reach_sigma**2
@@ -234,12 +245,16 @@ def _linear(encounter: Encounter, model: Model, p: Floats, noise: _Noise, touch:
 
 
 def _fit(encounter: Encounter, model: Model, start: Floats, noise: _Noise) -> _Fitted:
-    """Levenberg-Marquardt; the demand that surfaces touch is tightened on the way."""
+    """Levenberg-Marquardt; the demand that surfaces touch is tightened on the way, from where they still do not."""
     final = float(np.hypot(SHARPNESS, encounter.reach_sigma))
-    p = start
-    for touch in sorted({max(final, 1e-3), max(final, 1e-4), final}, reverse=True):
+    p, far = start, 0.0
+    if len(start) > encounter.shared + SHARED:
+        far = abs(model(encounter, start).gap)
+    for touch in sorted({final, *(loose for loose in LOOSER if final < loose < far)}, reverse=True):
         p = _descend(encounter, model, p, noise, touch)
     residual, slope, paths = _linear(encounter, model, p, noise, final)
+    if model is free_paths:
+        paths = nearest(encounter, p)
     data = 2 * len(_seen(encounter))
     chi2 = float(residual[:data] @ residual[:data])
     rest = float(residual[data:] @ residual[data:])

@@ -134,12 +134,18 @@ def _state(span: SpanStart) -> Floats:
 
 
 def free_paths(encounter: Encounter, p: Floats) -> Paths:
-    """Nothing is met; the gap is that of the nearest moment."""
+    """Nothing is met; the gap is not asked for."""
     runs = [_run(encounter, p, k, ball.t) for k, ball in enumerate(encounter.balls)]
     xy, slope = (np.concatenate([run[i] for run in runs])[:, :2] for i in (0, 1))
-    t = _nearest(encounter, p)
+    nothing = np.full(len(p), np.nan)
+    return Paths(xy, slope, np.nan, nothing, np.nan, nothing, np.nan)
+
+
+def nearest(encounter: Encounter, p: Floats) -> Paths:
+    """`free_paths` with the gap of the moment at which the bodies are nearest."""
+    free, t = free_paths(encounter, p), _nearest(encounter, p)
     ends = [_run(encounter, p, k, np.array([t])) for k in range(len(encounter.balls))]
-    return Paths(xy, slope, *_geometry(encounter, ends), t)
+    return Paths(free.xy, free.slope, *_geometry(encounter, ends), t)
 
 
 def met_paths(encounter: Encounter, p: Floats) -> Paths:
