@@ -15,6 +15,7 @@ from models.knowledge import ROLLING_PRIOR, SLIDING_PRIOR
 from models.noise import Noise, estimate_noise, outliers, seldom_seen, with_noise
 from models.paths import measured_pieces, pack, pieces_of
 from models.progress import Progress, silent
+from models.reappraisal import reappraised
 from models.refinement import refine
 from models.revision import revise, without_doubts
 from models.scene import Scene, Table
@@ -67,6 +68,12 @@ def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progres
     progress(0.6)
     rounds = 1 if options.quick else 3
     solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
+    surer = reappraised(kept, tracks, noise, solution, data)
+    if surer is not None:
+        kept = surer
+        data = replace(data, whiten=gather(kept).whiten)
+        solution = refine(solution.story, data, table, start=solution)
+        solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
     excess = _excess(solution, data)
     if np.any(excess > 1.5):  # what the model misses is no smaller for being systematic
         data = replace(data, whiten=data.whiten / np.sqrt(excess)[:, None, None])

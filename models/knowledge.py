@@ -116,7 +116,9 @@ class Knowledge:
         speed = float(np.hypot(*self.frame.story.spans[number].state[2:4]))
         self._say(start.times(_V), np.full(2, _LONE))
         self._say(start.times(_C), np.full(2, EXTRA_SIGMA))
-        self._say(start.times(_U), np.full(2, SLIP_SIGMA * speed + 0.2))
+        begun = None if span.start is None else self.now.story.contacts[span.start]
+        if begun is None or begun.kind in ("free", "jump") or (begun.kind == "strike" and not begun.pushed):
+            self._say(start.times(_U), np.full(2, SLIP_SIGMA * speed + 0.2))
 
     def coefficients(self) -> None:
         """Priors of what all spans share."""
