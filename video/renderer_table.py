@@ -7,6 +7,7 @@ that misses the nose rectangle on the way to the cloth ends on a cushion's face.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -75,7 +76,7 @@ def make_light(table: Table, look: Look) -> Light:
 
 def make_empty_table(table: Table, camera: Camera, lens: Lens, look: Look, light: Light, samples: int) -> EmptyTable:
     """Render the table without balls, `samples` squared rays a pixel."""
-    tiles = textures(np.random.default_rng(look.seed))
+    tiles = textures(look.seed)
     height, width = camera.height_px, camera.width_px
     rows, columns = np.mgrid[:height, :width].astype(np.float64)
     picture = np.zeros((height, width, 3), np.float32)
@@ -198,8 +199,10 @@ def tilt(table: Table, point: Floats, normal: Floats, cushion: Mask) -> None:
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
 
 
-def textures(rng: np.random.Generator) -> dict[str, Singles]:
+@lru_cache(maxsize=8)
+def textures(seed: int) -> dict[str, Singles]:
     """Tiles (S, S) of mean 0 and deviation 1: fine fibres, broad patches, wood grain."""
+    rng = np.random.default_rng(seed)
     white = rng.standard_normal((TEXTURE, TEXTURE)).astype(np.float32)
     tiles = {
         "fibre": cv2.GaussianBlur(white, (0, 0), 1.2),

@@ -1,0 +1,82 @@
+"""The network that finds balls: fully convolutional, its output one cell per 4 x 4 px of the working picture.
+
+Centres as peaks of a map, with offset, size and the rest read at the peak (Zhou et al. 2019, CenterNet,
+arXiv:1904.07850); depthwise blocks (Howard et al. 2017, arXiv:1704.04861). A stem with strides does most of the work
+at a sixteenth and a sixty-fourth of the pixels: 1.3 thousand multiplications a pixel in all.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+STRIDE = 4
+"""px of the picture per cell of the output."""
+COARSE_STRIDE = 8
+"""Sides of a picture are multiples of this."""
+WIDTHS = (16, 28, 64)
+"""Channels at a half, a quarter and an eighth of the picture's side."""
+BLOCKS = 4
+"""Blocks at an eighth; each sees 32 px further."""
+CHANNELS = (
+    "score",  # logit that a ball's centre is in this cell
+    "dx", "dy",  # cells from the cell's middle to the centre
+    "log_radius",  # of radius / RADIUS_UNIT_PX
+    "streak_cos", "streak_sin",  # streak length / STREAK_UNIT_PX times cos, sin of twice its direction: no sign needed
+    "log_across", "log_along",  # of sigma / px, across and along the streak
+    "white", "black", "coloured", "striped",  # logits of the look
+)  # fmt: skip
+RADIUS_UNIT_PX, STREAK_UNIT_PX = 7.0, 8.0
+RARE_LOGIT = -4.6
+"""Score before anything is learnt: one cell in a hundred is a centre (Lin et al. 2017, arXiv:1708.02002)."""
+
+
+def _step(into: int, out: int, side: int = 3, stride: int = 1, groups: int = 1) -> nn.Sequential:
+    """Convolution, batch normalisation, ReLU."""
+    conv = nn.Conv2d(into, out, side, stride, side // 2, groups=groups, bias=False)
+    return nn.Sequential(conv, nn.BatchNorm2d(out), nn.ReLU(inplace=True))
+
+
+class Block(nn.Module):
+    """A depthwise 5 x 5 and two pointwise convolutions beside the identity."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.inner = nn.Sequential(
+            _step(width, width, side=5, groups=width),
+            _step(width, 2 * width, side=1),
+            nn.Conv2d(2 * width, width, 1, bias=False),
+            nn.BatchNorm2d(width),
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, h, w) to the same."""
+        out: Tensor = torch.relu(x + self.inner(x))
+        return out
+
+
+class BallNetwork(nn.Module):
+    """Pictures (B, 3, H, W) in [0, 1] to maps (B, 12, H / 4, W / 4), channels as in CHANNELS."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        half, quarter, eighth = WIDTHS
+        self.stem = nn.Sequential(_step(3, half, stride=2), _step(half, quarter, stride=2))
+        self.down = _step(quarter, eighth, stride=2)
+        self.blocks = nn.Sequential(*(Block(eighth) for _ in range(BLOCKS)))
+        self.side = nn.Conv2d(quarter, quarter, 1, bias=False)
+        self.up = nn.Conv2d(eighth, quarter, 1, bias=False)
+        self.merge = nn.Sequential(nn.BatchNorm2d(quarter), nn.ReLU(inplace=True), _step(quarter, quarter))
+        self.head = nn.Conv2d(quarter, len(CHANNELS), 1)
+        nn.init.normal_(self.head.weight, std=0.01)
+        nn.init.zeros_(self.head.bias)
+        with torch.no_grad():
+            self.head.bias[0] = RARE_LOGIT
+
+    def forward(self, picture: Tensor) -> Tensor:
+        """(B, 3, H, W) to (B, 12, H / 4, W / 4)."""
+        near = self.stem((picture - 0.45) * 4)  # (B, 28, H / 4, W / 4)
+        far = self.up(self.blocks(self.down(near)))  # (B, 28, H / 8, W / 8)
+        far = nn.functional.interpolate(far, scale_factor=2.0, mode="nearest")
+        maps: Tensor = self.head(self.merge(self.side(near) + far))
+        return maps

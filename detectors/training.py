@@ -1,0 +1,172 @@
+"""Training the ball network on drawn pictures: it can be interrupted at any time and goes on from its last checkpoint."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from detectors.network import BallNetwork
+from detectors.training_data import Pictures, read_pictures, training_file
+from detectors.training_loss import loss_of, targets_of
+
+Bytes = NDArray[np.uint8]
+Floats32 = NDArray[np.float32]
+
+CHECKPOINT = "checkpoint.pt"
+RATE, DECAY = 3e-3, 1e-4
+"""Highest learning rate and weight decay of AdamW (Loshchilov and Hutter 2019, arXiv:1711.05101)."""
+WARM_SHARE = 0.04
+"""Share of the steps in which the learning rate rises; then it falls along a half cosine."""
+AVERAGED = 0.998
+"""Share of the averaged weights that a step keeps: the averaged ones are exported (Polyak and Juditsky 1992,
+doi:10.1137/0330046)."""
+FILES_AT_ONCE = 12
+"""Picture files held in memory; one is exchanged for another every so many steps."""
+STEPS_PER_FILE = 100
+CHECKPOINT_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrainOptions:
+    """How long and on how much the detector is trained."""
+
+    steps: int = 9000
+    """Steps in all."""
+    batch: int = 16
+    """Pictures per step."""
+    files: int = 100
+    """Files of 240 training pictures each, made before they are needed."""
+    seed: int = 0
+    """Of the network's first weights and the order of the pictures."""
+
+
+@dataclass(slots=True)
+class Training:
+    """The state of a training."""
+
+    network: BallNetwork
+    average: BallNetwork
+    optimiser: torch.optim.AdamW
+    step: int
+
+
+Watch = Callable[[int, dict[str, float]], None]
+"""Told the step and the parts of its loss."""
+
+
+def train(folder: Path, options: TrainOptions, watch: Watch) -> BallNetwork:
+    """The trained network; checkpoints and pictures stay in `folder`, and a second call goes on where the first ended."""
+    folder.mkdir(parents=True, exist_ok=True)
+    state = _resumed(folder, options)
+    saved = time.monotonic()
+    for rgb, balls in _batches(folder, options, state.step):
+        parts = _step(state, options, rgb, balls)
+        watch(state.step, parts)
+        if time.monotonic() - saved > CHECKPOINT_S:
+            _save(folder, state)
+            saved = time.monotonic()
+    _save(folder, state)
+    return state.average.eval()
+
+
+def _fresh(options: TrainOptions) -> Training:
+    torch.manual_seed(options.seed)
+    network, average = BallNetwork(), BallNetwork()
+    average.load_state_dict(network.state_dict())
+    return Training(network, average, torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=DECAY), 0)
+
+
+def _resumed(folder: Path, options: TrainOptions) -> Training:
+    state = _fresh(options)
+    path = folder / CHECKPOINT
+    if path.exists():
+        saved = torch.load(path, weights_only=True)
+        state.network.load_state_dict(saved["network"])
+        state.average.load_state_dict(saved["average"])
+        state.optimiser.load_state_dict(saved["optimiser"])
+        state.step = saved["step"]
+    return state
+
+
+def _save(folder: Path, state: Training) -> None:
+    aside = folder / (CHECKPOINT + ".part")
+    torch.save(
+        {
+            "network": state.network.state_dict(),
+            "average": state.average.state_dict(),
+            "optimiser": state.optimiser.state_dict(),
+            "step": state.step,
+        },
+        aside,
+    )
+    aside.replace(folder / CHECKPOINT)
+
+
+def _batches(folder: Path, options: TrainOptions, start: int) -> Iterator[tuple[Bytes, Floats32]]:
+    """Batches of pictures (B, S, S, 3) and balls (B, N, 7) for the steps from `start` on."""
+    held: list[Pictures] = []
+    for step in range(start, options.steps):
+        rng = np.random.default_rng((options.seed, step))
+        if not held or step % STEPS_PER_FILE == 0:
+            # After an interruption the shelf is filled with the files that were on it.
+            turn = step // STEPS_PER_FILE
+            numbers = range(max(turn - FILES_AT_ONCE + 1, 0), turn + 1) if not held else [turn]
+            held.extend(read_pictures(training_file(folder, number % options.files)) for number in numbers)
+            del held[:-FILES_AT_ONCE]
+        chosen = [held[i] for i in rng.integers(0, len(held), options.batch)]
+        rows = [int(rng.integers(len(pictures))) for pictures in chosen]
+        rgb = np.stack([pictures.rgb[row] for pictures, row in zip(chosen, rows, strict=True)])
+        balls = np.stack([pictures.balls[row] for pictures, row in zip(chosen, rows, strict=True)])
+        yield turned(rgb, balls, int(rng.integers(8)))
+
+
+def turned(rgb: Bytes, balls: Floats32, way: int) -> tuple[Bytes, Floats32]:
+    """Pictures (B, S, S, 3) and balls (B, N, 7) in one of the eight positions of a square."""
+    last = rgb.shape[1] - 1
+    balls = balls.copy()
+    if way & 1:
+        rgb, balls[..., 0], balls[..., 3] = rgb[:, :, ::-1], last - balls[..., 0], -balls[..., 3]
+    if way & 2:
+        rgb, balls[..., 1], balls[..., 4] = rgb[:, ::-1], last - balls[..., 1], -balls[..., 4]
+    if way & 4:
+        rgb, balls = rgb.transpose(0, 2, 1, 3), balls[..., [1, 0, 2, 4, 3, 5, 6]]
+    return np.ascontiguousarray(rgb), balls
+
+
+def as_input(rgb: Bytes) -> Tensor:
+    """Pictures (B, H, W, 3) of bytes to the network's (B, 3, H, W)."""
+    return torch.from_numpy(rgb).permute(0, 3, 1, 2).float() / 255
+
+
+def _step(state: Training, options: TrainOptions, rgb: Bytes, balls: Floats32) -> dict[str, float]:
+    done = state.step / options.steps
+    warm = min(done / WARM_SHARE, 1.0)
+    for group in state.optimiser.param_groups:
+        group["lr"] = RATE * warm * (0.5 + 0.5 * float(np.cos(np.pi * done))) + 1e-6
+    state.network.train()
+    loss, parts = loss_of(state.network(as_input(rgb)), targets_of(torch.from_numpy(balls), rgb.shape[1]))
+    state.optimiser.zero_grad()
+    loss.backward()  # type: ignore[no-untyped-call]
+    torch.nn.utils.clip_grad_norm_(state.network.parameters(), 5.0)
+    state.optimiser.step()
+    state.step += 1
+    _follow(state)
+    return parts
+
+
+@torch.no_grad()
+def _follow(state: Training) -> None:
+    """Move the averaged weights; early on they follow faster."""
+    keep = min(AVERAGED, 1 - 1 / (1 + state.step / 10))
+    for mean, value in zip(state.average.state_dict().values(), state.network.state_dict().values(), strict=True):
+        if mean.dtype.is_floating_point:
+            mean.lerp_(value, 1 - keep)
+        else:
+            mean.copy_(value)
