@@ -56,6 +56,12 @@ class ShotBlock:
         return self.shared - self.coupling.T @ solved(self.states, self.coupling, 0.0)
 
 
+def log_determinant(normal: Floats) -> float:
+    """Of normal equations (M, M), what nothing tells left out."""
+    known = np.diag(normal) > LEAST_KNOWN
+    return float(np.linalg.slogdet(normal[np.ix_(known, known)])[1])
+
+
 def solved(normal: Floats, right: Floats, damping: float) -> Floats:
     """Solution (M, ...) of damped normal equations (M, M), also where nothing is known about a number.
 

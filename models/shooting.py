@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attempt import Attempt, Problem, attempt, huber, normal_block, normal_blocks, shot_cost
-from models.elimination import ShotBlock, eliminate, solved
+from models.elimination import ShotBlock, eliminate, log_determinant, solved
 from models.lack_of_fit import correlation_factor
 from models.shared_numbers import bounds, prior_knowledge, slopes, values_of
 from models.windows import Model
@@ -60,6 +60,9 @@ class Shooting:
     """robust chi2 of the observations with all pseudo-observations."""
     chi2_per_dof: float
     """robust, of the observations alone."""
+    log_evidence: float
+    """of the model: log of its likelihood with starts and shared numbers integrated out (Laplace); errors are taken
+    as promised, so that only evidences of the same data compare."""
     inflation: float
     """>= 1: factor on variances for residuals larger than promised, and alike from one moment to the next."""
     start_covariances: tuple[Floats, ...]
@@ -81,7 +84,7 @@ def shoot(model: Model, shared: Floats | None = None, options: ShootingOptions =
     first = np.array([prior.value for prior in model.unknowns]) if shared is None else np.array(shared, float)
     now = attempt(problem, tuple(w.start.copy() for w in windows), first)
     for shot in range(len(shots)):
-        now = _settled(problem, _grown(problem, now, shot, options), shot, options.settling)
+        now = _begun(problem, now, shot, options)
     now, converged = _descend(problem, now, options)
     return _result(problem, now, converged)
 
@@ -135,6 +138,25 @@ def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: 
     return now
 
 
+def _begun(problem: Problem, now: Attempt, shot: int, options: ShootingOptions) -> Attempt:
+    """The states of one shot from the best of its first guesses."""
+    guesses = [now.starts] + [
+        (*now.starts[:k], other, *now.starts[k + 1 :])
+        for k in problem.shots[shot]
+        for other in problem.windows[k].others
+    ]
+    tried = []
+    for starts in guesses:
+        flows = list(now.flows)
+        for k in problem.shots[shot]:
+            flows[k] = problem.model.flow(k, starts[k], now.shared)
+        costs = now.costs.copy()
+        guess = Attempt(starts, now.shared, tuple(flows), costs)
+        costs[shot] = shot_cost(problem, guess, shot)
+        tried.append(_settled(problem, _grown(problem, guess, shot, options), shot, options.settling))
+    return min(tried, key=lambda one: one.cost)
+
+
 def _grown(problem: Problem, now: Attempt, shot: int, options: ShootingOptions) -> Attempt:
     """States fitted to more and more of a shot's windows, so that contacts come into view one after another."""
     for share in (0.2, 0.35, 0.5, 0.7, 0.85):
@@ -181,9 +203,29 @@ def _result(problem: Problem, point: Attempt, converged: bool) -> Shooting:
     slope = slopes(unknowns, point.shared)
     prior_only = np.sqrt(np.diag(posterior)) > UNDETERMINED / scale
     return Shooting(
-        point.starts, point.shared, posterior * slope * slope[:, None], prior_only, point.cost, chi2, inflation,
-        _start_covariances(problem, point, blocks, posterior, inflation), converged,
-    )  # fmt: skip
+        starts=point.starts,
+        shared=point.shared,
+        covariance=posterior * slope * slope[:, None],
+        prior_only=prior_only,
+        cost=point.cost,
+        chi2_per_dof=chi2,
+        log_evidence=_log_evidence(problem, point, blocks, np.diag(prior_information)),
+        inflation=inflation,
+        start_covariances=_start_covariances(problem, point, blocks, posterior, inflation),
+        converged=converged,
+    )
+
+
+def _log_evidence(problem: Problem, point: Attempt, blocks: list[ShotBlock], prior: Floats) -> float:
+    """Laplace: the height of the maximum times its width, over the widths of what was known beforehand; a state that
+    nothing is known of beforehand counts with a width of 1 in its unit."""
+    information = prior + sum(block.reduced() for block in blocks)
+    width = -np.linalg.slogdet(information)[1] - sum(log_determinant(block.states) for block in blocks)
+    known = float(np.log(np.diag(prior)).sum())
+    for window in problem.windows:
+        for sigma in (window.sigma, np.empty(0) if window.link is None else window.link):
+            known -= 2 * float(np.log(sigma[np.isfinite(sigma)]).sum())
+    return 0.5 * float(known + width - point.cost)
 
 
 def _lack_of_fit(problem: Problem, point: Attempt) -> tuple[float, float]:

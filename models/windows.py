@@ -35,6 +35,8 @@ class Window:
     link: Floats | None = None
     """(S,) standard deviation of the change of state since the end of the window before, infinite where anything may
     have happened; None where a shot begins."""
+    others: tuple[Floats, ...] = ()
+    """(S,) each: other first guesses, where what is hidden leaves several; the one that fits best is taken."""
 
     def __post_init__(self) -> None:
         if self.start.shape != self.sigma.shape or (self.link is not None and self.link.shape != self.start.shape):
@@ -54,11 +56,11 @@ class Flow:
     by_shared: Floats
     """(K, d, P)"""
     end: Floats
-    """(S,) state where the next window begins."""
+    """(S',) state where the next window of the shot begins, as that window counts it."""
     end_by_start: Floats
-    """(S, S)"""
+    """(S', S)"""
     end_by_shared: Floats
-    """(S, P)"""
+    """(S', P)"""
     order: Hashable = ()
     """What happened, in its order; where two flows differ in it, derivatives of one tell nothing about the other."""
 

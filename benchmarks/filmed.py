@@ -1,0 +1,76 @@
+"""A run folder as tracks for the models: what any user of the program gets, put together again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from run_folder import RunFolder
+
+from models.noise import estimate_noise, with_noise
+from models.scene import Camera, Scene, Table
+from models.time_jumps import TimeJump, time_jumps, with_pauses
+from models.tracks import Tracks
+
+_UNCERTAIN = np.empty(0)
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """One clip: its tracks at the times at which pictures were taken, its table, and what was lost on the way."""
+
+    name: str
+    tracks: Tracks
+    scene: Scene
+    lost: tuple[TimeJump, ...]
+    interval: float
+    """s between pictures."""
+    clock: np.ndarray
+    """(T,) s, as the container says."""
+
+
+def filmed(run: RunFolder) -> Filmed:
+    """Tracks of a run with pictures that the recording lost put back into its times."""
+    tracks = _tracks(run)
+    interval = float(np.median(np.diff(tracks.t)))
+    lost = time_jumps(tracks, interval)
+    taken = replace(tracks, t=with_pauses(tracks.t, lost, interval))
+    return Filmed(run.path.name, taken, _scene(run), lost, interval, tracks.t)
+
+
+def with_measured_noise(tracks: Tracks, radius: float) -> Tracks:
+    """Tracks whose sigmas say what the samples show, irregular exposure times included."""
+    return with_noise(tracks, estimate_noise(tracks, 0.1, radius))
+
+
+def _tracks(run: RunFolder) -> Tracks:
+    c = run.tracks
+    seen = (c["observed"] == 1) & np.isfinite(c["x"])
+    frames, place = np.unique(c["frame"][seen], return_inverse=True)
+    ids, ball = np.unique(c["id"][seen], return_inverse=True)
+    shape = (len(frames), len(ids))
+    grids = {name: np.full(shape, np.nan) for name in ("x", "y", "x_px", "y_px", "sigma", "radius_px")}
+    for name, grid in grids.items():
+        grid[place, ball] = c[name][seen]
+    t = np.full(len(frames), np.nan)
+    t[place] = c["t"][seen]
+    kinds = tuple(str(c["kind"][seen][ball == k][0]) for k in range(len(ids)))
+    xy = np.stack([grids["x"], grids["y"]], axis=-1)
+    px = np.stack([grids["x_px"], grids["y_px"]], axis=-1)
+    return Tracks(
+        frames.astype(np.int64), t, tuple(str(i) for i in ids), kinds, xy, px, grids["sigma"], grids["sigma"],
+        np.zeros_like(xy), grids["radius_px"], np.zeros((len(ids), 3)),
+    )  # fmt: skip
+
+
+def _scene(run: RunFolder) -> Scene:
+    s, picture = run.scene, run.scene["image"]
+    table = Table(
+        s["table"]["name"], s["table"]["game"], s["table"]["length"], s["table"]["width"], s["ball_radius"],
+        s["ball_mass"], s["table"]["pockets"],
+    )  # fmt: skip
+    camera = Camera(
+        np.array(s["calibration"]["matrix"]), int(picture["width_px"]), int(picture["height_px"]),
+        np.array(s["calibration"]["corners_px"]), np.eye(8), "noses", 1.8, 0.6,
+    )  # fmt: skip
+    return Scene(table, camera, np.array(s["table"]["cloth_lab"]), ())
