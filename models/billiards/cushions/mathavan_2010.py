@@ -195,11 +195,11 @@ def finish(y, whole, start, nose_mu, cloth_mu, restoring, work_left, work, after
     slope = (work[10][_W] if restoring else normal).real * whole.real
     # The parabola through both ends of the step: the work starts with no slope at all.
     h = whole * (2.0 * before / (np.sqrt(slope * slope - 4.0 * (past - before - slope) * before) - slope))
-    for _ in range(8):
+    for newton in range(9):
         step(y, h, start, nose_mu, cloth_mu, work, after)
-        normal = rates(after, start, nose_mu, cloth_mu, work[10])
-        h -= beyond(after, restoring, work_left) / (work[10][_W] if restoring else normal)
-    step(y, h, start, nose_mu, cloth_mu, work, after)
+        if newton < 8:
+            normal = rates(after, start, nose_mu, cloth_mu, work[10])
+            h -= beyond(after, restoring, work_left) / (work[10][_W] if restoring else normal)
     y[:] = after
 
 
@@ -213,9 +213,11 @@ def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def
     start[0] = (vt + radius * (COSINE * wz - SINE * wn)) / vn
     start[1] = -SINE - radius * wt / vn
     start[2], start[3] = 1.0 - radius * wt / vn, (vt + radius * wn) / vn
-    h = march(y, start, nose_mu, cloth_mu, False, 0.0 * e, 0.0 * vn + 0.01, work, after)
-    if e.real > 0.0:
-        march(y, start, nose_mu, cloth_mu, True, (1.0 - e * e) * y[_W], h, work, after)
+    h = 0.0 * vn + 0.01
+    for restoring in (False, True):
+        if not restoring or e.real > 0.0:
+            work_left = (1.0 - e * e) * y[_W] if restoring else 0.0 * e
+            h = march(y, start, nose_mu, cloth_mu, restoring, work_left, h, work, after)
     spin = 2.5 * vn / radius
     vn_after = vn * into_cushion(y)
     if vn_after.real > 0.0:
