@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from models.billiards.motion import STATE, kinematics_jacobian
 from models.contacts import INWARD, cushion_distances
@@ -87,8 +86,8 @@ class Knowledge:
     def values(self) -> Floats:
         return np.concatenate(self._value)
 
-    def rows(self) -> sparse.csr_matrix:
-        return sparse.csr_matrix(np.concatenate(self._slope))
+    def rows(self) -> Floats:
+        return np.concatenate(self._slope)
 
     def contact(self, number: int) -> None:
         """What is known about one contact."""

@@ -5,9 +5,10 @@ What the samples say is weighted by their noise and made robust (Huber); what ph
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
@@ -31,8 +32,23 @@ LEAST_KNOWN = 1e-6
 """1/variance of a number that nothing tells, in its own unit."""
 RIDGE = 1e-10
 """relative to what is known of a number: a thousand times the rounding errors of a large fit."""
+SPARSE = 150
+"""columns from which on the rows of what is known are squared as a sparse matrix."""
 HUBER = 2.5
 """standard deviations where the loss turns linear."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Linear:
+    """Residuals and their derivatives at one place."""
+
+    residual: Floats
+    """(2K + M,) in standard deviations."""
+    slope: Floats
+    columns: Ints
+    """(K, 2, 11) and (K, 11): of the observations, and at which of the P columns; -1 for none."""
+    known: Floats
+    """(M, P) of what physics and priors say."""
 
 
 def refine(story: Story, data: Data, table: Table, iterations: int = 30, start: Solution | None = None) -> Solution:
@@ -43,31 +59,31 @@ def refine(story: Story, data: Data, table: Table, iterations: int = 30, start: 
     now = replace(now, story=story)
     plan = layout(story)
     damping, frame = 1e-3, now
-    residual, jacobian = _linearise(now, plan, data, table, frame)
+    linear = _linearise(now, plan, data, table, frame)
     for iteration in range(iterations):
-        weight, cost = _robust(residual, 2 * len(data.t))
-        normal, gradient = _normal(jacobian, residual, weight)
+        weight, cost = _robust(linear.residual, 2 * len(data.t))
+        normal, gradient = _normal(linear, weight)
         for _ in range(8):
             step = _solved(normal, -gradient, damping)
             trial = _moved(now, plan, _limited(step, plan))
             if _in_order(trial.story):
-                linear = _linearise(trial, plan, data, table, frame)
-                new_cost = _robust(linear[0], 2 * len(data.t))[1]
+                further = _linearise(trial, plan, data, table, frame)
+                new_cost = _robust(further.residual, 2 * len(data.t))[1]
                 if new_cost < cost:
                     break
             damping = min(damping * 6 + 1e-4, 1e8)
         else:
             break
         settled = cost - new_cost < GAIN_TO_GO_ON + 1e-5 * cost
-        now, (residual, jacobian) = trial, linear
+        now, linear = trial, further
         damping *= 0.15
         if settled and iteration > REFRESH:
             break
         if settled or iteration % REFRESH == REFRESH - 1:
             frame = now  # standard deviations that depend on speeds follow
-            residual, jacobian = _linearise(now, plan, data, table, frame)
-    weight, cost = _robust(residual, 2 * len(data.t))
-    normal, _ = _normal(jacobian, residual, weight)
+            linear = _linearise(now, plan, data, table, frame)
+    weight, cost = _robust(linear.residual, 2 * len(data.t))
+    normal, _ = _normal(linear, weight)
     return replace(now, chi2=cost, covariance=_solved(normal, np.eye(plan.size), 0.0))
 
 
@@ -97,9 +113,33 @@ def _robust(residual: Floats, observed: int) -> tuple[Floats, float]:
     return weight, cost
 
 
-def _normal(jacobian: sparse.csr_matrix, residual: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    weighted = jacobian.multiply(weight[:, None]).tocsr()
-    return (jacobian.T @ weighted).toarray(), weighted.T @ residual
+def _normal(linear: _Linear, weight: Floats) -> tuple[Floats, Floats]:
+    """Normal matrix (P, P) and gradient (P,)."""
+    size = linear.known.shape[1]
+    observed = linear.slope.shape[0] * 2
+    known = sparse.csr_matrix(linear.known) if size > SPARSE else linear.known
+    square = known.T @ known
+    normal = np.ascontiguousarray(square if isinstance(square, np.ndarray) else square.toarray())
+    gradient = known.T @ linear.residual[observed:]
+    _accumulate(linear.slope, linear.columns, linear.residual[:observed], weight[:observed], normal, gradient)
+    return normal, gradient
+
+
+@njit(cache=True, error_model="numpy")
+def _accumulate(slope, columns, residual, weight, normal, gradient):  # type: ignore[no-untyped-def]
+    """Add what observations say, slope (K, 2, C) at columns (K, C), negative where unused, to the normal equations."""
+    for k in range(slope.shape[0]):
+        for axis in range(2):
+            w, r = weight[2 * k + axis], residual[2 * k + axis]
+            for i in range(slope.shape[2]):
+                row = columns[k, i]
+                if row < 0 or slope[k, axis, i] == 0.0:
+                    continue
+                scaled = w * slope[k, axis, i]
+                gradient[row] += scaled * r
+                for j in range(slope.shape[2]):
+                    if columns[k, j] >= 0:
+                        normal[row, columns[k, j]] += scaled * slope[k, axis, j]
 
 
 def _limited(step: Floats, plan: Layout) -> Floats:
@@ -134,24 +174,23 @@ def _in_order(story: Story) -> bool:
     return all(story.finish(k) > story.begin(k) + 1e-4 for k in range(len(story.spans)))
 
 
-def _linearise(
-    now: Solution, plan: Layout, data: Data, table: Table, frame: Solution
-) -> tuple[Floats, sparse.csr_matrix]:
-    """Whitened residuals (rows,) and their Jacobian: observations first, then what physics and priors say.
+def _linearise(now: Solution, plan: Layout, data: Data, table: Table, frame: Solution) -> _Linear:
+    """Whitened residuals and their derivatives: observations first, then what physics and priors say.
 
     Standard deviations that depend on speeds are taken from `frame`, so that steps compare like with like.
     """
-    seen, seen_rows = _observations(now, plan, data)
+    seen, slope, columns = _observations(now, plan, data)
     known = Knowledge(now, frame, plan, table)
     for number in range(len(now.story.contacts)):
         known.contact(number)
     for number in range(len(now.story.spans)):
         known.span(number)
     known.coefficients()
-    return np.concatenate([seen, known.values()]), sparse.vstack([seen_rows, known.rows()], format="csr")
+    return _Linear(np.concatenate([seen, known.values()]), slope, columns, known.rows())
 
 
-def _observations(now: Solution, plan: Layout, data: Data) -> tuple[Floats, sparse.csr_matrix]:
+def _observations(now: Solution, plan: Layout, data: Data) -> tuple[Floats, Floats, Ints]:
+    """Whitened residuals (2K,), their derivatives (K, 2, 11) and at which columns these stand (K, 11), -1 for none."""
     story = now.story
     owner = owners(story, data)
     begins = np.array([story.begin(k) for k in range(len(story.spans))])
@@ -164,23 +203,12 @@ def _observations(now: Solution, plan: Layout, data: Data) -> tuple[Floats, spar
     moved, moved_slope = kinematics_jacobian(states[runs], (data.t - begins[owner])[runs], now.friction)
     value[runs], slope[runs] = moved[:, :2], moved_slope[:, :2]
     whitened = np.einsum("kij,kj->ki", data.whiten, value - data.xy)
-    slope = np.einsum("kij,kjp->kip", data.whiten, slope)
-    starts = np.array([-1 if span.start is None else plan.contact + span.start for span in story.spans])[owner]
-    columns = np.column_stack(
-        [
-            plan.span[owner, None] + np.arange(STATE),
-            starts,
-            np.full(len(owner), plan.globals),
-            np.full(len(owner), plan.globals + 1),
-        ]
-    )
+    slope = data.whiten @ slope
     slope[:, :, STATE] *= -1  # a later start is a shorter time since
-    used = np.ones_like(columns, bool)
-    used[static, 2:] = False
-    used[starts < 0, STATE] = False
-    rows = np.arange(2 * len(owner)).reshape(-1, 2, 1)
-    keep = np.broadcast_to(used[:, None, :], slope.shape)
-    row = np.broadcast_to(rows, slope.shape)[keep]
-    column = np.broadcast_to(columns[:, None, :], slope.shape)[keep]
-    matrix = sparse.csr_matrix((slope[keep], (row, column)), shape=(2 * len(owner), plan.size))
-    return whitened.reshape(-1), matrix
+    starts = np.array([-1 if span.start is None else plan.contact + span.start for span in story.spans])[owner]
+    columns = np.empty((len(owner), STATE + 3), np.int64)
+    columns[:, :STATE] = plan.span[owner, None] + np.arange(STATE)
+    columns[:, STATE] = starts
+    columns[:, STATE + 1 :] = plan.globals + np.arange(2)
+    columns[static, 2:] = -1
+    return whitened.reshape(-1), slope, columns

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -64,17 +65,92 @@ def kinematics(state: Floats, tau: Floats, friction: Friction) -> Floats:
 
 def kinematics_jacobian(state: Floats, tau: Floats, friction: Friction) -> tuple[Floats, Floats]:
     """`kinematics` (M, 6), and its derivatives (M, 6, 11) by the state, tau, ln mu_sliding and ln mu_rolling."""
-    count = STATE + 3
-    states = np.repeat(state[None].astype(np.complex128), count, axis=0)  # (11, M, 8)
-    states[np.arange(STATE), :, np.arange(STATE)] += 1j * _STEP
-    taus = np.repeat(tau[None].astype(np.complex128), count, axis=0)
-    taus[STATE] += 1j * _STEP
-    sliding = np.full((count, 1), friction.sliding, np.complex128)
-    rolling = np.full((count, 1), friction.rolling, np.complex128)
-    sliding[STATE + 1] *= 1 + 1j * _STEP
-    rolling[STATE + 2] *= 1 + 1j * _STEP
-    out = _follow(states, taus, sliding, rolling)  # (11, M, 6)
-    return np.real(out[0]), np.moveaxis(np.imag(out), 0, -1) / _STEP
+    value, slope = np.empty((len(tau), 6)), np.empty((len(tau), 6, STATE + 3))
+    _differentiate(
+        np.ascontiguousarray(state, np.float64), np.ascontiguousarray(tau, np.float64), friction.sliding,
+        friction.rolling, value, slope,
+    )  # fmt: skip
+    return value, slope
+
+
+@njit(cache=True, error_model="numpy")
+def _differentiate(state, tau, sliding, rolling, value, slope):  # type: ignore[no-untyped-def]
+    """Fill `value` (M, 6) and `slope` (M, 6, 11) with `_follow` and its derivatives, by hand.
+
+    Fits spend their time here. The order of the inputs is the state (8,), tau, ln mu_sliding, ln mu_rolling.
+    """
+    slid, ds = np.empty(7), np.empty((7, 11))  # x, v, slip where sliding ends, and the time left from there
+    for row in range(len(tau)):
+        _slide(state[row], tau[row], sliding * GRAVITY, slid, ds)
+        _roll(slid, ds, state[row, 6], state[row, 7], rolling * GRAVITY, value[row], slope[row])
+
+
+@njit(cache=True, error_model="numpy")
+def _slide(s, tau, a, out, d):  # type: ignore[no-untyped-def]
+    """Place, velocity, slip and the time left (7,) after sliding at `a` m/s2 for tau s at most; d (7, 11)."""
+    speed = np.sqrt(s[4] * s[4] + s[5] * s[5] + _TINY_SLIP)
+    whole = 2 / 7 * speed / a
+    ts = min(tau, whole)
+    d[:] = 0.0
+    out[6] = tau - ts
+    for i in range(2):
+        e = s[4 + i] / speed
+        push = a * ts * e
+        out[i], out[2 + i], out[4 + i] = s[i] + (s[2 + i] - push / 2) * ts, s[2 + i] - push, s[4 + i] - 3.5 * push
+        d[i, i] = d[2 + i, 2 + i] = d[4 + i, 4 + i] = 1.0
+        d[i, 2 + i] = ts
+        for j in range(2):
+            f = s[4 + j] / speed
+            turn = ((i == j) - e * f) / speed  # of the direction of slip with the slip
+            late = 2 / 7 * f / a if ts < tau else 0.0  # of ts with the slip
+            dpush = a * ts * turn + a * e * late
+            d[i, 4 + j] = -dpush / 2 * ts + (s[2 + i] - push / 2) * late
+            d[2 + i, 4 + j] = -dpush
+            d[4 + i, 4 + j] -= 3.5 * dpush
+            if ts < tau:
+                d[6, 4 + j] = -late
+        if ts < tau:
+            d[i, 9] = -(s[2 + i] - push / 2) * ts
+        else:
+            d[i, 8], d[2 + i, 8], d[4 + i, 8] = s[2 + i] - push, -a * e, -3.5 * a * e
+            d[i, 9], d[2 + i, 9], d[4 + i, 9] = -push / 2 * ts, -push, -3.5 * push
+    if ts < tau:
+        d[6, 8], d[6, 9] = 1.0, ts
+
+
+@njit(cache=True, error_model="numpy")
+def _roll(slid, ds, cx, cy, slow, out, d):  # type: ignore[no-untyped-def]
+    """State (6,) after rolling at `slow` m/s2 for the time left, or until rest; d (6, 11) through `ds` (7, 11)."""
+    speed = np.sqrt(slid[2] * slid[2] + slid[3] * slid[3] + _TINY_SLIP)
+    hx, hy = slid[2] / speed, slid[3] / speed
+    along = hx * cx + hy * cy
+    braking = max(slow - along, 0.2 * slow)
+    stop = speed / braking
+    moves = slid[6] < stop
+    t = slid[6] if moves else stop
+    h, c, dt = (hx, hy), (cx, cy), np.zeros(11)  # dt: of t, that of rest included
+    if moves:
+        dt[:] = ds[6]
+    else:
+        held = braking > 0.2 * slow
+        for j in range(2):
+            tilt = -(c[j] - along * h[j]) / speed if held else 0.0  # of braking with the velocity
+            dt += (h[j] / braking - speed / braking**2 * tilt) * ds[2 + j]
+            dt[6 + j] += speed * h[j] / braking**2 if held else 0.0
+        dt[10] -= speed * slow / braking**2 if held else stop
+    out[4], out[5] = slid[4], slid[5]
+    d[4], d[5] = ds[4], ds[5]
+    for i in range(2):
+        v, a = slid[2 + i], c[i] - slow * h[i]
+        da = np.zeros(11)
+        for j in range(2):
+            da -= slow * ((i == j) - h[i] * h[j]) / speed * ds[2 + j]
+        da[6 + i] += 1.0
+        da[10] -= slow * h[i]
+        out[i] = slid[i] + v * t + a * t * t / 2
+        d[i] = ds[i] + ds[2 + i] * t + (v + a * t) * dt + da * (t * t / 2)
+        out[2 + i] = v + a * t if moves else 0.0
+        d[2 + i] = ds[2 + i] + da * t + a * dt if moves else np.zeros(11)
 
 
 def polynomials(state: Floats, duration: float, friction: Friction) -> list[tuple[str, float, float, Floats, Floats]]:
