@@ -83,7 +83,7 @@ def passing(gap: float, rng: np.random.Generator) -> Meeting:
 def question(tracks: Tracks, moment: float) -> Encounter:
     begin = float(tracks.t[0])
     seen = [Samples(tracks.t, tracks.xy[:, k], tracks.sigma[:, k]) for k in (0, 1)]
-    return Encounter(tuple(watch(samples, moment, begin) for samples in seen), begin, 2 * R, REACH_SIGMA)
+    return Encounter(tuple(watch(samples, moment, begin) for samples in seen), 2 * R, REACH_SIGMA)
 
 
 def answer(seed: int, truth: Truth, shown: Film) -> Answer:

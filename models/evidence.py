@@ -28,6 +28,8 @@ KNOWN_NOISE = 50.0
 """Degrees of freedom with which the size of the noise is known before: to a tenth."""
 SLIP_SHARE, SLIP_FLOOR = 0.7, 0.2
 """of the speed, and m/s: slip where the window begins, one standard deviation."""
+SPEEDS = 3.0
+"""m/s per axis: of balls on a table, one standard deviation."""
 SLOPE_SIGMA = 0.02
 """m/s^2 per axis: slope and nap."""
 SHARPNESS = 1e-5
@@ -186,6 +188,7 @@ def _prior(encounter: Encounter, size: int) -> tuple[Floats, Floats]:
     mean, sigma = np.zeros(size), np.full(size, np.inf)
     for ball, columns in zip(encounter.balls, encounter.columns, strict=True):
         if not ball.rests:
+            sigma[columns.start + 2 : columns.start + 4] = SPEEDS
             sigma[columns.start + 4 : columns.stop] = SLIP_SHARE * float(np.hypot(*ball.start[2:4])) + SLIP_FLOOR
     shared = encounter.shared
     sliding, rolling = prior_of("sliding_friction", "mu"), prior_of("rolling_resistance", "mu")

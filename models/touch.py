@@ -40,6 +40,8 @@ _STEP = 1e-30
 class Watched:
     """One ball within the window."""
 
+    begin: float
+    """s: where its state is given; nothing else happens to it from then to its last sample."""
     t: Floats
     """(n,) s."""
     xy: Floats
@@ -69,13 +71,16 @@ class Encounter:
     """Balls and, where there is only one, the cushion that it may have met."""
 
     balls: tuple[Watched, ...]
-    begin: float
-    """s."""
     reach: float
     """m: distance of the centres of two touching balls."""
     reach_sigma: float
     """m, of the reach, or of where a cushion stands."""
     cushion: Cushion | None = None
+
+    @property
+    def begin(self) -> float:
+        """s: from when on all balls are followed."""
+        return max(ball.begin for ball in self.balls)
 
     @property
     def columns(self) -> tuple[slice, ...]:
@@ -112,25 +117,35 @@ class Paths:
     """s: that moment."""
 
 
-def watch(samples: Samples, moment: float, begin: float) -> Watched:
-    """A ball around a moment (s), with first guesses of how it moves; ValueError without samples before it."""
+def watch(samples: Samples, moment: float, begin: float, told: Floats | None = None) -> Watched:
+    """A ball around a moment (s), with first guesses of how it moves; ValueError without samples before it.
+
+    `told` is its state (6,) at `begin` where that is known already, roughly.
+    """
     early = samples.t < moment
     if not early.any():
-        raise ValueError(f"a moment at {moment:.4f} s needs samples before it; the first is at {samples.t[0]:.4f} s")
+        raise ValueError(f"a moment at {moment:.4f} s needs samples before it; there are none")
     before = Samples(samples.t[early], samples.xy[early], samples.sigma[early])
-    start = fit_span(before, begin)
-    way = float(np.hypot(*start.v)) * (moment - begin)
-    rests = len(before.t) > 1 and way < STILL * float(np.median(samples.sigma))
-    if rests:
+    start = _state(fit_span(before, begin)) if told is None else _slipping(told)
+    way = float(np.hypot(*start[2:4])) * (moment - begin)
+    seen = float(np.hypot(*(before.xy[-1] - before.xy[0])))
+    if max(way, seen) < STILL * float(np.median(samples.sigma)):
         place = np.concatenate([before.xy.mean(axis=0), np.zeros(4)])
-        return Watched(samples.t, samples.xy, samples.sigma, place, place, True)
-    return Watched(samples.t, samples.xy, samples.sigma, _state(start), _state(fit_span(samples, begin)), False)
+        return Watched(begin, samples.t, samples.xy, samples.sigma, place, place, True)
+    through = _state(fit_span(samples, begin))
+    return Watched(begin, samples.t, samples.xy, samples.sigma, start, through, False)
 
 
 def _state(span: SpanStart) -> Floats:
-    """State (6,) at the start of a span; a ball that rolls gets a slip that a fit can grow."""
-    slip = span.slip if np.hypot(*span.slip) > LEAST_SLIP else LEAST_SLIP * np.ones(2)
-    return np.concatenate([span.x, span.v, slip])
+    """State (6,) at the start of a span."""
+    return _slipping(np.concatenate([span.x, span.v, span.slip]))
+
+
+def _slipping(state: Floats) -> Floats:
+    """The same state (6,); a ball that rolls gets a slip that a fit can grow."""
+    if np.hypot(*state[4:6]) > LEAST_SLIP:
+        return state
+    return np.concatenate([state[:4], LEAST_SLIP * np.ones(2)])
 
 
 def free_paths(encounter: Encounter, p: Floats) -> Paths:
@@ -182,7 +197,7 @@ def _run(encounter: Encounter, p: Floats, k: int, t: Floats, moment: int | None 
         return value, slope
     state = np.concatenate([p[columns], p[shared : shared + 2]])
     states = np.repeat(state[None], len(t), axis=0)
-    value, local = kinematics_jacobian(states, t - encounter.begin, _friction(encounter, p))
+    value, local = kinematics_jacobian(states, t - ball.begin, _friction(encounter, p))
     slope[:, :, columns] = local[:, :, :PATH]
     slope[:, :, shared : shared + 2] = local[:, :, PATH:STATE]
     slope[:, :, shared + 2 : shared + SHARED] = local[:, :, STATE + 1 :]
@@ -224,7 +239,7 @@ def _states(encounter: Encounter, p: Floats, k: int, t: Floats) -> Floats:
     if ball.rests:
         return np.repeat(place[None], len(t), axis=0)
     states = np.repeat(np.concatenate([place, p[shared : shared + 2]])[None], len(t), axis=0)
-    return kinematics(states, t - encounter.begin, _friction(encounter, p))[:, :2]
+    return kinematics(states, t - ball.begin, _friction(encounter, p))[:, :2]
 
 
 def _gaps(encounter: Encounter, *x: Floats) -> Floats:
