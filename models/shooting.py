@@ -30,6 +30,8 @@ _SETTLED = 0.02
 """cost that an iteration must gain: far below what matters."""
 _JUMP = 4.0
 """rise of the cost of a shot, in a step that should lower it, from which its own states are sought anew."""
+_EXPLAINED = 4.0
+"""robust chi2 per observation up to which the states of a shot count as found."""
 _DAMPINGS = 8
 """how often a step is shortened before the search gives up."""
 
@@ -145,23 +147,30 @@ def _begun(problem: Problem, now: Attempt, shot: int, options: ShootingOptions) 
         for k in problem.shots[shot]
         for other in problem.windows[k].others
     ]
-    tried = []
-    for starts in guesses:
-        flows = list(now.flows)
-        for k in problem.shots[shot]:
-            flows[k] = problem.model.flow(k, starts[k], now.shared)
-        costs = now.costs.copy()
-        guess = Attempt(starts, now.shared, tuple(flows), costs)
-        costs[shot] = shot_cost(problem, guess, shot)
-        tried.append(_settled(problem, _grown(problem, guess, shot, options), shot, options.settling))
-    return min(tried, key=lambda one: one.cost)
+    tried = [_settled(problem, _guessed(problem, now, shot, starts), shot, options.settling) for starts in guesses]
+    best = min(tried, key=lambda one: one.cost)
+    seen = sum(len(problem.windows[k].t) for k in problem.shots[shot])
+    if best.costs[shot] <= _EXPLAINED * seen:
+        return best
+    slow = [_grown(problem, _guessed(problem, now, shot, starts), shot, options) for starts in guesses]
+    return min([best, *slow], key=lambda one: one.cost)
+
+
+def _guessed(problem: Problem, now: Attempt, shot: int, starts: tuple[Floats, ...]) -> Attempt:
+    """The same, with other starts in one shot."""
+    flows, costs = list(now.flows), now.costs.copy()
+    for k in problem.shots[shot]:
+        flows[k] = problem.model.flow(k, starts[k], now.shared)
+    guess = Attempt(starts, now.shared, tuple(flows), costs)
+    costs[shot] = shot_cost(problem, guess, shot)
+    return guess
 
 
 def _grown(problem: Problem, now: Attempt, shot: int, options: ShootingOptions) -> Attempt:
     """States fitted to more and more of a shot's windows, so that contacts come into view one after another."""
     for share in (0.2, 0.35, 0.5, 0.7, 0.85):
         now = _settled(problem, now, shot, options.settling // 3 + 1, share)
-    return now
+    return _settled(problem, now, shot, options.settling)
 
 
 def _stepped(problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: float) -> Attempt:
@@ -181,16 +190,12 @@ def _stepped(problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: f
 
 
 def _with_states(problem: Problem, now: Attempt, shot: int, step: Floats) -> Attempt:
-    starts, flows, offset = list(now.starts), list(now.flows), 0
+    starts, offset = list(now.starts), 0
     for k in problem.shots[shot]:
         size = len(starts[k])
         starts[k] = starts[k] + step[offset : offset + size]
-        flows[k] = problem.model.flow(k, starts[k], now.shared)
         offset += size
-    costs = now.costs.copy()
-    trial = Attempt(tuple(starts), now.shared, tuple(flows), costs)
-    costs[shot] = shot_cost(problem, trial, shot)
-    return trial
+    return _guessed(problem, now, shot, tuple(starts))
 
 
 def _result(problem: Problem, point: Attempt, converged: bool) -> Shooting:
