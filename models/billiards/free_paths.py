@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.motion import GRAVITY, STATE, Friction, kinematics_jacobian
+from models.billiards.motion import GRAVITY, STATE, Friction, kinematics, kinematics_jacobian, rest_time
 from models.effects.catalogue import prior_of
 from models.effects.effect import Prior
 from models.events import Events
@@ -78,6 +78,8 @@ class FreePaths:
     """mm/m, prior standard deviation per axis."""
     noise: float = 1.0
     """factor on the standard deviations of what was seen."""
+    known: tuple[Prior, ...] = ()
+    """of sliding mu, rolling mu, slope_x, slope_y, where other paths have told them; else what cloths usually have."""
     pieces: tuple[FreePath, ...] = field(init=False)
     """one per window."""
     windows: tuple[Window, ...] = field(init=False)
@@ -91,7 +93,7 @@ class FreePaths:
     @property
     def unknowns(self) -> tuple[Prior, ...]:
         """Sliding mu, rolling mu, slope_x, slope_y."""
-        return cloth_priors(self.slope)
+        return self.known or cloth_priors(self.slope)
 
     def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
         """Positions on one window, and the state where the next one begins."""
@@ -126,6 +128,15 @@ def cloth_priors(slope: float = SLOPE) -> tuple[Prior, ...]:
         Prior("slope.slope_x", "mm/m", 0.0, slope, False, (-20.0, 20.0)),
         Prior("slope.slope_y", "mm/m", 0.0, slope, False, (-20.0, 20.0)),
     )
+
+
+def rest_place(start: Floats, shared: Floats, spinless: bool) -> Floats:
+    """Where a path of an even cloth ends (2,) m, from its start (8,) as sought and the shared numbers (4,)."""
+    state = _slip_of(spinless) @ start
+    state[6:8] = ROLLING_SHARE * GRAVITY * 1e-3 * shared[2:4]
+    friction = Friction(float(shared[0]), float(shared[1]))
+    place: Floats = kinematics(state[None], rest_time(state[None], friction) + 1.0, friction)[0, :2]
+    return place
 
 
 def free_paths(tracks: Tracks, events: Events, clip: int, still: float) -> tuple[FreePath, ...]:
