@@ -103,14 +103,15 @@ def _gather(
     shape = (len(frame), len(balls))
     xy, px, streak = (np.full((*shape, 2), np.nan) for _ in range(3))
     sigma, along, radius = (np.full(shape, np.nan) for _ in range(3))
+    lay = np.full((*shape, 2, 2), np.nan)
     for column, i in enumerate(order):
         picture, row, source = balls[i].picture, balls[i].row, rows[i]
         xy[picture, column], streak[picture, column] = sightings.xy[row], sightings.streak[row]
         px[picture, column], radius[picture, column] = detections.centre[source], detections.radius[source]
-        scale = sightings.scale[row]
+        scale, lay[picture, column] = sightings.scale[row], sightings.lay[row]
         sigma[picture, column] = detections.sigma[source] * scale
         along[picture, column] = detections.sigma_along[source] * scale
     return Tracks(
         frame, t, tuple(ids[i] for i in order), tuple(kinds[i] for i in order), xy, px, sigma, along, streak, radius,
-        look.colour[order],
+        look.colour[order], lay,
     )  # fmt: skip

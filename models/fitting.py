@@ -97,11 +97,11 @@ def _believable(tracks: Tracks, noise: Noise, seldom: NDArray[np.bool_]) -> Trac
 
 
 def _first_story(tracks: Tracks, table: Table, options: FitOptions) -> Story:
-    samples = []
+    samples, spread = [], tracks.sigma_xy
     for ball in range(len(tracks.ids)):
         rows = np.flatnonzero(tracks.observed[:, ball])
-        sigma = np.sqrt((tracks.sigma[rows, ball] ** 2 + tracks.sigma_along[rows, ball] ** 2) / 2)
-        samples.append(Samples(tracks.t[rows], tracks.xy[rows, ball], sigma))
+        sigma = np.sqrt((spread[rows, ball] ** 2).mean(axis=1))
+        samples.append(Samples(tracks.t[rows], tracks.xy[rows, ball], sigma, spread[rows, ball] / sigma[:, None]))
     segments = []
     for ball, seen in enumerate(samples):
         allowed = near_something(seen, samples[:ball] + samples[ball + 1 :], table)
@@ -143,9 +143,13 @@ def _report(solution: Solution, seen: Tracks, tracks: Tracks, data: Data, table:
 
 
 def _pixel(tracks: Tracks, radius: float) -> float:
-    """What a pixel shows where the balls are, m; 0 where their size in the picture is not known."""
-    sizes = tracks.radius_px[tracks.observed & np.isfinite(tracks.radius_px)]
-    return radius / float(np.median(sizes)) if len(sizes) and np.median(sizes) > 0 else 0.0
+    """What a pixel shows where the balls are, root mean square per axis, m; 0 where their size there is not known."""
+    known = tracks.observed & np.isfinite(tracks.radius_px) & (tracks.radius_px > 0)
+    if not known.any():
+        return 0.0
+    # the silhouette of a ball has the scale of the direction that no view foreshortens
+    least = 1.0 if tracks.lay is None else np.linalg.norm(tracks.lay[known], -2, axis=(1, 2))
+    return float(np.median(radius / tracks.radius_px[known] / least))
 
 
 def _doubts(solution: Solution, left_out: list[str]) -> list[str]:

@@ -23,6 +23,8 @@ _CALM, _CALM_NORMAL = 0.25, 0.3186
 
 SELDOM = 0.5
 """share of the pictures of its life: real balls are missed less, hands and cues more."""
+EVEN = 0.4
+"""Least of three successive steps over their mean, of a ball that gets on."""
 FLOOR = 0.012
 """ball radii: errors that do not average out (calibration, lens, shading), however sharp the picture."""
 
@@ -43,7 +45,10 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class _Misfit:
-    """What no parabola explains in every four successive samples of the balls, M values each."""
+    """What no parabola explains in every four successive samples of the balls, M values each.
+
+    Seen in the picture (`Tracks.as_seen`), where an oblique view has no worse direction.
+    """
 
     along: Floats
     """m, in the direction of motion."""
@@ -52,10 +57,12 @@ class _Misfit:
     """m, standard deviation that the tracks promise, across and along."""
     sigma_along: Floats
     speed: Floats
-    """m/s."""
+    """m/s on the table; 0 where the ball does not get on evenly, as one does not that jumps between two places."""
+    pace: Floats
+    """m/s as seen."""
 
 
-_FIELDS = ("along", "across", "sigma", "sigma_along", "speed")
+_FIELDS = ("along", "across", "sigma", "sigma_along", "speed", "pace")
 
 
 def estimate_noise(tracks: Tracks, speed: float, radius: float) -> Noise:
@@ -83,11 +90,14 @@ def estimate_noise(tracks: Tracks, speed: float, radius: float) -> Noise:
 
 
 def _scale(miss: _Misfit, speed: float) -> float:
-    """Noise over sigma across the motion; NaN where there are too few samples."""
+    """Noise over sigma across the motion, of balls at rest in both directions; NaN where there are too few samples."""
     fast = miss.speed > speed
-    for chosen in (fast, ~fast):
-        if chosen.sum() >= _ENOUGH:
-            return _MAD * float(np.median(np.abs(miss.across[chosen]) / miss.sigma[chosen]))
+    across, along = np.abs(miss.across) / miss.sigma, np.abs(miss.along) / miss.sigma_along
+    if fast.sum() >= _ENOUGH:
+        return _MAD * float(np.median(across[fast]))
+    if (~fast).sum() >= _ENOUGH:
+        # pictures of a ball at rest share most of their error, which its stated sigma holds and differences do not show
+        return max(_MAD * float(np.median(np.concatenate([across[~fast], along[~fast]]))), 1.0)
     return float("nan")
 
 
@@ -108,8 +118,8 @@ def _timing(miss: _Misfit, speed: float, scale: float) -> float:
     if fast.sum() < _ENOUGH / 2:
         return 0.0
     fast &= miss.speed >= np.median(miss.speed[fast])
-    spread = _MAD * float(np.median(np.abs(miss.along[fast]) / miss.speed[fast]))
-    known = scale * float(np.median(miss.sigma_along[fast] / miss.speed[fast]))
+    spread = _MAD * float(np.median(np.abs(miss.along[fast]) / miss.pace[fast]))
+    known = scale * float(np.median(miss.sigma_along[fast] / miss.pace[fast]))
     return float(np.sqrt(max(spread**2 - known**2, 0.0)))
 
 
@@ -122,7 +132,8 @@ def with_noise(tracks: Tracks, noise: Noise) -> Tracks:
         if len(rows) < 2:
             continue
         v = velocities(tracks.t[rows], tracks.xy[rows, ball])
-        shake = np.hypot(*v.T) * noise.timing
+        lay = None if tracks.lay is None else tracks.lay[rows, ball]
+        shake = np.hypot(*_as_seen(v, lay).T) * noise.timing
         known = tracks.sigma_along[rows, ball] * noise.scale[ball]
         along[rows, ball] = np.fmax(np.hypot(along[rows, ball], shake), known * noise.bursts[rows, ball, 0])
         streak[rows, ball] = np.where(np.hypot(*v.T)[:, None] > 0, v * 1e-3, streak[rows, ball])
@@ -139,7 +150,7 @@ def _misfit(tracks: Tracks, ball: int) -> _Misfit:
     """Divided differences of third order, so that times may be irregular."""
     rows = np.flatnonzero(tracks.observed[:, ball])
     if len(rows) < 4:
-        return _Misfit(*(np.empty(0) for _ in range(5)))
+        return _Misfit(*(np.empty(0) for _ in _FIELDS))
     t, xy = tracks.t[rows], tracks.xy[rows, ball]
     window = np.lib.stride_tricks.sliding_window_view(t, 4)  # (T-3, 4)
     gaps = window[:, :, None] - window[:, None, :]
@@ -147,7 +158,11 @@ def _misfit(tracks: Tracks, ball: int) -> _Misfit:
     weight = 1 / gaps.prod(axis=2)
     weight /= np.linalg.norm(weight, axis=1)[:, None]
     miss = np.einsum("tk,tdk->td", weight, np.lib.stride_tricks.sliding_window_view(xy, 4, axis=0))
-    way = xy[3:] - xy[:-3]
+    steps = np.lib.stride_tricks.sliding_window_view(np.linalg.norm(np.diff(xy, axis=0), axis=1), 3)  # (T-3, 3)
+    lay = None if tracks.lay is None else tracks.lay[rows[1:-2], ball]
+    even = steps.min(axis=1) > EVEN * steps.mean(axis=1)
+    speed = even * np.linalg.norm(xy[3:] - xy[:-3], axis=1) / (t[3:] - t[:-3])
+    miss, way = _as_seen(miss, lay), _as_seen(xy[3:] - xy[:-3], lay)
     length = np.linalg.norm(way, axis=1)
     direction = np.where(length[:, None] > 0, way / np.maximum(length, 1e-12)[:, None], np.array([1.0, 0.0]))
     sigma, along = (
@@ -155,7 +170,12 @@ def _misfit(tracks: Tracks, ball: int) -> _Misfit:
         for s in (tracks.sigma, tracks.sigma_along)
     )
     across = miss[:, 1] * direction[:, 0] - miss[:, 0] * direction[:, 1]
-    return _Misfit((miss * direction).sum(axis=1), across, sigma, along, length / (t[3:] - t[:-3]))
+    return _Misfit((miss * direction).sum(axis=1), across, sigma, along, speed, length / (t[3:] - t[:-3]))
+
+
+def _as_seen(vectors: Floats, lay: Floats | None) -> Floats:
+    """Vectors (n, 2) on the table as the picture shows them, which lies on it as `lay` (n, 2, 2) says."""
+    return vectors if lay is None else np.asarray(np.linalg.solve(lay, vectors[..., None])[..., 0])
 
 
 def seldom_seen(tracks: Tracks) -> NDArray[np.bool_]:

@@ -33,11 +33,24 @@ _VAGUE = 1e-8
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """What was seen of one ball: t (n,) s, xy (n, 2) m, sigma (n,) m."""
+    """What was seen of one ball: t (n,) s, xy (n, 2) m, sigma (n,) m, root mean square per axis."""
 
     t: Floats
     xy: Floats
     sigma: Floats
+    shape: Floats | None = None
+    """(n, 2) sigma of x and of y over `sigma`; None: 1."""
+
+    @property
+    def weight(self) -> Floats:
+        """(n, 2) 1/m^2: inverse variances of x and y."""
+        shape = np.ones((len(self.t), 2)) if self.shape is None else self.shape
+        weight: Floats = (self.sigma[:, None] * shape) ** -2
+        return weight
+
+    def part(self, rows: slice) -> Samples:
+        """Some successive samples."""
+        return Samples(self.t[rows], self.xy[rows], self.sigma[rows], None if self.shape is None else self.shape[rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,17 +109,17 @@ def segment(samples: Samples, allowed: NDArray[np.bool_], price: float, dear: fl
 
 def fit_span(samples: Samples, t0: float) -> SpanStart:
     """Best slide-then-roll through samples, its state given at `t0`; closed form for every slide time of the grid."""
-    tau, w = samples.t - t0, samples.sigma**-2
-    length = max(float(tau[-1]), 0.0)
+    tau, w = samples.t - t0, samples.weight.T[..., None]  # (2, n, 1)
+    length, xy = max(float(tau[-1]), 0.0), samples.xy.T[..., None]  # (2, n, 1)
     best: SpanStart | None = None
     for slide in [s for s in SLIDE_TIMES if s < length] + [np.inf]:
         prior = np.array([_VAGUE, _VAGUE, SLIDING_ACCELERATION**-2, ROLLING_ACCELERATION**-2])
         basis = _basis(tau, slide)
-        normal = (basis * w[:, None]).T @ basis + np.diag(prior)
-        solution: Floats = np.linalg.solve(normal, (basis * w[:, None]).T @ samples.xy).astype(np.float64)
+        weighed = (basis * w).transpose(0, 2, 1)  # (2, 4, n)
+        solution: Floats = np.linalg.solve(weighed @ basis + np.diag(prior), weighed @ xy)[..., 0].T
         misfit = (
             _oddity(solution, slide, length)
-            + ((samples.xy - basis @ solution) ** 2 * w[:, None]).sum()
+            + ((samples.xy - basis @ solution) ** 2 * samples.weight).sum()
             + (prior[:, None] * solution**2).sum()
         )
         if best is None or misfit < best.chi2 - 1e-9:
@@ -152,24 +165,24 @@ def _first_pass(samples: Samples, price: float) -> Ints:
 
 def _piece_costs(samples: Samples, first: int) -> Floats:
     """chi2 of the best constant or parabola through samples first..j, for every j >= first."""
-    t, w = samples.t[first:] - samples.t[first], samples.sigma[first:] ** -2
+    t, w = samples.t[first:] - samples.t[first], samples.weight[first:]
     xy = samples.xy[first:] - samples.xy[first]
     powers = np.stack([np.ones_like(t), t, t**2 / 2], axis=1)
-    normal = np.cumsum(w[:, None, None] * powers[:, :, None] * powers[:, None, :], axis=0)
-    right = np.cumsum(w[:, None, None] * powers[:, :, None] * xy[:, None, :], axis=0)
-    square = np.cumsum(w * (xy**2).sum(axis=1))
-    constant = square - (right[:, 0] ** 2).sum(axis=1) / normal[:, 0, 0]
+    normal = np.cumsum(w[..., None, None] * (powers[:, :, None] * powers[:, None, :])[:, None], axis=0)  # (n, 2, 3, 3)
+    right = np.cumsum((w * xy)[..., None] * powers[:, None], axis=0)  # (n, 2, 3)
+    square = np.cumsum((w * xy**2).sum(axis=1))
+    constant = square - (right[..., 0] ** 2 / normal[..., 0, 0]).sum(axis=1)
     normal = normal + np.diag([_VAGUE, _VAGUE, SLIDING_ACCELERATION**-2])
-    solution = np.linalg.solve(normal, right)
+    solution = np.linalg.solve(normal, right[..., None])[..., 0]
     parabola = square - (solution * right).sum(axis=(1, 2))
     cost: Floats = np.minimum(constant, parabola + 4.0)
     return cost
 
 
 def _static_cost(samples: Samples, first: int, end: int) -> float:
-    xy, w = samples.xy[first:end], samples.sigma[first:end] ** -2
-    middle = (xy * w[:, None]).sum(axis=0) / w.sum()
-    return float((((xy - middle) ** 2) * w[:, None]).sum())
+    xy, w = samples.xy[first:end], samples.weight[first:end]
+    middle = (xy * w).sum(axis=0) / w.sum(axis=0)
+    return float((((xy - middle) ** 2) * w).sum())
 
 
 def _second_pass(
@@ -184,8 +197,7 @@ def _second_pass(
         toll = 0.0 if k == 0 else (price if allowed[bounds[k] - 1] else dear)
         for m in range(k + 1, count):
             first, end = int(bounds[k]), int(bounds[m])
-            part = Samples(samples.t[first:end], samples.xy[first:end], samples.sigma[first:end])
-            span = fit_span(part, samples.t[first])
+            span = fit_span(samples.part(slice(first, end)), samples.t[first])
             moving = span.chi2 + (_spin_from_nowhere(span) if k == 0 else 0.0)
             for static, cost in ((0, moving + 6.0), (1, _static_cost(samples, first, end))):
                 # coming to rest needs no cause; two rests in a row need a jump, which no ball makes

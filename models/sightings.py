@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.detections import Detections
-from models.scene import Camera, Scene
+from models.scene import Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,6 +45,8 @@ class Sightings:
     """(K,) in [0, 1]."""
     scale: Floats
     """(K,) m/px."""
+    lay: Floats
+    """(K, 2, 2) d(m)/d(px) over `scale`: how an oblique view stretches a circle of errors."""
     still: NDArray[np.bool_]
     """(K,) seen again in the same place in most of the next pictures."""
     cloth: Floats
@@ -61,7 +63,9 @@ def sight(detections: Detections, frame: Ints, scene: Scene) -> Sightings:
     xy = scene.camera.to_table(px, radius, detections.frame[row])
     inside = _may_be_ball(xy, scene) & np.isfinite(xy).all(axis=1)
     row, xy, px, picture = row[inside], xy[inside], px[inside], picture[row][inside]
-    scale = _metres_per_pixel(scene.camera, xy, radius)
+    jacobian = scene.camera.metres_per_pixel(xy, radius)
+    # root mean square over the directions of the picture: one number where a view is oblique
+    scale = np.sqrt((jacobian**2).sum(axis=(1, 2)) / 2)
     ends = scene.camera.to_table(px + detections.streak[row], radius, detections.frame[row])
     sigma = np.hypot(detections.sigma[row], _LEAST_SIGMA_PX) * scale
     along = np.hypot(detections.sigma_along[row], _LEAST_SIGMA_PX) * scale
@@ -69,8 +73,9 @@ def sight(detections: Detections, frame: Ints, scene: Scene) -> Sightings:
     still = _still(first, xy, sigma)
     colour, score = detections.colour[row], detections.score[row]
     return Sightings(
-        row, first, xy, sigma, np.maximum(along, sigma), ends - xy, colour, score, scale, still, scene.cloth_lab
-    )
+        row, first, xy, sigma, np.maximum(along, sigma), ends - xy, colour, score, scale,
+        jacobian / scale[:, None, None], still, scene.cloth_lab,
+    )  # fmt: skip
 
 
 def _still(first: Ints, xy: Floats, sigma: Floats) -> NDArray[np.bool_]:
@@ -85,13 +90,6 @@ def _still(first: Ints, xy: Floats, sigma: Floats) -> NDArray[np.bool_]:
             again += (gap < _SAME_PLACE * np.hypot(sigma[now, None], sigma[None, then])).any(axis=1)
         still[now] = again >= _NEXT - 2
     return still
-
-
-def _metres_per_pixel(camera: Camera, xy: Floats, z: float) -> Floats:
-    """Root mean square over the directions of the picture, m/px (K,): one number where a view is oblique."""
-    jacobian = camera.metres_per_pixel(xy, z)
-    scale: Floats = np.sqrt((jacobian**2).sum(axis=(1, 2)) / 2)
-    return scale
 
 
 def _may_be_ball(xy: Floats, scene: Scene) -> NDArray[np.bool_]:

@@ -71,13 +71,7 @@ def gather(tracks: Tracks) -> Data:
     frame, ball = np.nonzero(tracks.observed)
     order = np.lexsort((frame, ball))
     frame, ball = frame[order], ball[order]
-    streak = tracks.streak[frame, ball]
-    length = np.linalg.norm(streak, axis=1)
-    along = np.where(length[:, None] > 0, streak / np.maximum(length, 1e-12)[:, None], np.array([1.0, 0.0]))
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    sigma = np.stack([tracks.sigma_along[frame, ball], tracks.sigma[frame, ball]], axis=1)
-    whiten = np.stack([along, across], axis=1) / sigma[:, :, None]
-    return Data(ball.astype(np.int64), tracks.t[frame], tracks.xy[frame, ball], whiten)
+    return Data(ball.astype(np.int64), tracks.t[frame], tracks.xy[frame, ball], tracks.whitening[frame, ball])
 
 
 def layout(story: Story) -> Layout:

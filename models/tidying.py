@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.segmentation import Samples, Segment, SpanStart, fit_span
+
+Floats = NDArray[np.float64]
 
 SETTLED = 0.15
 """m/s: a ball that is slower before it stands has rolled out rather than been stopped."""
@@ -41,8 +44,7 @@ def tidy(samples: Samples, segments: list[Segment], radius: float) -> list[Segme
 
 def part_of(samples: Samples, segment: Segment) -> Samples:
     """The samples of a segment."""
-    rows = slice(segment.first, segment.last + 1)
-    return Samples(samples.t[rows], samples.xy[rows], samples.sigma[rows])
+    return samples.part(slice(segment.first, segment.last + 1))
 
 
 def curve_of(samples: Samples, part: Segment) -> SpanStart:
@@ -51,7 +53,7 @@ def curve_of(samples: Samples, part: Segment) -> SpanStart:
     if part.static:
         zero = np.zeros(2)
         middle = np.median(seen.xy, axis=0)
-        chi2 = (((seen.xy - middle) / seen.sigma[:, None]) ** 2).sum()
+        chi2 = ((seen.xy - middle) ** 2 * seen.weight).sum()
         return SpanStart(float(seen.t[0]), middle, zero, zero, zero, 0.0, float(chi2))
     return fit_span(seen, float(seen.t[0]))
 
@@ -80,6 +82,8 @@ def _returned(samples: Samples, parts: list[Segment], radius: float) -> list[Seg
         part, k = parts[k], k + 1
         if part.static:
             place = np.median(samples.xy[part.first : part.last + 1], axis=0)
+            if not any(before.static for before in joined) and _began_at(samples, place, part.first, radius):
+                joined, part = [], Segment(0, part.last, True)
             for later in range(len(parts) - 1, k - 1, -1):
                 end = parts[later]
                 ways = np.linalg.norm(samples.xy[part.first : end.last + 1] - place, axis=1)
@@ -89,6 +93,12 @@ def _returned(samples: Samples, parts: list[Segment], radius: float) -> list[Seg
                     break
         joined.append(part)
     return joined
+
+
+def _began_at(samples: Samples, place: Floats, first: int, radius: float) -> bool:
+    """Whether the samples before the first rest begin at its place and stay near: the ball was not on its way there."""
+    ways = np.linalg.norm(samples.xy[:first] - place, axis=1)
+    return first > 0 and bool(ways[0] < BACK * radius and ways.max() < AWAY * radius)
 
 
 def _still(samples: Samples, part: Segment, radius: float) -> bool:

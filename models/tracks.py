@@ -42,6 +42,10 @@ class Tracks:
     """(T, N) px."""
     colour: Floats
     """(N, 3) CIE L*a*b*."""
+    lay: Floats | None = None
+    """(T, N, 2, 2) how the picture lies on the table: d(m)/d(px) over its root mean square per axis, so that a circle
+    of errors in an oblique picture is an ellipse on the table. `sigma` and `sigma_along` are pixels times that root
+    mean square. None: no direction is special."""
 
     def __post_init__(self) -> None:
         frames, balls = len(self.frame), len(self.ids)
@@ -54,6 +58,8 @@ class Tracks:
         ):  # fmt: skip
             if getattr(self, name).shape != shape:
                 raise ValueError(f"Tracks.{name} must be {shape}; got {getattr(self, name).shape}")
+        if self.lay is not None and self.lay.shape != (frames, balls, 2, 2):
+            raise ValueError(f"Tracks.lay must be {(frames, balls, 2, 2)}; got {self.lay.shape}")
         if frames > 1 and (np.any(np.diff(self.frame) <= 0) or np.any(np.diff(self.t) <= 0)):
             raise ValueError("Tracks must go forward in frame and time")
 
@@ -61,3 +67,33 @@ class Tracks:
     def observed(self) -> NDArray[np.bool_]:
         """(T, N) where a ball was seen."""
         return np.isfinite(self.xy[..., 0])
+
+    def as_seen(self, vectors: Floats) -> Floats:
+        """Vectors (T, N, 2) on the table, m, as the picture shows them: there errors are alike in all directions."""
+        if self.lay is None:
+            return vectors
+        seen: Floats = np.linalg.solve(_known(self.lay), vectors[..., None])[..., 0]
+        return seen
+
+    @property
+    def whitening(self) -> Floats:
+        """(T, N, 2, 2): takes residuals in m to standard deviations, along the streak in the picture and across it."""
+        streak = self.as_seen(self.streak)
+        length = np.linalg.norm(streak, axis=-1, keepdims=True)
+        along = np.where(length > 0, streak / np.maximum(length, 1e-12), np.array([1.0, 0.0]))
+        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        white = np.stack([along / self.sigma_along[..., None], across / self.sigma[..., None]], axis=-2)
+        return white if self.lay is None else np.asarray(white @ np.linalg.inv(_known(self.lay)))
+
+    @property
+    def sigma_xy(self) -> Floats:
+        """(T, N, 2) m, one standard deviation of x and of y."""
+        spread = np.linalg.inv(_known(self.whitening))
+        sigma: Floats = np.sqrt((spread**2).sum(axis=-1))
+        return np.where(self.observed[..., None], sigma, np.nan)
+
+
+def _known(matrices: Floats) -> Floats:
+    """Square matrices (..., 2, 2), the identity where one is not known."""
+    known = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
+    return np.where(known, matrices, np.eye(2))
