@@ -25,6 +25,10 @@ PUSH = 1.5
 """m/s^2, standard deviation per axis of what free motion does beyond rolling (sliding is about 2)."""
 UNFORESEEN, UNFORESEEN_NEAR = 0.002, 0.05
 """Chance per picture of a contact that was not foreseen: in the open, and near balls and cushions."""
+SHARES = (1.0, 0.3, 0.1, 0.03)
+"""of the speed at play that a contact may give a ball, and of what is not known of a ball's place."""
+LEAST_REACH = 0.002
+"""m"""
 STRIKE, STRIKE_NEW = 5e-4, 0.2
 """Chance per picture of being set in motion by something that is not tracked; and that a new ball moves already."""
 STRIKE_SPEED = 3.0
@@ -120,12 +124,10 @@ def make_bid(reading: Reading, sightings: Sightings, now: Ints, dt: float, table
     wild = (OUTLIER_RADII * table.ball_radius) ** 2
     density = np.stack(
         [
-            _log_normal(z, foresight.free, p_free[:, 0], s, extra, along)
+            _log_spread(z, foresight.free, 0 * p_free[:, 0], np.sqrt(p_free[:, 0]), s, extra, along)
             + np.log(np.where(met, 0.2, 0.95 - bump))[:, None],
             _log_normal(z, foresight.xy, p_contact[:, 0], s, extra, along) + np.log(np.where(met, 0.75, 1e-9))[:, None],
-            _log_normal(z, half, p[:, 0] + (0.6 * pace * dt + 0.002) ** 2, s, extra, along)
-            + np.log(bump)[:, None]
-            - pull,
+            _log_spread(z, half, p[:, 0], 0.6 * pace * dt, s, extra, along) + np.log(bump)[:, None] - pull,
             _log_far(z, half, (STRIKE_SPEED * dt / 2) ** 2)
             + np.log(np.where(reading.seen == 1, STRIKE_NEW, STRIKE))[:, None],
             _log_normal(z, foresight.free, p_free[:, 0] + wild, s, extra, along) + np.log(OUTLIER),
@@ -203,6 +205,20 @@ def _log_normal(z: Floats, mean: Floats, variance: Floats, sigma: Floats, extra:
     distance = ((r**2).sum(axis=2) - ahead) / across + ahead / lengthwise
     density: Floats = -distance / 2 - np.log(2 * np.pi) - np.log(across * lengthwise) / 2
     return density
+
+
+def _log_spread(
+    z: Floats, mean: Floats, variance: Floats, reach: Floats, sigma: Floats, extra: Floats, along: Floats
+) -> Floats:
+    """Log density (N, K) of detections around places that are known to within `reach` (N,) m, or much better.
+
+    What a blow leaves for the balls of a rack spreads over decades: each of `SHARES` of the reach is as likely.
+    """
+    densities = [
+        _log_normal(z, mean, variance + (share * reach + LEAST_REACH) ** 2, sigma, extra, along) for share in SHARES
+    ]
+    mixed: Floats = np.logaddexp.reduce(densities, axis=0) - np.log(len(SHARES))
+    return mixed
 
 
 def _log_far(z: Floats, mean: Floats, variance: float) -> Floats:
