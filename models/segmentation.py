@@ -116,7 +116,8 @@ def fit_span(samples: Samples, t0: float) -> SpanStart:
         prior = np.array([_VAGUE, _VAGUE, SLIDING_ACCELERATION**-2, ROLLING_ACCELERATION**-2])
         basis = _basis(tau, slide)
         weighed = (basis * w).transpose(0, 2, 1)  # (2, 4, n)
-        solution: Floats = np.linalg.solve(weighed @ basis + np.diag(prior), weighed @ xy)[..., 0].T
+        both = np.linalg.solve(weighed @ basis + np.diag(prior), weighed @ xy)  # (2, 4, 1)
+        solution = np.asarray(both[..., 0].T, dtype=np.float64)
         misfit = (
             _oddity(solution, slide, length)
             + ((samples.xy - basis @ solution) ** 2 * samples.weight).sum()

@@ -72,8 +72,7 @@ class Tracks:
         """Vectors (T, N, 2) on the table, m, as the picture shows them: there errors are alike in all directions."""
         if self.lay is None:
             return vectors
-        seen: Floats = np.linalg.solve(_known(self.lay), vectors[..., None])[..., 0]
-        return seen
+        return np.asarray(np.linalg.solve(_known(self.lay), vectors[..., None])[..., 0], dtype=np.float64)
 
     @property
     def whitening(self) -> Floats:
