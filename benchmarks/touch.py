@@ -3,7 +3,7 @@
     python benchmarks/touch.py [--seeds N] [--calls N] [--jobs N] [--truth DIR]
 
 Truth: worlds/billiards.py, run as a process. First table: how many calls are right at each overlap and gap, 60 fps,
-1 mm noise per axis, 0.5 to 3 m/s. Second: close calls within half a millimetre; errors correlated from picture to
+1 mm noise per axis, 0.5 to 3 m/s. Second: close calls within a millimetre; errors correlated from picture to
 picture by 0 to 0.7, 0.7 to 1.3 mm large, pictures for 0.12 to 0.3 s to either side, the second ball at rest or moving.
 Reliability in ten bins (with the binomial standard deviation), Brier score, and how many calls are surer than 0.9. The
 rival looks at geometry alone: where the paths that are seen before the moment lead, and with which error.
@@ -24,14 +24,14 @@ import numpy as np
 from pairs import LENGTH, WIDTH, Meeting, R, Truth, film, happened
 from scipy.stats import norm
 
-from models.evidence import geometry_alone, weigh
 from models.segmentation import Samples
 from models.touch import Encounter, watch
 from models.tracks import Tracks
+from models.weighing import geometry_alone, weigh
 
 GAPS_MM = (-1.0, -0.3, -0.1, -0.03, 0.1, 0.3, 1.0)
 """Least distance of the surfaces on free paths, negative for overlaps."""
-CLOSE = 0.5e-3
+CLOSE = 1e-3
 """m: close calls miss or overlap by less."""
 REACH_SIGMA = 2e-5
 """m: the balls of the world are exact."""

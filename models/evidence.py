@@ -14,16 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 from scipy.stats import norm
 
 from models.effects.catalogue import prior_of
-from models.touch import MEETING, PATH, SHARED, Encounter, Paths, free_paths, met_paths, nearest
+from models.touch import MEETING, SHARED, Encounter, Paths, free_paths, met_paths, nearest
 
 Floats = NDArray[np.float64]
 
-CORRELATIONS = (0.0, 0.35, 0.6, 0.8)
-"""Of errors of successive samples, equally probable before: an AR(1) process each."""
 KNOWN_NOISE = 50.0
 """Degrees of freedom with which the size of the noise is known before: to a tenth."""
 SLIP_SHARE, SLIP_FLOOR = 0.7, 0.2
@@ -40,33 +37,14 @@ BALL_FRICTION, CUSHION_FRICTION = 0.06, 0.2
 """Impulse of friction over the normal one, one standard deviation: Alciatore, technical proof A.14; Han 2005."""
 MOST_STEPS, SETTLED = 20, 3e-3
 """Of a descent, and the chi2 that another step must gain."""
+CLOSE = 1e-3
+"""m: half of what is asked about comes within little more, a Cauchy distribution."""
 OUTLIER = 4.5
 """standard deviations under both hypotheses."""
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """What the samples say of one moment."""
-
-    probability: float
-    """That the bodies touched."""
-    t: float
-    """s: of the contact; of the nearest moment where none is likelier."""
-    t_sigma: float
-    gap: float
-    """m: least distance of the surfaces on free paths, negative where they would overlap, as the samples before and
-    after tell, whichever hypothesis is likelier."""
-    gap_sigma: float
-    chi2: float
-    """per degree of freedom, of the likelier hypothesis, against the errors that the samples promise."""
-    correlation: float
-    """of errors of successive samples."""
-    closing: float
-    """m/s along the normal at contact; 0 where they did not touch."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Noise:
+class Noise:
     """Whitens K samples whose errors are correlated."""
 
     sigma: Floats
@@ -89,7 +67,7 @@ class _Noise:
 
 
 @dataclass(frozen=True, slots=True)
-class _Fitted:
+class Fitted:
     """A hypothesis at its best."""
 
     p: Floats
@@ -102,76 +80,7 @@ class _Fitted:
 Model = Callable[[Encounter, Floats], Paths]
 
 
-def weigh(encounter: Encounter, t: float, correlations: tuple[float, ...] = CORRELATIONS) -> Verdict:
-    """How probable a contact near t (s) is, and when; ValueError where there are too few samples to say.
-
-    The encounter's window holds no other contact. `correlations` are those of errors that are thought possible.
-    """
-    count = sum(len(ball.t) for ball in encounter.balls)
-    if 2 * count < encounter.shared + SHARED + MEETING:
-        raise ValueError(f"a contact is weighed by at least {encounter.shared} samples; got {count}")
-    free, met = _starts(encounter, t)
-    kept = _believed(encounter, free, met)
-    found: list[tuple[float, _Fitted, _Fitted]] = []
-    for correlation in correlations:
-        noise = _noise(encounter, kept, correlation)
-        free_fit = _fit(encounter, free_paths, free, noise)
-        met_fit = _fit(encounter, met_paths, met, noise)
-        found.append((correlation, free_fit, met_fit))
-        free, met = free_fit.p, met_fit.p
-    return _verdict(encounter, found)
-
-
-def geometry_alone(encounter: Encounter, t: float) -> tuple[float, float]:
-    """Gap, and its sigma, m, to which the paths that are seen before t (s) lead; errors taken as independent."""
-    late = np.concatenate([ball.t >= t for ball in encounter.balls])
-    _, met = _starts(encounter, t)
-    fit = _fit(encounter, free_paths, met[: encounter.shared + SHARED], _noise(encounter, ~late, 0.0))
-    return _margin(encounter, fit)
-
-
-def _verdict(encounter: Encounter, found: list[tuple[float, _Fitted, _Fitted]]) -> Verdict:
-    free = np.array([fit.log_evidence for _, fit, _ in found])
-    met = np.array([fit.log_evidence for _, _, fit in found])
-    probability = float(np.exp(logsumexp(met) - logsumexp([*met, *free])))
-    touched = probability > 0.5
-    best = int(np.argmax(met if touched else free))
-    correlation, apart, together = found[best]
-    chosen = together if touched else apart
-    gap, gap_sigma = _margin(encounter, chosen)
-    column = encounter.shared + SHARED
-    variance = together.covariance[column, column] if touched else _nearest_variance(encounter, apart)
-    data = 2 * sum(len(ball.t) for ball in encounter.balls)
-    return Verdict(
-        probability, chosen.paths.t, float(np.sqrt(variance)), gap, gap_sigma,
-        chosen.chi2 / max(data - len(chosen.p), 1), correlation, max(chosen.paths.closing, 0.0) if touched else 0.0,
-    )  # fmt: skip
-
-
-def _margin(encounter: Encounter, fit: _Fitted) -> tuple[float, float]:
-    """Gap of the free paths that begin as this fit does, and its sigma, m."""
-    size = encounter.shared + SHARED
-    paths = nearest(encounter, fit.p[:size])
-    variance = float(paths.gap_slope @ fit.covariance[:size, :size] @ paths.gap_slope)
-    if len(fit.p) == size:
-        variance += encounter.reach_sigma**2
-    return paths.gap, float(np.sqrt(variance))
-
-
-def _nearest_variance(encounter: Encounter, fit: _Fitted) -> float:
-    """Of the moment at which free paths are nearest, s^2: where the closing speed passes zero."""
-    later = _at(encounter, fit.p, fit.paths.t + 1e-3)
-    rate = (later.closing - fit.paths.closing) / 1e-3
-    slope = fit.paths.closing_slope / min(rate, -1e-6)
-    return float(min(slope @ fit.covariance @ slope, 0.25))
-
-
-def _at(encounter: Encounter, p: Floats, t: float) -> Paths:
-    """Geometry at a moment of free paths."""
-    return met_paths(encounter, np.concatenate([p, [t, 1.0, 0.0, 0.0]]))
-
-
-def _noise(encounter: Encounter, kept: NDArray[np.bool_], correlation: float) -> _Noise:
+def noise_of(encounter: Encounter, kept: NDArray[np.bool_], correlation: float) -> Noise:
     """Errors of all samples; those not `kept` (K,) count for nothing."""
     sigma = np.concatenate([ball.sigma for ball in encounter.balls])
     carry, at = np.zeros(len(sigma)), 0
@@ -180,7 +89,7 @@ def _noise(encounter: Encounter, kept: NDArray[np.bool_], correlation: float) ->
         usual = float(np.median(step)) if len(step) else 1.0
         carry[at + 1 : at + len(ball.t)] = correlation ** (step / usual) if correlation else 0.0
         at += len(ball.t)
-    return _Noise(np.where(kept, sigma, 1e3 * sigma), np.where(kept & np.roll(kept, 1), carry, 0.0))
+    return Noise(np.where(kept, sigma, 1e3 * sigma), np.where(kept & np.roll(kept, 1), carry, 0.0))
 
 
 def _prior(encounter: Encounter, size: int) -> tuple[Floats, Floats]:
@@ -204,26 +113,26 @@ def _prior(encounter: Encounter, size: int) -> tuple[Floats, Floats]:
     return mean, sigma
 
 
-def _starts(encounter: Encounter, t: float) -> tuple[Floats, Floats]:
+def starts(encounter: Encounter, t: float) -> tuple[Floats, Floats]:
     """First guesses of both hypotheses' parameters."""
     size = encounter.shared + SHARED
     mean, _ = _prior(encounter, size + MEETING)
     found = []
     for through in (True, False):
-        states = [(b.through if through else b.start)[: 2 if b.rests else PATH] for b in encounter.balls]
+        states = [(b.through if through else b.start)[: b.size] for b in encounter.balls]
         found.append(np.concatenate([*states, mean[encounter.shared :]]))
     found[1][size] = t
     return found[0][:size], found[1]
 
 
-def _believed(encounter: Encounter, free: Floats, met: Floats) -> NDArray[np.bool_]:
+def believed(encounter: Encounter, free: Floats, met: Floats) -> NDArray[np.bool_]:
     """(K,) samples that at least one hypothesis comes near to."""
     sigma = np.concatenate([ball.sigma for ball in encounter.balls])
     everything = np.ones(len(sigma), bool)
-    noise = _noise(encounter, everything, 0.0)
+    noise = noise_of(encounter, everything, 0.0)
     miss = []
     for model, start in ((free_paths, free), (met_paths, met)):
-        paths = _fit(encounter, model, start, noise).paths
+        paths = fit(encounter, model, start, noise).paths
         miss.append(np.hypot(*(_seen(encounter) - paths.xy).T) / sigma)
     least: Floats = np.min(miss, axis=0)
     usual = max(float(np.median(least)) / 1.1774, 1.0)
@@ -234,7 +143,7 @@ def _seen(encounter: Encounter) -> Floats:
     return np.concatenate([ball.xy for ball in encounter.balls])
 
 
-def _linear(encounter: Encounter, model: Model, p: Floats, noise: _Noise, touch: float) -> tuple[Floats, Floats, Paths]:
+def _linear(encounter: Encounter, model: Model, p: Floats, noise: Noise, touch: float) -> tuple[Floats, Floats, Paths]:
     """Standard residuals of samples, priors and, last, of the touch, with their derivatives."""
     paths = model(encounter, p)
     mean, sigma = _prior(encounter, len(p))
@@ -247,7 +156,7 @@ def _linear(encounter: Encounter, model: Model, p: Floats, noise: _Noise, touch:
     return np.concatenate(residual), np.concatenate(slope), paths
 
 
-def _fit(encounter: Encounter, model: Model, start: Floats, noise: _Noise) -> _Fitted:
+def fit(encounter: Encounter, model: Model, start: Floats, noise: Noise) -> Fitted:
     """Levenberg-Marquardt; the demand that surfaces touch is tightened on the way, from where they still do not."""
     final = float(np.hypot(SHARPNESS, encounter.reach_sigma))
     p, far = start, 0.0
@@ -273,27 +182,37 @@ def _fit(encounter: Encounter, model: Model, start: Floats, noise: _Noise) -> _F
     known = sigma[np.isfinite(sigma)]
     density = -float(np.log(known).sum()) - 0.5 * len(known) * np.log(2 * np.pi)
     evidence = likelihood + density + 0.5 * len(p) * np.log(2 * np.pi) - log_volume
-    found = _Fitted(p, paths, chi2, 0.0, covariance)
-    return _Fitted(p, paths, chi2, float(evidence + _possible(encounter, found, final)), covariance)
+    found = Fitted(p, paths, chi2, 0.0, covariance)
+    return Fitted(p, paths, chi2, float(evidence + _possible(encounter, found, final)), covariance)
 
 
-def _possible(encounter: Encounter, fit: _Fitted, touch: float) -> float:
-    """ln of the share of a hypothesis that geometry allows.
+def _possible(encounter: Encounter, fit: Fitted, touch: float) -> float:
+    """ln of how far geometry, and what is asked about, allow a hypothesis.
 
     Paths that do not meet keep apart; those that meet close in on each other, and a moment of contact stands for the
     paths that lead to it in proportion to their closing speed.
     """
     paths = fit.paths
     if len(fit.p) == encounter.shared + SHARED:
-        spread = np.hypot(encounter.reach_sigma, np.sqrt(paths.gap_slope @ fit.covariance @ paths.gap_slope))
-        return float(norm.logcdf(paths.gap / spread))
+        spread = float(np.hypot(encounter.reach_sigma, np.sqrt(paths.gap_slope @ fit.covariance @ paths.gap_slope)))
+        gap = np.linspace(0, max(paths.gap, 0.0) + 6 * spread, 400)
+        share = norm.pdf(gap, paths.gap, spread) * _asked(encounter, gap)
+        return float(np.log(max(np.trapezoid(share, gap), 1e-300)))
     spread = float(np.sqrt(paths.closing_slope @ fit.covariance @ paths.closing_slope))
     z = paths.closing / spread
     mean = spread * (z * norm.cdf(z) + norm.pdf(z))  # of max(closing, 0)
-    return float(np.log(max(mean, 1e-300)) - np.log(touch) - 0.5 * np.log(2 * np.pi))
+    overlap = min(nearest(encounter, fit.p[: encounter.shared + SHARED]).gap, 0.0)
+    weight = max(mean * float(_asked(encounter, np.array(overlap))), 1e-300)
+    return float(np.log(weight) - np.log(touch) - 0.5 * np.log(2 * np.pi))
 
 
-def _descend(encounter: Encounter, model: Model, p: Floats, noise: _Noise, touch: float) -> Floats:
+def _asked(encounter: Encounter, gap: Floats) -> Floats:
+    """Density (1/m) of gaps that calls are about: every other one is close, the rest are anything."""
+    near: Floats = 0.5 / (np.pi * CLOSE * (1 + (gap / CLOSE) ** 2))
+    return near + 0.25 / encounter.reach
+
+
+def _descend(encounter: Encounter, model: Model, p: Floats, noise: Noise, touch: float) -> Floats:
     residual, slope, _ = _linear(encounter, model, p, noise, touch)
     cost, damping = float(residual @ residual), 1e-3
     for _ in range(MOST_STEPS):

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.stats import norm
 
 from models.contacts import INWARD, cushion_distances
-from models.evidence import weigh
 from models.record import Record
 from models.scene import CUSHIONS
 from models.touch import Cushion, Encounter, Watched, watch
+from models.weighing import weigh
 
 WINDOW = 0.4
 """s to either side of a moment: farther away, what a table adds to the laws of rolling counts more than noise."""

@@ -54,6 +54,13 @@ class Watched:
     """(6,) the same from all samples, as if nothing had been met."""
     rests: bool
     """At rest until something meets it: only its place is unknown."""
+    rolls: bool = False
+    """It is known to roll when its path begins: it has no slip then."""
+
+    @property
+    def size(self) -> int:
+        """How many numbers of its state are unknown."""
+        return 2 if self.rests else 4 if self.rolls else PATH
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +94,7 @@ class Encounter:
         """Where the state of each ball stands among the parameters."""
         found, at = [], 0
         for ball in self.balls:
-            found.append(slice(at, at + (2 if ball.rests else PATH)))
+            found.append(slice(at, at + ball.size))
             at = found[-1].stop
         return tuple(found)
 
@@ -195,10 +202,10 @@ def _run(encounter: Encounter, p: Floats, k: int, t: Floats, moment: int | None 
         value[:, :2] = p[columns]
         slope[:, [0, 1], [columns.start, columns.start + 1]] = 1.0
         return value, slope
-    state = np.concatenate([p[columns], p[shared : shared + 2]])
+    state = np.concatenate([p[columns], np.zeros(PATH - ball.size), p[shared : shared + 2]])
     states = np.repeat(state[None], len(t), axis=0)
     value, local = kinematics_jacobian(states, t - ball.begin, _friction(encounter, p))
-    slope[:, :, columns] = local[:, :, :PATH]
+    slope[:, :, columns] = local[:, :, : ball.size]
     slope[:, :, shared : shared + 2] = local[:, :, PATH:STATE]
     slope[:, :, shared + 2 : shared + SHARED] = local[:, :, STATE + 1 :]
     if moment is not None:
@@ -238,7 +245,8 @@ def _states(encounter: Encounter, p: Floats, k: int, t: Floats) -> Floats:
     place = p[encounter.columns[k]]
     if ball.rests:
         return np.repeat(place[None], len(t), axis=0)
-    states = np.repeat(np.concatenate([place, p[shared : shared + 2]])[None], len(t), axis=0)
+    state = np.concatenate([place, np.zeros(PATH - ball.size), p[shared : shared + 2]])
+    states = np.repeat(state[None], len(t), axis=0)
     return kinematics(states, t - ball.begin, _friction(encounter, p))[:, :2]
 
 
