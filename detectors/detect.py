@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from pathlib import Path
+from typing import Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from detectors.ball_size import with_seen_size
-from detectors.hough import ball_finder
-from detectors.memory import Memory
+from detectors.hough import BallFinder, ball_finder
+from detectors.onnx import NetworkFinder, network_finder
+from detectors.onnx_model import SHIPPED, open_model
 from models.detections import Detections
-from models.errors import ModelError
 from models.progress import Progress, silent
 from models.scene import Scene
 from video.clip import Clip, read_frames
@@ -38,14 +40,17 @@ class DetectOptions:
     """Learn the empty table from fewer pictures."""
 
 
-class Detector(Protocol):
-    """Anything that finds balls in one picture of a clip."""
+M = TypeVar("M")
+
+
+class Detector(Protocol[M]):
+    """Anything that finds balls in one picture of a clip; M is what it keeps from one picture for the next."""
 
     def look(self, rgb: Bytes, frame: int = 0) -> Detections:
         """The balls in picture `frame` (H, W, 3)."""
         ...
 
-    def follow(self, rgb: Bytes, frame: int, memory: Memory | None) -> tuple[Detections, Memory]:
+    def follow(self, rgb: Bytes, frame: int, memory: M | None) -> tuple[Detections, M]:
         """The same for one picture after another: `memory` is what the call for the picture before gave."""
         ...
 
@@ -56,10 +61,15 @@ def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Pro
     Every picture is measured afresh, also where nothing moves, so that errors of different pictures are as
     independent as the coding of the clip leaves them. Raises ModelError for a detector that is not there.
     """
-    detector = open_detector(clip, scene, options)
+    if chosen(options) == "hough":
+        return _followed(hough_detector(clip, scene, options), clip, progress)
+    return _followed(network_detector(clip, scene, options), clip, progress)
+
+
+def _followed(detector: Detector[M], clip: Clip, progress: Progress) -> Detections:
     frames = clip.distinct
     seen: list[Detections] = []
-    memory: Memory | None = None
+    memory: M | None = None
     for done, (frame, rgb) in enumerate(read_frames(clip, indices=frames)):
         found, memory = detector.follow(rgb, frame, memory)
         seen.append(found)
@@ -69,19 +79,41 @@ def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Pro
 
 def detect_in_picture(rgb: Bytes, scene: Scene, options: DetectOptions | None = None) -> Detections:
     """The balls in one still picture (H, W, 3); they all have frame 0."""
-    _refuse_missing(options or DetectOptions())
+    options = options or DetectOptions()
     pictures = [(0, rgb)]
-    return ball_finder(with_seen_size(scene, pictures), pictures).look(rgb)
+    if chosen(options) == "hough":
+        return ball_finder(with_seen_size(scene, pictures), pictures).look(rgb)
+    return network_finder(scene, pictures, open_model(model_file(options))).look(rgb)
 
 
-def open_detector(clip: Clip, scene: Scene, options: DetectOptions) -> Detector:
-    """The detector that the options ask for, made ready for a clip."""
-    _refuse_missing(options)
-    frames = clip.distinct
-    few = list(read_frames(clip, indices=_spread(frames, SIZE_PICTURES)))
-    sized = with_seen_size(scene, few)
-    chosen = _spread(frames, LEARNING_PICTURES_QUICK if options.quick else LEARNING_PICTURES)
-    return ball_finder(sized, read_frames(clip, indices=chosen))
+def hough_detector(clip: Clip, scene: Scene, options: DetectOptions) -> BallFinder:
+    """The detector without a network, made ready for a clip."""
+    few = list(read_frames(clip, indices=_spread(clip.distinct, SIZE_PICTURES)))
+    return ball_finder(with_seen_size(scene, few), _learnt(clip, options))
+
+
+def network_detector(clip: Clip, scene: Scene, options: DetectOptions) -> NetworkFinder:
+    """The detector with a network, made ready for a clip; ModelError where its file is none."""
+    model = open_model(model_file(options))
+    return network_finder(scene, _learnt(clip, options), model)
+
+
+def chosen(options: DetectOptions) -> Literal["hough", "onnx"]:
+    """The detector that is used; a network that is named is wanted."""
+    if options.detector == "auto":
+        return "hough" if options.model is None else "onnx"
+    return options.detector
+
+
+def model_file(options: DetectOptions) -> Path:
+    """The network that is used: the one that is named, or the project's own."""
+    return SHIPPED if options.model is None else Path(options.model)
+
+
+def _learnt(clip: Clip, options: DetectOptions) -> Iterator[tuple[int, Bytes]]:
+    """Pictures, spread over a clip, that show the empty table."""
+    count = LEARNING_PICTURES_QUICK if options.quick else LEARNING_PICTURES
+    return read_frames(clip, indices=_spread(clip.distinct, count))
 
 
 def _spread(frames: NDArray[np.int64], count: int) -> NDArray[np.int64]:
@@ -97,8 +129,3 @@ def joined(parts: list[Detections]) -> Detections:
         return Detections(np.empty(0, dtype=np.int64), pairs, none, pairs, triples, none, none, none, none)
     names = ("frame", "centre", "radius", "streak", "colour", "white", "score", "sigma", "sigma_along")
     return Detections(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
-
-def _refuse_missing(options: DetectOptions) -> None:
-    if options.detector == "onnx":
-        raise ModelError("the onnx detector was asked for but this version has none; use --detector hough")

@@ -10,23 +10,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-STRIDE = 4
-"""px of the picture per cell of the output."""
-COARSE_STRIDE = 8
-"""Sides of a picture are multiples of this."""
+from detectors.centres import CHANNELS
+
 WIDTHS = (16, 28, 64)
 """Channels at a half, a quarter and an eighth of the picture's side."""
 BLOCKS = 4
 """Blocks at an eighth; each sees 32 px further."""
-CHANNELS = (
-    "score",  # logit that a ball's centre is in this cell
-    "dx", "dy",  # cells from the cell's middle to the centre
-    "log_radius",  # of radius / RADIUS_UNIT_PX
-    "streak_cos", "streak_sin",  # streak length / STREAK_UNIT_PX times cos, sin of twice its direction: no sign needed
-    "log_across", "log_along",  # of sigma / px, across and along the streak
-    "white", "black", "coloured", "striped",  # logits of the look
-)  # fmt: skip
-RADIUS_UNIT_PX, STREAK_UNIT_PX = 7.0, 8.0
 RARE_LOGIT = -4.6
 """Score before anything is learnt: one cell in a hundred is a centre (Lin et al. 2017, arXiv:1708.02002)."""
 
@@ -68,10 +57,10 @@ class BallNetwork(nn.Module):
         self.up = nn.Conv2d(eighth, quarter, 1, bias=False)
         self.merge = nn.Sequential(nn.BatchNorm2d(quarter), nn.ReLU(inplace=True), _step(quarter, quarter))
         self.head = nn.Conv2d(quarter, len(CHANNELS), 1)
+        start = torch.zeros(len(CHANNELS))
+        start[CHANNELS.index("score")] = RARE_LOGIT
+        self.head.bias = nn.Parameter(start)
         nn.init.normal_(self.head.weight, std=0.01)
-        nn.init.zeros_(self.head.bias)
-        with torch.no_grad():
-            self.head.bias[0] = RARE_LOGIT
 
     def forward(self, picture: Tensor) -> Tensor:
         """(B, 3, H, W) to (B, 12, H / 4, W / 4)."""

@@ -1,4 +1,4 @@
-"""Training the ball network on drawn pictures: it can be interrupted at any time and goes on from its last checkpoint."""
+"""Training the ball network on drawn pictures; an interrupted training goes on from its last checkpoint."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ Watch = Callable[[int, dict[str, float]], None]
 
 
 def train(folder: Path, options: TrainOptions, watch: Watch) -> BallNetwork:
-    """The trained network; checkpoints and pictures stay in `folder`, and a second call goes on where the first ended."""
+    """The trained network; `folder` keeps checkpoints and pictures, and a second call goes on where the first ended."""
     folder.mkdir(parents=True, exist_ok=True)
     state = _resumed(folder, options)
     saved = time.monotonic()

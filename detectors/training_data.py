@@ -1,4 +1,4 @@
-"""Training pictures on disk, in numbered files: number k is the same on every machine, so an interrupted run goes on."""
+"""Training pictures on disk in numbered files. Number k is the same anywhere, so an interrupted run goes on."""
 
 from __future__ import annotations
 

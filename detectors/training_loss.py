@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from detectors.network import CHANNELS, RADIUS_UNIT_PX, STREAK_UNIT_PX, STRIDE
+from detectors.centres import CHANNELS, RADIUS_UNIT_PX, SIGMA_LIMITS, STREAK_UNIT_PX, STRIDE
 
 LOOK = CHANNELS.index("white")
 CLEAR_SHARE = 0.4
@@ -22,8 +22,6 @@ SHARP_PX = 1.0
 """A shorter streak has no direction."""
 HUBER = 2.5
 """Standard deviations from which a miss counts linearly (Huber 1964, doi:10.1214/aoms/1177703732)."""
-SIGMA_LIMITS = (-4.0, 3.5)
-"""Of log(sigma / px)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,6 +93,18 @@ def find_scene(clip: Clip, options: CalibrateOptions, progress: Progress = silen
     return Scene(table, replace(camera, motion=motion), _lab(found.cloth), notes, doubts)
 
 
+def scene_in_picture(picture: Picture, options: CalibrateOptions, name: str = "the picture") -> Scene:
+    """Table and camera in one still picture (H, W, 3), as `find_scene` finds them in a clip."""
+    asked = parse_table(options.table) if options.table is not None else None
+    corners = options.corners
+    found = search_picture(picture, name) if corners is None else _from_user(corners, picture)
+    table, named, doubts = _name(found, picture, [picture], asked)
+    if options.ball_radius is not None:
+        table = with_ball_radius(table, options.ball_radius)
+    camera = _camera(found, picture, table)
+    return Scene(table, camera, _lab(found.cloth), (*found.notes, *named, _height_note(camera, found.view)), doubts)
+
+
 def _found_in(picture: Picture, clip: Clip, corners: str | None) -> FoundTable:
     return search_picture(picture, clip.path.name) if corners is None else _from_user(corners, picture)
 

@@ -67,13 +67,14 @@ def _on_cloth(rng: np.random.Generator, hall: Hall, picture: Singles) -> tuple[F
     camera, r = hall.camera, hall.table.ball_radius
     xy = camera.to_table(px, 0.0)
     tilt = np.linalg.inv(camera.metres_per_pixel(xy, 0.0)) * r
-    return px, tilt, float(camera.radius_px(xy, r))
+    return px, np.asarray(tilt, dtype=np.float64), float(camera.radius_px(xy, r))
 
 
 def _shine(rng: np.random.Generator, picture: Singles) -> Floats:
     """A colour as bright as the picture is."""
     level = float(np.median(picture[::8, ::8])) + 0.1
-    return np.asarray(linear(random_colour(rng, (0.0, 1.0), (0.1, 1.0)))) * level * rng.uniform(0.4, 4.0)
+    bright = level * rng.uniform(0.4, 4.0)
+    return np.asarray(linear(random_colour(rng, (0.0, 1.0), (0.1, 1.0))) * bright, dtype=np.float64)
 
 
 def _polygon(picture: Singles, points: Floats, colour: Floats, alpha: float, soft: float = 0.0) -> None:
@@ -122,7 +123,7 @@ def paint_halos(rng: np.random.Generator, picture: Singles, hall: Hall, places: 
     """Rings of light about balls at places (n, 2) m, as projectors draw them."""
     for place in places:
         camera, r = hall.camera, hall.table.ball_radius
-        tilt = np.linalg.inv(camera.metres_per_pixel(place, 0.0)) * r
+        tilt = np.asarray(np.linalg.inv(camera.metres_per_pixel(place, 0.0)) * r, dtype=np.float64)
         outline = _ring(tilt, camera.to_pixels(place, 0.0), float(rng.uniform(1.05, 2.2)))
         mask = np.zeros(picture.shape[:2], np.uint8)
         thick = max(1, round(float(rng.uniform(0.05, 0.35)) * float(camera.radius_px(place, r))))

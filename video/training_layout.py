@@ -132,7 +132,7 @@ def _rack(rng: np.random.Generator, hall: Hall) -> Floats:
     )
     cos, sin = np.cos(turn), np.sin(turn)
     places = apexes[0] + local @ np.array([[cos, sin], [-sin, cos]])
-    return places[[_on_table(hall, place) for place in places]]
+    return np.asarray(places[[_on_table(hall, place) for place in places]], dtype=np.float64)
 
 
 def _way(rng: np.random.Generator, hall: Hall, place: Floats, magnify: int) -> Floats:

@@ -64,11 +64,12 @@ def practice_pictures(rng: np.random.Generator, count: int, held_out: bool = Fal
         hall = random_hall(rng, SIZE_PX, magnify, held_out)
         view = make_view(hall.table, hall.camera, hall.look, hall.balls, exposure=1.0, samples=1)
         for _ in range(min(PICTURES_PER_HALL, count - made)):
-            yield _picture(rng, hall, view, magnify)
+            yield filmed(rng, hall, view, magnify)
             made += 1
 
 
-def _picture(rng: np.random.Generator, hall: Hall, view: View, magnify: int) -> TrainingPicture:
+def filmed(rng: np.random.Generator, hall: Hall, view: View, magnify: int = 1) -> TrainingPicture:
+    """One picture of a hall through its camera, made `magnify` times smaller at the end."""
     layout = random_layout(rng, hall, magnify)
     view = replace(
         view,
@@ -83,7 +84,8 @@ def _picture(rng: np.random.Generator, hall: Hall, view: View, magnify: int) -> 
     centre, radius, streak = _geometry(view, layout)
     visible = _visible(view, layout, centre, radius, hidden)
     if magnify > 1:
-        seen = np.asarray(cv2.resize(seen, (SIZE_PX, SIZE_PX), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        small = (seen.shape[1] // magnify, seen.shape[0] // magnify)
+        seen = np.asarray(cv2.resize(seen, small, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         centre, radius, streak = (centre + 0.5) / magnify - 0.5, radius / magnify, streak / magnify
     return TrainingPicture(seen, centre, radius, streak, _looks(view), visible)
 
@@ -168,5 +170,6 @@ def _coded(rng: np.random.Generator, picture: Bytes) -> Bytes:
         good, data = cv2.imencode(".jpg", padded, [cv2.IMWRITE_JPEG_QUALITY, quality])
         if not good:
             raise RuntimeError("cv2 could not encode a JPEG picture in memory")
-        picture = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[shift:, shift:])
+        decoded = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
+        picture = np.ascontiguousarray(decoded[shift:, shift:])
     return picture

@@ -1,0 +1,74 @@
+"""How well the detectors find balls: Hough and the network side by side, on drawn halls and on real footage.
+
+    python benchmarks/detectors.py [--model FILE.onnx] [--pictures 24] [--sets drawn,stills,pool,carom]
+
+Drawn pictures show halls of a kind that training never shows (cloth, lamp, camera, set of balls). The real ones are
+those of ../shared/data; no picture of them was used for training, and a set is left out where they are absent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+# A script's own folder comes first, and there this file hides the package of the same name.
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import cv2
+from detector_cases import DATA, Case, carom_cases, drawn_cases, pool_cases, still_cases
+from detector_scores import HEADER, Tally, line, score
+
+from detectors.ball_size import with_seen_size
+from detectors.hough import ball_finder
+from detectors.onnx import network_finder
+from detectors.onnx_model import SHIPPED, BallModel, open_model
+
+
+def main() -> None:
+    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    asked.add_argument("--model", type=Path, default=SHIPPED)
+    asked.add_argument("--pictures", type=int, default=24)
+    asked.add_argument("--sets", default="drawn,stills,pool,carom")
+    asked.add_argument("--detectors", default="hough,onnx")
+    given = asked.parse_args()
+    cv2.setNumThreads(1)
+    model = open_model(given.model)
+    sources = {
+        "drawn": lambda: drawn_cases(given.pictures),
+        "stills": still_cases,
+        "pool": pool_cases,
+        "carom": carom_cases,
+    }
+    print(HEADER)
+    for name in given.sets.split(","):
+        if name != "drawn" and not DATA.is_dir():
+            print(f"{name}: left out, {DATA} is not there")
+            continue
+        tallies = {detector: Tally() for detector in given.detectors.split(",")}
+        finders: dict[tuple[str, int], object] = {}
+        for case in sources[name]():
+            for detector, tally in tallies.items():
+                _run(case, detector, model, tally, finders)
+        for detector, tally in tallies.items():
+            print(line(f"{name} {detector}", tally), flush=True)
+
+
+def _run(case: Case, detector: str, model: BallModel, tally: Tally, finders: dict[tuple[str, int], object]) -> None:
+    key = (detector, id(case.learnt))
+    if key not in finders:
+        finders.clear() if len(finders) > 3 else None
+        if detector == "hough":
+            finders[key] = ball_finder(with_seen_size(case.scene, case.learnt[:3]), case.learnt)
+        else:
+            finders[key] = network_finder(case.scene, case.learnt, model)
+    start = time.process_time()
+    found = finders[key].look(case.rgb, case.frame)  # type: ignore[attr-defined]
+    tally.seconds += time.process_time() - start
+    tally.pictures += 1
+    score(case, found, tally)
+
+
+if __name__ == "__main__":
+    main()

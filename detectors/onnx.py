@@ -1,0 +1,214 @@
+"""Balls by a network, on the table that the calibration found; centres refined by the same circle fit as without one.
+
+The network says what is a ball, roughly where, and how sure it is of that; edges in the whole picture say it finer
+where they are clear. Both errors are known, so the centre is their weighted mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from detectors.centres import COARSE_STRIDE, Centres, chained, not_echoes
+from detectors.cloth import Cloth, learn_cloth
+from detectors.colour import ball_colours
+from detectors.found import Found, without_overlaps
+from detectors.found import chained as found_chained
+from detectors.memory import CHANGED_SHARE, REACH_RADII, RENEWED_PICTURES, around, windows
+from detectors.onnx_model import BallModel, CentreModel
+from detectors.refine import fit_circles, softened
+from detectors.view import View, view_of
+from models.detections import Detections
+from models.scene import Scene, apply_homography
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+
+LEAST_SCORE = 0.4
+"""Probability from which a ball is reported."""
+SIZE_BAND = (0.6, 1.6)
+"""Seen over predicted radius of what can be a ball of this table."""
+STREAK_RADII = 0.5
+"""Way during the exposure, ball radii, from which a ball counts as a streak."""
+LEAST_SUPPORT = 0.6
+"""Share of a circle's rays that must end at an edge for its centre to count."""
+MOST_APART = 4.0
+"""Standard deviations by which the circle may miss the network's centre, beyond which it is another thing's outline."""
+
+SIZE_PICTURES, SIZE_TURNS, CLEAR_SCORE, LEAST_SIZED = 3, 3, 0.7, 2
+"""How the size of the balls is checked: in so many pictures, so many times, by balls of such a score, by so many."""
+AGREED = 0.06
+"""Relative difference of seen and predicted radius up to which the prediction is taken."""
+CONTEXT_PX = 16
+"""Working px around a part of the picture that the network is shown with it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Glimpse:
+    """What is known from the pictures before."""
+
+    searched: Bytes
+    """(h, w, 3) working picture as it was when the network looked at each place last."""
+    seen: Centres
+    """What it saw there, working px."""
+    unclear: Floats
+    """(n, 2) working px of the balls that have no clear outline."""
+    age: int
+    """Pictures since the network looked at all of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkFinder:
+    """Finds the balls of one scene by a network, picture by picture."""
+
+    view: View
+    cloth: Cloth
+    model: BallModel
+
+    def look(self, rgb: Bytes, frame: int = 0) -> Detections:
+        """The balls in a picture (H, W, 3)."""
+        return self.follow(rgb, frame, None)[0]
+
+    def follow(self, rgb: Bytes, frame: int, memory: Glimpse | None) -> tuple[Detections, Glimpse]:
+        """The same for one picture of a clip after another: the network looks only where something changed.
+
+        Every centre is measured afresh all the same; a ball whose outline is not clear is looked at again.
+        """
+        working = self.view.picture(rgb, frame)
+        touched = self._touched(working, memory)
+        seen = self._seen(rgb, working, touched, memory, frame)
+        found, own = self._measured(rgb, seen, frame)
+        searched = working if memory is None else np.where(touched[..., None], working, memory.searched)
+        age = 0 if touched.all() or memory is None else memory.age + 1
+        return found, Glimpse(searched, seen, own, age)
+
+    def _touched(self, working: Bytes, memory: Glimpse | None) -> Bools:
+        """Where (h, w) the network has to look at a working picture."""
+        if memory is None or memory.age >= RENEWED_PICTURES:
+            return np.ones(working.shape[:2], dtype=bool)
+        red, green, blue = cv2.split(cv2.absdiff(working, memory.searched))
+        level = CHANGED_SHARE * self.cloth.threshold
+        changed = (cv2.blur(cv2.max(cv2.max(red, green), blue), (3, 3)) > level) & self.view.area
+        for x, y in np.rint(memory.unclear).astype(int):
+            cv2.circle(changed.view(np.uint8), (int(x), int(y)), 1, 1, -1)
+        return around(changed, REACH_RADII * self.view.typical)
+
+    def sizes(self, rgb: Bytes, frame: int) -> Floats:
+        """Seen over predicted radius (n,) of the clear sharp balls in a picture (H, W, 3)."""
+        seen = self.follow(rgb, frame, None)[1].seen
+        clear = (seen.score > CLEAR_SCORE) & (np.linalg.norm(seen.streak, axis=1) < STREAK_RADII * seen.radius)
+        return np.asarray(seen.radius[clear] / _at(self.view.radius, seen.centre[clear]), dtype=np.float64)
+
+    def _seen(self, rgb: Bytes, working: Bytes, touched: Bools, memory: Glimpse | None, frame: int) -> Centres:
+        """What the network sees on the table, px of the working picture; elsewhere what it saw before."""
+        if not isinstance(self.model, CentreModel):
+            return memory.seen if memory is not None and not touched.any() else self._on_table(self._boxed(rgb, frame))
+        parts = [self._glance(working, part) for part in windows(touched, self.view)]
+        seen = chained([part.take(_at(touched, part.centre)) for part in parts])
+        if memory is not None:
+            seen = chained([seen, memory.seen.take(~_at(touched, memory.seen.centre))])
+        return self._on_table(seen)
+
+    def _glance(self, working: Bytes, part: tuple[slice, slice]) -> Centres:
+        """Balls in a part of the working picture, seen with some of what is around it."""
+        h, w = working.shape[:2]
+        # On the grid of the whole picture's cells, so that a part says what the whole would.
+        top, left = (max(s.start - CONTEXT_PX, 0) // COARSE_STRIDE * COARSE_STRIDE for s in part)
+        bottom, right = min(part[0].stop + CONTEXT_PX, h), min(part[1].stop + CONTEXT_PX, w)
+        window = working[top:bottom, left:right]
+        return self.model.see(window, self.view.typical).scaled(1.0, (float(left), float(top)))
+
+    def _boxed(self, rgb: Bytes, frame: int) -> Centres:
+        """What a network for whole pictures sees in the table's part of one, px of the working picture."""
+        x0, y0, x1, y1 = self.view.box if self.view.scene.camera.motion is None else (0, 0, rgb.shape[1], rgb.shape[0])
+        seen = self.model.see(rgb[y0:y1, x0:x1], self.view.typical / self.view.scale)
+        return seen.scaled(1.0, (float(x0), float(y0))).placed(lambda px: self._home(px, frame), self.view.scale)
+
+    def _home(self, px: Floats, frame: int) -> Floats:
+        """Px (n, 2) of a frame to working px."""
+        motion = self.view.scene.camera.motion
+        reference = px if motion is None else apply_homography(np.linalg.inv(motion[frame]), px)
+        return self.view.to_working(reference)
+
+    def _there(self, home: Floats, frame: int) -> Floats:
+        """Working px (n, 2) to px of a frame."""
+        motion, reference = self.view.scene.camera.motion, self.view.to_picture(home)
+        return reference if motion is None else apply_homography(motion[frame], reference)
+
+    def _on_table(self, seen: Centres) -> Centres:
+        """What is sure enough, lies on the table and is as large as a ball there; best first, without echoes."""
+        ratio = seen.radius / _at(self.view.radius, seen.centre)
+        good = (seen.score > LEAST_SCORE) & _at(self.view.centres, seen.centre)
+        good &= (ratio > SIZE_BAND[0]) & (ratio < SIZE_BAND[1])
+        seen = seen.take(good)
+        seen = seen.take(np.argsort(-seen.score, kind="stable"))
+        return seen.take(not_echoes(seen))
+
+    def _measured(self, rgb: Bytes, seen: Centres, frame: int) -> tuple[Detections, Floats]:
+        """Balls, and where (n, 2), working px, the network's word alone counts."""
+        there = seen.placed(lambda px: self._there(px, frame), 1 / self.view.scale)
+        streaked = np.linalg.norm(seen.streak, axis=1) > STREAK_RADII * seen.radius
+        sharp, clear = self._refined(rgb, seen.take(~streaked), there.take(~streaked))
+        swept = _swept(there.take(streaked))
+        found = without_overlaps(found_chained(swept, sharp), self.view.scene, frame)
+        colour, white = ball_colours(rgb, found.centre, found.radius)
+        frames = np.full(len(found.score), frame, dtype=np.int64)
+        unclear = np.concatenate([seen.centre[streaked], seen.centre[~streaked][~clear]])
+        return Detections(
+            frames, found.centre, found.radius, found.streak, colour, white, found.score, found.sigma, found.sigma_along
+        ), unclear
+
+    def _refined(self, rgb: Bytes, home: Centres, there: Centres) -> tuple[Found, Bools]:
+        """Sharp balls: circles through their edges, weighed with what the network says; which of them have a circle."""
+        expected = _at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
+        beneath = np.asarray(_at(self.cloth.colour, home.centre), dtype=np.float64)
+        circles = fit_circles(rgb, softened(rgb), there.centre, expected, beneath, self.cloth.basis)
+        own = np.hypot(there.across, there.along) / np.sqrt(2)
+        apart = np.linalg.norm(circles.centre - there.centre, axis=1)
+        good = (circles.support > LEAST_SUPPORT) & (apart < MOST_APART * np.hypot(own, circles.sigma))
+        share = np.where(good, own**2 / (own**2 + circles.sigma**2), 0.0)
+        centre = there.centre + share[:, None] * (circles.centre - there.centre)
+        radius = np.where(good, circles.radius, there.radius)
+        sigma = np.where(good, own * circles.sigma / np.hypot(own, circles.sigma), own)
+        return Found(centre, radius, np.zeros_like(centre), there.score, sigma, sigma), good
+
+
+def _swept(seen: Centres) -> Found:
+    """Streaks, as the network sees them."""
+    return Found(seen.centre, seen.radius, seen.streak, seen.score, seen.across, np.maximum(seen.along, seen.across))
+
+
+def network_finder(scene: Scene, pictures: Iterable[tuple[int, Bytes]], model: BallModel) -> NetworkFinder:
+    """A finder for a scene that learns the cloth and the size of the balls from (frame, picture (H, W, 3))."""
+    held = list(pictures)
+    scene = _with_seen_size(scene, held[:: max(1, len(held) // SIZE_PICTURES)], model)
+    view = view_of(scene)
+    pictures = iter(held)
+    return NetworkFinder(view, learn_cloth([view.picture(rgb, frame) for frame, rgb in pictures], view), model)
+
+
+def _with_seen_size(scene: Scene, pictures: list[tuple[int, Bytes]], model: BallModel) -> Scene:
+    """The scene with the ball radius that the network sees; unchanged where no two balls are clear."""
+    for _ in range(SIZE_TURNS):
+        view = view_of(scene)
+        finder = NetworkFinder(view, learn_cloth([view.picture(rgb, frame) for frame, rgb in pictures], view), model)
+        ratios = np.concatenate([finder.sizes(rgb, frame) for frame, rgb in pictures])
+        factor = float(np.median(ratios)) if len(ratios) >= LEAST_SIZED else 1.0
+        if abs(factor - 1) <= AGREED:
+            return scene
+        scene = replace(scene, table=replace(scene.table, ball_radius=scene.table.ball_radius * factor))
+    return scene
+
+
+def _at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
+    """Values (n,) of a picture at working px (n, 2)."""
+    h, w = mask.shape[:2]
+    u = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
+    v = np.clip(np.rint(working[..., 1]).astype(int), 0, h - 1)
+    return np.asarray(mask[v, u])
