@@ -77,15 +77,23 @@ class Shooting:
         return np.sqrt(np.diag(self.covariance))
 
 
-def shoot(model: Model, shared: Floats | None = None, options: ShootingOptions = ShootingOptions()) -> Shooting:
-    """Fit a model, from the guesses of its windows and from `shared` (P,), the priors' values where not given."""
+def shoot(
+    model: Model,
+    shared: Floats | None = None,
+    options: ShootingOptions = ShootingOptions(),
+    starts: tuple[Floats, ...] | None = None,
+) -> Shooting:
+    """Fit a model, from the guesses of its windows and from `shared` (P,), the priors' values where not given.
+
+    `starts`, (S,) per window, continue an earlier fit: other first guesses are then not tried.
+    """
     windows = model.windows
     numbers = sorted({window.shot for window in windows})
     shots = tuple(tuple(k for k, w in enumerate(windows) if w.shot == number) for number in numbers)
     problem = Problem(model, windows, shots)
     first = np.array([prior.value for prior in model.unknowns]) if shared is None else np.array(shared, float)
-    now = attempt(problem, tuple(w.start.copy() for w in windows), first)
-    for shot in range(len(shots)):
+    now = attempt(problem, tuple(w.start.copy() for w in windows) if starts is None else starts, first)
+    for shot in range(len(shots) if starts is None else 0):
         now = _begun(problem, now, shot, options)
     now, converged = _descend(problem, now, options)
     return _result(problem, now, converged)
