@@ -1,0 +1,165 @@
+"""Fits of one scene with some of its effects active, and what the data then say of every parameter of the catalogue."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.decorrelated import Decorrelated, chain
+from models.attempt import Attempt, Problem, attempt, normal_blocks
+from models.effects.effect import Prior
+from models.elimination import solved
+from models.gap_scene import GapScene, Mask, Recording, neutral_values, parameters_of
+from models.held import Held
+from models.shooting import Shooting, ShootingOptions, shoot
+from models.windows import Model
+
+Floats = NDArray[np.float64]
+
+_ITERATIONS = ShootingOptions(iterations=25, settling=10)
+_WIDER = 3.0
+"""factor on the priors of what the simulator already has: its users know it less well than the books."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What does not change while models are compared."""
+
+    scene: GapScene
+    priors: tuple[Prior, ...]
+    """(P,) of all parameters, none of them relative, so that an effect may be absent."""
+    neutral: Floats
+    """(P,)"""
+    correlation: float
+    """of the noise of neighbouring pictures."""
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """Effects that the simulator may lack."""
+        return tuple(e.name for e in self.scene.effects if e.kind != "probe" and e.name not in self.scene.assumed)
+
+    @property
+    def assumed_forms(self) -> tuple[str, ...]:
+        return tuple(choice.assumed for choice in self.scene.alternatives)
+
+    def mask(self, names: tuple[str, ...]) -> Mask:
+        """(P,) the parameters of these effects."""
+        return parameters_of(self.scene, names)
+
+
+def question_of(scene: GapScene, correlation: float) -> Question:
+    """Priors of the catalogue as the diagnosis uses them: an absent effect is as likely as one of usual strength."""
+    priors = []
+    for effect in scene.effects:
+        for prior, neutral in zip(effect.parameters, effect.neutral, strict=True):
+            spread = prior.sigma * (abs(prior.value) if prior.relative else 1.0)
+            low, high = min(prior.bounds[0], neutral), max(prior.bounds[1], neutral)
+            known = effect.name in scene.assumed
+            value = prior.value if known else neutral
+            sigma = spread * _WIDER if known else float(np.hypot(spread, prior.value - neutral))
+            priors.append(Prior(f"{effect.name}.{prior.name}", prior.unit, value, sigma, False, (low, high)))
+    return Question(scene, tuple(priors), neutral_values(scene), correlation)
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """A model fitted to pieces of recordings."""
+
+    pieces: tuple[Recording, ...]
+    names: tuple[str, ...]
+    """effects added to those that the simulator has."""
+    forms: tuple[str, ...]
+    free: Mask
+    """(P,)"""
+    shared: Floats
+    """(P,) all parameters, the neutral ones among them."""
+    shooting: Shooting
+    """of the free ones."""
+
+    @property
+    def starts(self) -> tuple[Floats, ...]:
+        return self.shooting.starts
+
+    @property
+    def cost(self) -> float:
+        return self.shooting.cost
+
+    @property
+    def lack(self) -> float:
+        """>= 1: how much larger than the noise the residuals are, as a factor on variances."""
+        return self.shooting.inflation
+
+
+def model_of(question: Question, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: Mask | None) -> Model:
+    """The scene's model, its misfits independent."""
+    model = question.scene.model(pieces, forms, wanted)
+    if question.correlation == 0:
+        return model
+    return Decorrelated(model, tuple(chain(piece, question.correlation) for piece in pieces))
+
+
+def fit(
+    question: Question,
+    pieces: tuple[Recording, ...],
+    names: tuple[str, ...] = (),
+    forms: tuple[str, ...] | None = None,
+    guess: Floats | None = None,
+    starts: tuple[Floats, ...] | None = None,
+) -> Fitted:
+    """Fit what the simulator has together with the effects `names`, from `guess` (P,) and from `starts` where given."""
+    forms = question.assumed_forms if forms is None else forms
+    free = question.mask((*question.scene.assumed, *names))
+    values = np.where(free, [prior.value for prior in question.priors], question.neutral) if guess is None else guess
+    values = np.where(free, _inside(question.priors, values), question.neutral)
+    held = Held(model_of(question, pieces, forms, free), values, free, question.priors)
+    found = shoot(held, values[free], _ITERATIONS, starts)
+    return Fitted(pieces, names, forms, free, held.whole(found.shared), found)
+
+
+def follow(question: Question, pieces: tuple[Recording, ...], like: Fitted) -> Fitted:
+    """Only the starts of other pieces fitted, all parameters kept."""
+    free = np.zeros(len(question.priors), bool)
+    held = Held(model_of(question, pieces, like.forms, free), like.shared, free, question.priors)
+    return Fitted(pieces, like.names, like.forms, free, like.shared, shoot(held, np.empty(0), _ITERATIONS))
+
+
+def _inside(priors: tuple[Prior, ...], values: Floats) -> Floats:
+    low = np.array([prior.bounds[0] for prior in priors])
+    high = np.array([prior.bounds[1] for prior in priors])
+    return np.asarray(np.clip(values, low, high))
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What shots tell of all P parameters near a fit, their states left open: Q shots."""
+
+    shots: NDArray[np.int64]
+    """(Q,)"""
+    information: Floats
+    """(Q, P, P)"""
+    score: Floats
+    """(Q, P) slope of the log-likelihood."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Simulations at a fit with the slopes by every parameter of the catalogue."""
+
+    problem: Problem
+    point: Attempt
+    told: Told
+
+
+def look(question: Question, fitted: Fitted) -> Seen:
+    """The windows of a fit once more, with the slopes by all parameters."""
+    everything = np.ones(len(question.priors), bool)
+    model = Held(model_of(question, fitted.pieces, fitted.forms, None), fitted.shared, everything, question.priors)
+    windows = model.windows
+    numbers = sorted({window.shot for window in windows})
+    problem = Problem(model, windows, tuple(tuple(k for k, w in enumerate(windows) if w.shot == n) for n in numbers))
+    point = attempt(problem, fitted.starts, fitted.shared)
+    blocks = normal_blocks(problem, point)
+    score = [-(b.shared_gradient - b.coupling.T @ solved(b.states, b.gradient, 0.0)) for b in blocks]
+    return Seen(problem, point, Told(np.array(numbers), np.stack([b.reduced() for b in blocks]), np.stack(score)))
