@@ -1,8 +1,9 @@
 """The noise of recordings and how long it lasts, from the recordings alone: no model of the motion is asked.
 
 Whatever moves smoothly is nearly a polynomial over a dozen pictures. What a polynomial leaves is noise; how much of
-noise with a given autocorrelation it would have swallowed is known exactly, so that size and correlation follow from the
-first two lagged products of what it left. Pieces with a contact or an outlier stand out by their size and are left out.
+noise with a given autocorrelation it would have swallowed is known exactly, so that size and correlation follow from
+the first two lagged products of what it left. Pieces with a contact or an outlier stand out by their size and are left
+out.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from models.gap_scene import Recording
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-SPAN = 13
+SPAN = 21
 """pictures of a piece"""
-DEGREE = 4
-_CALM = 2.0
+DEGREE = 5
+_CALM = 2.5
 """times the usual size of what a polynomial leaves, up to which a piece counts as smooth."""
 _MOST = 0.95
 """largest correlation of neighbours that so short pieces can tell from smooth motion."""
@@ -52,15 +53,13 @@ def estimate_noise(recordings: tuple[Recording, ...]) -> Noise:
         return Noise(1.0, 0.0, 0)
     rows = np.concatenate(left)
     size = np.square(rows).sum(axis=1)
-    free = SPAN - DEGREE - 1
-    usual = np.median(size) / (chi2.ppf(0.5, free) / free)
-    calm = rows[size < _CALM * usual]
+    calm = rows[size < _CALM * np.median(size)]
     if len(calm) < _FEW:
         return Noise(1.0, 0.0, len(calm))
     correlation = _correlation(calm)
-    kept = _expected(correlation)[0]
+    kept, free = _expected(correlation)[0], _degrees(correlation)
     # pieces beyond the limit are missing from the mean as much as chance puts there
-    cut = _CALM * free
+    cut = _CALM * chi2.ppf(0.5, free)
     share = chi2.cdf(cut, free + 2) / chi2.cdf(cut, free)
     return Noise(float(np.sqrt(np.square(calm).sum(axis=1).mean() / share / kept)), correlation, len(calm))
 
@@ -90,9 +89,21 @@ def _projector() -> Floats:
 
 def _expected(correlation: float) -> tuple[float, float]:
     """Sum of squares and of products of neighbours that a polynomial leaves of noise of size 1."""
-    lag = np.abs(np.subtract.outer(np.arange(SPAN), np.arange(SPAN)))
-    left = _projector() @ correlation**lag @ _projector()
+    left = _remaining(correlation)
     return float(np.trace(left)), float(np.trace(left, offset=1))
+
+
+def _remaining(correlation: float) -> Floats:
+    """(SPAN, SPAN) covariance of what a polynomial leaves of noise of size 1."""
+    lag = np.abs(np.subtract.outer(np.arange(SPAN), np.arange(SPAN)))
+    return np.asarray(_projector() @ correlation**lag @ _projector())
+
+
+def _degrees(correlation: float) -> float:
+    """Degrees of freedom of the chi-square that has the mean and variance of what a polynomial leaves (Satterthwaite
+    1946)."""
+    left = _remaining(correlation)
+    return float(np.trace(left) ** 2 / np.trace(left @ left))
 
 
 def _correlation(pieces: Floats) -> float:
