@@ -1,0 +1,123 @@
+"""The mass-spring-damper model as a chain of states: what it predicts from one sample to the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.chains import Prediction
+from models.spring_layout import Layout, Units
+from models.springs import Floats, Ints, Springs, flow, steps_for
+
+
+@dataclass(frozen=True, slots=True)
+class SpringChain:
+    """A graph at K samples; S = 2 D numbers of state per free particle: places, then velocities."""
+
+    graph: Springs
+    units: Units
+    layout: Layout
+    spans: Floats
+    """(L,) s between samples."""
+    bond: float
+    """standard deviation of the length of a rod."""
+
+    @property
+    def free(self) -> Ints:
+        """(S,) inputs of `springs.flow` that are numbers of state."""
+        count, axes = len(self.graph.mass), len(self.graph.gravity)
+        places = np.flatnonzero(np.repeat(~self.graph.held, axes))
+        return np.concatenate([places, count * axes + places])
+
+    def allowed(self, shared: Floats) -> Floats:
+        """Coordinates (P,) within their bounds."""
+        return np.clip(shared, self.layout.low, self.layout.high)
+
+    def full(self, states: Floats, shared: Floats) -> Floats:
+        """States (K, 2, N, D) of all particles."""
+        count, axes = len(self.graph.mass), len(self.graph.gravity)
+        whole = np.zeros((len(states), 2 * count * axes))
+        whole[:, self.free] = states
+        pinned = self.layout.inputs < count * axes
+        whole[:, self.layout.inputs[pinned]] = shared[self.layout.owner[pinned]]
+        return whole.reshape(len(states), 2, count, axes)
+
+    def at(self, shared: Floats) -> Springs:
+        """The graph with the numbers of coordinates (P,)."""
+        count, edges, axes = len(self.graph.mass), len(self.graph.pairs), len(self.graph.gravity)
+        numbers = self.graph.numbers
+        ours = self.layout.inputs >= 2 * count * axes
+        values = self.layout.values(shared)[self.layout.owner]
+        numbers[self.layout.inputs[ours] - 2 * count * axes] = values[ours]
+        parts = np.split(numbers, np.cumsum([count, edges, edges, edges, axes, count]))
+        mass, stiffness, damping, rest, gravity, radius, contact = parts
+        stiffness = np.where(np.isinf(self.graph.stiffness), np.inf, stiffness)
+        return replace(
+            self.graph, mass=mass, stiffness=stiffness, damping=damping, rest=rest, gravity=gravity, radius=radius,
+            contact=contact,
+        )  # fmt: skip
+
+    def coordinates(self, places: Floats) -> Floats:
+        """Shared coordinates (P,) of the graph itself, held particles at `places` (N, D)."""
+        inputs = np.concatenate([places.ravel(), np.zeros(places.size), self.graph.numbers])
+        values = np.zeros(len(self.layout.names))
+        values[self.layout.owner] = inputs[self.layout.inputs]
+        return self.allowed(self.layout.coordinates(values))
+
+    def predict(self, states: Floats, shared: Floats) -> Prediction:
+        """Where every state is at the next sample, and how far rods are off their lengths."""
+        whole, free = self.full(states, shared), self.free
+        speed = 2 * float(np.abs(states[:, len(free) // 2 :]).max(initial=0.0))
+        graph, inputs = self.at(shared), np.concatenate([free, self.layout.inputs])
+        moved = flow(graph, whole[:-1], self.spans, inputs, steps_for(graph, self.spans, speed))
+        size = len(free)
+        by_input = moved.slopes[:, free, size:] * self.layout.slope(shared)[self.layout.owner]
+        bonds, bonds_by_all = self._bonds(whole)
+        lengths = self._lengths()
+        return Prediction(
+            moved.ends.reshape(len(whole) - 1, -1)[:, free],
+            moved.slopes[:, free, :size],
+            by_input @ self._gather(),
+            bonds - lengths @ shared,
+            bonds_by_all[:, :, free],
+            bonds_by_all[:, :, self._pins()] @ self._pinned() - lengths,
+        )
+
+    def _gather(self) -> Floats:
+        """(I, P) adds up the inputs of each coordinate."""
+        return np.eye(len(self.layout.names))[self.layout.owner]
+
+    def _pins(self) -> Ints:
+        return self.layout.inputs[self.layout.inputs < self.graph.mass.size * self.graph.gravity.size]
+
+    def _pinned(self) -> Floats:
+        return self._gather()[self.layout.inputs < self.graph.mass.size * self.graph.gravity.size]
+
+    def _lengths(self) -> Floats:
+        """(2 R, P) which coordinate is the length of each rod, in units of `bond`."""
+        rods = self.graph.rods
+        found = np.zeros((2 * len(rods), len(self.layout.names)))
+        count, edges = len(self.graph.mass), len(self.graph.pairs)
+        first = 2 * count * len(self.graph.gravity) + count + 2 * edges
+        for row, rod in enumerate(rods):
+            found[row, self.layout.owner[self.layout.inputs == first + rod]] = 1 / self.bond
+        return found
+
+    def _bonds(self, whole: Floats) -> tuple[Floats, Floats]:
+        """(K, 2 R) lengths of rods and their rates over a sample, over `bond`; and slopes (K, 2 R, 2 N D) by states."""
+        i, j = self.graph.pairs[self.graph.rods].T
+        apart, rate = whole[:, 0, j] - whole[:, 0, i], whole[:, 1, j] - whole[:, 1, i]  # (K, R, D)
+        length = np.linalg.norm(apart, axis=2)
+        along = apart / length[:, :, None]
+        speed = (along * rate).sum(axis=2)
+        bent = (rate - speed[:, :, None] * along) / length[:, :, None]
+        count, rods = len(whole), len(i)
+        slopes = np.zeros((count, 2, rods, *whole.shape[1:]))
+        for r in range(rods):
+            for end, sign in ((j[r], 1.0), (i[r], -1.0)):
+                slopes[:, 0, r, 0, end] = sign * along[:, r]
+                slopes[:, 1, r, 0, end] = sign * bent[:, r] * self.units.span
+                slopes[:, 1, r, 1, end] = sign * along[:, r] * self.units.span
+        values = np.concatenate([length, speed * self.units.span], axis=1)
+        return values / self.bond, slopes.reshape(count, 2 * rods, whole[0].size) / self.bond
