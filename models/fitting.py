@@ -16,6 +16,7 @@ from models.noise import Noise, estimate_noise, outliers, seldom_seen, with_nois
 from models.paths import measured_pieces, pack, pieces_of
 from models.progress import Progress, silent
 from models.reappraisal import reappraised
+from models.record import record_of
 from models.refinement import refine
 from models.revision import revise, without_doubts
 from models.scene import Scene, Table
@@ -23,6 +24,7 @@ from models.segmentation import Samples, segment
 from models.solution import Data, Solution, gather, layout, owners, residuals
 from models.story import Story
 from models.tidying import tidy
+from models.timing import retimed
 from models.tracks import Tracks
 from models.trust import accepted_spans, light, span_chi2, with_doubts
 
@@ -52,7 +54,12 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
         fit = _fitted(tracks, scene.table, options, progress)
     except np.linalg.LinAlgError as failure:
         fit = _measured_only(tracks, options, f"The fit failed: {failure}; paths are as measured.")
-    return replace(fit, trust=with_doubts(fit.trust, scene.doubts))
+    timed = (
+        retimed(record_of(tracks, fit.events, fit.trajectory, scene.table, scene.camera))
+        if len(tracks.t)
+        else fit.events
+    )
+    return replace(fit, events=timed, trust=with_doubts(fit.trust, scene.doubts))
 
 
 def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progress) -> Fit:

@@ -47,7 +47,7 @@ def ball_moments(record: Record, one: int, two: int) -> list[Moment]:
     for t in _candidates(record, one, two):
         who = {record.ids[one], record.ids[two]}
         try:
-            balls = tuple(_watched(record, t, ball, who) for ball in (one, two))
+            balls = tuple(watched(record, t, ball, who) for ball in (one, two))
             asked = Encounter(balls, 2 * record.table.ball_radius, record.reach_sigma)
             found.append(_weighed(asked, one, record.ids[two], t))
         except ValueError:  # too few samples to weigh: what the run says of it stands
@@ -67,7 +67,7 @@ def cushion_moments(record: Record, one: int) -> list[Moment]:
         told = Moment(one, events.b[e], t, float(events.t_sigma[e]), float(events.probability[e]),
                       float(events.gap[e]), float(events.gap_sigma[e]))  # fmt: skip
         try:
-            balls = (_watched(record, t, one, {record.ids[one], events.b[e]}),)
+            balls = (watched(record, t, one, {record.ids[one], events.b[e]}),)
             asked = Encounter(balls, record.table.ball_radius, record.nose_sigma, Cushion(inward, nose))
             found.append(_weighed(asked, one, events.b[e], t))
         except ValueError:
@@ -110,7 +110,7 @@ def _candidates(record: Record, one: int, two: int) -> list[float]:
     return sorted(found)
 
 
-def _watched(record: Record, t: float, ball: int, who: set[str]) -> Watched:
+def watched(record: Record, t: float, ball: int, who: set[str]) -> Watched:
     """A ball around t (s), from its last event before to its next one after; `who` are the parties of this one."""
     events, end = record.events, t + WINDOW
     begin = max(t - WINDOW, float(record.moments[0]))

@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 from models.events import Events
 from models.scene import Camera, Table
 from models.segmentation import Samples
+from models.tracks import Tracks
+from models.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
-SCALE_SIGMA = 0.01
-"""relative: what lens and calibration may miss of the distance of two touching balls, in a picture."""
+SCALE_SIGMA = 0.005
+"""relative: what lens and unequal heights may add to the distance of two touching balls in a picture."""
+HZ = 1000.0
+"""Moments a second at which a path is kept."""
 BALL_TOLERANCE = 1.3e-4
 """m: of a diameter, one set against another (WPA equipment specifications, section 16: 0.127 mm)."""
 NOSE_SIGMA = 2e-3
@@ -39,6 +43,8 @@ class Record:
     """(K,) s."""
     xy: Floats
     """(K, 2) m."""
+    px: Floats
+    """(K, 2) px of the picture; NaN where not known."""
     sigma: Floats
     """(K,) m."""
     events: Events
@@ -105,9 +111,30 @@ class Record:
     @property
     def reach_sigma(self) -> float:
         """m, of the distance at which two balls touch: their sizes, and the scale where a camera saw them."""
-        return float(np.hypot(BALL_TOLERANCE, SCALE_SIGMA * 2 * self.table.ball_radius if self.camera else 0.0))
+        if self.camera is None:
+            return BALL_TOLERANCE
+        corners, covariance = self.camera.corners_px, self.camera.corner_covariance
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+        known = np.sqrt(np.trace(covariance) / 4) / float(sides.min())  # of the shortest side, two corners' errors
+        return float(np.hypot(BALL_TOLERANCE, np.hypot(SCALE_SIGMA, known) * 2 * self.table.ball_radius))
 
     @property
     def nose_sigma(self) -> float:
         """m, of where balls meet a cushion."""
         return NOSE_SIGMA if self.camera else BALL_TOLERANCE
+
+
+def record_of(tracks: Tracks, events: Events, motion: Trajectory, table: Table, camera: Camera | None) -> Record:
+    """A shot that was just fitted."""
+    row, ball = np.nonzero(tracks.observed)
+    order = np.lexsort((row, ball))
+    row, ball = row[order], ball[order]
+    sigma = np.sqrt((tracks.sigma[row, ball] ** 2 + tracks.sigma_along[row, ball] ** 2) / 2)
+    t = np.arange(np.floor(tracks.t[0] * HZ), np.ceil(tracks.t[-1] * HZ) + 1) / HZ
+    state = motion.at(t)
+    turned = np.stack([state.w[..., 1], -state.w[..., 0]], axis=-1)
+    return Record(
+        tracks.ids, tracks.kinds, tracks.frame, tracks.t, ball.astype(np.int64), tracks.t[row], tracks.xy[row, ball],
+        tracks.px[row, ball], sigma, events, t, state.xy, state.v, state.v - table.ball_radius * turned, state.sigma,
+        table, camera,
+    )  # fmt: skip

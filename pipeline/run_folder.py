@@ -49,10 +49,12 @@ def read_record(folder: Path, shot: int = 0) -> Record:
     order = np.lexsort((tracks["t"], ball))
     order = order[seen[order]]
     sigma = np.nan_to_num(tracks.get("sigma", np.full(len(seen), USUAL_SIGMA)), nan=USUAL_SIGMA)
+    blank = np.full(len(seen), np.nan)
     frame, at = np.unique(tracks["frame"], return_index=True)
     return Record(
         ids, tuple(kinds[name] for name in ids), frame.astype(np.int64), tracks["t"][at],
         ball[order], tracks["t"][order], np.stack([tracks["x"], tracks["y"]], axis=1)[order],
+        np.stack([tracks.get("x_px", blank), tracks.get("y_px", blank)], axis=1)[order],
         np.maximum(sigma, 1e-6)[order], _events(events), *_grid(motion, ids, table.ball_radius), table,
         camera_of(scene),
     )  # fmt: skip

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pipeline.command_line import app
-from pipeline.commands import batch, cache, graph, run, view
+from pipeline.commands import batch, cache, call, graph, run, view
 
-__all__ = ["app", "batch", "cache", "graph", "run", "view"]
+__all__ = ["app", "batch", "cache", "call", "graph", "run", "view"]
 
-_ORDER = ("run", "batch", "view", "graph", "cache")
+_ORDER = ("run", "batch", "view", "call", "graph", "cache")
 """As a new user needs them, in the list of `--help`."""
 
 app.registered_commands.sort(key=lambda command: _ORDER.index(str(command.name)))

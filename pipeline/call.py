@@ -1,0 +1,139 @@
+"""A question in words to a call, and the call to pictures of its moment."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from models import calls
+from models.calls import Call
+from models.errors import OptionError, TruerollError
+from models.record import Record
+from models.scene import Camera
+from pipeline.publish import aside
+from pipeline.run_folder import read_scene
+from video.clip import open_clip, read_frames
+from video.close_up import Outline, Scenery, close_up, strip
+
+Floats = NDArray[np.float64]
+
+SHAPES = {"contact": 2, "first": 1, "cushion-first": 1, "pocket": 2, "line": 2}
+"""Words after the first one."""
+USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, or line x=0.635 A"
+SOURCE = "source.json"
+"""Where a run notes which clip it was."""
+STRIP = 2
+"""Pictures before and after the nearest one."""
+
+
+def ask(record: Record, words: Sequence[str], edge: bool = False) -> Call:
+    """The answer to a question; OptionError, one sentence, where it cannot be understood."""
+    kind, *rest = words
+    if kind not in SHAPES or len(rest) != SHAPES[kind]:
+        raise OptionError(f"{USAGE}; got {' '.join(words)!r}")
+    if edge and kind != "line":
+        raise OptionError(f"--edge belongs to line; got {' '.join(words)!r}")
+    try:
+        if kind == "contact":
+            return calls.contact(record, *rest)
+        if kind == "first":
+            return calls.first(record, *rest)
+        if kind == "cushion-first":
+            return calls.cushion_first(record, *rest)
+        if kind == "pocket":
+            return calls.pocket(record, *rest)
+        axis, at = _line(rest[0])
+        return calls.line(record, rest[1], axis, at, edge)
+    except ValueError as error:
+        raise OptionError(str(error)) from error
+
+
+def _line(text: str) -> tuple[str, float]:
+    match = re.fullmatch(r"([xy])=([+-]?(?:\d+\.?\d*|\.\d+))", text)
+    if match is None:
+        raise OptionError(f"a line is x=0.635 or y=0.3, in metres; got {text!r}")
+    return match.group(1), float(match.group(2))
+
+
+def picture_call(
+    record: Record, call: Call, folder: Path, clip: Path | None, target: Path, words: Sequence[str]
+) -> tuple[list[Path], str]:
+    """Write a close-up and a strip of the moment; their paths, or none and why."""
+    if not np.isfinite(call.t) or record.camera is None:
+        return [], "there is no moment to show." if record.camera else "the folder does not say how the table was seen."
+    found, why_not = _clip_of(folder, clip)
+    if found is None:
+        return [], why_not
+    shown = record.frame[np.argsort(np.abs(record.shown - call.t), kind="stable")[: 2 * STRIP + 1]]
+    try:
+        frames = dict(read_frames(open_clip(found), indices=np.sort(shown)))
+    except (TruerollError, ValueError) as error:
+        if clip is not None:
+            raise
+        return [], f"{found} cannot be read: {error}"
+    target.mkdir(parents=True, exist_ok=True)
+    name = re.sub(r"[^A-Za-z0-9.=-]+", "_", "call " + " ".join(words))
+    scenery = [_scenery(record, record.camera, call, int(frame), picture) for frame, picture in sorted(frames.items())]
+    nearest = min(scenery, key=lambda scene: abs(scene.t - call.t))
+    paths = [target / f"{name}.png", target / f"{name}_strip.png"]
+    caption = f"{call.verdict}  {call.probability:.1%}"
+    for path, picture in zip(paths, (close_up(nearest, caption, _lines(call)), strip(scenery, call.t)), strict=True):
+        with aside(path) as part:
+            Image.fromarray(picture).save(part, format="PNG")
+    return paths, ""
+
+
+def _lines(call: Call) -> list[str]:
+    """What is written below the close-up."""
+    when = f"{call.t:.4f} s" + (f" ± {1e3 * call.t_sigma:.1f} ms" if np.isfinite(call.t_sigma) else "")
+    lines = [f"{when}, picture {call.frame:.2f}"]
+    if np.isfinite(call.margin):
+        lines.append(f"margin {1e3 * call.margin:+.2f} ± {1e3 * call.margin_sigma:.2f} mm")
+    return lines
+
+
+def _clip_of(folder: Path, clip: Path | None) -> tuple[Path | None, str]:
+    """The video of a run: as named, else as the run noted it, where that is still the same file."""
+    if clip is not None:
+        if not clip.is_file():
+            raise OptionError(f"A clip was expected; {clip} is no file")
+        return clip, ""
+    digest = (read_scene(folder / "scene.json").get("clip") or {}).get("sha256")
+    try:
+        noted = Path(json.loads((folder / SOURCE).read_text(encoding="utf-8"))["path"])
+        with noted.open("rb") as file:
+            same = digest is None or hashlib.file_digest(file, "sha256").hexdigest() == digest
+    except (OSError, ValueError, KeyError, TypeError):
+        return None, "the clip of this run is not where it was; name it with --clip."
+    return (noted, "") if same else (None, f"{noted} is another clip now; name the right one with --clip.")
+
+
+def _scenery(record: Record, camera: Camera, call: Call, frame: int, picture: NDArray[np.uint8]) -> Scenery:
+    """A picture with the fitted outlines of the balls that take part."""
+    t = float(record.shown[np.searchsorted(record.frame, frame)])
+    drift = _drift(record, camera, t)
+    outlines = []
+    for name in call.balls:
+        ball = record.number(name)
+        place = record.place(ball, t)
+        if np.isfinite(place).all():
+            centre = camera.to_pixels(place, record.table.ball_radius) + drift
+            outlines.append(Outline(name, centre, float(camera.radius_px(place, record.table.ball_radius))))
+    return Scenery(picture, frame, t, tuple(outlines))
+
+
+def _drift(record: Record, camera: Camera, t: float) -> Floats:
+    """px (2,) by which the picture at t (s) has moved against the reference picture, as its balls show."""
+    rows = np.abs(record.t - t) < 1e-9
+    if not rows.any():
+        return np.zeros(2)
+    there = camera.to_pixels(record.xy[rows], record.table.ball_radius)
+    shift: Floats = np.nanmedian(record.px[rows] - there, axis=0)
+    return shift if np.isfinite(shift).all() else np.zeros(2)
