@@ -55,14 +55,18 @@ class Leg:
     """One path: from `begin` to the next contact."""
 
     chain: int
+    """legs that cushions tie have one number."""
     ball: str
     begin: float
     """s, about when the contact was after which it begins."""
     tied: bool
     """whether a cushion ties it to the leg before."""
     t: Floats
+    """(K,) s."""
     xy: Floats
+    """(K, 2) m."""
     whiten: Floats
+    """(K, 2, 2): takes a residual in m to standard deviations."""
     bounce: Bounce | None
     """None where it ends otherwise."""
 
@@ -77,6 +81,7 @@ class CushionChains:
     known: tuple[Prior, ...] = ()
     """of the shared numbers, where other clips have told them."""
     scatter: float = SCATTER
+    """of the speed."""
     windows: tuple[Window, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -224,10 +229,9 @@ def _through(
     p = neutral().astype(np.complex128)
     p[[SLIDING_MU, CUSHION_E, CUSHION_MU]] = shared[[0, 2, 3]]
     out = law(v @ n, v @ t, w @ n, w @ t, state[6] / radius, complex(radius), complex(table.ball_mass), p)
-    v = out[0] * n + out[1] * t
-    w = out[2] * n + out[3] * t
-    u = np.array([v[0] - radius * w[1], v[1] + radius * w[0]])
-    return np.concatenate([state[:2], v, u, [radius * out[4]]])
+    left, turned = out[0] * n + out[1] * t, out[2] * n + out[3] * t
+    slip = np.array([left[0] - radius * turned[1], left[1] + radius * turned[0]])
+    return np.concatenate([state[:2], left, slip, [radius * out[4]]])
 
 
 def _wall(table: Table, cushion: str) -> float:
@@ -236,10 +240,11 @@ def _wall(table: Table, cushion: str) -> float:
 
 
 def _window(leg: Leg, scatter: float) -> Window:
-    few = max(min(len(leg.t), 5), 0)
-    line = np.zeros((2, 2))
+    """Starts where the first samples say; from a contact of an unknown kind, spin may be anything a cue can give."""
+    few = min(len(leg.t), 5)
+    line: Floats = np.zeros((2, 2))
     if few >= 2:
-        line = np.linalg.lstsq(np.vander(leg.t[:few] - leg.begin, 2), leg.xy[:few], rcond=None)[0]
+        line = np.asarray(np.linalg.lstsq(np.vander(leg.t[:few] - leg.begin, 2), leg.xy[:few], rcond=None)[0])
     elif few == 1:
         line[1] = leg.xy[0]
     start = np.concatenate([line[1], line[0], np.zeros(3)])
