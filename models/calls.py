@@ -78,7 +78,7 @@ def first(record: Record, a: str) -> Call:
         nearest = min(moments, key=lambda m: abs(m.gap), default=None)
         sentence = f"{_likely(probability)} {a} touched no ball"
         if nearest is None:
-            return Call(probability, *[float("nan")] * 5, f"{sentence}.", (), (a,), ranked)
+            return replace(_nowhere(probability, sentence, a), alternatives=ranked)
         return replace(_answer(record, nearest, probability, sentence, (a, nearest.other)), alternatives=ranked)
     best = min((m for m in moments if m.other == name and m.probability > 0.5 * probability), key=lambda m: m.t)
     others = ", ".join(f"{other} {p:.1%}" for other, p in ranked[1:4] if p >= NEVER)
@@ -104,7 +104,7 @@ def cushion_first(record: Record, a: str) -> Call:
     against = f"{a} met {best.other} first" if best else f"{a} met no cushion"
     sentence = _told(probability, what, against)
     if best is None:
-        return Call(probability, *[float("nan")] * 5, f"{sentence}.", (), (a,))
+        return _nowhere(probability, sentence, a)
     return _answer(record, best, probability, sentence, (a,) if best.other in CUSHIONS else (a, best.other))
 
 
@@ -181,6 +181,12 @@ def _answer(record: Record, moment: Moment, probability: float, sentence: str, b
     movers = f"{' and '.join(moved)} moved" if moved else "nobody moved"
     full = f"{sentence}{when} (picture {frame:.2f}); before it {movers}."
     return Call(probability, moment.t, moment.t_sigma, frame, moment.gap, moment.gap_sigma, full, moved, balls)
+
+
+def _nowhere(probability: float, sentence: str, a: str) -> Call:
+    """The call of something that has no moment."""
+    nan = float("nan")
+    return Call(probability, nan, nan, nan, nan, nan, f"{sentence}.", (), (a,))
 
 
 def _told(probability: float, what: str, against: str) -> str:

@@ -17,6 +17,7 @@ from models.calls import Call
 from models.errors import OptionError, TruerollError
 from models.record import Record
 from models.scene import Camera
+from pipeline.chain import SOURCE
 from pipeline.publish import aside
 from pipeline.run_folder import read_scene
 from video.clip import open_clip, read_frames
@@ -27,8 +28,6 @@ Floats = NDArray[np.float64]
 SHAPES = {"contact": 2, "first": 1, "cushion-first": 1, "pocket": 2, "line": 2}
 """Words after the first one."""
 USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, or line x=0.635 A"
-SOURCE = "source.json"
-"""Where a run notes which clip it was."""
 STRIP = 2
 """Pictures before and after the nearest one."""
 
@@ -119,14 +118,19 @@ def _scenery(record: Record, camera: Camera, call: Call, frame: int, picture: ND
     """A picture with the fitted outlines of the balls that take part."""
     t = float(record.shown[np.searchsorted(record.frame, frame)])
     drift = _drift(record, camera, t)
-    outlines = []
+    outlines = _outlines(record, camera, call, t, drift)
+    return Scenery(picture, frame, t, outlines, _outlines(record, camera, call, call.t, drift))
+
+
+def _outlines(record: Record, camera: Camera, call: Call, t: float, drift: Floats) -> tuple[Outline, ...]:
+    """The balls that take part, where the fit puts them at t (s)."""
+    found = []
     for name in call.balls:
-        ball = record.number(name)
-        place = record.place(ball, t)
+        place = record.place(record.number(name), t)
         if np.isfinite(place).all():
             centre = camera.to_pixels(place, record.table.ball_radius) + drift
-            outlines.append(Outline(name, centre, float(camera.radius_px(place, record.table.ball_radius))))
-    return Scenery(picture, frame, t, tuple(outlines))
+            found.append(Outline(name, centre, float(camera.radius_px(place, record.table.ball_radius))))
+    return tuple(found)
 
 
 def _drift(record: Record, camera: Camera, t: float) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 from collections.abc import Mapping
@@ -36,6 +37,8 @@ FILES: Mapping[str, tuple[str, ...]] = {
     "report": ("report.html",),
 }
 """Which stage makes which files of a run's folder."""
+SOURCE = "source.json"
+"""Where a run notes which clip it was."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +90,7 @@ def run_clip(clip: Path, folder: Path, options: RunOptions, cache: Cache, watche
     refuse_overwriting(clip, folder)
     entries = graph.run(cache, watcher, {"read": partial(_at, clip)})
     publish(entries, folder)
+    note_source(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
     seen: Clip = stage_value(stages["read"], entries["read"])
     fit: Fit = stage_value(stages["fit"], entries["fit"])
@@ -125,6 +129,12 @@ def publish(entries: Mapping[str, Entry], folder: Path) -> None:
         for name in names:
             with aside(folder / name) as path:
                 shutil.copyfile(entries[stage].folder / name, path)
+
+
+def note_source(clip: Path, folder: Path) -> None:
+    """Write where the clip of a run lies: the cache knows content, not places, and calls want its pictures again."""
+    with aside(folder / SOURCE) as path:
+        path.write_text(json.dumps({"path": str(clip.absolute())}), encoding="utf-8")
 
 
 def default_folder(clip: Path) -> Path:

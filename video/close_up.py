@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from video.overlay import draw_ring, fixed
 from video.palette import FLASH, INK, MIST, WHITE, Colour
-from video.text import lay, rounded_mask, write
+from video.text import lay, rounded_mask, text_mask, write
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -24,6 +24,7 @@ AROUND = 2.6
 """ball radii that are shown around the balls."""
 LARGEST = 24.0
 """times: pixels are not magnified further."""
+DASHES = 36
 RINGS: tuple[Colour, Colour] = ((96, 214, 255), (255, 150, 110))
 SHIFT = 4
 """Binary digits after the point of OpenCV's sub-pixel coordinates."""
@@ -46,19 +47,25 @@ class Scenery:
     frame: int
     t: float
     outlines: tuple[Outline, ...]
+    moment: tuple[Outline, ...] = ()
+    """The same balls at the moment in question."""
 
 
 def close_up(scene: Scenery, caption: str, lines: Sequence[str]) -> Picture:
     """The balls magnified, their outlines and the gap between them, and what is called."""
     view, scale, corner = _magnified(scene, SIZE, _window([scene]))
+    for outline in scene.moment:
+        draw_ring(view, scale * (outline.centre - corner), scale * outline.radius, 1.5, WHITE, 0.7, DASHES)
     _draw_balls(view, scene, scale, corner, 2.0)
     _draw_gap(view, scene, scale, corner)
     _label(view, scene, scale, corner)
-    height = 30 + 26 * len(lines) + 34
-    lay(view, rounded_mask(380, height, 12), 20, SIZE[1] - height - 20, INK, 0.82)
-    write(view, caption, 36, SIZE[1] - height - 10, 26, WHITE, bold=True)
-    for row, line in enumerate([*lines, f"shown: picture {scene.frame} at {scene.t:.4f} s"]):
-        write(view, line, 36, SIZE[1] - height + 28 + 24 * row, 17, MIST)
+    lines = [*lines, f"shown: picture {scene.frame} at {scene.t:.4f} s", "dashed: the moment called"]
+    height = 56 + 24 * len(lines)
+    top = SIZE[1] - height - 20
+    lay(view, rounded_mask(380, height, 12), 20, top, INK, 0.82)
+    write(view, caption, 36, top + 8, 26, WHITE, bold=True)
+    for row, line in enumerate(lines):
+        write(view, line, 36, top + 46 + 24 * row, 17, MIST)
     return view
 
 
@@ -126,8 +133,12 @@ def _draw_gap(view: Picture, scene: Scenery, scale: float, corner: Floats) -> No
 
 
 def _label(view: Picture, scene: Scenery, scale: float, corner: Floats) -> None:
-    """Names above the balls."""
+    """Names above the balls, below the lower one, so that none hides the gap."""
+    lowest = max((outline.centre[1] for outline in scene.outlines), default=0.0)
     for k, outline in enumerate(scene.outlines):
-        x, y = scale * (outline.centre - corner) - [0, scale * outline.radius + 30]
-        lay(view, rounded_mask(14 + 10 * len(outline.name), 26, 6), round(x) - 7, round(y), INK, 0.75)
+        width = text_mask(outline.name, 17, True).shape[1]
+        below = len(scene.outlines) > 1 and outline.centre[1] == lowest
+        away = scale * outline.radius + 8 if below else -scale * outline.radius - 34
+        x, y = scale * (outline.centre - corner) + [-width / 2, away]
+        lay(view, rounded_mask(width + 14, 26, 6), round(x) - 7, round(y), INK, 0.75)
         write(view, outline.name, x, y + 2, 17, RINGS[k % 2], bold=True)
