@@ -39,6 +39,8 @@ MOST_STEPS, SETTLED = 20, 3e-3
 """Of a descent, and the chi2 that another step must gain."""
 CLOSE = 1e-3
 """m: half of what is asked about comes within little more, a Cauchy distribution."""
+STILL_SPREAD = 1e-9
+"""m/s: least standard deviation of a closing speed."""
 OUTLIER = 4.5
 """standard deviations under both hypotheses."""
 
@@ -55,10 +57,11 @@ class Noise:
     def white(self, rows: Floats) -> Floats:
         """Rows (K, 2, ...) in m as independent standard errors, flat (2 K, ...)."""
         shape = (-1,) + (1,) * (rows.ndim - 1)
-        unit = rows / self.sigma.reshape(shape)
+        unit: Floats = rows / self.sigma.reshape(shape)
         carry = self.carry.reshape(shape)
-        unit = (unit - carry * np.concatenate([unit[:1] * 0, unit[:-1]])) / np.sqrt(1 - carry**2)
-        return unit.reshape(2 * len(rows), *rows.shape[2:])
+        before = np.concatenate([np.zeros_like(unit[:1]), unit[:-1]])
+        white: Floats = (unit - carry * before) / np.sqrt(1 - carry**2)
+        return white.reshape(2 * len(rows), *rows.shape[2:])
 
     @property
     def log_volume(self) -> float:
@@ -198,7 +201,8 @@ def _possible(encounter: Encounter, fit: Fitted, touch: float) -> float:
         gap = np.linspace(0, max(paths.gap, 0.0) + 6 * spread, 400)
         share = norm.pdf(gap, paths.gap, spread) * _asked(encounter, gap)
         return float(np.log(max(np.trapezoid(share, gap), 1e-300)))
-    spread = float(np.sqrt(paths.closing_slope @ fit.covariance @ paths.closing_slope))
+    # two balls that lie still close in on each other not at all, and that for certain
+    spread = max(float(np.sqrt(paths.closing_slope @ fit.covariance @ paths.closing_slope)), STILL_SPREAD)
     z = paths.closing / spread
     mean = spread * (z * norm.cdf(z) + norm.pdf(z))  # of max(closing, 0)
     overlap = min(nearest(encounter, fit.p[: encounter.shared + SHARED]).gap, 0.0)
