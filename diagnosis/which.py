@@ -1,0 +1,188 @@
+"""Which effects are missing: signatures propose, joint refits decide, evidence is penalised for what was tried.
+
+Effects are added while the data ask for one, taken away again where they turn out not to be needed, and exchanged for
+others; a choice between published forms counts as an effect without a parameter. Every hypothesis ever fitted keeps
+its evidence (Laplace's approximation, divided by the lack of fit), from which probabilities follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import combinations
+from math import comb, log
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from diagnosis.fitting import Fitted, Question, Seen, fit, look
+from diagnosis.signatures import Signatures, signatures
+
+Floats = NDArray[np.float64]
+
+SIGNIFICANT = 0.01
+"""chance to add any effect where none is missing."""
+TRIED = 4
+"""hypotheses that are refitted at every step."""
+MOST = 3
+"""effects missing at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """A set of missing effects, changed forms among them, and the fit with them."""
+
+    names: frozenset[str]
+    fitted: Fitted
+
+    @property
+    def size(self) -> int:
+        return len(self.names)
+
+
+@dataclass(slots=True)
+class Search:
+    """What has been fitted so far, on the same pieces throughout."""
+
+    question: Question
+    base: Hypothesis
+    tried: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.tried[self.base.names] = self.base
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """All effects and forms that may be missing."""
+        return (*self.question.candidates, *(choice.name for choice in self.question.scene.alternatives))
+
+    def lack(self) -> float:
+        """The least lack of fit that any hypothesis leaves: what the data scatter beyond the noise promised."""
+        return min(one.fitted.lack for one in self.tried.values())
+
+    def weigh(self, one: Hypothesis) -> float:
+        """Log of evidence times prior: none and any number of effects are alike likely, and within a number all sets."""
+        fitted, priors = one.fitted, self.question.priors
+        known = np.array([prior.sigma for prior, free in zip(priors, fitted.free, strict=True) if free])
+        posterior = fitted.shooting.covariance / known / known[:, None] * (self.lack() / fitted.lack)
+        width = float(np.linalg.slogdet(posterior)[1]) if len(known) else 0.0
+        return (
+            -0.5 * fitted.cost / self.lack() + 0.5 * width - log(comb(len(self.choices), one.size)) - one.size * log(2)
+        )
+
+    def best(self) -> Hypothesis:
+        return max(self.tried.values(), key=self.weigh)
+
+
+def search(question: Question, base: Fitted) -> Search:
+    """Try hypotheses from what the simulator has until nothing more is asked for."""
+    state = Search(question, Hypothesis(frozenset(), base))
+    now = state.base
+    for _ in range(MOST):
+        for names in _proposals(state, now):
+            _try(state, names, now)
+        better = max((one for one in state.tried.values() if one.size <= now.size + 1), key=state.weigh)
+        if better.size <= now.size or not needed(state, better):
+            break
+        now = better
+        _exchange(state, now)
+    return state
+
+
+def adopted(state: Search) -> Hypothesis:
+    """The hypothesis of greatest evidence in which every effect is needed."""
+    for one in sorted(state.tried.values(), key=state.weigh, reverse=True):
+        if needed(state, one):
+            return one
+    return state.base
+
+
+def needed(state: Search, one: Hypothesis) -> bool:
+    """Whether leaving out any of its effects costs more than chance among as many choices explains."""
+    return all(chance(state, one, name) < SIGNIFICANT for name in one.names)
+
+
+def chance(state: Search, one: Hypothesis, name: str) -> float:
+    """Probability that adding the best of all choices to the others gains as much without cause (Sidak 1967)."""
+    without = state.tried.get(one.names - {name}) or _try(state, one.names - {name}, one)
+    gain = (without.fitted.cost - one.fitted.cost) / max(one.fitted.lack, 1.0)
+    more = max(int(one.fitted.free.sum() - without.fitted.free.sum()), 1)
+    single = float(chi2.sf(max(gain, 0.0), more))
+    return -float(np.expm1(len(state.choices) * np.log1p(-min(single, 1 - 1e-16))))
+
+
+def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
+    """The next larger hypotheses that signatures rank first, every other published form, and from nothing also pairs."""
+    found = _signatures(state, now)
+    gains = {name: _promise(state, found, (name,)) for name in state.question.candidates if name not in now.names}
+    first = sorted(gains, key=lambda name: gains[name], reverse=True)[:TRIED]
+    forms = [choice.name for choice in state.question.scene.alternatives if choice.name not in now.names]
+    proposals = [now.names | {name} for name in (*first, *forms)]
+    if not now.names:
+        pairs = sorted(combinations(gains, 2), key=lambda two: _promise(state, found, two), reverse=True)
+        proposals += [frozenset(two) for two in pairs[:1] if _beats(state, found, two, gains)]
+    return proposals
+
+
+def _beats(state: Search, found: Signatures, two: tuple[str, ...], gains: dict[str, float]) -> bool:
+    """Whether a pair promises more than the best single effect by a margin that chance among pairs does not reach."""
+    return _promise(state, found, two) > max(gains.values()) + 20.0
+
+
+def _signatures(state: Search, now: Hypothesis) -> Signatures:
+    seen: Seen = look(state.question, now.fitted)
+    return signatures(state.question, seen.told, now.fitted.free)
+
+
+def _promise(state: Search, found: Signatures, names: tuple[str, ...]) -> float:
+    """chi2 that effects gain to first order, less what so many parameters gain by chance."""
+    mask = state.question.mask(names)
+    return found.gain(mask) - 2.0 * int(mask.sum())
+
+
+def _try(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
+    """Fit a hypothesis, from the fit of one that is near."""
+    known = state.tried.get(names)
+    if known is not None:
+        return known
+    question = state.question
+    effects = tuple(name for name in question.candidates if name in names)
+    found = max(_starting_from(question, names, effects, near), key=lambda fitted: -fitted.cost)
+    state.tried[names] = Hypothesis(names, found)
+    return state.tried[names]
+
+
+def _starting_from(
+    question: Question, names: frozenset[str], effects: tuple[str, ...], near: Hypothesis
+) -> Iterator[Fitted]:
+    """The fit from the strengths that signatures promise; per form where forms may differ from the assumed ones."""
+    fresh = question.mask(effects) & ~near.fitted.free
+    guess = near.fitted.shared.copy()
+    if fresh.any():
+        found = signatures(question, look(question, near.fitted).told, near.fitted.free)
+        guess[fresh] += found.step(fresh)
+    for forms in _forms(question, names):
+        yield fit(question, near.fitted.pieces, effects, forms, guess, near.fitted.starts)
+
+
+def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
+    """The published forms to try: the assumed ones, but all others where the choice itself is under suspicion."""
+    found: list[tuple[str, ...]] = [()]
+    for choice in question.scene.alternatives:
+        others = [form for form in choice.forms if form != choice.assumed] if choice.name in names else [choice.assumed]
+        found = [(*forms, form) for forms in found for form in others]
+    return found
+
+
+def _exchange(state: Search, now: Hypothesis) -> None:
+    """Try each effect of a hypothesis against its nearest rivals, and the hypothesis without it."""
+    if now.size < 2:
+        return
+    for name in now.names:
+        rest = _try(state, now.names - {name}, now)
+        found = _signatures(state, rest)
+        rivals = [other for other in state.question.candidates if other not in now.names]
+        rivals.sort(key=lambda other: _promise(state, found, (other,)), reverse=True)
+        for other in rivals[:2]:
+            _try(state, rest.names | {other}, rest)

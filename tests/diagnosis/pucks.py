@@ -1,0 +1,224 @@
+"""Pucks that glide over a floor and are filmed: the plain scene on which the diagnosis is tried.
+
+The scene integrates by one Runge-Kutta step per picture, the truth by DOP853 at 1e-10 with forces the scene has not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from models.effects.effect import Prior
+from models.gap_scene import Alternatives, Covariates, EffectKind, Mask, Recording
+from models.windows import Flow, Window
+
+Floats = NDArray[np.float64]
+Force = Callable[[Floats, Floats], Floats]
+"""Place (2,) and velocity (2,) to an acceleration (2,)."""
+
+GRAVITY = 9.81
+HALF = 1.5
+"""m, half the length of the floor: unit of the lens."""
+STEP = 1e-30
+SLOW = 0.02
+"""m/s at which friction fades, so that it has a slope at rest."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    name: str
+    parameters: tuple[Prior, ...]
+    neutral: tuple[float, ...]
+    kind: EffectKind = "physics"
+    phases: tuple[str, ...] = ("slide",)
+    partners: tuple[str, ...] = ()
+    reference: str = "made up"
+
+
+def one(name: str, unit: str, sigma: float, low: float, high: float) -> Prior:
+    return Prior(name, unit, 0.0, sigma, False, (low, high))
+
+
+FRICTION = Effect("friction", (Prior("mu", "1", 0.03, 0.4, True, (0.001, 0.3)),), (0.0,))
+SLOPE = Effect("slope", (one("slope_x", "mm/m", 4.0, -40, 40), one("slope_y", "mm/m", 4.0, -40, 40)), (0.0, 0.0))
+AIR_DRAG = Effect("air_drag", (one("k", "1/m", 0.1, 0.0, 2.0),), (0.0,))
+VISCOUS_DRAG = Effect("viscous_drag", (one("k", "1/s", 0.2, 0.0, 5.0),), (0.0,))
+SIDEWAYS = Effect("sideways", (one("c", "1/s", 0.2, -3.0, 3.0),), (0.0,))
+SCALE = Effect("scale", (Prior("seen", "1", 1.0, 0.02, False, (0.8, 1.2)),), (1.0,), "observation", ("image_region",))
+LENS = Effect("lens_distortion", (one("k1", "1", 0.02, -0.2, 0.2),), (0.0,), "observation", ("image_region",))
+CATALOGUE = (FRICTION, SLOPE, AIR_DRAG, VISCOUS_DRAG, SIDEWAYS, LENS)
+
+
+def acceleration(place: list, velocity: list, p: dict) -> tuple:
+    """Of real or complex numbers or arrays; absent parameters are neutral."""
+    (vx, vy) = velocity
+    speed = np.sqrt(vx * vx + vy * vy + SLOW**2)
+    brake = (
+        p.get("friction.mu", 0.0) * GRAVITY / speed + p.get("air_drag.k", 0.0) * speed + p.get("viscous_drag.k", 0.0)
+    )
+    side = p.get("sideways.c", 0.0)
+    ax = GRAVITY * p.get("slope.slope_x", 0.0) * 1e-3 - brake * vx - side * vy
+    ay = GRAVITY * p.get("slope.slope_y", 0.0) * 1e-3 - brake * vy + side * vx
+    return ax, ay
+
+
+def shown(x: Floats, y: Floats, p: dict) -> tuple:
+    """Where a place is seen."""
+    factor = p.get("scale.seen", 1.0) * (1 + p.get("lens_distortion.k1", 0.0) * (x * x + y * y) / HALF**2)
+    return x * factor, y * factor
+
+
+def path(start: NDArray, p: dict, t: Floats) -> NDArray:
+    """States (T, 4, ...) from start (4, ...) by Runge-Kutta steps."""
+    states = np.empty((len(t), *start.shape), start.dtype)
+    states[0] = start
+
+    def rate(s: NDArray) -> NDArray:
+        ax, ay = acceleration([s[0], s[1]], [s[2], s[3]], p)
+        return np.stack([s[2], s[3], ax + 0 * s[2], ay + 0 * s[2]])
+
+    for k in range(1, len(t)):
+        h, s = t[k] - t[k - 1], states[k - 1]
+        a = rate(s)
+        b = rate(s + h / 2 * a)
+        c = rate(s + h / 2 * b)
+        states[k] = s + h / 6 * (a + 2 * b + 2 * c + rate(s + h * c))
+    return states
+
+
+@dataclass(frozen=True)
+class Pucks:
+    """The scene, with a catalogue and what the simulator has of it."""
+
+    effects: tuple[Effect, ...] = CATALOGUE
+    assumed: tuple[str, ...] = ("friction",)
+    name: str = "pucks"
+    unit: str = "m"
+    alternatives: tuple[Alternatives, ...] = ()
+    gauges: tuple[str, ...] = ("frame_rate",)
+    not_tested: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        return [f"{effect.name}.{prior.name}" for effect in self.effects for prior in effect.parameters]
+
+    def stretches(self, recording: Recording) -> tuple[Recording, ...]:
+        return (recording,)
+
+    def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: Mask | None = None) -> Gliding:
+        return Gliding(self, pieces)
+
+    def covariates(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Covariates:
+        rows, bodies = np.nonzero(piece.seen)
+        states = path(start.reshape(-1, 4).T, dict(zip(self.names, shared, strict=True)), piece.t)
+        place, velocity = states[rows, :2, bodies], states[rows, 2:, bodies]
+        return Covariates(("slide",) * len(rows), place, velocity, np.full(len(rows), np.nan), place * 300)
+
+    def predict(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Floats:
+        p = dict(zip(self.names, shared, strict=True))
+        states = path(start.reshape(-1, 4).T, p, piece.t)
+        return np.stack(shown(states[:, 0], states[:, 1], p), axis=-1)
+
+
+@dataclass(frozen=True)
+class Gliding:
+    scene: Pucks
+    pieces: tuple[Recording, ...]
+    windows: tuple[Window, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "windows", tuple(window_of(piece) for piece in self.pieces))
+
+    @property
+    def unknowns(self) -> tuple[Prior, ...]:
+        return tuple(prior for effect in self.scene.effects for prior in effect.parameters)
+
+    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+        piece, bodies, names = self.pieces[window], len(start) // 4, self.scene.names
+        inputs = np.concatenate([np.arange(4), 4 + np.arange(len(shared))])
+        # the bodies do not touch: one column per number that a body's path hangs on
+        state = np.repeat(start.reshape(bodies, 4).T[:, :, None], len(inputs), axis=2).astype(np.complex128)
+        for k in range(4):
+            state[k, :, k] += 1j * STEP
+        p = {name: np.full(len(inputs), value, np.complex128) for name, value in zip(names, shared, strict=True)}
+        for k, name in enumerate(names):
+            p[name][4 + k] += 1j * STEP
+        states = path(state, p, piece.t)
+        seen = np.stack(shown(states[:, 0], states[:, 1], p), axis=2)  # (T, N, 2, inputs)
+        rows, who = np.nonzero(piece.seen)
+        sigma = piece.sigma[rows, who][:, None]
+        slopes = seen[rows, who].imag / STEP / sigma[:, :, None]
+        by_start = np.zeros((len(rows), 2, len(start)))
+        for body in range(bodies):
+            by_start[who == body, :, 4 * body : 4 * body + 4] = slopes[who == body, :, :4]
+        misfit = (seen[rows, who, :, 0].real - piece.places[rows, who]) / sigma
+        nothing = np.zeros(0)
+        return Flow(misfit, by_start, slopes[:, :, 4:], nothing, nothing.reshape(0, len(start)),
+                    nothing.reshape(0, len(shared)))  # fmt: skip
+
+
+def window_of(piece: Recording) -> Window:
+    rows, who = np.nonzero(piece.seen)
+    starts = []
+    for body in range(len(piece.bodies)):
+        own = np.flatnonzero(piece.seen[:, body])[:10]
+        line = np.polynomial.polynomial.polyfit(piece.t[own] - piece.t[0], piece.places[own, body], 1)
+        starts.append(np.concatenate([line[0], line[1]]))
+    start = np.concatenate(starts)
+    return Window(piece.shot, piece.t[rows], who, start, np.full(len(start), np.inf))
+
+
+@dataclass(frozen=True)
+class Filming:
+    """How shots are made and seen."""
+
+    shots: int = 12
+    bodies: int = 1
+    fps: float = 60.0
+    seconds: float = 1.5
+    sigma: float = 0.001
+    """m of each coordinate."""
+    correlation: float = 0.0
+    outliers: float = 0.0
+    missing: float = 0.0
+    speeds: tuple[float, float] = (0.6, 3.0)
+    one_way: bool = False
+
+
+def film(rng: np.random.Generator, truth: dict, filming: Filming = Filming(), extra: Force | None = None):
+    """Recordings of pucks under the effects of `truth`, and perhaps a force that no catalogue holds."""
+    return tuple(_shot(rng, shot, truth, filming, extra) for shot in range(filming.shots))
+
+
+def _shot(rng: np.random.Generator, shot: int, truth: dict, filming: Filming, extra: Force | None) -> Recording:
+    t = np.arange(round(filming.seconds * filming.fps)) / filming.fps
+    places = np.empty((len(t), filming.bodies, 2))
+    for body in range(filming.bodies):
+        angle = 0.0 if filming.one_way else rng.uniform(0, 2 * np.pi)
+        speed = np.exp(rng.uniform(*np.log(filming.speeds)))
+        heading = np.array([np.cos(angle), np.sin(angle)])
+        start = np.concatenate([-0.5 * speed * heading + rng.uniform(-0.4, 0.4, 2), speed * heading])
+
+        def rate(_: float, s: Floats) -> Floats:
+            a = np.array(acceleration([s[0], s[1]], [s[2], s[3]], truth))
+            return np.concatenate([s[2:], a + (extra(s[:2], s[2:]) if extra else 0.0)])
+
+        y = solve_ivp(rate, (0, t[-1]), start, "DOP853", t, rtol=1e-10, atol=1e-10).y
+        places[:, body] = np.stack(shown(y[0], y[1], truth), axis=1)
+    places += filming.sigma * _noise(rng, places.shape, filming.correlation)
+    far = rng.random(places.shape[:2]) < filming.outliers
+    places[far] += 20 * filming.sigma * rng.standard_normal((int(far.sum()), 2))
+    places[rng.random(places.shape[:2]) < filming.missing] = np.nan
+    names = tuple(f"puck-{k}" for k in range(filming.bodies))
+    return Recording(shot, np.arange(len(t)), t, names, places, np.ones(places.shape[:2]))
+
+
+def _noise(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) -> Floats:
+    fresh = rng.standard_normal(shape)
+    for k in range(1, shape[0]):
+        fresh[k] = correlation * fresh[k - 1] + np.sqrt(1 - correlation**2) * fresh[k]
+    return fresh
