@@ -26,6 +26,10 @@ LEARNING_PICTURES = 15
 LEARNING_PICTURES_QUICK = 7
 SIZE_PICTURES = 3
 """Pictures in which the size of the balls is checked."""
+AUTO: Literal["hough", "onnx"] = "hough"
+"""What `auto` takes."""
+AUTO_REASON = "hough"
+"""Why, in a few words; the figures are those of benchmarks/detectors.py, in docs/detectors.md."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +105,17 @@ def network_detector(clip: Clip, scene: Scene, options: DetectOptions) -> Networ
 def chosen(options: DetectOptions) -> Literal["hough", "onnx"]:
     """The detector that is used; a network that is named is wanted."""
     if options.detector == "auto":
-        return "hough" if options.model is None else "onnx"
+        return AUTO if options.model is None else "onnx"
     return options.detector
+
+
+def why_chosen(options: DetectOptions) -> str:
+    """The detector that is used and the reason, in a few words."""
+    if options.detector != "auto":
+        return f"{options.detector}, as asked for"
+    if options.model is not None:
+        return "onnx, because a network was named"
+    return AUTO_REASON
 
 
 def model_file(options: DetectOptions) -> Path:

@@ -15,6 +15,7 @@ from torch import Tensor
 from detectors.network import BallNetwork
 from detectors.training_data import Pictures, read_pictures, training_file
 from detectors.training_loss import loss_of, targets_of
+from detectors.training_variety import vary
 
 Bytes = NDArray[np.uint8]
 Floats32 = NDArray[np.float32]
@@ -27,9 +28,9 @@ WARM_SHARE = 0.04
 AVERAGED = 0.998
 """Share of the averaged weights that a step keeps: the averaged ones are exported (Polyak and Juditsky 1992,
 doi:10.1137/0330046)."""
-FILES_AT_ONCE = 12
+FILES_AT_ONCE = 20
 """Picture files held in memory; one is exchanged for another every so many steps."""
-STEPS_PER_FILE = 100
+STEPS_PER_FILE = 50
 CHECKPOINT_S = 60.0
 
 
@@ -37,12 +38,16 @@ CHECKPOINT_S = 60.0
 class TrainOptions:
     """How long and on how much the detector is trained."""
 
-    steps: int = 9000
+    steps: int = 12000
     """Steps in all."""
+    hours: float = 3.0
+    """Time after which it ends all the same, interruptions not counted: the learning rate falls in time for it."""
     batch: int = 16
     """Pictures per step."""
     files: int = 100
     """Files of 240 training pictures each, made before they are needed."""
+    threads: int = 2
+    """Of the processor."""
     seed: int = 0
     """Of the network's first weights and the order of the pictures."""
 
@@ -55,23 +60,31 @@ class Training:
     average: BallNetwork
     optimiser: torch.optim.AdamW
     step: int
+    seconds: float
+    """Spent so far."""
+
+    def done(self, options: TrainOptions) -> float:
+        """How far the training is, from 0 to 1."""
+        return min(max(self.step / options.steps, self.seconds / (3600 * options.hours)), 1.0)
 
 
-Watch = Callable[[int, dict[str, float]], None]
-"""Told the step and the parts of its loss."""
+Watch = Callable[[int, float, dict[str, float]], None]
+"""Told the step, how far the training is (0 to 1) and the parts of the step's loss."""
 
 
 def train(folder: Path, options: TrainOptions, watch: Watch) -> BallNetwork:
     """The trained network; `folder` keeps checkpoints and pictures, and a second call goes on where the first ended."""
     folder.mkdir(parents=True, exist_ok=True)
     state = _resumed(folder, options)
-    saved = time.monotonic()
-    for rgb, balls in _batches(folder, options, state.step):
+    last = saved = time.monotonic()
+    for rgb, balls in _batches(folder, options, state):
         parts = _step(state, options, rgb, balls)
-        watch(state.step, parts)
-        if time.monotonic() - saved > CHECKPOINT_S:
+        now = time.monotonic()
+        state.seconds, last = state.seconds + now - last, now
+        watch(state.step, state.done(options), parts)
+        if now - saved > CHECKPOINT_S:
             _save(folder, state)
-            saved = time.monotonic()
+            saved = now
     _save(folder, state)
     return state.average.eval()
 
@@ -80,7 +93,7 @@ def _fresh(options: TrainOptions) -> Training:
     torch.manual_seed(options.seed)
     network, average = BallNetwork(), BallNetwork()
     average.load_state_dict(network.state_dict())
-    return Training(network, average, torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=DECAY), 0)
+    return Training(network, average, torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=DECAY), 0, 0.0)
 
 
 def _resumed(folder: Path, options: TrainOptions) -> Training:
@@ -91,8 +104,13 @@ def _resumed(folder: Path, options: TrainOptions) -> Training:
         state.network.load_state_dict(saved["network"])
         state.average.load_state_dict(saved["average"])
         state.optimiser.load_state_dict(saved["optimiser"])
-        state.step = saved["step"]
+        state.step, state.seconds = saved["step"], saved["seconds"]
     return state
+
+
+def steps_done(folder: Path) -> int:
+    """Steps of the last checkpoint."""
+    return int(torch.load(folder / CHECKPOINT, weights_only=True)["step"])
 
 
 def _save(folder: Path, state: Training) -> None:
@@ -103,41 +121,28 @@ def _save(folder: Path, state: Training) -> None:
             "average": state.average.state_dict(),
             "optimiser": state.optimiser.state_dict(),
             "step": state.step,
+            "seconds": state.seconds,
         },
         aside,
     )
     aside.replace(folder / CHECKPOINT)
 
 
-def _batches(folder: Path, options: TrainOptions, start: int) -> Iterator[tuple[Bytes, Floats32]]:
-    """Batches of pictures (B, S, S, 3) and balls (B, N, 7) for the steps from `start` on."""
+def _batches(folder: Path, options: TrainOptions, state: Training) -> Iterator[tuple[Bytes, Floats32]]:
+    """Batches of pictures (B, S, S, 3) and balls (B, N, 7) for the steps that are left."""
     held: list[Pictures] = []
-    for step in range(start, options.steps):
-        rng = np.random.default_rng((options.seed, step))
-        if not held or step % STEPS_PER_FILE == 0:
+    while state.done(options) < 1:
+        rng = np.random.default_rng((options.seed, state.step))
+        if not held or state.step % STEPS_PER_FILE == 0:
             # After an interruption the shelf is filled with the files that were on it.
-            turn = step // STEPS_PER_FILE
+            turn = state.step // STEPS_PER_FILE
             numbers = range(max(turn - FILES_AT_ONCE + 1, 0), turn + 1) if not held else [turn]
             held.extend(read_pictures(training_file(folder, number % options.files)) for number in numbers)
             del held[:-FILES_AT_ONCE]
         chosen = [held[i] for i in rng.integers(0, len(held), options.batch)]
         rows = [int(rng.integers(len(pictures))) for pictures in chosen]
-        rgb = np.stack([pictures.rgb[row] for pictures, row in zip(chosen, rows, strict=True)])
-        balls = np.stack([pictures.balls[row] for pictures, row in zip(chosen, rows, strict=True)])
-        yield turned(rgb, balls, int(rng.integers(8)))
-
-
-def turned(rgb: Bytes, balls: Floats32, way: int) -> tuple[Bytes, Floats32]:
-    """Pictures (B, S, S, 3) and balls (B, N, 7) in one of the eight positions of a square."""
-    last = rgb.shape[1] - 1
-    balls = balls.copy()
-    if way & 1:
-        rgb, balls[..., 0], balls[..., 3] = rgb[:, :, ::-1], last - balls[..., 0], -balls[..., 3]
-    if way & 2:
-        rgb, balls[..., 1], balls[..., 4] = rgb[:, ::-1], last - balls[..., 1], -balls[..., 4]
-    if way & 4:
-        rgb, balls = rgb.transpose(0, 2, 1, 3), balls[..., [1, 0, 2, 4, 3, 5, 6]]
-    return np.ascontiguousarray(rgb), balls
+        varied = [vary(rng, p.rgb[row], p.balls[row]) for p, row in zip(chosen, rows, strict=True)]
+        yield np.stack([rgb for rgb, _ in varied]), np.stack([balls for _, balls in varied])
 
 
 def as_input(rgb: Bytes) -> Tensor:
@@ -146,7 +151,7 @@ def as_input(rgb: Bytes) -> Tensor:
 
 
 def _step(state: Training, options: TrainOptions, rgb: Bytes, balls: Floats32) -> dict[str, float]:
-    done = state.step / options.steps
+    done = state.done(options)
     warm = min(done / WARM_SHARE, 1.0)
     for group in state.optimiser.param_groups:
         group["lr"] = RATE * warm * (0.5 + 0.5 * float(np.cos(np.pi * done))) + 1e-6

@@ -12,6 +12,8 @@ from detectors.centres import CHANNELS, RADIUS_UNIT_PX, SIGMA_LIMITS, STREAK_UNI
 LOOK = CHANNELS.index("white")
 CLEAR_SHARE = 0.4
 """Visible share of a ball from which it must be found; hidden further, it may be found or not."""
+LEAST_RADIUS_PX = 3.3
+"""Smaller balls, far away in a low view, may be found or not."""
 PEAK_RADII, LEAST_PEAK_PX = 0.3, 2.2
 """Standard deviation of a peak in the score's target."""
 STREAK_PEAK_SHARE = 0.08
@@ -45,7 +47,7 @@ def targets_of(balls: Tensor, side: int) -> Targets:
     cells = side // STRIDE
     there = ~torch.isnan(balls[..., 0])
     balls = torch.nan_to_num(balls)
-    clear = there & (balls[..., 6] >= CLEAR_SHARE)
+    clear = there & (balls[..., 6] >= CLEAR_SHARE) & (balls[..., 2] >= LEAST_RADIUS_PX)
     grid = (torch.arange(cells) + 0.5) * STRIDE - 0.5
     dx = grid[None, None, None, :] - balls[..., 0, None, None]  # (B, N, 1, w)
     dy = grid[None, None, :, None] - balls[..., 1, None, None]  # (B, N, h, 1)

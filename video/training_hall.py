@@ -36,8 +36,8 @@ HELD_OUT_HUES = (0.72, 0.93)
 """Cloth: violet to purple."""
 HELD_OUT_ELEVATION = (38.0, 47.0)
 """Camera over the horizon, degrees."""
-HELD_OUT_LAMP_HEIGHT = (0.45, 0.75)
-"""m: a single low lamp beside the table."""
+HELD_OUT_LAMPS, HELD_OUT_LAMP_HEIGHT = 5, (0.66, 0.82)
+"""A row of small lamps, m above the table: more and lower than in training."""
 PASTEL_COLOURS: tuple[Colour, ...] = (
     (0.95, 0.86, 0.45), (0.35, 0.62, 0.85), (0.93, 0.45, 0.50), (0.75, 0.52, 0.85), (0.98, 0.66, 0.42),
     (0.42, 0.78, 0.58), (0.62, 0.40, 0.32), (0.10, 0.10, 0.11),
@@ -115,8 +115,9 @@ def _cloth(rng: np.random.Generator, held_out: bool) -> Colour:
 
 def _lamps(rng: np.random.Generator, table: Table, held_out: bool) -> tuple[Lamp, ...]:
     if held_out:
-        x = float(rng.uniform(0, table.length))
-        return (Lamp((x, -float(rng.uniform(0.4, 0.9)), float(rng.uniform(*HELD_OUT_LAMP_HEIGHT))), 0.08, 1.0),)
+        height = float(rng.uniform(*HELD_OUT_LAMP_HEIGHT))
+        places = (np.arange(HELD_OUT_LAMPS) + 0.5) / HELD_OUT_LAMPS * table.length
+        return tuple(Lamp((float(x), table.width / 2, height), 0.09, 1.0) for x in places)
     count = int(rng.integers(1, 4))
     reach = rng.choice([0.3, 1.5])  # over the table, or anywhere in the hall
     low, high = 0.5 - 0.5 * reach, 0.5 + 0.5 * reach

@@ -1,0 +1,66 @@
+"""Balls in one still picture: on the table that is found in it, or anywhere where none is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detectors.anywhere import balls_anywhere
+from detectors.centres import LOOKS
+from detectors.detect import DetectOptions, chosen, detect_in_picture, model_file
+from detectors.onnx_model import open_model
+from models.errors import TableNotFound
+from models.kinds import Look, name_kinds
+from video.table_finder import CalibrateOptions, scene_in_picture
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+KIND_OF_LOOK = {"white": "cue", "black": "eight", "coloured": "solid", "striped": "stripe"}
+"""What a ball is called whose table is not known: the names of pool, which has all four looks."""
+CLEAR_LOOK = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class StillBalls:
+    """The K balls of a picture, from left to right."""
+
+    centre: Floats
+    """(K, 2) px."""
+    radius: Floats
+    kind: tuple[str, ...]
+    """(K,) of `models.tracks.KINDS`."""
+    score: Floats
+    sigma: Floats
+    """(K,) px per axis."""
+    note: str = ""
+    """A sentence on what was not as it should be."""
+
+
+def balls_in_still(rgb: Bytes, name: str, detect: DetectOptions, calibrate: CalibrateOptions) -> StillBalls:
+    """The balls in a picture (H, W, 3); TableNotFound where there is no table and no network to do without."""
+    try:
+        scene = scene_in_picture(rgb, calibrate, name)
+    except TableNotFound as missing:
+        if chosen(detect) == "hough":
+            raise
+        return _anywhere(rgb, detect, f"{missing}; balls were looked for in the whole picture")
+    seen = detect_in_picture(rgb, scene, detect)
+    kinds = name_kinds(Look(seen.colour, seen.white, seen.white), scene.table.game)
+    return _sorted(StillBalls(seen.centre, seen.radius, kinds, seen.score, seen.sigma))
+
+
+def _anywhere(rgb: Bytes, detect: DetectOptions, note: str) -> StillBalls:
+    seen = balls_anywhere(rgb, open_model(model_file(detect)))
+    best = [int(np.argmax(look)) if np.nanmax(look, initial=0.0) > CLEAR_LOOK else -1 for look in seen.look]
+    kinds = tuple("ball" if k < 0 else KIND_OF_LOOK[LOOKS[k]] for k in best)
+    return _sorted(StillBalls(seen.centre, seen.radius, kinds, seen.score, np.maximum(seen.across, seen.along), note))
+
+
+def _sorted(balls: StillBalls) -> StillBalls:
+    order = np.lexsort((balls.centre[:, 1], balls.centre[:, 0]))
+    kinds = tuple(balls.kind[k] for k in order)
+    columns = (balls.radius[order], kinds, balls.score[order], balls.sigma[order])
+    return StillBalls(balls.centre[order], *columns, balls.note)
