@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,7 @@ from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
 from models.effects.effect import Prior
 from models.fitting import fit_shot
 from models.scene import Table
-from models.shooting import Shooting, ShootingOptions, shoot
+from models.shooting import Shooting, ShootingOptions, priors_of, shoot
 
 LAWS: dict[str, Rebound] = {
     "mirror": mirror.rebound,
@@ -53,7 +53,6 @@ class Scored:
 
     fit: Shooting
     misses: np.ndarray
-    learned: tuple[Prior, ...]
 
 
 def clips(folder: Path, reuse: bool) -> Iterator[Clip]:
@@ -72,20 +71,16 @@ def score(law: Rebound, shots: list[Clip]) -> Scored:
         for held_out in shots
         for miss in _misses(law, held_out, _learn(law, [shot for shot in shots if shot is not held_out])[1])
     ]
-    fit, learned = _learn(law, shots)
-    return Scored(fit, np.array(misses), learned)
+    return Scored(_learn(law, shots)[0], np.array(misses))
 
 
 def _learn(law: Rebound, shots: list[Clip]) -> tuple[Shooting, tuple[Prior, ...]]:
     """The fit of some clips, and its shared numbers as knowledge for others; noses are each clip's own."""
     fit = shoot(CushionChains(tuple(leg for shot in shots for leg in shot.legs), shots[0].table, law), options=ENOUGH)
-    learned = [
-        replace(prior, value=float(value), sigma=float(sigma / value if prior.relative else sigma))
-        if not prior.name.startswith("nose")
-        else prior
-        for prior, value, sigma in zip(chain_priors(), fit.shared, fit.sigma, strict=True)
-    ]
-    return fit, tuple(learned)
+    learned = priors_of(chain_priors(), fit)
+    return fit, tuple(
+        prior if prior.name.startswith("nose") else now for prior, now in zip(chain_priors(), learned, strict=True)
+    )
 
 
 def _misses(law: Rebound, clip: Clip, known: tuple[Prior, ...]) -> Iterator[float]:

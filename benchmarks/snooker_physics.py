@@ -20,10 +20,9 @@ from filmed import Filmed, filmed, with_measured_noise
 from run_folder import FOOTAGE, ROOT, read_run, run_clip
 
 from models.billiards.free_paths import FreePath, FreePaths, cloth_priors, free_paths, rest_place
-from models.effects.effect import Prior
 from models.events import Events
 from models.fitting import fit_shot
-from models.shooting import Shooting, shoot
+from models.shooting import Shooting, priors_of, shoot
 
 MOVED = 0.02
 """m: a path shorter than this tells nothing of friction."""
@@ -33,6 +32,8 @@ ROUGH = (0.006, 0.012, 0.02)
 """m/s^2 of unevenness that are tried."""
 NOISE = (0.3, 0.4, 0.6)
 """factors on the sigmas of the tracks that are tried: they hold errors that are the same all along a path."""
+AT_REST = 0.1
+"""s before a rest from which a ball counts as lying, a millimetre from its place."""
 FEW = 3
 """samples after the last contact from which a rest can be predicted."""
 
@@ -113,14 +114,6 @@ def print_friction(shots: list[Shot]) -> FreePaths:
     return cloths["table that leans"][0] if gain > 0 else level
 
 
-def learned(fit: Shooting, priors: tuple[Prior, ...]) -> tuple[Prior, ...]:
-    """What a fit found, as knowledge for the next one."""
-    return tuple(
-        replace(prior, value=float(value), sigma=float(sigma / value if prior.relative else sigma))
-        for prior, value, sigma in zip(priors, fit.shared, fit.sigma, strict=True)
-    )
-
-
 def straight_line(path: FreePath) -> np.ndarray:
     """Rest of a ball that goes on as a parabola fitted to its samples says: constant deceleration."""
     t = path.t - path.t[0]
@@ -139,7 +132,7 @@ def print_rests(shots: list[Shot], cloth: FreePaths) -> None:
     misses = []
     for number, shot in enumerate(shots):
         others = tuple(path for k, other in enumerate(shots) for path in other.paths if k != number)
-        known = learned(shoot(replace(cloth, paths=others)), cloth_priors(cloth.slope))
+        known = priors_of(cloth_priors(cloth.slope), shoot(replace(cloth, paths=others)))
         misses += [miss for miss in _rests_of(shot, replace(cloth, known=known)) if miss is not None]
     table = np.array(misses)
     print(f"\nmedian of {len(table)}: does not move {np.median(table[:, 0]):.0f} mm, constant deceleration "
@@ -158,7 +151,7 @@ def _rests_of(shot: Shot, cloth: FreePaths) -> Iterator[tuple[float, float, floa
         third = strikes[0] + (t - strikes[0]) / 3
         last = [path for path in shot.paths if path.ball == ball]
         column = shot.clip.tracks.ids.index(ball)
-        lies = np.flatnonzero(shot.clip.tracks.observed[:, column] & (shot.clip.tracks.t > t))[-5:]
+        lies = np.flatnonzero(shot.clip.tracks.observed[:, column] & (shot.clip.tracks.t > t - AT_REST))[-5:]
         name = f"{short(shot)} | {ball}"
         if not last or len(lies) == 0:
             print(f"| {name} | moves less than {1000 * MOVED:.0f} mm, or is not seen at rest | | | | | |")

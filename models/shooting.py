@@ -11,13 +11,15 @@ Nothing here knows what moves: a scene offers a `Model`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.attempt import Attempt, Problem, attempt, huber, normal_block, normal_blocks, shot_cost
+from models.effects.effect import Prior
 from models.elimination import ShotBlock, eliminate, log_determinant, solved
+from models.fit import Parameter
 from models.lack_of_fit import correlation_factor
 from models.shared_numbers import bounds, prior_knowledge, slopes, values_of
 from models.windows import Model
@@ -97,6 +99,22 @@ def shoot(
         now = _begun(problem, now, shot, options)
     now, converged = _descend(problem, now, options)
     return _result(problem, now, converged)
+
+
+def parameters_of(unknowns: tuple[Prior, ...], found: Shooting) -> tuple[Parameter, ...]:
+    """The shared numbers as results of a fit."""
+    return tuple(
+        Parameter(prior.name, float(value), float(sigma), prior.unit, bool(only))
+        for prior, value, sigma, only in zip(unknowns, found.shared, found.sigma, found.prior_only, strict=True)
+    )
+
+
+def priors_of(unknowns: tuple[Prior, ...], found: Shooting) -> tuple[Prior, ...]:
+    """What a fit found, as what is known beforehand by the fit of other recordings; correlations are left out."""
+    return tuple(
+        replace(prior, value=float(value), sigma=float(sigma / value if prior.relative else sigma))
+        for prior, value, sigma in zip(unknowns, found.shared, found.sigma, strict=True)
+    )
 
 
 def _descend(problem: Problem, now: Attempt, options: ShootingOptions) -> tuple[Attempt, bool]:

@@ -62,7 +62,7 @@ def test_friction_of_an_even_level_cloth_is_found() -> None:
 def test_errors_are_honest_on_an_uneven_cloth_that_is_not_level() -> None:
     tilt = np.array([-0.0015, 0.0008])
     seen = np.array([
-        pulls(shoot(FreePaths(rolled(np.random.default_rng(seed), tilt, 0.008), unevenness=0.01)), tilt)
+        pulls(shoot(FreePaths(rolled(np.random.default_rng(seed), tilt, 0.008, 3), unevenness=0.01)), tilt)
         for seed in range(8)
     ])  # fmt: skip
     spread = np.sqrt((seen**2).mean(axis=0))

@@ -10,7 +10,7 @@ from bouncing_ball import NOTHING, Bounces, filmed, flight
 from numpy.typing import NDArray
 
 from models.lack_of_fit import correlation_factor
-from models.shooting import Shooting, shoot
+from models.shooting import Shooting, parameters_of, priors_of, shoot
 from models.windows import SENSITIVE, Flow, Window, sensitive_from
 
 TRUTH = np.array([9.81, 0.8])
@@ -162,3 +162,16 @@ def test_a_fit_says_whether_it_converged() -> None:
     found: Shooting = shoot(filmed(np.random.default_rng(8), 2, 0.002))
     assert found.converged
     assert 0.7 < found.chi2_per_dof < 1.3
+
+
+def test_what_one_fit_found_is_known_to_the_next() -> None:
+    model = filmed(np.random.default_rng(9), 2, 0.002)
+    found = shoot(model)
+    known = priors_of(model.unknowns, found)
+    assert np.allclose([prior.value for prior in known], found.shared)
+    again = shoot(replace(filmed(np.random.default_rng(10), 2, 0.002), unknowns=known))
+    assert np.all(again.sigma < 0.9 * found.sigma)
+    told = parameters_of(model.unknowns, found)
+    assert [(one.name, one.unit, one.prior_only) for one in told] == [
+        ("gravity", "m/s^2", False), ("restitution", "1", False),
+    ]  # fmt: skip
