@@ -101,7 +101,7 @@ class Encounter:
     @property
     def shared(self) -> int:
         """First column of what both hypotheses share beside the states; those of the meeting follow."""
-        return self.columns[-1].stop
+        return sum(ball.size for ball in self.balls)
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,4 +137,5 @@ def _nearest_variance(encounter: Encounter, found: Fitted) -> float:
     later = met_paths(encounter, np.concatenate([found.p, [found.paths.t + 1e-3, 1.0, 0.0, 0.0]]))
     rate = (later.closing - found.paths.closing) / 1e-3
     slope = found.paths.closing_slope / min(rate, -1e-6)
-    return float(min(slope @ found.covariance @ slope, 0.25))
+    variance = float(slope @ found.covariance @ slope)
+    return min(variance, 0.25)

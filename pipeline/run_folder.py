@@ -108,16 +108,17 @@ def table_of(scene: dict[str, Any]) -> Table:
 
 
 def camera_of(scene: dict[str, Any]) -> Camera | None:
-    """The camera of a scene.json; None where it has none."""
+    """The camera of a scene.json; None where it has none, or one that stands nowhere."""
     told, image = scene.get("calibration"), scene.get("image")
     if not isinstance(told, dict) or not isinstance(image, dict):
         return None
     try:
-        return Camera(
+        camera = Camera(
             np.array(told["matrix"], float), int(image["width_px"]), int(image["height_px"]),
             np.array(told["corners_px"], float), np.array(told["corner_covariance_px2"], float),
             told["plane"], float(told["camera_height"]), float(told["camera_height_sigma"]),
         )  # fmt: skip
+        return camera if np.linalg.matrix_rank(camera.matrix[:, :3]) == 3 else None
     except (KeyError, TypeError, ValueError) as error:
         raise OptionError(f"scene.json has a calibration that cannot be used: {error}") from error
 
