@@ -1,0 +1,92 @@
+"""Eliminating the states of shots says the same as solving for everything at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from models.elimination import ShotBlock, eliminate, log_determinant, solved
+from models.lack_of_fit import correlation_factor
+
+Floats = NDArray[np.float64]
+
+SHARED, STATES = 3, (4, 6)
+
+
+def rows(rng: np.random.Generator) -> list[tuple[Floats, Floats, Floats]]:
+    """Slopes by states and by shared numbers, and residuals, of two shots."""
+    return [
+        (rng.standard_normal((30, size)), rng.standard_normal((30, SHARED)), rng.standard_normal(30))
+        for size in STATES
+    ]  # fmt: skip
+
+
+def blocks(shots: list[tuple[Floats, Floats, Floats]]) -> list[ShotBlock]:
+    found = []
+    for by_states, by_shared, residual in shots:
+        block = ShotBlock.empty(by_states.shape[1], SHARED)
+        for part in (slice(0, 11), slice(11, None)):
+            block.add(slice(None), by_states[part], by_shared[part], residual[part])
+        found.append(block)
+    return found
+
+
+def dense(shots: list[tuple[Floats, Floats, Floats]]) -> tuple[Floats, Floats]:
+    """The whole matrix of slopes, states first, and all residuals."""
+    whole = np.zeros((60, sum(STATES) + SHARED))
+    whole[:30, :4], whole[30:, 4:10] = shots[0][0], shots[1][0]
+    whole[:30, 10:], whole[30:, 10:] = shots[0][1], shots[1][1]
+    return whole, np.concatenate([shots[0][2], shots[1][2]])
+
+
+def test_steps_are_those_of_the_dense_equations() -> None:
+    shots, prior = rows(np.random.default_rng(0)), np.diag([1.0, 2.0, 3.0])
+    gradient = np.array([0.3, -0.2, 0.1])
+    step, inner = eliminate(blocks(shots), prior, gradient, 0.0, np.zeros(3, bool))
+    whole, residual = dense(shots)
+    normal, right = whole.T @ whole, -whole.T @ residual
+    normal[10:, 10:] += prior
+    right[10:] -= gradient
+    assert np.allclose(np.concatenate([*inner, step]), np.linalg.solve(normal, right), rtol=1e-6)
+
+
+def test_a_number_that_is_held_does_not_move_and_the_others_know() -> None:
+    shots, prior = rows(np.random.default_rng(1)), np.eye(3)
+    step, inner = eliminate(blocks(shots), prior, np.zeros(3), 0.0, np.array([False, True, False]))
+    whole, residual = dense(shots)
+    free = np.delete(np.arange(13), 11)
+    normal = whole[:, free].T @ whole[:, free] + np.diag([0.0] * 10 + [1.0, 1.0])
+    expected = np.linalg.solve(normal, -whole[:, free].T @ residual)
+    assert step[1] == 0
+    assert np.allclose(np.concatenate([*inner, step[[0, 2]]]), expected, rtol=1e-6)
+
+
+def test_what_shots_tell_of_shared_numbers_is_the_schur_complement() -> None:
+    shots = rows(np.random.default_rng(2))
+    whole, _ = dense(shots)
+    told = sum(block.reduced() for block in blocks(shots))
+    assert np.allclose(np.linalg.inv(told), np.linalg.inv(whole.T @ whole)[10:, 10:], rtol=1e-6)
+    whole_log = np.linalg.slogdet(whole.T @ whole)[1]
+    parts = sum(log_determinant(block.states) for block in blocks(shots))
+    assert np.isclose(whole_log, parts + np.linalg.slogdet(told)[1])
+
+
+def test_a_number_that_nothing_tells_stays() -> None:
+    assert np.allclose(solved(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), 0.0), [0.5, 0.0])
+
+
+def test_equations_that_are_not_finite_are_refused() -> None:
+    with pytest.raises(np.linalg.LinAlgError, match="not finite"):
+        solved(np.full((2, 2), np.nan), np.ones(2), 0.0)
+
+
+@pytest.mark.parametrize("rho", [0.5, 0.8])
+def test_the_correlation_factor_is_that_of_an_autoregression(rho: float) -> None:
+    rng, series = np.random.default_rng(3), []
+    for _ in range(20):
+        noise = rng.standard_normal((400, 2))
+        for k in range(1, len(noise)):
+            noise[k] += rho * noise[k - 1]
+        series.append(noise)
+    assert np.isclose(correlation_factor(series), (1 + rho) / (1 - rho), rtol=0.15)
