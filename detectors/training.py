@@ -76,6 +76,14 @@ def train(folder: Path, options: TrainOptions, watch: Watch) -> BallNetwork:
     """The trained network; `folder` keeps checkpoints and pictures, and a second call goes on where the first ended."""
     folder.mkdir(parents=True, exist_ok=True)
     state = _resumed(folder, options)
+    try:
+        _continue(state, folder, options, watch)
+    finally:
+        _save(folder, state)
+    return state.average.eval()
+
+
+def _continue(state: Training, folder: Path, options: TrainOptions, watch: Watch) -> None:
     last = saved = time.monotonic()
     for rgb, balls in _batches(folder, options, state):
         parts = _step(state, options, rgb, balls)
@@ -85,8 +93,6 @@ def train(folder: Path, options: TrainOptions, watch: Watch) -> BallNetwork:
         if now - saved > CHECKPOINT_S:
             _save(folder, state)
             saved = now
-    _save(folder, state)
-    return state.average.eval()
 
 
 def _fresh(options: TrainOptions) -> Training:

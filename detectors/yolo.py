@@ -46,7 +46,7 @@ class Classes:
     """What the C classes of a network are."""
 
     balls: tuple[int, ...]
-    """Those that are balls."""
+    """Those that are balls; none where nobody says which classes there are: then all are."""
     looks: Floats
     """(C, 4) probabilities of `centres.LOOKS`; NaN where the name does not tell."""
 
@@ -118,12 +118,15 @@ def letterboxed(rgb: Bytes, side: tuple[int, int]) -> tuple[Floats32, Letterbox]
 def read_boxes(output: Floats32, layout: Layout, classes: Classes, fitted: Letterbox) -> Centres:
     """Balls in an output, px of the picture before letterboxing."""
     boxes, score, kind = _boxes(np.asarray(output[0], dtype=np.float64), layout)
-    good = (score > LEAST_SCORE) & np.isin(kind, classes.balls)
+    good = score > LEAST_SCORE
+    if classes.balls:
+        good &= np.isin(kind, classes.balls)
     if not good.any():
         return no_centres()
     boxes, score, kind = boxes[good], score[good], kind[good]
     kept = _unsuppressed(boxes, score)
-    return _centres(boxes[kept], np.clip(score[kept], 0, 1), classes.looks[kind[kept]], fitted)
+    looks = classes.looks[kind[kept]] if classes.balls else np.full((len(kept), len(LOOKS)), np.nan)
+    return _centres(boxes[kept], np.clip(score[kept], 0, 1), looks, fitted)
 
 
 def _boxes(output: Floats, layout: Layout) -> tuple[Floats, Floats, NDArray[np.int64]]:

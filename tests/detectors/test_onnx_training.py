@@ -1,0 +1,275 @@
+"""Training pictures, targets, training and export of the ball network."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from detectors.centres import read_maps
+from detectors.export import Calibration, ShippedNetwork, disagreement, export
+from detectors.network import BallNetwork
+from detectors.onnx_model import CentreModel, model_facts, open_model
+from detectors.training import TrainOptions, as_input, train
+from detectors.training_check import Matches, calibration_of, logistic_fit
+from detectors.training_data import PICTURES_PER_FILE, read_pictures, stacked, training_file
+from detectors.training_loss import doubled, loss_of, targets_of
+from detectors.training_variety import placed, turned, vary
+from video.training_hall import HELD_OUT_ELEVATION, random_hall
+from video.training_pictures import SIZE_PX, TrainingPicture, practice_pictures
+
+FEW = 6
+
+
+@pytest.fixture(scope="module")
+def pictures() -> list[TrainingPicture]:
+    return list(practice_pictures(np.random.default_rng(3), FEW))
+
+
+def test_the_same_number_gives_the_same_pictures(pictures: list[TrainingPicture]) -> None:
+    again = next(practice_pictures(np.random.default_rng(3), 1))
+    assert again.rgb.tobytes() == pictures[0].rgb.tobytes()
+    assert again.centre.tobytes() == pictures[0].centre.tobytes()
+
+
+def test_truth_is_within_what_the_network_is_made_for(pictures: list[TrainingPicture]) -> None:
+    for picture in pictures:
+        seen = picture.visible > 0.5
+        assert picture.rgb.shape == (SIZE_PX, SIZE_PX, 3)
+        assert ((picture.visible >= 0) & (picture.visible <= 1)).all()
+        assert (picture.radius[seen] > 1.5).all()
+        assert (picture.radius[seen] < 30).all()
+        assert ((picture.centre[seen] > -1) & (picture.centre[seen] < SIZE_PX)).all()
+
+
+def test_a_ball_is_drawn_where_the_truth_says() -> None:
+    """A picture with one ball less differs from the other in a disc about that ball's centre, half lit or not."""
+    from video.renderer import expose, make_view
+    from video.training_layout import random_layout
+
+    rng = np.random.default_rng(11)
+    hall = random_hall(rng, SIZE_PX)
+    hall = replace(hall, look=replace(hall.look, ambient=1.0, gloss=0.0))
+    view = make_view(hall.table, hall.camera, hall.look, hall.balls, exposure=1.0, samples=1)
+    layout = random_layout(rng, hall)
+    assert len(layout.which) > 0
+    one = replace(
+        layout,
+        which=layout.which[:1],
+        place=layout.place[:1],
+        way=0 * layout.way[:1],
+        rotation=layout.rotation[:1],
+        turns=layout.turns[:1],
+    )
+    none = replace(
+        one, which=one.which[:0], place=one.place[:0], way=one.way[:0], rotation=one.rotation[:0], turns=one.turns[:0]
+    )
+    light = expose(replace(view, balls=(hall.balls[0],)), one.motion(), 0.0)
+    empty = expose(replace(view, balls=()), none.motion(), 0.0)
+    centre = hall.camera.to_pixels(one.place, hall.table.ball_radius)[0]
+    radius = float(hall.camera.radius_px(one.place, hall.table.ball_radius)[0])
+    y, x = np.mgrid[:SIZE_PX, :SIZE_PX]
+    inside = np.hypot(x - centre[0], y - centre[1]) < 0.9 * radius
+    changed = np.abs(light - empty).max(axis=2) > 0.02 * empty.max()
+    assert changed[inside].mean() > 0.6
+
+
+def test_held_out_halls_are_of_a_kind_that_training_never_shows() -> None:
+    rng = np.random.default_rng(0)
+
+    def elevation(held_out: bool) -> float:
+        hall = random_hall(rng, SIZE_PX, held_out=held_out)
+        middle = hall.camera.to_table(np.array([SIZE_PX / 2, SIZE_PX / 2]), 0.0)
+        eye = hall.camera.eye
+        return float(np.degrees(np.arctan2(eye[2], np.linalg.norm(eye[:2] - middle))))
+
+    low, high = HELD_OUT_ELEVATION
+    assert all(low - 1 < elevation(True) < high + 1 for _ in range(20))
+    assert not any(low + 1 < elevation(False) < high - 1 for _ in range(60))
+
+
+def balls_for(rows: list[tuple[float, float, float, float, float, int]]) -> torch.Tensor:
+    balls = torch.full((1, 22, 7), float("nan"))
+    for k, row in enumerate(rows):
+        balls[0, k] = torch.tensor([*row, 1.0])
+    return balls
+
+
+BALLS = [(30.3, 41.8, 7.0, 0.0, 0.0, 0), (90.0, 100.7, 5.2, 14.0, -9.0, 3), (120.6, 33.1, 11.0, -20.0, 0.0, 2)]
+
+
+def perfect_maps(balls: torch.Tensor, side: int) -> torch.Tensor:
+    """Maps that say exactly what is true, in every cell that is read."""
+    targets = targets_of(balls, side)
+    cells = side // 4
+    maps = torch.zeros((1, 12, cells, cells))
+    maps[:, 0] = torch.logit(targets.score.clamp(1e-4, 1 - 1e-4))
+    for k in range(len(BALLS)):
+        for cell in targets.cell[0, k].tolist():
+            row, column = divmod(cell, cells)
+            x, y, radius = balls[0, k, :3].tolist()
+            maps[0, 1, row, column] = (x - (column * 4 + 1.5)) / 4
+            maps[0, 2, row, column] = (y - (row * 4 + 1.5)) / 4
+            maps[0, 3, row, column] = np.log(radius / 7.0)
+            maps[0, 4:6, row, column] = doubled(balls[0, k, 3:5])
+            maps[0, 6:8, row, column] = -4.0
+            maps[0, 8 + int(balls[0, k, 5]), row, column] = 20.0
+    return maps
+
+
+def test_what_the_network_should_say_is_read_back_as_the_truth() -> None:
+    balls = balls_for(BALLS)
+    maps = perfect_maps(balls, SIZE_PX)
+    maps[:, 0] = torch.sigmoid(maps[:, 0])
+    found = read_maps(maps[0].numpy(), 0.5)
+    order = np.argsort(found.centre[:, 0])
+    truth = np.array(BALLS)
+    assert found.centre[order] == pytest.approx(truth[:, :2], abs=1e-4)
+    assert found.radius[order] == pytest.approx(truth[:, 2], rel=1e-5)
+    assert np.argmax(found.look[order], axis=1).tolist() == [0, 3, 2]
+    crossed = found.streak[order, 0] * truth[:, 4] - found.streak[order, 1] * truth[:, 3]
+    assert crossed == pytest.approx(0.0, abs=1e-2)
+    assert np.linalg.norm(found.streak[order], axis=1) == pytest.approx(np.hypot(truth[:, 3], truth[:, 4]), abs=1e-4)
+
+
+def test_the_truth_costs_less_than_anything_near_it() -> None:
+    balls = balls_for(BALLS)
+    targets = targets_of(balls, SIZE_PX)
+    best, _ = loss_of(perfect_maps(balls, SIZE_PX), targets)
+    for channel in range(1, 12):  # the focal loss of the score has no such optimum
+        for change in (-0.3, 0.3):
+            off = perfect_maps(balls, SIZE_PX)
+            off[:, channel] += change if channel < 8 else 60 * change * (channel == 8)
+            if channel in (6, 7) and change < 0:
+                continue  # below the least sigma nothing changes
+            worse, _ = loss_of(off, targets)
+            assert float(worse) >= float(best) - 1e-4, f"channel {channel} {change:+}"
+
+
+def test_hidden_balls_neither_count_nor_cost() -> None:
+    hidden = balls_for(BALLS[:1])
+    hidden[0, 0, 6] = 0.2
+    targets = targets_of(hidden, SIZE_PX)
+    assert float(targets.weight.sum()) == 0
+    cell = (int(41.8 // 4), int(30.3 // 4))
+    assert float(targets.counted[0][cell]) == 0
+    assert float(targets.score.max()) == 0
+
+
+def test_a_turned_picture_keeps_its_balls_under_their_pixels() -> None:
+    rng = np.random.default_rng(5)
+    rgb = np.zeros((SIZE_PX, SIZE_PX, 3), np.uint8)
+    rgb[33, 101] = 255
+    balls = np.full((2, 7), np.nan, np.float32)
+    balls[0] = (101, 33, 7, 5, 2, 1, 1)
+    for way in range(8):
+        seen, moved = turned(rgb, balls, way)
+        x, y = moved[0, :2].astype(int)
+        assert seen[y, x, 0] == 255
+        assert np.hypot(*moved[0, 3:5]) == pytest.approx(np.hypot(5, 2))
+    rgb[30:37, 98:105] = 255
+    for _ in range(20):
+        angle, zoom = rng.uniform(0, 6), rng.uniform(0.8, 1.3)
+        linear = zoom * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        seen, moved = placed(rgb, balls, linear, rng.uniform(60, 100, 2), [0, 0, 0])
+        if moved[0, 6] == 1 and (moved[0, :2] > 8).all() and (moved[0, :2] < SIZE_PX - 9).all():
+            weight = seen[..., 0].astype(float)
+            y, x = np.mgrid[:SIZE_PX, :SIZE_PX]
+            middle = np.array([(x * weight).sum(), (y * weight).sum()]) / weight.sum()
+            assert middle == pytest.approx(moved[0, :2], abs=0.1)
+            assert moved[0, 2] == pytest.approx(7 * zoom, rel=1e-5)
+
+
+def test_variety_never_invents_a_ball(pictures: list[TrainingPicture]) -> None:
+    held = stacked(pictures)
+    rng = np.random.default_rng(0)
+    for rgb, balls in zip(held.rgb, held.balls, strict=True):
+        seen, varied = vary(rng, rgb, balls)
+        assert seen.shape == rgb.shape
+        assert seen.dtype == np.uint8
+        assert np.isnan(varied[:, 0]).sum() == np.isnan(balls[:, 0]).sum()
+
+
+def filled(folder: Path, pictures: list[TrainingPicture], numbers: int = 1) -> Path:
+    """A folder with short files of pictures, as if they had been made before."""
+    folder.mkdir()
+    held = stacked(pictures)
+    for number in range(numbers):
+        np.savez(folder / f"pictures-{number:05d}.npz", rgb=held.rgb, balls=held.balls)
+    return folder
+
+
+def test_an_interrupted_training_goes_on_to_the_same_network(tmp_path: Path, pictures: list[TrainingPicture]) -> None:
+    options = TrainOptions(steps=4, hours=100.0, batch=2, files=1)
+    whole = train(filled(tmp_path / "whole", pictures), options, lambda step, done, parts: None)
+    folder = filled(tmp_path / "parts", pictures)
+
+    def stop(step: int, done: float, parts: dict[str, float]) -> None:
+        if step == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(folder, options, stop)
+    steps: list[int] = []
+    again = train(folder, options, lambda step, done, parts: steps.append(step))
+    assert steps == [3, 4]
+    for mine, theirs in zip(whole.state_dict().values(), again.state_dict().values(), strict=True):
+        assert torch.allclose(mine.float(), theirs.float(), atol=1e-5)
+
+
+def test_training_learns_what_it_is_shown(tmp_path: Path, pictures: list[TrainingPicture]) -> None:
+    losses: list[float] = []
+    options = TrainOptions(steps=40, hours=100.0, batch=6, files=1)
+    train(filled(tmp_path / "work", pictures), options, lambda step, done, parts: losses.append(sum(parts.values())))
+    assert np.mean(losses[-5:]) < 0.5 * np.mean(losses[:5])
+
+
+def test_files_of_pictures_are_read_as_they_were_written(tmp_path: Path, pictures: list[TrainingPicture]) -> None:
+    folder = filled(tmp_path / "work", pictures)
+    held = read_pictures(training_file(folder, 0))
+    assert held.rgb.tobytes() == stacked(pictures).rgb.tobytes()
+    assert len(held) == FEW < PICTURES_PER_FILE
+
+
+def test_the_exported_network_says_what_it_is_and_agrees_with_the_trained_one(tmp_path: Path) -> None:
+    pytest.importorskip("onnxscript", reason="needs the extra train")
+    torch.manual_seed(0)
+    network = BallNetwork().eval()
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.add_(0.1 * torch.randn_like(parameter))
+    calibration = Calibration(1.7, -0.4, 1.3)
+    path = tmp_path / "balls.onnx"
+    export(network, calibration, {"trueroll.recipe": {"steps": 3}}, path)
+    assert disagreement(ShippedNetwork(network, calibration), path) < 1e-3
+    facts = model_facts(path)
+    assert facts["trueroll.schema"] == "trueroll.balls/1"
+    assert facts["trueroll.stride"] == "4"
+    assert json.loads(facts["trueroll.recipe"]) == {"steps": 3}
+    model = open_model(path)
+    assert isinstance(model, CentreModel)
+    rgb = np.random.default_rng(0).integers(0, 256, (61, 83, 3), dtype=np.uint8)
+    maps = model.maps(rgb)
+    assert maps.shape == (12, 16, 22)
+    with torch.no_grad():
+        padded = np.pad(rgb, ((0, 3), (0, 5), (0, 0)), mode="edge")
+        raw = network(as_input(padded[None])).numpy()[0]
+    assert maps[0] == pytest.approx(1 / (1 + np.exp(-(1.7 * raw[0] - 0.4))), abs=1e-3)
+    assert maps[6] == pytest.approx(raw[6] + np.log(1.3), abs=1e-3)
+
+
+def test_scores_and_errors_are_calibrated_on_what_was_found() -> None:
+    rng = np.random.default_rng(2)
+    n = 20000
+    logit = rng.normal(0, 2, n)
+    true = rng.random(n) < 1 / (1 + np.exp(-(2.0 * logit - 1.0)))
+    slope, offset = logistic_fit(logit, true)
+    assert slope == pytest.approx(2.0, abs=0.1)
+    assert offset == pytest.approx(-1.0, abs=0.1)
+    miss, sigma = rng.normal(0, 0.3, (n, 2)), np.full((n, 2), 0.2)
+    matches = Matches(1 / (1 + np.exp(-logit)), true, miss, sigma, np.zeros(n), np.ones(n), n, n)
+    assert calibration_of(matches).sigma_factor == pytest.approx(1.5, rel=0.03)
