@@ -181,6 +181,16 @@ def information(band: Band) -> Floats:
     return np.asarray(band.corner - np.einsum("ksp,ksq->pq", band.border, inside), np.float64)
 
 
+def state_covariance(band: Band, shared: Floats) -> Floats:
+    """(S, S) of the first state, given the covariance (P, P) of the shared coordinates."""
+    count, size, _ = band.border.shape
+    units = np.zeros((count, size, size))
+    units[0] = np.eye(size)
+    none = np.zeros(size)
+    inner, response = _banded(band, none, units)[0], _banded(band, none, band.border)[0]
+    return np.asarray(inner + response @ shared @ response.T, np.float64)
+
+
 def _moved(model: ChainModel, seen: Seen, chain: Chain, band: Band, damping: float) -> Chain:
     try:
         states, shared = _step(seen, band, damping)
