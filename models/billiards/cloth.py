@@ -12,9 +12,9 @@ changes both in a fixed proportion. While the ball slides, steps are made in s w
 that dies away turns ever faster in time, but smoothly in s, so that derivatives stay exact.
 
 Three more effects act on the centre of a moving ball. Slope: g s, of which a rolling ball has to spend 2/7 on turning;
-a ball at rest stays while rolling resistance holds it. Drag: -k v v and -k v. Nap, the lie of the cloth's fibres towards
-+x: a ball that rolls at an angle a to it is slowed at (mu_r - nap cos a) g. Without sliding friction the cloth does not
-know slip: every ball then moves as one that rolls, and the spin it started with stays.
+a ball at rest stays while rolling resistance holds it. Drag: -k v v and -k v. Nap, the lie of the cloth's fibres
+towards +x: a ball that rolls at an angle a to it is slowed at (mu_r - nap cos a) g. Without sliding friction the cloth
+does not know slip: every ball then moves as one that rolls, and the spin it started with stays.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ from models.billiards.parameters import (
 
 SLIDE, ROLL, REST, GLIDE = range(4)
 """Phases; a ball glides where there is no sliding friction and it does not roll."""
+PHASE_NAMES = ("slide", "roll", "rest", "roll")
+"""As `models.trajectory.PHASES` has them."""
 START, END, X, Y, WX, WY, WIDTH = 0, 1, 2, 8, 14, 19, 24
 """Columns of a piece: times since the state (s), then coefficients of powers of the time since the piece began."""
 STRAIGHT_ROWS, CURVED_ROWS = 4, 400
@@ -169,7 +171,7 @@ def remaining(s, radius, phase):  # type: ignore[no-untyped-def]
 
 @compiled
 def step(s, radius, p, phase, h, k, y):  # type: ignore[no-untyped-def]
-    """One step of Dormand and Prince from s with the slopes k (7, 9), k[0] given: fills y (9,), k; returns the error."""
+    """One step of Dormand and Prince from s with the slopes k (7, 9), k[0] given: fills y (9,), k; the error."""
     advance(s + h * (k[0] / 5.0), radius, p, phase, k[1])
     advance(s + h * (3.0 / 40.0 * k[0] + 9.0 / 40.0 * k[1]), radius, p, phase, k[2])
     advance(s + h * (44.0 / 45.0 * k[0] - 56.0 / 15.0 * k[1] + 32.0 / 9.0 * k[2]), radius, p, phase, k[3])
