@@ -2,8 +2,8 @@
 
 A refit hides most of what a missing effect does: states and the parameters that the simulator has take it up. What is
 left of the derivative by a parameter, those projected out, is its signature: it gives the score test (Rao 1948), the
-smallest strength that could have been seen, and by canonical correlations (Hotelling 1936, doi:10.1093/biomet/28.3-4.321)
-which effects these data cannot tell apart.
+smallest strength that could have been seen, and by canonical correlations (Hotelling 1936,
+doi:10.1093/biomet/28.3-4.321) which effects these data cannot tell apart.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Signatures:
         return np.asarray(np.sqrt(np.clip(np.diag(self.information), 0, None) / np.maximum(self.raw, _TINY)))
 
     def detectable(self, effect: Mask) -> Floats:
-        """(P,) smallest strength of each parameter of an effect that these data could have shown; infinite where none."""
+        """(P,) smallest strength of each parameter of an effect that the data could show; infinite where none."""
         found = np.full(len(self.score), np.inf)
         known = np.flatnonzero(effect & (np.diag(self.information) > 1e-6 * self.raw))
         if len(known):

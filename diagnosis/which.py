@@ -62,7 +62,7 @@ class Search:
         return min(one.fitted.lack for one in self.tried.values())
 
     def weigh(self, one: Hypothesis) -> float:
-        """Log of evidence times prior: none and any number of effects are alike likely, and within a number all sets."""
+        """Log of evidence times prior: each further effect halves it, sets of as many effects share it alike."""
         fitted, priors = one.fitted, self.question.priors
         known = np.array([prior.sigma for prior, free in zip(priors, fitted.free, strict=True) if free])
         posterior = fitted.shooting.covariance / known / known[:, None] * (self.lack() / fitted.lack)
@@ -113,7 +113,7 @@ def chance(state: Search, one: Hypothesis, name: str) -> float:
 
 
 def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
-    """The next larger hypotheses that signatures rank first, every other published form, and from nothing also pairs."""
+    """The next larger hypotheses that signatures rank first, other published forms, and from nothing also a pair."""
     found = _signatures(state, now)
     gains = {name: _promise(state, found, (name,)) for name in state.question.candidates if name not in now.names}
     first = sorted(gains, key=lambda name: gains[name], reverse=True)[:TRIED]

@@ -110,7 +110,7 @@ class Pucks:
         return (recording,)
 
     def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: Mask | None = None) -> Gliding:
-        return Gliding(self, pieces)
+        return Gliding(self, pieces, np.ones(len(self.names), bool) if wanted is None else wanted)
 
     def covariates(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Covariates:
         rows, bodies = np.nonzero(piece.seen)
@@ -128,6 +128,7 @@ class Pucks:
 class Gliding:
     scene: Pucks
     pieces: tuple[Recording, ...]
+    wanted: Mask
     windows: tuple[Window, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -139,14 +140,14 @@ class Gliding:
 
     def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
         piece, bodies, names = self.pieces[window], len(start) // 4, self.scene.names
-        inputs = np.concatenate([np.arange(4), 4 + np.arange(len(shared))])
+        asked = np.flatnonzero(self.wanted)
         # the bodies do not touch: one column per number that a body's path hangs on
-        state = np.repeat(start.reshape(bodies, 4).T[:, :, None], len(inputs), axis=2).astype(np.complex128)
+        state = np.repeat(start.reshape(bodies, 4).T[:, :, None], 4 + len(asked), axis=2).astype(np.complex128)
         for k in range(4):
             state[k, :, k] += 1j * STEP
-        p = {name: np.full(len(inputs), value, np.complex128) for name, value in zip(names, shared, strict=True)}
-        for k, name in enumerate(names):
-            p[name][4 + k] += 1j * STEP
+        p = {name: np.full(4 + len(asked), value, np.complex128) for name, value in zip(names, shared, strict=True)}
+        for k, number in enumerate(asked):
+            p[names[number]][4 + k] += 1j * STEP
         states = path(state, p, piece.t)
         seen = np.stack(shown(states[:, 0], states[:, 1], p), axis=2)  # (T, N, 2, inputs)
         rows, who = np.nonzero(piece.seen)
@@ -155,9 +156,11 @@ class Gliding:
         by_start = np.zeros((len(rows), 2, len(start)))
         for body in range(bodies):
             by_start[who == body, :, 4 * body : 4 * body + 4] = slopes[who == body, :, :4]
+        by_shared = np.zeros((len(rows), 2, len(shared)))
+        by_shared[:, :, asked] = slopes[:, :, 4:]
         misfit = (seen[rows, who, :, 0].real - piece.places[rows, who]) / sigma
         nothing = np.zeros(0)
-        return Flow(misfit, by_start, slopes[:, :, 4:], nothing, nothing.reshape(0, len(start)),
+        return Flow(misfit, by_start, by_shared, nothing, nothing.reshape(0, len(start)),
                     nothing.reshape(0, len(shared)))  # fmt: skip
 
 

@@ -1,0 +1,164 @@
+"""How far the gap shrinks: open-loop predictions of shots that chose nothing, before and after, against the noise floor.
+
+A prediction starts from what the first pictures of a window tell of the state, and runs on without looking. The floor is
+what the right model would reach from there: the noise of the measurement, and the error of the start as it grows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.fitting import Fitted, Question, follow
+from diagnosis.pieces import LEAST, stretches
+from models.gap_scene import Recording
+
+Floats = NDArray[np.float64]
+
+START = 15
+"""pictures that tell the state."""
+HORIZON = 0.85
+"""s of open-loop prediction."""
+_SHORTEST = 6
+"""pictures that a state can be told from, in shots too short for START."""
+_DRAWS = 2000
+_INTERVAL = (0.025, 0.975)
+
+
+@dataclass(frozen=True, slots=True)
+class Ahead:
+    """A stretch to predict: its first `known` rows tell the state, the others are predicted."""
+
+    piece: Recording
+    known: int
+
+
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """All windows of the held-out shots under one model."""
+
+    paths: tuple[Floats, ...]
+    """per window (T, N, D)."""
+    squares: Floats
+    """(W,) sum of squared errors over the predicted observations of a window."""
+    floor: Floats
+    """(W,) the same, as a right model would be expected to leave."""
+
+
+@dataclass(frozen=True, slots=True)
+class Closing:
+    """How much of the gap one model closes against another."""
+
+    before: float
+    """rms distance between predicted and seen."""
+    after: float
+    floor: float
+    closed: float
+    """(before^2 - after^2) / (before^2 - floor^2), clipped to [-1, 1]; NaN where it is not resolved."""
+    interval: tuple[float, float]
+    resolved: bool
+
+
+def windows_ahead(question: Question, recordings: tuple[Recording, ...]) -> tuple[Ahead, ...]:
+    """Windows of the held-out shots, half a window apart."""
+    found = []
+    for piece in stretches(question, recordings):
+        known = min(START, max(_SHORTEST, len(piece.t) // 3))
+        first = 0
+        while first + known + LEAST // 2 <= len(piece.t):
+            end = int(np.searchsorted(piece.t, piece.t[first + known - 1] + HORIZON, side="right"))
+            if first and end == len(piece.t) and end - first - known < known:
+                break
+            found.append(Ahead(piece.rows(first, end), known))
+            first += max((end - first) // 2, known)
+    return tuple(one for one in found if one.piece.seen[: one.known].any(axis=0).all() and _moves(one.piece))
+
+
+def _moves(piece: Recording) -> bool:
+    """Whether anything in it moves more than the noise."""
+    middle = np.nanmedian(piece.places, axis=0)
+    far = np.abs(piece.places - middle) > 5 * piece.sigma[:, :, None]
+    return bool(far.any(axis=2).sum() >= LEAST)
+
+
+def predict(question: Question, windows: tuple[Ahead, ...], like: Fitted) -> Predicted:
+    """Predictions by the model and the parameters of a fit."""
+    told = tuple(one.piece.rows(0, one.known) for one in windows)
+    states = follow(question, told, like)
+    model = question.scene.model(tuple(one.piece for one in windows), like.forms, np.zeros(len(like.free), bool))
+    paths, squares, floor = [], [], []
+    for k, one in enumerate(windows):
+        start, covariance = states.starts[k], states.shooting.start_covariances[k]
+        path = question.scene.predict(one.piece, start, like.shared, like.forms)
+        rows, bodies = np.nonzero(one.piece.seen)
+        later = rows >= one.known
+        miss = (path - one.piece.places)[rows[later], bodies[later]]
+        sigma = one.piece.sigma[rows[later], bodies[later]]
+        slopes = model.flow(k, start, like.shared).by_start[later] * sigma[:, None, None]
+        spread = np.einsum("kds,st,kdt->k", slopes, covariance, slopes) + miss.shape[1] * sigma**2
+        paths.append(path)
+        squares.append(float(np.square(miss).sum()))
+        floor.append(float(spread.sum()))
+    return Predicted(tuple(paths), np.array(squares), np.array(floor))
+
+
+def counts(windows: tuple[Ahead, ...]) -> Floats:
+    """(W,) predicted observations of each window."""
+    return np.array([one.piece.seen[one.known :].sum() for one in windows], dtype=np.float64)
+
+
+def closing(
+    windows: tuple[Ahead, ...], before: Floats, after: Floats, floor: Floats, rng: np.random.Generator
+) -> Closing:
+    """From sums of squares (W,) of each window; the interval by drawing windows again, block by block."""
+    count = counts(windows)
+    if not count.sum():
+        return Closing(float("nan"), float("nan"), float("nan"), float("nan"), (float("nan"), float("nan")), False)
+    total = count.sum()
+    b, a, f = before.sum() / total, after.sum() / total, floor.sum() / total
+    drawn = _drawn(windows, rng)
+    excess = drawn @ (before - floor)
+    resolved = bool(np.quantile(excess, 0.025) > 0 and b - f > 0)
+    if not resolved:
+        return Closing(float(np.sqrt(b)), float(np.sqrt(a)), float(np.sqrt(f)), float("nan"), (-1.0, 1.0), False)
+    closed = float(np.clip((b - a) / (b - f), -1, 1))
+    ratios = np.clip(drawn @ (before - after) / np.maximum(excess, 1e-300), -1, 1)
+    low, high = np.quantile(ratios, _INTERVAL)
+    interval = (min(float(low), closed), max(float(high), closed))
+    return Closing(float(np.sqrt(b)), float(np.sqrt(a)), float(np.sqrt(f)), closed, interval, True)
+
+
+def _drawn(windows: tuple[Ahead, ...], rng: np.random.Generator) -> Floats:
+    """(draws, W) how often each window is drawn: shots where there are enough of them, else windows."""
+    shots = np.array([one.piece.shot for one in windows])
+    numbers = np.unique(shots)
+    groups = (
+        [np.flatnonzero(shots == n) for n in numbers]
+        if len(numbers) >= 6
+        else [np.array([k]) for k in range(len(shots))]
+    )
+    weight = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), size=_DRAWS)
+    found = np.zeros((_DRAWS, len(windows)))
+    for group, drawn in zip(groups, weight.T, strict=True):
+        found[:, group] = drawn[:, None]
+    return found
+
+
+def shares(names: tuple[str, ...], squares_with: Callable[[frozenset[str]], Floats]) -> dict[str, Floats]:
+    """(W,) per effect: its part of the squares that all of them take away, by Shapley's value (1953)."""
+    parts = {}
+    for name in names:
+        others = [other for other in names if other != name]
+        part: Floats = np.zeros(0)
+        for size in range(len(names)):
+            weight = factorial(size) * factorial(len(names) - size - 1) / factorial(len(names))
+            for chosen in combinations(others, size):
+                gained = squares_with(frozenset(chosen)) - squares_with(frozenset((*chosen, name)))
+                part = weight * gained if part.size == 0 else part + weight * gained
+        parts[name] = part
+    return parts

@@ -1,0 +1,62 @@
+"""Windows as long as they may be: until a simulation forgets its start, or no longer comes near what was seen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.fitting import Fitted, Question, fit, model_of
+from models.gap_scene import Floats, Recording
+from models.windows import sensitive_from
+
+LEAST = 8
+"""rows of a piece"""
+_LOST = 30.0
+"""standard deviations, in the middle of a window, from which the model has lost what was seen."""
+_ROUNDS = 3
+
+
+def stretches(question: Question, recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
+    """What moves on its own, in pieces with enough rows."""
+    whole = (piece for recording in recordings for piece in question.scene.stretches(recording))
+    return tuple(piece for piece in whole if piece.seen.any(axis=1).sum() >= LEAST)
+
+
+def fit_adaptively(
+    question: Question,
+    recordings: tuple[Recording, ...],
+    names: tuple[str, ...] = (),
+    forms: tuple[str, ...] | None = None,
+    guess: Floats | None = None,
+) -> Fitted:
+    """Fit whole stretches, then pieces of those that turned out too long; ValueError where nothing is long enough."""
+    pieces = stretches(question, recordings)
+    if not pieces:
+        raise ValueError(f"a diagnosis needs shots of at least {LEAST} pictures; there is none")
+    found = fit(question, pieces, names, forms, guess)
+    for _ in range(_ROUNDS):
+        shorter = _shorter(question, found)
+        if len(shorter) == len(found.pieces):
+            break
+        found = fit(question, shorter, names, forms, found.shared)
+    return found
+
+
+def _shorter(question: Question, fitted: Fitted) -> tuple[Recording, ...]:
+    """Pieces cut where they became too sensitive, and in the middle where the model lost them."""
+    model = model_of(question, fitted.pieces, fitted.forms, np.zeros(len(question.priors), bool))
+    found: list[Recording] = []
+    for k, piece in enumerate(fitted.pieces):
+        flow = model.flow(k, fitted.starts[k], fitted.shared)
+        rows, bodies = np.nonzero(piece.seen)
+        first = sensitive_from(flow.by_start * piece.sigma[rows, bodies][:, None, None])
+        cut = int(rows[first]) if first < len(rows) else len(piece.t)
+        if np.median(np.linalg.norm(flow.misfit, axis=1)) > _LOST:
+            cut = min(cut, len(piece.t) // 2)
+        found += _cut(piece, cut)
+    return tuple(found)
+
+
+def _cut(piece: Recording, row: int) -> list[Recording]:
+    if row < LEAST or len(piece.t) - row < LEAST:
+        return [piece]
+    return [piece.rows(0, row), piece.rows(row, len(piece.t))]
