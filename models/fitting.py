@@ -50,8 +50,16 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
 
     Never raises for odd tracks: what physics cannot explain is `measured` in the trajectory, and `trust` says so.
     """
+    return fit_and_solution(tracks, scene, options, progress)[0]
+
+
+def fit_and_solution(
+    tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), progress: Progress = silent
+) -> tuple[Fit, Solution | None]:
+    """The same, with the numbers behind it and their covariance; None where physics could not be fitted."""
+    solution = None
     try:
-        fit = _fitted(tracks, scene.table, options, progress)
+        fit, solution = _fitted(tracks, scene.table, options, progress)
     except np.linalg.LinAlgError as failure:
         fit = _measured_only(tracks, options, f"The fit failed: {failure}; paths are as measured.")
     timed = (
@@ -59,16 +67,16 @@ def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), p
         if len(tracks.t)
         else fit.events
     )
-    return replace(fit, events=timed, trust=with_doubts(fit.trust, scene.doubts))
+    return replace(fit, events=timed, trust=with_doubts(fit.trust, scene.doubts)), solution
 
 
-def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progress) -> Fit:
+def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progress) -> tuple[Fit, Solution | None]:
     noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
     seldom = seldom_seen(tracks)
     kept = with_noise(_believable(tracks, noise, seldom), noise)
     shown = data = gather(kept)
     if len(data.t) == 0:
-        return _measured_only(tracks, options, "No ball was seen.")
+        return _measured_only(tracks, options, "No ball was seen."), None
     story = _first_story(kept, table, options)
     progress(0.4)
     solution = refine(story, data, table, iterations=10 if options.quick else 30)
@@ -89,7 +97,7 @@ def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progres
     progress(0.9)
     fit = _report(solution, tracks, kept, shown, table, options)
     progress(1.0)
-    return fit
+    return fit, solution
 
 
 def _believable(tracks: Tracks, noise: Noise, seldom: NDArray[np.bool_]) -> Tracks:
