@@ -34,8 +34,8 @@ SIGMA_LIMITS = (-4.0, 3.5)
 """Of log(sigma / px)."""
 LEAST_SCORE = 0.05
 """Below this a peak is not read."""
-APART_RADII = 0.8
-"""Of two peaks nearer than this the weaker one is the other's echo."""
+APART_RADII, STREAK_RADII = 0.8, 0.5
+"""Of two peaks nearer than this the weaker one is the other's echo; the same for one beside the middle of a streak."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +116,14 @@ def halved(doubled: Floats) -> Floats:
 
 
 def not_echoes(found: Centres) -> Bools:
-    """Which balls (K,), best first, have no better one within a part of their radius."""
-    near = np.linalg.norm(found.centre[:, None] - found.centre[None], axis=-1) < APART_RADII * found.radius[:, None]
+    """Which balls (K,), best first, have no better one near them and lie in no better one's streak."""
+    length = np.linalg.norm(found.streak, axis=1)
+    along = found.streak / np.maximum(length, 1e-9)[:, None]
+    off = found.centre[:, None] - found.centre[None]  # (K, K, 2) of rows from columns
+    ahead = np.einsum("rci,ci->rc", off, along)
+    inside = np.clip(ahead, -length / 2, length / 2)
+    apart = np.linalg.norm(off - inside[..., None] * along[None], axis=-1)
+    near = apart < np.where(np.abs(inside) < 1, APART_RADII, STREAK_RADII) * found.radius[:, None]
     kept = np.zeros(len(found), dtype=bool)
     for row in range(len(found)):
         kept[row] = not (near[row] & kept).any()

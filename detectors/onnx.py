@@ -41,9 +41,9 @@ LEAST_SUPPORT = 0.6
 MOST_APART = 4.0
 """Standard deviations by which the circle may miss the network's centre, beyond which it is another thing's outline."""
 
-SIZE_PICTURES, SIZE_TURNS, CLEAR_SCORE, LEAST_SIZED = 3, 3, 0.7, 2
+SIZE_PICTURES, SIZE_TURNS, CLEAR_SCORE, LEAST_SIZED = 3, 2, 0.7, 3
 """How the size of the balls is checked: in so many pictures, so many times, by balls of such a score, by so many."""
-AGREED = 0.06
+AGREED = 0.1
 """Relative difference of seen and predicted radius up to which the prediction is taken."""
 CONTEXT_PX = 16
 """Working px around a part of the picture that the network is shown with it."""
