@@ -14,12 +14,10 @@ from collections.abc import Callable, Iterator
 from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from typing import Any, TypeVar
+from typing import Any
 
 import numba
 from numba.core.caching import IndexDataCacheFile
-
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def _sources(folder: Traversable) -> Iterator[tuple[str, bytes]]:
@@ -43,12 +41,12 @@ def _stamp() -> str:
 _STAMP = _stamp()
 
 
-def compiled(function: Function) -> Function:
+def compiled(function: Callable[..., Any]) -> Any:
     """Decorator. Division by zero gives inf as in numpy, other threads run meanwhile, and sums keep their order."""
     try:
         fast = numba.njit(error_model="numpy", nogil=True, cache=True)(function)
     except RuntimeError:  # no folder to write to: compiled again by every process
-        return numba.njit(error_model="numpy", nogil=True)(function)  # type: ignore[no-any-return]
+        return numba.njit(error_model="numpy", nogil=True)(function)
     cache = fast._cache
     cache._cache_file = IndexDataCacheFile(cache.cache_path, cache._impl.filename_base, _STAMP)
-    return fast  # type: ignore[no-any-return]
+    return fast
