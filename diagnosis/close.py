@@ -1,7 +1,7 @@
-"""How far the gap shrinks: open-loop predictions of shots that chose nothing, before and after, against the noise floor.
+"""How far the gap shrinks: open-loop predictions of shots that chose nothing, before and after, and the noise floor.
 
-A prediction starts from what the first pictures of a window tell of the state, and runs on without looking. The floor is
-what the right model would reach from there: the noise of the measurement, and the error of the start as it grows.
+A prediction starts from what the first pictures of a window tell of the state, and runs on without looking. The floor
+is what the right model would reach from there: the noise of the measurement, and the error of the start as it grows.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from diagnosis.fitting import Fitted, Question, follow
 from diagnosis.pieces import LEAST, stretches
@@ -27,6 +28,8 @@ HORIZON = 0.85
 _SHORTEST = 6
 """pictures that a state can be told from, in shots too short for START."""
 _DRAWS = 2000
+_GRANTED = 0.9
+"""chance up to which a start may have been off by accident."""
 _INTERVAL = (0.025, 0.975)
 
 
@@ -89,22 +92,47 @@ def _moves(piece: Recording) -> bool:
 def predict(question: Question, windows: tuple[Ahead, ...], like: Fitted) -> Predicted:
     """Predictions by the model and the parameters of a fit."""
     told = tuple(one.piece.rows(0, one.known) for one in windows)
+    if not windows:
+        return Predicted((), np.zeros(0), np.zeros(0))
     states = follow(question, told, like)
-    model = question.scene.model(tuple(one.piece for one in windows), like.forms, np.zeros(len(like.free), bool))
-    paths, squares, floor = [], [], []
+    paths = tuple(
+        question.scene.predict(one.piece, start, like.shared, like.forms)
+        for one, start in zip(windows, states.starts, strict=True)
+    )
+    squares = [_squares(one, path - one.piece.places) for one, path in zip(windows, paths, strict=True)]
+    return Predicted(paths, np.array(squares), _floor(question, windows, like, states, paths))
+
+
+def _squares(one: Ahead, miss: Floats) -> float:
+    """Of misses (T, N, D) where something was predicted and seen."""
+    later = one.piece.seen.copy()
+    later[: one.known] = False
+    return float(np.square(miss[later]).sum())
+
+
+def _floor(
+    question: Question, windows: tuple[Ahead, ...], like: Fitted, states: Fitted, paths: tuple[Floats, ...]
+) -> Floats:
+    """(W,) squares that the right model would leave from the same starts: noise, and how far the starts were off.
+
+    How far a start was off is seen from the whole window, later than it was told; a wrong model mistakes its own error
+    for that, so that no more is granted altogether than chance allows.
+    """
+    whole = follow(question, tuple(one.piece for one in windows), like)
+    off, surprise, free = np.zeros(len(windows)), 0.0, 0
     for k, one in enumerate(windows):
-        start, covariance = states.starts[k], states.shooting.start_covariances[k]
-        path = question.scene.predict(one.piece, start, like.shared, like.forms)
-        rows, bodies = np.nonzero(one.piece.seen)
-        later = rows >= one.known
-        miss = (path - one.piece.places)[rows[later], bodies[later]]
-        sigma = one.piece.sigma[rows[later], bodies[later]]
-        slopes = model.flow(k, start, like.shared).by_start[later] * sigma[:, None, None]
-        spread = np.einsum("kds,st,kdt->k", slopes, covariance, slopes) + miss.shape[1] * sigma**2
-        paths.append(path)
-        squares.append(float(np.square(miss).sum()))
-        floor.append(float(spread.sum()))
-    return Predicted(tuple(paths), np.array(squares), np.array(floor))
+        path = question.scene.predict(one.piece, whole.starts[k], like.shared, like.forms)
+        off[k] = _squares(one, paths[k] - path)
+        step = whole.starts[k] - states.starts[k]
+        spread = states.shooting.start_covariances[k] - whole.shooting.start_covariances[k]
+        sizes, axes = np.linalg.eigh((spread + spread.T) / 2)
+        known = (sizes > 1e-6 * sizes[-1]) & (sizes > 0)
+        surprise += float((np.square(axes[:, known].T @ step) / sizes[known]).sum())
+        free += int(known.sum())
+    granted = min(1.0, float(chi2.ppf(_GRANTED, free)) / surprise) if surprise > 0 else 1.0
+    coordinates = paths[0].shape[2]
+    noise = [coordinates * float(np.square(w.piece.sigma[w.known :][w.piece.seen[w.known :]]).sum()) for w in windows]
+    return np.asarray(granted * off + np.array(noise))
 
 
 def counts(windows: tuple[Ahead, ...]) -> Floats:

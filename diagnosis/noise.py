@@ -31,7 +31,7 @@ _MOST = 0.95
 _FEW = 8
 """pieces below which the stated sigmas are believed."""
 _FAR = 6.0
-"""standard deviations from which one sample between agreeing neighbours is an outlier."""
+"""standard deviations from which one sample beside agreeing neighbours is an outlier."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,15 +131,16 @@ def with_noise(recordings: tuple[Recording, ...], noise: Noise) -> tuple[Recordi
 
 
 def _outliers(recording: Recording) -> Mask:
-    """(T, N) samples far off a cubic through the three before and the three after, which agree with each other."""
+    """(T, N) samples far off a cubic through the six next to them, which agree with each other."""
     bad = np.zeros(recording.seen.shape, bool)
     for body in range(len(recording.bodies)):
         rows = np.flatnonzero(recording.seen[:, body])
-        for k in range(3, len(rows) - 3):
-            near = rows[k - 3 : k + 4][[0, 1, 2, 4, 5, 6]]
+        for k, row in enumerate(rows):
+            first = min(max(k - 3, 0), max(len(rows) - 7, 0))
+            near = np.delete(rows[first : first + 7], k - first)
             near = near[~bad[near, body]]
             if len(near) == 6 and recording.frame[near[-1]] - recording.frame[near[0]] <= 9:
-                bad[rows[k], body] = _stands_out(recording, body, rows[k], near)
+                bad[row, body] = _stands_out(recording, body, int(row), near)
     return bad
 
 

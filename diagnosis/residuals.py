@@ -66,7 +66,9 @@ def residuals(question: Question, fitted: Fitted, seen: Seen, rng: np.random.Gen
     # what is left goes through once more, as noise does: a search stops a little before its end
     both = [np.concatenate([a[..., None], b], axis=2) for a, b in zip(left, noise, strict=True)]
     through = _projected(seen, fitted, weights, both)
-    left, through = [one[..., 0] for one in through], [one[..., 1:] for one in through]
+    # once more the weight: one outlier must not stand for a group
+    left = [one[..., 0] * weight[:, None] for one, weight in zip(through, weights, strict=True)]
+    through = [one[..., 1:] for one in through]
     expected = sum(float(np.square(one).sum()) for one in through) / DRAWS
     size = float(np.sqrt(sum(float(np.square(one).sum()) for one in left) / max(expected, 1e-12)))
     covariates = [

@@ -101,7 +101,7 @@ def normal_block(problem: Problem, point: Attempt, shot: int, share: float = 1.0
         weight = np.sqrt(huber(flow.misfit[:seen])[0])[:, None]
         size = len(point.starts[k])
         by_start = (flow.by_start[:seen] * weight[:, :, None]).reshape(-1, size)
-        by_shared = (flow.by_shared[:seen] * weight[:, :, None]).reshape(-1, len(scale)) * scale
+        by_shared = (flow.by_shared[:seen] * weight[:, :, None]).reshape(len(by_start), len(scale)) * scale
         block.add(here, by_start, by_shared, (flow.misfit[:seen] * weight).reshape(-1))
         told = np.flatnonzero(np.isfinite(window.sigma))
         block.add(

@@ -1,0 +1,74 @@
+"""What may be missing, with probabilities that add to 1, and what these data cannot tell apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.fitting import Fitted, Question
+from diagnosis.signatures import TWINS, Signatures, explained_direction
+from diagnosis.unknown import Doubt
+from diagnosis.verdict import Candidate, Strength
+from diagnosis.which import Hypothesis, Search
+
+_CLOSE = 3.0
+"""log evidence within which a rival is not refuted."""
+_LARGEST = 3
+"""names in a group."""
+
+
+def probabilities(state: Search, doubt: Doubt) -> dict[str, float]:
+    """Per effect, `none` and `unknown`: hypotheses share theirs among their effects."""
+    tried = list(state.tried.values())
+    weight = np.array([state.weigh(one) for one in tried])
+    weight = np.exp(weight - weight.max())
+    weight *= (1 - doubt.probability) / weight.sum()
+    found = dict.fromkeys((*state.choices, "none"), 0.0) | {"unknown": doubt.probability}
+    for one, share in zip(tried, weight, strict=True):
+        for name in one.names or {"none"}:
+            found[name] += float(share) / max(one.size, 1)
+    total = sum(found.values())
+    return {name: value / total for name, value in found.items()}
+
+
+def group_of(state: Search, best: Hypothesis, name: str, without: Signatures) -> tuple[str, ...]:
+    """An effect and its rivals: alike as signatures once `without` it everything else is adjusted, and not refuted."""
+    question = state.question
+    if name not in question.candidates:
+        return (name,)
+    own, alike = question.mask((name,)), []
+    for other in question.candidates:
+        swapped = state.tried.get(best.names - {name} | {other})
+        if other in best.names or swapped is None or state.weigh(best) - state.weigh(swapped) > _CLOSE:
+            continue
+        if explained_direction(without, own, question.mask((other,))) > TWINS:
+            alike.append((state.weigh(swapped), other))
+    return (name, *(other for _, other in sorted(alike, reverse=True)[: _LARGEST - 1]))
+
+
+def strengths(
+    question: Question, fitted: Fitted, detectable: np.ndarray, names: tuple[str, ...]
+) -> tuple[Strength, ...]:
+    """The parameters of effects: as fitted where they were free, else what could have been seen of them."""
+    sigma = np.full(len(question.priors), np.nan)
+    sigma[fitted.free] = fitted.shooting.sigma
+    chosen = np.flatnonzero(question.mask(names))
+    return tuple(
+        Strength(
+            question.priors[k].name.split(".", 1)[1],
+            question.priors[k].unit,
+            float(fitted.shared[k]),
+            float(sigma[k]),
+            float(detectable[k]),
+        )
+        for k in chosen
+    )
+
+
+def ranked(
+    chances: dict[str, float],
+    groups: dict[str, tuple[str, ...]],
+    told: dict[str, tuple[Strength, ...]],
+) -> tuple[Candidate, ...]:
+    """Most probable first."""
+    order = sorted(chances, key=lambda name: chances[name], reverse=True)
+    return tuple(Candidate(name, chances[name], groups.get(name, (name,)), told.get(name, ())) for name in order)

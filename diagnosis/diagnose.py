@@ -1,0 +1,262 @@
+"""The whole diagnosis: shots in, a report out. Shots that report are opened once, after the verdict stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.blocks import Structure, structure
+from diagnosis.candidates import group_of, probabilities, ranked, strengths
+from diagnosis.close import HORIZON, Closing, closing, predict, shares, windows_ahead
+from diagnosis.film_next import film_next
+from diagnosis.fitting import Fitted, Question, Seen, fit, follow, look, question_of
+from diagnosis.noise import Noise, estimate_noise, with_noise
+from diagnosis.pieces import LEAST, fit_adaptively, stretches
+from diagnosis.residuals import Residuals, residuals
+from diagnosis.signatures import Signatures, signatures
+from diagnosis.split import Split, split_shots
+from diagnosis.unknown import Doubt, doubt
+from diagnosis.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
+from diagnosis.where import places, shape
+from diagnosis.which import Hypothesis, Search, adopted, search
+from models.gap_scene import Floats, GapScene, Recording
+
+_NO_GAIN = -4.0
+"""chi2 that shots which chose nothing may lose before they contradict."""
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """What estimation and selection have found, on the shots that they may use."""
+
+    question: Question
+    noise: Noise
+    state: Search
+    best: Hypothesis
+    base: Fitted
+    """what the simulator has, on all shots but those that report."""
+    full: Fitted
+    """the best hypothesis, on the same."""
+    seen: Seen
+    """around `base`."""
+    left_before: Residuals
+    left_after: Residuals
+    before: Structure
+    after: Structure
+    doubt: Doubt
+
+
+def diagnose(scene: GapScene, recordings: tuple[Recording, ...], seed: int = 0) -> Report:
+    """Where simulator and world part, which effect is missing, and how far the gap shrinks with it."""
+    split = split_shots(recordings)
+    reason = _too_little(scene, split)
+    if reason:
+        return _undecidable(scene, reason)
+    study = _study(scene, split, np.random.default_rng(seed))
+    report = tuple(with_noise(split.report, study.noise))
+    return _reported(study, report, np.random.default_rng([seed, 1]))
+
+
+def _too_little(scene: GapScene, split: Split) -> str:
+    rows = sum(int(piece.seen.sum()) for one in split.fit for piece in scene.stretches(one))
+    if rows < 2 * LEAST:
+        return f"{rows} observations are too few to test anything; at least {2 * LEAST} are needed"
+    moving = any(_moves(one) for one in split.fit)
+    return "" if moving else "nothing moves in these shots"
+
+
+def _moves(recording: Recording) -> bool:
+    """Whether a body gets further than its own scatter explains."""
+    for body in range(len(recording.bodies)):
+        seen = recording.places[recording.seen[:, body], body]
+        if len(seen) >= LEAST and np.ptp(seen, axis=0).max() > 8 * np.abs(np.diff(seen, axis=0)).mean() / np.sqrt(2):
+            return True
+    return False
+
+
+def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
+    noise = estimate_noise((*split.fit, *split.select))
+    question = question_of(scene, noise.correlation)
+    first, second = with_noise(split.fit, noise), with_noise(split.select, noise)
+    state = _searched(question, first)
+    best = adopted(state)
+    base = fit_adaptively(question, (*first, *second), guess=state.base.fitted.shared)
+    full = base
+    if best.names:
+        full = fit(question, base.pieces, best.fitted.names, best.fitted.forms, best.fitted.shared, base.starts)
+    seen, seen_full = look(question, base), look(question, full)
+    left_before = residuals(question, base, seen, rng)
+    left_after = residuals(question, full, seen_full, rng)
+    before, after = structure(left_before), structure(left_after)
+    gains = not best.names or not second or _gain(question, second, state.base.fitted, best.fitted) > _NO_GAIN
+    doubts = doubt(after, seen_full.told, base, full, gains)
+    return Study(question, noise, state, best, base, full, seen, left_before, left_after, before, after, doubts)
+
+
+def _searched(question: Question, recordings: tuple[Recording, ...]) -> Search:
+    """Search on windows as long as the simulator allows, and again on those that the best hypothesis allows."""
+    state = search(question, fit_adaptively(question, recordings))
+    best = adopted(state)
+    if not best.names or len(state.base.fitted.pieces) == len(stretches(question, recordings)):
+        return state
+    longer = fit_adaptively(question, recordings, best.fitted.names, best.fitted.forms, best.fitted.shared)
+    if len(longer.pieces) == len(state.base.fitted.pieces):
+        return state
+    return search(question, fit(question, longer.pieces, guess=state.base.fitted.shared))
+
+
+def _gain(question: Question, recordings: tuple[Recording, ...], base: Fitted, best: Fitted) -> float:
+    """chi2 that shots which chose nothing gain from the effects, all parameters as the others told them."""
+    pieces = stretches(question, recordings)
+    if not pieces:
+        return 0.0
+    before, after = follow(question, pieces, base), follow(question, pieces, best)
+    return (before.cost - after.cost) / max(best.lack, 1.0)
+
+
+def _reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator) -> Report:
+    scene, best = study.question.scene, study.best
+    verdict, groups, film = _verdict(study)
+    gap, per_effect = _gap(study, recordings, rng)
+    phases = frozenset(phase for name in best.names for phase in _phases(scene, name))
+    found = signatures(study.question, study.seen.told, study.base.free, study.base.lack)
+    return Report(
+        scene=scene.name,
+        model=scene.assumed,
+        verdict=verdict,
+        effects=tuple(sorted(best.names)) if verdict == "effects" else (),
+        candidates=_candidates(study, verdict, groups, found),
+        where=places(study.left_before, study.base.pieces, phases) if verdict != "none" else (),
+        shape=shape(study.after) if verdict == "unknown" else "",
+        gap=gap,
+        per_effect=per_effect,
+        fitted=_all_strengths(study),
+        forms=study.full.forms,
+        unidentifiable=(*scene.gauges, *_hidden(study.question, found)),
+        not_tested=scene.not_tested,
+        film_next=film,
+        p_value=study.before.p_value,
+        notes=(),
+    )
+
+
+def _verdict(study: Study) -> tuple[Verdict, dict[str, tuple[str, ...]], str]:
+    """The verdict, the group of every effect named, and what to film."""
+    question, best = study.question, study.best
+    groups, film = {}, ""
+    for name in best.names:
+        without = study.state.tried[best.names - {name}]
+        told = look(question, without.fitted).told
+        found = signatures(question, told, without.fitted.free, best.fitted.lack)
+        groups[name] = group_of(study.state, best, name, found)
+        if len(groups[name]) > 1 and not film:
+            rest = residuals(question, without.fitted, look(question, without.fitted), np.random.default_rng(0))
+            film = film_next(question, told, rest, without.fitted.free, groups[name])
+    if study.doubt.unknown:
+        return "unknown", groups, film
+    if not best.names:
+        return ("unknown" if study.doubt.something_left else "none"), groups, film
+    alone = len(best.names) == 1 and any(len(group) > 1 for group in groups.values())
+    return ("group" if alone else "effects"), groups, film
+
+
+def _phases(scene: GapScene, name: str) -> tuple[str, ...]:
+    for effect in (*scene.effects, *scene.alternatives):
+        if effect.name == name:
+            return effect.phases
+    return ()
+
+
+def _candidates(
+    study: Study, verdict: Verdict, groups: dict[str, tuple[str, ...]], found: Signatures
+) -> tuple[Candidate, ...]:
+    question, told = study.question, {}
+    for name in question.candidates:
+        mask = question.mask((name,))
+        fitted = _with(study, name)
+        told[name] = strengths(question, fitted, found.detectable(mask), (name,))
+    return ranked(probabilities(study.state, study.doubt), groups, told)
+
+
+def _with(study: Study, name: str) -> Fitted:
+    """The best fit in which an effect is free; the base where none was tried."""
+    if name in study.best.names:
+        return study.full
+    alone = study.state.tried.get(study.best.names | {name}) or study.state.tried.get(frozenset({name}))
+    return study.base if alone is None else alone.fitted
+
+
+def _all_strengths(study: Study) -> tuple[Strength, ...]:
+    names = tuple(effect.name for effect in study.question.scene.effects if effect.name in study.full.names)
+    mask = np.full(len(study.question.priors), np.inf)
+    return strengths(study.question, study.full, mask, (*study.question.scene.assumed, *names))
+
+
+def _hidden(question: Question, found: Signatures) -> tuple[str, ...]:
+    """Effects of usual strength that these data could not show: what the simulator has would take them up."""
+    hidden = []
+    for name in question.candidates:
+        mask = question.mask((name,))
+        usual = np.array([prior.sigma for prior in question.priors])
+        if np.all(found.detectable(mask)[mask] > usual[mask]):
+            hidden.append(name)
+    return tuple(hidden)
+
+
+def _gap(
+    study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator
+) -> tuple[Gap, tuple[EffectShare, ...]]:
+    question, full = study.question, study.full
+    windows = windows_ahead(question, recordings) if recordings else ()
+    before, after = predict(question, windows, study.base), predict(question, windows, full)
+    told = closing(windows, before.squares, after.squares, after.floor, rng)
+    shots = tuple(sorted({one.piece.shot for one in windows}))
+    horizon = max((float(one.piece.t[-1] - one.piece.t[one.known - 1]) for one in windows), default=HORIZON)
+    gap = Gap(f"rms_{question.scene.unit}", min(horizon, HORIZON), shots, told, windows, before.paths, after.paths)
+    return gap, _per_effect(study, windows, before.squares, after.squares, after.floor, told, rng)
+
+
+def _per_effect(
+    study: Study, windows: tuple, before: Floats, after: Floats, floor: Floats, told: Closing, rng: np.random.Generator
+) -> tuple[EffectShare, ...]:
+    names = tuple(sorted(study.best.names))
+    if not names or not told.resolved:
+        return ()
+    if len(names) == 1:
+        return (EffectShare(names[0], told.closed, told.interval),)
+    known = {frozenset[str](): before, frozenset(names): after}
+
+    def squares_with(chosen: frozenset[str]) -> Floats:
+        if chosen not in known:
+            one = study.state.tried.get(chosen)
+            known[chosen] = before if one is None else predict(study.question, windows, one.fitted).squares
+        return known[chosen]
+
+    found = []
+    for name, part in shares(names, squares_with).items():
+        one = closing(windows, before, before - part, floor, rng)
+        found.append(EffectShare(name, one.closed, one.interval))
+    return tuple(found)
+
+
+def _undecidable(scene: GapScene, reason: str) -> Report:
+    nothing = Closing(*[float("nan")] * 4, (-1.0, 1.0), False)
+    return Report(
+        scene=scene.name,
+        model=scene.assumed,
+        verdict="undecidable",
+        effects=(),
+        candidates=(),
+        where=(),
+        shape="",
+        gap=Gap(f"rms_{scene.unit}", HORIZON, (), nothing, (), (), ()),
+        per_effect=(),
+        fitted=(),
+        forms=tuple(choice.assumed for choice in scene.alternatives),
+        unidentifiable=scene.gauges,
+        not_tested=scene.not_tested,
+        film_next=f"Film more: {reason}.",
+        p_value=1.0,
+        notes=(reason,),
+    )

@@ -1,0 +1,83 @@
+"""Whether something is there that the library does not hold.
+
+Three signs: what the best hypothesis leaves is not noise; shots disagree about its parameters by more than their
+errors; other shots do not gain what the first ones promised.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import e, log
+
+import numpy as np
+from scipy.stats import chi2
+
+from diagnosis.blocks import Structure
+from diagnosis.fitting import Fitted, Told
+
+SUSPICIOUS = 0.005
+"""chance below which something is left."""
+EXPLAINED = 0.95
+"""share of what was systematic that effects must explain to be named although something is left."""
+_PRIOR_ODDS = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """How much speaks for something unknown."""
+
+    left: float
+    """p-value of what is left."""
+    shots_agree: float
+    """p-value of the parameters being the same in all shots."""
+    explained: float
+    """share of the systematic part of the simulator's misfit that the effects named explain; 1 where there was none."""
+    select_gains: bool
+    """shots that chose nothing gained from the effects."""
+
+    @property
+    def something_left(self) -> bool:
+        return 2 * min(self.left, self.shots_agree) < SUSPICIOUS
+
+    @property
+    def unknown(self) -> bool:
+        return (self.something_left and self.explained < EXPLAINED) or not self.select_gains
+
+    @property
+    def probability(self) -> float:
+        """Of something unknown, by the largest odds that a p-value can stand for (Sellke, Bayarri, Berger 2001,
+        doi:10.1198/000313001300339950)."""
+        p = min(max(2 * min(self.left, self.shots_agree), 1e-12), 1 / e)
+        odds = _PRIOR_ODDS / (-e * p * log(p))
+        chance = odds / (1 + odds)
+        if self.unknown:
+            return max(chance, 0.6)
+        return chance * (1 - self.explained) if self.something_left else min(chance, 0.4)
+
+
+def agreement(told: Told, fitted: Fitted) -> float:
+    """p-value of all shots having the fitted parameters, from the slopes of their likelihoods there."""
+    total, free = 0.0, 0
+    for information, score in zip(told.information, told.score, strict=True):
+        here, slope = information[np.ix_(fitted.free, fitted.free)], score[fitted.free]
+        scale = 1 / np.sqrt(np.maximum(np.diag(here), 1e-12))
+        sizes, axes = np.linalg.eigh(here * scale * scale[:, None])
+        kept = sizes > 1e-6
+        total += float((np.square(axes[:, kept].T @ (slope * scale)) / sizes[kept]).sum())
+        free += int(kept.sum())
+    free -= int(fitted.free.sum())
+    return float(chi2.sf(total, free)) if free > 0 else 1.0
+
+
+def explained(base: Fitted, best: Fitted, observations: int) -> float:
+    """Share of the cost beyond noise that the better model takes away."""
+    noise = 0.9 * observations  # Huber's loss of noise alone is a little below its count
+    excess = base.cost - min(noise, best.cost)
+    return 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))
+
+
+def doubt(left: Structure, told: Told, base: Fitted, best: Fitted, select_gains: bool) -> Doubt:
+    """All three signs together, of the best hypothesis on all shots that may be used."""
+    count = sum(int(piece.seen.sum()) * piece.places.shape[2] for piece in best.pieces)
+    named = base.cost - best.cost > 0
+    return Doubt(left.p_value, agreement(told, best), explained(base, best, count) if named else 0.0, select_gains)

@@ -1,0 +1,93 @@
+"""Where the gap shows: shares of what is systematic by phase, whom it concerns, and with what it grows."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from diagnosis.blocks import Structure
+from diagnosis.residuals import Residuals
+from diagnosis.verdict import Place
+from models.gap_scene import Floats, Recording
+
+_MOSTLY = 0.7
+"""share of a phase's gap from which one ball or shot is named."""
+_GROWS = 0.7
+"""rank correlation of the gap with a number, over bins of it."""
+_BINS = 8
+
+
+def places(found: Residuals, pieces: tuple[Recording, ...], phases: frozenset[str]) -> tuple[Place, ...]:
+    """By phase, largest first, shares adding to 1; only `phases` where it is known in which the cause acts."""
+    excess = _excess(found)
+    allowed = (
+        np.isin(found.phase, sorted(phases & set(found.phase))) if phases & set(found.phase) else found.phase != ""
+    )
+    names = np.unique(found.phase[allowed])
+    totals = np.array([max(float(excess[allowed & (found.phase == name)].sum()), 0.0) for name in names])
+    if not len(names):
+        return ()
+    if totals.sum() == 0:
+        totals = np.array([float((found.phase == name).sum()) for name in names])
+    order = np.argsort(-totals)
+    return tuple(_place(found, excess, pieces, str(names[k]), float(totals[k] / totals.sum())) for k in order)
+
+
+def _excess(found: Residuals) -> Floats:
+    """(K,) squares beyond what noise leaves after the same fit."""
+    return np.asarray(np.square(found.left * found.size).sum(axis=1) - np.square(found.drawn).mean(axis=2).sum(axis=1))
+
+
+def _place(found: Residuals, excess: Floats, pieces: tuple[Recording, ...], phase: str, share: float) -> Place:
+    here = found.phase == phase
+    ball, shot = _mostly(excess, found.body, here), _mostly(excess, found.shot, here)
+    names = pieces[0].bodies
+    return Place(
+        phase=phase,
+        share=share,
+        ball=None if ball is None or len(names) <= ball else names[ball],
+        shot=shot,
+        span=None,
+        region=None,
+        grows_with=_grows_with(found, excess, here),
+    )
+
+
+def _mostly(excess: Floats, values: np.ndarray, here: np.ndarray) -> int | None:
+    """The one value, of at least three, that holds most of the gap in these observations."""
+    numbers = np.unique(values[here])
+    sums = np.array([max(float(excess[here & (values == n)].sum()), 0.0) for n in numbers])
+    if len(numbers) < 3 or sums.sum() <= 0 or sums.max() < _MOSTLY * sums.sum():
+        return None
+    return int(numbers[np.argmax(sums)])
+
+
+def _grows_with(found: Residuals, excess: Floats, here: np.ndarray) -> str | None:
+    """The number with which the gap grows most evenly."""
+    numbers = {"time": found.t, "speed": found.speed, "time since contact": found.since_contact}
+    if found.image is not None:
+        numbers["radius"] = np.linalg.norm(found.image, axis=1)
+    best, name = _GROWS, None
+    for label, values in numbers.items():
+        known = here & np.isfinite(values)
+        if known.sum() < 10 * _BINS or np.ptp(values[known]) == 0:
+            continue
+        order = np.flatnonzero(known)[np.argsort(values[known], kind="stable")]
+        means = [float(excess[part].mean()) for part in np.array_split(order, _BINS)]
+        rank = float(spearmanr(np.arange(_BINS), means).statistic) if np.ptp(means) > 0 else 0.0
+        if rank > best:
+            best, name = rank, label
+    return name
+
+
+def shape(found: Structure) -> str:
+    """What stands out, in words."""
+    told = [_told(one.block.family, one.block.label, one.direction, one.z) for one in found.findings if one.z > 4]
+    return "; ".join(told[:3])
+
+
+def _told(family: str, label: str, direction: str, z: float) -> str:
+    kind = {"along": "along the motion", "across": "across the motion", "waves": "slowly within windows"}
+    how = kind.get(direction, f"in coordinate {direction}")
+    where = "everywhere" if label == "all" else f"at {family} {label}"
+    return f"{how} {where} ({z:.0f} sigma)"
