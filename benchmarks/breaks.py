@@ -78,9 +78,10 @@ def main() -> None:
     options.add_argument("--jobs", type=int, default=2)
     given = options.parse_args()
     work = [(seed, given.fps, given.pockets, given.truth) for seed in range(given.first, given.first + given.seeds)]
+    names = [field.name for field in fields(Score)]
+    print("| " + " | ".join(names) + " |\n|" + "---|" * len(names), flush=True)
     with ProcessPoolExecutor(given.jobs) as pool:
-        scores = list(pool.map(score_break, *zip(*work, strict=True)))
-    print_table(scores)
+        print_medians([printed(score) for score in pool.map(score_break, *zip(*work, strict=True))])
 
 
 def score_break(seed: int, fps: float, pockets: bool, truth: Path) -> Score:
@@ -225,11 +226,14 @@ def _followed_paths(state: Floats, t: Floats, tracks: Tracks, mine: NDArray[np.b
     return state[np.arange(len(t)), track[nearest_row]]
 
 
-def print_table(scores: list[Score]) -> None:
+def printed(score: Score) -> Score:
+    """Print one row as soon as it is known."""
+    print("| " + " | ".join(_cell(getattr(score, field.name)) for field in fields(Score)) + " |", flush=True)
+    return score
+
+
+def print_medians(scores: list[Score]) -> None:
     names = [field.name for field in fields(Score)]
-    print("| " + " | ".join(names) + " |\n|" + "---|" * len(names))
-    for score in scores:
-        print("| " + " | ".join(_cell(getattr(score, name)) for name in names) + " |")
     column = {name: np.array([getattr(score, name) for score in scores], dtype=np.float64) for name in names}
     recall = column["found"] / np.maximum(column["contacts"], 1)
     precision = column["true"] / np.maximum(column["told"], 1)
