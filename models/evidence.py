@@ -27,8 +27,8 @@ SLIP_SHARE, SLIP_FLOOR = 0.7, 0.2
 """of the speed, and m/s: slip where the window begins, one standard deviation."""
 SPEEDS = 3.0
 """m/s per axis: of balls on a table, one standard deviation."""
-SLOPE_SIGMA = 0.02
-"""m/s^2 per axis: slope and nap."""
+SLOPE_SIGMA = 0.01
+"""m/s^2 per axis: 1.4 mm/m of slope, or nap."""
 SHARPNESS = 1e-5
 """m: surfaces that touch are so near."""
 LOOSER = (1e-3, 1e-4)

@@ -16,7 +16,7 @@ from models.events import Events
 from models.moments import watched
 from models.record import Record
 from models.touch import Encounter
-from models.weighing import Verdict, weigh
+from models.weighing import Verdict, timed
 
 Floats = NDArray[np.float64]
 
@@ -51,12 +51,12 @@ def _again(record: Record, k: int) -> Verdict | None:
         seen = tuple(watched(record, t, ball, {events.a[k], events.b[k]}) for ball in balls)
         if any(min(np.sum(ball.t < t), np.sum(ball.t > t)) < ENOUGH for ball in seen):
             return None
-        found = weigh(Encounter(seen, 2 * record.table.ball_radius, record.reach_sigma), t, (0.0,))
+        found = timed(Encounter(seen, 2 * record.table.ball_radius, record.reach_sigma), t)
     except (ValueError, np.linalg.LinAlgError):
         return None
     moved = abs(found.t - t)
     near = moved < min(FARTHEST * float(events.t_sigma[k]), LONGEST)
-    return found if found.probability > 0.5 and found.chi2 < WORST_CHI2 and near else None
+    return found if found.closing > 0 and found.chi2 < WORST_CHI2 and near else None
 
 
 def _sorted(record: Record, events: Events, t: Floats, t_sigma: Floats) -> Events:

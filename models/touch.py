@@ -26,8 +26,8 @@ MEETING = 4
 """Time of contact (s), restitution, and the impulse of friction across and up, as shares of the normal one."""
 LOG_RANGE = (-8.0, 1.0)
 """of the logarithms of friction, wider than any cloth: steps of a fit may overshoot."""
-STILL = 3.0
-"""standard deviations: a ball that got no farther before the moment in question rested."""
+STILL = 4.0
+"""standard deviations: a ball that got no farther before the moment in question may have rested."""
 LEAST_SLIP = 1e-3
 """m/s: where slip is nothing at all, it has no direction, and no derivative that a fit could follow."""
 FINE = 41
@@ -53,7 +53,7 @@ class Watched:
     through: Floats
     """(6,) the same from all samples, as if nothing had been met."""
     rests: bool
-    """At rest until something meets it: only its place is unknown."""
+    """At rest, as far as is seen, until something meets it: only its place is unknown."""
     rolls: bool = False
     """It is known to roll when its path begins: it has no slip then."""
 
@@ -134,13 +134,13 @@ def watch(samples: Samples, moment: float, begin: float, told: Floats | None = N
         raise ValueError(f"a moment at {moment:.4f} s needs samples before it; there are none")
     before = Samples(samples.t[early], samples.xy[early], samples.sigma[early])
     start = _state(fit_span(before, begin)) if told is None else _slipping(told)
-    way = float(np.hypot(*start[2:4])) * (moment - begin)
-    seen = float(np.hypot(*(before.xy[-1] - before.xy[0])))
-    if max(way, seen) < STILL * float(np.median(samples.sigma)):
-        place = np.concatenate([before.xy.mean(axis=0), np.zeros(4)])
-        return Watched(begin, samples.t, samples.xy, samples.sigma, place, place, True)
-    through = _state(fit_span(samples, begin))
-    return Watched(begin, samples.t, samples.xy, samples.sigma, start, through, False)
+    third = max(len(before.t) // 3, 1)  # means of some samples tell a drift from noise
+    drift = float(np.hypot(*(before.xy[-third:].mean(axis=0) - before.xy[:third].mean(axis=0))))
+    way = drift if len(before.t) > 2 else max(drift, float(np.hypot(*start[2:4])) * (moment - begin))
+    rests = way < STILL * float(np.median(samples.sigma))
+    if rests:
+        start = np.concatenate([before.xy.mean(axis=0), start[2:]])
+    return Watched(begin, samples.t, samples.xy, samples.sigma, start, _state(fit_span(samples, begin)), rests)
 
 
 def _state(span: SpanStart) -> Floats:

@@ -23,7 +23,7 @@ CORRELATIONS = (0.0, 0.35, 0.6, 0.8)
 """Of errors of successive samples, equally probable before: an AR(1) process each."""
 SLIDES = 0.05
 """m/s of slip from which a ball slides; with less it is told as one that rolls."""
-HOPELESS = 40.0
+HOPELESS = 20.0
 """ln of the odds at which a hypothesis is not followed any further."""
 
 
@@ -63,21 +63,48 @@ def weigh(encounter: Encounter, t: float, correlations: tuple[float, ...] = CORR
 
     The encounter's window holds no other contact. `correlations` are those of errors that are thought possible.
     """
+    _check(encounter)
+    kept = _kept(encounter, t)
+    found = []
+    for way in _ways(encounter):
+        free = _weight(way, False, starts(way, t)[0], kept, correlations[0])
+        found += [free, _met(way, t, kept, correlations[0], free.fit)]
+    best = max(weight.log_evidence for weight in found)
+    for begun in [weight for weight in found if weight.log_evidence > best - HOPELESS]:
+        start, met = begun.fit.p, _touches(begun)
+        found += [_weight(begun.encounter, met, start, kept, correlation) for correlation in correlations[1:]]
+    return _verdict(found)
+
+
+def timed(encounter: Encounter, t: float) -> Verdict:
+    """When bodies touched that surely did, near t (s); errors taken as independent. ValueError as for `weigh`."""
+    _check(encounter)
+    kept = _kept(encounter, t)
+    return _verdict([_met(way, t, kept, 0.0) for way in _ways(encounter)])
+
+
+def _check(encounter: Encounter) -> None:
     count = sum(len(ball.t) for ball in encounter.balls)
     if 2 * count < encounter.shared + SHARED + MEETING:
         raise ValueError(f"a contact is weighed by at least {encounter.shared} samples; got {count}")
-    kept = believed(encounter, *starts(encounter, t))
-    ways = [(way, met) for way in _ways(encounter) for met in (False, True)]
-    begun = [_weight(way, met, starts(way, t)[met], kept, correlations[0]) for way, met in ways]
-    found = list(begun)
-    best = max(weight.log_evidence for weight in begun)
-    for (way, met), weight in zip(ways, begun, strict=True):
-        if weight.log_evidence < best - HOPELESS:
-            continue
-        for correlation in correlations[1:]:
-            weight = _weight(way, met, weight.fit.p, kept, correlation)
-            found.append(weight)
-    return _verdict(found)
+
+
+def _kept(encounter: Encounter, t: float) -> NDArray[np.bool_]:
+    """(K,) samples that are believed, however the balls moved."""
+    moving = replace(encounter, balls=tuple(replace(ball, rests=False) for ball in encounter.balls))
+    return believed(moving, *starts(moving, t))
+
+
+def _met(way: Encounter, t: float, kept: NDArray[np.bool_], correlation: float, free: Fitted | None = None) -> _Weight:
+    """The better of two descents: from how the balls came, and from the path that ignores the contact."""
+    start = starts(way, t)[1]
+    found = _weight(way, True, start, kept, correlation)
+    if free is None or found.fit.chi2 < free.chi2:
+        return found
+    column = way.shared + SHARED
+    again = np.concatenate([free.p, [free.paths.t], start[column + 1 :]])
+    other = _weight(way, True, again, kept, correlation)
+    return max(found, other, key=lambda weight: weight.log_evidence)
 
 
 def geometry_alone(encounter: Encounter, t: float) -> tuple[float, float]:
@@ -89,10 +116,13 @@ def geometry_alone(encounter: Encounter, t: float) -> tuple[float, float]:
 
 
 def _ways(encounter: Encounter) -> Iterator[Encounter]:
-    """The encounter with every ball that moves rolling or sliding where its path begins."""
-    for rolls in product(*((False,) if ball.rests else (True, False) for ball in encounter.balls)):
-        yield replace(encounter, balls=tuple(
-            replace(ball, rolls=roll) for ball, roll in zip(encounter.balls, rolls, strict=True)))  # fmt: skip
+    """The encounter with every ball rolling or sliding where its path begins, or resting if it may."""
+    told = [
+        [replace(ball, rests=False, rolls=rolls) for rolls in (True, False)] + [ball] * ball.rests
+        for ball in encounter.balls
+    ]
+    for balls in product(*told):
+        yield replace(encounter, balls=balls)
 
 
 def _weight(encounter: Encounter, met: bool, start: Floats, kept: NDArray[np.bool_], correlation: float) -> _Weight:
@@ -102,14 +132,15 @@ def _weight(encounter: Encounter, met: bool, start: Floats, kept: NDArray[np.boo
     return _Weight(encounter, correlation, found, -np.inf if told_twice else found.log_evidence)
 
 
-def _verdict(found: list[_Weight]) -> Verdict:
-    def met(weight: _Weight) -> bool:
-        return len(weight.fit.p) > weight.encounter.shared + SHARED
+def _touches(weight: _Weight) -> bool:
+    return len(weight.fit.p) > weight.encounter.shared + SHARED
 
-    total = [float(logsumexp([w.log_evidence for w in found if met(w) is touched])) for touched in (False, True)]
-    probability = float(np.exp(total[1] - logsumexp(total)))
+
+def _verdict(found: list[_Weight]) -> Verdict:
+    free, met = ([w.log_evidence for w in found if _touches(w) is touches] for touches in (False, True))
+    probability = float(np.exp(logsumexp(met) - logsumexp([*free, *met])))
     touched = probability > 0.5
-    best = max((w for w in found if met(w) is touched), key=lambda w: w.log_evidence)
+    best = max((w for w in found if _touches(w) is touched), key=lambda w: w.log_evidence)
     encounter, chosen = best.encounter, best.fit
     gap, gap_sigma = _margin(encounter, chosen)
     column = encounter.shared + SHARED
