@@ -296,13 +296,15 @@ def plan(state, radius, p, horizon, rows, phases):  # type: ignore[no-untyped-de
     while s[8].real < horizon and count < len(rows) - 2:
         if heading(s)[2].real > 0.0:
             count = finish(s, radius, p, phase, curves, horizon, rows, phases, count)
-        s[2:4] = 0.0
+            s[2:4] = 0.0
+        elif p[ROLLING_MU].real > 0.0:
+            s[2:4] = 0.0
         if held or s[8].real >= horizon:
             break
         count = set_off(s, radius, p, phase, rows, phases, count)
     if s[8].real < horizon:
         if phase == ROLL:
-            s[4:6] = 0.0
+            s[4], s[5] = -s[3] / radius, s[2] / radius
         go_straight(s, np.zeros(9, rows.dtype), 0.0 * s[8] + FOREVER, REST, rows, phases, count)
         count += 1
     return count

@@ -165,7 +165,7 @@ def normal(kind, row, s, lines, arcs):  # type: ignore[no-untyped-def]
 
 @compiled
 def earliest(ball_times, table_times):  # type: ignore[no-untyped-def]
-    """The next contact: the earliest, of those at once the fastest; times (N, N, 3), (N, 5) hold time and speed first."""
+    """The next contact: the earliest, of those at once the fastest; both times hold time and speed first."""
     n = len(table_times)
     first = NEVER
     for a in range(n):

@@ -48,8 +48,8 @@ class Pockets:
 
 
 POOL = Pockets(0.028575, Mouth(0.1159, 38.0, 0.003, 0.038, 0.057), Mouth(0.1286, 76.0, 0.003, 0.005, 0.060))
-"""WPA equipment specifications, section 9: mouths 4.5 to 4.625 and 5 to 5.125 in, cut angles 142 and 104 degrees, shelves
-1 to 2.25 and 0 to 0.375 in; the holes are as wide as their castings."""
+"""WPA equipment specifications, section 9: mouths 4.5 to 4.625 and 5 to 5.125 in, cut angles 142 and 104 degrees,
+shelves 1 to 2.25 and 0 to 0.375 in; the holes are as wide as their castings."""
 SNOOKER = Pockets(0.02625, Mouth(0.0860, 42.0, 0.070, 0.045, 0.045), Mouth(0.0960, 70.0, 0.050, 0.020, 0.045))
 """Round jaws. The WPBSA's templates are not published: 3 3/8 in between the facings of a corner, the usual figure of
 makers, and radii read off photographs."""

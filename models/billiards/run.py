@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,9 @@ from models.billiards.cloth import (
 )
 from models.billiards.compiled import compiled
 from models.billiards.engine import BALL, FIRST, HOLE, KIND, LEG_BALL, LEG_STATE, LEG_TIME, LINE, SECOND, SPEED, TIME
-from models.billiards.parameters import SPIN_DECAY, Physics
-from models.billiards.rails import Rails
+from models.billiards.parameters import NAMES, SPIN_DECAY, Physics
+from models.billiards.rails import NORMALS, Rails
+from models.billiards.sensitivities import BALL_COLUMNS, CURVING, differentiate
 from models.events import Events
 from models.scene import CUSHIONS, POCKETS
 from models.trajectory import State, Trajectory
@@ -35,8 +37,6 @@ from models.trajectory import State, Trajectory
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_EXACT = 1e-9
-"""s: times before this are taken to be at the start; nothing is known to happen closer in time."""
 _SMOOTH = 1e-8
 """m, by which a cubic of a trajectory may miss a path that is none."""
 
@@ -95,6 +95,37 @@ class Run:
         back = np.empty_like(found)
         back[order] = found
         return back.reshape(*times.shape, *found.shape[1:])
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """(P,) all that a shot depends on, as `jacobian` names it."""
+        of_balls = [f"{ball}.{name}" for ball in self.balls.ids for name in BALL_COLUMNS]
+        return (*of_balls, *NAMES, *(f"nose.{side}" for side in CUSHIONS))
+
+    def jacobian(self, t: float | Floats, wrt: tuple[str, ...] | None = None) -> Floats:
+        """Derivatives (..., N, 7, P) of the states at t (...) by `wrt`, names among `columns`; at fixed order of contacts.
+
+        Without `wrt`: by the states, radii and masses of all balls and the parameters of the physics that are present.
+        """
+        columns = self.columns
+        if wrt is None:
+            wrt = (*columns[: len(self.balls.ids) * len(BALL_COLUMNS)], *self.physics.present)
+        if unknown := set(wrt) - set(columns):
+            raise ValueError(f"derivatives are by {', '.join(columns)}; got {', '.join(sorted(unknown))}")
+        wanted = np.array([columns.index(name) for name in wrt], dtype=np.int64)
+        active = np.array([k for k, name in enumerate(NAMES) if name in wrt], dtype=np.int64)
+        times = np.asarray(t, dtype=np.float64)
+        order = np.argsort(times.reshape(-1), kind="stable")
+        found = np.full((times.size, len(self.balls.ids), 7, len(columns)), np.nan)
+        curves = bool(curved(self.physics.values)) or bool(np.isin(active, CURVING).any())
+        differentiate(
+            self.legs, self.contacts, self.gone, self.balls.radius, self.balls.mass, self.physics.values,
+            self.physics.codes, self.rails.lines, self.rails.arcs, NORMALS, self.seconds, times.reshape(-1)[order],
+            active, CURVED_ROWS if curves else STRAIGHT_ROWS, found,
+        )  # fmt: skip
+        back = np.empty((*found.shape[:3], len(wanted)))
+        back[order] = found[..., wanted]
+        return back.reshape(*times.shape, *back.shape[1:])
 
     def state(self, t: float | Floats) -> State:
         """The same as a `State`, with standard deviations of 0: nothing is uncertain."""
@@ -259,7 +290,7 @@ def _cubics(row: Floats, spin: Floats) -> list[tuple[float, float, Floats, Float
     ends = sorted(times)
     return [
         (float(row[START] + a), float(row[START] + b), _cubic(x, a, b), _turn(w, spin, a, b))
-        for a, b in zip(ends[:-1], ends[1:], strict=True) if b - a > 1e-12
+        for a, b in pairwise(ends) if b - a > 1e-12
     ]  # fmt: skip
 
 
