@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -53,41 +54,51 @@ LENS = Effect("lens_distortion", (one("k1", "1", 0.02, -0.2, 0.2),), (0.0,), "ob
 CATALOGUE = (FRICTION, SLOPE, AIR_DRAG, VISCOUS_DRAG, SIDEWAYS, LENS)
 
 
-def acceleration(place: list, velocity: list, p: dict) -> tuple:
-    """Of real or complex numbers or arrays; absent parameters are neutral."""
-    (vx, vy) = velocity
+FORCES = ("friction.mu", "slope.slope_x", "slope.slope_y", "air_drag.k", "viscous_drag.k", "sideways.c")
+
+
+@njit(cache=True)
+def acceleration(vx, vy, p):
+    """Of real or complex velocities, with parameters in the order of FORCES."""
     speed = np.sqrt(vx * vx + vy * vy + SLOW**2)
-    brake = (
-        p.get("friction.mu", 0.0) * GRAVITY / speed + p.get("air_drag.k", 0.0) * speed + p.get("viscous_drag.k", 0.0)
-    )
-    side = p.get("sideways.c", 0.0)
-    ax = GRAVITY * p.get("slope.slope_x", 0.0) * 1e-3 - brake * vx - side * vy
-    ay = GRAVITY * p.get("slope.slope_y", 0.0) * 1e-3 - brake * vy + side * vx
-    return ax, ay
+    brake = p[0] * GRAVITY / speed + p[3] * speed + p[4]
+    return GRAVITY * p[1] * 1e-3 - brake * vx - p[5] * vy, GRAVITY * p[2] * 1e-3 - brake * vy + p[5] * vx
 
 
 def shown(x: Floats, y: Floats, p: dict) -> tuple:
     """Where a place is seen."""
-    factor = p.get("scale.seen", 1.0) * (1 + p.get("lens_distortion.k1", 0.0) * (x * x + y * y) / HALF**2)
+    factor = p.get("scale.seen", 1.0) * (
+        1 + (p.get("lens_distortion.k1", 0.0) + p.get("lens_twin.k1", 0.0)) * (x * x + y * y) / HALF**2
+    )
     return x * factor, y * factor
 
 
-def path(start: NDArray, p: dict, t: Floats) -> NDArray:
-    """States (T, 4, ...) from start (4, ...) by Runge-Kutta steps."""
+@njit(cache=True)
+def march(start, p, t):
+    """States (T, 4, n) from n starts (4, n) with n sets of parameters (6, n), by Runge-Kutta steps."""
     states = np.empty((len(t), *start.shape), start.dtype)
-    states[0] = start
-
-    def rate(s: NDArray) -> NDArray:
-        ax, ay = acceleration([s[0], s[1]], [s[2], s[3]], p)
-        return np.stack([s[2], s[3], ax + 0 * s[2], ay + 0 * s[2]])
-
-    for k in range(1, len(t)):
-        h, s = t[k] - t[k - 1], states[k - 1]
-        a = rate(s)
-        b = rate(s + h / 2 * a)
-        c = rate(s + h / 2 * b)
-        states[k] = s + h / 6 * (a + 2 * b + 2 * c + rate(s + h * c))
+    for i in range(start.shape[1]):
+        x, y, vx, vy = start[0, i], start[1, i], start[2, i], start[3, i]
+        q = p[:, i]
+        for k in range(len(t)):
+            if k > 0:
+                h = t[k] - t[k - 1]
+                ax, ay = acceleration(vx, vy, q)
+                bx, by = acceleration(vx + h / 2 * ax, vy + h / 2 * ay, q)
+                cx, cy = acceleration(vx + h / 2 * bx, vy + h / 2 * by, q)
+                dx, dy = acceleration(vx + h * cx, vy + h * cy, q)
+                x = x + h * (vx + h / 6 * (ax + bx + cx))
+                y = y + h * (vy + h / 6 * (ay + by + cy))
+                vx, vy = vx + h / 6 * (ax + 2 * bx + 2 * cx + dx), vy + h / 6 * (ay + 2 * by + 2 * cy + dy)
+            states[k, 0, i], states[k, 1, i], states[k, 2, i], states[k, 3, i] = x, y, vx, vy
     return states
+
+
+def path(start: NDArray, p: dict, t: Floats) -> NDArray:
+    """States (T, 4, ...) from start (4, ...)."""
+    flat = start.reshape(4, -1)
+    each = [np.broadcast_to(np.asarray(p.get(name, 0.0), start.dtype), start.shape[1:]).reshape(-1) for name in FORCES]
+    return march(flat, np.stack(each), t).reshape(len(t), *start.shape)
 
 
 @dataclass(frozen=True)
@@ -198,6 +209,7 @@ def film(rng: np.random.Generator, truth: dict, filming: Filming = Filming(), ex
 
 
 def _shot(rng: np.random.Generator, shot: int, truth: dict, filming: Filming, extra: Force | None) -> Recording:
+    forces = np.array([truth.get(name, 0.0) for name in FORCES])
     t = np.arange(round(filming.seconds * filming.fps)) / filming.fps
     places = np.empty((len(t), filming.bodies, 2))
     for body in range(filming.bodies):
@@ -207,7 +219,7 @@ def _shot(rng: np.random.Generator, shot: int, truth: dict, filming: Filming, ex
         start = np.concatenate([-0.5 * speed * heading + rng.uniform(-0.4, 0.4, 2), speed * heading])
 
         def rate(_: float, s: Floats) -> Floats:
-            a = np.array(acceleration([s[0], s[1]], [s[2], s[3]], truth))
+            a = np.array(acceleration(s[2], s[3], forces))
             return np.concatenate([s[2:], a + (extra(s[:2], s[2:]) if extra else 0.0)])
 
         y = solve_ivp(rate, (0, t[-1]), start, "DOP853", t, rtol=1e-10, atol=1e-10).y

@@ -1,0 +1,63 @@
+"""trueroll diagnose: the sim-to-real gap of run folders or track folders."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as Grid
+
+from diagnosis.diagnose import diagnose
+from diagnosis.verdict import Report
+from pipeline.chain import refuse_closed
+from pipeline.command_line import DebugOption, JsonOption, app, named
+from pipeline.gap_files import as_json, write_gap
+from pipeline.gap_page import closed_sentence, gap_sentence, plain, write_gap_page
+from pipeline.gap_scenes import open_scene
+from pipeline.track_folder import read_track_folders
+
+_SHOWN = 5
+
+
+@app.command("diagnose")
+def diagnose_folders(
+    inputs: Annotated[
+        list[Path], typer.Argument(metavar="INPUT...", help="Run folders or track folders of one scene.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", parser=named, metavar="PATH", help="Folder; INPUT/gap if not given."),
+    ] = None,
+    as_json_: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Where simulator and world part, which effect is missing, and how far the gap shrinks with it."""
+    folder = out if out is not None else inputs[0] / "gap"
+    refuse_closed(folder)
+    read = read_track_folders(inputs)
+    report = diagnose(open_scene(read), read.recordings)
+    write_gap(report, folder)
+    write_gap_page(report, inputs[0].resolve().name, folder / "gap.html")
+    if as_json_:
+        print(json.dumps({"folder": str(folder), **as_json(report)}, allow_nan=False))
+    else:
+        _tell(report, folder)
+
+
+def _tell(report: Report, folder: Path) -> None:
+    screen = Console(highlight=False)
+    screen.print(f"[bold]{escape(gap_sentence(report))}[/]")
+    screen.print(escape(closed_sentence(report)))
+    if report.candidates:
+        grid = Grid("cause", "probability", "strength", box=None, pad_edge=False)
+        for one in report.candidates[:_SHOWN]:
+            values = ", ".join(f"{s.name} {s.value:.3g} ± {s.sigma:.2g} {s.unit}" for s in one.strengths if s.sigma > 0)
+            grid.add_row(plain(one.effect), f"{one.probability:.1%}", values)
+        screen.print(grid)
+    if report.film_next:
+        screen.print(escape(report.film_next))
+    print(f"Look at {folder / 'gap.html'}")

@@ -1,0 +1,178 @@
+"""gap.html: the diagnosis on one self-contained page that a coach can read."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from numpy.typing import NDArray
+from plotly.offline import get_plotlyjs
+
+from diagnosis.verdict import Candidate, Gap, Report
+from pipeline.publish import aside
+
+Floats = NDArray[np.float64]
+
+SHOWN = 8
+"""candidates in the list"""
+BEFORE, AFTER, SEEN = "#c62828", "#0f5c42", "#55605a"
+
+
+def write_gap_page(report: Report, title: str, path: Path) -> None:
+    """Write the page to `path`."""
+    page = Environment(
+        loader=PackageLoader("pipeline", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    ).get_template("gap.html")
+    with aside(path) as target:
+        target.write_text(
+            page.render(
+                name=title,
+                report=report,
+                sentence=gap_sentence(report),
+                closed=closed_sentence(report),
+                candidates=[_row(one) for one in report.candidates[:SHOWN]],
+                plots=_plots(report.gap),
+                plotly=get_plotlyjs(),
+            ),
+            encoding="utf-8",
+        )
+
+
+def gap_sentence(report: Report) -> str:
+    """What the simulator lacks."""
+    names = {one.effect: " or ".join(plain(name) for name in one.group) for one in report.candidates}
+    if report.verdict == "effects":
+        return f"Your simulator lacks {' and '.join(plain(name) for name in report.effects)}."
+    if report.verdict == "group":
+        return f"Your simulator lacks {names[report.candidates[0].effect]}; these shots cannot tell which."
+    if report.verdict == "none":
+        return "These shots show nothing that your simulator lacks."
+    if report.verdict == "unknown":
+        return f"Something is there that the library does not hold{': ' + report.shape if report.shape else ''}."
+    return f"These shots decide nothing: {' '.join(report.notes)}."
+
+
+def closed_sentence(report: Report) -> str:
+    """How far the gap shrinks; empty where nothing was held out."""
+    gap, told = report.gap, report.gap.closing
+    if not gap.windows:
+        return "No shot was left over to measure how far the gap shrinks."
+    before, after, floor = (length(value, gap.metric) for value in (told.before, told.after, told.floor))
+    if not told.resolved:
+        return f"Predicted {gap.horizon:.2f} s ahead, the simulator is off by {before}; of that, {floor} is noise."
+    return (
+        f"Predicted {gap.horizon:.2f} s ahead on shots that chose nothing, adding it takes the error from {before} "
+        f"to {after} of a possible {floor}: {told.closed:.0%} of the gap closed "
+        f"({told.interval[0]:.0%} to {told.interval[1]:.0%})."
+    )
+
+
+def length(value: float, metric: str) -> str:
+    """A distance in mm or an angle in mrad."""
+    return f"{1000 * value:.3g} {'mrad' if metric.endswith('rad') else 'mm'}"
+
+
+def plain(name: str) -> str:
+    """An effect's name as words."""
+    return name.replace("_", " ")
+
+
+def _row(one: Candidate) -> dict[str, str | float]:
+    values = [
+        f"{s.name} = {s.value:.3g} ± {s.sigma:.2g} {s.unit}" for s in one.strengths if np.isfinite(s.sigma) and s.sigma
+    ]
+    seen = [f"{s.name} {s.detectable_from:.2g} {s.unit}" for s in one.strengths if np.isfinite(s.detectable_from)]
+    return {
+        "name": plain(one.effect),
+        "probability": one.probability,
+        "group": ", ".join(plain(name) for name in one.group[1:]),
+        "values": "; ".join(values),
+        "detectable": "; ".join(seen),
+    }
+
+
+def _plots(gap: Gap) -> list[tuple[str, str]]:
+    """Titles and figures: a held-out path, the error as it grows, and where it is made."""
+    if not gap.windows:
+        return []
+    figures = [
+        ("Seen, and predicted before and after, on a held-out shot", _path(gap)),
+        ("How the error of a prediction grows", _growth(gap)),
+    ]
+    if gap.before[0].shape[2] >= 2:
+        figures.append(("Where predictions go wrong", _map(gap)))
+    return [(title, _embedded(figure, f"plot-{k}")) for k, (title, figure) in enumerate(figures)]
+
+
+def _worst(gap: Gap) -> int:
+    errors = [_misses(gap, k, gap.before)[1] for k in range(len(gap.windows))]
+    return int(np.argmax([np.nanmean(one) if len(one) else 0.0 for one in errors]))
+
+
+def _misses(gap: Gap, window: int, paths: tuple[Floats, ...]) -> tuple[Floats, Floats, Floats]:
+    """Time since the prediction began (K,), its error (K,) and place (K, D), of what was predicted and seen."""
+    one = gap.windows[window]
+    seen = one.piece.seen.copy()
+    seen[: one.known] = False
+    rows, _ = np.nonzero(seen)
+    miss = np.linalg.norm((paths[window] - one.piece.places)[seen], axis=1)
+    return one.piece.t[rows] - one.piece.t[one.known - 1], miss, one.piece.places[seen]
+
+
+def _path(gap: Gap) -> go.Figure:
+    number = _worst(gap)
+    one = gap.windows[number]
+    figure = go.Figure()
+    for body in range(len(one.piece.bodies)):
+        for label, values, colour in (
+            ("seen", one.piece.places, SEEN),
+            ("predicted before", gap.before[number], BEFORE),
+            ("predicted after", gap.after[number], AFTER),
+        ):
+            part = values[:, body]
+            across, up = (part[:, 0], part[:, 1]) if part.shape[1] > 1 else (one.piece.t, part[:, 0])
+            mode = "markers" if label == "seen" else "lines"
+            figure.add_scatter(
+                x=across, y=up, mode=mode, name=label, legendgroup=label, showlegend=body == 0,
+                line={"color": colour}, marker={"color": colour, "size": 5},
+            )  # fmt: skip
+    if one.piece.places.shape[2] > 1:
+        figure.update_yaxes(scaleanchor="x", title="m")
+        figure.update_xaxes(title="m")
+    else:
+        figure.update_xaxes(title="s")
+    return figure
+
+
+def _growth(gap: Gap) -> go.Figure:
+    figure = go.Figure()
+    for label, paths, colour in (("before", gap.before, BEFORE), ("after", gap.after, AFTER)):
+        found = [_misses(gap, k, paths) for k in range(len(gap.windows))]
+        t, miss = np.concatenate([one[0] for one in found]), np.concatenate([one[1] for one in found])
+        edges = np.linspace(0, gap.horizon, 13)
+        here = [(t > low) & (t <= high) for low, high in pairwise(edges)]
+        rms = [float(1000 * np.sqrt(np.mean(np.square(miss[part])))) if part.any() else None for part in here]
+        figure.add_scatter(x=(edges[1:] + edges[:-1]) / 2, y=rms, name=label, line={"color": colour})
+    figure.update_xaxes(title="s since the prediction began")
+    return figure.update_yaxes(
+        title="rms error, mrad" if gap.metric.endswith("rad") else "rms error, mm", rangemode="tozero"
+    )
+
+
+def _map(gap: Gap) -> go.Figure:
+    found = [_misses(gap, k, gap.before) for k in range(len(gap.windows))]
+    miss, place = 1000 * np.concatenate([one[1] for one in found]), np.concatenate([one[2] for one in found])
+    unit = "mrad" if gap.metric.endswith("rad") else "mm"
+    marker = {"color": miss, "colorscale": "YlOrRd", "cmin": 0, "size": 6, "colorbar": {"title": f"error, {unit}"}}
+    figure = go.Figure(go.Scatter(x=place[:, 0], y=place[:, 1], mode="markers", marker=marker))
+    return figure.update_yaxes(scaleanchor="x")
+
+
+def _embedded(figure: go.Figure, name: str) -> str:
+    figure.update_layout(template="plotly_white", height=420, margin={"l": 60, "r": 20, "t": 20, "b": 50})
+    config = {"displayModeBar": False, "responsive": True}
+    html: str = figure.to_html(full_html=False, include_plotlyjs=False, div_id=name, config=config)
+    return html

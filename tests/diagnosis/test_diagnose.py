@@ -1,0 +1,121 @@
+"""The diagnosis on pucks: the right name, none, unknown, pairs, groups, and how far the gap shrinks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pucks import CATALOGUE, LENS, SCALE, Filming, Pucks, film
+
+from diagnosis.diagnose import diagnose
+from diagnosis.verdict import Report
+from models.gap_scene import Recording
+
+FRICTION = {"friction.mu": 0.02}
+SHORT = Filming(shots=8, fps=30)
+PUCKS = Pucks()
+LACKING = {
+    "slope": {"slope.slope_x": 2.0, "slope.slope_y": -1.0},
+    "air_drag": {"air_drag.k": 0.1},
+    "viscous_drag": {"viscous_drag.k": 0.15},
+    "sideways": {"sideways.c": 0.1},
+    "lens_distortion": {"lens_distortion.k1": 0.02},
+}
+
+
+def told(truth: dict, seed: int = 1, filming: Filming = SHORT, scene: Pucks = PUCKS, extra=None) -> Report:
+    return diagnose(scene, film(np.random.default_rng(seed), FRICTION | truth, filming, extra))
+
+
+@pytest.mark.parametrize("name", LACKING)
+def test_the_missing_effect_is_named_and_measured(name: str) -> None:
+    report = told(LACKING[name])
+    assert report.verdict == "effects"
+    assert report.effects == (name,)
+    assert report.candidates[0].effect == name
+    for one in report.candidates[0].strengths:
+        truth = LACKING[name].get(f"{name}.{one.name}", 0.0)
+        assert abs(one.value - truth) < 5 * one.sigma
+    assert report.gap.closing.resolved
+    assert report.gap.closing.closed > 0.7
+
+
+def test_nothing_is_named_where_nothing_is_missing() -> None:
+    report = told({})
+    assert report.verdict == "none"
+    assert report.effects == ()
+    assert np.isnan(report.gap.closing.closed)
+
+
+def test_two_missing_effects_are_both_named() -> None:
+    report = told(LACKING["slope"] | LACKING["air_drag"])
+    assert report.effects == ("air_drag", "slope")
+    assert {one.effect for one in report.per_effect} == {"air_drag", "slope"}
+    assert abs(sum(one.closed for one in report.per_effect) - report.gap.closing.closed) < 0.02
+
+
+def test_a_force_that_the_library_lacks_is_unknown() -> None:
+    def patch(place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        return -0.5 * velocity * np.exp(-np.square(place - [0.2, 0.1]).sum() / (2 * 0.2**2))
+
+    report = told({}, extra=patch, filming=replace(SHORT, shots=12))
+    assert report.verdict == "unknown"
+    assert report.effects == ()
+    assert report.candidates[0].effect == "unknown"
+    assert report.shape
+
+
+def test_an_effect_taken_out_of_the_library_is_unknown() -> None:
+    scene = Pucks(effects=tuple(effect for effect in CATALOGUE if effect.name != "sideways"))
+    assert told({"sideways.c": 0.2}, scene=scene).verdict == "unknown"
+
+
+def test_probabilities_add_up_and_hold_none_and_unknown() -> None:
+    report = told(LACKING["slope"])
+    chances = [one.probability for one in report.candidates]
+    assert abs(sum(chances) - 1) < 1e-9
+    assert chances == sorted(chances, reverse=True)
+    assert {"none", "unknown"} <= {one.effect for one in report.candidates}
+    assert abs(sum(place.share for place in report.where) - 1) < 1e-9
+
+
+def test_a_signature_that_states_absorb_is_named_unidentifiable() -> None:
+    """Along one line of travel a slope is as good as friction, and a scale looks like other speeds."""
+    scene = Pucks(effects=(CATALOGUE[0], CATALOGUE[1], SCALE))
+    report = told({}, scene=scene, filming=replace(SHORT, one_way=True))
+    assert "scale" in report.unidentifiable
+
+
+def test_two_effects_that_look_alike_are_a_group() -> None:
+    """A twin of the lens under another name."""
+    scene = Pucks(effects=(*CATALOGUE, replace(LENS, name="lens_twin")))
+    report = told(LACKING["lens_distortion"], scene=scene)
+    assert report.verdict == "group"
+    assert set(report.candidates[0].group) == {"lens_distortion", "lens_twin"}
+    assert report.film_next
+
+
+def test_shots_that_report_choose_nothing() -> None:
+    shots = film(np.random.default_rng(2), FRICTION | LACKING["slope"], SHORT)
+    honest = diagnose(Pucks(), shots)
+    rng = np.random.default_rng(5)
+
+    def garbage(one: Recording) -> Recording:
+        held_out = one.shot in honest.gap.shots
+        return replace(one, places=rng.normal(0, 1, one.places.shape)) if held_out else one
+
+    poisoned = diagnose(Pucks(), tuple(garbage(one) for one in shots))
+    assert honest.gap.shots
+    assert poisoned.verdict == honest.verdict
+    assert poisoned.candidates == honest.candidates
+    assert poisoned.where == honest.where
+
+
+def test_too_little_is_undecidable() -> None:
+    one = film(np.random.default_rng(1), FRICTION, Filming(shots=1))[0]
+    assert diagnose(Pucks(), (one.rows(0, 6),)).verdict == "undecidable"
+    still = replace(one, places=one.places[:1] + 0.001 * np.random.default_rng(1).normal(size=one.places.shape))
+    report = diagnose(Pucks(), (still,))
+    assert report.verdict == "undecidable"
+    assert "nothing moves" in report.film_next
