@@ -1,0 +1,58 @@
+"""Regions that hold a share of a probability: of a normal distribution, and of draws from any.
+
+The level of a place is the share of the probability that is denser than there; the region of 90 % holds all places of
+a level of at most 0.9, and is the smallest that holds so much (Hyndman 1996, doi:10.1080/00031305.1996.10474359).
+Among draws, the distance to the k-th nearest one stands for the density (Loftsgaarden and Quesenberry 1965,
+doi:10.1214/aoms/1177700079): it follows several courses at once, and no width has to be chosen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Floats = NDArray[np.float64]
+
+FINEST = 1e-7
+"""m: distances below are one place."""
+_GOLDEN = np.pi * (3 - np.sqrt(5))
+"""rad: turns that spread evenly."""
+
+
+def level_of_normal(apart: Floats, covariance: Floats) -> float:
+    """Level of a place `apart` (2,) m from the mean of a normal distribution with covariance (2, 2)."""
+    known = covariance + FINEST**2 * np.eye(2)
+    return float(1 - np.exp(-0.5 * apart @ np.linalg.solve(known, apart)))
+
+
+def level_by_neighbours(xy: Floats, draws: Floats, noise: float = 0.0) -> float:
+    """Level of `xy` (2,), seen with `noise` m per axis, among draws (M, 2); NaN with fewer than two."""
+    if len(draws) < 2:
+        return float("nan")
+    spread = draws + noise * _normal_pattern(len(draws))
+    far, own = _distances(spread, np.vstack([xy[None], spread]))
+    # of as many others as each draw has: its own place is one of its neighbours
+    return float(np.mean(own[1:] < far[0]))
+
+
+def levels_by_neighbours(places: Floats, draws: Floats) -> Floats:
+    """Levels (K,) of places (K, 2) among draws (M, 2), M >= 2."""
+    far, own = _distances(draws, np.vstack([places, draws]))
+    ranked = np.sort(own[len(places) :])
+    return np.asarray(np.searchsorted(ranked, far[: len(places)]) / len(draws), np.float64)
+
+
+def _distances(draws: Floats, places: Floats) -> tuple[Floats, Floats]:
+    """Of places (K, 2): distance to the k-th nearest draw, and to the next one, for places that are draws; k is the
+    root of the number of draws."""
+    k = min(max(round(np.sqrt(len(draws))), 1), len(draws) - 1)
+    found, _ = cKDTree(draws).query(places, k=[k, k + 1])
+    return found[:, 0] + FINEST, found[:, 1] + FINEST
+
+
+def _normal_pattern(count: int) -> Floats:
+    """(M, 2) points that lie as a standard normal distribution does, in an order that goes with nothing."""
+    k = np.arange(count)
+    radius = np.sqrt(-2 * np.log((np.random.default_rng(0).permutation(count) + 0.5) / count))
+    return np.column_stack([radius * np.cos(_GOLDEN * k), radius * np.sin(_GOLDEN * k)])
