@@ -1,7 +1,8 @@
 """Contacts of balls on the table: from the frame of the table into that of a law, through the law, and back.
 
 Velocity and spin are turned about the vertical, which turns both as vectors. Gentle contacts (see roots.py) are
-returned without loss and friction whatever the law.
+returned without loss and friction whatever the law, and the micrometre that the balls had sunk in is taken back: so the
+next such contact takes its time, and balls that press on each other do not creep into each other.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import numpy as np
 from models.billiards.compiled import compiled
 from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
 from models.billiards.impacts import alciatore, elastic, inelastic, mass_spring
+from models.billiards.roots import DEPTH
 
 
 @compiled
@@ -42,11 +44,12 @@ def meet_cushion(s, nx, ny, radius, mass, p, law, gentle, out):  # type: ignore[
     """Fill out (7,) with the state s (7,) after a cushion with the unit normal (nx, ny) into it."""
     vn, vt = nx * s[2] + ny * s[3], nx * s[3] - ny * s[2]
     wn, wt, wz = nx * s[4] + ny * s[5], nx * s[5] - ny * s[4], s[6]
+    out[0], out[1] = s[0], s[1]
     if gentle:
         vn = -vn
+        out[0], out[1] = s[0] - DEPTH * nx, s[1] - DEPTH * ny
     else:
         vn, vt, wn, wt, wz = rebound(law, vn, vt, wn, wt, wz, radius, mass, p)
-    out[0], out[1] = s[0], s[1]
     out[2], out[3] = nx * vn - ny * vt, ny * vn + nx * vt
     out[4], out[5], out[6] = nx * wn - ny * wt, ny * wn + nx * wt, wz
 
@@ -62,7 +65,13 @@ def meet_ball(a, b, ra, rb, ma, mb, p, law, gentle, out):  # type: ignore[no-unt
     van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz = collide(
         0 if gentle else law, van, vat, wan, wat, a[6], vbn, vbt, wbn, wbt, b[6], ra, rb, ma, mb, p
     )
-    out[0], out[1], out[7], out[8] = a[0], a[1], b[0], b[1]
+    back = DEPTH / (ma + mb) if gentle else 0.0 * ma
+    out[0], out[1], out[7], out[8] = (
+        a[0] - back * mb * nx,
+        a[1] - back * mb * ny,
+        b[0] + back * ma * nx,
+        b[1] + back * ma * ny,
+    )
     out[2], out[3], out[9], out[10] = nx * van - ny * vat, ny * van + nx * vat, nx * vbn - ny * vbt, ny * vbn + nx * vbt
     out[4], out[5], out[6] = nx * wan - ny * wat, ny * wan + nx * wat, waz
     out[11], out[12], out[13] = nx * wbn - ny * wbt, ny * wbn + nx * wbt, wbz

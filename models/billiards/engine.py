@@ -196,13 +196,17 @@ def play(start, radius, mass, p, laws, lines, arcs, holes, seconds, table_rows, 
     changed, done, made = np.ones(n, np.bool_), 0, 0
     now = 0.0
     while True:
-        for a in np.flatnonzero(changed):
+        for a in range(n):
+            if not changed[a]:
+                continue
             legs[made, LEG_BALL], legs[made, LEG_TIME], legs[made, LEG_STATE:] = a, now, state[a]
             made += 1
             t0[a] = now
             if here[a]:
                 counts[a] = plan(state[a], radius[a], p, seconds - now, rows[a], phases[a])
-        for a in np.flatnonzero(changed):
+        for a in range(n):
+            if not changed[a]:
+                continue
             table_times[a] = NEVER
             if here[a]:
                 t, closing, soft, kind, row = when_table(
@@ -213,7 +217,7 @@ def play(start, radius, mass, p, laws, lines, arcs, holes, seconds, table_rows, 
             for b in range(n):
                 if b == a or (changed[b] and b > a):
                     continue
-                i, j = max(a, b), min(a, b)
+                i, j = (a, b) if a > b else (b, a)
                 ball_times[i, j] = NEVER
                 if here[a] and here[b]:
                     t, closing, soft = when_balls(i, j, now, seconds, radius, t0, rows, phases, counts, work)

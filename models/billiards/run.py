@@ -103,9 +103,10 @@ class Run:
         return (*of_balls, *NAMES, *(f"nose.{side}" for side in CUSHIONS))
 
     def jacobian(self, t: float | Floats, wrt: tuple[str, ...] | None = None) -> Floats:
-        """Derivatives (..., N, 7, P) of the states at t (...) by `wrt`, names among `columns`; at fixed order of contacts.
+        """Derivatives (..., N, 7, P) of the states at t (...) by `wrt`, names among `columns`.
 
-        Without `wrt`: by the states, radii and masses of all balls and the parameters of the physics that are present.
+        The order of contacts is held fixed. Without `wrt`: by the states, radii and masses of all balls and the
+        parameters of the physics that are present.
         """
         columns = self.columns
         if wrt is None:
