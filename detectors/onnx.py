@@ -30,9 +30,9 @@ Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
-LEAST_SCORE = 0.4
+LEAST_SCORE = 0.55
 """Probability from which a ball is reported."""
-SIZE_BAND = (0.6, 1.6)
+SIZE_BAND = (0.7, 1.4)
 """Seen over predicted radius of what can be a ball of this table."""
 STREAK_RADII = 0.5
 """Way during the exposure, ball radii, from which a ball counts as a streak."""

@@ -22,6 +22,8 @@ IGNORED_RADII = 1.0
 """About a ball that may be found or not, the score is free within this."""
 SHARP_PX = 1.0
 """A shorter streak has no direction."""
+STREAK_WORTH = 4.0
+"""What the streak of a moving ball counts beyond that of a ball at rest, of which there are many more."""
 HUBER = 2.5
 """Standard deviations from which a miss counts linearly (Huber 1964, doi:10.1214/aoms/1177703732)."""
 
@@ -117,9 +119,9 @@ def loss_of(maps: Tensor, targets: Targets) -> tuple[Tensor, dict[str, float]]:
         / total
     )
     streak = doubled(targets.balls[..., 3:5])[:, :, None].expand(*weight.shape, 2)
-    parts["streak"] = (
-        weight * torch.nn.functional.smooth_l1_loss(at[..., 4:6], streak, reduction="none", beta=0.3).sum(-1)
-    ).sum() / total
+    rare = 1 + STREAK_WORTH * (targets.balls[..., 3:5].norm(dim=-1) > 2 * SHARP_PX).float()[..., None]
+    off = torch.nn.functional.smooth_l1_loss(at[..., 4:6], streak, reduction="none", beta=0.3).sum(-1)
+    parts["streak"] = (weight * rare * off).sum() / total
     look = targets.balls[..., 5].long()[..., None].expand_as(weight)
     given = torch.nn.functional.cross_entropy(at[..., LOOK:].flatten(0, 2), look.flatten(), reduction="none")
     parts["look"] = 0.3 * (weight.flatten() * given).sum() / total
