@@ -8,20 +8,17 @@ neutral values; the derivative by its parameters there is its signature, from th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.effects.effect import Prior
+from models.effects.effect import EffectKind, Prior
 from models.windows import Model
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-EffectKind = Literal["physics", "observation", "probe"]
-"""What moves otherwise; what is seen otherwise; a generic smooth field that only shows the shape of what is unknown."""
 
 
 @dataclass(frozen=True, slots=True)

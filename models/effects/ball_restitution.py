@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-from models.effects.effect import Phase, Prior
+from models.effects.effect import EffectKind, Phase, Prior
 
 
 @final
@@ -14,6 +14,9 @@ class BallRestitution:
     """One number for all speeds."""
 
     name: str = "ball_restitution"
+    kind: EffectKind = "physics"
     phases: tuple[Phase, ...] = ("ball_contact",)
     parameters: tuple[Prior, ...] = (Prior("e", "1", 0.94, 0.05, False, (0.7, 1.0)),)
+    neutral: tuple[float, ...] = (1.0,)
+    partners: tuple[str, ...] = ("unequal_mass",)
     reference: str = "Alciatore, billiards.colostate.edu, physical properties of billiard equipment: 0.92 to 0.98"

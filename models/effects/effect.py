@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-Phase = Literal["free_roll", "after_strike", "ball_contact", "cushion_contact"]
+Phase = Literal["free_roll", "after_strike", "ball_contact", "cushion_contact", "rest", "image_region", "time_jump"]
+EffectKind = Literal["physics", "observation", "probe"]
+"""What moves otherwise; what is seen otherwise; a generic smooth field that only shows the shape of what is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,9 @@ class Effect(Protocol):
         ...
 
     @property
+    def kind(self) -> EffectKind: ...
+
+    @property
     def phases(self) -> tuple[Phase, ...]:
         """Where it acts."""
         ...
@@ -48,6 +53,35 @@ class Effect(Protocol):
         ...
 
     @property
+    def neutral(self) -> tuple[float, ...]:
+        """Per parameter, the value at which the effect is absent; it may lie outside the bounds of its prior."""
+        ...
+
+    @property
+    def partners(self) -> tuple[str, ...]:
+        """Effects that it is easily confused with."""
+        ...
+
+    @property
     def reference(self) -> str:
         """Where its law and its usual values come from."""
         ...
+
+
+class Choice(Protocol):
+    """A choice between published forms, which acts like an effect."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def phases(self) -> tuple[Phase, ...]: ...
+
+    @property
+    def forms(self) -> tuple[str, ...]: ...
+
+    @property
+    def partners(self) -> tuple[str, ...]: ...
+
+    @property
+    def reference(self) -> str: ...

@@ -13,8 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from models.effects.effect import Prior
-from models.gap_scene import Alternatives, Covariates, EffectKind, Mask, Recording
+from models.effects.effect import EffectKind, Prior
+from models.gap_scene import Alternatives, Covariates, Mask, Recording
 from models.windows import Flow, Window
 
 Floats = NDArray[np.float64]

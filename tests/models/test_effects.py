@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from models.effects.catalogue import BILLIARDS, prior_of
+from models.billiards.parameters import BALL_LAWS, CUSHION_LAWS, NAMES, neutral
+from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS, prior_of
 from models.effects.effect import Effect, Prior
 from pipeline.fingerprint import ROOT, source_hashes
 
@@ -21,6 +22,27 @@ def test_an_effect_has_a_place_parameters_and_a_source(effect: Effect) -> None:
 def test_names_are_unique() -> None:
     names = [effect.name for effect in BILLIARDS]
     assert len(set(names)) == len(names)
+
+
+def test_the_engine_knows_every_parameter_of_the_catalogue_that_acts_on_balls() -> None:
+    named = [f"{e.name}.{p.name}" for e in BILLIARDS for p in e.parameters if e.kind == "physics"]
+    assert set(NAMES) == {name for name in named if not name.startswith("unequal")}
+
+
+def test_an_absent_effect_is_what_the_engine_takes_for_absent() -> None:
+    absent = {f"{e.name}.{p.name}": value for e in BILLIARDS for p, value in zip(e.parameters, e.neutral, strict=True)}
+    assert [absent[name] for name in NAMES] == neutral().tolist()
+
+
+def test_the_engine_plays_every_law_of_the_catalogue() -> None:
+    forms = {choice.name: set(choice.forms) for choice in BILLIARDS_LAWS}
+    assert forms["cushion_law"] <= set(CUSHION_LAWS)
+    assert forms["ball_law"] <= set(BALL_LAWS)
+
+
+def test_partners_are_effects_or_laws() -> None:
+    known = {entry.name for entry in (*BILLIARDS, *BILLIARDS_LAWS)}
+    assert {name for entry in (*BILLIARDS, *BILLIARDS_LAWS) for name in entry.partners} <= known
 
 
 def test_a_prior_outside_its_bounds_is_refused() -> None:
