@@ -27,6 +27,8 @@ HORIZON = 0.85
 """s of open-loop prediction."""
 _SHORTEST = 6
 """pictures that a state can be told from, in shots too short for START."""
+_BEYOND = 1.15
+"""times the floor's squares, from which an error is more than the noise: how well the size of the noise is known."""
 _DRAWS = 2000
 _GRANTED = 0.9
 """chance up to which a start may have been off by accident."""
@@ -151,7 +153,7 @@ def closing(
     b, a, f = before.sum() / total, after.sum() / total, floor.sum() / total
     drawn = _drawn(windows, rng)
     excess = drawn @ (before - floor)
-    resolved = bool(np.quantile(excess, 0.025) > 0 and b - f > 0)
+    resolved = bool(np.quantile(drawn @ (before - _BEYOND * floor), _INTERVAL[0]) > 0)
     if not resolved:
         return Closing(float(np.sqrt(b)), float(np.sqrt(a)), float(np.sqrt(f)), float("nan"), (-1.0, 1.0), False)
     closed = float(np.clip((b - a) / (b - f), -1, 1))

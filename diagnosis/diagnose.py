@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from diagnosis.blocks import Structure, structure
 from diagnosis.candidates import group_of, probabilities, ranked, strengths
-from diagnosis.close import HORIZON, Closing, closing, predict, shares, windows_ahead
+from diagnosis.close import HORIZON, Ahead, Closing, closing, predict, shares, windows_ahead
 from diagnosis.film_next import film_next
 from diagnosis.fitting import Fitted, Question, Seen, fit, follow, look, question_of
 from diagnosis.noise import Noise, estimate_noise, with_noise
@@ -162,10 +162,8 @@ def _verdict(study: Study) -> tuple[Verdict, dict[str, tuple[str, ...]], str]:
 
 
 def _phases(scene: GapScene, name: str) -> tuple[str, ...]:
-    for effect in (*scene.effects, *scene.alternatives):
-        if effect.name == name:
-            return effect.phases
-    return ()
+    by_name = {effect.name: effect.phases for effect in scene.effects}
+    return by_name.get(name, ()) or {choice.name: choice.phases for choice in scene.alternatives}.get(name, ())
 
 
 def _candidates(
@@ -211,6 +209,8 @@ def _gap(
     windows = windows_ahead(question, recordings) if recordings else ()
     before, after = predict(question, windows, study.base), predict(question, windows, full)
     told = closing(windows, before.squares, after.squares, after.floor, rng)
+    if not study.best.names and not study.doubt.something_left:
+        told = replace(told, closed=float("nan"), interval=(-1.0, 1.0), resolved=False)
     shots = tuple(sorted({one.piece.shot for one in windows}))
     horizon = max((float(one.piece.t[-1] - one.piece.t[one.known - 1]) for one in windows), default=HORIZON)
     gap = Gap(f"rms_{question.scene.unit}", min(horizon, HORIZON), shots, told, windows, before.paths, after.paths)
@@ -218,7 +218,13 @@ def _gap(
 
 
 def _per_effect(
-    study: Study, windows: tuple, before: Floats, after: Floats, floor: Floats, told: Closing, rng: np.random.Generator
+    study: Study,
+    windows: tuple[Ahead, ...],
+    before: Floats,
+    after: Floats,
+    floor: Floats,
+    told: Closing,
+    rng: np.random.Generator,
 ) -> tuple[EffectShare, ...]:
     names = tuple(sorted(study.best.names))
     if not names or not told.resolved:
@@ -241,7 +247,8 @@ def _per_effect(
 
 
 def _undecidable(scene: GapScene, reason: str) -> Report:
-    nothing = Closing(*[float("nan")] * 4, (-1.0, 1.0), False)
+    unknown = float("nan")
+    nothing = Closing(unknown, unknown, unknown, unknown, (-1.0, 1.0), False)
     return Report(
         scene=scene.name,
         model=scene.assumed,

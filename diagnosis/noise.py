@@ -19,6 +19,7 @@ from scipy.stats import chi2
 from models.gap_scene import Recording
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 SPAN = 21
@@ -30,6 +31,8 @@ _MOST = 0.95
 """largest correlation of neighbours that so short pieces can tell from smooth motion."""
 _FEW = 8
 """pieces below which the stated sigmas are believed."""
+_SIDE = 5
+"""samples on one side that a parabola is put through."""
 _FAR = 6.0
 """standard deviations from which one sample beside agreeing neighbours is an outlier."""
 
@@ -84,7 +87,7 @@ def _left_over(recording: Recording) -> list[Floats]:
 def _projector() -> Floats:
     """(SPAN, SPAN) takes a polynomial out."""
     basis = np.linalg.qr(np.vander(np.linspace(-1, 1, SPAN), DEGREE + 1))[0]
-    return np.eye(SPAN) - basis @ basis.T
+    return np.asarray(np.eye(SPAN) - basis @ basis.T)
 
 
 def _expected(correlation: float) -> tuple[float, float]:
@@ -131,25 +134,34 @@ def with_noise(recordings: tuple[Recording, ...], noise: Noise) -> tuple[Recordi
 
 
 def _outliers(recording: Recording) -> Mask:
-    """(T, N) samples far off a cubic through the six next to them, which agree with each other."""
+    """(T, N) samples far off what their neighbours on either side say, and both sides together."""
     bad = np.zeros(recording.seen.shape, bool)
     for body in range(len(recording.bodies)):
         rows = np.flatnonzero(recording.seen[:, body])
-        for k, row in enumerate(rows):
-            first = min(max(k - 3, 0), max(len(rows) - 7, 0))
-            near = np.delete(rows[first : first + 7], k - first)
-            near = near[~bad[near, body]]
-            if len(near) == 6 and recording.frame[near[-1]] - recording.frame[near[0]] <= 9:
-                bad[row, body] = _stands_out(recording, body, int(row), near)
+        for k in range(len(rows)):
+            supports = [_near(rows, k, part) for part in ((-3, 4), (-_SIDE, 0), (1, _SIDE + 1))]
+            known = [(near, order) for near, order in zip(supports, (3, 2, 2), strict=True) if near.size]
+            apart = [recording.frame[near[-1]] - recording.frame[near[0]] <= 2 * _SIDE for near, _ in known]
+            if len(known) >= 2 and all(apart):
+                bad[rows[k], body] = all(_stands_out(recording, body, int(rows[k]), *one) for one in known)
     return bad
 
 
-def _stands_out(recording: Recording, body: int, row: int, near: NDArray[np.int64]) -> bool:
-    """Whether one sample is far off a cubic through its neighbours, and they are not."""
+def _near(rows: Ints, k: int, part: tuple[int, int]) -> Ints:
+    """The rows around number k that `part` says, itself left out; none where there are too few."""
+    first, last = k + part[0], k + part[1]
+    if first < 0 or last > len(rows):
+        return np.empty(0, np.int64)
+    return np.delete(rows[first:last], -part[0]) if part[0] <= 0 < part[1] else rows[first:last]
+
+
+def _stands_out(recording: Recording, body: int, row: int, near: Ints, order: int) -> bool:
+    """Whether one sample is far off a polynomial through others; a bend in a path is so on one side at most."""
     span = recording.t[near[-1]] - recording.t[near[0]]
-    design = np.vander((recording.t[near] - recording.t[row]) / span, 4)
-    places, sigma = recording.places[near, body], recording.sigma[row, body]
-    solved, inverse = np.linalg.lstsq(design, places, rcond=None)[0], np.linalg.inv(design.T @ design)
+    design = np.vander((recording.t[near] - recording.t[row]) / span, order + 1)
+    solved, inverse = (
+        np.linalg.lstsq(design, recording.places[near, body], rcond=None)[0],
+        np.linalg.inv(design.T @ design),
+    )
     off = np.abs(recording.places[row, body] - solved[-1]).max()
-    rest = np.sqrt(np.square(places - design @ solved).sum() / (2 * places.shape[1]))
-    return bool(off > _FAR * sigma * np.sqrt(1 + inverse[-1, -1]) and rest < 3 * sigma)
+    return bool(off > _FAR * recording.sigma[row, body] * np.sqrt(1 + inverse[-1, -1]))

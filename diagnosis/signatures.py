@@ -82,7 +82,7 @@ def canonical_correlation(found: Signatures, one: Mask, other: Mask) -> float:
     if a.size == 0 or b.size == 0:
         return 0.0
     across = a.T @ found.information[np.ix_(one, other)] @ b
-    return float(min(np.linalg.norm(across, ord=2), 1.0))
+    return min(float(np.linalg.norm(across, ord=2)), 1.0)
 
 
 def _whitener(found: Signatures, mask: Mask) -> Floats:
@@ -101,4 +101,5 @@ def explained_direction(found: Signatures, one: Mask, other: Mask) -> float:
     b = _whitener(found, other)
     if size <= 0 or b.size == 0:
         return 0.0
-    return float(min(np.linalg.norm(b.T @ found.information[np.ix_(other, one)] @ step) / np.sqrt(size), 1.0))
+    across = float(np.linalg.norm(b.T @ found.information[np.ix_(other, one)] @ step))
+    return min(across / float(np.sqrt(size)), 1.0)
