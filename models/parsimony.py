@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 KINDS = ("mass", "stiffness", "damping", "rest")
 REST_AT_START = "starts from rest"
-AGAIN = Effort(stages=3, iterations=6, last=15)
+AGAIN = Effort(stages=2, iterations=6, last=15)
 """from a fit that is almost right."""
 SLACK = 3.0
 """of the noise: ties from which a simplified graph settles again."""

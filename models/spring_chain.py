@@ -10,6 +10,9 @@ from models.chains import Prediction
 from models.spring_layout import Layout, Units
 from models.springs import Floats, Ints, Springs, flow, steps_for
 
+FARTHEST = 10.0
+"""typical distances that a particle may fly between two samples; a search that goes farther has gone astray."""
+
 
 @dataclass(frozen=True, slots=True)
 class SpringChain:
@@ -69,6 +72,7 @@ class SpringChain:
         """Where every state is at the next sample, and how far rods are off their lengths."""
         whole, free = self.full(states, shared), self.free
         speed = 2 * float(np.abs(states[:, len(free) // 2 :]).max(initial=0.0))
+        speed = min(speed, FARTHEST * self.units.length / self.units.span)
         graph, inputs = self.at(shared), np.concatenate([free, self.layout.inputs])
         moved = flow(graph, whole[:-1], self.spans, inputs, steps_for(graph, self.spans, speed))
         size = len(free)

@@ -29,7 +29,7 @@ GUESSED_NOISE = 0.01
 class Effort:
     """How long to search."""
 
-    stages: int = 5
+    stages: int = 4
     """from loose to tight ties."""
     iterations: int = 8
     """per stage."""
@@ -71,9 +71,9 @@ class SpringFit:
     @property
     def freedom(self) -> int:
         """Rows that were observed less numbers that were fitted: one start, bonds kept, and what is shared."""
-        start = self.chain.states.shape[1] - self.chain.prediction.bonds.shape[1]
-        rows = np.count_nonzero(self.seen.weight) + np.count_nonzero(self.seen.shared_weight)
-        return int(rows) - start - len(self.chain.shared)
+        start = int(self.chain.states.shape[1] - self.chain.prediction.bonds.shape[1])
+        rows = int((self.seen.weight > 0).sum() + (self.seen.shared_weight > 0).sum())
+        return rows - start - len(self.chain.shared)
 
 
 def fit_graph(

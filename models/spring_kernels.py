@@ -154,9 +154,10 @@ def advance(x, v, dt, steps, tableau, shares, held, theta, pairs, rods, touching
     stages = len(shares)
     speeds = np.zeros((stages, particles, axes), x.dtype)
     pushes = np.zeros((stages, particles, axes), x.dtype)
+    place = np.zeros((particles, axes), x.dtype)
     for _ in range(steps):
         for s in range(stages):
-            place = x.copy()
+            place[:] = x
             speeds[s] = v
             for earlier in range(s):
                 weight = dt * tableau[s, earlier]

@@ -82,7 +82,9 @@ def tensions(graph: Springs, states: Floats) -> Floats:
         graph.mass, graph.held, graph.pairs, np.where(np.isinf(graph.stiffness), 0.0, graph.stiffness), graph.damping,
         graph.rest, graph.gravity, graph.radius, graph.contact,
     )  # fmt: skip
-    found = np.empty((len(states), len(graph.rods)))
+    found = np.zeros((len(states), len(graph.rods)))
+    if len(graph.rods) == 0:
+        return found
     for k, (x, v) in enumerate(states):
         asked = graph.mass[:, None] * (acceleration(graph, x, v) - acceleration(loose, x, v))
         unit = np.zeros((*x.shape, len(graph.rods)))

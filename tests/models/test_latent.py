@@ -1,0 +1,128 @@
+"""Springs inferred from coordinates: the truth comes back, chance does not pass for springs, and rods are called so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+from models.latent import Latent, infer
+from models.parsimony import REST_AT_START
+from models.springs import Springs, motion, rate, springs
+
+Floats = NDArray[np.float64]
+
+NOISE = 0.1
+"""px."""
+
+
+def filmed(graph: Springs, start: Floats, t: Floats, noise: float, seed: int) -> tuple[Floats, Floats]:
+    """Places (T, N, D) by another integrator than that of the fit, true and measured."""
+    path = solve_ivp(
+        lambda _, y: rate(graph, y.reshape(start.shape)).ravel(), (t[0], t[-1]), start.ravel(), method="DOP853",
+        rtol=1e-10, atol=1e-10, t_eval=t,
+    )  # fmt: skip
+    true = path.y.T.reshape(len(t), *start.shape)[:, 0]
+    return true, true + noise * np.random.default_rng(seed).standard_normal(true.shape)
+
+
+def pendulum(stiffness: float, damping: float) -> tuple[Springs, Floats]:
+    graph = springs(np.ones(3), [(0, 1), (1, 2)], stiffness, damping, 80.0, np.array([0.0, 981.0]), held=(0,))
+    x = np.array([[200.0, 190], [280, 190], [360, 190]])
+    return graph, np.stack([x, np.zeros_like(x)])
+
+
+def values(latent: Latent) -> dict[str, float]:
+    return dict(zip(latent.names, latent.values.tolist(), strict=True))
+
+
+@pytest.fixture(scope="module")
+def soft() -> tuple[Latent, Floats, Floats, Floats]:
+    """Five seconds of soft springs at 15 Hz; with times and true places between and after the samples."""
+    t = np.arange(0, 7.01, 1 / 30)
+    true, seen = filmed(*pendulum(300.0, 0.1), t, NOISE, 1)
+    return infer(t[:151:2], seen[:151:2]), t, true, seen
+
+
+def test_springs_come_back_from_coordinates(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+    latent = soft[0]
+    assert latent.accepted
+    assert latent.graph.pairs.tolist() == [[0, 1], [1, 2]]
+    assert latent.graph.held.tolist() == [True, False, False]
+    assert np.allclose(latent.graph.mass, 1.0, rtol=0.02)
+    assert np.allclose(latent.graph.stiffness, 300.0, rtol=0.05)
+    assert np.allclose(latent.graph.rest, 80.0, rtol=0.02)
+    assert np.allclose(latent.graph.gravity, [0, 981], rtol=0.02, atol=3.0)
+    assert latent.noise == pytest.approx(NOISE, rel=0.25)
+
+
+def test_simpler_descriptions_are_found_where_they_hold(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+    assert {"equal mass", "equal stiffness", "no gravity x", REST_AT_START} <= set(soft[0].simplifications)
+
+
+def test_between_samples_the_fit_beats_a_spline_by_far(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+    latent, t, true, seen = soft
+    spline = CubicSpline(t[:151:2], seen[:151:2])(t[1:151:2])
+    assert np.mean((latent.at(t[1:151:2])[:, 0] - true[1:151:2]) ** 2) < np.mean((spline - true[1:151:2]) ** 2) / 30
+
+
+def test_the_future_follows_the_fit(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+    latent, t, true, _ = soft
+    assert np.abs(latent.at(t[151:])[:, 0] - true[151:]).max() < 10.0
+
+
+def test_errors_are_as_large_as_promised(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+    latent = soft[0]
+    truth = {"stiffness": 300.0, "damping": 0.1, "rest": 80.0, "gravity y": 981.0}
+    off = [(values(latent)[name] - true) / latent.sigma[latent.names.index(name)] for name, true in truth.items()]
+    assert np.abs(off).max() < 5.0
+
+
+def test_springs_too_stiff_to_be_seen_become_rods_with_a_bound() -> None:
+    t = np.arange(0, 4, 1 / 15)
+    _, seen = filmed(*pendulum(1e5, 20.0), t, NOISE, 2)
+    latent = infer(t, seen)
+    assert latent.accepted
+    assert np.all(np.isinf(latent.graph.stiffness))
+    assert np.all((latent.least_stiffness > 1e3) & (latent.least_stiffness < 1e5))
+
+
+def test_masses_without_a_pin_and_with_gaps_come_back() -> None:
+    """A triangle thrown up: unequal masses and springs, no noise told, one sample in ten missing."""
+    graph = springs(
+        np.array([1.0, 2.0, 0.5]), [(0, 1), (0, 2), (1, 2)], np.array([200.0, 300.0, 500.0]),
+        np.array([0.2, 0.4, 0.1]), np.array([60.0, 70.0, 50.0]), np.array([0.0, 300.0]),
+    )  # fmt: skip
+    start = np.array([[[0, 0], [65, 0], [20, 48]], [[100, -400], [40, -250], [60, -500]]], np.float64)
+    t = np.arange(0, 2, 1 / 30)
+    true, seen = filmed(graph, start, t, NOISE, 3)
+    seen[np.random.default_rng(4).random(seen.shape[:2]) < 0.1] = np.nan
+    latent = infer(t, seen)
+    assert latent.accepted
+    assert np.allclose(latent.graph.mass, graph.mass, rtol=0.02)
+    assert np.allclose(latent.graph.stiffness, graph.stiffness, rtol=0.05)
+    assert np.sqrt(np.mean((latent.states[:, 0] - true) ** 2)) < NOISE / 2
+
+
+@pytest.mark.slow
+def test_what_springs_cannot_do_is_refused() -> None:
+    t = np.arange(0, 4, 1 / 15)
+    _, seen = filmed(*pendulum(300.0, 0.1), t, NOISE, 5)
+    seen[:, 2, 0] += 6 * np.sin(3.1 * t)
+    latent = infer(t, seen, NOISE)
+    assert not latent.accepted
+    assert "springs do not explain" in latent.doubts[0]
+
+
+def test_states_at_samples_are_those_of_the_motion(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+    latent = soft[0]
+    assert np.allclose(latent.at(latent.t), latent.states)
+    again = motion(latent.graph, latent.states[0], latent.t[:15])
+    assert np.allclose(again[:, 0], latent.states[:15, 0], atol=NOISE / 2)
+
+
+def test_too_few_samples_are_an_error() -> None:
+    with pytest.raises(ValueError, match="at least 8"):
+        infer(np.arange(5.0), np.zeros((5, 2, 2)))
