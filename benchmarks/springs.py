@@ -1,0 +1,133 @@
+"""What a fit of springs is worth against splines, on the double pendulum of Chen 2022, section 3.1.1.
+
+    python benchmarks/springs.py [--seeds 5] [--seconds 10]
+
+Truth: first ball held at (200, 190), the others 80 px apart in a row, masses 1, g 981 px/s^2, from rest, DOP853 at
+1e-10. Every other frame is withheld; the rest has noise. mse is in px^2 over withheld midpoints, mean over points and
+coordinates; cubic is the not-a-knot spline through the visible samples. The fit is told neither the noise nor who is
+joined to whom. Horizon: seconds after the last frame until a ball is 10 px off (at most 5). Medians over the seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.interpolate import Akima1DInterpolator, CubicSpline, interp1d, make_interp_spline
+
+from models.latent import Latent, infer
+from models.springs import rate, springs
+
+KINDS = {"soft": (300.0, 0.1), "medium": (3e3, 1.0), "stiff": (1e5, 20.0)}
+"""Stiffness and damping, mass 1."""
+CASES = [
+    *((kind, fps, noise) for kind in ("soft", "medium") for fps, noise in ((30, 0.1), (30, 0.5), (15, 0.1))),
+    ("stiff", 30, 0.1),
+]
+FUTURE = 5.0
+"""s."""
+LOST = 10.0
+"""px."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One seed."""
+
+    mse: float
+    cubic: float
+    rivals: dict[str, float]
+    """mse of other splines."""
+    worst: float
+    """largest relative error of masses, rest lengths and gravity."""
+    stiffness: float
+    """relative error of the springs' stiffness; NaN where they became rods."""
+    horizon: float
+    seconds: float
+    accepted: bool
+
+
+def truth(kind: str, t: np.ndarray) -> np.ndarray:
+    """(T, 3, 2) px."""
+    stiffness, damping = KINDS[kind]
+    graph = springs(np.ones(3), [(0, 1), (1, 2)], stiffness, damping, 80.0, np.array([0.0, 981.0]), held=(0,))
+    start = np.zeros((2, 3, 2))
+    start[0] = [[200, 190], [280, 190], [360, 190]]
+    path = solve_ivp(
+        lambda _, y: rate(graph, y.reshape(2, 3, 2)).ravel(), (t[0], t[-1]), start.ravel(), method="DOP853",
+        rtol=1e-10, atol=1e-10, t_eval=t,
+    )  # fmt: skip
+    return path.y.T.reshape(len(t), 2, 3, 2)[:, 0]
+
+
+def measure(x: np.ndarray, t: np.ndarray, frames: int, noise: float, seed: int) -> Row:
+    seen = x + noise * np.random.default_rng(seed).standard_normal(x.shape)
+    shown, hidden, later = slice(0, frames, 2), slice(1, frames, 2), slice(frames, None)
+    began = time.process_time()
+    latent = infer(t[shown], seen[shown])
+    seconds = time.process_time() - began
+
+    def mse(guess: np.ndarray) -> float:
+        return float(np.mean((guess - x[hidden]) ** 2))
+
+    rivals = {
+        "linear": mse(interp1d(t[shown], seen[shown], axis=0)(t[hidden])),
+        "quintic": mse(make_interp_spline(t[shown], seen[shown], k=5)(t[hidden])),
+        "akima": mse(Akima1DInterpolator(t[shown], seen[shown])(t[hidden])),
+    }
+    off = np.linalg.norm(latent.at(t[later])[:, 0] - x[later], axis=2).max(axis=1)
+    lost = np.flatnonzero(off > LOST)
+    horizon = float(t[later][lost[0]] - t[frames - 1]) if len(lost) else FUTURE
+    return Row(
+        mse(latent.at(t[hidden])[:, 0]), mse(CubicSpline(t[shown], seen[shown])(t[hidden])), rivals, worst(latent),
+        stiffness_error(latent, x), horizon, seconds, latent.accepted,
+    )  # fmt: skip
+
+
+def worst(latent: Latent) -> float:
+    graph = latent.graph
+    return float(max(
+        np.abs(graph.mass[~graph.held] - 1).max(), np.abs(graph.rest / 80 - 1).max(initial=0.0),
+        abs(float(np.hypot(*graph.gravity)) / 981 - 1),
+    ))  # fmt: skip
+
+
+def stiffness_error(latent: Latent, x: np.ndarray) -> float:
+    """Against the kind of springs that is nearest."""
+    known = latent.graph.stiffness[np.isfinite(latent.graph.stiffness)]
+    true = np.array([stiffness for stiffness, _ in KINDS.values()])
+    return float(np.abs(known[:, None] / true - 1).min(axis=1).max()) if len(known) else float("nan")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--first", type=int, default=100, help="first seed")
+    arguments = parser.parse_args()
+    print(
+        "springs fps noise | x cubic  (least)  x linear x quintic   x akima "
+        "| worst m,s,g   k error  horizon  CPU s  accepted"
+    )
+    for kind, fps, noise in CASES:
+        frames = int(arguments.seconds * fps) // 2 * 2 + 1
+        t = np.arange(frames + int(FUTURE * fps)) / fps
+        x = truth(kind, t)
+        rows = [measure(x, t, frames, noise, arguments.first + seed) for seed in range(arguments.seeds)]
+        gain = [row.cubic / row.mse for row in rows]
+        others = [np.median([row.rivals[name] / row.mse for row in rows]) for name in ("linear", "quintic", "akima")]
+        print(
+            f"{kind:7} {fps:3d} {noise:5.1f} | {np.median(gain):8.1f} {min(gain):8.1f} "
+            + " ".join(f"{other:9.1f}" for other in others)
+            + f" | {max(row.worst for row in rows):9.2%} {max(row.stiffness for row in rows):9.2%} "
+            f"{np.median([row.horizon for row in rows]):6.2f} {max(row.seconds for row in rows):7.1f} "
+            f"{sum(row.accepted for row in rows)}/{len(rows)}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
