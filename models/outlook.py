@@ -33,12 +33,15 @@ from models.billiards.parameters import (
     neutral,
 )
 from models.billiards.simulate import Balls, Run, simulate
+from models.errors import TrackError
 from models.fit import Trust
+from models.fitting import fit_and_solution
 from models.knowledge import BALL_RESTITUTION
 from models.refinement import ROLLING_RANGE, SLIDING_RANGE
-from models.scene import Table
+from models.scene import Scene, Table
 from models.solution import Solution, layout
 from models.story import Span
+from models.tracks import Tracks
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +50,8 @@ PER_BALL = 7
 SHARED = 14
 """ln sliding mu, ln rolling mu, slope x, y (mm/m), diameter, four noses (m), restitution of cushions and its change
 with speed (s/m), restitution of balls, ln friction of cushions, ln decay of side spin."""
+FEWEST = 5
+"""pictures that speeds can be told from."""
 SIDE_SPIN = 0.3
 """standard deviation of the surface speed of side spin after a contact, over the speed of the ball."""
 LEAST_SIDE_SPIN = 0.02
@@ -105,6 +110,19 @@ class Outlook:
         p, offsets = inputs[9 * n : 9 * n + len(NAMES)], inputs[9 * n + len(NAMES) :]
         balls = Balls(self.ids, columns[:, :7].copy(), columns[:, 7].copy(), columns[:, 8].copy())
         return simulate(balls, self.table, Physics(p.copy(), NAMES, law, BALL_LAWS[2]), seconds, offsets)
+
+
+def outlook_at(tracks: Tracks, scene: Scene, t: float) -> Outlook:
+    """What was known at t (s): only what was seen until then is fitted. TrackError where that tells nothing."""
+    seen = tracks.until(t)
+    if len(seen.t) < FEWEST:
+        raise TrackError(f"{len(seen.t)} pictures were seen until {t:g} s; a prediction needs at least {FEWEST}")
+    fit, solution = fit_and_solution(seen, scene)
+    if solution is None:
+        raise TrackError(f"physics could not be fitted to what was seen until {t:g} s; {fit.trust.reasons[0]}")
+    events = fit.events
+    gone = {a for a, kind in zip(events.a, events.kind, strict=True) if kind == "pocket"}
+    return outlook(solution, seen.ids, t, scene.table, gone, fit.trust)
 
 
 def outlook(solution: Solution, ids: tuple[str, ...], t: float, table: Table, gone: set[str], trust: Trust) -> Outlook:

@@ -72,12 +72,12 @@ class Prediction:
     @property
     def sigma(self) -> Floats:
         """(T, N) m per axis."""
-        return np.sqrt(np.trace(self.covariance, axis1=2, axis2=3) / 2)
+        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=2, axis2=3) / 2), np.float64)
 
     @property
     def on_table(self) -> Floats:
         """(T, N) probability that a ball has not been potted."""
-        return np.isfinite(self.courses[..., 0]).mean(axis=0)
+        return np.asarray(np.isfinite(self.courses[..., 0]).mean(axis=0), np.float64)
 
     def level(self, row: int, ball: int, xy: Floats, noise: float = 0.0) -> float:
         """Share of the probability nearer to the middle than `xy` (2,), seen with `noise` m: the region of 90 % holds

@@ -43,6 +43,21 @@ def levels_by_neighbours(places: Floats, draws: Floats) -> Floats:
     return np.asarray(np.searchsorted(ranked, far[: len(places)]) / len(draws), np.float64)
 
 
+def outlyingness(courses: Floats) -> Floats:
+    """Of courses (M, T, 2), NaN where one has ended: the share (M,) of them that stay nearer to the middle.
+
+    The level of a place, averaged over a course; the courses of up to 0.9 are the 90 % that go with most others.
+    """
+    levels = np.full(courses.shape[:2], np.nan)
+    for row in range(courses.shape[1]):
+        there = np.isfinite(courses[:, row, 0])
+        if there.sum() > 1:
+            levels[there, row] = levels_by_neighbours(courses[there, row], courses[there, row])
+    seen = np.isfinite(levels)
+    mean = np.where(seen, levels, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
+    return np.asarray((np.argsort(np.argsort(mean, kind="stable"), kind="stable") + 0.5) / len(mean), np.float64)
+
+
 def _distances(draws: Floats, places: Floats) -> tuple[Floats, Floats]:
     """Of places (K, 2): distance to the k-th nearest draw, and to the next one, for places that are draws; k is the
     root of the number of draws."""

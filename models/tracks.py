@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,18 @@ class Tracks:
             raise ValueError(f"Tracks.lay must be {(frames, balls, 2, 2)}; got {self.lay.shape}")
         if frames > 1 and (np.any(np.diff(self.frame) <= 0) or np.any(np.diff(self.t) <= 0)):
             raise ValueError("Tracks must go forward in frame and time")
+
+    def until(self, t: float) -> Tracks:
+        """What was seen up to t (s): earlier pictures, and the balls that are in them."""
+        rows = self.t <= t + 1e-9
+        balls = np.flatnonzero(self.observed[rows].any(axis=0))
+        part = np.ix_(rows, balls)
+        return replace(
+            self, frame=self.frame[rows], t=self.t[rows], ids=tuple(self.ids[k] for k in balls),
+            kinds=tuple(self.kinds[k] for k in balls), xy=self.xy[part], px=self.px[part], sigma=self.sigma[part],
+            sigma_along=self.sigma_along[part], streak=self.streak[part], radius_px=self.radius_px[part],
+            colour=self.colour[balls], lay=None if self.lay is None else self.lay[part],
+        )  # fmt: skip
 
     @property
     def observed(self) -> NDArray[np.bool_]:

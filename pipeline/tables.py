@@ -26,7 +26,20 @@ Columns = dict[str, Sequence[str] | NDArray[Any]]
 
 TRAJECTORY_HZ = 1000.0
 DEFAULT_MODEL = ("rolling_resistance", "sliding_friction", "spin_decay", "cushion_restitution", "ball_restitution")
-DECIMALS = {"x": 6, "y": 6, "sigma": 6, "t": 6, "t_sigma": 6, "x_px": 3, "y_px": 3, "radius_px": 2, "frame": 3}
+DECIMALS = {
+    "x": 6,
+    "y": 6,
+    "sigma": 6,
+    "t": 6,
+    "t_sigma": 6,
+    "x_px": 3,
+    "y_px": 3,
+    "radius_px": 2,
+    "frame": 3,
+    "xx": 12,
+    "xy": 12,
+    "yy": 12,
+}
 """Places kept of each column (m, s, px); others get six."""
 SHOT = 0
 
@@ -49,7 +62,7 @@ def write_tracks(scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
         "sigma": np.where(observed, tracks.sigma[row, ball], filled.sigma[row, ball]),
         "radius_px": radius, "observed": observed.astype(np.int64),
     }  # fmt: skip
-    _write(columns, path)
+    write_columns(columns, path)
 
 
 def write_events(events: Events, path: Path) -> None:
@@ -60,7 +73,7 @@ def write_events(events: Events, path: Path) -> None:
         "probability": events.probability, "gap_mm": 1000 * events.gap, "gap_mm_sigma": 1000 * events.gap_sigma,
         "speed": events.speed,
     }  # fmt: skip
-    _write(columns, path)
+    write_columns(columns, path)
 
 
 def write_trajectory(motion: Trajectory, path: Path) -> None:
@@ -81,7 +94,7 @@ def write_states(ids: tuple[str, ...], t: Floats, state: State, path: Path) -> N
         ("sigma", state.sigma), ("sigma_v", state.sigma_v),
     ):  # fmt: skip
         columns[name] = values[row, ball]
-    _write(columns, path)
+    write_columns(columns, path)
 
 
 def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
@@ -176,7 +189,7 @@ def _strict(data: Any) -> Any:
     return data.item() if isinstance(data, np.generic) else data
 
 
-def _write(columns: Columns, path: Path) -> None:
+def write_columns(columns: Columns, path: Path) -> None:
     """A csv with rounded numbers and empty cells for NaN."""
     arrays = {}
     for name, values in columns.items():

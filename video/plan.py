@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
@@ -39,14 +39,23 @@ def colours_of(ids: Sequence[str]) -> list[Colour]:
     return [apart_from(colour, CLOTH) for colour in named if colour is not None]
 
 
-def draw_plan(table: Table, ids: Sequence[str], paths: Sequence[Floats], marks: Floats, title: str) -> Picture:
+def draw_plan(
+    table: Table,
+    ids: Sequence[str],
+    paths: Sequence[Floats],
+    marks: Floats,
+    title: str,
+    below: Callable[[Inset, Sequence[Colour]], None] | None = None,
+) -> Picture:
     """A still (h, `WIDTH`, 3) of the ways `paths` (n, 2) m of balls `ids`.
 
     `marks` (m, 2) m are where they met something. A ball is drawn faint where its way begins and
-    whole where it ends; a way with NaN has gaps.
+    whole where it ends; a way with NaN has gaps. `below` draws on the empty table first, in the colours of the balls.
     """
     inset = furnished(table, CLOTH, False, WIDTH)
     colours = colours_of(ids)
+    if below is not None:
+        below(inset, colours)
     for path, colour in zip(paths, colours, strict=True):
         _way(inset, path, colour)
     for mark in marks[np.isfinite(marks).all(axis=1)]:
