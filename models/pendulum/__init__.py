@@ -1,0 +1,1 @@
+"""Pendulums of rigid arms: their motion, and what angles say of them."""
