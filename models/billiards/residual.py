@@ -4,8 +4,8 @@ Physics stays what it was wherever the network says nothing, and what it says is
 
 - Friction of the cloth, sliding or rolling, is multiplied by exp(b), so that it never pushes; and the path turns to the
   side by c times rolling resistance, which does no work. Both fade as the ball comes to rest and the slip ends.
-- A cushion's rebound is multiplied by exp(b), and impulses along it and upwards, in proportion to the normal speed, turn
-  the ball as a force at its surface does. A ball never leaves with more energy than it came with.
+- A cushion's rebound is multiplied by exp(b), and impulses along it and upwards, in proportion to the normal speed,
+  turn the ball as a force at its surface does. A ball never leaves with more energy than it came with.
 
 The correction acts in the middle of short steps between which the ball moves in closed form (Strang 1968,
 doi:10.1137/0705041): second order in the step, and exact where the network is silent. It is Chen 2022's network that
