@@ -1,0 +1,128 @@
+"""A shot played from the numbers of a fit: what they say of balls, table and physics, and derivatives by them.
+
+A ball that moves at the beginning has seven numbers, x, y, vx, vy, the slip ux, uy of the point that touches the
+cloth, and the surface speed R wz of its side spin (m, m/s); one that lies has its place. So all speeds have one size,
+and a rolling ball has slip 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.billiards.parameters import NAMES, Physics, neutral
+from models.billiards.run import Balls, Run
+from models.billiards.sensitivities import BALL_COLUMNS
+from models.billiards.simulate import simulate
+from models.billiards.view import FAITHFUL, ON_PICTURE
+from models.scene import CUSHIONS, Table
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MASS, RADIUS, FACTOR = (len(NAMES) + k for k in range(3))
+NOSE, PICTURE = len(NAMES) + 3, len(NAMES) + 7
+READOUT, FRAMES = PICTURE + len(ON_PICTURE), PICTURE + len(ON_PICTURE) + 1
+NUMBERS: tuple[str, ...] = (
+    *NAMES, "unequal_mass.ratio", "unequal_radius.ratio", "collision_radius.factor",
+    *(f"nose.{side}" for side in CUSHIONS), *ON_PICTURE, "rolling_shutter.readout", "dropped_frames.frames",
+)  # fmt: skip
+"""All Q numbers that shots may share: of the physics, the balls, the table, and of what is seen of them."""
+ABSENT = np.concatenate([neutral(), np.ones(3), np.zeros(4), FAITHFUL, np.zeros(2)])
+"""(Q,) without any effect."""
+MOVING, LYING = 7, 2
+"""Numbers of a ball."""
+
+
+@dataclass(frozen=True, slots=True)
+class Laws:
+    """By which balls and cushions touch; names of `models.billiards.parameters`."""
+
+    cushion: str = "mirror"
+    ball: str = "inelastic"
+
+
+def sizes(moving: Mask) -> NDArray[np.int64]:
+    """(N + 1,) where the numbers of each ball begin, and their count."""
+    return np.concatenate([[0], np.cumsum(np.where(moving, MOVING, LYING))]).astype(np.int64)
+
+
+def unpacked(start: Floats, moving: Mask) -> Floats:
+    """(N, 7) from the numbers of a start (S,); zeros for what a ball that lies has not."""
+    whole, at = np.zeros((len(moving), MOVING)), sizes(moving)
+    for k, moves in enumerate(moving):
+        whole[k, : MOVING if moves else LYING] = start[at[k] : at[k + 1]]
+    return whole
+
+
+def packed(whole: Floats, moving: Mask) -> Floats:
+    """(S,) from (N, 7)."""
+    return np.concatenate([row[: MOVING if moves else LYING] for row, moves in zip(whole, moving, strict=True)])
+
+
+def radii(table: Table, values: Floats, count: int) -> Floats:
+    """(N,) m, at which balls touch each other and the noses."""
+    ratio = np.where(np.arange(count) > 0, values[RADIUS], 1.0)
+    return np.asarray(table.ball_radius * values[FACTOR] * ratio)
+
+
+def balls_of(start: Floats, moving: Mask, table: Table, values: Floats) -> Balls:
+    """The balls that a start (S,) and all numbers (Q,) stand for."""
+    whole, count = unpacked(start, moving), len(moving)
+    radius = radii(table, values, count)
+    spin = np.stack([whole[:, 5] - whole[:, 3], whole[:, 2] - whole[:, 4], whole[:, 6]], axis=1) / radius[:, None]
+    mass = table.ball_mass * np.where(np.arange(count) > 0, values[MASS], 1.0)
+    names = tuple(str(k) for k in range(count))
+    return Balls(names, np.concatenate([whole[:, :4], spin], axis=1), radius, mass)
+
+
+def played(start: Floats, moving: Mask, table: Table, values: Floats, laws: Laws, seconds: float) -> Run:
+    """The shot; ArithmeticError where balls meet without end."""
+    physics = Physics(values[: len(NAMES)].copy(), (), laws.cushion, laws.ball)
+    offsets = values[NOSE : NOSE + 4]
+    return simulate(balls_of(start, moving, table, values), table, physics, max(seconds, 1e-6), offsets)
+
+
+def derivatives(run: Run, t: Floats, moving: Mask, table: Table, values: Floats, wanted: Mask) -> tuple[Floats, Floats]:
+    """Of the engine's states at t (T,): by the start (T, N, 7, S) and by all numbers (T, N, 7, Q), 0 where they are
+    not `wanted` (Q,)."""
+    count, own = len(moving), len(BALL_COLUMNS)
+    asked = tuple(name for name, want in zip(NAMES, wanted, strict=False) if want)
+    noses = tuple(name for k, name in enumerate(NUMBERS[NOSE:PICTURE]) if wanted[NOSE + k])
+    slopes = run.jacobian(t, (*run.columns[: own * count], *asked, *noses))
+    of_balls = slopes[..., : own * count] @ _of_balls(run.balls, moving, table, values)
+    by_start, found = of_balls[..., : -len(NUMBERS)], of_balls[..., -len(NUMBERS) :]
+    for k, name in enumerate((*asked, *noses)):
+        found[..., NUMBERS.index(name)] += slopes[..., own * count + k]
+    return by_start, found * wanted
+
+
+def _of_balls(balls: Balls, moving: Mask, table: Table, values: Floats) -> Floats:
+    """(9 N, S + Q): the engine's numbers of all balls by those of the fit."""
+    at, count = sizes(moving), len(moving)
+    found = np.zeros((count, len(BALL_COLUMNS), at[-1] + len(NUMBERS)))
+    for k, radius in enumerate(balls.radius):
+        for j in range(MOVING if moving[k] else LYING):
+            found[k, :MOVING, at[k] + j] = _UNITS[j] / np.where(np.arange(MOVING) < 4, 1.0, radius)
+        by_radius = np.concatenate([np.zeros(4), -balls.state[k, 4:] / radius, [1.0, 0.0]])
+        found[k, :, at[-1] + FACTOR] = by_radius * radius / values[FACTOR]
+        if k > 0:
+            found[k, :, at[-1] + RADIUS] = by_radius * radius / values[RADIUS]
+            found[k, -1, at[-1] + MASS] = table.ball_mass
+    return found.reshape(-1, found.shape[2])
+
+
+_UNITS = np.eye(MOVING)
+"""Row j: x, y, vx, vy and R wx, R wy, R wz by number j of a ball: R wx = uy - vy, R wy = vx - ux."""
+_UNITS[2:6, 4:6] = [[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]]
+
+
+def slips(states: Floats, radius: Floats) -> Floats:
+    """States (..., N, 7) of the engine as numbers of a fit, for radii (N,)."""
+    found = states.copy()
+    found[..., 4] = states[..., 2] - radius * states[..., 5]
+    found[..., 5] = states[..., 3] + radius * states[..., 4]
+    found[..., 6] = states[..., 6] * radius
+    return found

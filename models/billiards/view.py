@@ -1,0 +1,46 @@
+"""What a picture makes of a place on the table where the calibration is not quite right: scale, lens and perspective.
+
+With d the place from the middle of the picture in half lengths of the table: e = d / (1 + p . d), and it is seen at
+s (1 + k1 |e|^2) e. Times differ too: lower rows may be taken later (`rolling_shutter`), and pictures may be missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+ON_PICTURE = ("lens_distortion.k1", "perspective.p_x", "perspective.p_y", "scale.seen")
+"""Numbers that move what is seen."""
+FAITHFUL = np.array([0.0, 0.0, 0.0, 1.0])
+"""(4,) of a calibration that is right."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Where a picture lies on the table."""
+
+    middle: Floats
+    """(2,) m, of the picture."""
+    half: float
+    """m, half the length of the table: the unit of the lens."""
+
+
+def seen(view: View, xy: Floats, numbers: Floats) -> tuple[Floats, Floats, Floats]:
+    """Where places (..., 2) are seen, m, with `numbers` (4,) as in `ON_PICTURE`; its derivatives (..., 2, 2) by the
+    place and (..., 2, 4) by the numbers."""
+    k1, p, scale = numbers[0], numbers[1:3], numbers[3]
+    d = (xy - view.middle) / view.half
+    q = (1 / (1 + d @ p))[..., None]
+    e = d * q
+    size = np.sum(e * e, axis=-1)[..., None]
+    shown = (1 + k1 * size) * e
+    bent = (1 + k1 * size)[..., None] * np.eye(2) + 2 * k1 * e[..., :, None] * e[..., None, :]
+    turned = q[..., None] * np.eye(2) - (q**2)[..., None] * d[..., :, None] * p
+    by_place = scale * bent @ turned
+    by_p = -scale * bent @ (q**2 * d)[..., :, None] * d[..., None, :]
+    by_numbers = np.concatenate([(scale * size * e)[..., None], by_p, shown[..., None]], axis=-1)
+    return view.middle + view.half * scale * shown, by_place, view.half * by_numbers
