@@ -1,6 +1,6 @@
 """What a fit of springs is worth against splines, on the double pendulum of Chen 2022, section 3.1.1.
 
-    python benchmarks/springs.py [--seeds 5] [--seconds 10]
+    python benchmarks/springs.py [--seeds 5] [--seconds 10] [--first 100] [--real FOLDER]
 
 Truth: first ball held at (200, 190), the others 80 px apart in a row, masses 1, g 981 px/s^2, from rest, DOP853 at
 1e-10. Every other frame is withheld; the rest has noise. mse is in px^2 over withheld midpoints, mean over points and
@@ -13,12 +13,14 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, interp1d, make_interp_spline
 
 from models.latent import Latent, infer
+from models.pendulum.angles import swing
 from models.springs import rate, springs
 
 KINDS = {"soft": (300.0, 0.1), "medium": (3e3, 1.0), "stiff": (1e5, 20.0)}
@@ -107,7 +109,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--first", type=int, default=100, help="first seed")
+    parser.add_argument("--real", type=Path, help="folder of double_freeswing_200Hz.npz")
     arguments = parser.parse_args()
+    if arguments.real:
+        real(arguments.real)
+        return
     print(
         "springs fps noise | x cubic  (least)  x linear x quintic   x akima "
         "| worst m,s,g   k error  horizon  CPU s  accepted"
@@ -127,6 +133,27 @@ def main() -> None:
             f"{sum(row.accepted for row in rows)}/{len(rows)}",
             flush=True,
         )
+
+
+def real(folder: Path) -> None:
+    """A real double pendulum at 200 Hz (dynamicslab/MultiArm-Pendulum): every `step`th sample, every other hidden."""
+    recorded = np.load(folder / "double_freeswing_200Hz.npz")
+    t = recorded["t"]
+    angles = np.unwrap(np.stack([recorded["theta1"], recorded["theta2"]], axis=1), axis=0) - np.pi
+    print("real pendulum: samples apart, start s | mse cubic  mse fit rad^2  x cubic  CPU s")
+    for step in (13, 26):
+        for start in (0, 3000, 6000):
+            rows = np.arange(start, start + 2001, step)
+            rows = rows[: len(rows) - 1 + len(rows) % 2]
+            shown, hidden = rows[::2], rows[1::2]
+            began = time.process_time()
+            fit = swing(t[shown], angles[shown])
+            seconds = time.process_time() - began
+            cubic = np.mean((CubicSpline(t[shown], angles[shown])(t[hidden]) - angles[hidden]) ** 2)
+            ours = np.mean((fit.at(t[hidden])[:, :2] - angles[hidden]) ** 2)
+            print(
+                f"{step:3d} {t[start]:5.1f} | {cubic:8.1e} {ours:8.1e} {cubic / ours:9.0f} {seconds:6.1f}", flush=True
+            )
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 LOOSE = 0.3
 """of the bend of the paths: how loosely links are tied first."""
-TIGHT = 0.01
+TIGHT = 0.002
 """of the noise: how tightly links are tied last; what that adds to the error of a state is not seen."""
 REST = 1e-6
 """of a state's scale: how exactly a particle that starts from rest does."""
