@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from models.scene import Scene
 from video.clip import open_clip, read_frames
+from video.options import CalibrateOptions
 from video.renderer import make_view
 from video.renderer_camera import look_at
-from video.table_finder import CalibrateOptions, find_scene, scene_in_picture
+from video.table_finder import find_scene, scene_in_picture
 from video.training_hall import HELD_OUT_ELEVATION, Hall, random_hall
 from video.training_pictures import filmed
 

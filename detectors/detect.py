@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol, TypeVar
 
@@ -14,6 +13,7 @@ from detectors.ball_size import with_seen_size
 from detectors.hough import BallFinder, ball_finder
 from detectors.onnx import NetworkFinder, network_finder
 from detectors.onnx_model import SHIPPED, open_model
+from detectors.options import DetectOptions
 from models.detections import Detections
 from models.progress import Progress, silent
 from models.scene import Scene
@@ -30,18 +30,6 @@ AUTO: Literal["hough", "onnx"] = "hough"
 """What `auto` takes."""
 AUTO_REASON = "hough"
 """Why, in a few words; the figures are those of benchmarks/detectors.py, in docs/detectors.md."""
-
-
-@dataclass(frozen=True, slots=True)
-class DetectOptions:
-    """How balls are looked for."""
-
-    detector: Literal["auto", "hough", "onnx"] = "auto"
-    """Which detector: hough needs no network, auto takes the best one there is."""
-    model: str | None = None
-    """File of an ONNX ball detector, for the onnx detector."""
-    quick: bool = False
-    """Learn the empty table from fewer pictures."""
 
 
 M = TypeVar("M")

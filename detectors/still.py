@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from detectors.anywhere import balls_anywhere
 from detectors.centres import LOOKS
-from detectors.detect import DetectOptions, chosen, detect_in_picture, model_file
+from detectors.detect import chosen, detect_in_picture, model_file
 from detectors.onnx_model import open_model
+from detectors.options import DetectOptions
 from models.errors import TableNotFound
 from models.kinds import Look, name_kinds
-from video.table_finder import CalibrateOptions, scene_in_picture
+from video.options import CalibrateOptions
+from video.table_finder import scene_in_picture
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

@@ -6,8 +6,6 @@ goes straight, and what changes a velocity is near. See `models.hypotheses` for 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +13,7 @@ from models.detections import Detections
 from models.errors import TrackError
 from models.hypotheses import follow
 from models.kinds import Look, name_ids, name_kinds
+from models.options import TrackOptions
 from models.progress import Progress, silent
 from models.scene import Scene
 from models.selection import is_ball, looks_like_ball, moves_like_ball
@@ -27,18 +26,6 @@ Ints = NDArray[np.int64]
 
 CAROM_BALLS = 3
 FEWEST_PICTURES = 5
-
-
-@dataclass(frozen=True, slots=True)
-class TrackOptions:
-    """How detections become tracks."""
-
-    breadth: int = 8
-    """readings of an ambiguous moment that are followed side by side; 1 decides at once"""
-    patience: float = 0.4
-    """s that an ambiguous moment may stay undecided"""
-    balls: int = 0
-    """most balls on the table; 0: as many as are seen"""
 
 
 def associate(

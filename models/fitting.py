@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from models.fit import Fit, Parameter, Trust
 from models.happenings import events_of, pocketed
 from models.knowledge import ROLLING_PRIOR, SLIDING_PRIOR
 from models.noise import Noise, estimate_noise, outliers, seldom_seen, with_noise
+from models.options import FitOptions
 from models.paths import measured_pieces, pack, pieces_of
 from models.progress import Progress, silent
 from models.reappraisal import reappraised
@@ -29,20 +30,6 @@ from models.tracks import Tracks
 from models.trust import accepted_spans, light, span_chi2, with_doubts
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class FitOptions:
-    """How a shot is fitted."""
-
-    quick: bool = False
-    """fewer iterations of the joint refinement."""
-    break_price: float = 20.0
-    """chi2 that a contact must improve where something is near that may cause it."""
-    free_price: float = 150.0
-    """chi2 that a change of velocity must improve where nothing is near."""
-    moving_speed: float = 0.02
-    """m/s above which a ball counts as moving."""
 
 
 def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), progress: Progress = silent) -> Fit:

@@ -12,13 +12,11 @@ from typing import Any, get_type_hints
 
 import typer
 
-from detectors.detect import DetectOptions
-from models.association import TrackOptions
+from detectors.options import DetectOptions
 from models.errors import OptionError
-from models.fitting import FitOptions
+from models.options import FitOptions, TrackOptions
 from pipeline.stages.read import ReadOptions
-from video.annotation import RenderOptions
-from video.table_finder import CalibrateOptions
+from video.options import CalibrateOptions, RenderOptions
 
 SMALLEST = math.ulp(0.0)
 """The least number above 0."""

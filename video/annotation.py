@@ -14,6 +14,7 @@ from models.tracks import Tracks
 from video.inset import Inset, plan_of
 from video.layout import Rect, Side, covered_share, place_label, place_panel
 from video.motion_marks import Mark, Path, marks_of, path_of
+from video.options import RenderOptions
 from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, unit
 from video.palette import Colour, apart_from, ball_colour, lab_to_rgb
 from video.sightings import Sightings
@@ -41,22 +42,6 @@ COST_STEP = 8
 """px of the picture per cell of the map of what a panel would hide."""
 TABLE_COST, POCKET_COST, PATH_COST, DETAIL_COST = 1.0, 2.0, 20.0, 1.5
 TRUST_WORDS: dict[Light, str] = {"green": "fit trusted", "amber": "fit with care", "red": "fit not trusted"}
-
-
-@dataclass(frozen=True, slots=True)
-class RenderOptions:
-    """How the slow motion is made."""
-
-    slow: float = 8.0
-    """Times slower than the clip."""
-    quick: bool = False
-    """Encode fast and coarse."""
-    trim_still: bool = False
-    """Leave out what lies more than half a second before the first and after the last motion."""
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.slow <= 1000:
-            raise ValueError(f"slow motion is 1 to 1000 times slower; got {self.slow:g}")
 
 
 EIGHTFOLD = RenderOptions()

@@ -13,10 +13,11 @@ from models.errors import ClipError
 from models.fit import Fit
 from models.scene import Scene
 from models.tracks import Tracks
-from video.annotation import EIGHTFOLD, Annotation, RenderOptions, annotate
+from video.annotation import EIGHTFOLD, Annotation, annotate
 from video.clip import Clip, read_frames
 from video.inbetween import plate_of
 from video.layout import Rect, covered_share, place_label
+from video.options import RenderOptions
 from video.overlay import Balls, Label, draw_disc, draw_ring, draw_trail
 from video.palette import FLASH, INK, WHITE
 from video.plate import Plate

@@ -14,10 +14,11 @@ from models.progress import Progress, silent
 from models.scene import Scene
 from models.tracks import Tracks
 from models.trajectory import State
-from video.annotation import EIGHTFOLD, Annotation, RenderOptions, annotate
+from video.annotation import EIGHTFOLD, Annotation, annotate
 from video.clip import Clip, read_frames
 from video.inbetween import open_interval, plate_of
 from video.motion_marks import LEAST_SPEED
+from video.options import RenderOptions
 from video.overlay import Balls
 from video.plate import Plate
 from video.poster import render_poster

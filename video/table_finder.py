@@ -13,6 +13,7 @@ from models.errors import OptionError, TableNotFound
 from models.progress import Progress, silent
 from models.scene import Camera, Scene, Table
 from video.clip import Clip, read_frames
+from video.options import CalibrateOptions
 from video.table_balls import ball_sizes
 from video.table_camera import View, camera_from_corners, orient
 from video.table_cloth import find_cloths, intersections, line_through
@@ -39,18 +40,6 @@ MOST_LOST = 0.1
 """Share of pictures in which a moving camera may be lost."""
 MARKED_CORNER_SIGMA = 2.0
 """px, of corners that a user gives."""
-
-
-@dataclass(frozen=True, slots=True)
-class CalibrateOptions:
-    """What the user knows about table and camera."""
-
-    corners: str | None = None
-    """The four corners of the playing surface, between the cushion noses: x,y,x,y,x,y,x,y in px, in any order."""
-    table: str | None = None
-    """Playing surface as LENGTHxWIDTH in metres, such as 2.54x1.27, or a preset such as pool-9ft."""
-    ball_radius: float | None = None
-    """Radius of the balls in metres."""
 
 
 @dataclass(frozen=True, slots=True)

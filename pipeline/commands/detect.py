@@ -13,13 +13,14 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from detectors.detect import DetectOptions, model_file, why_chosen
+from detectors.detect import model_file, why_chosen
+from detectors.options import DetectOptions
 from detectors.still import StillBalls, balls_in_still
 from models.errors import OptionError, TableNotFound
 from pipeline.chain import refuse_closed
 from pipeline.command_line import DebugOption, JsonOption, app, console, named
 from pipeline.publish import aside
-from video.table_finder import CalibrateOptions
+from video.options import CalibrateOptions
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 

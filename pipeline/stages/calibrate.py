@@ -7,7 +7,7 @@ from pathlib import Path
 from models.progress import Progress
 from models.scene import Scene
 from pipeline.stage import Inputs, Stage
-from video.table_finder import CalibrateOptions, find_scene
+from video.options import CalibrateOptions
 
 
 def calibrate_stage(options: CalibrateOptions) -> Stage:
@@ -15,4 +15,6 @@ def calibrate_stage(options: CalibrateOptions) -> Stage:
 
 
 def _run(inputs: Inputs, options: CalibrateOptions, folder: Path, progress: Progress) -> Scene:
+    from video.table_finder import find_scene  # slow to import, and not needed while cached
+
     return find_scene(inputs["read"], options, progress)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from detectors.detect import DetectOptions, detect_balls
+from detectors.options import DetectOptions
 from models.detections import Detections
 from models.errors import OptionError
 from models.progress import Progress
@@ -27,4 +27,6 @@ def _digest(model: Path) -> str:
 
 
 def _run(inputs: Inputs, options: DetectOptions, folder: Path, progress: Progress) -> Detections:
+    from detectors.detect import detect_balls  # slow to import, and not needed while cached
+
     return detect_balls(inputs["read"], inputs["calibrate"], options, progress)

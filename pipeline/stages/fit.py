@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from models.fit import Fit
-from models.fitting import FitOptions, fit_shot
+from models.options import FitOptions
 from models.progress import Progress
 from pipeline.stage import Inputs, Stage
 
@@ -15,4 +15,6 @@ def fit_stage(options: FitOptions) -> Stage:
 
 
 def _run(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
+    from models.fitting import fit_shot  # slow to import, and not needed while cached
+
     return fit_shot(inputs["track"], inputs["calibrate"], options, progress)

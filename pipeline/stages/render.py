@@ -6,8 +6,7 @@ from pathlib import Path
 
 from models.progress import Progress
 from pipeline.stage import Inputs, Stage
-from video.poster import render_poster
-from video.slowmotion import RenderOptions, render_slow_motion
+from video.options import RenderOptions
 
 
 def render_stage(options: RenderOptions) -> Stage:
@@ -15,6 +14,9 @@ def render_stage(options: RenderOptions) -> Stage:
 
 
 def _run(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
+    from video.poster import render_poster  # slow to import, and not needed while cached
+    from video.slowmotion import render_slow_motion
+
     shot = (inputs["read"], inputs["calibrate"], inputs["track"], inputs["fit"])
     render_poster(*shot, folder / "poster.png", options)
     render_slow_motion(*shot, folder / "slow.mp4", options, progress)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from models.association import TrackOptions, associate
+from models.options import TrackOptions
 from models.progress import Progress
 from models.tracks import Tracks
 from pipeline.stage import Inputs, Stage
@@ -15,6 +15,8 @@ def track_stage(options: TrackOptions) -> Stage:
 
 
 def _run(inputs: Inputs, options: TrackOptions, folder: Path, progress: Progress) -> Tracks:
+    from models.association import associate  # slow to import, and not needed while cached
+
     clip = inputs["read"]
     return associate(
         inputs["detect"], clip.distinct, clip.t[clip.distinct], inputs["calibrate"], options, progress

@@ -8,8 +8,9 @@ import pytest
 from drawn import CLOTH, HEIGHT, PX_PER_M, RADIUS, WIDTH, Ball, draw, drawn_scene
 
 from detectors.ball_size import with_seen_size
-from detectors.detect import DetectOptions, detect_in_picture
+from detectors.detect import detect_in_picture
 from detectors.hough import ball_finder
+from detectors.options import DetectOptions
 from models.detections import Detections
 from models.errors import ModelError
 

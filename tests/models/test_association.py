@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from association_shots import POOL, R, Seen, break_shot, observe, overhead, owners, play, scattered, switches
 
-from models.association import TrackOptions, associate
+from models.association import associate
 from models.detections import Detections
 from models.errors import TrackError
+from models.options import TrackOptions
 from models.scene import Scene, Table
 from models.sightings import sight
 from models.stitching import make_tracklet, stitch

@@ -9,7 +9,8 @@ import pytest
 from filmed_shots import PX_PER_M, RADIUS, film, match, position_rms_px, random_shot, scene
 from fixed_step_table import GRIPPING, MIRROR, SPEED_DEPENDENT
 
-from models.fitting import FitOptions, fit_shot
+from models.fitting import fit_shot
+from models.options import FitOptions
 from models.tracks import Tracks
 
 STILL = np.zeros((1, 2))

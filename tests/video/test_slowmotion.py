@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from models.events import Events
 from models.fit import Trust
 from models.trajectory import Trajectory
-from video.slowmotion import RenderOptions, render_poster, render_slow_motion
+from video.options import RenderOptions
+from video.slowmotion import render_poster, render_slow_motion
 
 Picture = NDArray[np.uint8]
 

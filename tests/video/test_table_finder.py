@@ -14,8 +14,9 @@ from models.billiards.tables import PRESETS
 from models.errors import OptionError, TableNotFound
 from models.scene import Camera, Scene, apply_homography
 from video.clip import open_clip
+from video.options import CalibrateOptions
 from video.table_camera import orient
-from video.table_finder import CalibrateOptions, find_scene, parse_corners, search_picture
+from video.table_finder import find_scene, parse_corners, search_picture
 
 SIZE = (960, 540)
 TABLE = PRESETS["pool-9ft"]
