@@ -5,48 +5,63 @@ it gives its derivative, exact to rounding (Squire and Trapp 1998, doi:10.1137/S
 real parts and has no abs, min or max of what can be complex.
 
 Compiled code is shared by processes. Numba keys it by the file of a function alone, and would run yesterday's version
-of what that function calls in other files; here it is keyed by all of them.
+of what that function calls in other files; here it is keyed by all that its module imports.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import ast
+from collections.abc import Callable
+from functools import cache
 from hashlib import sha256
 from importlib.resources import files
-from importlib.resources.abc import Traversable
 from typing import Any
 
 import numba
 from numba.core.caching import IndexDataCacheFile
 
 
-def _sources(folder: Traversable) -> Iterator[tuple[str, bytes]]:
-    """Name and text of every file that compiled code is made of."""
-    for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):
-        if entry.is_dir():
-            yield from _sources(entry)
-        elif entry.name.endswith(".py"):
-            text = entry.read_bytes()
-            if b"@compiled" in text or entry.name == "parameters.py":
-                yield entry.name, text
+@cache
+def _text(module: str) -> bytes | None:
+    """Source of a module of `models`, None if there is no such file."""
+    *folders, name = module.split(".")[1:]
+    path = files("models").joinpath(*folders, f"{name}.py")
+    return path.read_bytes() if path.is_file() else None
 
 
-def _stamp() -> str:
+@cache
+def _imports(module: str) -> frozenset[str]:
+    """Modules of `models` that one of them imports."""
+    found = set()
+    for node in ast.walk(ast.parse(_text(module) or b"")):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("models."):
+            found.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
+    return frozenset(name for name in found if _text(name) is not None)
+
+
+def _stamp(module: str) -> str:
+    """Digest of the sources of a module and of all in `models` that it imports, directly or not."""
+    seen, left = {module}, [module]
+    while left:
+        fresh = _imports(left.pop()) - seen
+        seen |= fresh
+        left += fresh
     digest = sha256()
-    for name, text in _sources(files("models.billiards")):
-        digest.update(f"{name}\0{len(text)}\0".encode() + text)
+    for name in sorted(seen):
+        text = _text(name) or b""
+        digest.update(f"{name} {len(text)} ".encode() + text)
     return digest.hexdigest()
-
-
-_STAMP = _stamp()
 
 
 def compiled(function: Callable[..., Any]) -> Any:
     """Decorator. Division by zero gives inf as in numpy, other threads run meanwhile, and sums keep their order."""
+    fresh = numba.njit(error_model="numpy", nogil=True)(function)
+    if not function.__module__.startswith("models."):
+        return fresh
     try:
         fast = numba.njit(error_model="numpy", nogil=True, cache=True)(function)
     except RuntimeError:  # no folder to write to: compiled again by every process
-        return numba.njit(error_model="numpy", nogil=True)(function)
-    cache = fast._cache
-    cache._cache_file = IndexDataCacheFile(cache.cache_path, cache._impl.filename_base, _STAMP)
+        return fresh
+    kept = fast._cache
+    kept._cache_file = IndexDataCacheFile(kept.cache_path, kept._impl.filename_base, _stamp(function.__module__))
     return fast
