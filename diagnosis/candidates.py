@@ -16,9 +16,10 @@ _LARGEST = 3
 """names in a group."""
 
 
-def probabilities(state: Search, doubt: Doubt) -> dict[str, float]:
-    """Per effect, `none` and `unknown`: hypotheses share theirs among their effects."""
-    tried = list(state.tried.values())
+def probabilities(state: Search, best: Hypothesis, doubt: Doubt) -> dict[str, float]:
+    """Per effect, `none` and `unknown`: hypotheses share theirs among their effects; those that hold more than the
+    best one were rejected."""
+    tried = [one for one in state.tried.values() if not one.names > best.names]
     weight = np.array([state.weigh(one) for one in tried])
     weight = np.exp(weight - weight.max())
     weight *= (1 - doubt.probability) / weight.sum()

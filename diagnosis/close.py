@@ -150,7 +150,7 @@ def closing(
     if not count.sum():
         return Closing(float("nan"), float("nan"), float("nan"), float("nan"), (float("nan"), float("nan")), False)
     total = count.sum()
-    b, a, f = before.sum() / total, after.sum() / total, floor.sum() / total
+    b, a, f = (max(float(one.sum() / total), 0.0) for one in (before, after, floor))
     drawn = _drawn(windows, rng)
     excess = drawn @ (before - floor)
     resolved = bool(np.quantile(drawn @ (before - _BEYOND * floor), _INTERVAL[0]) > 0)

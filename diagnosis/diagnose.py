@@ -80,7 +80,7 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
     question = question_of(scene, noise.correlation)
     first, second = with_noise(split.fit, noise), with_noise(split.select, noise)
     state = _searched(question, first)
-    best = adopted(state)
+    best = _confirmed(question, state, second)
     base = fit_adaptively(question, (*first, *second), guess=state.base.fitted.shared)
     full = base
     if best.names:
@@ -90,7 +90,8 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
     left_after = residuals(question, full, seen_full, rng)
     before, after = structure(left_before), structure(left_after)
     gains = not best.names or not second or _gain(question, second, state.base.fitted, best.fitted) > _NO_GAIN
-    doubts = doubt(after, seen_full.told, base, full, gains)
+    ahead = _ahead(question, second or first, state.base.fitted, best.fitted, rng)
+    doubts = doubt(after, seen_full.told, base, full, ahead, gains)
     return Study(question, noise, state, best, base, full, seen, left_before, left_after, before, after, doubts)
 
 
@@ -104,6 +105,30 @@ def _searched(question: Question, recordings: tuple[Recording, ...]) -> Search:
     if len(longer.pieces) == len(state.base.fitted.pieces):
         return state
     return search(question, fit(question, longer.pieces, guess=state.base.fitted.shared))
+
+
+def _ahead(
+    question: Question, recordings: tuple[Recording, ...], base: Fitted, best: Fitted, rng: np.random.Generator
+) -> Closing:
+    """How much better shots that may be looked at are predicted."""
+    windows = windows_ahead(question, recordings)
+    before, after = predict(question, windows, base), predict(question, windows, best)
+    return closing(windows, before.squares, after.squares, after.floor, rng)
+
+
+def _confirmed(question: Question, state: Search, recordings: tuple[Recording, ...]) -> Hypothesis:
+    """The hypothesis adopted, without those of several effects that shots which chose nothing do not confirm."""
+    best = adopted(state)
+    while recordings and best.size > 1:
+        gains = {
+            name: _gain(question, recordings, state.tried[best.names - {name}].fitted, best.fitted)
+            for name in best.names
+        }
+        least = min(sorted(gains), key=lambda name: gains[name])
+        if gains[least] > 0:
+            break
+        best = state.tried[best.names - {least}]
+    return best
 
 
 def _gain(question: Question, recordings: tuple[Recording, ...], base: Fitted, best: Fitted) -> float:
@@ -174,7 +199,7 @@ def _candidates(
         mask = question.mask((name,))
         fitted = _with(study, name)
         told[name] = strengths(question, fitted, found.detectable(mask), (name,))
-    return ranked(probabilities(study.state, study.doubt), groups, told)
+    return ranked(probabilities(study.state, study.best, study.doubt), groups, told)
 
 
 def _with(study: Study, name: str) -> Fitted:

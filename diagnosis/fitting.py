@@ -19,6 +19,8 @@ from models.windows import Model
 Floats = NDArray[np.float64]
 
 _ITERATIONS = ShootingOptions(iterations=25, settling=10)
+_AT_MOST = 1.15
+"""cost per observation that noise explains: its variance is known to some per cent."""
 _WIDER = 3.0
 """factor on the priors of what the simulator already has: its users know it less well than the books."""
 
@@ -85,6 +87,16 @@ class Fitted:
     @property
     def cost(self) -> float:
         return self.shooting.cost
+
+    @property
+    def observations(self) -> int:
+        """Numbers that were seen."""
+        return sum(int(piece.seen.sum()) * piece.places.shape[2] for piece in self.pieces)
+
+    @property
+    def excess(self) -> float:
+        """Cost beyond noise, even if its size were a little underestimated."""
+        return max(self.cost - _AT_MOST * self.observations, 0.0)
 
     @property
     def lack(self) -> float:

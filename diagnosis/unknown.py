@@ -13,11 +13,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.blocks import Structure
+from diagnosis.close import Closing
 from diagnosis.fitting import Fitted, Told
 
 SUSPICIOUS = 0.005
 """chance below which something is left."""
-EXPLAINED = 0.95
+EXPLAINED = 0.9
 """share of what was systematic that effects must explain to be named although something is left."""
 _PRIOR_ODDS = 0.1
 
@@ -69,15 +70,16 @@ def agreement(told: Told, fitted: Fitted) -> float:
     return float(chi2.sf(total, free)) if free > 0 else 1.0
 
 
-def explained(base: Fitted, best: Fitted, observations: int) -> float:
-    """Share of the cost beyond noise that the better model takes away."""
-    noise = 0.9 * observations  # Huber's loss of noise alone is a little below its count
-    excess = base.cost - min(noise, best.cost)
+def explained(base: Fitted, best: Fitted, ahead: Closing) -> float:
+    """Share of what is systematic that the better model takes away: of the error of predictions where that is more
+    than noise, else of the cost of the fit."""
+    if ahead.resolved:
+        return float(np.clip(ahead.closed, 0.0, 1.0))
+    excess = base.cost - min(0.9 * best.observations, best.cost)  # Huber's loss of noise is a little below its count
     return 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))
 
 
-def doubt(left: Structure, told: Told, base: Fitted, best: Fitted, select_gains: bool) -> Doubt:
+def doubt(left: Structure, told: Told, base: Fitted, best: Fitted, ahead: Closing, select_gains: bool) -> Doubt:
     """All three signs together, of the best hypothesis on all shots that may be used."""
-    count = sum(int(piece.seen.sum()) * piece.places.shape[2] for piece in best.pieces)
-    named = base.cost - best.cost > 0
-    return Doubt(left.p_value, agreement(told, best), explained(base, best, count) if named else 0.0, select_gains)
+    share = explained(base, best, ahead) if best.names or best.forms != base.forms else 0.0
+    return Doubt(left.p_value, agreement(told, best), share, select_gains)

@@ -99,15 +99,24 @@ def adopted(state: Search) -> Hypothesis:
 
 
 def needed(state: Search, one: Hypothesis) -> bool:
-    """Whether leaving out any of its effects costs more than chance among as many choices explains."""
-    return all(chance(state, one, name) < SIGNIFICANT for name in one.names)
+    """Whether leaving out any of its effects costs more than chance among as many choices explains, and not less than
+    what stays unexplained: a small effect beside a large misfit only stands in for it."""
+    return all(
+        chance(state, one, name) < SIGNIFICANT
+        and _without(state, one, name).cost - one.fitted.cost >= one.fitted.excess
+        for name in one.names
+    )
+
+
+def _without(state: Search, one: Hypothesis, name: str) -> Fitted:
+    return _try(state, one.names - {name}, one).fitted
 
 
 def chance(state: Search, one: Hypothesis, name: str) -> float:
     """Probability that adding the best of all choices to the others gains as much without cause (Sidak 1967)."""
-    without = state.tried.get(one.names - {name}) or _try(state, one.names - {name}, one)
-    gain = (without.fitted.cost - one.fitted.cost) / max(one.fitted.lack, 1.0)
-    more = max(int(one.fitted.free.sum() - without.fitted.free.sum()), 1)
+    without = _without(state, one, name)
+    gain = (without.cost - one.fitted.cost) / max(one.fitted.lack, 1.0)
+    more = max(int(one.fitted.free.sum() - without.free.sum()), 1)
     single = float(chi2.sf(max(gain, 0.0), more))
     return -float(np.expm1(len(state.choices) * np.log1p(-min(single, 1 - 1e-16))))
 

@@ -1,0 +1,1 @@
+"""Bodies that slide on a plane."""
