@@ -14,17 +14,16 @@ from numpy.typing import NDArray
 
 from models.chains import normal_equations, state_covariance
 from models.coordinates import Coordinates
-from models.spring_fit import Effort, SpringFit, covariance, descended, fit_graph, from_rest
-from models.spring_layout import Layout
-from models.springs import Springs
+from models.spring_fit import Effort, SpringFit, covariance, descended, fit_graph, from_rest, from_slack
 
 Floats = NDArray[np.float64]
 
 KINDS = ("mass", "stiffness", "damping", "rest")
 REST_AT_START = "starts from rest"
+SLACK_AT_START = "starts unstretched"
 AGAIN = Effort(stages=2, iterations=6, last=15)
 """from a fit that is almost right."""
-SLACK = 3.0
+LOOSENED = 3.0
 """of the noise: ties from which a simplified graph settles again."""
 
 
@@ -70,7 +69,18 @@ def candidates(fit: SpringFit) -> list[Simplification]:
     half = fit.model.free.size // 2
     v, around = fit.chain.states[0, half:], state_covariance(normal_equations(fit.seen, fit.chain), spread)
     found.append(Simplification(REST_AT_START, (), *_wald(v, around[half:, half:])))
+    if len(fit.graph.pairs) > len(fit.graph.rods):
+        found.append(Simplification(SLACK_AT_START, (), *_price_of_slack(fit, spread, around)))
     return found
+
+
+def _price_of_slack(fit: SpringFit, spread: Floats, around: Floats) -> tuple[float, int]:
+    """Of springs that have their rest lengths at the first sample; errors of lengths and places taken as independent,
+    which the fit that follows corrects."""
+    slack = replace(fit.model, slack=True, bond=1.0).predict(fit.chain.states, fit.chain.shared)
+    rows = slice(2 * len(fit.graph.rods), None)
+    by_state, by_shared = slack.bonds_by_state[0, rows], slack.bonds_by_shared[0, rows]
+    return _wald(slack.bonds[0, rows], by_state @ around @ by_state.T + by_shared @ spread @ by_shared.T)
 
 
 def _price_of_equality(fit: SpringFit, names: list[str], kind: str, spread: Floats) -> tuple[float, int]:
@@ -93,7 +103,7 @@ def _wald(off: Floats, spread: Floats) -> tuple[float, int]:
 def _refitted(seen: Coordinates, fit: SpringFit, adopted: list[Simplification]) -> SpringFit:
     sought, graph = fit.model.layout, fit.graph
     for one in adopted:
-        if one.name == REST_AT_START:
+        if not one.about:
             continue
         if one.about[0].startswith("gravity"):
             axis = "xyz".index(one.about[0][-1])
@@ -104,9 +114,8 @@ def _refitted(seen: Coordinates, fit: SpringFit, adopted: list[Simplification]) 
             sought = sought.without(set(one.about))
         else:
             sought = sought.alike(list(one.about), one.about[0].split()[0])
-    return _settled(seen, fit, graph, sought, any(one.name == REST_AT_START for one in adopted))
-
-
-def _settled(seen: Coordinates, fit: SpringFit, graph: Springs, sought: Layout, rest: bool) -> SpringFit:
-    first = fit_graph(seen, graph, fit.noise, Effort(stages=0), sought, fit)
-    return descended(from_rest(first) if rest else first, SLACK * fit.noise, AGAIN)
+    simpler = fit_graph(seen, graph, fit.noise, Effort(stages=0), sought, fit)
+    names = [one.name for one in adopted]
+    simpler = from_rest(simpler) if REST_AT_START in names else simpler
+    simpler = from_slack(simpler) if SLACK_AT_START in names else simpler
+    return descended(simpler, LOOSENED * fit.noise, AGAIN)

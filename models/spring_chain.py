@@ -25,6 +25,8 @@ class SpringChain:
     """(L,) s between samples."""
     bond: float
     """standard deviation of the length of a rod."""
+    slack: bool = False
+    """springs have their rest lengths at the first sample."""
 
     @property
     def free(self) -> Ints:
@@ -78,7 +80,7 @@ class SpringChain:
         size = len(free)
         by_input = moved.slopes[:, free, size:] * self.layout.slope(shared)[self.layout.owner]
         bonds, bonds_by_all = self._bonds(whole)
-        lengths = self._lengths()
+        lengths = self._lengths(whole)
         return Prediction(
             moved.ends.reshape(len(whole) - 1, -1)[:, free],
             moved.slopes[:, free, :size],
@@ -98,30 +100,48 @@ class SpringChain:
     def _pinned(self) -> Floats:
         return self._gather()[self.layout.inputs < self.graph.mass.size * self.graph.gravity.size]
 
-    def _lengths(self) -> Floats:
-        """(2 R, P) which coordinate is the length of each rod, in units of `bond`."""
-        rods = self.graph.rods
-        found = np.zeros((2 * len(rods), len(self.layout.names)))
+    def _slack_springs(self) -> Ints:
+        return np.flatnonzero(np.isfinite(self.graph.stiffness)) if self.slack else np.empty(0, np.int64)
+
+    def _lengths(self, whole: Floats) -> Floats:
+        """(K, 2 R + E', P) which coordinate is the length of each rod, and of each slack spring at the first sample, in
+        units of `bond`."""
+        rods, slack = self.graph.rods, self._slack_springs()
         count, edges = len(self.graph.mass), len(self.graph.pairs)
         first = 2 * count * len(self.graph.gravity) + count + 2 * edges
+        found = np.zeros((len(whole), 2 * len(rods) + len(slack), len(self.layout.names)))
         for row, rod in enumerate(rods):
-            found[row, self.layout.owner[self.layout.inputs == first + rod]] = 1 / self.bond
+            found[:, row, self.layout.owner[self.layout.inputs == first + rod]] = 1 / self.bond
+        for row, spring in enumerate(slack, 2 * len(rods)):
+            found[0, row, self.layout.owner[self.layout.inputs == first + spring]] = 1 / self.bond
         return found
 
     def _bonds(self, whole: Floats) -> tuple[Floats, Floats]:
-        """(K, 2 R) lengths of rods and their rates over a sample, over `bond`; and slopes (K, 2 R, 2 N D) by states."""
-        i, j = self.graph.pairs[self.graph.rods].T
-        apart, rate = whole[:, 0, j] - whole[:, 0, i], whole[:, 1, j] - whole[:, 1, i]  # (K, R, D)
-        length = np.linalg.norm(apart, axis=2)
-        along = apart / length[:, :, None]
-        speed = (along * rate).sum(axis=2)
-        bent = (rate - speed[:, :, None] * along) / length[:, :, None]
-        count, rods = len(whole), len(i)
-        slopes = np.zeros((count, 2, rods, *whole.shape[1:]))
-        for r in range(rods):
-            for end, sign in ((j[r], 1.0), (i[r], -1.0)):
-                slopes[:, 0, r, 0, end] = sign * along[:, r]
-                slopes[:, 1, r, 0, end] = sign * bent[:, r] * self.units.span
-                slopes[:, 1, r, 1, end] = sign * along[:, r] * self.units.span
-        values = np.concatenate([length, speed * self.units.span], axis=1)
-        return values / self.bond, slopes.reshape(count, 2 * rods, whole[0].size) / self.bond
+        """Lengths of rods and their rates over a sample, then lengths of slack springs, over `bond` (K, 2 R + E'), and
+        slopes (K, 2 R + E', 2 N D) by states."""
+        rods, slack, count = self.graph.rods, self._slack_springs(), len(whole)
+        length, speed, slopes = _stretch(whole, self.graph.pairs[rods], self.units.span)
+        late = np.arange(count)[:, None] > 0
+        resting, _, by_rest = _stretch(whole, self.graph.pairs[slack], self.units.span)
+        values = np.concatenate([length, speed, np.where(late, 0.0, resting)], axis=1)
+        by_states = np.concatenate([
+            slopes.reshape(count, 2 * len(rods), whole[0].size), np.where(late[..., None], 0.0, by_rest[:, 0])
+        ], axis=1)  # fmt: skip
+        return values / self.bond, by_states / self.bond
+
+
+def _stretch(whole: Floats, pairs: Ints, span: float) -> tuple[Floats, Floats, Floats]:
+    """Distances of pairs (R, 2) in states (K, 2, N, D) and their changes in `span` (K, R); slopes (K, 2, R, 2 N D)."""
+    i, j = pairs.T
+    apart, rate = whole[:, 0, j] - whole[:, 0, i], whole[:, 1, j] - whole[:, 1, i]  # (K, R, D)
+    length = np.linalg.norm(apart, axis=2)
+    along = apart / length[:, :, None]
+    speed = (along * rate).sum(axis=2)
+    bent = (rate - speed[:, :, None] * along) / length[:, :, None]
+    slopes = np.zeros((len(whole), 2, len(i), *whole.shape[1:]))
+    for r in range(len(i)):
+        for end, sign in ((j[r], 1.0), (i[r], -1.0)):
+            slopes[:, 0, r, 0, end] = sign * along[:, r]
+            slopes[:, 1, r, 0, end] = sign * bent[:, r] * span
+            slopes[:, 1, r, 1, end] = sign * along[:, r] * span
+    return length, speed * span, slopes.reshape(len(whole), 2, len(i), whole[0].size)

@@ -125,6 +125,11 @@ def descended(fit: SpringFit, loose: float, effort: Effort = THOROUGH) -> Spring
     return fit
 
 
+def from_slack(fit: SpringFit) -> SpringFit:
+    """The fit told that no spring is stretched at its first sample; not yet descended."""
+    return replace(fit, model=replace(fit.model, slack=True))
+
+
 def from_rest(fit: SpringFit) -> SpringFit:
     """The fit told that nothing moves at its first sample; not yet descended."""
     half = fit.model.free.size // 2
