@@ -59,6 +59,8 @@ DECAY, DECAY_SIGMA = 10.0, 0.4
 """rad/s^2, and of its logarithm."""
 NOSE_FRICTION, NOSE_FRICTION_SIGMA = 0.18, 0.4
 """Coulomb friction between ball and nose (Marlow 1995: 0.14 to 0.2), sigma of its logarithm."""
+RETURN_SCATTER = 0.05
+"""of the restitution: what real cushions add to every law."""
 CENTRAL_LAW = "mathavan_2010"
 RETURNED = (0.3, 0.98)
 """share of its speed with which a ball can leave a cushion."""
@@ -211,6 +213,7 @@ def _shared(solution: Solution, mean: Floats, by: Floats) -> None:
 def _unseen() -> Floats:
     """(SHARED,) variances of what the fit says nothing of."""
     variance = np.zeros(SHARED)
+    variance[9] = RETURN_SCATTER**2
     variance[11:] = BALL_RESTITUTION[1] ** 2, NOSE_FRICTION_SIGMA**2, DECAY_SIGMA**2
     return variance
 

@@ -126,23 +126,25 @@ def _drawn(look: Outlook, seconds: float, rng: np.random.Generator, draws: int) 
 def _linear(look: Outlook, central: Run, after: Floats, seconds: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Places and velocities (T, N, 4), covariance (T, N, 2, 2) of the places, and where (T,) the motion is sensitive.
 
-    How cushion laws differ adds to what the derivatives carry.
+    The path is the mean over the cushion laws; how they differ adds to what the derivatives carry.
     """
-    states = central.at(after)
+    states = central.at(after)[..., :4]
     by = central.jacobian(after, central.columns)[:, :, :2] @ _slopes(look)
     covariance = by @ look.covariance @ np.swapaxes(by, 2, 3)
     others = [
-        look.play(look.inputs(look.mean, law), law, seconds).at(after)[..., :2]
+        look.play(look.inputs(look.mean, law), law, seconds).at(after)[..., :4]
         for law in CUSHION_LAWS
         if law != CENTRAL_LAW
     ]
-    laws = np.stack([states[..., :2], *others])
-    apart = laws - laws.mean(axis=0)
+    laws = np.stack([states, *others])
+    path = laws.mean(axis=0)
+    apart = (laws - path)[..., :2]
     covariance = covariance + np.einsum("ltni,ltnj->tnij", apart, apart) / len(laws)
     known = np.nan_to_num(by[..., look.places], nan=0.0)
     size = np.linalg.norm(known, axis=(2, 3), ord=2).max(axis=1, initial=0.0)
     lost = ~np.isfinite(covariance).all(axis=(2, 3)) & np.isfinite(states[..., 0])
-    return states[..., :4], covariance, (size > SENSITIVE) | lost.any(axis=1)
+    lost |= np.isfinite(path[..., 0]) != np.isfinite(states[..., 0])
+    return path, covariance, (size > SENSITIVE) | lost.any(axis=1)
 
 
 def _slopes(look: Outlook) -> Floats:

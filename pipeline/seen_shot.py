@@ -74,13 +74,14 @@ def _tracks(columns: Columns, told: dict[str, Any], scene: Scene, path: Path) ->
     sigma = metres * grid.of(columns.get("sigma", np.full(len(t), np.nan))[seen])
     sigma = np.where(np.isfinite(xy[..., 0]) & ~(sigma > 0), USUAL_SIGMA, sigma)
     radius = scene.table.ball_radius
-    computed = scene.camera.to_pixels(xy, radius)
+    somewhere = np.where(np.isfinite(xy), xy, [scene.table.length / 2, scene.table.width / 2])
+    computed = np.where(np.isfinite(xy), scene.camera.to_pixels(somewhere, radius), np.nan)
     blank = np.full(len(t), np.nan)
     px = grid.of(np.stack([columns.get("x_px", blank), columns.get("y_px", blank)], axis=1)[seen])
     size = grid.of(columns.get("radius_px", blank)[seen])
     return Tracks(
         frames, shown, ids, _kinds(columns, seen, ids), xy, np.where(np.isfinite(px), px, computed), sigma, sigma,
-        np.zeros_like(xy), np.where(np.isfinite(size), size, scene.camera.radius_px(xy, radius)),
+        np.zeros_like(xy), np.where(np.isfinite(size), size, scene.camera.radius_px(somewhere, radius)),
         np.tile([70.0, 0.0, 0.0], (len(ids), 1)),
     )  # fmt: skip
 
