@@ -1,0 +1,86 @@
+"""trueroll diagnose on track folders: files that keep the contract, and clear sentences where it cannot be done."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from terminal import Terminal, terminal
+
+trueroll = pytest.fixture(terminal)
+
+COLUMNS = "shot,window,frame,t,id,x,y,x_before,y_before,x_after,y_after"
+PUSHES = ((1.2, 0.3), (0.9, -0.8), (-1.1, 0.2), (0.4, 1.0), (-0.7, -0.9), (1.0, 0.9), (-0.5, 1.1), (0.8, -0.4))
+
+
+def slides(folder: Path, drag: float, shots: int = 8) -> Path:
+    """Bodies pushed over a plane that brakes them by drag (1/s); x, y of each with an error of 0.5 mm."""
+    folder.mkdir()
+    rng = np.random.default_rng(3)
+    t = np.arange(40) / 30
+    rows = []
+    for shot, push in enumerate(PUSHES[:shots]):
+        path = solve_ivp(lambda _, s: [s[2], s[3], -drag * s[2], -drag * s[3]], (0, t[-1]), [0, 0, *push], t_eval=t)
+        seen = path.y[:2].T + 5e-4 * rng.standard_normal((len(t), 2))
+        rows += [(shot, k, t[k], "cube", *seen[k]) for k in range(len(t))]
+    with (folder / "tracks.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([("shot", "frame", "t", "id", "x", "y"), *rows])
+    (folder / "scene.json").write_text(json.dumps({"scene": "slide", "units": "m", "fps": 30}))
+    return folder
+
+
+def rms(rows: list[dict[str, str]], kind: str) -> float:
+    misses = [math.hypot(*(float(row[axis]) - float(row[axis + kind]) for axis in "xy")) for row in rows]
+    return math.sqrt(sum(miss**2 for miss in misses) / len(misses))
+
+
+def test_the_files_name_the_effect_and_let_anyone_recompute_the_gap(trueroll: Terminal, tmp_path: Path) -> None:
+    folder = slides(tmp_path / "pushed", 0.8)
+    assert trueroll("diagnose", folder, "-o", tmp_path / "gap").status == 0
+    gap = json.loads((tmp_path / "gap" / "gap.json").read_text())
+    assert gap["verdict"] in ("effects", "group")
+    assert "viscous_drag" in gap["candidates"][0]["group"]
+    assert {"none", "unknown"} <= {one["effect"] for one in gap["candidates"]}
+    with (tmp_path / "gap" / "gap_predictions.csv").open(newline="") as file:
+        reader = csv.DictReader(file)
+        rows = list(reader)
+        assert set(COLUMNS.split(",")) <= set(reader.fieldnames or [])
+    assert {int(row["shot"]) for row in rows} <= set(gap["gap"]["held_out_shots"])
+    assert math.isclose(rms(rows, "_before"), gap["gap"]["before"], rel_tol=1e-3)
+    assert math.isclose(rms(rows, "_after"), gap["gap"]["after"], rel_tol=1e-3)
+    page = (tmp_path / "gap" / "gap.html").read_text()
+    assert "Your simulator lacks viscous drag" in page
+    assert 'src="http' not in page
+
+
+def test_one_short_shot_is_undecidable(trueroll: Terminal, tmp_path: Path) -> None:
+    folder = slides(tmp_path / "short", 0.8, shots=1)
+    lines = (folder / "tracks.csv").read_text().splitlines()
+    (folder / "tracks.csv").write_text("\n".join(lines[:6]) + "\n")
+    assert trueroll("diagnose", folder, "-o", tmp_path / "gap").status == 0
+    assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "undecidable"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"scene": "curling"}, "scene"),
+        ({"model": ["magnetism"]}, "magnetism"),
+        ({"units": "px"}, "px_per_m"),
+    ],
+)
+def test_what_cannot_be_diagnosed_is_said_in_one_line(
+    trueroll: Terminal, tmp_path: Path, change: dict[str, object], words: str
+) -> None:
+    folder = slides(tmp_path / "pushed", 0.8, shots=2)
+    entry = json.loads((folder / "scene.json").read_text()) | change
+    (folder / "scene.json").write_text(json.dumps(entry))
+    done = trueroll("diagnose", folder)
+    assert done.status != 0
+    assert words in done.err
+    assert len(done.err.strip().splitlines()) == 1
