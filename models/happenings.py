@@ -25,6 +25,8 @@ POCKET_REACH = 3.0
 TO_GO = 0.05
 """ball radii, about a pixel: a ball that has no more left to go rests to the eye; real ones even roll back a little,
 into the dent that they make in the cloth, so that the moment of no speed at all cannot be seen."""
+_CLOSING = 0.02
+"""m/s at which two balls close who meet; slower than any ball that is told from a resting one."""
 _LONGEST = 0.5
 """s: a rest less certain is no event."""
 _SHORTEST = 0.01
@@ -213,6 +215,8 @@ def _contact(
     apart = after[1][:2] - after[0][:2]
     normal = apart / np.hypot(*apart)
     speed = float((before[0][2:4] - before[1][2:4]) @ normal)
+    if speed < _CLOSING and not contact.driven:  # balls that lay together, or part: nothing met
+        return _stopped(solution, plan, number, contact, ids)
     gap, gap_sigma = _ball_gap(solution, plan, contact, table)
     found = [
         Happening("ball", contact.t, sigma, ids[balls[0]], ids[balls[1]], after[0][:2], likely, gap, gap_sigma, speed)
