@@ -14,7 +14,7 @@ from diagnosis.fitting import Fitted, Question, Seen, fit, follow, look, questio
 from diagnosis.noise import Noise, estimate_noise, with_noise
 from diagnosis.pieces import LEAST, fit_adaptively, stretches
 from diagnosis.residuals import Residuals, residuals
-from diagnosis.signatures import Signatures, signatures
+from diagnosis.signatures import signatures
 from diagnosis.split import Split, split_shots
 from diagnosis.unknown import Doubt, doubt
 from diagnosis.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
@@ -39,7 +39,7 @@ class Study:
     full: Fitted
     """the best hypothesis, on the same."""
     seen: Seen
-    """around `base`."""
+    """around `full`."""
     left_before: Residuals
     left_after: Residuals
     before: Structure
@@ -92,7 +92,7 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
     gains = not best.names or not second or _gain(question, second, state.base.fitted, best.fitted) > _NO_GAIN
     ahead = _ahead(question, second or first, state.base.fitted, best.fitted, rng)
     doubts = doubt(after, seen_full.told, base, full, ahead, gains)
-    return Study(question, noise, state, best, base, full, seen, left_before, left_after, before, after, doubts)
+    return Study(question, noise, state, best, base, full, seen_full, left_before, left_after, before, after, doubts)
 
 
 def _searched(question: Question, recordings: tuple[Recording, ...]) -> Search:
@@ -145,20 +145,20 @@ def _reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Ge
     verdict, groups, film = _verdict(study)
     gap, per_effect = _gap(study, recordings, rng)
     phases = frozenset(phase for name in best.names for phase in _phases(scene, name))
-    found = signatures(study.question, study.seen.told, study.base.free, study.base.lack)
+    detectable = _detectable(study)
     return Report(
         scene=scene.name,
         model=scene.assumed,
         verdict=verdict,
         effects=tuple(sorted(best.names)) if verdict == "effects" else (),
-        candidates=_candidates(study, verdict, groups, found),
+        candidates=_candidates(study, groups, detectable),
         where=places(study.left_before, study.base.pieces, phases) if verdict != "none" else (),
         shape=shape(study.after) if verdict == "unknown" else "",
         gap=gap,
         per_effect=per_effect,
         fitted=_all_strengths(study),
         forms=study.full.forms,
-        unidentifiable=(*scene.gauges, *_hidden(study.question, found)),
+        unidentifiable=(*scene.gauges, *_hidden(study.question, detectable)),
         not_tested=scene.not_tested,
         film_next=film,
         p_value=study.before.p_value,
@@ -191,15 +191,20 @@ def _phases(scene: GapScene, name: str) -> tuple[str, ...]:
     return by_name.get(name, ()) or {choice.name: choice.phases for choice in scene.alternatives}.get(name, ())
 
 
-def _candidates(
-    study: Study, verdict: Verdict, groups: dict[str, tuple[str, ...]], found: Signatures
-) -> tuple[Candidate, ...]:
-    question, told = study.question, {}
+def _candidates(study: Study, groups: dict[str, tuple[str, ...]], detectable: Floats) -> tuple[Candidate, ...]:
+    question = study.question
+    told = {name: strengths(question, _with(study, name), detectable, (name,)) for name in question.candidates}
+    return ranked(probabilities(study.state, study.best, study.doubt), groups, told)
+
+
+def _detectable(study: Study) -> Floats:
+    """(P,) smallest strength of every parameter that these data could have shown, all else as in the best model."""
+    question, found = study.question, np.full(len(study.question.priors), np.inf)
     for name in question.candidates:
         mask = question.mask((name,))
-        fitted = _with(study, name)
-        told[name] = strengths(question, fitted, found.detectable(mask), (name,))
-    return ranked(probabilities(study.state, study.best, study.doubt), groups, told)
+        here = signatures(question, study.seen.told, study.full.free & ~mask, study.full.lack)
+        found[mask] = here.detectable(mask)[mask]
+    return found
 
 
 def _with(study: Study, name: str) -> Fitted:
@@ -212,19 +217,15 @@ def _with(study: Study, name: str) -> Fitted:
 
 def _all_strengths(study: Study) -> tuple[Strength, ...]:
     names = tuple(effect.name for effect in study.question.scene.effects if effect.name in study.full.names)
-    mask = np.full(len(study.question.priors), np.inf)
-    return strengths(study.question, study.full, mask, (*study.question.scene.assumed, *names))
+    nothing = np.full(len(study.question.priors), np.inf)
+    return strengths(study.question, study.full, nothing, (*study.question.scene.assumed, *names))
 
 
-def _hidden(question: Question, found: Signatures) -> tuple[str, ...]:
+def _hidden(question: Question, detectable: Floats) -> tuple[str, ...]:
     """Effects of usual strength that these data could not show: what the simulator has would take them up."""
-    hidden = []
-    for name in question.candidates:
-        mask = question.mask((name,))
-        usual = np.array([prior.sigma for prior in question.priors])
-        if np.all(found.detectable(mask)[mask] > usual[mask]):
-            hidden.append(name)
-    return tuple(hidden)
+    usual = np.array([prior.sigma for prior in question.priors])
+    masks = {name: question.mask((name,)) for name in question.candidates}
+    return tuple(name for name, mask in masks.items() if np.all(detectable[mask] > usual[mask]))
 
 
 def _gap(
