@@ -23,8 +23,9 @@ from run_folder import ROOT
 
 from models.errors import TrackError
 from models.hindsight import hindsight
-from models.outlook import Outlook, outlook_at
+from models.outlook import Outlook
 from models.prediction import Prediction, predict
+from models.present import outlook_at
 from pipeline.seen_shot import read_seen_shot
 
 AHEAD = (0.25, 0.5, 1.0, 2.0, 3.0)

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.noise import estimate_noise, with_noise
 from models.prediction import Prediction
+from models.present import NOISY_FROM
 from models.tracks import Tracks
 
 Floats = NDArray[np.float64]
@@ -31,15 +33,20 @@ class Hindsight:
 
 
 def hindsight(prediction: Prediction, seen: Tracks) -> Hindsight:
-    """Every place seen at one of the moments that were predicted, after the first."""
+    """Every place seen at one of the moments that were predicted, after the first.
+
+    How noisy it was seen is told from all of `seen`: that is of the sighting, not of the prediction.
+    """
+    measured = with_noise(seen, estimate_noise(seen, NOISY_FROM, prediction.outlook.table.ball_radius))
+    errors = np.linalg.inv(np.where(seen.observed[..., None, None], measured.whitening, np.eye(2)))
     found = []
     for ball, name in enumerate(prediction.outlook.ids):
         column = seen.ids.index(name)
         for row in np.flatnonzero(prediction.t > prediction.outlook.t + 1e-9):
             picture = np.flatnonzero((np.abs(seen.t - prediction.t[row]) < 1e-9) & seen.observed[:, column])
             if len(picture):
-                xy, noise = seen.xy[picture[0], column], float(seen.sigma[picture[0], column])
-                level = prediction.level(int(row), ball, xy, noise)
+                xy, error = seen.xy[picture[0], column], errors[picture[0], column]
+                level = prediction.level(int(row), ball, xy, error @ error.T)
                 miss = float(np.hypot(*(xy - prediction.path[row, ball])))
                 found.append((ball, prediction.t[row], miss, prediction.sigma[row, ball], level))
     columns = np.array(found, dtype=np.float64).reshape(-1, 5)

@@ -79,11 +79,12 @@ class Prediction:
         """(T, N) probability that a ball has not been potted."""
         return np.asarray(np.isfinite(self.courses[..., 0]).mean(axis=0), np.float64)
 
-    def level(self, row: int, ball: int, xy: Floats, noise: float = 0.0) -> float:
-        """Share of the probability nearer to the middle than `xy` (2,), seen with `noise` m: the region of 90 % holds
-        the places of at most 0.9. NaN where the ball should be in a pocket."""
+    def level(self, row: int, ball: int, xy: Floats, noise: Floats | None = None) -> float:
+        """Share of the probability nearer to the middle than `xy` (2,), seen with errors of covariance `noise` (2, 2):
+        the region of 90 % holds the places of at most 0.9. NaN where the ball should be in a pocket."""
         if not self.ensemble[row]:
-            return level_of_normal(xy - self.path[row, ball], self.covariance[row, ball] + noise**2 * np.eye(2))
+            known = self.covariance[row, ball] + (0.0 if noise is None else noise)
+            return level_of_normal(xy - self.path[row, ball], known)
         there = self.courses[:, row, ball]
         return level_by_neighbours(xy, there[np.isfinite(there[:, 0])], noise)
 

@@ -26,11 +26,13 @@ def level_of_normal(apart: Floats, covariance: Floats) -> float:
     return float(1 - np.exp(-0.5 * apart @ np.linalg.solve(known, apart)))
 
 
-def level_by_neighbours(xy: Floats, draws: Floats, noise: float = 0.0) -> float:
-    """Level of `xy` (2,), seen with `noise` m per axis, among draws (M, 2); NaN with fewer than two."""
+def level_by_neighbours(xy: Floats, draws: Floats, noise: Floats | None = None) -> float:
+    """Level of `xy` (2,), seen with errors of covariance `noise` (2, 2), among draws (M, 2); NaN below two of them."""
     if len(draws) < 2:
         return float("nan")
-    spread = draws + noise * _normal_pattern(len(draws))
+    spread = draws
+    if noise is not None:
+        spread = draws + _normal_pattern(len(draws)) @ np.linalg.cholesky(noise + FINEST**2 * np.eye(2)).T
     far, own = _distances(spread, np.vstack([xy[None], spread]))
     # of as many others as each draw has: its own place is one of its neighbours
     return float(np.mean(own[1:] < far[0]))

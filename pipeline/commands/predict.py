@@ -13,8 +13,8 @@ from rich.table import Table as Grid
 
 from models.errors import OptionError
 from models.hindsight import hindsight
-from models.outlook import outlook_at
 from models.prediction import DRAWS, Prediction, predict
+from models.present import outlook_at
 from models.regions import outlyingness
 from models.tracks import Tracks
 from pipeline.chain import refuse_closed

@@ -11,8 +11,9 @@ import pytest
 from models.errors import TrackError
 from models.fit import Trust
 from models.hindsight import hindsight
-from models.outlook import PER_BALL, SHARED, Outlook, outlook_at
+from models.outlook import PER_BALL, SHARED, Outlook
 from models.prediction import Prediction, predict
+from models.present import outlook_at
 from models.scene import Camera, Scene, Table
 from models.tracks import Tracks
 

@@ -45,7 +45,7 @@ def test_noise_of_the_sighting_widens_the_region() -> None:
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     around = 1e-3 * np.column_stack([np.cos(angle), np.sin(angle)])
     assert all(level_by_neighbours(there, draws) == 1.0 for there in around)
-    levels = [level_by_neighbours(there, draws, noise=1e-3) for there in around]
+    levels = [level_by_neighbours(there, draws, noise=1e-6 * np.eye(2)) for there in around]
     assert np.mean(levels) == pytest.approx(1 - np.exp(-0.5), abs=0.05)
 
 
