@@ -13,6 +13,9 @@ from models.springs import Floats, Ints, Springs, flow, steps_for
 FARTHEST = 10.0
 """typical distances that a particle may fly between two samples; a search that goes farther has gone astray."""
 
+MOST_STEPS = 100
+"""from one sample to the next: what is too stiff for them diverges, and the search turns back."""
+
 
 @dataclass(frozen=True, slots=True)
 class SpringChain:
@@ -76,7 +79,8 @@ class SpringChain:
         speed = 2 * float(np.abs(states[:, len(free) // 2 :]).max(initial=0.0))
         speed = min(speed, FARTHEST * self.units.length / self.units.span)
         graph, inputs = self.at(shared), np.concatenate([free, self.layout.inputs])
-        moved = flow(graph, whole[:-1], self.spans, inputs, steps_for(graph, self.spans, speed))
+        steps = np.minimum(steps_for(graph, self.spans, speed), MOST_STEPS)
+        moved = flow(graph, whole[:-1], self.spans, inputs, steps)
         size = len(free)
         by_input = moved.slopes[:, free, size:] * self.layout.slope(shared)[self.layout.owner]
         bonds, bonds_by_all = self._bonds(whole)
