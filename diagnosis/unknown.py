@@ -18,7 +18,7 @@ from diagnosis.fitting import Fitted, Told
 
 SUSPICIOUS = 0.005
 """chance below which something is left."""
-EXPLAINED = 0.9
+EXPLAINED = 0.97
 """share of what was systematic that effects must explain to be named although something is left."""
 _PRIOR_ODDS = 0.1
 
