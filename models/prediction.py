@@ -23,7 +23,7 @@ from models.windows import SENSITIVE
 
 Floats = NDArray[np.float64]
 Meeting = tuple[str, str, str]
-"""Kind (ball, cushion, pocket), ball, and what it meets."""
+"""Kind (ball, cushion, pocket, rest), ball, and what it meets; nothing for a rest."""
 
 DRAWS = 256
 """Courses of the ensemble: shares are known to 3 %."""
@@ -107,7 +107,8 @@ def predict(look: Outlook, t: Floats, seed: int = 0, draws: int = DRAWS) -> Pred
     chosen = ensemble[:, None, None]
     return Prediction(
         look, t, np.where(chosen, mean[..., :2], places[..., :2]), np.where(chosen, mean[..., 2:], places[..., 2:]),
-        np.where(chosen[..., None], spread, covariance), ensemble, states[..., :2], _foretold(look, order),
+        np.where(chosen[..., None], spread, covariance), ensemble, states[..., :2],
+        _foretold(look, order, _rests(look, after, states)),
         tuple(_first(order, ball) for ball in range(len(look.ids))),
     )  # fmt: skip
 
@@ -201,9 +202,25 @@ def _parting(one: list[list[tuple[float, Meeting]]], other: list[list[tuple[floa
     return parted
 
 
-def _foretold(look: Outlook, order: list[list[list[tuple[float, Meeting]]]]) -> tuple[Foretold, ...]:
+def _rests(look: Outlook, after: Floats, states: Floats) -> dict[Meeting, list[float]]:
+    """When (s after the outlook) balls come to rest for good, one time per course where they do; to the next of the
+    moments that are asked for."""
+    moves = (states[..., 2] != 0) | (states[..., 3] != 0)  # a potted ball, NaN, never rests
+    found: dict[Meeting, list[float]] = {}
+    for ball, name in enumerate(look.ids):
+        moved = moves[..., ball]
+        stopped = moved.any(axis=1) & ~moved[:, -1]
+        first = moved.shape[1] - np.argmax(moved[stopped][:, ::-1], axis=1)
+        if stopped.any():
+            found[("rest", name, "")] = after[first].tolist()
+    return found
+
+
+def _foretold(
+    look: Outlook, order: list[list[list[tuple[float, Meeting]]]], rests: dict[Meeting, list[float]]
+) -> tuple[Foretold, ...]:
     """What happens in at least `RARE` of the courses; two balls are named in the order of the clip."""
-    times: dict[Meeting, list[float]] = {}
+    times = dict(rests)
     for course in order:
         seen: dict[Meeting, float] = {}
         for t, what in (meeting for ball in course for meeting in ball):

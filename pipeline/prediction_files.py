@@ -136,7 +136,11 @@ def sentence(found: Prediction, k: int) -> str:
     potted = 1 - float(found.on_table[-1, k])
     if potted >= SURE:
         return f"{begin}, and is potted."
-    end = f"; at {found.t[-1]:.2f} s it is at {_place(found.path[-1, k])} ± {1e3 * found.sigma[-1, k]:.0f} mm"
+    rest = next((one for one in found.foretold if one.meeting == ("rest", name, "")), None)
+    when = f"at {found.t[-1]:.2f} s it is at"
+    if rest is not None and rest.probability >= 0.5:
+        when = f"it rests from {rest.t:.2f} s on{_surely(rest.probability)} at"
+    end = f"; {when} {_place(found.path[-1, k])} ± {1e3 * found.sigma[-1, k]:.0f} mm"
     return begin + end + (f" unless it is potted ({potted:.0%})." if potted >= 0.02 else ".")
 
 

@@ -115,6 +115,15 @@ def test_a_potted_ball_is_on_the_table_no_more() -> None:
     assert [(one.meeting, one.probability) for one in found.foretold] == [(("pocket", "a", "top-left"), 1.0)]
 
 
+def test_a_ball_comes_to_rest_when_friction_has_used_its_speed() -> None:
+    t = np.linspace(0, 3, 301)
+    found = predict(outlook_of([(0.4, 0.6, 0.2, 0.0)], [(1e-4, 0.0)]), 1.0 + t)
+    (rest,) = found.foretold
+    assert (rest.meeting, rest.probability) == (("rest", "a", ""), 1.0)
+    assert rest.t == pytest.approx(1.0 + 0.2 / (MU * G), abs=0.01)
+    assert found.path[-1, 0, 0] == pytest.approx(0.4 + 0.2**2 / (2 * MU * G), abs=1e-6)
+
+
 def test_one_seed_gives_one_prediction_and_another_seed_another() -> None:
     look = outlook_of([(0.5, 0.6, 0.9, 0.0), (1.2, 0.63, 0.0, 0.0)], [(2e-3, 1e-2), (1e-4, 0.0)])
     one, same, other = (predict(look, 1.0 + np.linspace(0, 2, 5), seed).courses for seed in (3, 3, 4))
