@@ -143,24 +143,37 @@ def counts(windows: tuple[Ahead, ...]) -> Floats:
 
 
 def closing(
-    windows: tuple[Ahead, ...], before: Floats, after: Floats, floor: Floats, rng: np.random.Generator
+    windows: tuple[Ahead, ...],
+    before: Floats,
+    after: Floats,
+    floor: Floats,
+    rng: np.random.Generator,
+    limit: float = 1.0,
 ) -> Closing:
-    """From sums of squares (W,) of each window; the interval by drawing windows again, block by block."""
+    """From sums of squares (W,) of each window; the interval by drawing windows again, block by block.
+
+    A share lies within -`limit` and `limit`: the part of one effect among several may be more than the whole.
+    """
     count = counts(windows)
     if not count.sum():
         return Closing(float("nan"), float("nan"), float("nan"), float("nan"), (float("nan"), float("nan")), False)
     total = count.sum()
-    b, a, f = (max(float(one.sum() / total), 0.0) for one in (before, after, floor))
+    b, a, f = (float(one.sum() / total) for one in (before, after, floor))
     drawn = _drawn(windows, rng)
     excess = drawn @ (before - floor)
     resolved = bool(np.quantile(drawn @ (before - _BEYOND * floor), _INTERVAL[0]) > 0)
     if not resolved:
-        return Closing(float(np.sqrt(b)), float(np.sqrt(a)), float(np.sqrt(f)), float("nan"), (-1.0, 1.0), False)
-    closed = float(np.clip((b - a) / (b - f), -1, 1))
-    ratios = np.clip(drawn @ (before - after) / np.maximum(excess, 1e-300), -1, 1)
+        return Closing(*_roots(b, a, f), float("nan"), (-1.0, 1.0), False)
+    closed = float(np.clip((b - a) / (b - f), -limit, limit))
+    ratios = np.clip(drawn @ (before - after) / np.maximum(excess, 1e-300), -limit, limit)
     low, high = np.quantile(ratios, _INTERVAL)
     interval = (min(float(low), closed), max(float(high), closed))
-    return Closing(float(np.sqrt(b)), float(np.sqrt(a)), float(np.sqrt(f)), closed, interval, True)
+    return Closing(*_roots(b, a, f), closed, interval, True)
+
+
+def _roots(*squares: float) -> tuple[float, float, float]:
+    before, after, floor = (float(np.sqrt(max(one, 0.0))) for one in squares)
+    return before, after, floor
 
 
 def _drawn(windows: tuple[Ahead, ...], rng: np.random.Generator) -> Floats:

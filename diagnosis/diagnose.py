@@ -267,7 +267,7 @@ def _per_effect(
 
     found = []
     for name, part in shares(names, squares_with).items():
-        one = closing(windows, before, before - part, floor, rng)
+        one = closing(windows, before, before - part, floor, rng, limit=float("inf"))
         found.append(EffectShare(name, one.closed, one.interval))
     return tuple(found)
 
