@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.billiards.motion import kinematics
+from models.cascades import SLOW
 from models.contacts import INWARD, NEAR_CUSHION, cushion_distances
-from models.encounters import SLOW, doubtful, with_encounters
+from models.encounters import doubtful, with_encounters
 from models.refinement import refine
 from models.scene import CUSHIONS, Table
 from models.solution import Data, Solution, end_state, owners

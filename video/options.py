@@ -1,4 +1,4 @@
-"""What can be chosen where the table is found and the slow motion drawn: light to import, the command line is made from it."""
+"""What can be chosen where the table is found and the slow motion drawn; light to import, for the command line."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ POOL = Pockets(0.028575, Mouth(0.1159, 38.0, 0.003, 0.038, 0.057), Mouth(0.1286,
 shelves 1 to 2.25 and 0 to 0.375 in; the holes are as wide as their castings."""
 SNOOKER = Pockets(0.02625, Mouth(0.0860, 42.0, 0.070, 0.045, 0.045), Mouth(0.0960, 70.0, 0.050, 0.020, 0.045))
 """Round jaws. The WPBSA's templates are not published: 3 3/8 in between the facings of a corner, the usual figure of
-makers, and radii read off photographs."""
+makers, and radii estimates."""
 
 
 @dataclass(frozen=True, slots=True)
