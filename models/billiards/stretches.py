@@ -67,6 +67,7 @@ def window_of(stretch: Stretch, guesses: bool) -> Window:
     start = packed(stretch.start, stretch.moving)
     speed = np.hypot(stretch.start[:, 2], stretch.start[:, 3])
     sigma = np.full(stretch.start.shape, np.inf)
+    sigma[~np.isfinite(stretch.xy[..., 0]).any(axis=0), :2] = 1.0  # never seen: it stays away
     sigma[:, 2:4] = FASTEST
     sigma[:, 4:6] = (SLIP * speed + AT_REST)[:, None]
     sigma[:, 6] = SIDE * speed + AT_REST
