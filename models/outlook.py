@@ -41,7 +41,8 @@ SHARED = 14
 with speed (s/m), restitution of balls, ln friction of cushions, ln decay of side spin."""
 NOSE_FRICTION = 0.18
 """Coulomb friction between ball and nose."""
-CENTRAL_LAW = "mathavan_2010"
+GRIP_SCATTER = 0.3
+"""of the grip of real cushions about that of a law."""
 RETURNED = (0.3, 0.98)
 """share of its speed with which a ball can leave a cushion."""
 
@@ -62,6 +63,13 @@ class Outlook:
     """(N,)"""
     trust: Trust
     """in the fit that it comes from."""
+    laws: Floats
+    """(L,) probabilities of `CUSHION_LAWS`."""
+
+    @property
+    def central_law(self) -> str:
+        """The most probable one."""
+        return CUSHION_LAWS[int(np.argmax(self.laws))]
 
     @property
     def places(self) -> NDArray[np.int64]:
@@ -94,6 +102,19 @@ class Outlook:
         return simulate(balls, self.table, Physics(p.copy(), NAMES, law, BALL_LAWS[2]), seconds, offsets)
 
 
+def law_probabilities(grip: float, sigma: float) -> Floats:
+    """(L,) of `CUSHION_LAWS`, by how far the cushions seen so far stopped a ball's spin about their own line."""
+    apart = np.array([_grip(law) for law in CUSHION_LAWS]) - grip
+    weight = np.exp(-0.5 * (apart**2 - (apart**2).min()) / (sigma**2 + GRIP_SCATTER**2))
+    return np.asarray(weight / weight.sum(), np.float64)
+
+
+def _grip(law: str) -> float:
+    """How far a cushion stops the spin of a ball that rolls straight into it: 0 not at all, 1 until no slip is left."""
+    speed, spin = _rolled_into(law, 0.85)
+    return (1.0 - spin) / speed
+
+
 def _restitution(law: str, returned: float) -> float:
     """The restitution by which a law sends a ball that rolls straight into a cushion back at a share of its speed."""
     grid, shares = _returns(law)
@@ -103,10 +124,15 @@ def _restitution(law: str, returned: float) -> float:
 @cache
 def _returns(law: str) -> tuple[Floats, Floats]:
     """Restitutions (G,), and the share of its speed (G,) that a ball keeps which rolls at 1 m/s into a cushion."""
-    grid, radius = np.linspace(0.2, 1.0, 41), 0.028575
-    shares = np.empty_like(grid)
-    for k, e in enumerate(grid):
-        p = neutral()
-        p[[SLIDING_MU, CUSHION_E, CUSHION_MU]] = 0.2, e, NOSE_FRICTION
-        shares[k] = -rebound(CUSHION_LAWS.index(law), 1.0, 0.0, 0.0, 1.0 / radius, 0.0, radius, 0.17, p)[0]
+    grid = np.linspace(0.2, 1.0, 41)
+    shares = np.array([_rolled_into(law, e)[0] for e in grid])
     return grid, np.asarray(np.maximum.accumulate(shares))
+
+
+def _rolled_into(law: str, e: float) -> tuple[float, float]:
+    """What a ball that rolls at 1 m/s straight into a cushion leaves with: its speed, and the surface speed of its spin
+    about the line of the cushion, which was 1."""
+    p, radius = neutral(), 0.028575
+    p[[SLIDING_MU, CUSHION_E, CUSHION_MU]] = 0.2, e, NOSE_FRICTION
+    after = rebound(CUSHION_LAWS.index(law), 1.0, 0.0, 0.0, 1.0 / radius, 0.0, radius, 0.17, p)
+    return -float(after[0]), radius * float(after[3])

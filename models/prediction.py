@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from models.billiards.engine import BALL, FIRST, HOLE, KIND, LINE, SECOND, SOFT, TIME
 from models.billiards.parameters import CUSHION_LAWS
 from models.billiards.simulate import Run
-from models.outlook import CENTRAL_LAW, Outlook
+from models.outlook import Outlook
 from models.regions import level_by_neighbours, level_of_normal
 from models.scene import CUSHIONS, POCKETS
 from models.windows import SENSITIVE
@@ -95,7 +95,7 @@ def predict(look: Outlook, t: Floats, seed: int = 0, draws: int = DRAWS) -> Pred
         raise ValueError(f"moments to predict ascend from {look.t:g} s on; got {t[:3]} ...")
     after = np.maximum(t - look.t, 0.0)
     seconds = float(max(after[-1], 1e-3)) + 1e-6
-    central = look.play(look.inputs(look.mean, CENTRAL_LAW), CENTRAL_LAW, seconds)
+    central = look.play(look.inputs(look.mean, look.central_law), look.central_law, seconds)
     runs = _drawn(look, seconds, np.random.default_rng(seed), draws)
     states = np.stack([run.at(after) for run in runs])
     places, covariance, sensitive = _linear(look, central, after, seconds)
@@ -117,7 +117,7 @@ def _drawn(look: Outlook, seconds: float, rng: np.random.Generator, draws: int) 
     """Courses from draws of all that is uncertain, the cushion law among it."""
     value, vectors = np.linalg.eigh(look.covariance)
     root = vectors * np.sqrt(np.maximum(value, 0.0))
-    laws = rng.integers(0, len(CUSHION_LAWS), draws)
+    laws = rng.choice(len(CUSHION_LAWS), draws, p=look.laws)
     numbers = look.mean + rng.standard_normal((draws, len(value))) @ root.T
     return [
         look.play(look.inputs(one, CUSHION_LAWS[law]), CUSHION_LAWS[law], seconds)
@@ -133,15 +133,10 @@ def _linear(look: Outlook, central: Run, after: Floats, seconds: float) -> tuple
     states = central.at(after)[..., :4]
     by = central.jacobian(after, central.columns)[:, :, :2] @ _slopes(look)
     covariance = by @ look.covariance @ np.swapaxes(by, 2, 3)
-    others = [
-        look.play(look.inputs(look.mean, law), law, seconds).at(after)[..., :4]
-        for law in CUSHION_LAWS
-        if law != CENTRAL_LAW
-    ]
-    laws = np.stack([states, *others])
-    path = laws.mean(axis=0)
-    apart = (laws - path)[..., :2]
-    covariance = covariance + np.einsum("ltni,ltnj->tnij", apart, apart) / len(laws)
+    each = np.stack([look.play(look.inputs(look.mean, law), law, seconds).at(after)[..., :4] for law in CUSHION_LAWS])
+    path = np.einsum("l,ltnk->tnk", look.laws, each)
+    apart = (each - path)[..., :2]
+    covariance = covariance + np.einsum("l,ltni,ltnj->tnij", look.laws, apart, apart)
     known = np.nan_to_num(by[..., look.places], nan=0.0)
     size = np.linalg.norm(known, axis=(2, 3), ord=2).max(axis=1, initial=0.0)
     lost = ~np.isfinite(covariance).all(axis=(2, 3)) & np.isfinite(states[..., 0])
@@ -153,7 +148,8 @@ def _slopes(look: Outlook) -> Floats:
     """Derivatives (9N + 17, D) of what a simulation starts from."""
     return np.stack(
         [
-            (look.inputs(look.mean + step, CENTRAL_LAW) - look.inputs(look.mean - step, CENTRAL_LAW)) / (2 * _STEP)
+            (look.inputs(look.mean + step, look.central_law) - look.inputs(look.mean - step, look.central_law))
+            / (2 * _STEP)
             for step in _STEP * np.eye(len(look.mean))
         ],
         axis=1,

@@ -26,7 +26,7 @@ from models.knowledge import (
 )
 from models.lack_of_fit import correlation_factor
 from models.noise import estimate_noise, with_noise
-from models.outlook import NOSE_FRICTION, PER_BALL, SHARED, Outlook
+from models.outlook import NOSE_FRICTION, PER_BALL, SHARED, Outlook, law_probabilities
 from models.refinement import HUBER
 from models.scene import Scene, Table
 from models.solution import Data, Solution, gather, layout, owners, residuals
@@ -46,8 +46,9 @@ SIDE_SPIN = 0.3
 LEAST_SIDE_SPIN = 0.02
 DECAY, DECAY_SIGMA = 10.0, 0.4
 """rad/s^2, and of its logarithm."""
-RETURN_SCATTER = 0.05
-"""of the restitution: what real cushions add to every law."""
+RETURN_SCATTER = 0.075
+"""of the restitution: what real cushions add to every law, 5 % of the speed, and what scatter of the spin, 12 %, comes to
+once the ball rolls."""
 NOSE_FRICTION_SIGMA = 0.4
 """of its logarithm (Marlow 1995: 0.14 to 0.2)."""
 
@@ -109,7 +110,9 @@ def outlook(
     known = by @ covariance @ by.T + np.diag(side**2)
     known[np.diag_indices(SHARED)[0] - SHARED, np.diag_indices(SHARED)[1] - SHARED] += _unseen()
     names = tuple(ids[k] for k in balls)
-    return Outlook(t, names, table, mean + by @ shift, (known + known.T) / 2, moving, trust)
+    grip = layout(story).globals + 9
+    laws = law_probabilities(float(solution.rubber[2] + shift[grip]), float(np.sqrt(covariance[grip, grip])))
+    return Outlook(t, names, table, mean + by @ shift, (known + known.T) / 2, moving, trust, laws)
 
 
 def _inflated(solution: Solution, factor: float) -> Floats:

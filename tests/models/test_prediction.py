@@ -8,10 +8,11 @@ from math import erf, sqrt
 import numpy as np
 import pytest
 
+from models.billiards.parameters import CUSHION_LAWS
 from models.errors import TrackError
 from models.fit import Trust
 from models.hindsight import hindsight
-from models.outlook import PER_BALL, SHARED, Outlook
+from models.outlook import PER_BALL, SHARED, Outlook, law_probabilities
 from models.prediction import Prediction, predict
 from models.present import outlook_at
 from models.scene import Camera, Scene, Table
@@ -32,7 +33,7 @@ def outlook_of(balls: list[tuple[float, float, float, float]], sigma: list[tuple
     mean[-SHARED:] = np.log(0.2), np.log(MU), 0, 0, 1, 0, 0, 0, 0, 0.75, 0, 0.95, np.log(0.18), np.log(10.0)
     moving = np.array([state[2] != 0 or state[3] != 0 for state in balls])
     ids = tuple("abcdef"[: len(balls)])
-    return Outlook(1.0, ids, TABLE, mean, np.diag(spread**2), moving, GREEN)
+    return Outlook(1.0, ids, TABLE, mean, np.diag(spread**2), moving, GREEN, np.full(4, 0.25))
 
 
 def rolled(v: float, t: np.ndarray) -> np.ndarray:
@@ -122,6 +123,15 @@ def test_a_ball_comes_to_rest_when_friction_has_used_its_speed() -> None:
     assert (rest.meeting, rest.probability) == (("rest", "a", ""), 1.0)
     assert rest.t == pytest.approx(1.0 + 0.2 / (MU * G), abs=0.01)
     assert found.path[-1, 0, 0] == pytest.approx(0.4 + 0.2**2 / (2 * MU * G), abs=1e-6)
+
+
+def test_cushions_that_let_the_spin_pass_speak_for_the_mirror() -> None:
+    free, gripping, unknown = law_probabilities(0.0, 0.1), law_probabilities(1.2, 0.1), law_probabilities(0.5, 0.5)
+    mirror = CUSHION_LAWS.index("mirror")
+    assert free[mirror] > 0.8
+    assert gripping[mirror] < 0.05
+    assert np.all(unknown > 0.1)
+    assert free.sum() == pytest.approx(1.0)
 
 
 def test_one_seed_gives_one_prediction_and_another_seed_another() -> None:
