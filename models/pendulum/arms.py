@@ -23,7 +23,7 @@ LIKELY = np.array([0.35, 0.3, 70.0, 25.0, 0.05, 0.02, 0.0, 0.0, 0.0, 0.0])
 """of arms of a hand's length."""
 CREEP = 0.05
 """rad/s below which dry friction turns over smoothly."""
-RADIANS_PER_STEP = 0.4
+RADIANS_PER_STEP = 0.2
 """an arm may turn in one step."""
 SLOWEST = 8.0
 """rad/s that steps are made for at least: how fast short arms swing."""
