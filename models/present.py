@@ -47,8 +47,8 @@ LEAST_SIDE_SPIN = 0.02
 DECAY, DECAY_SIGMA = 10.0, 0.4
 """rad/s^2, and of its logarithm."""
 RETURN_SCATTER = 0.075
-"""of the restitution: what real cushions add to every law, 5 % of the speed, and what scatter of the spin, 12 %, comes to
-once the ball rolls."""
+"""of the restitution: what real cushions add to every law, 5 % of the speed, and what scatter of the spin, 12 %, comes
+to once the ball rolls."""
 NOSE_FRICTION_SIGMA = 0.4
 """of its logarithm (Marlow 1995: 0.14 to 0.2)."""
 
