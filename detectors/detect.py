@@ -28,7 +28,7 @@ SIZE_PICTURES = 3
 """Pictures in which the size of the balls is checked."""
 AUTO: Literal["hough", "onnx"] = "hough"
 """What `auto` takes."""
-AUTO_REASON = "hough"
+AUTO_REASON = "hough: the network still sees a little less on broadcast clips and streaks, docs/detectors.md"
 """Why, in a few words; the figures are those of benchmarks/detectors.py, in docs/detectors.md."""
 
 

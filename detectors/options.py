@@ -13,6 +13,6 @@ class DetectOptions:
     detector: Literal["auto", "hough", "onnx"] = "auto"
     """Which detector: hough needs no network, auto takes the best one there is."""
     model: str | None = None
-    """File of an ONNX ball detector, for the onnx detector."""
+    """File of an ONNX ball detector, for the onnx detector; the project's own where none is named."""
     quick: bool = False
     """Learn the empty table from fewer pictures."""

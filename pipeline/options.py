@@ -121,8 +121,6 @@ def collect(values: dict[str, Any]) -> RunOptions:
             except ValueError as error:
                 raise OptionError(f"{setting.flag} {values[name]} cannot be used: {error}") from error
             options = replace(options, **{part: changed})
-    if options.detect.detector == "onnx" and options.detect.model is None:
-        raise OptionError("--detector onnx needs a network: name its file with --model, or use --detector hough")
     return options
 
 

@@ -145,7 +145,7 @@ def test_the_same_picture_gives_the_same_bytes() -> None:
     assert first.sigma.tobytes() == second.sigma.tobytes()
 
 
-def test_onnx_is_refused_in_one_sentence() -> None:
+def test_a_network_that_is_not_there_is_refused_in_one_sentence() -> None:
     blank = np.full((HEIGHT, WIDTH, 3), CLOTH, dtype=np.uint8)
-    with pytest.raises(ModelError, match="onnx"):
-        detect_in_picture(blank, drawn_scene(), DetectOptions(detector="onnx"))
+    with pytest.raises(ModelError, match=r"none\.onnx"):
+        detect_in_picture(blank, drawn_scene(), DetectOptions(detector="onnx", model="none.onnx"))
