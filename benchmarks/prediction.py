@@ -111,6 +111,8 @@ def judged(
 
 
 def tell(title: str, cases: list[Case]) -> None:
+    if not cases:
+        return
     print(f"\n## {title}\n")
     print("| ahead s | by | balls | does not move mm | keeps its velocity mm | predicted mm (median) "
           "| promised sigma mm | in the 50 % region | in the 90 % region |")  # fmt: skip
@@ -123,8 +125,7 @@ def tell(title: str, cases: list[Case]) -> None:
                           for name in ("stays", "straight", "error", "sigma")]  # fmt: skip
                 print(f"| {ahead:g} | {'ensemble' if ensemble else 'derivatives'} | {len(own)} | {' | '.join(middle)} "
                       f"| {held(own, 0.5)} | {held(own, 0.9)} |")  # fmt: skip
-    if cases:
-        print(f"\nall {len(cases)}: in the 50 % region {held(cases, 0.5)}, in the 90 % region {held(cases, 0.9)}")
+    print(f"\nall {len(cases)}: in the 50 % region {held(cases, 0.5)}, in the 90 % region {held(cases, 0.9)}")
 
 
 def held(cases: list[Case], share: float) -> str:

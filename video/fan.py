@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.scene import Table
 from video.inset import SHIFT, SUPERSAMPLE, Inset
-from video.palette import WHITE, Colour, mix
+from video.palette import INK, WHITE, Colour, mix
 from video.plan import draw_plan
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Fan:
 
 
 def draw_fans(table: Table, fans: Sequence[Fan], title: str) -> Picture:
-    """A still (h, w, 3): shaded the ways of the middle 90 and 50 % of the courses, white the mean, dots what came."""
+    """A still (h, w, 3): the ways of the middle 90 and 50 % of the courses, the mean in white, dark dots what came."""
 
     def below(inset: Inset, colours: Sequence[Colour]) -> None:
         for fan, colour in zip(fans, colours, strict=True):
@@ -52,7 +52,7 @@ def draw_fans(table: Table, fans: Sequence[Fan], title: str) -> Picture:
             _line(inset, fan.mean, mix(colour, WHITE, 0.6))
             for place in fan.after[np.isfinite(fan.after).all(axis=1)]:
                 cv2.circle(
-                    inset.ground, inset.plan(place).tolist(), 2 * SUPERSAMPLE << SHIFT, colour, -1, cv2.LINE_AA, SHIFT
+                    inset.ground, inset.plan(place).tolist(), 2 * SUPERSAMPLE << SHIFT, INK, -1, cv2.LINE_AA, SHIFT
                 )
 
     return draw_plan(table, [fan.name for fan in fans], [fan.seen for fan in fans], np.empty((0, 2)), title, below)
