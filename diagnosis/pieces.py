@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from diagnosis.fitting import Fitted, Question, fit, model_of
@@ -10,6 +12,10 @@ from models.windows import sensitive_from
 
 LEAST = 8
 """rows of a piece"""
+SHORT = 0.5
+"""s of a piece in which hardly anything happens"""
+_EXPLAINS = 4.0
+"""lack of fit up to which a fit is believed"""
 _LOST = 30.0
 """standard deviations, in the middle of a window, from which the model has lost what was seen."""
 _ROUNDS = 3
@@ -32,13 +38,39 @@ def fit_adaptively(
     pieces = stretches(question, recordings)
     if not pieces:
         raise ValueError(f"a diagnosis needs shots of at least {LEAST} pictures; there is none")
-    found = fit(question, pieces, names, forms, guess)
+    found = _fit_whole(question, pieces, names, forms, guess)
     for _ in range(_ROUNDS):
         shorter = _shorter(question, found)
         if len(shorter) == len(found.pieces):
             break
         found = fit(question, shorter, names, forms, found.shared)
     return found
+
+
+def _fit_whole(
+    question: Question,
+    pieces: tuple[Recording, ...],
+    names: tuple[str, ...],
+    forms: tuple[str, ...] | None,
+    guess: Floats | None,
+) -> Fitted:
+    """The better of two fits: from the guess, and, where that explains little, from what short pieces tell, in which
+    hardly anything can happen in a wrong order."""
+    found = fit(question, pieces, names, forms, guess)
+    if found.lack < _EXPLAINS:
+        return found
+    short = tuple(part for piece in pieces for part in _parts(piece))
+    if len(short) == len(pieces):
+        return found
+    told = fit(question, short, names, forms, guess)
+    return min((found, fit(question, pieces, names, forms, told.shared)), key=lambda one: one.cost)
+
+
+def _parts(piece: Recording) -> list[Recording]:
+    """Pieces of about SHORT seconds each."""
+    count = min(round(float(piece.t[-1] - piece.t[0]) / SHORT), len(piece.t) // LEAST)
+    ends = np.linspace(0, len(piece.t), max(count, 1) + 1).astype(int)
+    return [piece.rows(int(first), int(last)) for first, last in pairwise(ends)]
 
 
 def _shorter(question: Question, fitted: Fitted) -> tuple[Recording, ...]:

@@ -18,8 +18,9 @@ from diagnosis.fitting import Fitted, Told
 
 SUSPICIOUS = 0.005
 """chance below which something is left."""
-EXPLAINED = 0.97
-"""share of what was systematic that effects must explain to be named although something is left."""
+EXPLAINED = 0.98
+"""share of what was systematic that effects must explain to be named although something is left: what a signature does
+that correlates with the true one by 0.99."""
 _PRIOR_ODDS = 0.1
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from models.billiards.gap import USUAL_MODEL, Picture, billiards_scene
+from models.billiards.tables import nearest_preset
 from models.errors import OptionError
 from models.flight.gap import flight_scene
 from models.gap_scene import GapScene
 from models.pendulum.gap import pendulum_scene
+from models.scene import Table
 from models.slide.gap import slide_scene
-from pipeline.track_folder import TrackFolder
+from pipeline.track_folder import SceneEntry, TrackFolder
 
 
 def open_scene(folder: TrackFolder) -> GapScene:
@@ -30,4 +35,27 @@ def _scene(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:
         return flight_scene(count, folder.entry.gravity, assumed)
     if folder.entry.scene == "pendulum":
         return pendulum_scene(count, assumed)
-    raise OptionError(f"{folder.entry.scene} cannot be diagnosed yet; flight, pendulum and slide can")
+    return _billiards(folder)
+
+
+def _billiards(folder: TrackFolder) -> GapScene:
+    """Whole shots; the table from scene.json, the balls of the nearest table that is sold where it does not say."""
+    entry = folder.entry
+    if entry.table is None or entry.table.length < entry.table.width:
+        raise OptionError("billiards needs table.length and table.width in scene.json, the length being the longer")
+    length, width = entry.table.length, entry.table.width
+    sold = nearest_preset(length)
+    radius = entry.ball_radius or sold.ball_radius
+    mass = sold.ball_mass * (radius / sold.ball_radius) ** 3
+    table = Table(f"{length:g}x{width:g}", sold.game, length, width, radius, mass, False)
+    assumed = USUAL_MODEL if entry.model is None else tuple(entry.model)
+    return billiards_scene(table, folder.recordings, _picture(entry), assumed)
+
+
+def _picture(entry: SceneEntry) -> Picture | None:
+    """How the table lies in the picture; None where nothing is said."""
+    image = entry.image
+    if image is None:
+        return None
+    size, origin = np.array([image.width_px, image.height_px]), np.array(image.origin_px)
+    return Picture((size / 2 - origin) / image.px_per_m, image.height_px / image.px_per_m, image.px_per_m)
