@@ -19,6 +19,7 @@ from models.fitting import fit_and_solution
 from models.knowledge import (
     BALL_RESTITUTION,
     DIAMETER_SIGMA,
+    NOSE_SCATTER,
     NOSE_SIGMA,
     ROLLING_PRIOR,
     RUBBER_SIGMA,
@@ -41,9 +42,11 @@ NOISY_FROM = 0.1
 """m/s: balls that move faster tell the noise."""
 WORST_FIT = 30.0
 """factor on variances beyond which a fit is no worse, only wrong."""
-SIDE_SPIN = 0.3
-"""standard deviation of the surface speed of side spin after a contact, over the speed of the ball."""
-LEAST_SIDE_SPIN = 0.02
+SIDE_SPIN = 0.5
+"""standard deviation of the surface speed of side spin after a contact, over the speed of the ball: a nose that sticks
+gives 5/7 of the speed along it, a cue up to 5/4."""
+LEAST_SIDE_SPIN = 0.05
+"""the same, however long ago."""
 DECAY, DECAY_SIGMA = 10.0, 0.4
 """rad/s^2, and of its logarithm."""
 RETURN_SCATTER = 0.075
@@ -192,6 +195,7 @@ def _unseen() -> Floats:
     variance = np.zeros(SHARED)
     # what short stretches of an uneven cloth come to over a second, as one slope
     variance[2:4] = 4 / 3 * PIECE * (UNEVENNESS / _per_slope()) ** 2
+    variance[5:9] = NOSE_SCATTER**2
     variance[9] = RETURN_SCATTER**2
     variance[11:] = BALL_RESTITUTION[1] ** 2, NOSE_FRICTION_SIGMA**2, DECAY_SIGMA**2
     return variance
