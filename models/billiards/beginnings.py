@@ -58,7 +58,7 @@ def _path(t: Floats, xy: Floats, sigma: Floats, degree: int) -> tuple[Floats, fl
     """Coefficients (degree + 1, 2) of powers of t, and chi2."""
     design = np.vander(t, degree + 1, increasing=True) / sigma[:, None]
     curve = np.linalg.lstsq(design, xy / sigma[:, None], rcond=None)[0]
-    return curve, float(np.square(design @ curve - xy / sigma[:, None]).sum())
+    return np.asarray(curve, np.float64), float(np.square(design @ curve - xy / sigma[:, None]).sum())
 
 
 def moves(xy: Floats, sigma: Floats) -> Mask:
