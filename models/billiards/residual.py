@@ -8,8 +8,9 @@ Physics stays what it was wherever the network says nothing, and what it says is
   turn the ball as a force at its surface does. A ball never leaves with more energy than it came with.
 
 The correction acts in the middle of short steps between which the ball moves in closed form (Strang 1968,
-doi:10.1137/0705041): second order in the step, and exact where the network is silent. It is Chen 2022's network that
-learns what the equations lack (section 2.2), held to what a cloth and a cushion can do.
+doi:10.1137/0705041): exact where the network is silent, else with an error of the step times the square of the
+correction. It is Chen 2022's network that learns what the equations lack (section 2.2), held to what a cloth and a
+cushion can do.
 """
 
 from __future__ import annotations
@@ -63,8 +64,21 @@ def network(w, inputs, hidden, outputs, found):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def correct_cloth(s, h, radius, p, w, size):  # type: ignore[no-untyped-def]
-    """Change the state s (7,) by what the network adds to the cloth during h (s); size is the table's (2,) m."""
+def rolled(s, h, radius, p):  # type: ignore[no-untyped-def]
+    """Share of the time h (s) from the state s (7,) in which the ball rolls."""
+    sliding = slip(s, radius)[2]
+    if sliding.real <= NO_SLIP:
+        return 0.0 * sliding + 1.0
+    share = 1.0 - 2.0 / 7.0 * sliding / (p[SLIDING_MU] * GRAVITY * h)
+    return share if share.real > 0.0 and h.real > 0.0 else 0.0 * sliding
+
+
+@compiled
+def correct_cloth(s, h, share, radius, p, w, size):  # type: ignore[no-untyped-def]
+    """Change the state s (7,) by what the network adds to the cloth during h (s); size is the table's (2,) m.
+
+    `share` of the time before was rolled: the correction of rolling friction must not outweigh what it corrects.
+    """
     speed = np.sqrt(s[2] * s[2] + s[3] * s[3])
     if len(w) == 0 or speed.real <= NO_SLIP:
         return
@@ -87,7 +101,8 @@ def correct_cloth(s, h, radius, p, w, size):  # type: ignore[no-untyped-def]
         s[2], s[3] = vx + rub * ux, vy + rub * uy
         s[4], s[5] = s[4] + 2.5 / radius * rub * uy, s[5] - 2.5 / radius * rub * ux
         return
-    s[2], s[3] = vx * (1.0 - more * rolling), vy * (1.0 - more * rolling)
+    slow = more * rolling * share
+    s[2], s[3] = vx * (1.0 - slow), vy * (1.0 - slow)
     s[4], s[5] = -s[3] / radius, s[2] / radius
 
 
@@ -136,8 +151,9 @@ def stride(s, h, radius, p, w, size, rows, phases):  # type: ignore[no-untyped-d
     if len(w) == 0:
         drift(s, h, radius, p, rows, phases)
         return
+    share = rolled(s, 0.5 * h, radius, p)
     drift(s, 0.5 * h, radius, p, rows, phases)
-    correct_cloth(s, h, radius, p, w, size)
+    correct_cloth(s, h, share, radius, p, w, size)
     drift(s, 0.5 * h, radius, p, rows, phases)
 
 
