@@ -23,6 +23,8 @@ from video.training_pictures import filmed
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 LEAST_VISIBLE = 0.5
 """Share of a drawn ball that must be seen for it to be asked for."""
+PICTURES_PER_HALL = 3
+"""Drawn pictures of one table, which the detectors learn the empty table from as well."""
 LEARNT_FROM = 9
 """Pictures of a clip that the detectors learn the empty table from."""
 CAROM_EVERY = 12
@@ -50,16 +52,17 @@ class Case:
 def drawn_cases(count: int, seed: int = 4242) -> Iterator[Case]:
     """Whole tables in held-out halls, 854 to 1920 px wide, `count` pictures."""
     rng = np.random.default_rng(seed)
-    for number in range(0, count, 2):
-        width = (854, 1280, 1920)[number // 2 % 3]
+    for number in range(0, count, PICTURES_PER_HALL):
+        width = (854, 1280, 1920)[number // PICTURES_PER_HALL % 3]
         hall = whole_table(rng, random_hall(rng, 160, held_out=True), width, width * 9 // 16)
         view = make_view(hall.table, hall.camera, hall.look, hall.balls, exposure=1.0, samples=1)
         lab = cv2.cvtColor(np.array([[hall.look.cloth]], np.float32), cv2.COLOR_RGB2LAB)[0, 0].astype(np.float64)
         scene = Scene(hall.table, hall.camera, lab, ())
-        shots = [filmed(rng, hall, view) for _ in range(2)]
+        shots = [filmed(rng, hall, view) for _ in range(PICTURES_PER_HALL)]
+        learnt = [(k, shot.rgb) for k, shot in enumerate(shots)]
         for shot in shots:
             on = shot.visible >= LEAST_VISIBLE
-            yield Case(scene, [(0, shot.rgb)], shot.rgb, 0, shot.centre, shot.radius, shot.streak, on)
+            yield Case(scene, learnt, shot.rgb, 0, shot.centre, shot.radius, shot.streak, on)
 
 
 def whole_table(rng: np.random.Generator, hall: Hall, width: int, height: int) -> Hall:
