@@ -14,11 +14,11 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 MINUTES = 10
 
 
-def commands() -> list[str]:
+def blocks() -> list[list[str]]:
     """The commands of the console blocks, without prompt and comment."""
-    blocks = re.findall(r"```console\n(.*?)```", README, re.DOTALL)
-    lines = [line for block in blocks for line in block.splitlines() if line.startswith("$ ")]
-    return [re.sub(r"\s+# .*$", "", line).removeprefix("$ ").strip() for line in lines]
+    found = re.findall(r"```console\n(.*?)```", README, re.DOTALL)
+    lines = [[line for line in block.splitlines() if line.startswith("$ ")] for block in found]
+    return [[re.sub(r"\s+# .*$", "", line).removeprefix("$ ").strip() for line in block] for block in lines]
 
 
 @pytest.fixture(scope="module")
@@ -50,31 +50,37 @@ def type_in(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def to_type() -> list[object]:
-    """Every command but `make test`, which is what runs this; `make run` takes minutes, so `.ci/run` asks for it."""
-    slow = {"make run": [pytest.mark.slow]}
-    return [pytest.param(command, marks=slow.get(command, [])) for command in commands() if command != "make test"]
+    """Every block without `make test`, which is what runs this; `make run` takes minutes, so `.ci/run` asks for it."""
+    typed = [[command for command in block if command != "make test"] for block in blocks()]
+    return [
+        pytest.param(block, marks=[pytest.mark.slow] if "make run" in block else [], id=block[0])
+        for block in typed if block
+    ]  # fmt: skip
 
 
-@pytest.mark.parametrize("command", to_type())
-def test_a_command_of_the_readme_works(command: str, checkout: Path) -> None:
+@pytest.mark.parametrize("block", to_type())
+def test_a_block_of_the_readme_works_from_top_to_bottom(block: list[str], checkout: Path) -> None:
     if not set_up_by_make():
         pytest.skip("the environment was not set up by make, and the README's commands need that; run make test")
-    done = type_in(command, checkout)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "Traceback" not in done.stderr
-    named = re.search(r"-o (\S+)", command)
-    made = checkout / (named.group(1) if named else "out")
-    if command == "make run":
-        clips = sorted(path.name for path in (ROOT / "sample_videos").glob("*.mp4"))
-        assert len(list(made.glob("*/slow.mp4"))) == len(clips)
-        assert "slow.mp4" in done.stdout, "it says where to look"
-    elif " run " in command:
-        assert (made / "slow.mp4").stat().st_size > 0
-        assert (made / "report.html").stat().st_size > 0
+    for command in block:
+        done = type_in(command, checkout)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "Traceback" not in done.stderr
+        named = re.search(r"-o (\S+)", command)
+        made = checkout / (named.group(1) if named else "out")
+        if command == "make run":
+            clips = sorted(path.name for path in (ROOT / "sample_videos").glob("*.mp4"))
+            assert len(list(made.glob("*/slow.mp4"))) == len(clips)
+            assert "slow.mp4" in done.stdout, "it says where to look"
+        elif " run " in command:
+            assert (made / "slow.mp4").stat().st_size > 0
+            assert (made / "report.html").stat().st_size > 0
+        elif " simulate " in command:
+            assert (made / "trajectory.csv").stat().st_size > 0
 
 
 def test_the_readme_names_the_two_commands_first() -> None:
-    assert commands()[:2] == ["make run", "make test"]
+    assert blocks()[0] == ["make run", "make test"]
 
 
 def test_its_picture_is_there() -> None:
