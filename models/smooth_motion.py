@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
+import numba
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from models.effects.effect import EffectKind, Prior
@@ -43,11 +44,16 @@ class SceneEffect:
     kind: EffectKind = "physics"
 
 
+def compiled_here(function: Callable[..., Any]) -> Any:
+    """Decorator of a function that holds values of the one around it: every process compiles it anew."""
+    return numba.njit(error_model="numpy", nogil=True)(function)
+
+
 def marcher(force: Force) -> March:
     """States (T, 2D, n) from n starts (2D, n) with n sets of parameters (P, n), at t (T,), in steps of at most so
     many seconds."""
 
-    @njit
+    @compiled_here
     def march(start, parameters, t, longest):  # type: ignore[no-untyped-def]
         size, count = start.shape
         half = size // 2
@@ -69,7 +75,8 @@ def marcher(force: Force) -> March:
                 states[k, :, i] = now
         return states
 
-    return march
+    found: March = march
+    return found
 
 
 @dataclass(frozen=True)
@@ -139,7 +146,7 @@ class SmoothModel:
         starts[np.arange(size), :, np.arange(size)] += 1j * _STEP
         parameters[asked, :, size + np.arange(len(asked))] += 1j * _STEP
         flat = self.scene.march(starts.reshape(size, -1), parameters.reshape(len(shared), -1), piece.t, LONGEST)
-        states = np.asarray(flat).reshape(len(piece.t), size, bodies, columns)
+        states = np.asarray(flat, np.complex128).reshape(len(piece.t), size, bodies, columns)
         return self._flow(piece, states[:, : size // 2], size, asked, len(shared))
 
     def _flow(

@@ -109,7 +109,7 @@ def _plots(gap: Gap) -> list[tuple[str, str]]:
 
 def _worst(gap: Gap) -> int:
     errors = [_misses(gap, k, gap.before)[1] for k in range(len(gap.windows))]
-    return int(np.argmax([np.nanmean(one) if len(one) else 0.0 for one in errors]))
+    return int(np.argmax([float(np.mean(one)) if len(one) else 0.0 for one in errors]))
 
 
 def _misses(gap: Gap, window: int, paths: tuple[Floats, ...]) -> tuple[Floats, Floats, Floats]:

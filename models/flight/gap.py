@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from models.effects.effect import Prior
-from models.smooth_motion import Force, Numbers, SceneEffect, SmoothScene, marcher
+from models.smooth_motion import Force, Numbers, SceneEffect, SmoothScene, compiled_here, marcher
 
 STILL = 1e-3
 """m/s below which drag by the square of speed fades out."""
@@ -47,7 +46,7 @@ LEAST_DRAG = 0.1
 def force_of(coordinates: int, gravity: float) -> Force:
     """Acceleration by gravity (m/s2), drags, lift and wind, in the order of `effects`."""
 
-    @njit
+    @compiled_here
     def force(place: Numbers, velocity: Numbers, p: Numbers, out: Numbers) -> None:
         last = coordinates - 1
         square = 0 * velocity[0] + STILL**2

@@ -8,8 +8,8 @@ the pivot (with the joint's load). Only ratios can be told from motion.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from models.billiards.compiled import compiled
 from models.effects.effect import Prior
 from models.smooth_motion import Numbers, SceneEffect, SmoothScene, marcher
 
@@ -60,7 +60,7 @@ def effects(angles: int) -> tuple[SceneEffect, ...]:
     return (rods, friction, tilt)
 
 
-@njit
+@compiled
 def one_rod(place: Numbers, velocity: Numbers, p: Numbers, out: Numbers) -> None:
     """Angular acceleration, parameters in the order of `effects(1)`."""
     w = velocity[0]
@@ -68,7 +68,7 @@ def one_rod(place: Numbers, velocity: Numbers, p: Numbers, out: Numbers) -> None
     out[0] = -p[0] * np.sin(place[0] - p[4]) - p[1] * w - p[2] * w / size - p[3] * size * w
 
 
-@njit
+@compiled
 def two_rods(place: Numbers, velocity: Numbers, p: Numbers, out: Numbers) -> None:
     """Angular accelerations, parameters in the order of `effects(2)`."""
     between = place[0] - place[1]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from models.billiards.compiled import compiled
 from models.effects.effect import Prior
 from models.smooth_motion import Numbers, SceneEffect, SmoothScene, marcher
 
@@ -34,7 +34,7 @@ EFFECTS = (
 )  # fmt: skip
 
 
-@njit
+@compiled
 def force(place: Numbers, velocity: Numbers, p: Numbers, out: Numbers) -> None:
     """Acceleration by friction, drags and slope, in the order of EFFECTS."""
     speed = np.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + SLOW**2)

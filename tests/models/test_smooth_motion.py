@@ -1,0 +1,89 @@
+"""Scenes without contacts: exact solutions, conserved energy, and slopes against finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from models.flight.gap import flight_scene
+from models.gap_scene import Recording, neutral_values
+from models.pendulum.gap import pendulum_scene
+from models.slide.gap import slide_scene
+from models.smooth_motion import SmoothScene
+
+SCENES = {
+    "slide": (slide_scene(), 2, [0.1, -0.2, 1.2, 0.7], [0.1, 0.2, 0.1, 3.0, -2.0]),
+    "flight": (flight_scene(2), 2, [0.0, 1.0, 8.0, 6.0], [0.1, 0.2, 0.3, 1.0]),
+    "flight in space": (flight_scene(3), 3, [0.0, 0.0, 1.0, 8.0, 1.0, 6.0], [0.1, 0.2, 0.3, 1.0, -0.5]),
+    "drop": (flight_scene(1), 1, [20.0, -1.0], [0.05, 0.1]),
+    "pendulum": (pendulum_scene(1), 1, [1.0, 0.5], [40.0, 0.1, 0.2, 0.02, 0.01]),
+    "double pendulum": (
+        pendulum_scene(2), 2, [1.0, -0.5, 0.3, 1.0], [50.0, 0.3, 0.3, 20.0, 0.1, 0.1, 0.05, 0.05, 0.01],
+    ),
+}  # fmt: skip
+
+
+def recording(coordinates: int, rows: int = 30) -> Recording:
+    t = np.arange(rows) / 60
+    places = np.random.default_rng(1).normal(size=(rows, 1, coordinates))
+    return Recording(0, np.arange(rows), t, ("body",), places, np.full((rows, 1), 0.1))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_slopes_are_those_of_finite_differences(name: str) -> None:
+    scene, coordinates, start, shared = SCENES[name]
+    model = scene.model((recording(coordinates),), ())
+    numbers = np.array([*start, *shared])
+    flow = model.flow(0, np.array(start), np.array(shared))
+    slopes = np.concatenate([flow.by_start, flow.by_shared], axis=2)
+    for k in range(len(numbers)):
+        step = 1e-5 * max(1.0, abs(numbers[k])) * np.eye(len(numbers))[k]
+        ends = [np.split(numbers + sign * step, [len(start)]) for sign in (1, -1)]
+        ahead, behind = (model.flow(0, *end).misfit for end in ends)
+        assert np.allclose((ahead - behind) / (2 * step[k]), slopes[..., k], rtol=1e-4, atol=1e-5)
+
+
+def path(scene: SmoothScene, coordinates: int, start: list[float], **strengths: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times (T,) and places (T, D) with all effects absent but those named."""
+    names = [prior.name for effect in scene.effects for prior in effect.parameters]
+    shared = neutral_values(scene)
+    for name, value in strengths.items():
+        shared[names.index(name)] = value
+    piece = recording(coordinates, 60)
+    return piece.t, scene.predict(piece, np.array(start), shared, ())[:, 0]
+
+
+def test_a_throw_is_a_parabola() -> None:
+    t, places = path(flight_scene(2), 2, [0.0, 1.0, 3.0, 4.0])
+    assert np.allclose(places, np.stack([3 * t, 1 + 4 * t - 9.81 / 2 * t**2], axis=1), atol=1e-9)
+
+
+def test_a_fall_with_drag_is_that_of_galileo() -> None:
+    """From rest with a = -g + k v v: v = -w tanh(g t / w), w = sqrt(g / k)."""
+    found, k = flight_scene(1), 0.2
+    t = recording(1, 60).t
+    shared = neutral_values(found)
+    shared[0] = k
+    height = found.predict(recording(1, 60), np.array([10.0, 0.0]), shared, ())[:, 0, 0]
+    terminal = np.sqrt(9.81 / k)
+    exact = 10.0 - terminal**2 / 9.81 * np.log(np.cosh(9.81 * t / terminal))
+    assert np.allclose(height, exact, atol=2e-4)  # drag fades out below a millimetre per second
+
+
+def test_friction_takes_speed_evenly_until_it_rests() -> None:
+    t, places = path(slide_scene(), 2, [0.0, 0.0, 1.0, 0.0], mu=0.2)
+    moving = t < 0.9 / (0.2 * 9.81)
+    exact = t - 0.2 * 9.81 / 2 * t**2
+    assert np.allclose(places[moving, 0], exact[moving], atol=2e-4)
+    assert abs(places[-1, 0] - 1 / (2 * 0.2 * 9.81)) < 2e-4
+
+
+def test_rods_without_friction_keep_their_energy() -> None:
+    scene = pendulum_scene(2)
+    pull, second, coupling, second_pull = 50.0, 0.3, 0.3, 20.0
+    starts, shared = np.array([[1.0], [-0.5], [0.3], [1.0]]), neutral_values(scene)[:, None]
+    a, b, u, v = scene.march(starts, shared, np.arange(60) / 60, 1 / 200)[:, :, 0].T
+    energy = (
+        u**2 / 2 + second * v**2 / 2 + coupling * u * v * np.cos(a - b) - pull * np.cos(a) - second_pull * np.cos(b)
+    )
+    assert np.ptp(energy) < 1e-4
