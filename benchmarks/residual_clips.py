@@ -1,0 +1,87 @@
+"""Whether a neural residual predicts the snooker clips better than the physics alone.
+
+    python benchmarks/residual_clips.py [-o DIR] [--reuse]
+
+Clips are split in four: two quarters are fitted, one stops the training and decides, the last, which chose nothing, is
+predicted: the typical open-loop miss of a chain of legs over 2 s from its first half second. Each quarter is the last
+one once. Balls that hit others begin a new chain there; what balls do to each other has no part in this.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+from filmed import filmed, with_measured_noise
+from run_folder import FOOTAGE, ROOT, read_run, run_clip
+
+from models.billiards.cushion_chains import Leg, legs_of
+from models.fitting import fit_shot
+from models.residual import ResidualChains
+from models.residual_training import prediction_errors, train_residual
+from models.scene import Table
+
+QUARTERS = 4
+MOVED = 0.02
+"""m: shorter legs tell nothing."""
+LAW = "han_2005"
+
+
+def clips(folder: Path, reuse: bool) -> tuple[list[tuple[Leg, ...]], Table]:
+    """Legs of every clip, and the table."""
+    found, table = [], None
+    for number, file in enumerate(sorted(FOOTAGE.glob("snooker_*.mp4"))):
+        if not (reuse and (folder / file.stem / "tracks.csv").is_file()):
+            run_clip(file, folder / file.stem)
+        clip = filmed(read_run(folder / file.stem))
+        table = clip.scene.table
+        tracks = with_measured_noise(clip.tracks, table.ball_radius)
+        legs = legs_of(tracks, fit_shot(clip.tracks, clip.scene).events, 1000 * number)
+        found.append(moving(legs))
+    if table is None:
+        raise SystemExit(f"no snooker clips in {FOOTAGE}")
+    return found, table
+
+
+def moving(legs: tuple[Leg, ...]) -> tuple[Leg, ...]:
+    """Legs of chains whose first leg moves: the others are balls that a contact only touched."""
+    still = {leg.chain for leg in legs if not leg.tied and (len(leg.t) < 3 or np.ptp(leg.xy, axis=0).max() < MOVED)}
+    return tuple(leg for leg in legs if leg.chain not in still)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "out" / "real_clips", help="where the runs go")
+    parser.add_argument("--reuse", action="store_true", help="take the run folders that are there")
+    arguments = parser.parse_args()
+    if not FOOTAGE.is_dir():
+        print(f"real footage is not at {FOOTAGE}", file=sys.stderr)
+        return 1
+    legs, table = clips(arguments.out, arguments.reuse)
+    print("| held-out clips | chains | physics mm | network mm | switched on | delivered mm |")
+    print("|---|---|---|---|---|---|")
+    pooled = []
+    for quarter in range(QUARTERS):
+        parts: list[list[Leg]] = [[], [], [], []]
+        for number, some in enumerate(legs):
+            parts[(number - quarter) % QUARTERS].extend(some)
+        held_out, stopping, fitted = tuple(parts[0]), tuple(parts[1]), (*parts[2], *parts[3])
+        found = train_residual(fitted, stopping, table, LAW, seed=quarter)
+        without = prediction_errors(ResidualChains(held_out, table, LAW), found.physics)
+        trained = prediction_errors(ResidualChains(held_out, table, LAW, found.trained_weights), found.trained)
+        delivered = trained if found.on else without
+        pooled.append(np.stack([without, trained, delivered]))
+        row(str([n for n in range(len(legs)) if n % QUARTERS == quarter]), pooled[-1], "on" if found.on else "off")
+    row("all", np.concatenate(pooled, axis=1), "")
+    return 0
+
+
+def row(name: str, errors: np.ndarray, on: str) -> None:
+    without, trained, delivered = 1000 * np.exp(np.log(np.maximum(errors, 1e-6)).mean(axis=1))
+    print(f"| {name} | {errors.shape[1]} | {without:.1f} | {trained:.1f} | {on} | {delivered:.1f} |", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
