@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from models.moments import ALWAYS, NEVER, RESTS, Moment, ball_moments, cushion_moments
 from models.record import Record
@@ -148,7 +148,7 @@ def line(record: Record, a: str, axis: str, at: float, edge: bool) -> Call:
     ahead = side * along - (record.table.ball_radius if edge else 0.0)  # > 0 while short of the line
     k = int(there[np.argmin(ahead[there])])
     margin, sigma = float(ahead[k]), float(max(record.path_sigma[k, one], 1e-5))
-    probability = float(np.clip(norm.cdf(-margin / sigma), NEVER, ALWAYS))
+    probability = float(np.clip(ndtr(-margin / sigma), NEVER, ALWAYS))
     beyond = there[ahead[there] <= 0]
     when = int(beyond[0]) if len(beyond) else k
     pace = abs(float(record.velocity[when, one, "xy".index(axis)]))

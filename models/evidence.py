@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from models.effects.catalogue import prior_of
 from models.touch import MEETING, SHARED, Encounter, Paths, free_paths, met_paths, nearest
@@ -199,15 +199,21 @@ def _possible(encounter: Encounter, fit: Fitted, touch: float) -> float:
     if len(fit.p) == encounter.shared + SHARED:
         spread = float(np.hypot(encounter.reach_sigma, np.sqrt(paths.gap_slope @ fit.covariance @ paths.gap_slope)))
         gap = np.linspace(0, max(paths.gap, 0.0) + 6 * spread, 400)
-        share = norm.pdf(gap, paths.gap, spread) * _asked(encounter, gap)
+        share = _density((gap - paths.gap) / spread) / spread * _asked(encounter, gap)
         return float(np.log(max(np.trapezoid(share, gap), 1e-300)))
     # two balls that lie still close in on each other not at all, and that for certain
     spread = max(float(np.sqrt(paths.closing_slope @ fit.covariance @ paths.closing_slope)), STILL_SPREAD)
     z = paths.closing / spread
-    mean = spread * (z * norm.cdf(z) + norm.pdf(z))  # of max(closing, 0)
+    mean = spread * (z * ndtr(z) + _density(z))  # of max(closing, 0)
     overlap = min(nearest(encounter, fit.p[: encounter.shared + SHARED]).gap, 0.0)
     weight = max(mean * float(_asked(encounter, np.array(overlap))), 1e-300)
     return float(np.log(weight) - np.log(touch) - 0.5 * np.log(2 * np.pi))
+
+
+def _density(z: Floats | float) -> Floats:
+    """Of the standard normal distribution."""
+    found: Floats = np.exp(-0.5 * np.square(z)) / np.sqrt(2 * np.pi)
+    return found
 
 
 def _asked(encounter: Encounter, gap: Floats) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from models.contacts import INWARD, cushion_distances
 from models.record import Record
@@ -91,7 +91,7 @@ def _as_told(record: Record, one: int, two: int, t: float) -> Moment:
     k = int(np.argmin(np.abs(record.moments - t)))
     gap = float(np.hypot(*(record.path[k, two] - record.path[k, one]))) - 2 * record.table.ball_radius
     sigma = float(np.hypot(np.hypot(*record.path_sigma[k, [one, two]]), record.reach_sigma))
-    return Moment(one, record.ids[two], t, float("nan"), float(norm.cdf(-gap / sigma)), gap, sigma)
+    return Moment(one, record.ids[two], t, float("nan"), float(ndtr(-gap / sigma)), gap, sigma)
 
 
 def _candidates(record: Record, one: int, two: int) -> list[float]:

@@ -9,7 +9,8 @@ from typing import Any
 import typer
 
 from models.errors import OptionError
-from pipeline.commands import app
+from pipeline.command_line import app
+from pipeline.commands import load
 from pipeline.sentences import one_sentence
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
@@ -19,6 +20,7 @@ UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 def execute(arguments: list[str]) -> int:
     """Run one command line; the exit status: 0 all went well, 1 some of it failed, 2 wrong usage."""
     try:
+        load(next((word for word in arguments if not word.startswith("-")), ""))
         status = app(arguments or ["--help"], standalone_mode=False) or 0
         sys.stdout.flush()
     except Exception as error:
