@@ -31,7 +31,7 @@ SECONDS = 1.5
 SLOW = 4
 FILES = {
     "slow.mp4", "tracks.csv", "events.csv", "scene.json", "trajectory.csv",
-    "recording.rrd", "report.html", "poster.png",
+    "recording.rrd", "report.html", "poster.png", "source.json",
 }  # fmt: skip
 
 
