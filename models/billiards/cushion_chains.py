@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.free_paths import FASTEST, SLIP, whitening
+from models.billiards.free_paths import FASTEST, SLIP
 from models.billiards.motion import STATE, Friction, kinematics_jacobian
 from models.billiards.parameters import CUSHION_E, CUSHION_MU, SLIDING_MU, neutral
 from models.contacts import INWARD
@@ -173,7 +173,7 @@ def chain_priors() -> tuple[Prior, ...]:
 def legs_of(tracks: Tracks, events: Events, chain: int) -> tuple[Leg, ...]:
     """All legs of a clip that follow a contact; `chain` numbers the first chain, each ball and fresh start another."""
     found: list[Leg] = []
-    whiten = whitening(tracks)
+    whiten = tracks.whitening
     number = chain - 1
     for ball, name in enumerate(tracks.ids):
         rows = [k for k in range(len(events)) if name in (events.a[k], events.b[k]) and events.kind[k] != "rest"]

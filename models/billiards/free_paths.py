@@ -154,14 +154,6 @@ def free_paths(tracks: Tracks, events: Events, clip: int, still: float) -> tuple
     return tuple(found)
 
 
-def whitening(tracks: Tracks) -> Floats:
-    """(T, N, 2, 2): takes residuals in m to standard deviations, along the streak and across it."""
-    length = np.linalg.norm(tracks.streak, axis=2, keepdims=True)
-    along = np.where(length > 0, tracks.streak / np.maximum(length, 1e-12), np.array([1.0, 0.0]))
-    across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-    return np.stack([along / tracks.sigma_along[..., None], across / tracks.sigma[..., None]], axis=-2)
-
-
 def _clear(sigma: float, tracks: Tracks) -> float:
     """s that a path keeps away from a contact whose time is known to `sigma`."""
     exposure = float(np.median(np.diff(tracks.t))) / 2
@@ -176,7 +168,7 @@ def _lay(tracks: Tracks, ball: int, t: float, still: float) -> bool:
 
 def _path(tracks: Tracks, ball: int, clip: int, begin: float, end: float) -> FreePath:
     seen = np.flatnonzero(tracks.observed[:, ball] & (tracks.t >= begin) & (tracks.t <= end))
-    return FreePath(clip, tracks.ids[ball], begin, tracks.t[seen], tracks.xy[seen, ball], whitening(tracks)[seen, ball])
+    return FreePath(clip, tracks.ids[ball], begin, tracks.t[seen], tracks.xy[seen, ball], tracks.whitening[seen, ball])
 
 
 def _cut(path: FreePath) -> list[FreePath]:
