@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.detections import Detections
 from models.scene import Camera, Scene, Table
 
 Floats = NDArray[np.float64]
@@ -81,3 +83,22 @@ def _lay(picture: Floats, ball: Ball, x: Floats, y: Floats) -> None:
     picture *= (1 - shade * (1 - shares))[..., None]
     picture *= (1 - shares)[..., None]
     picture += colours
+
+
+def spread_balls(
+    rng: np.random.Generator, colours: Sequence[tuple[float, float, float]], number: int = 12
+) -> list[Ball]:
+    """Balls on a jittered grid, none nearer than three radii to another."""
+    places = [(100 + 85 * (k % 6), 90 + 120 * (k // 6)) for k in range(number)]
+    return [
+        Ball(x + rng.uniform(-20, 20), y + rng.uniform(-20, 20), colours[k % len(colours)])
+        for k, (x, y) in enumerate(places)
+    ]
+
+
+def misses(found: Detections, balls: list[Ball]) -> np.ndarray:
+    """Offset (n, 2) px of the nearest detection from every ball."""
+    truth = np.array([[ball.x, ball.y] for ball in balls])
+    nearest = np.argmin(np.linalg.norm(found.centre[None] - truth[:, None], axis=-1), axis=1)
+    offset: np.ndarray = found.centre[nearest] - truth
+    return offset

@@ -5,38 +5,20 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from drawn import CLOTH, HEIGHT, PX_PER_M, RADIUS, WIDTH, Ball, draw, drawn_scene
+from drawn import CLOTH, HEIGHT, PX_PER_M, RADIUS, WIDTH, Ball, draw, drawn_scene, misses, spread_balls
 
 from detectors.ball_size import with_seen_size
 from detectors.detect import detect_in_picture
 from detectors.hough import ball_finder
 from detectors.options import DetectOptions
-from models.detections import Detections
 from models.errors import ModelError
 
 COLOURS = ((230, 230, 220), (200, 30, 40), (240, 190, 30), (20, 20, 25), (120, 40, 130), (30, 110, 60), (20, 60, 120))
 
 
-def spread_balls(rng: np.random.Generator, number: int = 12) -> list[Ball]:
-    """Balls on a jittered grid, none nearer than three radii to another."""
-    places = [(100 + 85 * (k % 6), 90 + 120 * (k // 6)) for k in range(number)]
-    return [
-        Ball(x + rng.uniform(-20, 20), y + rng.uniform(-20, 20), COLOURS[k % len(COLOURS)])
-        for k, (x, y) in enumerate(places)
-    ]
-
-
-def misses(found: Detections, balls: list[Ball]) -> np.ndarray:
-    """Offset (n, 2) px of the nearest detection from every ball."""
-    truth = np.array([[ball.x, ball.y] for ball in balls])
-    nearest = np.argmin(np.linalg.norm(found.centre[None] - truth[:, None], axis=-1), axis=1)
-    offset: np.ndarray = found.centre[nearest] - truth
-    return offset
-
-
 def test_every_ball_is_found_and_nothing_else() -> None:
     rng = np.random.default_rng(1)
-    balls = spread_balls(rng)
+    balls = spread_balls(rng, COLOURS)
     found = detect_in_picture(draw(balls, rng), drawn_scene())
     assert len(found) == len(balls)
     assert np.linalg.norm(misses(found, balls), axis=1).max() < 0.6
@@ -46,7 +28,7 @@ def test_centres_are_good_to_a_third_of_a_pixel_and_their_errors_honest() -> Non
     rng = np.random.default_rng(2)
     pulls = []
     for _ in range(4):
-        balls = spread_balls(rng)
+        balls = spread_balls(rng, COLOURS)
         found = ball_finder(drawn_scene(), [(0, draw(balls, rng))]).look(draw(balls, rng))
         miss = misses(found, balls)
         assert np.sqrt((miss**2).sum(axis=1).mean()) < 0.33
@@ -71,7 +53,7 @@ def test_touching_balls_are_told_apart() -> None:
 @pytest.mark.parametrize("streak", [(24.0, 0.0), (0.0, 40.0), (28.0, -21.0)])
 def test_a_fast_ball_is_measured_at_the_middle_of_its_streak(streak: tuple[float, float]) -> None:
     rng = np.random.default_rng(4)
-    rest = spread_balls(rng, 5)
+    rest = spread_balls(rng, COLOURS, 5)
     still = [draw(rest, rng) for _ in range(3)]
     ball = Ball(330.3, 275.6, (235, 235, 225), streak)
     found = ball_finder(drawn_scene(), list(enumerate(still))).look(draw([*rest, ball], rng))
@@ -123,7 +105,7 @@ def test_a_wrong_ball_size_is_put_right(factor: float) -> None:
     rng = np.random.default_rng(9)
     scene = drawn_scene()
     wrong = replace(scene, table=replace(scene.table, ball_radius=RADIUS * factor))
-    pictures = [(0, draw(spread_balls(rng), rng))]
+    pictures = [(0, draw(spread_balls(rng, COLOURS), rng))]
     assert with_seen_size(wrong, pictures).table.ball_radius == pytest.approx(RADIUS, rel=0.07)
 
 
@@ -139,7 +121,7 @@ def test_colour_and_white_tell_the_cue_ball() -> None:
 
 
 def test_the_same_picture_gives_the_same_bytes() -> None:
-    picture = draw(spread_balls(np.random.default_rng(11)), np.random.default_rng(12))
+    picture = draw(spread_balls(np.random.default_rng(11), COLOURS), np.random.default_rng(12))
     first, second = detect_in_picture(picture, drawn_scene()), detect_in_picture(picture, drawn_scene())
     assert first.centre.tobytes() == second.centre.tobytes()
     assert first.sigma.tobytes() == second.sigma.tobytes()

@@ -9,14 +9,13 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-from drawn import HEIGHT, RADIUS, WIDTH, Ball, draw, drawn_scene
+from drawn import HEIGHT, RADIUS, WIDTH, Ball, draw, drawn_scene, misses, spread_balls
 
 from detectors.anywhere import balls_anywhere
 from detectors.detect import chosen, detect_in_picture, why_chosen
 from detectors.onnx import NetworkFinder, network_finder
 from detectors.onnx_model import SHIPPED, BallModel, model_facts, open_model
 from detectors.options import DetectOptions
-from models.detections import Detections
 from models.scene import Camera
 
 COLOURS = ((230, 230, 220), (200, 30, 40), (240, 190, 30), (25, 25, 30), (120, 40, 130), (30, 110, 60), (170, 80, 30))
@@ -28,23 +27,6 @@ def model() -> BallModel:
     return open_model(SHIPPED)
 
 
-def spread_balls(rng: np.random.Generator, number: int = 12) -> list[Ball]:
-    """Balls on a jittered grid, none nearer than three radii to another."""
-    places = [(100 + 85 * (k % 6), 90 + 120 * (k // 6)) for k in range(number)]
-    return [
-        Ball(x + rng.uniform(-20, 20), y + rng.uniform(-20, 20), COLOURS[k % len(COLOURS)])
-        for k, (x, y) in enumerate(places)
-    ]
-
-
-def misses(found: Detections, balls: list[Ball]) -> np.ndarray:
-    """Offset (n, 2) px of the nearest detection from every ball."""
-    truth = np.array([[ball.x, ball.y] for ball in balls])
-    nearest = np.argmin(np.linalg.norm(found.centre[None] - truth[:, None], axis=-1), axis=1)
-    offset: np.ndarray = found.centre[nearest] - truth
-    return offset
-
-
 def finder_for(model: BallModel, *pictures: np.ndarray) -> NetworkFinder:
     return network_finder(drawn_scene(), list(enumerate(pictures)), model)
 
@@ -52,7 +34,7 @@ def finder_for(model: BallModel, *pictures: np.ndarray) -> NetworkFinder:
 def test_every_ball_is_found_and_nothing_else() -> None:
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        balls = spread_balls(rng)
+        balls = spread_balls(rng, COLOURS)
         found = detect_in_picture(draw(balls, rng), drawn_scene(), ONNX)
         assert len(found) == len(balls)
         assert np.linalg.norm(misses(found, balls), axis=1).max() < 0.8
@@ -62,7 +44,7 @@ def test_centres_are_good_to_a_third_of_a_pixel_and_their_errors_honest(model: B
     rng = np.random.default_rng(2)
     off, pulls = [], []
     for _ in range(4):
-        balls = spread_balls(rng)
+        balls = spread_balls(rng, COLOURS)
         found = finder_for(model, draw(balls, rng)).look(draw(balls, rng))
         truth = np.array([[ball.x, ball.y] for ball in balls])
         nearest = np.argmin(np.linalg.norm(found.centre[None] - truth[:, None], axis=-1), axis=1)
@@ -88,7 +70,7 @@ def test_touching_balls_are_told_apart() -> None:
 @pytest.mark.parametrize("streak", [(20.0, 0.0), (16.0, -12.0)])
 def test_a_fast_ball_is_one_ball_about_the_middle_of_its_streak(model: BallModel, streak: tuple[float, float]) -> None:
     rng = np.random.default_rng(4)
-    rest = spread_balls(rng, 5)
+    rest = spread_balls(rng, COLOURS, 5)
     ball = Ball(330.3, 275.6, (235, 235, 225), streak)
     found = finder_for(model, draw(rest, rng)).look(draw([*rest, ball], rng))
     assert len(found) == 6
@@ -107,13 +89,13 @@ def test_a_ball_size_that_is_far_off_is_put_right(model: BallModel) -> None:
     rng = np.random.default_rng(9)
     scene = drawn_scene()
     wrong = replace(scene, table=replace(scene.table, ball_radius=1.3 * RADIUS))
-    finder = network_finder(wrong, [(0, draw(spread_balls(rng), rng))], model)
+    finder = network_finder(wrong, [(0, draw(spread_balls(rng, COLOURS), rng))], model)
     assert finder.view.scene.table.ball_radius == pytest.approx(RADIUS, rel=0.12)
 
 
 def test_following_a_clip_sees_what_looking_at_every_picture_sees(model: BallModel) -> None:
     rng = np.random.default_rng(13)
-    rest = spread_balls(rng, 5)
+    rest = spread_balls(rng, COLOURS, 5)
     paths = [[*rest, Ball(120.0 + 9 * k, 290.0, (235, 235, 225), (4.0, 0.0))] for k in range(8)]
     pictures = [draw(balls, rng) for balls in paths]
     finder = finder_for(model, pictures[0])
@@ -129,7 +111,7 @@ def test_following_a_clip_sees_what_looking_at_every_picture_sees(model: BallMod
 
 def test_errors_of_a_ball_at_rest_differ_from_picture_to_picture(model: BallModel) -> None:
     rng = np.random.default_rng(14)
-    balls = spread_balls(rng, 6)
+    balls = spread_balls(rng, COLOURS, 6)
     finder = finder_for(model, draw(balls, rng))
     places, memory = [], None
     for k in range(5):
@@ -140,7 +122,7 @@ def test_errors_of_a_ball_at_rest_differ_from_picture_to_picture(model: BallMode
 
 def test_a_camera_that_drifts_is_followed(model: BallModel) -> None:
     rng = np.random.default_rng(15)
-    balls = spread_balls(rng, 5)
+    balls = spread_balls(rng, COLOURS, 5)
     shift = np.array([7.3, -4.6])
     motion = np.stack([np.eye(3), np.array([[1, 0, shift[0]], [0, 1, shift[1]], [0, 0, 1.0]])])
     scene = drawn_scene()
@@ -159,7 +141,7 @@ def test_a_camera_that_drifts_is_followed(model: BallModel) -> None:
 
 def test_balls_are_found_without_a_table_at_any_size(model: BallModel) -> None:
     rng = np.random.default_rng(16)
-    balls = spread_balls(rng, 6)
+    balls = spread_balls(rng, COLOURS, 6)
     picture = draw(balls, rng)
     for times in (1, 3):
         large = np.asarray(cv2.resize(picture, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
