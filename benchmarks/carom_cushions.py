@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from filmed import filmed, with_measured_noise
-from run_folder import FOOTAGE, ROOT, read_run, run_clip
+from filmed import filmed_clips, with_measured_noise
+from run_folder import FOOTAGE, ROOT
 
 from models.billiards.cushion_chains import CushionChains, Leg, Rebound, chain_priors, glide, legs_of
 from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
@@ -58,10 +58,7 @@ class Scored:
 
 
 def clips(folder: Path, reuse: bool) -> Iterator[Clip]:
-    for number, file in enumerate(sorted(FOOTAGE.glob("carom_*.mp4"))):
-        if not (reuse and (folder / file.stem / "tracks.csv").is_file()):
-            run_clip(file, folder / file.stem)
-        clip = filmed(read_run(folder / file.stem))
+    for number, clip in enumerate(filmed_clips("carom", folder, reuse)):
         table = clip.scene.table
         tracks = with_measured_noise(clip.tracks, table.ball_radius)
         yield Clip(clip.name, table, legs_of(tracks, fit_shot(clip.tracks, clip.scene).events, 1000 * number))

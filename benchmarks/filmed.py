@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
-from run_folder import RunFolder
+from run_folder import FOOTAGE, RunFolder, read_run, run_clip
 
 from models.noise import estimate_noise, with_noise
 from models.scene import Camera, Scene, Table
@@ -27,6 +29,14 @@ class Filmed:
     """s between pictures."""
     clock: np.ndarray
     """(T,) s, as the container says."""
+
+
+def filmed_clips(game: str, folder: Path, reuse: bool) -> Iterator[Filmed]:
+    """Every real clip of a game, in order of name; run into `folder` first, unless it is there and may be reused."""
+    for file in sorted(FOOTAGE.glob(f"{game}_*.mp4")):
+        if not (reuse and (folder / file.stem / "tracks.csv").is_file()):
+            run_clip(file, folder / file.stem)
+        yield filmed(read_run(folder / file.stem))
 
 
 def filmed(run: RunFolder) -> Filmed:

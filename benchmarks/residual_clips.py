@@ -14,8 +14,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from filmed import filmed, with_measured_noise
-from run_folder import FOOTAGE, ROOT, read_run, run_clip
+from filmed import filmed_clips, with_measured_noise
+from run_folder import FOOTAGE, ROOT
 
 from models.billiards.cushion_chains import Leg, legs_of
 from models.fitting import fit_shot
@@ -32,10 +32,7 @@ LAW = "han_2005"
 def clips(folder: Path, reuse: bool) -> tuple[list[tuple[Leg, ...]], Table]:
     """Legs of every clip, and the table."""
     found, table = [], None
-    for number, file in enumerate(sorted(FOOTAGE.glob("snooker_*.mp4"))):
-        if not (reuse and (folder / file.stem / "tracks.csv").is_file()):
-            run_clip(file, folder / file.stem)
-        clip = filmed(read_run(folder / file.stem))
+    for number, clip in enumerate(filmed_clips("snooker", folder, reuse)):
         table = clip.scene.table
         tracks = with_measured_noise(clip.tracks, table.ball_radius)
         legs = legs_of(tracks, fit_shot(clip.tracks, clip.scene).events, 1000 * number)

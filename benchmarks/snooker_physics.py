@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from filmed import Filmed, filmed, with_measured_noise
-from run_folder import FOOTAGE, ROOT, read_run, run_clip
+from filmed import Filmed, filmed_clips, with_measured_noise
+from run_folder import FOOTAGE, ROOT
 
 from models.billiards.free_paths import PIECE, FreePath, FreePaths, cloth_priors, free_paths, rest_place
 from models.events import Events
@@ -49,10 +49,7 @@ class Shot:
 
 
 def filmed_shots(folder: Path, reuse: bool) -> Iterator[Shot]:
-    for number, file in enumerate(sorted(FOOTAGE.glob("snooker_*.mp4"))):
-        if not (reuse and (folder / file.stem / "tracks.csv").is_file()):
-            run_clip(file, folder / file.stem)
-        clip = filmed(read_run(folder / file.stem))
+    for number, clip in enumerate(filmed_clips("snooker", folder, reuse)):
         events = fit_shot(clip.tracks, clip.scene).events
         tracks = with_measured_noise(clip.tracks, clip.scene.table.ball_radius)
         yield Shot(clip, events, free_paths(tracks, events, number, MOVED))
