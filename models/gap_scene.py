@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from models.effects.effect import EffectKind, Prior
+from models.effects.effect import Effect
 from models.windows import Model
 
 Floats = NDArray[np.float64]
@@ -53,41 +53,6 @@ class Recording:
         """The piece of rows `first` to `last`, the last one left out."""
         part = slice(first, last)
         return replace(self, frame=self.frame[part], t=self.t[part], places=self.places[part], sigma=self.sigma[part])
-
-
-class GapEffect(Protocol):
-    """An effect that may be what a simulator lacks."""
-
-    @property
-    def name(self) -> str:
-        """As in the contract."""
-        ...
-
-    @property
-    def kind(self) -> EffectKind: ...
-
-    @property
-    def phases(self) -> tuple[str, ...]:
-        """Where it acts, as `Covariates.phase` names it."""
-        ...
-
-    @property
-    def parameters(self) -> tuple[Prior, ...]:
-        """What a fit may determine; sigma is the scale of natural strengths."""
-        ...
-
-    @property
-    def neutral(self) -> tuple[float, ...]:
-        """Per parameter, the value at which the effect is absent; within the bounds, perhaps at one of them."""
-        ...
-
-    @property
-    def partners(self) -> tuple[str, ...]:
-        """Effects that it is easily confused with."""
-        ...
-
-    @property
-    def reference(self) -> str: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +100,7 @@ class GapScene(Protocol):
         ...
 
     @property
-    def effects(self) -> tuple[GapEffect, ...]:
+    def effects(self) -> tuple[Effect, ...]:
         """The catalogue: what these recordings allow to test, what the simulator already has included."""
         ...
 

@@ -14,8 +14,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from models.effects.effect import EffectKind, Prior
-from models.gap_scene import Alternatives, Covariates, GapEffect, Mask, Recording
+from models.effects.effect import Effect, EffectKind, Prior
+from models.gap_scene import Alternatives, Covariates, Mask, Recording
 from models.windows import Flow, Window
 
 Floats = NDArray[np.float64]
@@ -86,7 +86,7 @@ class SmoothScene:
     name: str
     unit: str
     phase: str
-    effects: tuple[GapEffect, ...]
+    effects: tuple[Effect, ...]
     assumed: tuple[str, ...]
     march: March
     not_tested: tuple[str, ...] = ()

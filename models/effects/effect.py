@@ -32,7 +32,7 @@ class Prior:
 
 
 class Effect(Protocol):
-    """An effect of the catalogue."""
+    """An effect of a catalogue: of billiards, or of any other scene."""
 
     @property
     def name(self) -> str:
@@ -43,13 +43,13 @@ class Effect(Protocol):
     def kind(self) -> EffectKind: ...
 
     @property
-    def phases(self) -> tuple[Phase, ...]:
-        """Where it acts."""
+    def phases(self) -> tuple[str, ...]:
+        """Where it acts: each scene has phases of its own, billiards those of `Phase`."""
         ...
 
     @property
     def parameters(self) -> tuple[Prior, ...]:
-        """What the fit may determine."""
+        """What a fit may determine; sigma is the scale of natural strengths."""
         ...
 
     @property
