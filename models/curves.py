@@ -1,0 +1,49 @@
+"""Curves through samples as methods among the networks: linear, cubic, quintic and Akima."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator, make_interp_spline
+
+from models.neural.method import Budget, Fitted, Floats, checked
+
+Curve = Callable[[Floats], Floats]
+
+
+def spline(times: Floats, states: Floats, degree: int) -> Curve:
+    """Not-a-knot spline of an odd degree through states (T, ...), of a lower one where samples are few.
+
+    Before and after the samples it goes on as its first and last piece.
+    """
+    return make_interp_spline(times, states, k=min(degree, len(times) - 1))  # type: ignore[no-any-return]
+
+
+def akima(times: Floats, states: Floats) -> Curve:
+    """Akima 1970 (doi 10.1145/321607.321609): cubic pieces that one outlier disturbs little."""
+    return Akima1DInterpolator(times, states, extrapolate=True)  # type: ignore[no-any-return]
+
+
+@dataclass(frozen=True, slots=True)
+class CurveMethod:
+    """A curve as a method: nothing is trained, seed and budget change nothing."""
+
+    name: str
+    through: Callable[[Floats, Floats], Curve]
+
+    def fit(self, times: Floats, states: Floats, seed: int = 0, budget: Budget | None = None) -> Fitted:
+        """The curve through every sample."""
+        began = time.process_time()
+        t, x = checked(times, states)
+        curve = self.through(t, x)
+        return Fitted(curve, np.empty(0), x.size, time.process_time() - began)
+
+
+LINEAR = CurveMethod("linear", lambda t, x: spline(t, x, 1))
+CUBIC = CurveMethod("cubic", lambda t, x: spline(t, x, 3))
+QUINTIC = CurveMethod("quintic", lambda t, x: spline(t, x, 5))
+AKIMA = CurveMethod("akima", akima)
+CURVES = (LINEAR, CUBIC, QUINTIC, AKIMA)
