@@ -1,0 +1,85 @@
+"""The world of boxes against free fall, rigidity and conservation, run as a process as everyone has to."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import json
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+WORLD = Path(__file__).resolve().parents[2] / "worlds" / "boxes.py"
+WIDE, TALL, FLOOR, RADIUS, GRAVITY = 24.0, 30.0, 330.0, 15.0, 981.0
+
+Floats = NDArray[np.float64]
+
+
+@cache
+def play(*options: str) -> tuple[Floats, list[str], Floats, list[dict[str, str]], dict[str, float]]:
+    """Times (T,), names of N points, places (T, N, 2), contacts, and what scene.json says."""
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "out"
+        subprocess.run([sys.executable, str(WORLD), str(out), *options], check=True)
+        rows = list(csv.DictReader((out / "tracks.csv").read_text().splitlines()))
+        contacts = list(csv.DictReader((out / "contacts.csv").read_text().splitlines()))
+        told = json.loads((out / "scene.json").read_text())
+    names = list(dict.fromkeys(row["id"] for row in rows))
+    places = np.array([[float(row["x"]), float(row["y"])] for row in rows]).reshape(-1, len(names), 2)
+    return np.array([float(row["t"]) for row in rows])[:: len(names)], names, places, contacts, told
+
+
+def test_the_world_imports_nothing_of_ours() -> None:
+    tree = ast.parse(WORLD.read_text())
+    modules = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert not {name.split(".")[0] for name in modules} & {"models", "video", "pipeline", "detectors", "diagnosis"}
+
+
+@pytest.mark.parametrize("speed", ["400", "800", "1600"])
+def test_fifty_boxes_keep_their_shape_and_stay_within_the_boundary(speed: str) -> None:
+    t, names, places, _, told = play("--speed", speed)
+    assert told["speed"] == float(speed)
+    assert (len(t), len(names)) == (151, 201)
+    boxes = places[:, 1:].reshape(len(t), 50, 4, 2)
+    sides = np.linalg.norm(boxes - np.roll(boxes, -1, axis=2), axis=3)
+    assert np.abs(sides - [WIDE, TALL, WIDE, TALL]).max() < 1e-5
+    assert boxes[..., 1].max() < FLOOR + 1.0
+    assert places[:, 0, 1].max() < FLOOR - RADIUS + 1.0
+
+
+def test_the_ball_flies_freely_until_it_hits_the_wall() -> None:
+    t, _, places, contacts, _ = play("--speed", "800")
+    first = min(float(row["t"]) for row in contacts if "ball" in (row["a"], row["b"]))
+    flying = t < first
+    ball = places[flying, 0]
+    assert np.diff(ball[:, 1], 2) * 60**2 == pytest.approx(GRAVITY, rel=1e-6)
+    assert np.ptp(np.diff(ball[:, 0])) < 1e-6
+    assert ball[-1, 0] < 200 - 2 + RADIUS
+
+
+def test_boxes_that_nothing_has_reached_stand_still() -> None:
+    t, _, places, contacts, _ = play("--speed", "400")
+    before = t < min(float(row["t"]) for row in contacts)
+    assert np.abs(places[before, 1:] - places[0, 1:]).max() < 0.05
+
+
+def test_seen_from_above_momentum_is_that_of_the_throw_until_something_meets_the_boundary() -> None:
+    t, names, places, contacts, _ = play("--speed", "1600", "--gravity", "0", "--seconds", "1")
+    outside = [float(row["t"]) for row in contacts if {row["a"], row["b"]} & {"floor", "left wall", "right wall"}]
+    free = t < min(outside, default=np.inf)
+    mass = np.array([8.0, *(np.full(len(names) - 1, 0.25))])
+    moved = (mass[:, None] * places[free]).sum(axis=1)
+    assert np.ptp(np.diff(moved[:, 0])) < 1e-3 * abs(np.diff(moved[:, 0]).mean())
+    assert any(row["a"] == "ball" or row["b"] == "ball" for row in contacts)
+
+
+def test_the_same_seed_gives_the_same_shot_and_another_a_different_one() -> None:
+    first = play("--speed", "800")[2]
+    assert np.array_equal(first[::2], play("--speed", "800", "--hz", "30")[2])
+    assert np.abs(first - play("--speed", "800", "--seed", "1")[2]).max() > 1.0

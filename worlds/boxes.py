@@ -1,0 +1,189 @@
+"""A ball thrown into a wall of 5 x 10 boxes (Chen 2022, section 3.2), moved by pymunk, whose code is not ours.
+
+    python worlds/boxes.py OUT [--speed 800] [--hz 60] [--seconds 2.5] [--seed 0] [--gravity 981] [--damping 1]
+
+writes the track folder OUT: tracks.csv (shot,frame,t,id,x,y: the ball's centre and the four corners of every box, px,
+y down), scene.json (units, rate and what was chosen) and contacts.csv (t,a,b,impulse: the impulses between bodies above
+`LEAST_IMPULSE`, the floor and the walls named as such). Frame 0 is the moment of the throw.
+
+What the thesis leaves open is chosen here: five columns of ten boxes of 24 x 30 px and mass 1 on a floor at y = 330,
+a ball of radius 15 and mass 8 at (0, 165), walls at x = -60 and 640, friction 0.5, restitution 0.3. The seed moves
+every column by up to 2 px, the ball by up to 10 px, and turns the throw by up to 0.05 rad. With `--gravity 0` and a
+`--damping` below 1 (the share of speed that is left after a second) it is the same scene seen from above.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pymunk
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+ROWS, COLUMNS = 10, 5
+WIDE, TALL = 24.0, 30.0
+"""px, of a box."""
+FIRST_COLUMN, PITCH = 200.0, 40.0
+"""px: middle of the first column, and from one to the next."""
+FLOOR, LEFT, RIGHT, TOP = 330.0, -60.0, 640.0, -400.0
+"""px: where the boundary is."""
+BALL = (0.0, 165.0)
+BALL_RADIUS, BALL_MASS = 15.0, 8.0
+FRICTION, RESTITUTION = 0.5, 0.3
+STEPS_PER_SECOND = 2400
+"""Steps of the engine: a multiple of 60, 30 and 15 Hz; at 1600 px/s a body moves 0.7 px in one."""
+ITERATIONS = 30
+"""of the engine's solver: a column of ten settles with fewer."""
+SLOP = 0.01
+"""px that bodies may overlap; the engine's own 0.1 would be seen."""
+SETTLING = 0.5
+"""s that the wall stands before the throw."""
+LEAST_IMPULSE = 30.0
+"""mass px/s: a box that falls 0.5 px; what carries a resting box in one step is 0.4."""
+
+
+@dataclass(frozen=True)
+class Throw:
+    """What is chosen of a scene."""
+
+    speed: float = 800.0
+    """px/s"""
+    hz: float = 60.0
+    seconds: float = 2.5
+    seed: int = 0
+    gravity: float = 981.0
+    """px/s^2, downwards."""
+    damping: float = 1.0
+    """share of speed left after a second."""
+
+
+def boundary(space: pymunk.Space) -> None:
+    """Floor, walls and ceiling, thick enough that nothing passes."""
+    thick = 50.0
+    for name, a, b in (
+        ("floor", (LEFT - 500, FLOOR + thick), (RIGHT + 500, FLOOR + thick)),
+        ("left wall", (LEFT - thick, TOP - 500), (LEFT - thick, FLOOR + 500)),
+        ("right wall", (RIGHT + thick, TOP - 500), (RIGHT + thick, FLOOR + 500)),
+        ("ceiling", (LEFT - 500, TOP - thick), (RIGHT + 500, TOP - thick)),
+    ):
+        shape = pymunk.Segment(space.static_body, a, b, thick)
+        shape.friction, shape.elasticity = FRICTION, RESTITUTION
+        shape.trueroll_name = name  # type: ignore[attr-defined]
+        space.add(shape)
+
+
+def body(space: pymunk.Space, name: str, shape: pymunk.Shape, x: float, y: float) -> pymunk.Body:
+    shape.friction, shape.elasticity = FRICTION, RESTITUTION
+    shape.trueroll_name = name  # type: ignore[attr-defined]
+    shape.body.position = (x, y)
+    space.add(shape.body, shape)
+    return shape.body
+
+
+def wall(space: pymunk.Space, chance: np.random.Generator) -> dict[str, pymunk.Body]:
+    """Fifty boxes, by name, each column a little off its place."""
+    bodies = {}
+    for column in range(COLUMNS):
+        x = FIRST_COLUMN + PITCH * column + chance.uniform(-2.0, 2.0)
+        for row in range(ROWS):
+            box = pymunk.Body(1.0, pymunk.moment_for_box(1.0, (WIDE, TALL)))
+            name = f"box{column}{row}"
+            bodies[name] = body(space, name, pymunk.Poly.create_box(box, (WIDE, TALL)), x, FLOOR - TALL * (row + 0.5))
+    return bodies
+
+
+def thrown(space: pymunk.Space, throw: Throw, chance: np.random.Generator) -> pymunk.Body:
+    ball = pymunk.Body(BALL_MASS, pymunk.moment_for_circle(BALL_MASS, 0.0, BALL_RADIUS))
+    found = body(space, "ball", pymunk.Circle(ball, BALL_RADIUS), BALL[0], BALL[1] + chance.uniform(-10.0, 10.0))
+    angle = chance.uniform(-0.05, 0.05)
+    found.velocity = throw.speed * math.cos(angle), throw.speed * math.sin(angle)
+    return found
+
+
+def corners(name: str, thing: pymunk.Body) -> dict[str, tuple[float, float]]:
+    """What a camera tracks of one body: `ball`, or `box00-a` to `box00-d` in order around the box."""
+    if name == "ball":
+        return {name: tuple(thing.position)}
+    ends = ((-WIDE / 2, -TALL / 2), (WIDE / 2, -TALL / 2), (WIDE / 2, TALL / 2), (-WIDE / 2, TALL / 2))
+    return {f"{name}-{letter}": tuple(thing.local_to_world(end)) for letter, end in zip("abcd", ends, strict=True)}
+
+
+class Contacts:
+    """Impulses between bodies, added up while they last within a step."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, str, str, float]] = []
+        self.t = 0.0
+
+    def note(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
+        impulse = arbiter.total_impulse.length
+        if impulse > LEAST_IMPULSE:
+            a, b = sorted(shape.trueroll_name for shape in arbiter.shapes)
+            self.rows.append((self.t, a, b, impulse))
+
+
+def play(throw: Throw) -> tuple[Floats, list[str], Floats, list[tuple[float, str, str, float]]]:
+    """Times (T,), names of N points, their places (T, N, 2) px, and the contacts."""
+    chance = np.random.default_rng(throw.seed)
+    space = pymunk.Space()
+    space.gravity, space.iterations, space.collision_slop = (0.0, throw.gravity), ITERATIONS, SLOP
+    boundary(space)
+    bodies = wall(space, chance)
+    dt = 1 / STEPS_PER_SECOND
+    for _ in range(round(SETTLING * STEPS_PER_SECOND)):
+        space.step(dt)
+    space.damping = throw.damping
+    bodies = {"ball": thrown(space, throw, chance), **bodies}
+    contacts = Contacts()
+    space.on_collision(post_solve=contacts.note)
+    every = STEPS_PER_SECOND / throw.hz
+    if every != int(every):
+        raise SystemExit(f"--hz divides {STEPS_PER_SECOND}, the steps of a second; got {throw.hz:g}")
+    frames = []
+    for step in range(round(throw.seconds * STEPS_PER_SECOND) + 1):
+        if step % int(every) == 0:
+            frames.append({key: xy for name, thing in bodies.items() for key, xy in corners(name, thing).items()})
+        contacts.t = (step + 1) * dt
+        space.step(dt)
+    names = list(frames[0])
+    return np.arange(len(frames)) / throw.hz, names, np.array([[f[n] for n in names] for f in frames]), contacts.rows
+
+
+def write(throw: Throw, out: Path) -> None:
+    t, names, places, contacts = play(throw)
+    out.mkdir(parents=True, exist_ok=True)
+    with (out / "tracks.csv").open("w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(("shot", "frame", "t", "id", "x", "y"))
+        for frame, moment in enumerate(t):
+            for name, (x, y) in zip(names, places[frame], strict=True):
+                rows.writerow((0, frame, f"{moment:.9f}", name, f"{x:.7f}", f"{y:.7f}"))
+    with (out / "contacts.csv").open("w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(("t", "a", "b", "impulse"))
+        rows.writerows((f"{moment:.6f}", a, b, f"{impulse:.4f}") for moment, a, b, impulse in contacts)
+    scene = {"scene": "boxes", "units": "px", "fps": throw.hz, "speed": throw.speed, "gravity": throw.gravity,
+             "damping": throw.damping, "seed": throw.seed}  # fmt: skip
+    (out / "scene.json").write_text(json.dumps(scene, indent=1) + "\n")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    for name in ("speed", "hz", "seconds", "gravity", "damping"):
+        parser.add_argument(f"--{name}", type=float, default=getattr(Throw(), name))
+    parser.add_argument("--seed", type=int, default=0)
+    given = vars(parser.parse_args())
+    out = given.pop("out")
+    write(Throw(**given), out)
+
+
+if __name__ == "__main__":
+    main()
