@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +12,6 @@ from rich.console import Console
 
 from models.errors import OptionError
 from pipeline.cache import Cache, default_root
-from pipeline.options import collect, parameters
 
 app = typer.Typer(
     help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
@@ -56,6 +54,8 @@ def open_cache(folder: Path | None) -> Cache:
 
 def _version(wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version
+
         print(f"trueroll {version('trueroll')}")
         raise typer.Exit
 
@@ -71,6 +71,8 @@ def _common(
 
 def with_settings(function: Callable[..., None]) -> Callable[..., None]:
     """The command with the option of every stage appended, as one `options` argument."""
+    from pipeline.options import collect, parameters  # what the stages need is heavy, and not every command takes it
+
     own = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "options"]
     names = {p.name for p in own}
     extra = parameters()

@@ -11,7 +11,6 @@ import typer
 from models.errors import OptionError
 from pipeline.command_line import app
 from pipeline.commands import load
-from pipeline.sentences import one_sentence
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 """Of the click that this typer uses: its own or the package."""
@@ -20,7 +19,7 @@ UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 def execute(arguments: list[str]) -> int:
     """Run one command line; the exit status: 0 all went well, 1 some of it failed, 2 wrong usage."""
     try:
-        load(next((word for word in arguments if not word.startswith("-")), ""))
+        load(arguments[0] if arguments else "")
         status = app(arguments or ["--help"], standalone_mode=False) or 0
         sys.stdout.flush()
     except Exception as error:
@@ -35,6 +34,8 @@ def _fail(error: Exception, debug: bool) -> int:
     if isinstance(error, UsageError):
         print(f"trueroll: {_usage(error)}", file=sys.stderr)
         return 2
+    from pipeline.sentences import one_sentence
+
     print(f"trueroll: {one_sentence(error)}", file=sys.stderr)
     return 2 if isinstance(error, OptionError) else 1
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+from pathlib import Path
+
 from pipeline.command_line import app
 
 ORDER = (
@@ -11,10 +14,41 @@ ORDER = (
 
 
 def load(wanted: str) -> None:
-    """Add the command of this name to `app`, all of them for any other word: one need not wait for what others need."""
-    for name in [wanted] if wanted in ORDER else ORDER:
-        _import(name)
+    """Add the command of this name to `app`: one need not wait for what others need.
+
+    For any other word, the names of all with their first sentences, which is what `--help` shows.
+    """
+    loaded = [command for command in app.registered_commands if command.callback is not _not_loaded]
+    app.registered_commands[:] = loaded
+    if wanted in ORDER:
+        _import(wanted)
+        return
+    for name in ORDER:
+        if name not in {command.name for command in loaded}:
+            app.command(name, help=first_sentence(name))(_not_loaded)
     app.registered_commands.sort(key=lambda command: ORDER.index(str(command.name)))
+
+
+def first_sentence(name: str) -> str:
+    """The docstring of the function behind a command, read from its source: importing it would take a second."""
+    source = Path(__file__).with_name(f"{name.replace('-', '_')}.py").read_text(encoding="utf-8")
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.FunctionDef) and any(_adds(decorator, name) for decorator in node.decorator_list):
+            return (ast.get_docstring(node) or "").partition("\n\n")[0]
+    raise ValueError(f"pipeline/commands/ has no function that adds the command {name}")
+
+
+def _adds(decorator: ast.expr, name: str) -> bool:
+    """Whether this is @app.command(name)."""
+    return (
+        isinstance(decorator, ast.Call)
+        and ast.unparse(decorator.func) == "app.command"
+        and [argument.value for argument in decorator.args if isinstance(argument, ast.Constant)] == [name]
+    )
+
+
+def _not_loaded() -> None:
+    raise AssertionError("a command is loaded by its name before it is called")
 
 
 def _import(name: str) -> None:

@@ -17,6 +17,8 @@ import pytest
 from terminal import Terminal, terminal
 
 from pipeline.batch import folders_of
+from pipeline.command_line import app
+from pipeline.commands import ORDER, first_sentence, load
 from pipeline.options import run_settings
 from video.writer import VideoWriter
 
@@ -233,8 +235,25 @@ def test_help_holds_every_option_with_its_meaning(trueroll: Terminal) -> None:
 def test_help_names_every_command_and_so_does_no_argument(trueroll: Terminal) -> None:
     said = trueroll("--help")
     assert said.status == 0
-    assert all(re.search(rf"\b{name}\b", said.out) for name in ("run", "batch", "view", "graph", "cache"))
+    assert all(re.search(rf"\b{name}\b", said.out) for name in ORDER)
     assert trueroll().out == said.out
+    assert trueroll("--help", "run").out == said.out
+
+
+def test_help_of_the_program_waits_for_nothing_heavy() -> None:
+    code = (
+        "import sys; from pipeline.execute import execute; execute(['--help']);"
+        "print(sorted({'numpy', 'av', 'cv2', 'scipy', 'torch', 'numba', 'rerun', 'plotly'} & sys.modules.keys()))"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert said.stdout.splitlines()[-1] == "[]"
+
+
+def test_the_sentence_in_the_list_is_that_of_the_command_itself() -> None:
+    for name in ORDER:
+        load(name)
+    docstrings = {command.name: command.callback.__doc__ for command in app.registered_commands if command.callback}
+    assert {name: first_sentence(name) for name in ORDER} == docstrings
 
 
 def test_the_version_is_printed(trueroll: Terminal) -> None:
