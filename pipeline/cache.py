@@ -12,7 +12,6 @@ import hashlib
 import json
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -21,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
+
+from pipeline.publish import aside, folder_aside
 
 MANIFEST = "manifest.json"
 
@@ -86,19 +87,14 @@ class Cache:
             return entry if entry is not None else self._publish(key, build)
 
     def _publish(self, key: Key, build: Callable[[Path], None]) -> Entry:
-        aside = Path(tempfile.mkdtemp(prefix=f"{key.stage}-{key.digest}-", dir=self.root / "building"))
-        try:
+        """With the lock of the key held: what lies in building/ for it was left by a process that was killed."""
+        prefix, final = f"{key.stage}-{key.digest}-", self.folder(key.digest)
+        for left in (self.root / "building").glob(f"{prefix}*"):
+            shutil.rmtree(left, ignore_errors=True)
+        with folder_aside(final, self.root / "building", prefix) as fresh:
             start = time.monotonic()
-            build(aside)
-            _write_manifest(aside, key, time.monotonic() - start)
-            final = self.folder(key.digest)
-            if final.exists():
-                shutil.rmtree(final)
-            final.parent.mkdir(exist_ok=True)
-            aside.rename(final)
-        except BaseException:
-            shutil.rmtree(aside, ignore_errors=True)
-            raise
+            build(fresh)
+            _write_manifest(fresh, key, time.monotonic() - start)
         entry = _read_entry(final)
         if entry is None:
             raise OSError(f"the entry that was just written to {final} cannot be read back; is the disk full?")
@@ -106,10 +102,8 @@ class Cache:
 
     def remember(self, key: Key, clip: str) -> None:
         """Note the parts of the key that a stage last had for a clip."""
-        path = self._latest(key.stage, clip)
-        aside = path.with_suffix(f".{os.getpid()}.part")
-        aside.write_text(json.dumps(key.parts, sort_keys=True), encoding="utf-8")
-        aside.replace(path)
+        with aside(self._latest(key.stage, clip)) as fresh:
+            fresh.write_text(json.dumps(key.parts, sort_keys=True), encoding="utf-8")
 
     def recall(self, stage: str, clip: str) -> dict[str, Any] | None:
         """The parts that `remember` noted, None if never."""

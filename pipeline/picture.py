@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from models.errors import OptionError
 from pipeline.graph import Outlook
+from pipeline.publish import aside
 
 BOX, GAP, MARGIN = (200, 54), (70, 26), 24
 """px: size of a box, space between columns and rows, border."""
@@ -56,10 +57,11 @@ def write_picture(views: Sequence[Outlook], path: Path) -> None:
     boxes = lay_out(views)
     width = max(box.x for box in boxes) + BOX[0] + MARGIN
     height = max(box.y for box in boxes) + BOX[1] + MARGIN
-    if suffix == ".svg":
-        path.write_text(_svg(boxes, width, height), encoding="utf-8")
-    else:
-        _png(boxes, width, height).save(path)
+    with aside(path) as fresh:
+        if suffix == ".svg":
+            fresh.write_text(_svg(boxes, width, height), encoding="utf-8")
+        else:
+            _png(boxes, width, height).save(fresh, format="PNG")
 
 
 def _arrows(boxes: Sequence[Box]) -> list[tuple[int, int, int, int]]:

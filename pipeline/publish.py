@@ -1,8 +1,10 @@
-"""Files appear under their final name in one step, or not at all."""
+"""Files and folders appear under their final name in one step, or not at all."""
 
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,3 +19,21 @@ def aside(target: Path) -> Iterator[Path]:
         os.replace(path, target)
     finally:
         path.unlink(missing_ok=True)
+
+
+@contextmanager
+def folder_aside(target: Path, within: Path, prefix: str) -> Iterator[Path]:
+    """A fresh folder below `within` to fill; it takes the place of `target` at the end, or is gone after an error.
+
+    `within` lies on the file system of `target`; the folder's name begins with `prefix`. Who fills the same target at
+    the same time is kept away by the caller.
+    """
+    folder = Path(tempfile.mkdtemp(prefix=prefix, dir=within))
+    try:
+        yield folder
+        if target.exists():
+            shutil.rmtree(target)
+        target.parent.mkdir(exist_ok=True)
+        folder.rename(target)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

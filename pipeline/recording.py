@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import uuid
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import rerun as rr
@@ -15,6 +16,7 @@ from models.detections import Detections
 from models.fit import Fit
 from models.scene import Scene
 from models.tracks import Tracks
+from pipeline.publish import aside
 from pipeline.sampling import ever_moves, sample_motion
 from pipeline.sentences import event_sentence, event_time
 from video.clip import Clip
@@ -43,21 +45,25 @@ def write_recording(
     recording = rr.RecordingStream("trueroll", recording_id=uuid.uuid5(uuid.NAMESPACE_OID, clip.digest))
     recording.set_log_time_enabled(False)
     recording.set_log_tick_enabled(False)
-    aside = path.with_name(path.name + ".part")
-    recording.save(aside, default_blueprint=_blueprint(clip, scene))
-    recording.send_recording_name(title)
+    with aside(path) as fresh:
+        recording.save(fresh, default_blueprint=_blueprint(clip, scene))
+        recording.send_recording_name(title)
+        _log_video(recording, clip, path)
+        _log_detections(recording, clip, detections)
+        _log_motion(recording, clip, scene, tracks, fit)
+        _log_events(recording, clip, scene, fit)
+        recording.log("about", rr.TextDocument(_about(scene, fit), media_type=rr.MediaType.MARKDOWN), static=True)
+        recording.flush()
+        recording.disconnect()
+
+
+def _log_motion(recording: rr.RecordingStream, clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> None:
+    """Everything that has a ball's colour."""
     colours = np.array([ball_colour(*seen) for seen in zip(tracks.kinds, tracks.colour, strict=True)], dtype=np.uint8)
-    _log_video(recording, clip, path.with_name(path.stem + ".part.mp4"))
-    _log_detections(recording, clip, detections)
     _log_tracks(recording, tracks, colours)
     _log_paths(recording, scene, fit, colours)
     _log_plan(recording, clip, scene, fit, colours)
     _log_plots(recording, tracks, fit, colours)
-    _log_events(recording, clip, scene, fit)
-    recording.log("about", rr.TextDocument(_about(scene, fit), media_type=rr.MediaType.MARKDOWN), static=True)
-    recording.flush()
-    recording.disconnect()
-    os.replace(aside, path)
 
 
 def _timeline(t: Floats, frame: NDArray[np.integer] | None = None) -> list[rr.TimeColumn]:
@@ -67,9 +73,10 @@ def _timeline(t: Floats, frame: NDArray[np.integer] | None = None) -> list[rr.Ti
     return columns
 
 
-def _log_video(recording: rr.RecordingStream, clip: Clip, copy: Path) -> None:
-    source = playable(clip, copy)
-    asset = rr.AssetVideo(path=source)
+def _log_video(recording: rr.RecordingStream, clip: Clip, beside: Path) -> None:
+    """The clip, or a copy that the viewer plays; the recording holds its bytes."""
+    with TemporaryDirectory(prefix=".", dir=beside.parent) as folder:
+        asset = rr.AssetVideo(path=playable(clip, Path(folder) / "copy.mp4"))
     recording.log("picture/video", asset, static=True)
     stamps = np.sort(asset.read_frame_timestamps_nanos())[: clip.frame_count]
     shown = np.arange(len(stamps))
@@ -78,8 +85,6 @@ def _log_video(recording: rr.RecordingStream, clip: Clip, copy: Path) -> None:
         _timeline(clip.t[shown], shown),
         rr.VideoFrameReference.columns_nanos(stamps),
     )
-    if source == copy:
-        copy.unlink()
 
 
 def _log_detections(recording: rr.RecordingStream, clip: Clip, detections: Detections) -> None:

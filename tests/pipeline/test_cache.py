@@ -123,6 +123,17 @@ def test_a_killed_process_leaves_no_entry_and_its_rubbish_is_pruned(cache: Cache
     assert (put(cache, "again").folder / "result.txt").read_text() == "again", "its lock died with it"
 
 
+def test_who_makes_the_entry_again_clears_what_a_killed_process_left(cache: Cache, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    killed = worker(cache, log, 60)
+    wait_until(log.exists)
+    killed.kill()
+    killed.wait(10)
+    assert len(list((cache.root / "building").iterdir())) == 1
+    put(cache, "again")
+    assert not list((cache.root / "building").iterdir())
+
+
 def test_what_a_process_at_work_builds_is_not_pruned(cache: Cache, tmp_path: Path) -> None:
     log = tmp_path / "log"
     busy = worker(cache, log, 60)
