@@ -1,0 +1,78 @@
+"""The training that all networks share."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from models.neural.clock import Clock
+from models.neural.method import Budget
+from models.neural.perceptron import Perceptron, count_parameters, seeded
+from models.neural.training import Schedule, train
+
+
+class Bowl(nn.Module):
+    """A quadratic of condition number 1000 around (1, 1, 1, 1)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.place = nn.Parameter(torch.zeros(4, dtype=torch.float64))
+        self.width = torch.logspace(0, 3, 4, dtype=torch.float64)
+
+    def loss(self) -> Tensor:
+        return (self.width * (self.place - 1) ** 2).sum()
+
+    def height(self) -> float:
+        return float(self.loss().detach())
+
+
+def test_lbfgs_finds_the_bottom_of_a_bowl_that_adam_only_nears() -> None:
+    slow, fast = Bowl(), Bowl()
+    train(slow, slow.loss, Schedule(adam=100, rate=0.03), Budget())
+    train(fast, fast.loss, Schedule(adam=50, rate=0.03, lbfgs=50), Budget())
+    assert fast.height() < 1e-20 < slow.height()
+
+
+def test_the_best_state_is_kept() -> None:
+    bowl = Bowl()
+    curve = train(bowl, bowl.loss, Schedule(adam=200, rate=0.5, last_rate=0.5), Budget())
+    assert len(curve) == 200
+    assert bowl.height() == pytest.approx(curve.min())
+
+
+def test_training_stops_when_nothing_is_gained() -> None:
+    bowl = Bowl()
+    curve = train(bowl, bowl.loss, Schedule(adam=5000, rate=0.0, last_rate=0.0, patience=30), Budget())
+    assert len(curve) < 40
+
+
+def test_effort_sets_the_number_of_steps_and_seconds_end_them() -> None:
+    bowl = Bowl()
+    assert len(train(bowl, bowl.loss, Schedule(adam=100), Budget(effort=0.25))) == 25
+    assert len(train(bowl, bowl.loss, Schedule(adam=10**9), Budget(seconds=0.05))) < 10**6
+
+
+def test_a_loss_that_is_never_finite_is_an_error() -> None:
+    bowl = Bowl()
+    with pytest.raises(ArithmeticError, match="no finite loss"):
+        train(bowl, lambda: bowl.loss() * torch.nan, Schedule(adam=3), Budget())
+
+
+def test_a_perceptron_has_the_layers_of_the_thesis_and_leaves_other_randomness_alone() -> None:
+    before = torch.random.get_rng_state()
+    net = Perceptron(7, 6, (512, 512, 512), nn.ReLU, seeded(0))
+    assert torch.equal(before, torch.random.get_rng_state())
+    assert count_parameters(net) == 8 * 512 + 2 * 513 * 512 + 513 * 6
+    again = Perceptron(7, 6, (512, 512, 512), nn.ReLU, seeded(0))
+    assert torch.equal(net(torch.ones(7, dtype=torch.float64)), again(torch.ones(7, dtype=torch.float64)))
+
+
+def test_no_wave_of_a_clock_is_shorter_than_asked_for() -> None:
+    clock = Clock(span=20.0, shortest=4.0)
+    t = torch.linspace(0, 20, 201, dtype=torch.float64)[:, None]
+    waves = clock.tell(t).numpy()
+    assert waves.shape == (201, clock.width) == (201, 11)
+    power = np.abs(np.fft.rfft(waves[:-1, 1:], axis=0)) ** 2  # bins are waves of 20 / k steps
+    assert power[6:].max() < 1e-18 * power.max()
