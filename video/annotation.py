@@ -34,8 +34,10 @@ MOST_LABELS, MOST_TIMES = 6, 3
 """Balls named, and contact times shown, at once: more would hide the shot."""
 TURN_SHARE = 0.12
 """Share of its way round the ball that a label goes per picture: it glides, it does not jump."""
-MOST_COVERED, FADE_STEP = 0.4, 0.1
-"""Share of a label over other things from which it fades; change of opacity per picture."""
+MOST_COVERED, MOST_WORDS = 0.4, 0.08
+"""Share of a label over other things, and over other labels, from which it fades."""
+COME_STEP, GO_STEP = 0.1, 0.34
+"""Change of a label's opacity per picture: two labels that meet are unreadable, so one goes at once."""
 INSET_SHARE = 0.23
 """Longer side of the plan, share of the picture's width."""
 COST_STEP = 8
@@ -89,8 +91,9 @@ class Annotation:
                 draw_flash(picture, centre, radius, (t - mark.t) / FLASH_SECONDS, self.scale, mark.strength)
         self._panels(picture, t, xy)
         taken = [self.inset_place, self.clock_place, *balls.boxes(0.6)]
+        things = len(taken)
         self._times(picture, t, balls, taken)
-        self._names(picture, t, balls, taken)
+        self._names(picture, t, balls, taken, things)
 
     def _trail(self, picture: Picture, t: float, ball: int, path: Path, balls: Balls) -> None:
         first, last = np.searchsorted(path.t, [t - TRAIL_SECONDS, t])
@@ -137,8 +140,8 @@ class Annotation:
         places = self.sightings.project(np.concatenate(ways), t)
         return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in places]
 
-    def _names(self, picture: Picture, t: float, balls: Balls, taken: list[Rect]) -> None:
-        """Name and speed beside the balls that move or have just come to rest."""
+    def _names(self, picture: Picture, t: float, balls: Balls, taken: list[Rect], things: int) -> None:
+        """Name and speed beside the balls that move or have just come to rest; labels are `taken` from `things` on."""
         shown = [int(ball) for ball in balls.present if self._presence(t, int(ball)) > 0 and balls.sure[ball]]
         shown.sort(key=lambda ball: (-len(self.paths[ball].t), ball))
         others = len(taken)
@@ -151,10 +154,11 @@ class Annotation:
             now = aim if now is None else now.towards(aim, TURN_SHARE)
             self.sides[ball] = aim, now
             corner = centre + now.corner(size, radius)
-            room = covered_share((*corner, *size), taken) < MOST_COVERED
-            self.clear[ball] = float(
-                np.clip(self.clear.get(ball, float(room)) + (FADE_STEP if room else -FADE_STEP), 0, 1)
-            )
+            rect = (*corner, *size)
+            words = covered_share(rect, taken[things:])
+            room = covered_share(rect, taken) < MOST_COVERED and words < MOST_WORDS
+            clear = self.clear.get(ball, float(room)) + (COME_STEP if room else -GO_STEP)
+            self.clear[ball] = float(np.clip(clear, 0, 1))
             _put(picture, label, corner, self.scale, self._presence(t, ball) * self.clear[ball], taken)
         self.named = taken[others:]
 

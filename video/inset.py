@@ -23,7 +23,6 @@ SUPERSAMPLE = 2
 BALL_GROWTH = 1.35
 """Balls of the plan are drawn larger than life, to be seen."""
 WOOD: Colour = (58, 44, 36)
-OPACITY = 0.96
 SHIFT = 4
 """Binary digits after the point of OpenCV's sub-pixel coordinates."""
 
@@ -66,7 +65,7 @@ class Inset:
                 cv2.circle(tile, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
         width, height = self.size
         small = cv2.resize(tile, (width, height), interpolation=cv2.INTER_AREA)
-        cover = rounded_mask(width, height, max(3, height // 24)).astype(np.float32)[..., None] * (OPACITY / 255)
+        cover = rounded_mask(width, height, max(3, height // 24)).astype(np.float32)[..., None] / 255
         ground = picture[y : y + height, x : x + width]
         ground[:] = np.rint(ground + (small.astype(np.float32) - ground) * cover).astype(np.uint8)
 

@@ -20,6 +20,8 @@ LEAST_SPEED = 2e-3
 """m/s below which a ball counts as resting."""
 POINTS_APART = 6.0
 """px between drawn points of a path."""
+LEAST_WAY_RADII = 0.4
+"""Ball radii that a ball goes at least in a span that is drawn and named: less is noise, or no eye sees it."""
 LEAST_PROBABILITY = 0.5
 """Events below are not drawn."""
 MOST_SIGMA = 0.05
@@ -62,12 +64,10 @@ class Mark:
 
 def path_of(sightings: Sightings, fit: Fit, ball: int) -> Path:
     """Sample one ball's motion while it moves, corners at events included."""
-    rows = np.flatnonzero(sightings.moves[:, ball])
+    rows, spans = _journeys(sightings, ball)
     if not len(rows):
         return Path(np.empty(0), np.empty((0, 2)), np.empty((0, 2)), 0.0, np.empty(0, dtype=np.intp))
-    breaks = np.flatnonzero(np.diff(rows) > 1)
-    starts, ends = rows[np.concatenate([[0], breaks + 1])], rows[np.concatenate([breaks, [len(rows) - 1]])] + 1
-    spans = _trimmed(np.column_stack([sightings.t[starts], sightings.t[ends]]), fit, ball)
+    spans = _trimmed(spans, fit, ball)
     parts = [np.arange(start, end, PATH_STEP) for start, end in spans]
     inside = [t for t in fit.events.t if ((spans[:, 0] <= t) & (t <= spans[:, 1])).any()]
     times = np.unique(np.concatenate([*parts, spans.ravel(), np.array(inside)]))
@@ -79,6 +79,24 @@ def path_of(sightings: Sightings, fit: Fit, ball: int) -> Path:
     times, xy = times[known], xy[known]
     drawn = _apart(sightings.project(xy, float(sightings.t[0])), np.isin(times, inside))
     return Path(times, xy, spans, radius, drawn)
+
+
+def _journeys(sightings: Sightings, ball: int) -> tuple[NDArray[np.intp], Floats]:
+    """Pictures (n,) and spans (k, 2) s in which a ball gets somewhere: rests and jitter left out."""
+    rows = np.flatnonzero(sightings.moves[:, ball])
+    runs = [run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if _goes(sightings, ball, run)]
+    spans = [[sightings.t[run[0]], sightings.t[run[-1] + 1]] for run in runs]
+    return np.concatenate([np.empty(0, dtype=np.intp), *runs]), np.array(spans).reshape(-1, 2)
+
+
+def _goes(sightings: Sightings, ball: int, rows: NDArray[np.intp]) -> bool:
+    """Whether a ball is ever `LEAST_WAY_RADII` from where it was at the first of these neighbouring pictures."""
+    if not len(rows):
+        return False
+    stay = slice(rows[0], rows[-1] + 2)
+    away = np.linalg.norm(sightings.centre[stay, ball] - sightings.centre[rows[0], ball], axis=1)
+    way = away / sightings.radius[stay, ball]
+    return bool(np.any(~np.isfinite(way)) or way.max() > LEAST_WAY_RADII)
 
 
 def _trimmed(spans: Floats, fit: Fit, ball: int) -> Floats:

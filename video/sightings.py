@@ -19,8 +19,9 @@ Mask = NDArray[np.bool_]
 
 LEAST_SHIFT = 0.15
 """px between two pictures below which a ball is left as it is: no eye sees it."""
-SEEN_SHIFT = 2.0
-"""px between the places seen in two pictures from which a ball moves, whatever the fit says: well above their noise."""
+SEEN_SHIFT, SEEN_RADII = 2.0, 0.4
+"""px, and radii, between the places seen in two pictures from which a ball moves, whatever the fit says: the circle of
+a ball that rests half hidden jumps by less."""
 OUTSIDE = 40.0
 """px beyond the border where a ball that is not seen is still followed."""
 RADIUS_RATIO = (0.8, 1.3)
@@ -122,7 +123,7 @@ def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:
     return Sightings(
         scene=scene, trajectory=fit.trajectory, span=_spans(fit.trajectory), frame=tracks.frame, t=tracks.t,
         centre=centre, offset=offset, radius=radius, observed=observed,
-        moves=_moves(scene, tracks, fit.trajectory),
+        moves=_moves(scene, tracks, fit.trajectory, radius),
         way=_ways(scene, tracks, fit.trajectory, _exposure(tracks, modelled.v)),
         colour=np.array([lab_to_rgb(lab) for lab in tracks.colour], dtype=np.uint8).reshape(-1, 3),
     )  # fmt: skip
@@ -151,7 +152,7 @@ def _spans(trajectory: Trajectory) -> Floats:
     return spans
 
 
-def _moves(scene: Scene, tracks: Tracks, trajectory: Trajectory) -> Mask:
+def _moves(scene: Scene, tracks: Tracks, trajectory: Trajectory, radius: Floats) -> Mask:
     """(T - 1, N) where a ball's way between two pictures is more than `LEAST_SHIFT`, or it was seen to move."""
     share = np.linspace(0, 1, 5)
     times = tracks.t[:-1, None] + np.diff(tracks.t)[:, None] * share
@@ -160,7 +161,7 @@ def _moves(scene: Scene, tracks: Tracks, trajectory: Trajectory) -> Mask:
     high = np.where(np.isfinite(px), px, -np.inf).max(axis=1)
     put = (high - low).max(axis=-1) > LEAST_SHIFT
     seen = np.linalg.norm(np.diff(scene.camera.to_pixels(tracks.xy, scene.table.ball_radius), axis=0), axis=-1)
-    return np.asarray(put | (seen > SEEN_SHIFT), dtype=np.bool_)
+    return np.asarray(put | (seen > np.fmax(SEEN_SHIFT, SEEN_RADII * radius[1:])), dtype=np.bool_)
 
 
 def _ways(scene: Scene, tracks: Tracks, trajectory: Trajectory, exposure: float) -> Floats:
