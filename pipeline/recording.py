@@ -63,7 +63,7 @@ def _log_motion(recording: rr.RecordingStream, clip: Clip, scene: Scene, tracks:
     _log_tracks(recording, tracks, colours)
     _log_paths(recording, scene, fit, colours)
     _log_plan(recording, clip, scene, fit, colours)
-    _log_plots(recording, tracks, fit, colours)
+    _log_plots(recording, scene, tracks, fit, colours)
 
 
 def _timeline(t: Floats, frame: NDArray[np.integer] | None = None) -> list[rr.TimeColumn]:
@@ -116,8 +116,8 @@ def _log_tracks(recording: rr.RecordingStream, tracks: Tracks, colours: Colours)
 
 
 def _log_paths(recording: rr.RecordingStream, scene: Scene, fit: Fit, colours: Colours) -> None:
-    _, xy, speed = sample_motion(fit.trajectory, PATH_HZ)
-    moves = ever_moves(speed)
+    _, xy, _ = sample_motion(fit.trajectory, PATH_HZ)
+    moves = ever_moves(xy, scene.table.ball_radius)
     for k, ball in enumerate(fit.trajectory.ids):
         there = np.isfinite(xy[:, k, 0])
         if not moves[k]:
@@ -146,9 +146,9 @@ def _log_plan(recording: rr.RecordingStream, clip: Clip, scene: Scene, fit: Fit,
         recording.log(f"plan/balls/{ball}", look, static=True)
 
 
-def _log_plots(recording: rr.RecordingStream, tracks: Tracks, fit: Fit, colours: Colours) -> None:
-    t, _, speed = sample_motion(fit.trajectory, PATH_HZ)
-    moves = ever_moves(speed)
+def _log_plots(recording: rr.RecordingStream, scene: Scene, tracks: Tracks, fit: Fit, colours: Colours) -> None:
+    t, xy, speed = sample_motion(fit.trajectory, PATH_HZ)
+    moves = ever_moves(xy, scene.table.ball_radius)
     error = 1000 * np.linalg.norm(fit.residual, axis=-1)
     for k, ball in enumerate(fit.trajectory.ids):
         if not moves[k]:

@@ -65,7 +65,7 @@ def write_report(
         events=_event_rows(fit, files.slow_factor),
         plan=_embedded(plan_figure(scene, fit, colours), "plan"),
         plan_ratio=round(scene.table.width / scene.table.length, 4),
-        speeds=_embedded(speed_figure(fit, colours), "speeds"),
+        speeds=_embedded(speed_figure(scene, fit, colours), "speeds"),
         plotly=get_plotlyjs(),
         parameters=[(p, parameter_range(p.name)) for p in fit.parameters],
         quality=_quality(clip, fit),
@@ -79,7 +79,7 @@ def write_report(
 
 
 def plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
-    """The table from above with the fitted paths; y runs down, as in the picture."""
+    """The table from above: fitted paths, balls where they come to; y runs down, as in the picture."""
     table = scene.table
     figure = go.Figure()
     figure.add_shape(type="rect", x0=0, y0=0, x1=table.length, y1=table.width, line={"color": "#4b6b5d", "width": 3})
@@ -87,15 +87,17 @@ def plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
         r = 1.6 * table.ball_radius
         figure.add_shape(type="circle", x0=x - r, y0=y - r, x1=x + r, y1=y + r, fillcolor="#30343a", line_width=0)
     t, xy, speed = sample_motion(fit.trajectory, PLOT_HZ)
-    moves = ever_moves(speed)
+    moves = ever_moves(xy, table.ball_radius)
     for k, ball in enumerate(fit.trajectory.ids):
         rows = np.flatnonzero(np.isfinite(xy[:, k, 0]))
-        if len(rows):
-            shown = rows if moves[k] else rows[:1]
-            hover = np.stack([t[shown], speed[shown, k]], axis=-1)
+        if not len(rows):
+            continue
+        hover = np.stack([t, speed[:, k]], axis=-1)
+        for shown, mode in ((rows if moves[k] else rows[:0], "lines"), (rows[-1:], "markers")):
             figure.add_scatter(
-                x=xy[shown, k, 0], y=xy[shown, k, 1], mode="lines" if moves[k] else "markers", name=ball,
-                line_color=colours[k], marker_size=10, customdata=hover, hovertemplate=f"{HOVER}<extra>{ball}</extra>",
+                x=xy[shown, k, 0], y=xy[shown, k, 1], mode=mode, name=ball, legendgroup=ball, marker_size=10,
+                showlegend=mode == "markers", line_color=colours[k], marker_color=colours[k], customdata=hover[shown],
+                hovertemplate=f"{HOVER}<extra>{ball}</extra>",
             )  # fmt: skip
     events = fit.events
     marked = [k for k in range(len(events)) if events.kind[k] not in ("rest",)]
@@ -112,11 +114,11 @@ def plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
     return _styled(figure, height=440)
 
 
-def speed_figure(fit: Fit, colours: Sequence[str]) -> go.Figure:
+def speed_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
     """Speed of every ball that moves, over the time of the source clip."""
     figure = go.Figure()
-    t, _, speed = sample_motion(fit.trajectory, PLOT_HZ)
-    moves = ever_moves(speed)
+    t, xy, speed = sample_motion(fit.trajectory, PLOT_HZ)
+    moves = ever_moves(xy, scene.table.ball_radius)
     for k, ball in enumerate(fit.trajectory.ids):
         if moves[k]:
             figure.add_scatter(x=t, y=speed[:, k], mode="lines", name=ball, line_color=colours[k])

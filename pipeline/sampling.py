@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.trajectory import Trajectory
+from video.motion_marks import LEAST_WAY_RADII
 
 Floats = NDArray[np.float64]
-
-MOVING_SPEED = 1e-3
-"""m/s; a ball that never exceeds it rests through the whole clip."""
 
 
 def sample_motion(motion: Trajectory, hz: float) -> tuple[Floats, Floats, Floats]:
@@ -24,7 +22,10 @@ def sample_motion(motion: Trajectory, hz: float) -> tuple[Floats, Floats, Floats
     return t, state.xy, np.linalg.norm(state.v, axis=-1)
 
 
-def ever_moves(speed: Floats) -> NDArray[np.bool_]:
-    """Which balls (N,) move at any of the times of `speed` (K, N)."""
-    moves: NDArray[np.bool_] = np.any(np.nan_to_num(speed) > MOVING_SPEED, axis=0)
+def ever_moves(xy: Floats, ball_radius: float) -> NDArray[np.bool_]:
+    """Which balls (N,) get away from where they began, of the places `xy` (K, N, 2) m: those that the video names."""
+    moves = np.zeros(xy.shape[1], dtype=bool)
+    for ball in range(xy.shape[1]):
+        known = xy[np.isfinite(xy[:, ball, 0]), ball]
+        moves[ball] = len(known) and np.linalg.norm(known - known[0], axis=1).max() > LEAST_WAY_RADII * ball_radius
     return moves

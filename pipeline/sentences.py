@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from models.errors import TruerollError
 from models.events import Events
 
@@ -16,6 +14,9 @@ TEXTBOOK = {
 }
 """Usual ranges: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket Billiards, 1995."""
 
+LEAST_SPEED = 0.005
+"""m/s below which 0.00 would be said, which is no way to touch."""
+
 
 def event_sentence(events: Events, k: int) -> str:
     """Event k in words: who, what and how fast."""
@@ -26,7 +27,7 @@ def event_sentence(events: Events, k: int) -> str:
         "pocket": f"{events.a[k]} falls into the {events.b[k]} pocket",
         "rest": f"{events.a[k]} comes to rest",
     }[events.kind[k]]
-    return what + (f" at {events.speed[k]:.2f} m/s" if np.isfinite(events.speed[k]) else "")
+    return what + (f" at {events.speed[k]:.2f} m/s" if events.speed[k] >= LEAST_SPEED else "")
 
 
 def event_time(events: Events, k: int) -> str:

@@ -13,7 +13,7 @@ from models.errors import ClipError
 from models.fit import Fit
 from models.scene import Scene
 from models.tracks import Tracks
-from video.annotation import EIGHTFOLD, Annotation, annotate
+from video.annotation import EIGHTFOLD, MOST_WORDS, Annotation, annotate
 from video.clip import Clip, read_frames
 from video.inbetween import plate_of
 from video.layout import Rect, covered_share, place_label
@@ -138,10 +138,11 @@ def _write(still: Picture, sightings: Sightings, annotation: Annotation, balls: 
             start = sightings.project(path.xy[0], end)
             draw_ring(still, start, path.radius + 2.5 * scale, 1.6 * scale, WHITE, 0.8)
             names.append((Label(annotation.names[ball], "", annotation.colours[ball]), start))
+    things = len(taken)
     for label, spot in [*names, *times]:
         size = label.size(scale)
         corner = spot + place_label(size, spot, 12 * scale, np.zeros(2), taken, bounds, None).corner(size, 12 * scale)
         rect = (float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
-        if covered_share(rect, taken) < MOST_COVERED:
+        if covered_share(rect, taken) < MOST_COVERED and covered_share(rect, taken[things:]) < MOST_WORDS:
             label.draw(still, corner, scale)
             taken.append(rect)

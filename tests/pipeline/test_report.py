@@ -7,9 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import made_up_shot as shot
+import numpy as np
 import pytest
 
-from pipeline.report import ReportFiles, write_report
+from pipeline.report import ReportFiles, plan_figure, speed_figure, write_report
+from pipeline.sentences import event_sentence
 from pipeline.verdict import run_trust
 
 
@@ -47,6 +49,26 @@ def test_the_page_says_who_did_what_when_and_how_surely(page: str) -> None:
     assert "0.5000 s ± 1.0 ms" in page
     assert "everything is made up" in page
     assert "rolling_resistance.mu" in page
+
+
+def test_a_touch_without_a_speed_worth_saying_has_none() -> None:
+    events = shot.made_up_fit(np.linspace(0, 0.8, 25)).events
+    slow = replace(events, speed=np.array([np.nan, 0.004]))
+    assert event_sentence(events, 1) == "white hits the right cushion at 0.50 m/s"
+    assert event_sentence(slow, 1) == "white hits the right cushion"
+    assert event_sentence(slow, 0) == "white is struck"
+
+
+@pytest.mark.parametrize(("creep", "lines"), [(0.0, ["white"]), (0.01, ["white"]), (0.1, ["red", "white"])])
+def test_the_plan_shows_every_ball_and_the_ways_of_those_that_get_somewhere(creep: float, lines: list[str]) -> None:
+    fit = shot.made_up_fit(np.linspace(0, 0.8, 25))
+    position = fit.trajectory.position.copy()
+    position[1, 1] = [0, creep]
+    fit = replace(fit, trajectory=replace(fit.trajectory, position=position))
+    drawn = plan_figure(shot.made_up_scene(), fit, ["white", "red"]).data[:-1]
+    assert sorted(trace.name for trace in drawn if trace.mode == "markers") == ["red", "white"]
+    assert sorted(trace.name for trace in drawn if trace.mode == "lines" and len(trace.x)) == lines
+    assert sorted(trace.name for trace in speed_figure(shot.made_up_scene(), fit, ["white", "red"]).data) == lines
 
 
 def test_a_clip_that_breaks_off_is_amber_and_says_why(tmp_path: Path) -> None:
