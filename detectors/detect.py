@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from detectors.ball_size import with_seen_size
+from detectors.choice import chosen
 from detectors.hough import BallFinder, ball_finder
 from detectors.onnx import NetworkFinder, network_finder
 from detectors.onnx_model import SHIPPED, open_model
@@ -26,11 +27,6 @@ LEARNING_PICTURES = 15
 LEARNING_PICTURES_QUICK = 7
 SIZE_PICTURES = 3
 """Pictures in which the size of the balls is checked."""
-AUTO: Literal["hough", "onnx"] = "hough"
-"""What `auto` takes."""
-AUTO_REASON = "hough: the network still sees a little less on broadcast clips and streaks, docs/detectors.md"
-"""Why, in a few words; the figures are those of benchmarks/detectors.py, in docs/detectors.md."""
-
 
 M = TypeVar("M")
 
@@ -53,7 +49,7 @@ def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Pro
     Every picture is measured afresh, also where nothing moves, so that errors of different pictures are as
     independent as the coding of the clip leaves them. Raises ModelError for a detector that is not there.
     """
-    if chosen(options) == "hough":
+    if chosen(options, scene) == "hough":
         return _followed(hough_detector(clip, scene, options), clip, progress)
     return _followed(network_detector(clip, scene, options), clip, progress)
 
@@ -73,7 +69,7 @@ def detect_in_picture(rgb: Bytes, scene: Scene, options: DetectOptions | None = 
     """The balls in one still picture (H, W, 3); they all have frame 0."""
     options = options or DetectOptions()
     pictures = [(0, rgb)]
-    if chosen(options) == "hough":
+    if chosen(options, scene) == "hough":
         return ball_finder(with_seen_size(scene, pictures), pictures).look(rgb)
     return network_finder(scene, pictures, open_model(model_file(options))).look(rgb)
 
@@ -88,22 +84,6 @@ def network_detector(clip: Clip, scene: Scene, options: DetectOptions) -> Networ
     """The detector with a network, made ready for a clip; ModelError where its file is none."""
     model = open_model(model_file(options))
     return network_finder(scene, _learnt(clip, options), model)
-
-
-def chosen(options: DetectOptions) -> Literal["hough", "onnx"]:
-    """The detector that is used; a network that is named is wanted."""
-    if options.detector == "auto":
-        return AUTO if options.model is None else "onnx"
-    return options.detector
-
-
-def why_chosen(options: DetectOptions) -> str:
-    """The detector that is used and the reason, in a few words."""
-    if options.detector != "auto":
-        return f"{options.detector}, as asked for"
-    if options.model is not None:
-        return "onnx, because a network was named"
-    return AUTO_REASON
 
 
 def model_file(options: DetectOptions) -> Path:

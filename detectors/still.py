@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from detectors.anywhere import balls_anywhere
 from detectors.centres import LOOKS
-from detectors.detect import chosen, detect_in_picture, model_file
+from detectors.choice import why_chosen
+from detectors.detect import detect_in_picture, model_file
 from detectors.onnx_model import open_model
 from detectors.options import DetectOptions
 from models.errors import TableNotFound
@@ -39,6 +40,8 @@ class StillBalls:
     """(K,) px per axis."""
     note: str = ""
     """A sentence on what was not as it should be."""
+    made_by: str = "onnx: it needs no table"
+    """Which detector saw them, and why."""
 
 
 def balls_in_still(rgb: Bytes, name: str, detect: DetectOptions, calibrate: CalibrateOptions) -> StillBalls:
@@ -46,12 +49,13 @@ def balls_in_still(rgb: Bytes, name: str, detect: DetectOptions, calibrate: Cali
     try:
         scene = scene_in_picture(rgb, calibrate, name)
     except TableNotFound as missing:
-        if chosen(detect) == "hough":
+        if detect.detector != "onnx" and detect.model is None:
             raise
         return _anywhere(rgb, detect, f"{missing}; balls were looked for in the whole picture")
     seen = detect_in_picture(rgb, scene, detect)
     kinds = name_kinds(Look(seen.colour, seen.white, seen.white), scene.table.game)
-    return _sorted(StillBalls(seen.centre, seen.radius, kinds, seen.score, seen.sigma))
+    made_by = why_chosen(detect, scene)
+    return _sorted(StillBalls(seen.centre, seen.radius, kinds, seen.score, seen.sigma, made_by=made_by))
 
 
 def _anywhere(rgb: Bytes, detect: DetectOptions, note: str) -> StillBalls:
@@ -65,4 +69,4 @@ def _sorted(balls: StillBalls) -> StillBalls:
     order = np.lexsort((balls.centre[:, 1], balls.centre[:, 0]))
     kinds = tuple(balls.kind[k] for k in order)
     columns = (balls.radius[order], kinds, balls.score[order], balls.sigma[order])
-    return StillBalls(balls.centre[order], *columns, balls.note)
+    return StillBalls(balls.centre[order], *columns, balls.note, balls.made_by)

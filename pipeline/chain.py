@@ -62,10 +62,10 @@ def run_graph(clip: Path, options: RunOptions) -> Graph:
         detect_stage(options.detect),
         track_stage(options.track),
         fit_stage(options.fit),
-        export_stage(),
+        export_stage(options.detect),
         render_stage(options.render),
         record_stage(RecordOptions(clip.name)),
-        report_stage(ReportOptions(clip.name, options.render.slow, settings)),
+        report_stage(ReportOptions(clip.name, options.render.slow, settings, options.detect)),
     )
     return Graph.of(stages, digest)
 

@@ -13,7 +13,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from detectors.detect import model_file, why_chosen
+from detectors.detect import model_file
 from detectors.options import DetectOptions
 from detectors.still import StillBalls, balls_in_still
 from models.errors import OptionError, TableNotFound
@@ -63,7 +63,7 @@ def detect(
         raise OptionError(f"--model is the file of an ONNX ball detector; {model} is not there")
     refuse_closed(out.parent)
     calibrate = CalibrateOptions(corners, table, ball_radius)
-    rows, failed = [], []
+    rows, failed, makers = [], [], set()
     for name, path in pictures:
         try:
             found = balls_in_still(_read(path), name, options, calibrate)
@@ -74,6 +74,7 @@ def detect(
         if found.note:
             console.print(f"Note: {found.note}", markup=False, soft_wrap=True)
         rows.extend(_rows(name, found))
+        makers.add(found.made_by)
     out.parent.mkdir(parents=True, exist_ok=True)
     if len(failed) < len(pictures):
         with aside(out) as target:
@@ -82,7 +83,7 @@ def detect(
         print(json.dumps({"file": str(out), "failed": failed, "balls": [asdict(row) for row in rows]}))
     elif len(failed) < len(pictures):
         good = len(pictures) - len(failed)
-        print(f"{len(rows)} balls in {good} of {len(pictures)} pictures: {out} ({why_chosen(options)})")
+        print(f"{len(rows)} balls in {good} of {len(pictures)} pictures: {out} ({'; '.join(sorted(makers))})")
     if failed:
         raise typer.Exit(1)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from detectors.choice import with_choice_noted
+from detectors.options import DetectOptions
 from models.progress import Progress
 from pipeline.stage import Inputs, Stage
 from pipeline.tables import write_events, write_scene, write_tracks, write_trajectory
@@ -12,15 +14,17 @@ from pipeline.tables import write_events, write_scene, write_tracks, write_traje
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """Nothing to choose: the files are fixed."""
+    """What the files say of how the balls were found."""
+
+    detect: DetectOptions
 
 
-def export_stage() -> Stage:
-    return Stage("export", __name__, ("read", "calibrate", "track", "fit"), None, _run, ExportOptions())
+def export_stage(detect: DetectOptions) -> Stage:
+    return Stage("export", __name__, ("read", "calibrate", "track", "fit"), None, _run, ExportOptions(detect))
 
 
 def _run(inputs: Inputs, options: ExportOptions, folder: Path, progress: Progress) -> None:
-    scene, tracks, fit = inputs["calibrate"], inputs["track"], inputs["fit"]
+    scene, tracks, fit = with_choice_noted(inputs["calibrate"], options.detect), inputs["track"], inputs["fit"]
     write_tracks(scene, tracks, fit, folder / "tracks.csv")
     write_events(fit.events, folder / "events.csv")
     write_scene(inputs["read"], scene, tracks, fit, folder / "scene.json")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from detectors.choice import with_choice_noted
+from detectors.options import DetectOptions
 from models.progress import Progress
 from pipeline.stage import Inputs, Stage
 
@@ -19,6 +21,8 @@ class ReportOptions:
     """How many times slower the slow motion is."""
     settings: tuple[str, ...]
     """The options that reproduce the run."""
+    detect: DetectOptions
+    """How the balls were found."""
 
 
 def report_stage(options: ReportOptions) -> Stage:
@@ -31,4 +35,5 @@ def _run(inputs: Inputs, options: ReportOptions, folder: Path, progress: Progres
     made = inputs["render"]
     files = ReportFiles(made / "slow.mp4", made / "poster.png", options.slow)
     clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
+    scene = with_choice_noted(scene, options.detect)
     write_report(clip, scene, tracks, fit, files, options.title, options.settings, folder / "report.html")

@@ -12,7 +12,7 @@ import pytest
 from drawn import HEIGHT, RADIUS, WIDTH, Ball, draw, drawn_scene, misses, spread_balls
 
 from detectors.anywhere import balls_anywhere
-from detectors.detect import chosen, detect_in_picture, why_chosen
+from detectors.detect import detect_in_picture
 from detectors.onnx import NetworkFinder, network_finder
 from detectors.onnx_model import SHIPPED, BallModel, model_facts, open_model
 from detectors.options import DetectOptions
@@ -157,9 +157,3 @@ def test_the_shipped_file_says_how_it_was_made_and_is_small() -> None:
     assert "no real frame" in recipe["pictures"]
     assert json.loads(facts["trueroll.held_out"])["balls"] > 100
     assert SHIPPED.stat().st_size < 8e6
-
-
-def test_auto_says_why_it_takes_what_it_takes() -> None:
-    assert chosen(DetectOptions()) in why_chosen(DetectOptions())
-    assert chosen(DetectOptions(model="own.onnx")) == "onnx"
-    assert "asked" in why_chosen(ONNX)

@@ -1,0 +1,48 @@
+"""Which detector looks at a scene, and why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from detectors.options import DetectOptions
+from models.scene import Scene
+
+OBLIQUE_DEG = 50.0
+"""A camera lower than this over the table makes balls hide each other, and shows their dark undersides: there the
+network, which has learnt both, finds more. Straight above it invents balls in hands, tips and racks that circles do
+not, and it does not measure long streaks. Measured on rendered halls and on broadcasts (docs/detectors.md)."""
+
+
+def chosen(options: DetectOptions, scene: Scene) -> Literal["hough", "onnx"]:
+    """The detector that is used on a scene; a network that is named is wanted."""
+    if options.detector != "auto":
+        return options.detector
+    if options.model is not None or elevation(scene) < OBLIQUE_DEG:
+        return "onnx"
+    return "hough"
+
+
+def why_chosen(options: DetectOptions, scene: Scene) -> str:
+    """The detector that is used on a scene and the reason, in a few words."""
+    if options.detector != "auto":
+        return f"{options.detector}, as asked for"
+    if options.model is not None:
+        return "onnx, because a network was named"
+    taken = chosen(options, scene)
+    better = "the network tells balls apart that cover each other" if taken == "onnx" else "circles are seen whole"
+    return f"{taken}: the camera looks down at {elevation(scene):.0f} degrees, where {better}"
+
+
+def elevation(scene: Scene) -> float:
+    """How high the camera stands over the middle of the table, degrees: 90 straight above."""
+    table = scene.table
+    to_eye = scene.camera.eye - np.array([table.length / 2, table.width / 2, 0.0])
+    return float(np.degrees(np.arctan2(to_eye[2], np.hypot(to_eye[0], to_eye[1]))))
+
+
+def with_choice_noted(scene: Scene, options: DetectOptions) -> Scene:
+    """The scene with the detector that was used on it, and why, among its notes."""
+    return replace(scene, notes=(*scene.notes, f"balls found by {why_chosen(options, scene)}"))

@@ -1,0 +1,50 @@
+"""Which detector `auto` takes: the one for the camera's height over the table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from detectors.choice import chosen, elevation, why_chosen, with_choice_noted
+from detectors.options import DetectOptions
+from models.scene import Camera, Scene, Table
+
+
+def scene_from(degrees: float) -> Scene:
+    """A 9 ft table seen by a camera 4 m from its middle, so high over the cloth, beyond its right end."""
+    table = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, True)
+    middle = np.array([1.27, 0.635, 0.0])
+    forward = -np.array([np.cos(np.radians(degrees)), 0.0, np.sin(np.radians(degrees))])
+    right = np.array([0.0, 1.0, 0.0])
+    pose = np.stack([right, np.cross(forward, right), forward])
+    optics = np.array([[1000.0, 0, 512], [0, 1000.0, 288], [0, 0, 1]])
+    matrix = optics @ np.column_stack([pose, -pose @ (middle - 4 * forward)])
+    camera = Camera(matrix, 1024, 576, np.zeros((4, 2)), np.eye(8), "cloth", 1.0, 0.1)
+    return Scene(table, camera, np.array([40.0, -30.0, 0.0]), ("found by its cloth",))
+
+
+@pytest.mark.parametrize("degrees", [20.0, 45.0, 80.0])
+def test_the_elevation_is_that_of_the_camera(degrees: float) -> None:
+    assert elevation(scene_from(degrees)) == pytest.approx(degrees)
+
+
+def test_a_low_camera_takes_the_network_and_a_high_one_circles() -> None:
+    assert chosen(DetectOptions(), scene_from(20.0)) == "onnx"
+    assert chosen(DetectOptions(), scene_from(85.0)) == "hough"
+
+
+def test_what_is_asked_for_is_taken_at_any_height() -> None:
+    for degrees in (20.0, 85.0):
+        assert chosen(DetectOptions(detector="hough"), scene_from(degrees)) == "hough"
+        assert chosen(DetectOptions(detector="onnx"), scene_from(degrees)) == "onnx"
+        assert chosen(DetectOptions(model="own.onnx"), scene_from(degrees)) == "onnx"
+
+
+@pytest.mark.parametrize("degrees", [20.0, 85.0])
+def test_the_reason_names_the_detector_and_is_noted(degrees: float) -> None:
+    scene = scene_from(degrees)
+    reason = why_chosen(DetectOptions(), scene)
+    assert reason.startswith(chosen(DetectOptions(), scene))
+    assert f"{degrees:.0f} degrees" in reason
+    assert with_choice_noted(scene, DetectOptions()).notes == (*scene.notes, f"balls found by {reason}")
+    assert "as asked for" in why_chosen(DetectOptions(detector="onnx"), scene)
