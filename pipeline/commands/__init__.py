@@ -8,7 +8,8 @@ from pathlib import Path
 from pipeline.command_line import app
 
 ORDER = (
-    "run", "batch", "view", "call", "predict", "diagnose", "simulate", "detect", "train-detector", "graph", "cache",
+    "run", "batch", "view", "call", "predict", "diagnose", "simulate", "detect", "train-detector", "reproduce",
+    "graph", "cache",
 )  # fmt: skip
 """As a new user needs them, in the list of `--help`."""
 
@@ -72,6 +73,8 @@ def _import(name: str) -> None:
             from pipeline.commands import detect as detect
         case "train-detector":
             from pipeline.commands import train_detector as train_detector
+        case "reproduce":
+            from pipeline.commands import reproduce as reproduce
         case "graph":
             from pipeline.commands import graph as graph
         case "cache":

@@ -1,0 +1,103 @@
+"""trueroll reproduce: the experiments of the thesis, every method side by side."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from models.errors import OptionError
+from pipeline.chain import refuse_closed
+from pipeline.command_line import CacheOption, DebugOption, JsonOption, app, console, named, open_cache
+
+if TYPE_CHECKING:
+    from pipeline.thesis.plan import Plan
+    from pipeline.thesis.trials import Trial
+
+
+class Scene(StrEnum):
+    """What can be asked for."""
+
+    DOUBLE_PENDULUM = "double-pendulum"
+    REAL = "real"
+    BOXES = "boxes"
+    POOL = "pool"
+
+
+@app.command("reproduce")
+def reproduce(
+    scene: Annotated[Scene | None, typer.Argument(help="One scene; all of them where not given.")] = None,
+    out: Annotated[
+        Path, typer.Option("-o", "--out", parser=named, metavar="PATH", help="Folder of the results.")
+    ] = Path("out/reproduce"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="The settings of the thesis, one seed, short training.")
+    ] = False,
+    seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="How many; 3, one with --quick.")] = None,
+    first_seed: Annotated[int, typer.Option("--first-seed", min=0, help="The number of the first.")] = 0,
+    data: Annotated[
+        Path | None, typer.Option("--data", metavar="DIR", help="Folder of the recorded double pendulum.")
+    ] = None,
+    run: Annotated[
+        Path | None, typer.Option("--run", metavar="DIR", help="Folder of `trueroll run`: the pool scene.")
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Processes at a time.")] = 2,
+    cache: CacheOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """The thesis' experiments with every method side by side: a table, plots, a page; run again, it resumes."""
+    from pipeline.thesis.plan import SCENES, Plan
+
+    refuse_closed(out)
+    count = seeds if seeds is not None else 1 if quick else 3
+    plan = Plan((scene.value,) if scene else SCENES, tuple(range(first_seed, first_seed + count)), quick, data, run)
+    trials = _carry_out(plan, open_cache(cache).root, out, jobs)
+    if as_json:
+        print(json.dumps([trial.row for trial in trials], allow_nan=False))
+    else:
+        _tell(plan, trials, out)
+
+
+def _carry_out(plan: Plan, cache: Path, out: Path, jobs: int) -> list[Trial]:
+    from pipeline.thesis.page import write_results
+    from pipeline.thesis.plan import left_out, tasks
+    from pipeline.thesis.work import carried_out
+
+    planned = tasks(plan)
+    if not planned:
+        raise OptionError(" ".join(left_out(plan)))
+    out.mkdir(parents=True, exist_ok=True)
+    trials: list[Trial] = []
+    with console.status("") as status:
+        for trial in carried_out(plan, planned, cache, jobs):
+            trials.append(trial)
+            status.update(f"{len(trials)} of {len(planned)}: {trial.case.scene} {trial.case.variant}, {trial.method}")
+            if trial.case.seed != trials[0].case.seed and trial.case.seed != trials[-2].case.seed:
+                write_results(plan, trials, len(planned), out)
+    write_results(plan, trials, len(planned), out)
+    return trials
+
+
+def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
+    from pipeline.thesis.page import TITLES
+    from pipeline.thesis.plan import left_out
+    from pipeline.thesis.tables import grids
+    from pipeline.thesis.words import cells, sentences
+
+    screen = Console(highlight=False)
+    found = cells(trials)
+    for scene in dict.fromkeys(cell.scene for cell in found):
+        screen.print(f"\n[bold]{escape(TITLES[scene])}[/]")
+        for sentence in sentences(scene, found):
+            screen.print(escape(sentence), soft_wrap=True)
+        for grid in grids(scene, found):
+            screen.print(grid)
+    for sentence in left_out(plan):
+        screen.print(escape(sentence), soft_wrap=True)
+    print(f"Look at {out / 'reproduce.html'}; {out / 'trials.csv'} has every number.")

@@ -1,0 +1,50 @@
+"""Fits of the physics itself, as methods beside the networks."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from models.latent import infer
+from models.neural.method import Budget, Fitted, checked
+from models.pendulum.angles import swing
+from pipeline.thesis.curves import NO_LOSS
+from pipeline.thesis.pendulum import as_angles, as_points
+from pipeline.thesis.series import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Judged(Fitted):
+    """A motion that says what is wrong with it."""
+
+    doubts: tuple[str, ...]
+    """Why it should not be believed; empty where it may be."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpringsFit:
+    """Masses, springs, dampers and gravity behind the points: nothing of them is told (`models.latent`)."""
+
+    name: str = "physics fit"
+
+    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Judged:
+        """Always the whole search, whatever the budget: a part of it is no fit."""
+        began = time.process_time()
+        latent = infer(*checked(times, states))
+        seconds = time.process_time() - began
+        return Judged(lambda t: latent.at(t)[:, 0], NO_LOSS, len(latent.names), seconds, latent.doubts)
+
+
+@dataclass(frozen=True, slots=True)
+class ArmsFit:
+    """Two rigid arms with friction behind the points of a real double pendulum (`models.pendulum`)."""
+
+    name: str = "physics fit"
+
+    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Judged:
+        """Neither seed nor budget matter."""
+        began = time.process_time()
+        t, x = checked(times, states)
+        found = swing(t, as_angles(x))
+        seconds = time.process_time() - began
+        return Judged(lambda t: as_points(found.at(t)[:, :2]), NO_LOSS, len(found.numbers), seconds, ())

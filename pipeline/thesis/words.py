@@ -1,0 +1,139 @@
+"""What the tables say, in plain words: where the thesis' claims hold, and where a spline does as well."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+
+from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAMES, THESIS_NETS
+from pipeline.thesis.series import Case
+from pipeline.thesis.trials import Trial
+
+CLAIMED = 100.0
+"""times lower than linear and than ConstraintNet: the abstract of Chen 2022, figure 6."""
+ALIKE = 2.0
+"""within this factor two errors are called the same."""
+SPLINES = ("cubic", "quintic", "akima")
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """All seeds of one setting."""
+
+    scene: str
+    variant: str
+    fps: float
+    noise: float
+    mse: dict[str, float]
+    """px^2 by method, the median over the seeds."""
+    seeds: int
+
+    @property
+    def setting(self) -> str:
+        return f"{self.variant}, {self.fps:.3g} Hz, noise {self.noise:g} px"
+
+
+def cells(trials: Iterable[Trial]) -> list[Cell]:
+    """Medians over seeds, in the order in which settings first come."""
+    found: dict[tuple[str, str, float, float], dict[str, list[float]]] = {}
+    for trial in trials:
+        case: Case = trial.case
+        setting = (case.scene, case.variant, case.fps, case.noise)
+        found.setdefault(setting, {}).setdefault(trial.method, []).append(trial.mse)
+    return [
+        Cell(*setting, {name: float(median(values)) for name, values in methods.items()},
+             max(map(len, methods.values())))
+        for setting, methods in found.items()
+    ]  # fmt: skip
+
+
+def sentences(scene: str, found: list[Cell]) -> list[str]:
+    """What the cells of one scene show."""
+    here = [cell for cell in found if cell.scene == scene]
+    if not here:
+        return []
+    said = [_thesis(scene, here), _splines(here), _constraint(here), _physics(here)]
+    return [sentence for sentence in said if sentence]
+
+
+def times(gain: float) -> str:
+    """A factor with two or three digits that are worth reading."""
+    return f"{gain:,.0f}" if gain >= 100 else f"{gain:.2g}"
+
+
+def best(cell: Cell, names: Iterable[str]) -> tuple[str, float] | None:
+    """The best of some methods in a cell."""
+    there = [(name, cell.mse[name]) for name in names if name in cell.mse]
+    return min(there, key=lambda pair: pair[1]) if there else None
+
+
+def gains(here: list[Cell], names: Iterable[str], rival: str) -> list[tuple[Cell, float]]:
+    """How many times lower than `rival` the best of `names` is, in every cell that has both."""
+    wanted = tuple(names)
+    pairs = [(cell, best(cell, wanted)) for cell in here if rival in cell.mse]
+    return [(cell, cell.mse[rival] / max(one[1], 1e-300)) for cell, one in pairs if one is not None]
+
+
+def _thesis(scene: str, here: list[Cell]) -> str:
+    found = gains(here, THESIS_NETS, "linear")
+    if not found:
+        return ""
+    values = np.array([gain for _, gain in found])
+    many = f"{_middle(found)} times lower than linear in the median setting ({_span(found)})"
+    if scene == "boxes":
+        alike = int(np.sum((values > 1 / ALIKE) & (values < ALIKE)))
+        return (
+            f"The thesis claims an error comparable to linear. Its network's is {many}: within a factor of "
+            f"{ALIKE:g} of linear in {alike} of {len(values)} settings."
+        )
+    holds = int(np.sum(values >= CLAIMED))
+    where = "; ".join(cell.setting for cell, gain in found if gain >= CLAIMED)
+    return (
+        f"The thesis claims an error {CLAIMED:g} times lower than linear. Its network's is {many}; the claim holds in "
+        f"{holds} of {len(values)} settings{f' ({where})' if 0 < holds < len(values) else ''}."
+    )
+
+
+def _splines(here: list[Cell]) -> str:
+    pairs = [(best(cell, THESIS_NETS), best(cell, SPLINES)) for cell in here]
+    there = [(net, spline) for net, spline in pairs if net and spline]
+    if not there:
+        return ""
+    better = sum(spline[1] <= net[1] for net, spline in there)
+    return (
+        f"A spline, which learns nothing, does at least as well as that network in {better} of {len(there)} settings."
+    )
+
+
+def _constraint(here: list[Cell]) -> str:
+    found = gains(here, THESIS_NETS, CONSTRAINT_NET)
+    own = gains(here, (CONSTRAINT_NET,), "linear")
+    if not own:
+        return ""
+    text = f"ConstraintNet is {_middle(own)} times better than linear in the median setting"
+    if found:
+        text += f", the thesis' network {_middle(found)} times better than ConstraintNet"
+    return text + "."
+
+
+def _physics(here: list[Cell]) -> str:
+    found = gains(here, PHYSICS_NAMES, "cubic")
+    if not found:
+        return ""
+    first = sum(best(cell, cell.mse) == best(cell, PHYSICS_NAMES) for cell, _ in found)
+    return (
+        f"The fit of the physics itself is {_middle(found)} times lower than the cubic spline in the median "
+        f"setting ({_span(found)}), and the best of all methods in {first} of {len(found)}."
+    )
+
+
+def _middle(found: list[tuple[Cell, float]]) -> str:
+    return times(median(gain for _, gain in found))
+
+
+def _span(found: list[tuple[Cell, float]]) -> str:
+    values = [gain for _, gain in found]
+    return f"{times(min(values))} to {times(max(values))}"
