@@ -28,6 +28,8 @@ Floats = NDArray[np.float64]
 SHAPES = {"contact": 2, "first": 1, "cushion-first": 1, "pocket": 2, "line": 2}
 """Words after the first one."""
 USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, or line x=0.635 A"
+LINE_POINTS = 33
+"""Of a line in question, so that it may bend with the lens."""
 STRIP = 2
 """Pictures before and after the nearest one."""
 
@@ -79,7 +81,10 @@ def picture_call(
         return [], f"{found} cannot be read: {error}"
     target.mkdir(parents=True, exist_ok=True)
     name = re.sub(r"[^A-Za-z0-9.=-]+", "_", "call " + " ".join(words))
-    scenery = [_scenery(record, record.camera, call, int(frame), picture) for frame, picture in sorted(frames.items())]
+    line = _points(record, *_line(words[1])) if words[0] == "line" else None
+    scenery = [
+        _scenery(record, record.camera, call, int(frame), picture, line) for frame, picture in sorted(frames.items())
+    ]
     nearest = min(scenery, key=lambda scene: abs(scene.t - call.t))
     paths = [target / f"{name}.png", target / f"{name}_strip.png"]
     caption = f"{call.verdict}  {call.probability:.1%}"
@@ -114,12 +119,22 @@ def _clip_of(folder: Path, clip: Path | None) -> tuple[Path | None, str]:
     return (noted, "") if same else (None, f"{noted} is another clip now; name the right one with --clip.")
 
 
-def _scenery(record: Record, camera: Camera, call: Call, frame: int, picture: NDArray[np.uint8]) -> Scenery:
-    """A picture with the fitted outlines of the balls that take part."""
+def _points(record: Record, axis: str, at: float) -> Floats:
+    """(n, 2) m along the line across the table at x or y = `at`."""
+    along = np.linspace(0, record.table.width if axis == "x" else record.table.length, LINE_POINTS)
+    columns = (np.full(LINE_POINTS, at), along)
+    return np.column_stack(columns if axis == "x" else columns[::-1])
+
+
+def _scenery(
+    record: Record, camera: Camera, call: Call, frame: int, picture: NDArray[np.uint8], line: Floats | None
+) -> Scenery:
+    """A picture with the fitted outlines of the balls that take part, and the line (n, 2) m in question."""
     t = float(record.shown[np.searchsorted(record.frame, frame)])
     drift = _drift(record, camera, t)
     outlines = _outlines(record, camera, call, t, drift)
-    return Scenery(picture, frame, t, outlines, _outlines(record, camera, call, call.t, drift))
+    seen = None if line is None else camera.to_pixels(line, record.table.ball_radius) + drift
+    return Scenery(picture, frame, t, outlines, _outlines(record, camera, call, call.t, drift), seen)
 
 
 def _outlines(record: Record, camera: Camera, call: Call, t: float, drift: Floats) -> tuple[Outline, ...]:

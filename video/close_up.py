@@ -18,8 +18,8 @@ Picture = NDArray[np.uint8]
 
 SIZE = (960, 720)
 """px of a close-up."""
-TILE = (320, 320)
-"""px of one picture of a strip."""
+TILE, CAPTION = (320, 320), (190, 46)
+"""px of one picture of a strip, and of what is written on it."""
 AROUND = 2.6
 """ball radii that are shown around the balls."""
 LARGEST = 24.0
@@ -49,11 +49,14 @@ class Scenery:
     outlines: tuple[Outline, ...]
     moment: tuple[Outline, ...] = ()
     """The same balls at the moment in question."""
+    line: Floats | None = None
+    """(n, 2) px, a line on the table that the question is about, at the height of the centres."""
 
 
 def close_up(scene: Scenery, caption: str, lines: Sequence[str]) -> Picture:
     """The balls magnified, their outlines and the gap between them, and what is called."""
     view, scale, corner = _magnified(scene, SIZE, _window([scene]))
+    _draw_line(view, scene, scale, corner, 2)
     for outline in scene.moment:
         draw_ring(view, scale * (outline.centre - corner), scale * outline.radius, 1.5, WHITE, 0.7, DASHES)
     _draw_balls(view, scene, scale, corner, 2.0)
@@ -72,17 +75,36 @@ def close_up(scene: Scenery, caption: str, lines: Sequence[str]) -> Picture:
 def strip(scenes: Sequence[Scenery], t: float) -> Picture:
     """Pictures around the moment t (s), side by side, all of one place and scale."""
     window = _window(scenes)
+    left, top = _free_corner(scenes, window)
     tiles = []
     for scene in scenes:
         view, scale, corner = _magnified(scene, TILE, window)
+        _draw_line(view, scene, scale, corner, 1)
         _draw_balls(view, scene, scale, corner, 1.4)
-        lay(view, rounded_mask(190, 46, 8), 10, 10, INK, 0.8)
-        write(view, f"picture {scene.frame}", 20, 12, 16, WHITE, bold=True)
-        write(view, f"{scene.t:.4f} s  {1e3 * (scene.t - t):+.1f} ms", 20, 32, 14, MIST)
+        lay(view, rounded_mask(*CAPTION, 8), left, top, INK, 0.8)
+        write(view, f"picture {scene.frame}", left + 10, top + 2, 16, WHITE, bold=True)
+        write(view, f"{scene.t:.4f} s  {1e3 * (scene.t - t):+.1f} ms", left + 10, top + 22, 14, MIST)
         tiles.append(view)
     gap = np.full((TILE[1], 4, 3), INK, dtype=np.uint8)
     row = [part for tile in tiles for part in (tile, gap)][:-1]
     return np.concatenate(row, axis=1)
+
+
+def _free_corner(scenes: Sequence[Scenery], window: tuple[Floats, Floats]) -> tuple[int, int]:
+    """Left and top, px of a tile, where the caption hides the fewest balls of a strip, in the same place on all."""
+    scale, corner = _view(TILE, window)
+    far = (TILE[0] - CAPTION[0] - 10, TILE[1] - CAPTION[1] - 10)
+    places = [(10, 10), (10, far[1]), (far[0], 10), (far[0], far[1])]
+
+    def hidden(place: tuple[int, int]) -> int:
+        count = 0
+        for outline in (outline for scene in scenes for outline in scene.outlines):
+            centre, reach = scale * (outline.centre - corner), scale * outline.radius
+            nearest = np.clip(centre, place, np.add(place, CAPTION))
+            count += bool(np.hypot(*(centre - nearest)) < reach)
+        return count
+
+    return min(places, key=hidden)
 
 
 def _window(scenes: Sequence[Scenery]) -> tuple[Floats, Floats]:
@@ -96,16 +118,30 @@ def _window(scenes: Sequence[Scenery]) -> tuple[Floats, Floats]:
     return (low + high) / 2, high - low
 
 
-def _magnified(scene: Scenery, size: tuple[int, int], window: tuple[Floats, Floats]) -> tuple[Picture, float, Floats]:
-    """The picture around a window, magnified to `size`; px per px, and the window's corner (2,) in the picture."""
+def _view(size: tuple[int, int], window: tuple[Floats, Floats]) -> tuple[float, Floats]:
+    """Magnification of a window to `size`, and the window's corner (2,) in the picture."""
     middle, extent = window
     scale = float(min(np.min(np.array(size) / extent), LARGEST))
-    corner = middle - np.array(size) / (2 * scale)
+    return scale, middle - np.array(size) / (2 * scale)
+
+
+def _magnified(scene: Scenery, size: tuple[int, int], window: tuple[Floats, Floats]) -> tuple[Picture, float, Floats]:
+    """The picture around a window, magnified to `size`; px per px, and the window's corner (2,) in the picture."""
+    scale, corner = _view(size, window)
     # pixel centres are whole numbers in both pictures
     to_view = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]]])
     way = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
     view = cv2.warpAffine(scene.picture, to_view, size, flags=way, borderMode=cv2.BORDER_CONSTANT, borderValue=INK)
     return np.ascontiguousarray(view, dtype=np.uint8), scale, corner
+
+
+def _draw_line(view: Picture, scene: Scenery, scale: float, corner: Floats, width: int) -> None:
+    if scene.line is None:
+        return
+    mask = np.zeros(view.shape[:2], dtype=np.uint8)
+    way = np.clip(scale * (scene.line - corner), -1e5, 1e5)  # what lies far outside the view fits no fixed-point number
+    cv2.polylines(mask, [fixed(way).reshape(-1, 1, 2)], False, 255, width, cv2.LINE_AA, SHIFT)
+    lay(view, mask, 0, 0, FLASH)
 
 
 def _draw_balls(view: Picture, scene: Scenery, scale: float, corner: Floats, width: float) -> None:

@@ -36,20 +36,24 @@ class Fan:
     """(M, T, 2) m; NaN once potted."""
     outlying: Floats
     """(M,) share of the courses that are nearer to the middle."""
-    mean: Floats
-    """(T, 2) m."""
     after: Floats
     """(m, 2) m, where it was seen afterwards; empty if it was not."""
 
+    @property
+    def middle(self) -> Floats:
+        """(T, 2) m, the most central course: a way that the ball can go, which a mean over bounces is not."""
+        none: Floats = np.empty((0, 2))
+        return self.courses[int(np.argmin(self.outlying))] if len(self.courses) else none
+
 
 def draw_fans(table: Table, fans: Sequence[Fan], title: str) -> Picture:
-    """A still (h, w, 3): the ways of the middle 90 and 50 % of the courses, the mean in white, dark dots what came."""
+    """A still (h, w, 3): where the middle 90 and 50 % of the courses go, the most central in white, what came dotted."""
 
     def below(inset: Inset, colours: Sequence[Colour]) -> None:
         for fan, colour in zip(fans, colours, strict=True):
             _shade(inset, fan, colour)
         for fan, colour in zip(fans, colours, strict=True):
-            _line(inset, fan.mean, mix(colour, WHITE, 0.6))
+            _line(inset, fan.middle, mix(colour, WHITE, 0.6))
             for place in fan.after[np.isfinite(fan.after).all(axis=1)]:
                 cv2.circle(
                     inset.ground, inset.plan(place).tolist(), 2 * SUPERSAMPLE << SHIFT, INK, -1, cv2.LINE_AA, SHIFT

@@ -95,8 +95,10 @@ def _picture(found: Prediction, tracks: Tracks) -> np.ndarray:
         seen, past = tracks.xy[:, tracks.ids.index(name)], tracks.t <= look.t + 1e-9
         courses = found.courses[:, :, k]
         later = seen[~past & (tracks.t <= found.t[-1])]
-        fans.append(Fan(name, seen[past], courses, outlyingness(courses), found.path[:, k], later))
-    title = f"from {look.t:.2f} to {found.t[-1]:.2f} s: shaded where 50 and 90 % of {len(found.courses)} courses go"
+        fans.append(Fan(name, seen[past], courses, outlyingness(courses), later))
+    span = f"from {look.t:.2f} to {found.t[-1]:.2f} s"
+    dots = "; dots: what was seen" if any(len(fan.after) for fan in fans) else ""
+    title = f"{span}: shaded where 50 and 90 % of {len(found.courses)} courses go; line: the most central one{dots}"
     return draw_fans(look.table, fans, title)
 
 

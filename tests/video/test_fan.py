@@ -19,7 +19,7 @@ def fan(spread: float) -> Fan:
     tilt = np.linspace(-spread, spread, 101)
     courses = np.stack([np.broadcast_to(0.5 + 1.5 * t, (101, 20)), 0.6 + tilt[:, None] * t], axis=2)
     nothing = np.empty((0, 2))
-    return Fan("red", courses[0, :1], courses, outlyingness(courses), nothing, nothing)
+    return Fan("red", courses[0, :1], courses, outlyingness(courses), nothing)
 
 
 def change(picture: np.ndarray, xy: tuple[float, float]) -> float:
@@ -37,6 +37,14 @@ def test_the_middle_of_a_fan_is_shaded_most_and_its_outside_not_at_all() -> None
     assert change(picture, middle) > change(picture, side) + 20
     assert change(picture, side) > ground + 20
     assert change(picture, outside) == ground
+
+
+def test_the_line_is_a_course_that_the_ball_can_go() -> None:
+    """Half of the courses bounce to one side, half to the other: their mean would go straight on, where none does."""
+    bent = fan(0.3)
+    bent.courses[..., 1] = 0.6 + np.where(np.arange(101) % 2, 0.3, -0.3)[:, None] * np.linspace(0, 1, 20)
+    assert min(np.abs(bent.middle - course).max() for course in bent.courses) == 0
+    assert abs(bent.middle[-1, 1] - 0.6) > 0.2
 
 
 def test_courses_that_end_in_a_pocket_end_there() -> None:
