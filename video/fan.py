@@ -41,13 +41,22 @@ class Fan:
 
     @property
     def middle(self) -> Floats:
-        """(T, 2) m, the most central course: a way that the ball can go, which a mean over bounces is not."""
-        none: Floats = np.empty((0, 2))
-        return self.courses[int(np.argmin(self.outlying))] if len(self.courses) else none
+        """(T, 2) m, the course nearest to all others: a way that the ball can go, which a mean over bounces is not.
+
+        The medoid by mean distance (Kaufman and Rousseeuw, 1987); a potted ball counts where it was lost.
+        """
+        if not self.courses.size:
+            return np.empty((0, 2))
+        lost = np.isnan(self.courses[..., 0])
+        last = np.maximum.accumulate(np.where(lost, 0, np.arange(lost.shape[1])), axis=1)
+        places = np.take_along_axis(self.courses, last[..., None], axis=1)
+        away = [float(np.nan_to_num(np.linalg.norm(places - one, axis=2)).mean()) for one in places]
+        middle: Floats = self.courses[int(np.argmin(away))]
+        return middle
 
 
 def draw_fans(table: Table, fans: Sequence[Fan], title: str) -> Picture:
-    """A still (h, w, 3): where the middle 90 and 50 % of the courses go, the most central in white, what came dotted."""
+    """A still (h, w, 3): shaded where 90 and 50 % of the courses go, in white their middle, in dots what came after."""
 
     def below(inset: Inset, colours: Sequence[Colour]) -> None:
         for fan, colour in zip(fans, colours, strict=True):

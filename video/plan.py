@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.scene import Table
-from video.inset import SHIFT, SUPERSAMPLE, Inset, furnished
+from video.inset import SHIFT, SUPERSAMPLE, WOOD, Inset, furnished
 from video.palette import INK, KIND_COLOURS, WHITE, Colour, apart_from, mix
-from video.text import text_mask, write
+from video.text import lay, rounded_mask, text_mask, write
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -25,6 +25,8 @@ SERIES: tuple[Colour, ...] = (
     (190, 140, 255),
 )  # fmt: skip
 """Colours of balls whose names say none, in order."""
+TITLE = 18
+"""px, size of the letters of the title."""
 GHOST = 0.55
 """Share of cloth in what is drawn of a ball where it began."""
 
@@ -72,8 +74,17 @@ def draw_plan(
         seen = path[np.isfinite(path).all(axis=1)]
         if len(seen):
             _name(picture, inset, seen[-1], name)
-    write(picture, title, 16, picture.shape[0] - 14 - 18, 18, WHITE)
+    _entitle(picture, title)
     return np.asarray(picture, dtype=np.uint8)
+
+
+def _entitle(picture: Picture, title: str) -> None:
+    """The title on the lower rail, on a ground that hides the diamonds behind it."""
+    height, width = text_mask(title, TITLE).shape
+    left, top = 16, picture.shape[0] - height - 6
+    if title:
+        lay(picture, rounded_mask(width + 16, height, height // 4), left - 8, top, WOOD)
+    write(picture, title, left, top, TITLE, WHITE)
 
 
 def _way(inset: Inset, path: Floats, colour: Colour) -> None:

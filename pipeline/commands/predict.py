@@ -98,7 +98,7 @@ def _picture(found: Prediction, tracks: Tracks) -> np.ndarray:
         fans.append(Fan(name, seen[past], courses, outlyingness(courses), later))
     span = f"from {look.t:.2f} to {found.t[-1]:.2f} s"
     dots = "; dots: what was seen" if any(len(fan.after) for fan in fans) else ""
-    title = f"{span}: shaded where 50 and 90 % of {len(found.courses)} courses go; line: the most central one{dots}"
+    title = f"{span}: shaded where 50 and 90 % of {len(found.courses)} courses go; line: the one nearest to all{dots}"
     return draw_fans(look.table, fans, title)
 
 

@@ -47,6 +47,13 @@ def test_the_line_is_a_course_that_the_ball_can_go() -> None:
     assert abs(bent.middle[-1, 1] - 0.6) > 0.2
 
 
+def test_the_line_of_an_even_fan_is_in_its_middle() -> None:
+    even = fan(0.3)
+    np.testing.assert_allclose(even.middle[-1], [2.0, 0.6], atol=1e-9)
+    even.courses[::2, 15:] = np.nan
+    assert abs(even.middle[10, 1] - 0.6) < 0.02
+
+
 def test_courses_that_end_in_a_pocket_end_there() -> None:
     half = fan(0.3)
     half.courses[:, 10:] = np.nan
