@@ -19,6 +19,7 @@ from models.scene import Scene
 from models.selection import is_ball, looks_like_ball, moves_like_ball
 from models.sightings import Sightings, sight
 from models.stitching import Tracklet, cut, stitch
+from models.struck import struck_ball
 from models.tracks import Tracks
 
 Floats = NDArray[np.float64]
@@ -84,7 +85,8 @@ def _gather(
         np.array([np.median(detections.white[row]) for row in rows]),
         np.array([np.percentile(detections.white[row], 90) for row in rows]),
     )
-    kinds = name_kinds(look, scene.table.game)
+    struck = struck_ball([(ball.picture, sightings.xy[ball.row]) for ball in balls], scene.table.ball_radius)
+    kinds = name_kinds(look, scene.table.game, struck)
     ids = name_ids(kinds, np.array([sightings.xy[ball.row[0]] for ball in balls]))
     order = sorted(range(len(balls)), key=lambda i: (kinds[i], len(ids[i]), ids[i]))
     shape = (len(frame), len(balls))

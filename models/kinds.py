@@ -21,6 +21,8 @@ MOST_SATURATED = 55.0
 """CIE chroma beyond which colours are not told apart by it."""
 UNSURE_COLOUR = 45.0
 """Lab distance beyond which a snooker ball has no name."""
+PALE, PALER = 0.5, 0.2
+"""Paleness from which a struck ball is believed to be the cue ball, and by how much another may beat it."""
 ONE_COLOUR, LEAST_OF_A_COLOUR = 14.0, 3
 """Lab distance within which pool balls have one colour, and how many of each of two colours make an English set."""
 NUMBERED = ("solid", "stripe", "ball")
@@ -44,11 +46,13 @@ class Look:
         return np.hypot(self.colour[:, 1], self.colour[:, 2])
 
 
-def name_kinds(look: Look, game: Game) -> tuple[str, ...]:
-    """One of `models.tracks.KINDS` per ball; `ball` where unsure."""
+def name_kinds(look: Look, game: Game, struck: int | None = None) -> tuple[str, ...]:
+    """One of `models.tracks.KINDS` per ball; `ball` where unsure. The ball that is `struck` is hardly another's."""
     if not len(look.white):
         return ()
-    return {"snooker": _snooker, "carom": _carom, "pool": _pool}[game](look)
+    if game == "carom":
+        return _carom(look)
+    return _snooker(look, struck) if game == "snooker" else _pool(look, struck)
 
 
 def name_ids(kinds: tuple[str, ...], xy: Floats) -> tuple[str, ...]:
@@ -63,7 +67,7 @@ def name_ids(kinds: tuple[str, ...], xy: Floats) -> tuple[str, ...]:
     return tuple(ids)
 
 
-def _snooker(look: Look) -> tuple[str, ...]:
+def _snooker(look: Look, struck: int | None) -> tuple[str, ...]:
     """One ball of each colour, any number of reds: the cheapest way to give every ball a name."""
     names = list(SNOOKER_COLOURS)
     reference = np.array([SNOOKER_COLOURS[name] for name in names])
@@ -71,6 +75,8 @@ def _snooker(look: Look) -> tuple[str, ...]:
     distance = np.hypot.reduce((_calm(look.colour)[:, None] - _calm(reference)[None]) * weight, axis=2)
     distance[:, names.index("cue")] += 40.0 * (look.white < 0.5)
     distance[look.white >= 0.7, names.index("cue")] *= 0.5
+    if struck is not None:
+        distance[struck, names.index("cue")] *= 0.5
     balls = len(look.white)
     column = names + ["red"] * (balls - 1) + ["ball"] * balls
     reds = np.repeat(distance[:, [names.index("red")]], balls - 1, axis=1)
@@ -104,15 +110,15 @@ def _pick(cost: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return balls, picks
 
 
-def _pool(look: Look) -> tuple[str, ...]:
+def _pool(look: Look, struck: int | None) -> tuple[str, ...]:
     """Cue and eight once; two many-fold plain colours are an English set, otherwise solids and stripes."""
     lightness, a, b = look.colour.T
     kinds = np.array(["ball"] * len(a), dtype=object)
     solid = (look.white < 0.15) & (look.white_high < 0.3)
     kinds[solid] = "solid"
     kinds[(look.white >= 0.18) | (look.white_high >= 0.35)] = "stripe"
-    cue = int(np.argmax(look.white - look.chroma / 200))
-    if look.white[cue] > 0.6 and look.chroma[cue] < 45:
+    cue = _cue(look, struck)
+    if cue is not None:
         kinds[cue] = "cue"
     darkness = np.where(kinds == "cue", np.inf, lightness + 0.5 * look.chroma + 60 * look.white)
     eight = int(np.argmin(darkness))
@@ -124,6 +130,24 @@ def _pool(look: Look) -> tuple[str, ...]:
     if min(red.sum(), yellow.sum()) >= LEAST_OF_A_COLOUR and _alike(look.colour[red]) and _alike(look.colour[yellow]):
         kinds[red], kinds[yellow] = "red", "yellow"
     return tuple(kinds)
+
+
+def _cue(look: Look, struck: int | None) -> int | None:
+    """The cue ball: the whitest one, or the struck one where it is pale: tinted light makes whites yellow or green."""
+    whitest = int(np.argmax(look.white - look.chroma / 200))
+    clear = look.white[whitest] > 0.6 and look.chroma[whitest] < 45
+    if struck is None or struck == whitest:
+        pale = struck == whitest and _paleness(look)[whitest] > PALE
+        return whitest if clear or pale else None
+    paleness = _paleness(look)
+    if paleness[struck] > PALE and paleness[struck] > paleness.max() - PALER:
+        return struck
+    return whitest if clear else None
+
+
+def _paleness(look: Look) -> Floats:
+    """(N,) how much a ball looks like a white one in tinted light: light, with little colour, some of it white."""
+    return np.asarray(look.colour[:, 0] / 100 - look.chroma / 150 + look.white / 2)
 
 
 def _alike(colour: Floats) -> bool:

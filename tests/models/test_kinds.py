@@ -34,6 +34,18 @@ def test_pool_has_one_cue_ball_one_eight_solids_and_stripes() -> None:
     assert name_kinds(look, "pool") == ("cue", "eight", "solid", "stripe", "solid")
 
 
+def test_a_struck_ball_that_is_pale_is_the_cue_ball_in_tinted_light() -> None:
+    colours = [(75, -16, 28), (63, -15, 23), (58, 16, 53), (11, -4, -10)]
+    look = _look(colours, [0.36, 0.36, 0.0, 0.0])
+    assert name_kinds(look, "pool") == ("stripe", "stripe", "solid", "eight")
+    assert name_kinds(look, "pool", struck=0) == ("cue", "stripe", "solid", "eight")
+
+
+def test_a_coloured_ball_that_is_struck_is_no_cue_ball() -> None:
+    look = _look([(88, 0, 8), (40, 55, 35), (60, 10, 45)], [0.97, 0.03, 0.1])
+    assert name_kinds(look, "pool", struck=1) == ("cue", "solid", "solid")
+
+
 def test_english_pool_has_reds_and_yellows() -> None:
     look = _look([(88, 0, 8), (15, 1, 2), *[(40, 55, 35)] * 6, *[(75, 5, 65)] * 5], [0.97, 0.05, *[0.03] * 11])
     assert name_kinds(look, "pool") == ("cue", "eight", *["red"] * 6, *["yellow"] * 5)
