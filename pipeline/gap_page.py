@@ -81,17 +81,29 @@ def plain(name: str) -> str:
 
 
 def _row(one: Candidate) -> dict[str, str | float]:
-    values = [
-        f"{s.name} = {s.value:.3g} ± {s.sigma:.2g} {s.unit}" for s in one.strengths if np.isfinite(s.sigma) and s.sigma
+    seen = [
+        f"{s.name} {with_unit(f'{s.detectable_from:.2g}', s.unit)}"
+        for s in one.strengths
+        if np.isfinite(s.detectable_from)
     ]
-    seen = [f"{s.name} {s.detectable_from:.2g} {s.unit}" for s in one.strengths if np.isfinite(s.detectable_from)]
     return {
         "name": plain(one.effect),
         "probability": one.probability,
         "group": ", ".join(plain(name) for name in one.group[1:]),
-        "values": "; ".join(values),
+        "strength": strengths(one),
         "detectable": "; ".join(seen),
     }
+
+
+def strengths(one: Candidate) -> str:
+    """The parameters of a candidate with their errors, as far as they were found."""
+    known = [s for s in one.strengths if np.isfinite(s.sigma) and s.sigma > 0]
+    return "; ".join(f"{s.name} = {with_unit(f'{s.value:.3g} ± {s.sigma:.2g}', s.unit)}" for s in known)
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A number with its unit, that of a pure number left out."""
+    return number if unit == "1" else f"{number} {unit}"
 
 
 def _plots(gap: Gap) -> list[tuple[str, str]]:
@@ -168,11 +180,14 @@ def _map(gap: Gap) -> go.Figure:
     unit = "mrad" if gap.metric.endswith("rad") else "mm"
     marker = {"color": miss, "colorscale": "YlOrRd", "cmin": 0, "size": 6, "colorbar": {"title": f"error, {unit}"}}
     figure = go.Figure(go.Scatter(x=place[:, 0], y=place[:, 1], mode="markers", marker=marker))
-    return figure.update_yaxes(scaleanchor="x")
+    figure.update_xaxes(title="m")
+    return figure.update_yaxes(scaleanchor="x", title="m")
 
 
 def _embedded(figure: go.Figure, name: str) -> str:
-    figure.update_layout(template="plotly_white", height=420, margin={"l": 60, "r": 20, "t": 20, "b": 50})
+    legend = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
+    margin = {"l": 60, "r": 20, "t": 40, "b": 50}
+    figure.update_layout(template="plotly_white", height=420, margin=margin, legend=legend)
     config = {"displayModeBar": False, "responsive": True}
     html: str = figure.to_html(full_html=False, include_plotlyjs=False, div_id=name, config=config)
     return html

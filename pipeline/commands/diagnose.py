@@ -16,7 +16,7 @@ from diagnosis.verdict import Report
 from pipeline.chain import refuse_closed
 from pipeline.command_line import DebugOption, JsonOption, app, named
 from pipeline.gap_files import as_json, write_gap
-from pipeline.gap_page import closed_sentence, gap_sentence, plain, write_gap_page
+from pipeline.gap_page import closed_sentence, gap_sentence, plain, strengths, write_gap_page
 from pipeline.gap_scenes import open_scene
 from pipeline.track_folder import read_track_folders
 
@@ -55,8 +55,7 @@ def _tell(report: Report, folder: Path) -> None:
     if report.candidates:
         grid = Grid("cause", "probability", "strength", box=None, pad_edge=False)
         for one in report.candidates[:_SHOWN]:
-            values = ", ".join(f"{s.name} {s.value:.3g} ± {s.sigma:.2g} {s.unit}" for s in one.strengths if s.sigma > 0)
-            grid.add_row(plain(one.effect), f"{one.probability:.1%}", values)
+            grid.add_row(plain(one.effect), f"{one.probability:.1%}", strengths(one))
         screen.print(grid)
     if report.film_next:
         screen.print(escape(report.film_next))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,9 @@ def test_the_files_name_the_effect_and_let_anyone_recompute_the_gap(trueroll: Te
     page = (tmp_path / "gap" / "gap.html").read_text()
     assert "Your simulator lacks viscous drag" in page
     assert 'src="http' not in page
+    (strength,) = re.findall(r"k = (0\.\d+) ± [\d.]+ 1/s</td>", page)
+    assert math.isclose(float(strength), 0.8, rel_tol=0.02), "the strength stands beside its cause"
+    assert "method" not in page.partition("<body>")[2].partition("<script")[0]
 
 
 def test_one_short_shot_is_undecidable(trueroll: Terminal, tmp_path: Path) -> None:
