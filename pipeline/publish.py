@@ -12,11 +12,18 @@ from pathlib import Path
 
 @contextmanager
 def aside(target: Path) -> Iterator[Path]:
-    """A hidden path beside `target` to write to; it takes the target's name at the end, or is gone after an error."""
+    """A hidden path beside `target` to write to; it takes the target's name at the end, or is gone after an error.
+
+    What the system says against the hidden path is said of the target: its name is the one that a user knows.
+    """
     path = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         yield path
         os.replace(path, target)
+    except OSError as error:
+        if str(path) in (str(error.filename), str(error.filename2)):
+            raise OSError(error.errno, error.strerror, str(target)) from error
+        raise
     finally:
         path.unlink(missing_ok=True)
 
