@@ -11,6 +11,12 @@ from pipeline.publish import aside, folder_aside
 from pipeline.sentences import one_sentence
 
 
+def tear(path: Path, error: BaseException) -> None:
+    """Write half of something, and fail."""
+    path.write_text("half")
+    raise error
+
+
 def test_a_file_takes_its_name_when_it_is_whole(tmp_path: Path) -> None:
     target = tmp_path / "a.txt"
     target.write_text("old")
@@ -25,8 +31,7 @@ def test_after_an_error_the_old_file_stands_and_nothing_lies_beside_it(tmp_path:
     target = tmp_path / "a.txt"
     target.write_text("old")
     with pytest.raises(type(error)) as raised, aside(target) as path:
-        path.write_text("half")
-        raise error
+        tear(path, error)
     assert raised.value is error
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("a.txt", "old")]
 
@@ -49,7 +54,6 @@ def test_a_folder_takes_the_place_of_another_or_leaves_it(tmp_path: Path) -> Non
             (fresh / "value").write_text(text)
         assert (target / "value").read_text() == text
     with pytest.raises(ValueError, match="torn"), folder_aside(target, within, "entry-") as fresh:
-        (fresh / "value").write_text("half")
-        raise ValueError("torn")
+        tear(fresh / "value", ValueError("torn"))
     assert (target / "value").read_text() == "second"
     assert not list(within.iterdir())
