@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import uuid
 from pathlib import Path
@@ -53,7 +54,16 @@ def write_recording(
         _log_motion(recording, clip, scene, tracks, fit)
         _log_events(recording, clip, scene, fit)
         recording.log("about", rr.TextDocument(_about(scene, fit), media_type=rr.MediaType.MARKDOWN), static=True)
+        _finish(recording, path)
+
+
+def _finish(recording: rr.RecordingStream, path: Path) -> None:
+    """Write what is still in memory; rerun writes behind our back, and tells of a failure only now."""
+    try:
         recording.flush()
+    except RuntimeError as error:
+        raise OSError(errno.EIO, f"rerun cannot write its recording ({error}); is the disk full?", str(path)) from error
+    finally:
         recording.disconnect()
 
 

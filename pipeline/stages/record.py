@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,7 @@ def record_stage(options: RecordOptions) -> Stage:
 
 
 def _run(inputs: Inputs, options: RecordOptions, folder: Path, progress: Progress) -> None:
+    os.environ.setdefault("RUST_LOG", "off")  # rerun would print what it raises; it reads this when it is imported
     from pipeline.recording import write_recording  # slow to import, and not needed while cached
 
     clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import made_up_shot as shot
 import numpy as np
 import pytest
 from rerun.chunk import Chunk, RrdReader
 
-from pipeline.recording import write_recording
+from pipeline.recording import _finish, write_recording
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +25,26 @@ def chunks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Chunk]]:
     for chunk in RrdReader(folder / "recording.rrd").stream():
         by_entity.setdefault(chunk.entity_path, []).append(chunk)
     return by_entity
+
+
+class Full:
+    """A stream whose disk is full."""
+
+    disconnected = False
+
+    def flush(self) -> None:
+        raise RuntimeError("File-writer thread shut down prematurely")
+
+    def disconnect(self) -> None:
+        self.disconnected = True
+
+
+def test_a_recording_that_cannot_be_written_is_an_error_of_its_file() -> None:
+    full = Full()
+    with pytest.raises(OSError, match="is the disk full") as raised:
+        _finish(full, Path("recording.rrd"))  # type: ignore[arg-type]
+    assert raised.value.filename == "recording.rrd"
+    assert full.disconnected
 
 
 def rows(chunks: list[Chunk]) -> int:
