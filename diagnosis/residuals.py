@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from diagnosis.decorrelated import chain
 from diagnosis.fitting import Fitted, Question, Seen
-from models.attempt import huber
+from models.attempt import huber, sloped
 from models.gap_scene import Covariates, Recording
 
 Floats = NDArray[np.float64]
@@ -118,7 +118,8 @@ def _noise(correlation: float, piece: Recording, rng: np.random.Generator) -> Fl
 def _projected(seen: Seen, fitted: Fitted, weights: list[Floats], noise: list[Floats]) -> list[Floats]:
     """What states and free parameters leave of noise, to first order; priors and links are not counted as knowledge."""
     left, by_shared = [], []
-    for flow, weight, drawn in zip(seen.point.flows, weights, noise, strict=True):
+    for k, (weight, drawn) in enumerate(zip(weights, noise, strict=True)):
+        flow = sloped(seen.point, k)
         states = (flow.by_start * weight[:, None, None]).reshape(-1, flow.by_start.shape[2])
         free = (flow.by_shared[..., fitted.free] * weight[:, None, None]).reshape(len(states), -1)
         basis = _basis(states)

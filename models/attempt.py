@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.elimination import ShotBlock
 from models.shared_numbers import prior_cost, slopes
-from models.windows import Flow, Model, Window
+from models.windows import Flow, Glance, Model, Window, glance
 
 Floats = NDArray[np.float64]
 
@@ -25,7 +25,8 @@ class Attempt:
     """per window (S,)."""
     shared: Floats
     """(P,)"""
-    flows: tuple[Flow, ...]
+    flows: tuple[Flow | Glance, ...]
+    """without slopes where none were asked for yet."""
     costs: Floats
     """per shot (Q,); the prior of the shared numbers comes last."""
 
@@ -45,13 +46,30 @@ class Problem:
 
 
 def attempt(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Attempt:
-    """Simulate every window."""
-    flows = tuple(problem.model.flow(k, start, shared) for k, start in enumerate(starts))
+    """Simulate every window, with slopes."""
+    point = glanced(problem, starts, shared)
+    for shot in range(len(problem.shots)):
+        point = with_slopes(problem, point, shot)
+    return point
+
+
+def glanced(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Attempt:
+    """Simulate every window, without slopes where the model can leave them out."""
+    flows = tuple(glance(problem.model, k, start, shared) for k, start in enumerate(starts))
     point = Attempt(starts, shared, flows, np.zeros(len(problem.shots) + 1))
     for shot in range(len(problem.shots)):
         point.costs[shot] = shot_cost(problem, point, shot)
     point.costs[-1] = prior_cost(problem.model.unknowns, shared)
     return point
+
+
+def with_slopes(problem: Problem, point: Attempt, shot: int) -> Attempt:
+    """The same, the windows of one shot with their slopes."""
+    flows = list(point.flows)
+    for k in problem.shots[shot]:
+        if isinstance(flows[k], Glance):
+            flows[k] = problem.model.flow(k, point.starts[k], point.shared)
+    return replace(point, flows=tuple(flows))
 
 
 def first_share(window: Window, share: float) -> int:
@@ -90,12 +108,12 @@ def normal_blocks(problem: Problem, point: Attempt) -> list[ShotBlock]:
 
 def normal_block(problem: Problem, point: Attempt, shot: int, share: float = 1.0) -> ShotBlock:
     """Normal equations of one shot: its states, the shared coordinates, and what couples them."""
-    numbers = problem.shots[shot]
+    numbers, point = problem.shots[shot], with_slopes(problem, point, shot)
     scale = slopes(problem.model.unknowns, point.shared)
     offsets = np.concatenate([[0], np.cumsum([len(point.starts[k]) for k in numbers])])
     block = ShotBlock.empty(int(offsets[-1]), len(scale))
     for place, k in enumerate(numbers):
-        window, flow = problem.windows[k], point.flows[k]
+        window, flow = problem.windows[k], sloped(point, k)
         here = slice(offsets[place], offsets[place + 1])
         seen = first_share(window, share)
         weight = np.sqrt(huber(flow.misfit[:seen])[0])[:, None]
@@ -113,10 +131,18 @@ def normal_block(problem: Problem, point: Attempt, shot: int, share: float = 1.0
     return block
 
 
+def sloped(point: Attempt, k: int) -> Flow:
+    """A flow that has its slopes."""
+    flow = point.flows[k]
+    if isinstance(flow, Glance):
+        raise ValueError(f"slopes are needed; window {k} has none")
+    return flow
+
+
 def _link(block: ShotBlock, here: slice, before: slice, sigma: Floats, point: Attempt, k: int, scale: Floats) -> None:
     """Continuity of the start of window `k` with the end of the window before."""
     tied = np.flatnonzero(np.isfinite(sigma))
-    flow = point.flows[k - 1]
+    flow = sloped(point, k - 1)
     rows = np.zeros((len(tied), len(block.gradient)))
     rows[:, here] = np.eye(len(sigma))[tied]
     rows[:, before] = -flow.end_by_start[tied]

@@ -79,9 +79,17 @@ def solved(normal: Floats, right: Floats, damping: float) -> Floats:
 
 
 def eliminate(
-    blocks: list[ShotBlock], prior: Floats, prior_gradient: Floats, damping: float, held: NDArray[np.bool_]
+    blocks: list[ShotBlock],
+    prior: Floats,
+    prior_gradient: Floats,
+    damping: float,
+    held: NDArray[np.bool_],
+    reach: tuple[Floats, Floats] | None = None,
 ) -> tuple[Floats, list[Floats]]:
-    """Levenberg-Marquardt step of the shared numbers (P,), those `held` (P,) kept, and of each shot's states (M,)."""
+    """Levenberg-Marquardt step of the shared numbers (P,), those `held` (P,) kept, and of each shot's states (M,).
+
+    `reach`: least and largest step of each shared number (P,); the states follow the step that is left.
+    """
     whole, right = prior.copy(), -prior_gradient
     inner = []
     for block in blocks:
@@ -93,4 +101,6 @@ def eliminate(
         right = right - block.shared_gradient + block.coupling.T @ inside[:, -1]
     whole[held] = whole[:, held] = 0.0
     step = np.where(held, 0.0, solved(whole + np.diag(held.astype(float)), right, damping))
+    if reach is not None:
+        step = np.clip(step, *reach)
     return step, [-(inside[:, -1] + inside[:, :-1] @ step) for inside in inner]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.effects.effect import Prior
-from models.windows import Flow, Model, Window
+from models.windows import Flow, Glance, Model, Window, glance
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -43,3 +43,11 @@ class Held:
     def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
         flow = self.model.flow(window, start, self.whole(shared))
         return replace(flow, by_shared=flow.by_shared[..., self.free], end_by_shared=flow.end_by_shared[..., self.free])
+
+    def glance(self, window: int, start: Floats, shared: Floats) -> Glance | Flow:
+        found = glance(self.model, window, start, self.whole(shared))
+        if isinstance(found, Glance):
+            return found
+        return replace(
+            found, by_shared=found.by_shared[..., self.free], end_by_shared=found.end_by_shared[..., self.free]
+        )

@@ -16,13 +16,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.attempt import Attempt, Problem, attempt, huber, normal_block, normal_blocks, shot_cost
+from models.attempt import (
+    Attempt,
+    Problem,
+    attempt,
+    glanced,
+    huber,
+    normal_block,
+    normal_blocks,
+    shot_cost,
+    sloped,
+)
 from models.effects.effect import Prior
 from models.elimination import ShotBlock, eliminate, log_determinant, solved
 from models.fit import Parameter
 from models.lack_of_fit import correlation_factor
 from models.shared_numbers import bounds, prior_knowledge, slopes, values_of
-from models.windows import Model
+from models.windows import Model, glance
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +44,8 @@ _JUMP = 4.0
 """rise of the cost of a shot, in a step that should lower it, from which its own states are sought anew."""
 _EXPLAINED = 4.0
 """robust chi2 per observation up to which the states of a shot count as found."""
+_STRIDE = 1.0
+"""standard deviations of its prior that a shared number may move in one step."""
 _DAMPINGS = 8
 """how often a step is shortened before the search gives up."""
 
@@ -94,7 +106,7 @@ def shoot(
     shots = tuple(tuple(k for k, w in enumerate(windows) if w.shot == number) for number in numbers)
     problem = Problem(model, windows, shots)
     first = np.array([prior.value for prior in model.unknowns]) if shared is None else np.array(shared, float)
-    now = attempt(problem, tuple(w.start.copy() for w in windows) if starts is None else starts, first)
+    now = glanced(problem, tuple(w.start.copy() for w in windows) if starts is None else starts, first)
     for shot in range(len(shots) if starts is None else 0):
         now = _begun(problem, now, shot, options)
     now, converged = _descend(problem, now, options)
@@ -137,9 +149,9 @@ def _descend(problem: Problem, now: Attempt, options: ShootingOptions) -> tuple[
 
 
 def _mended(problem: Problem, before: Attempt, trial: Attempt, settling: int) -> Attempt:
-    """The trial, after the states of every shot that got worse were sought anew: one window that changes the order of
+    """The trial, after the states of every shot that got worse were sought anew: one shot that changes the order of
     its contacts must not block a step that is good for all others."""
-    for shot in range(len(problem.shots)):
+    for shot in range(len(problem.shots)) if len(problem.shots) > 1 else ():
         if not trial.costs[shot] <= before.costs[shot] + _JUMP:
             trial = _settled(problem, trial, shot, settling)
     return trial
@@ -149,7 +161,7 @@ def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: 
     """The states of one shot fitted to the first `share` of each of its windows, shared numbers kept."""
     damping = 1e-3
     cost = shot_cost(problem, now, shot, share)
-    for _ in range(iterations):
+    for _ in range(iterations if np.isfinite(cost) else 0):
         block = normal_block(problem, now, shot, share)
         for _ in range(_DAMPINGS):
             step = -solved(block.states, block.gradient, damping)
@@ -186,7 +198,7 @@ def _guessed(problem: Problem, now: Attempt, shot: int, starts: tuple[Floats, ..
     """The same, with other starts in one shot."""
     flows, costs = list(now.flows), now.costs.copy()
     for k in problem.shots[shot]:
-        flows[k] = problem.model.flow(k, starts[k], now.shared)
+        flows[k] = glance(problem.model, k, starts[k], now.shared)
     guess = Attempt(starts, now.shared, tuple(flows), costs)
     costs[shot] = shot_cost(problem, guess, shot)
     return guess
@@ -204,15 +216,16 @@ def _stepped(problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: f
     coordinates, low, high = bounds(problem.model.unknowns, now.shared)
     gradient = prior_g + sum(block.shared_gradient for block in blocks)
     held = ((coordinates <= low) & (gradient > 0)) | ((coordinates >= high) & (gradient < 0))
-    shared_step, state_steps = eliminate(blocks, np.diag(prior_h), prior_g, damping, held)
-    moved = np.clip(coordinates + np.clip(shared_step, -0.5 / scale, 0.5 / scale), low, high)
+    reach = np.maximum(low - coordinates, -_STRIDE / scale), np.minimum(high - coordinates, _STRIDE / scale)
+    shared_step, state_steps = eliminate(blocks, np.diag(prior_h), prior_g, damping, held, reach)
+    moved = np.clip(coordinates + shared_step, low, high)
     starts = list(now.starts)
     for numbers, step in zip(problem.shots, state_steps, strict=True):
         offset = 0
         for k in numbers:
             starts[k] = now.starts[k] + step[offset : offset + len(now.starts[k])]
             offset += len(now.starts[k])
-    return attempt(problem, tuple(starts), values_of(problem.model.unknowns, moved))
+    return glanced(problem, tuple(starts), values_of(problem.model.unknowns, moved))
 
 
 def _with_states(problem: Problem, now: Attempt, shot: int, step: Floats) -> Attempt:
@@ -225,7 +238,7 @@ def _with_states(problem: Problem, now: Attempt, shot: int, step: Floats) -> Att
 
 
 def _result(problem: Problem, point: Attempt, converged: bool) -> Shooting:
-    unknowns = problem.model.unknowns
+    unknowns, point = problem.model.unknowns, attempt(problem, point.starts, point.shared)
     blocks = normal_blocks(problem, point)
     chi2, inflation = _lack_of_fit(problem, point)
     scale, prior_information, _ = prior_knowledge(unknowns, point.shared)
@@ -262,7 +275,8 @@ def _log_evidence(problem: Problem, point: Attempt, blocks: list[ShotBlock], pri
 def _lack_of_fit(problem: Problem, point: Attempt) -> tuple[float, float]:
     """Robust chi2 per degree of freedom, and the factor on variances that the residuals ask for."""
     series, free = [], 0
-    for window, flow in zip(problem.windows, point.flows, strict=True):
+    for k, window in enumerate(problem.windows):
+        flow = sloped(point, k)
         bounded = flow.misfit * np.sqrt(huber(flow.misfit)[0])[:, None]
         series += [bounded[window.body == body] for body in np.unique(window.body)]
         free += int(np.linalg.matrix_rank(flow.by_start.reshape(-1, len(window.start)))) if len(flow.misfit) else 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,17 @@ class Flow:
     """What happened, in its order; where two flows differ in it, derivatives of one tell nothing about the other."""
 
 
+@dataclass(frozen=True, slots=True)
+class Glance:
+    """A flow without its slopes: enough to say what a trial costs."""
+
+    misfit: Floats
+    """(K, d)"""
+    end: Floats
+    """(S',)"""
+    order: Hashable = ()
+
+
 class Model(Protocol):
     """A scene that can be fitted."""
 
@@ -79,6 +90,22 @@ class Model(Protocol):
     def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
         """Simulate window number `window` from `start` (S,) with `shared` (P,)."""
         ...
+
+
+@runtime_checkable
+class Glancing(Protocol):
+    """A model that is quicker where no slopes are asked for."""
+
+    def glance(self, window: int, start: Floats, shared: Floats) -> Glance | Flow:
+        """As `Model.flow`."""
+        ...
+
+
+def glance(model: Model, window: int, start: Floats, shared: Floats) -> Glance | Flow:
+    """What a model predicts, without slopes where it can leave them out."""
+    if isinstance(model, Glancing):
+        return model.glance(window, start, shared)
+    return model.flow(window, start, shared)
 
 
 def sensitive_from(by_start: Floats, limit: float = SENSITIVE) -> int:

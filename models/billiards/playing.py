@@ -20,6 +20,7 @@ from models.billiards.view import FAITHFUL, ON_PICTURE
 from models.scene import CUSHIONS, Table
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 MASS, RADIUS, FACTOR = (len(NAMES) + k for k in range(3))
@@ -32,8 +33,8 @@ NUMBERS: tuple[str, ...] = (
 """All Q numbers that shots may share: of the physics, the balls, the table, and of what is seen of them."""
 ABSENT = np.concatenate([neutral(), np.ones(3), np.zeros(4), FAITHFUL, np.zeros(2)])
 """(Q,) without any effect."""
-MOVING, LYING = 7, 2
-"""Numbers of a ball."""
+MOVING, LYING, LINEAR = 7, 2, 4
+"""Numbers of a ball that moves and of one that lies; those of its centre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,18 +86,21 @@ def played(start: Floats, moving: Mask, table: Table, values: Floats, laws: Laws
     return simulate(balls_of(start, moving, table, values), table, physics, max(seconds, 1e-6), offsets)
 
 
-def derivatives(run: Run, t: Floats, moving: Mask, table: Table, values: Floats, wanted: Mask) -> tuple[Floats, Floats]:
-    """Of the engine's states at t (T,): by the start (T, N, 7, S) and by all numbers (T, N, 7, Q), 0 where they are
-    not `wanted` (Q,)."""
-    count, own = len(moving), len(BALL_COLUMNS)
-    asked = tuple(name for name, want in zip(NAMES, wanted, strict=False) if want)
-    noses = tuple(name for k, name in enumerate(NUMBERS[NOSE:PICTURE]) if wanted[NOSE + k])
-    slopes = run.jacobian(t, (*run.columns[: own * count], *asked, *noses))
-    of_balls = slopes[..., : own * count] @ _of_balls(run.balls, moving, table, values)
-    by_start, found = of_balls[..., : -len(NUMBERS)], of_balls[..., -len(NUMBERS) :]
-    for k, name in enumerate((*asked, *noses)):
-        found[..., NUMBERS.index(name)] += slopes[..., own * count + k]
-    return by_start, found * wanted
+def directions_of(balls: Balls, moving: Mask, table: Table, values: Floats, numbers: Ints) -> Floats:
+    """What the engine's numbers (9 N + P + 4,) change by when a start (S,) or one of `numbers`, indices (M,) in
+    `NUMBERS`, changes: (9 N + P + 4, S + M)."""
+    own = len(BALL_COLUMNS) * len(moving)
+    of_balls = _of_balls(balls, moving, table, values)
+    begins = of_balls.shape[1] - len(NUMBERS)
+    found = np.zeros((own + len(NAMES) + len(CUSHIONS), begins + len(numbers)))
+    found[:own, :begins] = of_balls[:, :begins]
+    for column, number in enumerate(numbers, begins):
+        found[:own, column] = of_balls[:, begins + number]
+        if number < len(NAMES):
+            found[own + number, column] = 1.0
+        elif NOSE <= number < PICTURE:
+            found[own + len(NAMES) + number - NOSE, column] = 1.0
+    return found
 
 
 def _of_balls(balls: Balls, moving: Mask, table: Table, values: Floats) -> Floats:
@@ -117,6 +121,12 @@ def _of_balls(balls: Balls, moving: Mask, table: Table, values: Floats) -> Float
 _UNITS = np.eye(MOVING)
 """Row j: x, y, vx, vy and R wx, R wy, R wz by number j of a ball: R wx = uy - vy, R wy = vx - ux."""
 _UNITS[2:6, 4:6] = [[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]]
+
+
+def spins(numbers: Floats, radius: float) -> tuple[Floats, Floats]:
+    """Numbers (N, 7) of a fit as states of the engine, and the matrix (7, 7) that turns one into the other."""
+    turn = _UNITS.T / np.where(np.arange(MOVING) < LINEAR, 1.0, radius)[:, None]
+    return numbers @ turn.T, turn
 
 
 def slips(states: Floats, radius: Floats) -> Floats:

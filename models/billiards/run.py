@@ -37,6 +37,8 @@ from models.trajectory import State, Trajectory
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+STATE = 7
+"""Numbers of a ball: x, y, vx, vy, wx, wy, wz."""
 _SMOOTH = 1e-8
 """m, by which a cubic of a trajectory may miss a path that is none."""
 
@@ -113,20 +115,31 @@ class Run:
             wrt = (*columns[: len(self.balls.ids) * len(BALL_COLUMNS)], *self.physics.present)
         if unknown := set(wrt) - set(columns):
             raise ValueError(f"derivatives are by {', '.join(columns)}; got {', '.join(sorted(unknown))}")
-        wanted = np.array([columns.index(name) for name in wrt], dtype=np.int64)
-        active = np.array([k for k, name in enumerate(NAMES) if name in wrt], dtype=np.int64)
+        directions = np.zeros((len(columns), len(wrt)))
+        directions[[columns.index(name) for name in wrt], np.arange(len(wrt))] = 1.0
         times = np.asarray(t, dtype=np.float64)
-        order = np.argsort(times.reshape(-1), kind="stable")
-        found = np.full((times.size, len(self.balls.ids), 7, len(columns)), np.nan)
+        place = np.arange(times.size * len(self.balls.ids)).reshape(times.size, -1)
+        found = self.along(times.reshape(-1), place, directions, STATE)
+        return found.reshape(*times.shape, len(self.balls.ids), STATE, len(wrt))
+
+    def along(self, t: Floats, place: Ints, directions: Floats, numbers: int) -> Floats:
+        """Derivatives (K, `numbers`, C) of the states at t (T,), or with 2 `numbers` of the places alone, along
+        directions (P, C) in all that the shot depends on, in the order of `columns`.
+
+        place (T, N) says which of the K each ball is at each time, -1 where it is not asked for. The order of contacts
+        is held fixed; NaN for a ball in a pocket.
+        """
+        first = len(BALL_COLUMNS) * len(self.balls.ids)
+        active = np.flatnonzero(np.any(directions[first : first + len(NAMES)], axis=1))
         curves = bool(curved(self.physics.values)) or bool(np.isin(active, CURVING).any())
+        order = np.argsort(t, kind="stable")
+        found = np.full((int(place.max(initial=-1)) + 1, numbers, directions.shape[1]), np.nan)
         differentiate(
             self.legs, self.contacts, self.gone, self.balls.radius, self.balls.mass, self.physics.values,
-            self.physics.codes, self.rails.lines, self.rails.arcs, NORMALS, self.seconds, times.reshape(-1)[order],
-            active, CURVED_ROWS if curves else STRAIGHT_ROWS, found,
+            self.physics.codes, self.rails.lines, self.rails.arcs, NORMALS, t[order], place[order],
+            np.ascontiguousarray(directions), active, CURVED_ROWS if curves else STRAIGHT_ROWS, found,
         )  # fmt: skip
-        back = np.empty((*found.shape[:3], len(wanted)))
-        back[order] = found[..., wanted]
-        return back.reshape(*times.shape, *back.shape[1:])
+        return found
 
     def state(self, t: float | Floats) -> State:
         """The same as a `State`, with standard deviations of 0: nothing is uncertain."""

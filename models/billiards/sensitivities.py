@@ -1,4 +1,8 @@
-"""Derivatives of a shot by its initial states, its physics and its noses, exact to rounding.
+"""Derivatives of a shot along directions in all that it depends on, exact to rounding.
+
+What a shot depends on are the states, radii and masses of its balls, its physics and its noses. A direction moves any
+of them together: one ball, one parameter, or the radii of all balls at once. Only as many columns are carried as there
+are directions.
 
 Between contacts they are carried by the derivative of one ball's motion, at a contact by that of the law; both are the
 same compiled functions with a complex step. A contact is met earlier or later when the inputs change: with S the
@@ -11,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.cloth import WIDTH, follow, plan
+from models.billiards.cloth import REST, START, WIDTH, X, follow, piece_at, plan
 from models.billiards.compiled import compiled
 from models.billiards.contacts import meet_ball, meet_cushion
 from models.billiards.engine import (
@@ -28,22 +32,40 @@ from models.billiards.engine import (
     TIME,
     normal,
 )
-from models.billiards.parameters import AIR_DRAG, NAMES, SLOPE_X, SLOPE_Y, VISCOUS_DRAG
+from models.billiards.parameters import (
+    AIR_DRAG,
+    BALL_E,
+    BALL_MU,
+    CUSHION_E,
+    CUSHION_LAWS,
+    CUSHION_MU,
+    NAMES,
+    SLIDING_MU,
+    SLOPE_X,
+    SLOPE_Y,
+    VISCOUS_DRAG,
+)
 
 BALL_COLUMNS = ("x", "y", "vx", "vy", "wx", "wy", "wz", "radius", "mass")
-"""Columns of one ball; after those of all balls come the parameters, then the offsets of the noses."""
+"""What a shot depends on, ball by ball; after those of all balls come the parameters, then the offsets of the noses."""
 CURVING = (SLOPE_X, SLOPE_Y, AIR_DRAG, VISCOUS_DRAG)
 """Parameters whose derivatives have no closed form, even where they are 0."""
 PER_BALL = len(BALL_COLUMNS)
 _RADIUS, _MASS, _PARAMETERS = 7, 8, len(NAMES)
+_MATHAVAN = CUSHION_LAWS.index("mathavan_2010")
 _STEP = 1e-30
 """Of the complex step."""
+_AHEAD = 1e-9
+"""s beyond what is asked for: up to there a leg is planned."""
 
 
 @compiled
-def derive_motion(state, radius, p, active, taus, rows, phases, out):  # type: ignore[no-untyped-def]
-    """Fill out (T, 7, 8 + A): states at taus (T,) by the state, the radius and the `active` parameters."""
-    found, rate = np.zeros(7, np.complex128), np.zeros(7, np.complex128)
+def derive_motion(state, radius, p, active, taus, until, rows, phases, shown, last, end, rate):  # type: ignore[no-untyped-def]
+    """Derivatives of one ball's motion by its state, its radius and the `active` parameters.
+
+    Fills shown (T, R, 8 + A) with those of the first R of its numbers at taus (T,), and, where `until` is finite, last
+    (7, 8 + A) with those of the state there, end (7,) with that state and rate (7,) with its change.
+    """
     for j in range(8 + len(active)):
         s, r, q = state.astype(np.complex128), radius + 0j, p.astype(np.complex128)
         if j < 7:
@@ -52,23 +74,60 @@ def derive_motion(state, radius, p, active, taus, rows, phases, out):  # type: i
             r += 1j * _STEP
         else:
             q[active[j - 8]] += 1j * _STEP
-        count = plan(s, r, q, taus[-1] + 1.0, rows, phases)
-        for i in range(len(taus)):
-            if taus[i] == 0.0:
-                out[i, :, j] = s.imag / _STEP
-                continue
-            follow(rows, count, s[6], q, taus[i] + 0j, found, rate)
-            out[i, :, j] = found.imag / _STEP
+        horizon = until if until < np.inf else taus[-1] if len(taus) > 0 else 0.0
+        count = plan(s, r, q, horizon + _AHEAD, rows, phases)
+        if shown.shape[1] == 2:
+            derive_places(s, rows, phases, count, taus, shown, j)
+        else:
+            derive_states(s, q, rows, count, taus, shown, j)
+        if until < np.inf:
+            found, turn = np.zeros(7, np.complex128), np.zeros(7, np.complex128)
+            follow(rows, count, s[6], q, until + 0j, found, turn)
+            end[:], rate[:], last[:, j] = found.real, turn.real, found.imag / _STEP
+            if until == 0.0:
+                last[:, j] = s.imag / _STEP
 
 
 @compiled
-def carry(motion, sensitivity, ball, n, active):  # type: ignore[no-untyped-def]
-    """Derivatives (7, P) after a motion (7, 8 + A) from those before it."""
-    after = np.ascontiguousarray(motion[:, :7]) @ sensitivity
-    after[:, PER_BALL * ball + _RADIUS] += motion[:, 7]
+def derive_places(s, rows, phases, count, taus, shown, j):  # type: ignore[no-untyped-def]
+    """Column j of shown (T, 2, ...) from a plan whose numbers carry a step."""
+    for i in range(len(taus)):
+        k = piece_at(rows, count, taus[i] + 0j)
+        if taus[i] == 0.0:
+            shown[i, 0, j], shown[i, 1, j] = s[0].imag / _STEP, s[1].imag / _STEP
+            continue
+        if i > 0 and phases[k] == REST and taus[i - 1] >= rows[k, START].real:  # it lies where it lay
+            shown[i, 0, j], shown[i, 1, j] = shown[i - 1, 0, j], shown[i - 1, 1, j]
+            continue
+        t = taus[i] - rows[k, START]
+        for axis in range(2):
+            x = 0.0 * t
+            for power in range(5, -1, -1):
+                x = x * t + rows[k, X + 6 * axis + power]
+            shown[i, axis, j] = x.imag / _STEP
+
+
+@compiled
+def derive_states(s, q, rows, count, taus, shown, j):  # type: ignore[no-untyped-def]
+    """Column j of shown (T, 7, ...) from a plan whose numbers carry a step."""
+    found, turn = np.zeros(7, np.complex128), np.zeros(7, np.complex128)
+    for i in range(len(taus)):
+        if taus[i] == 0.0:
+            shown[i, :, j] = s.imag / _STEP
+            continue
+        follow(rows, count, s[6], q, taus[i] + 0j, found, turn)
+        shown[i, :, j] = found.imag / _STEP
+
+
+@compiled
+def moved_by(sensitivity, directions, ball, n, active):  # type: ignore[no-untyped-def]
+    """(8 + A, C): state, radius and `active` parameters of a ball along all directions."""
+    found = np.empty((8 + len(active), sensitivity.shape[1]))
+    found[:7] = sensitivity
+    found[7] = directions[PER_BALL * ball + _RADIUS]
     for j in range(len(active)):
-        after[:, PER_BALL * n + active[j]] += motion[:, 8 + j]
-    return after
+        found[8 + j] = directions[PER_BALL * n + active[j]]
+    return found
 
 
 @compiled
@@ -77,6 +136,12 @@ def derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, p, active, 
     made = np.zeros((7, 10 + len(active)))
     side = int(lines[row, 5]) if kind == LINE else int(arcs[row, 3])
     for j in range(10 + len(active)):
+        if j > 9 and not felt_by_cushion(active[j - 10], law):
+            continue
+        if kind == LINE and (j < 2 or j == 9):  # a straight nose is the same everywhere
+            if j < 2:
+                made[j, j] = 1.0
+            continue
         z, r, m, q = s.astype(np.complex128), radius + 0j, mass + 0j, p.astype(np.complex128)
         around = arcs.astype(np.complex128)
         if j < 7:
@@ -87,7 +152,7 @@ def derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, p, active, 
             m += 1j * _STEP
         elif j > 9:
             q[active[j - 10]] += 1j * _STEP
-        elif kind != LINE:
+        else:
             around[row, 0] += 1j * _STEP * normals[side, 0]
             around[row, 1] += 1j * _STEP * normals[side, 1]
         out = np.zeros(7, np.complex128)
@@ -98,10 +163,20 @@ def derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, p, active, 
 
 
 @compiled
+def felt_by_cushion(parameter, law):  # type: ignore[no-untyped-def]
+    """Whether a cushion law looks at a parameter."""
+    if parameter == SLIDING_MU:
+        return law == _MATHAVAN
+    return CUSHION_E <= parameter <= CUSHION_MU
+
+
+@compiled
 def derive_ball(a, b, ra, rb, ma, mb, p, active, law, soft):  # type: ignore[no-untyped-def]
     """(14, 18 + A) derivatives of two states after they touched by both states, radii, masses and parameters."""
     made = np.zeros((14, 18 + len(active)))
     for j in range(18 + len(active)):
+        if j >= 18 and not BALL_E <= active[j - 18] <= BALL_MU:
+            continue
         z = np.zeros(18, np.complex128)
         z[:7], z[7:14], z[14], z[15], z[16], z[17] = a, b, ra, rb, ma, mb
         q, out = p.astype(np.complex128), np.zeros(14, np.complex128)
@@ -116,92 +191,101 @@ def derive_ball(a, b, ra, rb, ma, mb, p, active, law, soft):  # type: ignore[no-
 
 @compiled
 def outer(rate, times):  # type: ignore[no-untyped-def]
-    """(7, P) of a rate (7,) and shifts in time (P,)."""
+    """(7, C) of a rate (7,) and shifts in time (C,)."""
     return rate.reshape(-1, 1) * times.reshape(1, -1)
 
 
 @compiled
-def through_cushion(sens, s, before, after, kind, row, lines, arcs, normals, radius, mass, p, active, law, soft, a, n):  # type: ignore[no-untyped-def]
-    """Derivatives (7, P) of ball a past a cushion; `before`, `after` are its rates (7,) on both sides."""
+def through_cushion(  # type: ignore[no-untyped-def]
+    sens, s, before, after, kind, row, lines, arcs, normals, radius, mass, p, active, law, soft, a, n, directions
+):
+    """Derivatives (7, C) of ball a past a cushion; `before`, `after` are its rates (7,) on both sides."""
     nx, ny = normal(kind, row, s, lines, arcs)
     side = int(lines[row, 5]) if kind == LINE else int(arcs[row, 3])
-    gap = -nx * sens[0] - ny * sens[1]
-    gap[PER_BALL * a + _RADIUS] -= 1.0
-    gap[PER_BALL * n + _PARAMETERS + side] += nx * normals[side, 0] + ny * normals[side, 1]
+    nose = directions[PER_BALL * n + _PARAMETERS + side]
+    gap = -nx * sens[0] - ny * sens[1] - directions[PER_BALL * a + _RADIUS]
+    gap += nose * (nx * normals[side, 0] + ny * normals[side, 1])
     shift = gap / (nx * before[0] + ny * before[1])
     law_by = derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, p, active, law, soft)
-    found = np.ascontiguousarray(law_by[:, :7]) @ (sens + outer(before, shift)) - outer(after, shift)
-    found[:, PER_BALL * a + _RADIUS] += law_by[:, 7]
-    found[:, PER_BALL * a + _MASS] += law_by[:, 8]
-    found[:, PER_BALL * n + _PARAMETERS + side] += law_by[:, 9]
+    told = np.empty((10 + len(active), sens.shape[1]))
+    told[:7] = sens + outer(before, shift)
+    told[7], told[8], told[9] = directions[PER_BALL * a + _RADIUS], directions[PER_BALL * a + _MASS], nose
     for j in range(len(active)):
-        found[:, PER_BALL * n + active[j]] += law_by[:, 10 + j]
-    return found
+        told[10 + j] = directions[PER_BALL * n + active[j]]
+    return law_by @ told - outer(after, shift)
 
 
 @compiled
-def through_ball(sa, sb, a, b, rates, ra, rb, ma, mb, p, active, law, soft, i, j, n):  # type: ignore[no-untyped-def]
-    """Derivatives (14, P) of balls i, j past their contact in states a, b; rates (4, 7) are those of a, b before and
+def through_ball(sa, sb, a, b, rates, ra, rb, ma, mb, p, active, law, soft, i, j, n, directions):  # type: ignore[no-untyped-def]
+    """Derivatives (14, C) of balls i, j past their contact in states a, b; rates (4, 7) are those of a, b before and
     after."""
     nx, ny = b[0] - a[0], b[1] - a[1]
     size = np.sqrt(nx * nx + ny * ny)
     nx, ny = nx / size, ny / size
     gap = nx * (sb[0] - sa[0]) + ny * (sb[1] - sa[1])
-    gap[PER_BALL * i + _RADIUS] -= 1.0
-    gap[PER_BALL * j + _RADIUS] -= 1.0
+    gap -= directions[PER_BALL * i + _RADIUS] + directions[PER_BALL * j + _RADIUS]
     shift = -gap / (nx * (rates[1, 0] - rates[0, 0]) + ny * (rates[1, 1] - rates[0, 1]))
     law_by = derive_ball(a, b, ra, rb, ma, mb, p, active, law, soft)
-    both = np.zeros((14, sa.shape[1]))
-    both[:7], both[7:] = sa + outer(rates[0], shift), sb + outer(rates[1], shift)
-    found = np.ascontiguousarray(law_by[:, :14]) @ both
+    told = np.empty((18 + len(active), sa.shape[1]))
+    told[:7], told[7:14] = sa + outer(rates[0], shift), sb + outer(rates[1], shift)
+    told[14], told[15] = directions[PER_BALL * i + _RADIUS], directions[PER_BALL * j + _RADIUS]
+    told[16], told[17] = directions[PER_BALL * i + _MASS], directions[PER_BALL * j + _MASS]
+    for k in range(len(active)):
+        told[18 + k] = directions[PER_BALL * n + active[k]]
+    found = law_by @ told
     found[:7] -= outer(rates[2], shift)
     found[7:] -= outer(rates[3], shift)
-    found[:, PER_BALL * i + _RADIUS] += law_by[:, 14]
-    found[:, PER_BALL * j + _RADIUS] += law_by[:, 15]
-    found[:, PER_BALL * i + _MASS] += law_by[:, 16]
-    found[:, PER_BALL * j + _MASS] += law_by[:, 17]
-    for k in range(len(active)):
-        found[:, PER_BALL * n + active[k]] += law_by[:, 18 + k]
     return found
 
 
 @compiled
-def rate_at(leg, radius, p, tau, rows, phases, state, rate):  # type: ignore[no-untyped-def]
-    """Fill state (7,) and its rate (7,) at tau after the start of a leg."""
-    count = plan(leg[LEG_STATE:], radius, p, tau + 1.0, rows, phases)
-    follow(rows, count, leg[LEG_STATE + 6], p, tau, state, rate)
+def rate_at_start(leg, radius, p, rows, phases, rate):  # type: ignore[no-untyped-def]
+    """Fill rate (7,), the change of the state at the start of a leg."""
+    state = np.empty(7)
+    count = plan(leg[LEG_STATE:], radius, p, _AHEAD, rows, phases)
+    follow(rows, count, leg[LEG_STATE + 6], p, 0.0, state, rate)
 
 
 @compiled
-def over_leg(legs, k, until, sens, radius, p, active, times, table_rows, out):  # type: ignore[no-untyped-def]
-    """Fill out (T, N, 7, P) on leg k up to the time `until`; the derivatives (7, P) there."""
+def over_leg(  # type: ignore[no-untyped-def]
+    legs, k, until, sens, radius, p, active, times, place, directions, rows, phases, shown, out, end, rate
+):
+    """Fill out (K, R, C) on leg k up to the time `until`; the derivatives (7, C) there, with end and rate (7,)."""
     ball, start = int(legs[k, LEG_BALL]), legs[k, LEG_TIME]
-    n, first = out.shape[1], np.searchsorted(times, start) if start > 0.0 else 0
+    first = np.searchsorted(times, start) if start > 0.0 else 0
     after = max(first, len(times) if until == np.inf else np.searchsorted(times, until))
-    taus = np.zeros(after - first + 1)
-    taus[:-1] = times[first:after] - start
-    taus[-1] = until - start if until < np.inf else (taus[-2] if len(taus) > 1 else 0.0)
-    rows, phases = np.zeros((table_rows, WIDTH), np.complex128), np.zeros(table_rows, np.int64)
-    motion = np.zeros((len(taus), 7, 8 + len(active)))
-    derive_motion(legs[k, LEG_STATE:].copy(), radius[ball], p, active, taus, rows, phases, motion)
-    for i in range(first, after):
-        out[i, ball] = carry(motion[i - first], sens, ball, n, active)
-    return carry(motion[-1], sens, ball, n, active)
+    seen = first + np.flatnonzero(place[first:after, ball] >= 0)
+    told = moved_by(sens, directions, ball, place.shape[1], active)
+    kept, columns = out.shape[1], len(told)
+    parts, last = shown[: len(seen) * kept * columns].reshape(len(seen), kept, columns), np.zeros((7, columns))
+    derive_motion(
+        legs[k, LEG_STATE:].copy(), radius[ball], p, active, times[seen] - start, until - start, rows, phases,
+        parts, last, end, rate,
+    )  # fmt: skip
+    made = parts.reshape(-1, columns) @ told
+    for i in range(len(seen)):
+        out[place[seen[i], ball]] = made[i * kept : (i + 1) * kept]
+    return last @ told
 
 
 @compiled
 def differentiate(  # type: ignore[no-untyped-def]
-    legs, contacts, gone, radius, mass, p, laws, lines, arcs, normals, seconds, times, active, table_rows, out
+    legs, contacts, gone, radius, mass, p, laws, lines, arcs, normals, times, place, directions, active, table_rows, out
 ):
-    """Fill out (T, N, 7, P) with the derivatives of the states at sorted times (T,)."""
-    n, columns = len(radius), out.shape[3]
+    """Fill out (K, R, C) with derivatives of the first R of the seven numbers of a ball, 2 or 7, along `directions`.
+
+    times (T,) are sorted; place (T, N) says which of the K each is, -1 where it is not asked for. directions
+    (9 N + P + 4, C); `active` are the parameters that one of them moves.
+    """
+    n, columns = len(radius), directions.shape[1]
     rows, phases = np.zeros((table_rows, WIDTH)), np.zeros(table_rows, np.int64)
+    complex_rows = np.zeros((table_rows, WIDTH), np.complex128)
+    shown = np.empty(len(times) * out.shape[1] * (8 + len(active)))
     sens, leg = np.zeros((n, 7, columns)), np.zeros(n, np.int64)
     for k in range(len(legs) - 1, -1, -1):
         leg[int(legs[k, LEG_BALL])] = k
     for a in range(n):
-        for j in range(7):
-            sens[a, j, PER_BALL * a + j] = 1.0
+        sens[a] = directions[PER_BALL * a : PER_BALL * a + 7]
     states, rates = np.zeros((4, 7)), np.zeros((4, 7))
     for e in range(len(contacts)):
         t, a, b = contacts[e, TIME], int(contacts[e, FIRST]), int(contacts[e, SECOND])
@@ -209,21 +293,26 @@ def differentiate(  # type: ignore[no-untyped-def]
         met = np.array([a, b]) if kind == BALL else np.array([a])
         for m in range(len(met)):
             k = leg[met[m]]
-            sens[met[m]] = over_leg(legs, k, t, sens[met[m]], radius, p, active, times, table_rows, out)
-            rate_at(legs[k], radius[met[m]], p, t - legs[k, LEG_TIME], rows, phases, states[m], rates[m])
+            sens[met[m]] = over_leg(
+                legs, k, t, sens[met[m]], radius, p, active, times, place, directions, complex_rows, phases,
+                shown, out, states[m], rates[m],
+            )  # fmt: skip
             leg[met[m]] = k + 1
-            rate_at(legs[k + 1], radius[met[m]], p, 0.0, rows, phases, states[2 + m], rates[2 + m])
+            rate_at_start(legs[k + 1], radius[met[m]], p, rows, phases, rates[2 + m])
         if kind == BALL:
             both = through_ball(
                 sens[a], sens[b], states[0], states[1], rates, radius[a], radius[b], mass[a], mass[b],
-                p, active, laws[1], soft, a, b, n,
+                p, active, laws[1], soft, a, b, n, directions,
             )  # fmt: skip
             sens[a], sens[b] = both[:7], both[7:]
         elif kind != HOLE:
             sens[a] = through_cushion(
                 sens[a], states[0], rates[0], rates[2], kind, b, lines, arcs, normals, radius[a], mass[a],
-                p, active, laws[0], soft, a, n,
+                p, active, laws[0], soft, a, n, directions,
             )  # fmt: skip
     for a in range(n):
         if gone[a] == np.inf:
-            over_leg(legs, leg[a], np.inf, sens[a], radius, p, active, times, table_rows, out)
+            over_leg(
+                legs, leg[a], np.inf, sens[a], radius, p, active, times, place, directions, complex_rows, phases,
+                shown, out, states[0], rates[0],
+            )  # fmt: skip

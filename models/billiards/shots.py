@@ -16,28 +16,29 @@ from models.billiards.parameters import NAMES, NAP, ROLLING_MU, SLIDING_MU
 from models.billiards.playing import (
     ABSENT,
     FRAMES,
-    LYING,
     MOVING,
     NUMBERS,
     PICTURE,
     READOUT,
     Laws,
-    derivatives,
+    directions_of,
     packed,
     played,
     slips,
 )
 from models.billiards.run import Run
 from models.billiards.stretches import Stretch, window_of
-from models.billiards.view import ON_PICTURE, View, seen
+from models.billiards.view import FAITHFUL, ON_PICTURE, View, seen
 from models.effects.effect import Prior
 from models.scene import Table
-from models.windows import Flow, Window
+from models.windows import Flow, Glance, Window
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+ON_VIEW = slice(PICTURE, PICTURE + len(ON_PICTURE))
+"""Where the numbers of a view stand among all numbers."""
 _USUAL_SLIDING = 0.2
 """where the slope by sliding friction is taken from, a secant, when it is absent: without it, slip does not exist."""
 
@@ -60,22 +61,25 @@ class Shots:
     guesses: bool = True
     """whether the slips of the first guesses are only guesses, and others are to be tried."""
     windows: tuple[Window, ...] = field(init=False)
+    places: Ints = field(init=False, repr=False)
+    """(P,) of the unknowns among all numbers."""
 
     def __post_init__(self) -> None:
         if unknown := {prior.name for prior in self.unknowns} - set(NUMBERS):
             raise ValueError(f"shots hang on {', '.join(NUMBERS)}; got {', '.join(sorted(unknown))}")
+        found = np.array([NUMBERS.index(prior.name) for prior in self.unknowns], dtype=np.int64)
+        object.__setattr__(self, "places", found)
         object.__setattr__(self, "windows", tuple(window_of(one, self.guesses) for one in self.stretches))
-
-    @property
-    def places(self) -> Ints:
-        """(P,) of the unknowns among all numbers."""
-        return np.array([NUMBERS.index(prior.name) for prior in self.unknowns], dtype=np.int64)
 
     def values(self, shared: Floats) -> Floats:
         """(Q,) all numbers, from the unknown ones (P,)."""
         whole = self.fixed.copy()
         whole[self.places] = shared
         return whole
+
+    def until(self, t: float) -> Shots:
+        """What was seen up to a time of one shot; stretches that begin later are left out."""
+        return replace(self, stretches=tuple(one.until(t) for one in self.stretches if one.t[0] <= t))
 
     def run(self, window: int, start: Floats, shared: Floats) -> Run:
         """The shot of a window as it is played; ArithmeticError where balls meet without end."""
@@ -86,24 +90,33 @@ class Shots:
     def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
         """Where every ball is seen, and with what spin the next window begins."""
         stretch, values = self.stretches[window], self.values(shared)
-        if not possible(start, values):
+        run = self._possible_run(window, start, shared)
+        if run is None:
             return self._failed(window, len(start))
-        try:
-            run = self.run(window, start, shared)
-        except ArithmeticError:
-            return self._failed(window, len(start))
-        wanted = np.zeros(len(NUMBERS), bool)
-        wanted[self.places if self.wanted is None else self.places[self.wanted]] = True
-        shown, by_start, by_all = self._shown(stretch, run, values, wanted)
-        rows, balls = stretch.observed
-        whiten = stretch.whiten[rows, balls]
-        misfit = np.einsum("kij,kj->ki", whiten, shown - stretch.xy[rows, balls])
-        by_shared = (whiten @ by_all)[..., self.places]
-        if wanted[SLIDING_MU] and values[SLIDING_MU] == 0:
-            self._with_secant(window, start, shared, misfit, by_shared)
+        wanted = np.ones(len(self.unknowns), bool) if self.wanted is None else self.wanted
+        shown, by_start, by_shared = self._sloped(stretch, run, values, wanted)
+        whiten = stretch.whitened
+        misfit = np.einsum("kij,kj->ki", whiten, shown - stretch.seen)
+        by_shared = whiten @ by_shared
+        if values[SLIDING_MU] == 0:
+            self._with_secant(window, start, shared, misfit, by_shared, wanted)
         end, end_by_start, end_by_shared = self._handed_over(window, run, values, wanted)
-        kinds = tuple(map(tuple, run.contacts[:, [0, 2, 3]].astype(int)))
-        return Flow(misfit, whiten @ by_start, by_shared, end, end_by_start, end_by_shared, kinds)
+        return Flow(misfit, whiten @ by_start, by_shared, end, end_by_start, end_by_shared, _order(run))
+
+    def glance(self, window: int, start: Floats, shared: Floats) -> Glance:
+        """The same without slopes."""
+        stretch, values = self.stretches[window], self.values(shared)
+        run = self._possible_run(window, start, shared)
+        if run is None:
+            failed = self._failed(window, len(start))
+            return Glance(failed.misfit, failed.end)
+        shown = self._shown(stretch, run, values)[0]
+        if self._views(values):
+            shown = seen(self._view, shown, values[ON_VIEW])[0]
+        misfit = np.einsum("kij,kj->ki", stretch.whitened, shown - stretch.seen)
+        kept = self._kept(window)
+        end = self._state_at_end(window, run).reshape(-1)[kept] if len(kept) else np.empty(0)
+        return Glance(misfit, np.nan_to_num(end), _order(run))
 
     def places_at(self, window: int, start: Floats, shared: Floats, t: Floats) -> Floats:
         """(T, N, 2) m, where balls would be seen at times t (T,) of the recording."""
@@ -113,61 +126,100 @@ class Shots:
         found = _held(run.at(t - stretch.begin)[..., :2])
         if self.view is None:
             return found
-        return seen(self.view, found, values[PICTURE : PICTURE + len(ON_PICTURE)])[0]
+        return seen(self.view, found, values[ON_VIEW])[0]
 
-    def _shown(self, stretch: Stretch, run: Run, values: Floats, wanted: Mask) -> tuple[Floats, Floats, Floats]:
-        """Where the K observations should be (K, 2), by the start (K, 2, S) and by all numbers (K, 2, Q)."""
-        rows, balls = stretch.observed
+    def _possible_run(self, window: int, start: Floats, shared: Floats) -> Run | None:
+        """None where nature does not allow the numbers, or balls meet without end."""
+        if not possible(start, self.values(shared)):
+            return None
+        try:
+            return self.run(window, start, shared)
+        except ArithmeticError:
+            return None
+
+    @property
+    def _view(self) -> View:
+        return View(np.zeros(2), 1.0) if self.view is None else self.view
+
+    def _views(self, values: Floats) -> bool:
+        """Whether a picture may shift what is seen."""
+        return self.view is not None and bool((values[ON_VIEW] != FAITHFUL).any())
+
+    def _shown(self, stretch: Stretch, run: Run, values: Floats) -> tuple[Floats, Floats, Floats, Ints]:
+        """Where the K observations were made (K, 2), with what velocity (K, 2), at which times (M,), and which of them
+        each was made at (K,)."""
         at, place = _times(stretch, values)
-        inside = np.maximum(at, 0.0)
+        balls, inside = stretch.observed[1], np.maximum(at, 0.0)
         states = run.at(inside)
-        by_start, by_all = derivatives(run, inside, stretch.moving, self.table, values, wanted)
         xy, v = _held(states[..., :2])[place, balls], np.nan_to_num(states[place, balls, 2:4])
-        by_start = np.nan_to_num(by_start[place, balls, :2])
-        by_all = np.nan_to_num(by_all[place, balls, :2])
-        xy = xy + v * (at - inside)[place, None]
-        for number, shift in ((READOUT, stretch.row), (FRAMES, stretch.late)):
-            if shift is not None and wanted[number]:
-                by_all[..., number] = v * (shift[rows, balls] if shift.ndim == 2 else shift[rows])[:, None]
-        if self.view is None or not (wanted | (values != ABSENT))[PICTURE:READOUT].any():
-            return xy, by_start, by_all
-        picture = slice(PICTURE, PICTURE + len(ON_PICTURE))
-        xy, by_place, by_picture = seen(self.view, xy, values[picture])
-        by_all = by_place @ by_all
-        by_all[..., picture] = by_picture * wanted[picture]
-        return xy, by_place @ by_start, by_all
+        return xy + v * (at - inside)[place, None], v, inside, place
 
-    def _with_secant(self, window: int, start: Floats, shared: Floats, misfit: Floats, by_shared: Floats) -> None:
+    def _sloped(self, stretch: Stretch, run: Run, values: Floats, wanted: Mask) -> tuple[Floats, Floats, Floats]:
+        """Where the K observations should be (K, 2), by the start (K, 2, S) and by the unknowns (K, 2, P)."""
+        xy, v, inside, place = self._shown(stretch, run, values)
+        rows, balls = stretch.observed
+        where = np.full((len(inside), len(stretch.moving)), -1, np.int64)
+        where[place, balls] = np.arange(len(place))
+        asked = wanted & (self.places < PICTURE)
+        directions = directions_of(run.balls, stretch.moving, self.table, values, self.places[asked])
+        found = np.nan_to_num(run.along(inside, where, directions, 2))
+        size = directions.shape[1] - int(asked.sum())
+        by_start, by_shared = found[..., :size], np.zeros((len(xy), 2, len(self.unknowns)))
+        by_shared[..., asked] = found[..., size:]
+        for number, shift in ((READOUT, stretch.row), (FRAMES, stretch.late)):
+            if shift is not None and number in self.places[wanted]:
+                late = shift[rows, balls] if shift.ndim == 2 else shift[rows]
+                by_shared[..., list(self.places).index(number)] = v * late[:, None]
+        on_view = wanted & (self.places >= PICTURE) & (self.places < READOUT)
+        if self.view is None or not (self._views(values) or on_view.any()):
+            return xy, by_start, by_shared
+        xy, by_place, by_picture = seen(self.view, xy, values[ON_VIEW])
+        by_shared = by_place @ by_shared
+        by_shared[..., on_view] = by_picture[..., self.places[on_view] - PICTURE]
+        return xy, by_place @ by_start, by_shared
+
+    def _with_secant(
+        self, window: int, start: Floats, shared: Floats, misfit: Floats, by_shared: Floats, wanted: Mask
+    ) -> None:
         """Fill in the slope by sliding friction where it is absent."""
-        number = list(self.places).index(SLIDING_MU)
-        usual = shared.copy()
-        usual[number] = _USUAL_SLIDING
-        plain = replace(self, wanted=np.zeros(len(shared), bool))
-        other = plain.flow(window, start, usual).misfit
-        by_shared[..., number] = np.nan_to_num((other - misfit) / _USUAL_SLIDING)
+        for number in np.flatnonzero(wanted & (self.places == SLIDING_MU)):
+            usual = shared.copy()
+            usual[number] = _USUAL_SLIDING
+            other = self.glance(window, start, usual).misfit
+            by_shared[..., number] = np.nan_to_num((other - misfit) / _USUAL_SLIDING)
 
     def _end(self, window: int) -> float:
         """s, where the window hands over to the next one."""
         follows = window + 1 < len(self.stretches) and self.stretches[window + 1].follows
         return self.stretches[window + 1].begin if follows else self.stretches[window].begin
 
+    def _kept(self, window: int) -> Ints:
+        """(S',) which of the 7 N numbers of all balls the next window begins with; none where none follows."""
+        if self._end(window) == self.stretches[window].begin:
+            return np.empty(0, np.int64)
+        following = self.stretches[window + 1].moving
+        return packed(np.arange(len(following) * MOVING, dtype=np.float64).reshape(-1, MOVING), following).astype(int)
+
+    def _state_at_end(self, window: int, run: Run) -> Floats:
+        """(N, 7) as `playing` counts, where the window hands over."""
+        state = run.at(np.array(self._end(window) - self.stretches[window].begin))
+        return slips(state, run.balls.radius)
+
     def _handed_over(self, window: int, run: Run, values: Floats, wanted: Mask) -> tuple[Floats, Floats, Floats]:
-        stretch, size = self.stretches[window], self.windows[window].start.shape[0]
-        if self._end(window) == stretch.begin:
+        stretch, size, kept = self.stretches[window], len(self.windows[window].start), self._kept(window)
+        if not len(kept):
             return np.empty(0), np.empty((0, size)), np.empty((0, len(self.unknowns)))
-        t, following = np.array([self._end(window) - stretch.begin]), self.stretches[window + 1].moving
-        by_start, by_all = derivatives(run, t, stretch.moving, self.table, values, wanted)
-        radius = run.balls.radius
-        states = run.at(t)
-        by_all = slips(by_all[0].swapaxes(1, 2), radius[:, None]).swapaxes(1, 2)
-        by_all[:, 4:] += _by_size(states[0], run, values)
-        by_start = slips(by_start[0].swapaxes(1, 2), radius[:, None]).swapaxes(1, 2)
-        kept = packed(np.arange(by_start.shape[0] * MOVING, dtype=np.float64).reshape(-1, MOVING), following).astype(
-            int
-        )
-        end = np.nan_to_num(slips(states[0], radius).reshape(-1)[kept])
-        by_all = by_all.reshape(-1, len(NUMBERS))[kept][:, self.places]
-        return end, np.nan_to_num(by_start.reshape(-1, size)[kept]), np.nan_to_num(by_all)
+        asked = wanted & (self.places < PICTURE)
+        numbers, count = self.places[asked], len(stretch.moving)
+        directions = directions_of(run.balls, stretch.moving, self.table, values, numbers)
+        t = np.array([self._end(window) - stretch.begin])
+        by = run.along(t, np.arange(count)[None], directions, MOVING)  # (N, 7, S + M)
+        by = slips(by.swapaxes(1, 2), run.balls.radius[:, None]).swapaxes(1, 2)
+        by[:, 4:, size:] += _by_size(run.at(t)[0], run, values)[..., numbers]
+        by = np.nan_to_num(by.reshape(count * MOVING, -1)[kept])
+        by_shared = np.zeros((len(kept), len(self.unknowns)))
+        by_shared[:, asked] = by[:, size:]
+        return np.nan_to_num(self._state_at_end(window, run).reshape(-1)[kept]), by[:, :size], by_shared
 
     def _failed(self, window: int, size: int) -> Flow:
         """A flow that costs infinitely much."""
@@ -177,6 +229,11 @@ class Shots:
         shared = len(self.unknowns)
         return Flow(np.full((count, 2), np.inf), np.zeros((count, 2, size)), np.zeros((count, 2, shared)),
                     np.zeros(end), np.zeros((end, size)), np.zeros((end, shared)))  # fmt: skip
+
+
+def _order(run: Run) -> tuple[tuple[int, ...], ...]:
+    """What met what, in its order."""
+    return tuple(map(tuple, run.contacts[:, [0, 2, 3]].astype(int).tolist()))
 
 
 def possible(start: Floats, values: Floats) -> bool:
@@ -192,11 +249,6 @@ def _by_size(states: Floats, run: Run, values: Floats) -> Floats:
     found[..., len(NAMES) + 2] = by_radius / values[len(NAMES) + 2]
     found[1:, :, len(NAMES) + 1] = by_radius[1:] / values[len(NAMES) + 1]
     return found
-
-
-def _present(moving: Mask) -> Mask:
-    """(7 N,) the numbers of balls that a start holds."""
-    return np.asarray((moving[:, None] | (np.arange(MOVING) < LYING)).reshape(-1))
 
 
 def _times(stretch: Stretch, values: Floats) -> tuple[Floats, Ints]:

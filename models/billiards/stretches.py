@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,11 +54,24 @@ class Stretch:
     late: Floats | None = None
     """(T,) s, by which one picture missing would shift each time; None: nothing is missing."""
 
-    @property
-    def observed(self) -> tuple[Ints, Ints]:
-        """(K,) row and (K,) ball of each observation."""
+    observed: tuple[Ints, Ints] = field(init=False, repr=False)
+    """(K,) row and (K,) ball of each observation."""
+    seen: Floats = field(init=False, repr=False)
+    """(K, 2) m, what was observed."""
+    whitened: Floats = field(init=False, repr=False)
+    """(K, 2, 2) `whiten` of each observation."""
+
+    def __post_init__(self) -> None:
         rows, balls = np.nonzero(np.isfinite(self.xy[..., 0]))
-        return rows.astype(np.int64), balls.astype(np.int64)
+        object.__setattr__(self, "observed", (rows.astype(np.int64), balls.astype(np.int64)))
+        object.__setattr__(self, "seen", self.xy[rows, balls])
+        object.__setattr__(self, "whitened", self.whiten[rows, balls])
+
+    def until(self, t: float) -> Stretch:
+        """What was seen up to a time."""
+        seen = self.t <= t
+        row, late = (None if shift is None else shift[seen] for shift in (self.row, self.late))
+        return replace(self, t=self.t[seen], xy=self.xy[seen], whiten=self.whiten[seen], row=row, late=late)
 
 
 def window_of(stretch: Stretch, guesses: bool) -> Window:

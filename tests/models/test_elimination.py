@@ -90,3 +90,15 @@ def test_the_correlation_factor_is_that_of_an_autoregression(rho: float) -> None
             noise[k] += rho * noise[k - 1]
         series.append(noise)
     assert np.isclose(correlation_factor(series), (1 + rho) / (1 - rho), rtol=0.15)
+
+
+def test_states_follow_a_step_that_is_cut_short() -> None:
+    shots, prior = rows(np.random.default_rng(2)), np.eye(3)
+    least, most = np.full(3, -0.01), np.full(3, 0.02)
+    step, inner = eliminate(blocks(shots), prior, np.zeros(3), 0.0, np.zeros(3, bool), (least, most))
+    assert np.all((step >= least) & (step <= most))
+    assert np.any((step == least) | (step == most))
+    whole, residual = dense(shots)
+    states = whole[:, :10]
+    expected = np.linalg.solve(states.T @ states, -states.T @ (residual + whole[:, 10:] @ step))
+    assert np.allclose(np.concatenate(inner), expected, rtol=1e-6)

@@ -123,3 +123,19 @@ def test_a_ball_in_a_pocket_has_no_state_and_no_derivative() -> None:
     assert np.all(np.isnan(run.at(3.0)))
     assert np.all(np.isnan(run.jacobian(3.0)))
     assert np.all(np.isfinite(run.jacobian(0.1)))
+
+
+def test_a_direction_adds_up_the_columns_that_it_moves() -> None:
+    usual = physics("mathavan_2010", "inelastic", {})
+    run = played(np.concatenate([shot().ravel(), usual.values, np.zeros(4)]), usual, CAROM)
+    columns = tuple(name for name in run.columns if name.split(".")[0] not in ("slope", "air_drag", "viscous_drag"))
+    directions = np.zeros((len(run.columns), 3))
+    mixed = np.random.default_rng(1).normal(size=(len(columns), 3))
+    directions[[run.columns.index(name) for name in columns]] = mixed
+    place = np.full((len(TIMES), 3), -1)
+    place[::2, 1], place[1::2, 2] = np.arange(3), 3 + np.arange(3)
+    times, balls = np.nonzero(place.T >= 0)[::-1]
+    expected = run.jacobian(TIMES, columns)[times, balls] @ mixed
+    for numbers in (2, 7):
+        found = run.along(TIMES, place, directions, numbers)
+        np.testing.assert_allclose(found[place[times, balls]], expected[:, :numbers], rtol=1e-9, atol=1e-9)
