@@ -22,7 +22,7 @@ from pipeline.sampling import ever_moves, sample_motion
 from pipeline.sentences import event_sentence, event_time
 from video.clip import Clip
 from video.embed import playable
-from video.palette import ball_colour
+from video.palette import INK, apart_from, ball_colour, legible
 
 Floats = NDArray[np.float64]
 Colours = NDArray[np.uint8]
@@ -69,8 +69,10 @@ def _finish(recording: rr.RecordingStream, path: Path) -> None:
 
 def _log_motion(recording: rr.RecordingStream, clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> None:
     """Everything that has a ball's colour."""
-    colours = np.array([ball_colour(*seen) for seen in zip(tracks.kinds, tracks.colour, strict=True)], dtype=np.uint8)
-    _log_tracks(recording, tracks, colours)
+    seen = [ball_colour(*ball) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
+    names = np.array([legible(colour) for colour in seen], dtype=np.uint8)
+    colours = np.array([apart_from(colour, INK) for colour in seen], dtype=np.uint8)
+    _log_tracks(recording, tracks, names)
     _log_paths(recording, scene, fit, colours)
     _log_plan(recording, clip, scene, fit, colours)
     _log_plots(recording, scene, tracks, fit, colours)
@@ -213,6 +215,7 @@ def _blueprint(clip: Clip, scene: Scene) -> rrb.Blueprint:
     plan = rrb.VisualBounds2D(
         x_range=[-margin, scene.table.length + margin], y_range=[-margin, scene.table.width + margin]
     )
+    legend = rrb.PlotLegend(rrb.Corner2D.RightTop)  # most is fast and uncertain at the beginning
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
@@ -221,8 +224,8 @@ def _blueprint(clip: Clip, scene: Scene) -> rrb.Blueprint:
                 row_shares=[3, 2],
             ),
             rrb.Vertical(
-                rrb.TimeSeriesView(origin="plots/speed", name="Speed (m/s)"),
-                rrb.TimeSeriesView(origin="plots/residual", name="Measured minus fitted (mm)"),
+                rrb.TimeSeriesView(origin="plots/speed", name="Speed (m/s)", plot_legend=legend),
+                rrb.TimeSeriesView(origin="plots/residual", name="Measured minus fitted (mm)", plot_legend=legend),
                 rrb.TextLogView(origin="log", name="Events"),
                 rrb.TextDocumentView(origin="about", name="What was fitted"),
             ),

@@ -66,6 +66,12 @@ def apart_from(colour: Colour, ground: Colour) -> Colour:
     return mix(colour, INK, 0.6) if float(np.array(ground) @ LUMA) > BRIGHT else mix(colour, WHITE, 0.45)
 
 
+def legible(colour: Colour) -> Colour:
+    """`colour`, lightened as far as letters in it need to be read on `INK`."""
+    bright = float(np.array(colour) @ LUMA)
+    return colour if bright >= BRIGHT else mix(colour, WHITE, (BRIGHT - bright) / (255 - bright))
+
+
 def mix(first: Colour, second: Colour, share: float) -> Colour:
     """`first` with a `share` of `second`."""
     red, green, blue = (round(a + (b - a) * share) for a, b in zip(first, second, strict=True))

@@ -9,7 +9,7 @@ from models.scene import Camera, Scene
 from video.inset import plan_of
 from video.layout import Side, overlap, place_label, place_panel
 from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_ring, draw_trail, error_text
-from video.palette import KIND_COLOURS, apart_from, ball_colour, lab_to_rgb
+from video.palette import BRIGHT, KIND_COLOURS, LUMA, apart_from, ball_colour, lab_to_rgb, legible
 from video.text import lay, lay_sparse, text_mask, write
 
 Picture = NDArray[np.uint8]
@@ -134,6 +134,14 @@ def test_colours_follow_names_and_keep_apart_in_dull_pictures() -> None:
         assert np.abs(np.array(drawn) - ground).max() > 1.4 * np.abs(np.array(colour) - ground).max()
     assert apart_from((255, 206, 40), (40, 100, 230)) == (255, 206, 40)
     assert lab_to_rgb(np.array([100.0, 0.0, 0.0])) == (255, 255, 255)
+
+
+def test_letters_in_the_colour_of_a_ball_can_be_read() -> None:
+    for colour in KIND_COLOURS.values():
+        light = legible(colour)
+        assert np.array(light) @ LUMA > BRIGHT - 2
+        assert int(np.argmax(light)) == int(np.argmax(colour))
+    assert legible(KIND_COLOURS["cue"]) == KIND_COLOURS["cue"]
 
 
 def upright_scene() -> Scene:
