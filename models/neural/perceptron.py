@@ -49,7 +49,8 @@ class Perceptron(nn.Module):
         hidden: list[nn.Module] = []
         for into, out in pairwise(sizes):
             hidden += [layer(into, out, generator, dtype), activation()]
-        self.layers = nn.Sequential(*hidden, layer(sizes[-1], outputs, generator, dtype))
+        self.last = layer(sizes[-1], outputs, generator, dtype)
+        self.layers = nn.Sequential(*hidden, self.last)
 
     def forward(self, x: Tensor) -> Tensor:
         """(..., inputs) to (..., outputs)."""

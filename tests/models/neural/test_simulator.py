@@ -29,7 +29,7 @@ def small(method: NeuralSimulator) -> NeuralSimulator:
 
 @pytest.mark.parametrize("method", [EULER, RUNGE_KUTTA, PRINTED, CORRECTED], ids=lambda method: method.name)
 def test_it_finds_the_middles_of_a_circle_far_better_than_lines(method: NeuralSimulator) -> None:
-    """Over three seeds 7,000 to 43,000 times. Euler is no worse: its network learns the mean velocity of a half step."""
+    """Over three seeds 7,000 to 43,000 times. Euler is no worse: its network learns mean velocities."""
     fitted = small(method).fit(TIMES, circle(TIMES))
     straight = mse(LINEAR.fit(TIMES, circle(TIMES)).at(MIDDLES), circle(MIDDLES))
     assert mse(fitted.at(MIDDLES), circle(MIDDLES)) < straight / 2000

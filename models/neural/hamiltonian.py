@@ -1,0 +1,78 @@
+"""Hamiltonian networks (Greydanus, Dzamba and Yosinski 2019, arXiv:1906.01563): a network for the energy.
+
+dq/dt = dH/dp, dp/dt = -dH/dq. The paper learns H from known dq/dt and dp/dt; here only q is seen, and p is sought with
+the network as in `models.neural.flow`. The separable form H = |p|^2 / 2 m + V(q) (Chen et al. 2019, arXiv:1909.13334)
+can be stepped by a symplectic rule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from models.neural.flow import Law, LearntFlow, Sizes
+from models.neural.perceptron import Activation, Perceptron
+from models.neural.steps import runge_kutta, yoshida
+
+
+def gradient(layers: nn.Module, z: Tensor) -> Tensor:
+    """Of the scalar layers(z) by z (..., K), differentiable where gradients are wanted."""
+    wanted = torch.is_grad_enabled()
+    with torch.enable_grad():
+        at = z if z.requires_grad else z.detach().requires_grad_()
+        (found,) = torch.autograd.grad(layers(at).sum(), at, create_graph=wanted)
+    return found
+
+
+class Hamiltonian(nn.Module):
+    """H(q, p), any function."""
+
+    def __init__(self, layers: Perceptron) -> None:
+        super().__init__()
+        self.layers = layers
+
+    def forward(self, z: Tensor) -> Tensor:
+        """(..., 2 C) to its change."""
+        by_q, by_p = gradient(self.layers, z).chunk(2, dim=-1)
+        return torch.cat([by_p, -by_q], dim=-1)
+
+
+class Separable(nn.Module):
+    """H = sum p^2 / 2 m + V(q); the inverse masses are learnt, one a point."""
+
+    def __init__(self, layers: Perceptron, points: int, axes: int) -> None:
+        super().__init__()
+        self.layers, self.axes = layers, axes
+        self.lightness = nn.Parameter(torch.zeros(points, dtype=torch.float64))
+        """logarithm of 1 / m"""
+
+    def forward(self, z: Tensor) -> Tensor:
+        """(..., 2 C) to its change."""
+        q, p = z.chunk(2, dim=-1)
+        by_p = p * self.lightness.exp().repeat_interleave(self.axes)
+        return torch.cat([by_p, -gradient(self.layers, q)], dim=-1)
+
+
+def hamiltonian(widths: Sequence[int] = (64, 64), activation: Activation = nn.Tanh) -> Law:
+    """A law with a network of these layers for H."""
+
+    def law(sizes: Sizes, generator: torch.Generator) -> nn.Module:
+        return Hamiltonian(Perceptron(2 * sizes.coordinates, 1, widths, activation, generator))
+
+    return law
+
+
+def separable(widths: Sequence[int] = (64, 64), activation: Activation = nn.Tanh) -> Law:
+    """A law with a network of these layers for V."""
+
+    def law(sizes: Sizes, generator: torch.Generator) -> nn.Module:
+        layers = Perceptron(sizes.coordinates, 1, widths, activation, generator)
+        return Separable(layers, sizes.points, sizes.axes)
+
+    return law
+
+
+HAMILTONIAN = LearntFlow("Hamiltonian net", hamiltonian(), runge_kutta)
+SEPARABLE = LearntFlow("Hamiltonian net, symplectic", separable(), yoshida)
