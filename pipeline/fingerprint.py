@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import hashlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -20,17 +20,57 @@ def library_versions() -> dict[str, str]:
     return {name: version(name) for name in LIBRARIES}
 
 
-def source_hashes(module: str, root: Path = ROOT) -> dict[str, str]:
+@dataclass(frozen=True, slots=True)
+class _Text:
+    """What a module says that matters here."""
+
+    imports: tuple[tuple[int, str, tuple[str, ...]], ...]
+    """Of every import: its leading dots, the module, the names taken from it."""
+    words: str
+    """All its strings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What was read of the project at one time, each file and folder once however many stages stand on it."""
+
+    texts: dict[Path, _Text] = field(default_factory=dict)
+    hashes: dict[Path, str] = field(default_factory=dict)
+    data: dict[Path, set[Path]] = field(default_factory=dict)
+
+    def text(self, path: Path) -> _Text:
+        """What a module says."""
+        if path not in self.texts:
+            source = path.read_bytes()
+            self.texts[path], self.hashes[path] = _read(source), hashlib.sha256(source).hexdigest()
+        return self.texts[path]
+
+    def hash(self, path: Path) -> str:
+        """SHA-256 of a file."""
+        if path not in self.hashes:
+            self.hashes[path] = hashlib.sha256(path.read_bytes()).hexdigest()
+        return self.hashes[path]
+
+    def data_of(self, package: Path) -> set[Path]:
+        """Files of a package that are not Python."""
+        if package not in self.data:
+            self.data[package] = _package_data(package)
+        return self.data[package]
+
+
+def source_hashes(module: str, root: Path = ROOT, look: Look | None = None) -> dict[str, str]:
     """SHA-256 of every project file behind `module`, by path below `root`.
 
     Follows imports by reading the source, so that an edit of a helper any number of imports away counts. Files that
     are not Python (fonts, weights, templates) count for the modules of their package that name them or their folder
-    in a string. Importing a package called `effects` counts all its modules: a new effect is a change.
+    in a string. Importing a package called `effects` counts all its modules: a new effect is a change. Calls that
+    share a `look` read every file once, and see the project as it was then.
     """
-    return {str(path.relative_to(root)): _file_hash(path) for path in sorted(_files_behind(module, root))}
+    look = Look() if look is None else look
+    return {str(path.relative_to(root)): look.hash(path) for path in sorted(_files_behind(module, root, look))}
 
 
-def _files_behind(module: str, root: Path) -> set[Path]:
+def _files_behind(module: str, root: Path, look: Look) -> set[Path]:
     found: set[Path] = set()
     waiting = [module]
     seen: set[str] = set()
@@ -43,9 +83,9 @@ def _files_behind(module: str, root: Path) -> set[Path]:
         path = _module_file(name, root)
         if path is None:
             continue
-        text = _read(path.read_bytes())
+        text = look.text(path)
         found.add(path)
-        found.update(_named_data(path, text.words))
+        found.update(_named_data(path, text.words, look))
         if path.name == "__init__.py" and path.parent.name == "effects":
             waiting.extend(f"{name}.{sibling.stem}" for sibling in path.parent.glob("*.py") if sibling != path)
         waiting.extend(_resolved(text.imports, name))
@@ -58,16 +98,6 @@ def _module_file(name: str, root: Path) -> Path | None:
         if path.is_file():
             return path
     return None
-
-
-@dataclass(frozen=True, slots=True)
-class _Text:
-    """What a module says that matters here."""
-
-    imports: tuple[tuple[int, str, tuple[str, ...]], ...]
-    """Of every import: its leading dots, the module, the names taken from it."""
-    words: str
-    """All its strings."""
 
 
 @lru_cache(maxsize=2048)
@@ -95,9 +125,9 @@ def _resolved(imports: Iterable[tuple[int, str, tuple[str, ...]]], name: str) ->
             yield from (".".join(parts[: k + 1]) for k in range(len(parts)))
 
 
-def _named_data(module: Path, words: str) -> set[Path]:
+def _named_data(module: Path, words: str, look: Look) -> set[Path]:
     """Files beside a module that are not Python and that it names, or the folder they are in."""
-    data = _package_data(module.parent)
+    data = look.data_of(module.parent)
     return {path for path in data if any(part in words for part in path.relative_to(module.parent).parts)}
 
 
@@ -110,7 +140,3 @@ def _package_data(package: Path) -> set[Path]:
         elif path.is_file() and path.suffix not in (".py", ".pyc"):
             data.add(path)
     return data
-
-
-def _file_hash(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

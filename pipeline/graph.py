@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +12,7 @@ from typing import Any, Literal, Protocol
 
 from models.progress import Progress
 from pipeline.cache import Cache, Entry, Key
-from pipeline.fingerprint import library_versions, source_hashes
+from pipeline.fingerprint import Look, library_versions, source_hashes
 from pipeline.stage import Stage
 from pipeline.values import FORMAT, load_value, save_value
 
@@ -104,7 +105,8 @@ class Graph:
 
     def _sources(self) -> dict[str, dict[str, str]]:
         """By stage, the code behind it as it is now: what is edited during a long run counts for the next one."""
-        return {stage.name: source_hashes(stage.module) for stage in self.stages}
+        look = Look()
+        return {stage.name: source_hashes(stage.module, look=look) for stage in self.stages}
 
     def _value(
         self,
@@ -153,12 +155,13 @@ def _difference(key: Key, cache: Cache, clip: str) -> str:
     before = cache.recall(key.stage, clip)
     if before is None:
         return "it never ran for this clip"
+    now = json.loads(json.dumps(key.parts))  # as it is remembered: a list where there was a tuple
     words = []
     for part, noun in (("options", "option"), ("facts", "input"), ("inputs", "input"), ("source", "file")):
-        old, new = before.get(part, {}), key.parts[part]
+        old, new = before.get(part, {}), now[part]
         changed = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
         if changed:
             words.append(f"{noun} {', '.join(changed[:3])}{' and more' if len(changed) > 3 else ''} changed")
-    if before.get("libraries") != key.parts["libraries"]:
+    if before.get("libraries") != now["libraries"]:
         words.append("a library has another version")
     return "; ".join(words) or "its entry was pruned"

@@ -32,6 +32,8 @@ class Number:
 @dataclass(frozen=True, slots=True)
 class Plus:
     plus: float = 1.0
+    signs: tuple[str, ...] = ("+",)
+    """A tuple comes back from a file as a list: no change."""
 
 
 @dataclass
