@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.errors import OptionError
-from pipeline.thesis.methods import PHYSICS_NAMES, THESIS_NETS
+from pipeline.thesis.methods import PHYSICS_NAME, SPLINES, THESIS_NETS
 from pipeline.thesis.series import Series
 from pipeline.thesis.trials import Trial
 from pipeline.thesis.words import Cell
@@ -38,11 +38,11 @@ class Drawn:
 
 def colour_of(method: str) -> str:
     """What kind of method it is."""
-    if method in PHYSICS_NAMES:
+    if method == PHYSICS_NAME:
         return PHYSICS
     if method in THESIS_NETS:
         return THESIS
-    return CURVE if method in ("linear", "cubic", "quintic", "akima") else NET
+    return CURVE if method in ("linear", *SPLINES) else NET
 
 
 @contextmanager

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from models.curves import CURVES
 from models.neural.method import Method
-from pipeline.thesis.curves import CURVES
-from pipeline.thesis.physics import ArmsFit, SpringsFit
+from pipeline.thesis.physics import ArmsFit, BoxesFit, SpringsFit
 
-PHYSICS: dict[str, Method] = {"double-pendulum": SpringsFit(), "real": ArmsFit()}
+PHYSICS: dict[str, Method] = {"double-pendulum": SpringsFit(), "real": ArmsFit(), "boxes": BoxesFit()}
 """The fit of the physics itself, by scene."""
-PHYSICS_NAMES = tuple(sorted({method.name for method in PHYSICS.values()}))
-THESIS_NETS: tuple[str, ...] = ()
+PHYSICS_NAME = SpringsFit().name
+SPLINES = tuple(method.name for method in CURVES[1:])
+THESIS_NET = "RK net"
+"""The network of Chen 2022 with its times mended (`models.neural.simulator`)."""
+THESIS_NETS = (THESIS_NET, "Euler net", "RK net as printed", "RK net, end miss", "extrapolation net")
 CONSTRAINT_NET = "ConstraintNet"
 
 
 def methods_for(scene: str) -> list[Method]:
     """The methods that can be run on a scene."""
-    return [*CURVES, *([PHYSICS[scene]] if scene in PHYSICS else [])]
+    from models.neural.catalogue import METHODS  # torch takes seconds to import
+
+    return [*METHODS, *([PHYSICS[scene]] if scene in PHYSICS else [])]

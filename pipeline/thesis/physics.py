@@ -5,12 +5,19 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+import numpy as np
+
+from models.boxes.fit import fit_boxes
 from models.latent import infer
 from models.neural.method import Budget, Fitted, checked
 from models.pendulum.angles import swing
-from pipeline.thesis.curves import NO_LOSS
+from pipeline.thesis.boxes import bodies
 from pipeline.thesis.pendulum import as_angles, as_points
 from pipeline.thesis.series import Floats
+
+NO_LOSS = np.empty(0)
+BOXES_NUMBERS = 6
+"""friction, restitution, drag, gravity, radius and density of the ball."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,3 +55,18 @@ class ArmsFit:
         found = swing(t, as_angles(x))
         seconds = time.process_time() - began
         return Judged(lambda t: as_points(found.at(t)[:, :2]), NO_LOSS, len(found.numbers), seconds, ())
+
+
+@dataclass(frozen=True, slots=True)
+class BoxesFit:
+    """Rigid bodies that collide behind the points of the boxes (`models.boxes`), told only which points are whose."""
+
+    name: str = "physics fit"
+
+    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Judged:
+        """Neither seed nor budget matter."""
+        began = time.process_time()
+        t, x = checked(times, states)
+        found = fit_boxes(t, x, bodies())
+        seconds = time.process_time() - began
+        return Judged(found.at, NO_LOSS, BOXES_NUMBERS, seconds, ())

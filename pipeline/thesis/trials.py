@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from models.curves import CUBIC, LINEAR
 from models.neural.method import Budget, Fitted, Method
 from pipeline.cache import Cache, Key
 from pipeline.fingerprint import library_versions, source_hashes
-from pipeline.thesis.curves import CURVES
 from pipeline.thesis.physics import Judged
 from pipeline.thesis.series import Case, Floats, Series, mean_square
 
 STAGE = "reproduce"
-LINEAR, CUBIC = CURVES[0], CURVES[1]
 LOST = 1e6
 """px: a motion that is farther off at any midpoint is lost, and its error is that."""
 
@@ -73,8 +72,8 @@ def is_known(method: Method, series: Series, budget: Budget, cache: Cache) -> bo
 
 def _parts(method: Method, series: Series, budget: Budget) -> dict[str, Any]:
     return {
-        "case": asdict(series.case), "content": _content(series), "method": repr(method), "effort": budget.effort,
-        "source": _sources(type(method).__module__), "libraries": library_versions(),
+        "case": asdict(series.case), "content": _content(series), "method": [type(method).__qualname__, method.name],
+        "effort": budget.effort, "source": _sources(type(method).__module__), "libraries": library_versions(),
     }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from statistics import median
 
 import numpy as np
 
-from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAMES, THESIS_NETS
+from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAME, SPLINES, THESIS_NET
 from pipeline.thesis.series import Case
 from pipeline.thesis.trials import Trial
 
@@ -16,7 +16,6 @@ CLAIMED = 100.0
 """times lower than linear and than ConstraintNet: the abstract of Chen 2022, figure 6."""
 ALIKE = 2.0
 """within this factor two errors are called the same."""
-SPLINES = ("cubic", "quintic", "akima")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +77,7 @@ def gains(here: list[Cell], names: Iterable[str], rival: str) -> list[tuple[Cell
 
 
 def _thesis(scene: str, here: list[Cell]) -> str:
-    found = gains(here, THESIS_NETS, "linear")
+    found = gains(here, (THESIS_NET,), "linear")
     if not found:
         return ""
     values = np.array([gain for _, gain in found])
@@ -98,7 +97,7 @@ def _thesis(scene: str, here: list[Cell]) -> str:
 
 
 def _splines(here: list[Cell]) -> str:
-    pairs = [(best(cell, THESIS_NETS), best(cell, SPLINES)) for cell in here]
+    pairs = [(best(cell, (THESIS_NET,)), best(cell, SPLINES)) for cell in here]
     there = [(net, spline) for net, spline in pairs if net and spline]
     if not there:
         return ""
@@ -109,7 +108,7 @@ def _splines(here: list[Cell]) -> str:
 
 
 def _constraint(here: list[Cell]) -> str:
-    found = gains(here, THESIS_NETS, CONSTRAINT_NET)
+    found = gains(here, (THESIS_NET,), CONSTRAINT_NET)
     own = gains(here, (CONSTRAINT_NET,), "linear")
     if not own:
         return ""
@@ -120,10 +119,10 @@ def _constraint(here: list[Cell]) -> str:
 
 
 def _physics(here: list[Cell]) -> str:
-    found = gains(here, PHYSICS_NAMES, "cubic")
+    found = gains(here, (PHYSICS_NAME,), "cubic")
     if not found:
         return ""
-    first = sum(best(cell, cell.mse) == best(cell, PHYSICS_NAMES) for cell, _ in found)
+    first = sum(best(cell, cell.mse) == best(cell, (PHYSICS_NAME,)) for cell, _ in found)
     return (
         f"The fit of the physics itself is {_middle(found)} times lower than the cubic spline in the median "
         f"setting ({_span(found)}), and the best of all methods in {first} of {len(found)}."

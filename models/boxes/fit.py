@@ -1,0 +1,143 @@
+"""The rigid-body world behind tracked points, and the motion between and after the samples.
+
+What friction, restitution, gravity, drag and the discs' radius and density are is found by the least surprise: the mean
+distance between where a simulation from the last sample says that bodies will be and where they are seen (prediction
+errors: Ljung 1999, System Identification, chapter 7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.boxes.bodies import Bodies, assembled, groups
+from models.boxes.following import Beginning, Course, Follower, follow, steps_for
+from models.boxes.world import World, guessed
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ROUNDS = 3
+"""over all numbers, with steps that are halved each time."""
+SEARCH_PASSES, FINAL_PASSES = 2, 6
+"""simulations of an interval while numbers are sought, and with those that were found."""
+FINER = 2
+"""times as many steps at the end."""
+LEAST_SAMPLES = 6
+
+
+@dataclass(frozen=True, slots=True)
+class BoxesMotion:
+    """Rigid bodies followed through their samples."""
+
+    bodies: Bodies
+    world: World
+    course: Course
+    sigma: float
+    """standard deviation of a coordinate; NaN where no body is followed by several points."""
+    surprise: float
+    """mean distance between prediction and sight, over bodies and intervals, per axis."""
+    follower: Follower
+
+    def at(self, t: Floats) -> Floats:
+        """Points (M, N, 2) at times (M,), between the samples and after the last one."""
+        course = self.course
+        interval = np.clip(np.searchsorted(course.t, t, side="right") - 1, 0, len(course.t) - 1)
+        found = np.empty((len(t), len(self.bodies.count), 3))
+        for k in np.unique(interval):
+            mine = interval == k
+            found[mine] = self._within(int(k), t[mine]) if k < len(course.t) - 1 else self._after(t[mine])
+        return self.bodies.points(found)
+
+    def _within(self, k: int, t: Floats) -> Floats:
+        """Places (M, B, 3) in interval k; what its simulation misses is made up for evenly."""
+        course, steps = self.course, self.follower.steps
+        span = float(course.t[k + 1] - course.t[k])
+        share = ((t - course.t[k]) / span).clip(0, 1)
+        path = self._path(course.begins[k], span, share * steps, steps)
+        return np.asarray(path + share[:, None, None] * course.misses[k], np.float64)
+
+    def _after(self, t: Floats) -> Floats:
+        """Places (M, B, 3) after the last sample."""
+        last = self.course.t[-1]
+        step = float(np.median(np.diff(self.course.t))) / self.follower.steps
+        steps = max(int(np.ceil(float((t - last).max()) / step)), 1)
+        return self._path(self.course.begins[-1], steps * step, (t - last) / step, steps)
+
+    def _path(self, begin: Beginning, span: float, at: Floats, steps: int) -> Floats:
+        """Places (M, B, 3) after fractional numbers of steps (M,) of a simulation."""
+        before = np.floor(at.clip(0, steps)).astype(np.int64)
+        wanted = np.unique(np.concatenate([before, np.minimum(before + 1, steps)]))
+        path = np.concatenate([begin.place[None], self.follower.run(begin, span, wanted[wanted > 0], steps)[0]])
+        index = np.searchsorted(np.concatenate([[0], wanted[wanted > 0]]), [before, np.minimum(before + 1, steps)])
+        share = (at - before)[:, None, None]
+        return np.asarray((1 - share) * path[index[0]] + share * path[index[1]], np.float64)
+
+
+def fit_boxes(t: Floats, x: Floats, body: Ints | None = None, sigma: float | None = None) -> BoxesMotion:
+    """The motion behind points x (T, N, 2) at t (T,). `body` (N,) says which points are fixed to the same body, else
+    that is found; `sigma` is the standard deviation of a coordinate, else what rigid bodies leave.
+
+    Raises `ValueError` where there are too few samples.
+    """
+    if len(t) < LEAST_SAMPLES:
+        raise ValueError(f"{len(t)} samples; bodies that collide need at least {LEAST_SAMPLES}")
+    bodies, places, left = assembled(x, groups(x) if body is None else body)
+    noise = left if sigma is None else sigma
+    known = noise if np.isfinite(noise) else 0.0
+    error = known / np.sqrt(np.bincount(bodies.body).max())
+    world, _ = _least_surprise(bodies, t, places, error)
+    follower = Follower(bodies, world, FINER * steps_for(bodies, world, t, places))
+    course = follow(follower, t, places, error, FINAL_PASSES)
+    return BoxesMotion(bodies, world, course, noise, _surprise(course, bodies), follower)
+
+
+def _least_surprise(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> tuple[World, float]:
+    """The world that surprises least, number after number: down a parabola through three tries."""
+
+    def cost(world: World) -> float:
+        course = follow(Follower(bodies, world, steps), t, places, sigma, SEARCH_PASSES)
+        return _surprise(course, bodies)
+
+    world = guessed(bodies, t, places, sigma)
+    steps = steps_for(bodies, world, t, places)
+    least = cost(world)
+    for number in range(ROUNDS):
+        for change in _changes(bodies, world, 0.5**number):
+            world, least = _better(world, least, change, cost)
+    return world, least
+
+
+def _better(
+    world: World, least: float, change: Callable[[World, float], World], cost: Callable[[World], float]
+) -> tuple[World, float]:
+    """The best of a step down, a step up, and the bottom of the parabola through them."""
+    low, high = (cost(change(world, step)) for step in (-1.0, 1.0))
+    bend = low + high - 2 * least
+    bottom = float(np.clip(0.5 * (low - high) / bend, -1, 1)) if bend > 0 else 0.0
+    tries = [(least, 0.0), (low, -1.0), (high, 1.0)]
+    if 0.1 < abs(bottom) < 0.9:
+        tries.append((cost(change(world, bottom)), bottom))
+    found, step = min(tries)
+    return (change(world, step) if step else world), found
+
+
+def _changes(bodies: Bodies, world: World, share: float) -> Iterator[Callable[[World, float], World]]:
+    """What can be changed about a world, each by steps of about the size in which it is uncertain at first."""
+    yield lambda w, s: replace(w, friction=max(w.friction + 0.1 * share * s, 0.0))
+    yield lambda w, s: replace(w, restitution=min(max(w.restitution + 0.15 * share * s, 0.0), 1.0))
+    if bodies.discs.any():
+        yield lambda w, s: replace(w, radius=w.radius * (1 + 0.1 * share * s))
+        yield lambda w, s: replace(w, density=w.density * 4.0 ** (share * s))
+    if world.gravity.any():
+        yield lambda w, s: replace(w, gravity=w.gravity * (1 + 0.05 * share * s))
+    yield lambda w, s: replace(w, drag=max(w.drag + 0.5 * share * s, 0.0))
+
+
+def _surprise(course: Course, bodies: Bodies) -> float:
+    """Mean over intervals, bodies and axes; the first interval has no velocities from before."""
+    lever = np.stack([np.ones(len(bodies.count)), np.ones(len(bodies.count)), bodies.lever], axis=1)
+    return float(np.mean(np.abs(course.surprise[1:] * lever)))
