@@ -28,22 +28,34 @@ def akima(times: Floats, states: Floats) -> Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class CurveMethod:
-    """A curve as a method: nothing is trained, seed and budget change nothing."""
+class Spline:
+    """A spline as a method: nothing is trained, seed and budget change nothing."""
 
     name: str
-    through: Callable[[Floats, Floats], Curve]
+    degree: int
 
     def fit(self, times: Floats, states: Floats, seed: int = 0, budget: Budget | None = None) -> Fitted:
         """The curve through every sample."""
-        began = time.process_time()
-        t, x = checked(times, states)
-        curve = self.through(t, x)
-        return Fitted(curve, np.empty(0), x.size, time.process_time() - began)
+        return _fitted(lambda t, x: spline(t, x, self.degree), times, states)
 
 
-LINEAR = CurveMethod("linear", lambda t, x: spline(t, x, 1))
-CUBIC = CurveMethod("cubic", lambda t, x: spline(t, x, 3))
-QUINTIC = CurveMethod("quintic", lambda t, x: spline(t, x, 5))
-AKIMA = CurveMethod("akima", akima)
+@dataclass(frozen=True, slots=True)
+class Akima:
+    """`akima` as a method."""
+
+    name: str = "akima"
+
+    def fit(self, times: Floats, states: Floats, seed: int = 0, budget: Budget | None = None) -> Fitted:
+        """The curve through every sample."""
+        return _fitted(akima, times, states)
+
+
+def _fitted(through: Callable[[Floats, Floats], Curve], times: Floats, states: Floats) -> Fitted:
+    began = time.process_time()
+    curve = through(*checked(times, states))
+    return Fitted(curve, np.empty(0), 0, time.process_time() - began)
+
+
+LINEAR, CUBIC, QUINTIC, AKIMA = Spline("linear", 1), Spline("cubic", 3), Spline("quintic", 5), Akima()
 CURVES = (LINEAR, CUBIC, QUINTIC, AKIMA)
+"""Linear is what Chen 2022, eq. 22, calls bilateral."""

@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from models.curves import spline
 from models.neural.hamiltonian import gradient
 from models.neural.method import Budget, Fitted, Floats, checked
-from models.neural.perceptron import Activation, Perceptron, count_parameters, seeded
+from models.neural.perceptron import Perceptron, count_parameters, seeded
 from models.neural.scaling import Scaling, scaling
 from models.neural.training import Schedule, one_thread, train
 
@@ -81,7 +81,7 @@ class ConstraintNet:
     name: str = "ConstraintNet"
     widths: tuple[int, ...] = (256, 256, 256, 256)
     iterations: int = 8
-    activation: Activation = nn.LeakyReLU
+    activation: type[nn.Module] = nn.LeakyReLU
     schedule: Schedule = CONSTRAINT_SCHEDULE
     dtype: torch.dtype = torch.float32
 

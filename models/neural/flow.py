@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -44,8 +45,11 @@ class Sizes:
         return self.points * self.axes
 
 
-Law = Callable[[Sizes, torch.Generator], nn.Module]
-"""A fresh network of z = (q, p) (..., 2 C) to dz/dt (..., 2 C), in units in which q, p and velocities are about 1."""
+class Law(Protocol):
+    """A kind of law: a frozen dataclass of the sizes of its network."""
+
+    def __call__(self, sizes: Sizes, generator: torch.Generator) -> nn.Module:
+        """A fresh network of z = (q, p) (..., 2 C) to dz/dt (..., 2 C), in units in which q, p, dq/dt are about 1."""
 
 
 class Shooting(nn.Module):

@@ -7,14 +7,14 @@ can be stepped by a symplectic rule.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
-from models.neural.flow import Law, LearntFlow, Sizes
-from models.neural.perceptron import Activation, Perceptron
-from models.neural.steps import runge_kutta, yoshida
+from models.neural.flow import LearntFlow, Sizes
+from models.neural.perceptron import Perceptron
+from models.neural.steps import RungeKutta, Yoshida
 
 
 def gradient(layers: nn.Module, z: Tensor) -> Tensor:
@@ -55,24 +55,30 @@ class Separable(nn.Module):
         return torch.cat([by_p, -gradient(self.layers, q)], dim=-1)
 
 
-def hamiltonian(widths: Sequence[int] = (64, 64), activation: Activation = nn.Tanh) -> Law:
-    """A law with a network of these layers for H."""
+@dataclass(frozen=True, slots=True)
+class HamiltonianLaw:
+    """The sizes of H."""
 
-    def law(sizes: Sizes, generator: torch.Generator) -> nn.Module:
-        return Hamiltonian(Perceptron(2 * sizes.coordinates, 1, widths, activation, generator))
+    widths: tuple[int, ...] = (64, 64)
+    activation: type[nn.Module] = nn.Tanh
 
-    return law
+    def __call__(self, sizes: Sizes, generator: torch.Generator) -> nn.Module:
+        """A fresh one."""
+        return Hamiltonian(Perceptron(2 * sizes.coordinates, 1, self.widths, self.activation, generator))
 
 
-def separable(widths: Sequence[int] = (64, 64), activation: Activation = nn.Tanh) -> Law:
-    """A law with a network of these layers for V."""
+@dataclass(frozen=True, slots=True)
+class SeparableLaw:
+    """The sizes of V."""
 
-    def law(sizes: Sizes, generator: torch.Generator) -> nn.Module:
-        layers = Perceptron(sizes.coordinates, 1, widths, activation, generator)
+    widths: tuple[int, ...] = (64, 64)
+    activation: type[nn.Module] = nn.Tanh
+
+    def __call__(self, sizes: Sizes, generator: torch.Generator) -> nn.Module:
+        """A fresh one."""
+        layers = Perceptron(sizes.coordinates, 1, self.widths, self.activation, generator)
         return Separable(layers, sizes.points, sizes.axes)
 
-    return law
 
-
-HAMILTONIAN = LearntFlow("Hamiltonian net", hamiltonian(), runge_kutta)
-SEPARABLE = LearntFlow("Hamiltonian net, symplectic", separable(), yoshida)
+HAMILTONIAN = LearntFlow("Hamiltonian net", HamiltonianLaw(), RungeKutta())
+SEPARABLE = LearntFlow("Hamiltonian net, symplectic", SeparableLaw(), Yoshida())

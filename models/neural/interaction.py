@@ -8,13 +8,14 @@ and all points; what differs between points (their mass, whether one is held) is
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
-from models.neural.flow import Law, LearntFlow, Sizes
-from models.neural.perceptron import Activation, Perceptron
-from models.neural.steps import runge_kutta
+from models.neural.flow import LearntFlow, Sizes
+from models.neural.perceptron import Perceptron
+from models.neural.steps import RungeKutta
 
 TRAITS = 2
 """learnt numbers that tell one point from another."""
@@ -27,7 +28,9 @@ NEIGHBOURS = 8
 class Interaction(nn.Module):
     """N points in D axes and the E pairs that act, both ways."""
 
-    def __init__(self, sizes: Sizes, widths: Sequence[int], activation: Activation, generator: torch.Generator) -> None:
+    def __init__(
+        self, sizes: Sizes, widths: Sequence[int], activation: type[nn.Module], generator: torch.Generator
+    ) -> None:
         super().__init__()
         self.points, self.axes = sizes.points, sizes.axes
         self.target, self.source = nearest(sizes.seen.reshape(-1, sizes.points, sizes.axes), NEIGHBOURS)
@@ -59,13 +62,16 @@ def nearest(q: Tensor, count: int) -> tuple[Tensor, Tensor]:
     return torch.arange(points).repeat_interleave(kept), source.reshape(-1)
 
 
-def interaction(widths: Sequence[int] = (32, 32), activation: Activation = nn.Tanh) -> Law:
-    """A law with two networks of these layers."""
+@dataclass(frozen=True, slots=True)
+class InteractionLaw:
+    """The sizes of the two networks."""
 
-    def law(sizes: Sizes, generator: torch.Generator) -> nn.Module:
-        return Interaction(sizes, widths, activation, generator)
+    widths: tuple[int, ...] = (32, 32)
+    activation: type[nn.Module] = nn.Tanh
 
-    return law
+    def __call__(self, sizes: Sizes, generator: torch.Generator) -> nn.Module:
+        """Fresh ones."""
+        return Interaction(sizes, self.widths, self.activation, generator)
 
 
-INTERACTION = LearntFlow("interaction net", interaction(), runge_kutta)
+INTERACTION = LearntFlow("interaction net", InteractionLaw(), RungeKutta())

@@ -15,6 +15,10 @@ LEAST_SAMPLES = 4
 """A motion needs them: two to have a velocity, two more to learn how it changes."""
 
 
+class LostMotion(ValueError):
+    """A method found no motion behind the samples."""
+
+
 @dataclass(frozen=True, slots=True)
 class Budget:
     """How long a method may learn."""
@@ -59,7 +63,10 @@ class Method(Protocol):
         """In tables."""
 
     def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Fitted:
-        """Learn from coordinates (T, N, D) at rising times (T,) s; the same seed and effort give the same motion."""
+        """Learn from coordinates (T, N, D) at rising times (T,) s; the same seed and effort give the same motion.
+
+        Raises `ValueError` for samples that are not a motion, `LostMotion` where nothing was found.
+        """
 
 
 def checked(times: Floats, states: Floats) -> tuple[Floats, Floats]:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
-
-Activation = Callable[[], nn.Module]
 
 
 def seeded(seed: int) -> torch.Generator:
@@ -40,7 +38,7 @@ class Perceptron(nn.Module):
         inputs: int,
         outputs: int,
         widths: Sequence[int],
-        activation: Activation,
+        activation: type[nn.Module],
         generator: torch.Generator,
         dtype: torch.dtype = torch.float64,
     ) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
-from models.neural.flow import Law, LearntFlow, Sizes
-from models.neural.perceptron import Activation, Perceptron
-from models.neural.steps import runge_kutta
+from models.neural.flow import LearntFlow, Sizes
+from models.neural.perceptron import Perceptron
+from models.neural.steps import RungeKutta
 
 
 class Acceleration(nn.Module):
@@ -38,25 +38,31 @@ class Rate(nn.Module):
         return found
 
 
-def acceleration(widths: Sequence[int] = (64, 64, 64), activation: Activation = nn.Tanh) -> Law:
-    """A law with a network of these layers."""
+@dataclass(frozen=True, slots=True)
+class SecondOrder:
+    """The sizes of net(x, v)."""
 
-    def law(sizes: Sizes, generator: torch.Generator) -> nn.Module:
+    widths: tuple[int, ...] = (64, 64, 64)
+    activation: type[nn.Module] = nn.Tanh
+
+    def __call__(self, sizes: Sizes, generator: torch.Generator) -> nn.Module:
+        """A fresh one."""
         count = sizes.coordinates
-        return Acceleration(Perceptron(2 * count, count, widths, activation, generator))
-
-    return law
+        return Acceleration(Perceptron(2 * count, count, self.widths, self.activation, generator))
 
 
-def rate(widths: Sequence[int] = (64, 64, 64), activation: Activation = nn.Tanh) -> Law:
-    """As `acceleration`, for the whole change of the state."""
+@dataclass(frozen=True, slots=True)
+class FirstOrder:
+    """The sizes of a plain network."""
 
-    def law(sizes: Sizes, generator: torch.Generator) -> nn.Module:
+    widths: tuple[int, ...] = (64, 64, 64)
+    activation: type[nn.Module] = nn.Tanh
+
+    def __call__(self, sizes: Sizes, generator: torch.Generator) -> nn.Module:
+        """A fresh one."""
         count = 2 * sizes.coordinates
-        return Rate(Perceptron(count, count, widths, activation, generator))
-
-    return law
+        return Rate(Perceptron(count, count, self.widths, self.activation, generator))
 
 
-SECOND_ORDER = LearntFlow("net(x, v)", acceleration(), runge_kutta)
-PLAIN_FLOW = LearntFlow("net(x, v), first order", rate(), runge_kutta)
+SECOND_ORDER = LearntFlow("net(x, v)", SecondOrder(), RungeKutta())
+PLAIN_FLOW = LearntFlow("net(x, v), first order", FirstOrder(), RungeKutta())

@@ -21,9 +21,9 @@ from torch import Tensor, nn
 
 from models.neural.clock import Clock
 from models.neural.method import Budget, Fitted, Floats, checked
-from models.neural.perceptron import Activation, Perceptron, count_parameters, seeded
+from models.neural.perceptron import Perceptron, count_parameters, seeded
 from models.neural.scaling import Scaling, scaling
-from models.neural.steps import Step, euler, printed_runge_kutta, runge_kutta
+from models.neural.steps import Euler, RungeKutta, Step
 from models.neural.training import Schedule, one_thread, train
 
 THESIS_WIDTHS = (512, 512, 512)
@@ -52,7 +52,7 @@ class NeuralSimulator:
     substeps: int = 2
     """2 to interpolate (eqs 17 to 19), 1 to extrapolate (eq. 21)."""
     widths: tuple[int, ...] = THESIS_WIDTHS
-    activation: Activation = nn.ReLU
+    activation: type[nn.Module] = nn.ReLU
     schedule: Schedule = THESIS_SCHEDULE
     shortest_period: float = math.inf
     """steps: of the Fourier features of time; none where infinite, as in the thesis."""
@@ -147,13 +147,13 @@ class Samples:
         return self.t[1:] - self.t[:-1]
 
 
-EULER = NeuralSimulator("Euler net", euler)
-RUNGE_KUTTA = NeuralSimulator("RK net", runge_kutta)
-PRINTED = NeuralSimulator("RK net as printed", printed_runge_kutta)
-CORRECTED = NeuralSimulator("RK net, end miss", runge_kutta, corrected=True)
-EXTRAPOLATION = NeuralSimulator("extrapolation net", euler, substeps=1)
+EULER = NeuralSimulator("Euler net", Euler())
+RUNGE_KUTTA = NeuralSimulator("RK net", RungeKutta())
+PRINTED = NeuralSimulator("RK net as printed", RungeKutta(late=2.0))
+CORRECTED = NeuralSimulator("RK net, end miss", RungeKutta(), corrected=True)
+EXTRAPOLATION = NeuralSimulator("extrapolation net", Euler(), substeps=1)
 """Eq. 21: whole steps of Euler. Between two samples it can be no better than a straight line."""
 SMOOTH = NeuralSimulator(
-    "RK net, tanh, L-BFGS", runge_kutta, widths=(64, 64, 64), activation=nn.Tanh,
+    "RK net, tanh, L-BFGS", RungeKutta(), widths=(64, 64, 64), activation=nn.Tanh,
     schedule=Schedule(adam=500, lbfgs=2000), corrected=True, dtype=torch.float64,
 )  # fmt: skip

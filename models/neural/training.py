@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from models.neural.method import Budget, Floats
+from models.neural.method import Budget, Floats, LostMotion
 
 Loss = Callable[[], Tensor]
 
@@ -89,7 +89,7 @@ class Best:
 def train(network: nn.Module, loss: Loss, schedule: Schedule, budget: Budget) -> Floats:
     """Leave the network in its state of least loss; the losses (L,) on the way there.
 
-    Raises `ArithmeticError` where no state has a finite loss.
+    Raises `LostMotion` where no state has a finite loss.
     """
     best = Best(network, time.process_time())
     with one_thread():
@@ -99,7 +99,7 @@ def train(network: nn.Module, loss: Loss, schedule: Schedule, budget: Budget) ->
             _lbfgs(network, loss, budget.steps(schedule.lbfgs), budget, best)
             best.restore()
     if not math.isfinite(best.least):
-        raise ArithmeticError("training found no finite loss; lower its rate, or check the units of the samples")
+        raise LostMotion("training found no finite loss; lower its rate, or check the units of the samples")
     return np.array(best.curve)
 
 

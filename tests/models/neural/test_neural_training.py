@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from models.neural.clock import Clock
-from models.neural.method import Budget
+from models.neural.method import Budget, LostMotion
 from models.neural.perceptron import Perceptron, count_parameters, seeded
 from models.neural.training import Schedule, train
 
@@ -56,7 +56,7 @@ def test_effort_sets_the_number_of_steps_and_seconds_end_them() -> None:
 
 def test_a_loss_that_is_never_finite_is_an_error() -> None:
     bowl = Bowl()
-    with pytest.raises(ArithmeticError, match="no finite loss"):
+    with pytest.raises(LostMotion, match="no finite loss"):
         train(bowl, lambda: bowl.loss() * torch.nan, Schedule(adam=3), Budget())
 
 

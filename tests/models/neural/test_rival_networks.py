@@ -13,10 +13,10 @@ from swings import circle, mse
 from models.curves import CUBIC, LINEAR
 from models.neural.constraint import CONSTRAINT_NET
 from models.neural.flow import LearntFlow
-from models.neural.hamiltonian import HAMILTONIAN, SEPARABLE, hamiltonian, separable
-from models.neural.interaction import INTERACTION, interaction, nearest
+from models.neural.hamiltonian import HAMILTONIAN, SEPARABLE, HamiltonianLaw, SeparableLaw
+from models.neural.interaction import INTERACTION, InteractionLaw, nearest
 from models.neural.method import Budget, Floats
-from models.neural.second_order import PLAIN_FLOW, SECOND_ORDER, rate
+from models.neural.second_order import PLAIN_FLOW, SECOND_ORDER, FirstOrder
 from models.neural.training import Schedule
 
 SHORT = Schedule(adam=200, rate=5e-3)
@@ -60,8 +60,8 @@ def energy_drift(method: LearntFlow, seed: int) -> float:
 
 def test_hamiltonian_networks_keep_the_energy_of_an_ideal_pendulum() -> None:
     """Measured over three seeds: 0.036 to 0.062 and, symplectic, 0.009 to 0.033; plain network 0.15 to 0.28."""
-    plain = energy_drift(replace(PLAIN_FLOW, law=rate((24, 24))), 0)
-    for method, law in ((HAMILTONIAN, hamiltonian), (SEPARABLE, separable)):
+    plain = energy_drift(replace(PLAIN_FLOW, law=FirstOrder((24, 24))), 0)
+    for method, law in ((HAMILTONIAN, HamiltonianLaw), (SEPARABLE, SeparableLaw)):
         assert energy_drift(replace(method, law=law((24, 24))), 0) < plain / 3
 
 
@@ -82,7 +82,7 @@ def test_an_interaction_network_foresees_two_springs_a_second_ahead() -> None:
     """Measured: 92 times better than the cubic here, 6 times with another start; a plain net(x, v) is about as good."""
     t = np.arange(70) * 0.1
     truth = two_springs(t, 0)
-    method = replace(INTERACTION, law=interaction((24,)), schedule=Schedule(adam=250, rate=5e-3, lbfgs=250))
+    method = replace(INTERACTION, law=InteractionLaw((24,)), schedule=Schedule(adam=250, rate=5e-3, lbfgs=250))
     ours, cubic = (mse(one.fit(t[:60], truth[:60]).at(t[60:]), truth[60:]) for one in (method, CUBIC))
     assert ours < cubic / 10
 
