@@ -64,16 +64,15 @@ def draw_plan(
         cv2.circle(
             inset.ground, inset.plan(mark).tolist(), 3 * SUPERSAMPLE << SHIFT, WHITE, SUPERSAMPLE, cv2.LINE_AA, SHIFT
         )
-    for path, colour in zip(paths, colours, strict=True):
-        seen = path[np.isfinite(path).all(axis=1)]
-        if len(seen):
-            _ball(inset, table, seen[0], mix(colour, CLOTH, GHOST), mix(INK, CLOTH, GHOST))
-            _ball(inset, table, seen[-1], colour, INK)
+    seen = [path[np.isfinite(path).all(axis=1)] for path in paths]
+    for which, share in ((0, GHOST), (-1, 0.0)):  # where a ball ends hides where another began, never the other way
+        for places, colour in zip(seen, colours, strict=True):
+            if len(places):
+                _ball(inset, table, places[which], mix(colour, CLOTH, share), mix(INK, CLOTH, share))
     picture = cv2.resize(inset.ground, inset.size, interpolation=cv2.INTER_AREA)
-    for name, path in zip(ids, paths, strict=True):
-        seen = path[np.isfinite(path).all(axis=1)]
-        if len(seen):
-            _name(picture, inset, seen[-1], name)
+    for name, places in zip(ids, seen, strict=True):
+        if len(places):
+            _name(picture, inset, places[-1], name)
     _entitle(picture, title)
     return np.asarray(picture, dtype=np.uint8)
 

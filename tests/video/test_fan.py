@@ -8,7 +8,7 @@ from models.regions import outlyingness
 from models.scene import Table
 from video.fan import Fan, draw_fans
 from video.inset import SHIFT, SUPERSAMPLE, furnished
-from video.plan import CLOTH, WIDTH
+from video.plan import CLOTH, WIDTH, colours_of, draw_plan
 
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
 
@@ -67,3 +67,12 @@ def test_a_ball_that_stays_has_no_fan() -> None:
     still.courses[:] = still.courses[:, :1]
     picture = draw_fans(TABLE, [still], "")
     np.testing.assert_array_equal(picture[:, 700:], draw_fans(TABLE, [], "")[:, 700:])
+
+
+def test_a_ball_is_not_hidden_by_where_another_began() -> None:
+    ways = [np.array([[0.5, 0.6], [1.5, 0.6]]), np.array([[1.5, 0.6], [2.0, 0.9]])]
+    both = draw_plan(TABLE, ["cue", "red"], ways, np.empty((0, 2)), "")
+    inset = furnished(TABLE, CLOTH, False, WIDTH)
+    for ball, way in enumerate(ways):
+        column, row = inset.plan(way[-1]) // (SUPERSAMPLE << SHIFT)
+        np.testing.assert_array_equal(both[row, column], colours_of(["cue", "red"])[ball])
