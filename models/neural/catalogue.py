@@ -8,11 +8,11 @@ from models.neural.hamiltonian import HAMILTONIAN, SEPARABLE
 from models.neural.interaction import INTERACTION
 from models.neural.method import Method
 from models.neural.second_order import PLAIN_FLOW, SECOND_ORDER
-from models.neural.simulator import CORRECTED, EULER, EXTRAPOLATION, PRINTED, RUNGE_KUTTA, SMOOTH
+from models.neural.simulator import CORRECTED, EULER, EXTRAPOLATION, FOURIER, PRINTED, RUNGE_KUTTA, SMOOTH
 
 THESIS: tuple[Method, ...] = (EULER, RUNGE_KUTTA, PRINTED, CORRECTED, EXTRAPOLATION)
 """Chen 2022, 512 x 512 x 512."""
-BETTER: tuple[Method, ...] = (SMOOTH, SECOND_ORDER)
+BETTER: tuple[Method, ...] = (SMOOTH, FOURIER, SECOND_ORDER)
 RIVALS: tuple[Method, ...] = (PLAIN_FLOW, HAMILTONIAN, SEPARABLE, INTERACTION, CONSTRAINT_NET)
 NETWORKS: tuple[Method, ...] = (*THESIS, *BETTER, *RIVALS)
 METHODS: tuple[Method, ...] = (*CURVES, *NETWORKS)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -153,7 +153,10 @@ PRINTED = NeuralSimulator("RK net as printed", RungeKutta(late=2.0))
 CORRECTED = NeuralSimulator("RK net, end miss", RungeKutta(), corrected=True)
 EXTRAPOLATION = NeuralSimulator("extrapolation net", Euler(), substeps=1)
 """Eq. 21: whole steps of Euler. Between two samples it can be no better than a straight line."""
+WAVES = 4.0
+"""steps: twice the shortest period that samples can tell from a longer one."""
 SMOOTH = NeuralSimulator(
     "RK net, tanh, L-BFGS", RungeKutta(), widths=(64, 64, 64), activation=nn.Tanh,
     schedule=Schedule(adam=500, lbfgs=2000), corrected=True, dtype=torch.float64,
 )  # fmt: skip
+FOURIER = replace(SMOOTH, name="RK net, Fourier features", shortest_period=WAVES)

@@ -12,7 +12,16 @@ from torch import nn
 
 from models.curves import LINEAR
 from models.neural.method import Budget
-from models.neural.simulator import CORRECTED, EULER, EXTRAPOLATION, PRINTED, RUNGE_KUTTA, SMOOTH, NeuralSimulator
+from models.neural.simulator import (
+    CORRECTED,
+    EULER,
+    EXTRAPOLATION,
+    FOURIER,
+    PRINTED,
+    RUNGE_KUTTA,
+    SMOOTH,
+    NeuralSimulator,
+)
 from models.neural.training import Schedule
 
 TIMES = np.linspace(0, 1, 17)
@@ -20,7 +29,7 @@ MIDDLES = (TIMES[1:] + TIMES[:-1]) / 2
 SMALL = {
     "widths": (24, 24), "activation": nn.Tanh, "dtype": torch.float64, "schedule": Schedule(adam=150, lbfgs=250),
 }  # fmt: skip
-ALL = (EULER, RUNGE_KUTTA, PRINTED, CORRECTED, EXTRAPOLATION, SMOOTH)
+ALL = (EULER, RUNGE_KUTTA, PRINTED, CORRECTED, EXTRAPOLATION, SMOOTH, FOURIER)
 
 
 def small(method: NeuralSimulator) -> NeuralSimulator:
@@ -80,6 +89,6 @@ def test_coordinates_that_never_change_stay_where_they_are() -> None:
 @pytest.mark.parametrize("method", ALL, ids=lambda method: method.name)
 def test_every_simulator_says_what_it_cost(method: NeuralSimulator) -> None:
     fitted = replace(method, widths=(8,)).fit(TIMES, circle(TIMES), budget=Budget(effort=0.01))
-    assert fitted.parameters == 3 * 8 + 8 + 8 * 2 + 2
+    assert fitted.parameters == (4 + (8 if method is FOURIER else 0)) * 8 + 9 * 2  # 16 steps: four waves
     assert fitted.seconds > 0
     assert np.isfinite(fitted.at(np.linspace(-0.01, 1.2, 7))).all()
