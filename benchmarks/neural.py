@@ -3,9 +3,10 @@
     python benchmarks/neural.py [--kind stiff] [--fps 30] [--noise 0] [--seeds 3] [--first 100] [--thesis] [--only NAME]
 
 Truth as in benchmarks/springs.py, 2.5 s, every other frame withheld. x linear and x cubic: how many times lower the
-mean square error at the withheld frames is than that of the polygon and of the not-a-knot spline through the visible ones;
-the median of the seeds, and the least. Horizon: s after the last frame until a ball is 10 px off, at most 1. Seeds are
-those of the networks and, with noise, of the noise. `--thesis` adds the networks of 512 x 512 x 512: a minute each.
+mean square error at the withheld frames is than that of the polygon and of the not-a-knot spline through the visible
+ones; the median of the seeds, and the least. Horizon: s after the last frame until a ball is 10 px off, at most 1.
+Seeds are those of the networks and, with noise, of the noise. `--thesis` adds the networks of 512 x 512 x 512: a minute
+each.
 """
 
 from __future__ import annotations
