@@ -46,8 +46,10 @@ _EXPLAINED = 4.0
 """robust chi2 per observation up to which the states of a shot count as found."""
 _STRIDE = 1.0
 """standard deviations of its prior that a shared number may move in one step."""
-_DAMPINGS = 8
+_DAMPINGS = 10
 """how often a step is shortened before the search gives up."""
+_LEFT = 2.0
+"""cost that may still be promised where a search has converged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,12 +142,19 @@ def _descend(problem: Problem, now: Attempt, options: ShootingOptions) -> tuple[
                 break
             damping = min(damping * 6 + 1e-4, 1e8)
         else:
-            return now, True
+            return now, _promise(problem, now, blocks) < _LEFT
         quiet = quiet + 1 if now.cost - trial.cost < _SETTLED + 1e-6 * now.cost else 0
         now, damping = trial, max(damping * 0.15, 1e-9)
         if quiet == 2:
             return now, True
     return now, False
+
+
+def _promise(problem: Problem, now: Attempt, blocks: list[ShotBlock]) -> float:
+    """By how much the slopes say that the cost can still fall: much of it where a search is caught at a kink."""
+    shared_step, state_steps, gradient = _full_step(problem, now, blocks, 0.0)
+    gain = float(gradient @ shared_step)
+    return -gain - sum(float(block.gradient @ step) for block, step in zip(blocks, state_steps, strict=True))
 
 
 def _mended(problem: Problem, before: Attempt, trial: Attempt, settling: int) -> Attempt:
@@ -212,12 +221,8 @@ def _grown(problem: Problem, now: Attempt, shot: int, options: ShootingOptions) 
 
 
 def _stepped(problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: float) -> Attempt:
-    scale, prior_h, prior_g = prior_knowledge(problem.model.unknowns, now.shared)
+    shared_step, state_steps, _ = _full_step(problem, now, blocks, damping)
     coordinates, low, high = bounds(problem.model.unknowns, now.shared)
-    gradient = prior_g + sum(block.shared_gradient for block in blocks)
-    held = ((coordinates <= low) & (gradient > 0)) | ((coordinates >= high) & (gradient < 0))
-    reach = np.maximum(low - coordinates, -_STRIDE / scale), np.minimum(high - coordinates, _STRIDE / scale)
-    shared_step, state_steps = eliminate(blocks, np.diag(prior_h), prior_g, damping, held, reach)
     moved = np.clip(coordinates + shared_step, low, high)
     starts = list(now.starts)
     for numbers, step in zip(problem.shots, state_steps, strict=True):
@@ -226,6 +231,18 @@ def _stepped(problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: f
             starts[k] = now.starts[k] + step[offset : offset + len(now.starts[k])]
             offset += len(now.starts[k])
     return glanced(problem, tuple(starts), values_of(problem.model.unknowns, moved))
+
+
+def _full_step(
+    problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: float
+) -> tuple[Floats, list[Floats], Floats]:
+    """Steps of the shared numbers (P,) and of the states of every shot, and the gradient by the former (P,)."""
+    scale, prior_h, prior_g = prior_knowledge(problem.model.unknowns, now.shared)
+    coordinates, low, high = bounds(problem.model.unknowns, now.shared)
+    gradient: Floats = prior_g + sum(block.shared_gradient for block in blocks)
+    held = ((coordinates <= low) & (gradient > 0)) | ((coordinates >= high) & (gradient < 0))
+    reach = np.maximum(low - coordinates, -_STRIDE / scale), np.minimum(high - coordinates, _STRIDE / scale)
+    return *eliminate(blocks, np.diag(prior_h), prior_g, damping, held, reach), gradient
 
 
 def _with_states(problem: Problem, now: Attempt, shot: int, step: Floats) -> Attempt:

@@ -17,7 +17,7 @@ from models.attempt import HUBER, Problem, glanced
 from models.billiards.engine import TIME
 from models.billiards.shots import Shots
 from models.draws import drawn
-from models.shooting import Shooting, ShootingOptions, shoot
+from models.shooting import UNDETERMINED, Shooting, ShootingOptions, shoot
 
 Floats = NDArray[np.float64]
 Starts = tuple[Floats, ...]
@@ -26,18 +26,27 @@ FIRST = 0.25
 """s, the first moments: about a dozen pictures of every ball."""
 BEYOND = 0.2
 """s after a contact that tell how it went."""
-LEAST = 0.1
-"""s by which the view grows at least."""
+WHILE = 0.4
+"""s"""
+LEAST, MOST = 0.1, 1.0
+"""s by which the view grows at least, and at most: what was not foretold comes into view little by little too."""
 _STEPS = ShootingOptions(iterations=12)
 _PROMISED = 2.0
 """cost of an observation of two numbers whose noise is as promised."""
-_CLEAR = 4.0
-"""standard deviations of a sum of costs."""
-_DRAWS = 96
+_CLEAR, _CLEARER = 3.0, 4.5
+"""standard deviations of a sum of costs: of all, and of one of many."""
+_NOISIEST = 2.0
+"""over the variance promised: first moments that are explained no better are no measure."""
+_PATIENCE = 3
+"""how often draws may not help, until the laws are taken not to explain the shot."""
+_FEW_STEPS = ShootingOptions(iterations=3)
+_DRAWS = 192
 _WIDER = 1.5
 """factor on the errors of what is drawn: errors of noise that is promised too small are too small."""
-_FOLLOWED = 4
-"""of the draws, those that cost least."""
+_ASIDE = 0.4
+"""standard deviations of what was known beforehand."""
+_TRIED, _FOLLOWED = 12, 3
+"""of the draws, those that cost least: begun, and of these followed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +60,36 @@ class Guess:
 def grown(model: Shots, shared: Floats, rng: np.random.Generator, options: ShootingOptions) -> Shooting:
     """One shot fitted to more and more of what was seen of it, begun with the numbers `shared` (P,)."""
     seen, last = float(model.stretches[0].t[0]), max(float(stretch.t[-1]) for stretch in model.stretches)
-    now = _first(model, shared)
+    now, usual = _first(model, shared)
+    patience = _PATIENCE
     while seen < last:
         view = min(next_view(model, now, seen), last)
-        now = _extended(model, now, seen, view, rng)
+        part, before = model.until(view), now
+        now = _begun(part, before)
+        if not goes_on(part, now, usual):
+            found = shoot(part, now.shared, _STEPS, now.starts)
+            if patience and not goes_on(part, _guess(found), usual):
+                found = _redrawn(model.until(seen), part, before, found, rng)
+                patience -= not goes_on(part, _guess(found), usual)
+            now = _guess(found)
         seen = view
-    return shoot(model, now.shared, options, now.starts)
+    found = shoot(model, now.shared, options, now.starts)
+    tried = [shoot(model, one.shared, _FEW_STEPS, one.starts) for one in _opposites(model, found)]
+    best = min([found, *tried], key=lambda one: one.cost)
+    return found if best is found else shoot(model, best.shared, options, best.starts)
+
+
+def _opposites(model: Shots, found: Shooting) -> list[Guess]:
+    """Starts to either side in every number that a fit left as open as it was: side spin so small that the cloth has
+    spent it before a contact tells nothing, and a search that has come there does not see the way out."""
+    guesses = []
+    for k, (window, covariance) in enumerate(zip(model.windows, found.start_covariances, strict=True)):
+        for j in np.flatnonzero(np.sqrt(np.diag(covariance)) > UNDETERMINED * window.sigma):
+            for side in (-_ASIDE, _ASIDE):
+                start = found.starts[k].copy()
+                start[j] += side * window.sigma[j]
+                guesses.append(Guess((*found.starts[:k], start, *found.starts[k + 1 :]), found.shared))
+    return guesses
 
 
 def next_view(model: Shots, now: Guess, seen: float) -> float:
@@ -69,44 +102,41 @@ def next_view(model: Shots, now: Guess, seen: float) -> float:
     times = stretch.begin + run.contacts[:, TIME]
     after = times[times > seen]
     view = float(after[0]) + BEYOND if len(after) else float(stretch.t[-1])
-    return min(max(view, seen + LEAST), float(stretch.t[-1]))
+    return min(max(view, seen + LEAST), seen + MOST, float(stretch.t[-1]))
 
 
-def goes_on(model: Shots, now: Guess, seen: float) -> bool:
-    """Whether every ball's misfit after the time `seen` is as before, or as promised."""
+def goes_on(model: Shots, now: Guess, usual: float) -> bool:
+    """Whether all is explained as well as the first moments, at `usual` times the variance promised, and so is every
+    ball at every time: a spin that is wrong shows for a while after a cushion."""
+    costs = []
     for k, window in enumerate(model.windows):
         cost = _costs(model.glance(k, now.starts[k], now.shared).misfit)
-        late = window.t > seen
-        usual = max(_PROMISED, float(cost[~late].mean()) if not late.all() else 0.0)
-        for ball in np.unique(window.body[late]):
-            own = cost[late & (window.body == ball)]
-            if not own.sum() <= usual * (len(own) + _CLEAR * np.sqrt(len(own))):
-                return False
-    return True
+        part = window.body + (int(window.body.max(initial=0)) + 1) * ((window.t - window.t[0]) / WHILE).astype(int)
+        costs += [(cost, _CLEAR), *((cost[part == one], _CLEARER) for one in np.unique(part))]
+    return all(one.sum() <= _PROMISED * usual * (len(one) + clear * np.sqrt(len(one))) for one, clear in costs)
 
 
-def _first(model: Shots, shared: Floats) -> Guess:
-    """The best of all first guesses, by the first moments."""
+def _first(model: Shots, shared: Floats) -> tuple[Guess, float]:
+    """The best of all first guesses by the first moments, and their variance over what was promised, at least 1."""
     part = model.until(float(model.stretches[0].t[0]) + FIRST)
     window = part.windows[0]
     tried = [shoot(part, shared, _STEPS, (start,)) for start in (window.start, *window.others)]
-    return _guess(min(tried, key=lambda one: one.cost))
+    best = min(tried, key=lambda one: one.cost)
+    most = 1 + _CLEAR / np.sqrt(max(len(window.t), 1))
+    usual = 1.0 if np.isnan(best.chi2_per_dof) else float(np.clip(best.chi2_per_dof / most, 1.0, _NOISIEST))
+    return _guess(best), usual
 
 
-def _extended(model: Shots, now: Guess, seen: float, view: float, rng: np.random.Generator) -> Guess:
-    """What is seen up to `view` taken in."""
-    part = model.until(view)
-    begun = _begun(part, now)
-    found = shoot(part, begun.shared, _STEPS, begun.starts)
-    if goes_on(part, _guess(found), seen):
-        return _guess(found)
-    others = [shoot(part, one.shared, _STEPS, one.starts) for one in _others(model, part, now, seen, rng)]
-    return _guess(min([found, *others], key=lambda one: one.cost))
+def _redrawn(before: Shots, part: Shots, now: Guess, found: Shooting, rng: np.random.Generator) -> Shooting:
+    """The best fit of `part` from draws of what was left open by `before`, or the one found."""
+    guesses = _others(before, part, now, rng)
+    tried = sorted((shoot(part, one.shared, _FEW_STEPS, one.starts) for one in guesses), key=lambda one: one.cost)
+    best = [shoot(part, one.shared, _STEPS, one.starts) for one in tried[:_FOLLOWED]]
+    return min([found, *best], key=lambda one: one.cost)
 
 
-def _others(model: Shots, part: Shots, now: Guess, seen: float, rng: np.random.Generator) -> list[Guess]:
-    """Draws from what was left open at `seen` that explain `part` best, one of each order of contacts first."""
-    before = model.until(seen)
+def _others(before: Shots, part: Shots, now: Guess, rng: np.random.Generator) -> list[Guess]:
+    """Draws from what `before` left open that explain `part` best, one of each order of contacts first."""
     told = Guess(now.starts[: len(before.windows)], now.shared)
     problem = Problem(part, part.windows, (tuple(range(len(part.windows))),))
     tried = []
@@ -116,8 +146,8 @@ def _others(model: Shots, part: Shots, now: Guess, seen: float, rng: np.random.G
         tried.append((point.cost, tuple(flow.order for flow in point.flows), guess))
     tried.sort(key=lambda one: one[0])
     firsts = [k for k, one in enumerate(tried) if one[1] not in [other[1] for other in tried[:k]]]
-    ranked = firsts + [k for k in range(len(tried)) if k not in firsts]
-    return [tried[k][2] for k in ranked[:_FOLLOWED] if np.isfinite(tried[k][0])]
+    ranked = firsts[: _TRIED // 2] + [k for k in range(len(tried)) if k not in firsts[: _TRIED // 2]]
+    return [tried[k][2] for k in ranked[:_TRIED] if np.isfinite(tried[k][0])]
 
 
 def _begun(part: Shots, now: Guess) -> Guess:

@@ -58,10 +58,18 @@ def unknowns_of(laws: Laws) -> tuple[Prior, ...]:
     """What is sought under these laws: cloth, restitution and friction, the size of the balls, and the noses."""
     used = (*USES[laws.cushion], *USES[laws.ball])
     names = [name for name in NAMES if name in CLOTH or name in used]
-    physics = [replace(prior_of(*name.split(".")), name=name) for name in names if not name.endswith("speed.slope")]
+    physics = [_prior(name) for name in names if not name.endswith("speed.slope")]
     size = Prior("collision_radius.factor", "1", 1.0, FACTOR_SIGMA, False, (0.95, 1.05))
     noses = [Prior(f"nose.{side}", "m", 0.0, NOSE_SIGMA, False, (-0.03, 0.03)) for side in CUSHIONS]
     return (*physics, size, *noses)
+
+
+def _prior(name: str) -> Prior:
+    """Of the catalogue; but balls and cushions may have no friction at all, as those of many simulators."""
+    prior = replace(prior_of(*name.split(".")), name=name)
+    if name not in ("ball_friction.mu", "cushion_friction.mu"):
+        return prior
+    return replace(prior, sigma=prior.value, relative=False, bounds=(0.0, prior.bounds[1]))
 
 
 def fit_table(

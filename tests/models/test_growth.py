@@ -50,10 +50,10 @@ def test_the_view_grows_past_the_next_contact_and_then_to_the_end() -> None:
 def test_a_wrong_slip_does_not_go_on() -> None:
     model = seen_shot(1)[0]
     best = grown(model, usual(model), np.random.default_rng(0), ShootingOptions())
-    assert goes_on(model, Guess(best.starts, best.shared), 0.2)
+    assert goes_on(model, Guess(best.starts, best.shared), 1.0)
     wrong = best.starts[0].copy()
     wrong[4:6] = -wrong[4:6]
-    assert not goes_on(model, Guess((wrong,), best.shared), 0.2)
+    assert not goes_on(model, Guess((wrong,), best.shared), 1.0)
 
 
 def test_a_glance_is_a_flow_without_its_slopes() -> None:
