@@ -14,10 +14,13 @@ from pathlib import Path
 from models.errors import ClipError, OptionError
 from models.events import Events
 from models.fit import Fit, Trust
+from models.scene import Scene
+from models.tracks import Tracks
 from pipeline.cache import Cache, Entry
 from pipeline.graph import Graph, Watcher, stage_value
 from pipeline.options import RunOptions, told_apart
 from pipeline.publish import aside
+from pipeline.stage import Stage
 from pipeline.stages.calibrate import calibrate_stage
 from pipeline.stages.detect import detect_stage
 from pipeline.stages.export import export_stage
@@ -57,17 +60,37 @@ def run_graph(clip: Path, options: RunOptions) -> Graph:
     digest = clip_digest(clip)
     settings = told_apart(options)
     stages = (
-        read_stage(clip, digest, options.read),
-        calibrate_stage(options.calibrate),
-        detect_stage(options.detect),
-        track_stage(options.track),
-        fit_stage(options.fit),
+        *_stages_to_fit(clip, digest, options),
         export_stage(options.detect),
         render_stage(options.render),
         record_stage(RecordOptions(clip.name)),
         report_stage(ReportOptions(clip.name, options.render.slow, settings, options.detect)),
     )
     return Graph.of(stages, digest)
+
+
+def fit_graph(clip: Path, options: RunOptions) -> Graph:
+    """The stages of a run of this clip up to the fit."""
+    digest = clip_digest(clip)
+    return Graph.of(_stages_to_fit(clip, digest, options), digest)
+
+
+def _stages_to_fit(clip: Path, digest: str, options: RunOptions) -> tuple[Stage, ...]:
+    return (
+        read_stage(clip, digest, options.read),
+        calibrate_stage(options.calibrate),
+        detect_stage(options.detect),
+        track_stage(options.track),
+        fit_stage(options.fit),
+    )
+
+
+def fitted(graph: Graph, clip: Path, cache: Cache, watcher: Watcher) -> tuple[Clip, Scene, Tracks, Fit]:
+    """The values of a graph's stages that pictures between pictures are made from."""
+    entries = graph.run(cache, watcher, {"read": partial(_at, clip)})
+    stages = {stage.name: stage for stage in graph.stages}
+    seen, scene, tracks, fit = (stage_value(stages[n], entries[n]) for n in ("read", "calibrate", "track", "fit"))
+    return _at(clip, seen), scene, tracks, fit
 
 
 def clip_digest(path: Path) -> str:

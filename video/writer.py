@@ -20,8 +20,9 @@ class VideoWriter:
     """A video that appears under its name when it is complete, and not at all when something fails.
 
     H.264 in yuv420p, BT.709 limited range, tagged so. Picture k is shown at exactly k / rate: the stream's time base is
-    1 / rate, and without B-frames there is no edit list. `force-cfr` keeps the rerun 0.41 viewer from hanging. An odd
-    width or height is made even by repeating the last column or row, so pixel coordinates stay as they are.
+    1 / rate, and without B-frames there is no edit list. Pictures that come unevenly are written with a `time_base`
+    (s) and the time of each; `rate` is then what it is on average. `force-cfr` keeps the rerun 0.41 viewer from
+    hanging. An odd width or height is made even by repeating the last column or row, so pixel coordinates stay.
     """
 
     def __init__(
@@ -34,6 +35,7 @@ class VideoWriter:
         crf: int = 20,
         preset: str = "veryfast",
         threads: int = 2,
+        time_base: Fraction | None = None,
     ) -> None:
         if width < 2 or height < 2 or rate <= 0:
             raise ValueError(
@@ -44,15 +46,17 @@ class VideoWriter:
         self._shape = (height, width, 3)
         self._pad = ((0, height % 2), (0, width % 2), (0, 0))
         self._count = 0
+        self._last = -1
         self._container = _opened(self._aside)
         self._stream = self._container.add_stream("libx264", rate=rate)
-        self._set_up(crf, preset, threads, rate)
+        self._even = time_base is None
+        self._set_up(crf, preset, threads, rate, 1 / rate if time_base is None else time_base)
 
-    def _set_up(self, crf: int, preset: str, threads: int, rate: Fraction) -> None:
+    def _set_up(self, crf: int, preset: str, threads: int, rate: Fraction, time_base: Fraction) -> None:
         context = self._stream.codec_context
         context.width, context.height = self._shape[1] + self._pad[1][1], self._shape[0] + self._pad[0][1]
         context.pix_fmt = "yuv420p"
-        context.time_base = 1 / rate
+        context.time_base = time_base
         context.thread_count = threads
         context.gop_size = max(1, round(rate))  # a key frame each second, for scrubbing
         context.max_b_frames = 0
@@ -60,15 +64,19 @@ class VideoWriter:
         context.color_primaries, context.color_trc = ColorPrimaries.BT709, ColorTrc.BT709
         context.colorspace, context.color_range = Colorspace.ITU709, ColorRange.MPEG
 
-    def write(self, rgb: NDArray[np.uint8]) -> None:
-        """Append one picture: uint8 (height, width, 3)."""
+    def write(self, rgb: NDArray[np.uint8], at: float | None = None) -> None:
+        """Append one picture: uint8 (height, width, 3); with a `time_base`, shown at `at` s, after the one before."""
+        if (at is None) != self._even:
+            raise ValueError("a picture has a time of its own exactly where the video has a time base")
         if rgb.shape != self._shape or rgb.dtype != np.uint8:
             raise ValueError(f"a picture of {self._shape} uint8 is wanted; got {rgb.shape} {rgb.dtype}")
         even = np.pad(rgb, self._pad, mode="edge") if self._pad != ((0, 0), (0, 0), (0, 0)) else rgb
         picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24").reformat(
             format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
         )
-        picture.pts, picture.time_base = self._count, self._stream.codec_context.time_base
+        base = Fraction(self._stream.codec_context.time_base)
+        self._last = self._count if at is None else max(round(at / base), self._last + 1)
+        picture.pts, picture.time_base = self._last, base
         self._count += 1
         self._container.mux(self._stream.encode(picture))
 

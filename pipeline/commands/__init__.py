@@ -8,8 +8,8 @@ from pathlib import Path
 from pipeline.command_line import app
 
 ORDER = (
-    "run", "batch", "view", "call", "predict", "diagnose", "simulate", "detect", "train-detector", "reproduce",
-    "graph", "cache",
+    "run", "batch", "view", "call", "predict", "interpolate", "diagnose", "simulate", "detect",
+    "train-detector", "reproduce", "graph", "cache",
 )  # fmt: skip
 """As a new user needs them, in the list of `--help`."""
 
@@ -65,6 +65,8 @@ def _import(name: str) -> None:
             from pipeline.commands import call as call
         case "predict":
             from pipeline.commands import predict as predict
+        case "interpolate":
+            from pipeline.commands import interpolate as interpolate
         case "diagnose":
             from pipeline.commands import diagnose as diagnose
         case "simulate":
