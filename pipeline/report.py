@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -17,6 +16,7 @@ from plotly.offline import get_plotlyjs
 from models.fit import Fit
 from models.scene import Scene
 from models.tracks import Tracks
+from pipeline.embedding import data_uri, write_page
 from pipeline.publish import aside
 from pipeline.sampling import ever_moves, sample_motion
 from pipeline.sentences import event_sentence, parameter_range
@@ -28,6 +28,8 @@ Floats = NDArray[np.float64]
 
 EMBED_LIMIT_BYTES = 48_000_000
 """A larger slow.mp4 is linked beside the page instead of carried in it."""
+SLOW_MARK = "slow-motion-carried-here"
+"""Where the video goes in the page."""
 PLOT_HZ = 60.0
 HOVER = "%{customdata[0]:.3f} s, %{customdata[1]:.2f} m/s"
 PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
@@ -40,6 +42,8 @@ class ReportFiles:
     slow: Path
     poster: Path
     slow_factor: float
+    start: float = 0.0
+    """s of the clip at which the slow motion begins."""
 
 
 def write_report(
@@ -57,12 +61,13 @@ def write_report(
     page = Environment(
         loader=PackageLoader("pipeline", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     ).get_template("report.html")
+    carried = {SLOW_MARK: (files.slow, "video/mp4")} if files.slow.stat().st_size <= EMBED_LIMIT_BYTES else {}
     html = page.render(
         name=title,
         trust=run_trust(clip, fit),
-        poster=_data_uri(files.poster, "image/png"),
-        video=_video_source(files.slow),
-        events=_event_rows(fit, files.slow_factor),
+        poster=data_uri(files.poster, "image/png"),
+        video=SLOW_MARK if carried else files.slow.name,
+        events=_event_rows(fit, files),
         plan=_embedded(plan_figure(scene, fit, colours), "plan"),
         plan_ratio=round(scene.table.width / scene.table.length, 4),
         speeds=_embedded(speed_figure(scene, fit, colours), "speeds"),
@@ -75,7 +80,7 @@ def write_report(
         digest=clip.digest,
     )
     with aside(path) as fresh:
-        fresh.write_text(html, encoding="utf-8")
+        write_page(html, carried, fresh)
 
 
 def plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
@@ -148,7 +153,7 @@ def _embedded(figure: go.Figure, name: str) -> str:
     return html
 
 
-def _event_rows(fit: Fit, slow: float) -> list[dict[str, str | float]]:
+def _event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float]]:
     """The contact list: each row seeks the video to a little before the moment."""
     events = fit.events
     lead_in = 0.15
@@ -157,7 +162,7 @@ def _event_rows(fit: Fit, slow: float) -> list[dict[str, str | float]]:
         gap = f"{1000 * events.gap[k]:+.1f} ± {1000 * events.gap_sigma[k]:.1f}" if np.isfinite(events.gap[k]) else ""
         rows.append(
             {
-                "seek": round(max(float(events.t[k]) - lead_in, 0.0) * slow, 3),
+                "seek": round(max(float(events.t[k]) - lead_in - files.start, 0.0) * files.slow_factor, 3),
                 "time": f"{events.t[k]:.4f}",
                 "sigma": f"{1000 * events.t_sigma[k]:.1f}",
                 "sentence": event_sentence(events, k),
@@ -177,11 +182,3 @@ def _quality(clip: Clip, fit: Fit) -> dict[str, str]:
         "Noise of a measured position": f"{1000 * fit.noise:.2f} mm",
         "Chi-square per degree of freedom": f"{fit.chi2_per_dof:.2f}",
     }
-
-
-def _video_source(path: Path) -> str:
-    return _data_uri(path, "video/mp4") if path.stat().st_size <= EMBED_LIMIT_BYTES else path.name
-
-
-def _data_uri(path: Path, media_type: str) -> str:
-    return f"data:{media_type};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"

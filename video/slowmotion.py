@@ -46,8 +46,11 @@ def render_slow_motion(
     path: Path,
     options: RenderOptions = EIGHTFOLD,
     progress: Progress = silent,
-) -> None:
-    """Write the annotated slow motion to `path` as H.264, at the clip's rate held within 25 to 60 pictures a second."""
+) -> float:
+    """Write the annotated slow motion to `path` as H.264, at the clip's rate held within 25 to 60 pictures a second.
+
+    Returns the time of the clip, s, that its first picture shows.
+    """
     sightings = sight(scene, tracks, fit)
     rate = min(max(clip.rate, LEAST_RATE), MOST_RATE)
     times = _times(sightings, rate, options)
@@ -59,6 +62,7 @@ def render_slow_motion(
             writer.write(picture)
             done += 1
             progress(done / len(times))
+    return float(times[0])
 
 
 def _times(sightings: Sightings, rate: Fraction, options: RenderOptions) -> Floats:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from models.progress import Progress
 from pipeline.stage import Inputs, Stage
 from video.options import RenderOptions
+
+START = "start.json"
+"""Where the slow motion begins: the time of the clip, s, that its first picture shows."""
 
 
 def render_stage(options: RenderOptions) -> Stage:
@@ -19,4 +23,5 @@ def _run(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progres
 
     shot = (inputs["read"], inputs["calibrate"], inputs["track"], inputs["fit"])
     render_poster(*shot, folder / "poster.png", options)
-    render_slow_motion(*shot, folder / "slow.mp4", options, progress)
+    start = render_slow_motion(*shot, folder / "slow.mp4", options, progress)
+    (folder / START).write_text(json.dumps(start), encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from detectors.choice import with_choice_noted
 from detectors.options import DetectOptions
 from models.progress import Progress
 from pipeline.stage import Inputs, Stage
+from pipeline.stages.render import START
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +35,8 @@ def _run(inputs: Inputs, options: ReportOptions, folder: Path, progress: Progres
     from pipeline.report import ReportFiles, write_report  # slow to import, and not needed while cached
 
     made = inputs["render"]
-    files = ReportFiles(made / "slow.mp4", made / "poster.png", options.slow)
+    start = float(json.loads((made / START).read_text(encoding="utf-8")))
+    files = ReportFiles(made / "slow.mp4", made / "poster.png", options.slow, start)
     clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
     scene = with_choice_noted(scene, options.detect)
     write_report(clip, scene, tracks, fit, files, options.title, options.settings, folder / "report.html")

@@ -10,7 +10,7 @@ import made_up_shot as shot
 import numpy as np
 import pytest
 
-from pipeline.report import ReportFiles, plan_figure, speed_figure, write_report
+from pipeline.report import ReportFiles, _event_rows, plan_figure, speed_figure, write_report
 from pipeline.sentences import event_sentence
 from pipeline.verdict import run_trust
 
@@ -42,6 +42,12 @@ def test_a_file_name_cannot_run_a_script(page: str) -> None:
 def test_each_event_seeks_the_slow_motion_to_a_little_before_it(page: str) -> None:
     seeks = [float(s) for s in re.findall(r'data-seek="([\d.]+)"', page)]
     assert seeks == pytest.approx([0.0, (0.5 - 0.15) * 8.0])
+
+
+def test_events_seek_where_a_slow_motion_without_its_still_beginning_shows_them() -> None:
+    fit = shot.made_up_fit(np.linspace(0, 0.8, 25))
+    rows = _event_rows(fit, ReportFiles(Path("slow.mp4"), Path("poster.png"), 8.0, start=0.2))
+    assert [row["seek"] for row in rows] == pytest.approx([0.0, (0.5 - 0.15 - 0.2) * 8.0])
 
 
 def test_the_page_says_who_did_what_when_and_how_surely(page: str) -> None:

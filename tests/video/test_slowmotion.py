@@ -101,6 +101,20 @@ def test_still_ends_are_cut_only_when_asked(tmp_path: Path) -> None:
     assert 25 <= lengths[1] <= 35
 
 
+def test_it_says_at_what_time_of_the_clip_it_begins(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 40)
+    tracks = shot.tracks(clip.t)
+    still = replace(tracks, xy=np.repeat(tracks.xy[:1], 40, axis=0), px=np.repeat(tracks.px[:1], 40, axis=0))
+    late = replace(shot.fit(clip.t).trajectory, start=np.array([0.0, 1.0, 0.0]), end=np.array([1.0, 1.2, clip.t[-1]]))
+    fit = replace(shot.fit(clip.t), trajectory=late)
+    begins = []
+    for trim in (False, True):
+        options = RenderOptions(slow=1.0, trim_still=trim)
+        begins.append(render_slow_motion(clip, shot.scene(), still, fit, tmp_path / "slow.mp4", options))
+    assert begins[0] == 0
+    assert begins[1] == pytest.approx(0.5, abs=0.05)
+
+
 def test_progress_goes_to_one(tmp_path: Path) -> None:
     clip = shot.clip_in(tmp_path, 8)
     seen: list[float] = []
