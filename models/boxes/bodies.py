@@ -86,6 +86,14 @@ def groups(x: Floats) -> Ints:
     return np.asarray(connected_components(coo_array(alike), directed=False)[1], np.int64)
 
 
+def keep_their_distances(x: Floats) -> bool:
+    """Whether points x (T, n, D) could be fixed to one body; what was not seen (NaN) says nothing."""
+    apart = np.linalg.norm(x[:, :, None] - x[:, None], axis=3)
+    with np.errstate(invalid="ignore"):
+        spread = np.nanmax(apart, axis=0) - np.nanmin(apart, axis=0)
+    return bool(np.all(spread <= 2 * STIFF * np.nanmax(apart)))
+
+
 def assembled(x: Floats, body: Ints) -> tuple[Bodies, Floats, float]:
     """Bodies, their places (T, B, 3) and the standard deviation of a coordinate, from points x (T, N, 2) of bodies
     (N,). The deviation is what rigid bodies leave; NaN where there are none. Angles are not wrapped."""

@@ -19,6 +19,8 @@ from models.regions import outlyingness
 from models.tracks import Tracks
 from pipeline.chain import refuse_closed
 from pipeline.command_line import DebugOption, JsonOption, app, named
+from pipeline.particle_prediction import predict_particles
+from pipeline.particles import is_particles
 from pipeline.prediction_files import as_text, summary, write_prediction
 from pipeline.publish import aside
 from pipeline.seen_shot import read_seen_shot
@@ -31,7 +33,7 @@ STEP = 0.02
 @app.command("predict")
 def predict_shot(
     source: Annotated[
-        Path, typer.Argument(metavar="DIR|tracks.csv", help="A run's folder, a track folder, or its tracks.csv.")
+        Path, typer.Argument(metavar="DIR|tracks.csv", help="A run's folder, a track folder, a tracks.csv.")
     ],
     seconds: Annotated[float, typer.Option("--seconds", help="How far to look ahead, s.")] = 3.0,
     at: Annotated[
@@ -46,9 +48,15 @@ def predict_shot(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """The rest of a shot from any moment, with its uncertainty; nothing seen later is used."""
+    """The rest of a shot from any moment, with its uncertainty; nothing seen later is used.
+
+    A tracks.csv without a scene is of any particles: springs, rigid bodies that collide, or bodies in flight.
+    """
     if not 0 < seconds <= 60:
         raise OptionError(f"--seconds is above 0 and at most 60; got {seconds:g}")
+    if is_particles(source):
+        predict_particles(source, seconds, at, out, shot, as_json)
+        return
     tracks, scene, number = read_seen_shot(source, shot)
     folder = out if out is not None else source if source.is_dir() else source.parent
     refuse_closed(folder)

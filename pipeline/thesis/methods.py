@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from models.curves import CURVES
 from models.neural.method import Method
 from pipeline.thesis.physics import ArmsFit, BoxesFit, SpringsFit
@@ -19,5 +21,9 @@ CONSTRAINT_NET = "ConstraintNet"
 def methods_for(scene: str) -> list[Method]:
     """The methods that can be run on a scene."""
     from models.neural.catalogue import METHODS  # torch takes seconds to import
+    from models.neural.constraint import CONSTRAINT_NET as NARROW
 
-    return [*METHODS, *([PHYSICS[scene]] if scene in PHYSICS else [])]
+    # four layers of 512 and ten projections where bodies collide: Yang, He, Zhu 2020
+    wide = replace(NARROW, widths=(512, 512, 512, 512), iterations=10)
+    networks = [wide if scene == "boxes" and method is NARROW else method for method in METHODS]
+    return [*networks, *([PHYSICS[scene]] if scene in PHYSICS else [])]

@@ -110,7 +110,6 @@ def test_what_the_physics_filled_in_was_not_seen(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("scene", "options", "words"),
     [
-        (None, [], "only billiards"),
         (SCENE | {"scene": "pendulum"}, [], "no billiards scene"),
         (SCENE | {"units": "inch"}, [], "inch"),
         ({key: value for key, value in SCENE.items() if key != "table"}, [], "table"),
