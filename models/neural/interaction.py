@@ -21,19 +21,22 @@ TRAITS = 2
 """learnt numbers that tell one point from another."""
 MESSAGE = 16
 """numbers that a pair makes."""
-NEIGHBOURS = 8
-"""pairs of a point at most: those nearest to it, on average over the samples."""
 
 
 class Interaction(nn.Module):
     """N points in D axes and the E pairs that act, both ways."""
 
     def __init__(
-        self, sizes: Sizes, widths: Sequence[int], activation: type[nn.Module], generator: torch.Generator
+        self,
+        sizes: Sizes,
+        pairs: tuple[Tensor, Tensor],
+        widths: Sequence[int],
+        activation: type[nn.Module],
+        generator: torch.Generator,
     ) -> None:
         super().__init__()
         self.points, self.axes = sizes.points, sizes.axes
-        self.target, self.source = nearest(sizes.seen.reshape(-1, sizes.points, sizes.axes), NEIGHBOURS)
+        self.target, self.source = pairs  # (E,) who hears, and whom
         self.traits = nn.Parameter(torch.randn(sizes.points, TRAITS, generator=generator, dtype=torch.float64))
         state = 2 * sizes.axes
         self.relation = Perceptron(state + 2 * TRAITS, MESSAGE, widths, activation, generator)
@@ -68,10 +71,13 @@ class InteractionLaw:
 
     widths: tuple[int, ...] = (32, 32)
     activation: type[nn.Module] = nn.Tanh
+    neighbours: int = 8
+    """what a point hears at most: those nearest to it, on average over the samples. Time grows with it."""
 
     def __call__(self, sizes: Sizes, generator: torch.Generator) -> nn.Module:
         """Fresh ones."""
-        return Interaction(sizes, self.widths, self.activation, generator)
+        pairs = nearest(sizes.seen.reshape(-1, sizes.points, sizes.axes), self.neighbours)
+        return Interaction(sizes, pairs, self.widths, self.activation, generator)
 
 
 INTERACTION = LearntFlow("interaction net", InteractionLaw(), RungeKutta())

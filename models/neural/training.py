@@ -106,15 +106,16 @@ def train(network: nn.Module, loss: Loss, schedule: Schedule, budget: Budget) ->
 def _adam(network: nn.Module, loss: Loss, schedule: Schedule, budget: Budget, best: Best) -> None:
     optimiser = torch.optim.Adam(network.parameters(), lr=schedule.rate)
     steps, mark, marked = budget.steps(schedule.adam), math.inf, 0
+    seconds = budget.seconds / 2 if schedule.lbfgs else budget.seconds
     for step in range(steps):
-        for group in optimiser.param_groups:
-            group["lr"] = _rate(schedule, step / steps)
+        for group in optimiser.param_groups:  # the rate falls in time for whichever end comes first
+            group["lr"] = _rate(schedule, min(max(step / steps, best.spent() / seconds), 1.0))
         optimiser.zero_grad()
         value = loss()
         best.see(float(value.detach()))
         if best.least < (1 - GAIN) * mark:
             mark, marked = best.least, step
-        if step - marked > budget.steps(schedule.patience) or best.spent() > budget.seconds:
+        if step - marked > budget.steps(schedule.patience) or best.spent() > seconds:
             return
         value.backward()  # type: ignore[no-untyped-call]
         if math.isfinite(schedule.clip):
