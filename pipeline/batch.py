@@ -13,11 +13,14 @@ import av
 import numpy as np
 
 from pipeline.cache import Cache
-from pipeline.chain import run_clip
+from pipeline.chain import FILES, SOURCE, run_clip
 from pipeline.graph import Watcher
 from pipeline.options import RunOptions
 from pipeline.publish import aside
 from pipeline.sentences import one_sentence
+
+RESULTS = frozenset(name for names in FILES.values() for name in names)
+"""Names of the files of a run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +41,21 @@ class Row:
 
 
 def find_clips(folder: Path) -> Iterator[Path]:
-    """Every file below `folder` that is a film by name or by content; hidden files and links are left out.
+    """Every file below `folder` that is a film by name or by content; hidden files, links and results are left out.
 
     A film by name that cannot be opened is among them: whoever gave it wants to know.
     """
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
-        if not hidden and path.is_file() and not path.is_symlink() and (_is_named_film(path) or _has_pictures(path)):
+        if hidden or not path.is_file() or path.is_symlink() or _is_result(path):
+            continue
+        if _is_named_film(path) or _has_pictures(path):
             yield path
+
+
+def _is_result(path: Path) -> bool:
+    """Whether a run wrote it: its folder notes which clip it was made of."""
+    return path.name in RESULTS and path.with_name(SOURCE).is_file()
 
 
 def _is_named_film(path: Path) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from terminal import Terminal, terminal
 
-from pipeline.batch import folders_of
+from pipeline.batch import find_clips, folders_of
 from pipeline.command_line import app
 from pipeline.commands import ORDER, first_sentence, load
 from pipeline.options import run_settings
@@ -156,6 +156,13 @@ def test_clips_of_a_batch_get_folders_of_their_own() -> None:
     clips = [Path("in") / name for name in ("a.mp4", "b.mp4", "b.mov", "deeper/a.mp4")]
     folders = folders_of(clips, Path("in"), Path("out"))
     assert [str(folders[clip]) for clip in clips] == ["out/a", "out/b_mp4", "out/b_mov", "out/deeper/a"]
+
+
+def test_what_an_earlier_run_made_is_no_clip() -> None:
+    for name in ("in/a.mp4", "in/done/slow.mp4", "in/done/source.json", "in/mine/slow.mp4"):
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
+        Path(name).touch()
+    assert [str(path) for path in find_clips(Path("in"))] == ["in/a.mp4", "in/mine/slow.mp4"]
 
 
 def test_a_broken_film_is_a_failed_row_and_other_files_are_none(trueroll: Terminal) -> None:
