@@ -16,15 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, interp1d, make_interp_spline
 
 from models.latent import Latent, infer
 from models.pendulum.angles import swing
-from models.springs import rate, springs
+from pipeline.thesis.pendulum import KINDS, swung
 
-KINDS = {"soft": (300.0, 0.1), "medium": (3e3, 1.0), "stiff": (1e5, 20.0)}
-"""Stiffness and damping, mass 1."""
 CASES = [
     *((kind, fps, noise) for kind in ("soft", "medium") for fps, noise in ((30, 0.1), (30, 0.5), (15, 0.1))),
     ("stiff", 30, 0.1),
@@ -54,15 +51,7 @@ class Row:
 
 def truth(kind: str, t: np.ndarray) -> np.ndarray:
     """(T, 3, 2) px."""
-    stiffness, damping = KINDS[kind]
-    graph = springs(np.ones(3), [(0, 1), (1, 2)], stiffness, damping, 80.0, np.array([0.0, 981.0]), held=(0,))
-    start = np.zeros((2, 3, 2))
-    start[0] = [[200, 190], [280, 190], [360, 190]]
-    path = solve_ivp(
-        lambda _, y: rate(graph, y.reshape(2, 3, 2)).ravel(), (t[0], t[-1]), start.ravel(), method="DOP853",
-        rtol=1e-10, atol=1e-10, t_eval=t,
-    )  # fmt: skip
-    return path.y.T.reshape(len(t), 2, 3, 2)[:, 0]
+    return swung(kind, tuple(t))
 
 
 def measure(x: np.ndarray, t: np.ndarray, frames: int, noise: float, seed: int) -> Row:

@@ -1,0 +1,207 @@
+"""`trueroll reproduce`: scenes, trials that are kept, what the tables say, and the files that it leaves."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.curves import CUBIC, CURVES, LINEAR
+from models.neural.method import Budget, Fitted, Floats, Method
+from pipeline.cache import Cache
+from pipeline.execute import execute
+from pipeline.thesis.boxes import bodies
+from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAME, THESIS_NETS, methods_for
+from pipeline.thesis.page import sheets
+from pipeline.thesis.pendulum import GRAVITY, LENGTH, as_angles, as_points, swung
+from pipeline.thesis.plan import Plan, cases, left_out
+from pipeline.thesis.pool import pool, shots_of
+from pipeline.thesis.series import Case, Series, filmed
+from pipeline.thesis.trials import LOST, Trial, tried
+from pipeline.thesis.words import cells, sentences
+
+CASE = Case("double-pendulum", "soft", 30.0, 0.1, 0)
+
+
+def made_up(frames: int = 21) -> Series:
+    """A particle on a parabola."""
+    t = np.arange(frames) / 30
+    return filmed(CASE, t, np.stack([t, 300 * t**2], axis=1)[:, None] * 100)
+
+
+@dataclass(frozen=True)
+class Counted:
+    """A method that counts how often it is asked."""
+
+    motion: Callable[[Floats], Floats]
+    name: str = "counted"
+    asked: list[int] = field(default_factory=list)
+
+    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Fitted:
+        self.asked.append(seed)
+        return Fitted(self.motion, np.arange(3.0), 7, 0.5)
+
+
+def test_half_of_the_frames_are_withheld_and_noise_is_as_told() -> None:
+    t = np.arange(1000) / 30
+    series = filmed(Case("pool", "shot 0", 30.0, 0.5, 4), t, np.zeros((1000, 5, 2)))
+    assert len(series.t) == 999
+    assert not set(series.shown[0]) & set(series.hidden[0])
+    assert series.shown[1].std() == pytest.approx(0.5, rel=0.05)
+    assert not series.hidden[1].any()
+
+
+def test_stiff_springs_are_a_double_pendulum_that_loses_no_height_in_a_short_swing() -> None:
+    t = np.linspace(0, 0.5, 201)
+    path = swung("stiff", tuple(t))
+    arms = np.linalg.norm(np.diff(path, axis=1), axis=2)
+    assert np.abs(arms - LENGTH).max() < 0.5
+    speed = np.gradient(path, t, axis=0)[1:-1, 1:]
+    gained = 0.5 * (speed**2).sum(axis=(1, 2)) - GRAVITY * (path[1:-1, 1:, 1] - path[0, 1:, 1]).sum(axis=1)
+    assert np.abs(gained).max() < 0.01 * GRAVITY * LENGTH
+
+
+def test_points_and_angles_of_a_pendulum_are_the_same_thing() -> None:
+    angles = np.array([[0.1, -2.0], [3.0, 1.0], [3.5, 1.5]])
+    assert as_angles(as_points(angles)) == pytest.approx(angles)
+
+
+def test_a_trial_is_worked_out_once(tmp_path: Path) -> None:
+    series, cache = made_up(), Cache(tmp_path)
+    method = Counted(lambda t: np.stack([t, 300 * t**2], axis=1)[:, None] * 100 + 1.0)
+    first, second = (tried(method, series, Budget(), cache) for _ in range(2))
+    assert method.asked == [0]
+    assert first.mse == second.mse == pytest.approx(1.0)
+    assert first.row == second.row
+    assert np.array_equal(first.error, second.error)
+
+
+def test_a_motion_that_is_lost_has_an_error_and_says_so(tmp_path: Path) -> None:
+    trial = tried(Counted(lambda t: np.full((len(t), 1, 2), np.nan)), made_up(), Budget(), Cache(tmp_path))
+    assert trial.mse == pytest.approx(LOST**2)
+    assert "lost" in trial.note
+    json.dumps(trial.row, allow_nan=False)
+
+
+def test_a_method_that_refuses_is_a_row_with_its_reason(tmp_path: Path) -> None:
+    @dataclass(frozen=True)
+    class Refusing:
+        name: str = "refusing"
+
+        def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Fitted:
+            raise ValueError("these samples are not enough")
+
+    trial = tried(Refusing(), made_up(), Budget(), Cache(tmp_path))
+    assert trial.note == "these samples are not enough"
+    assert trial.row["seconds"] is None
+
+
+def test_gains_are_against_linear_and_cubic_through_the_same_samples(tmp_path: Path) -> None:
+    series, cache = made_up(), Cache(tmp_path)
+    linear, cubic = (tried(method, series, Budget(), cache) for method in (LINEAR, CUBIC))
+    assert (linear.x_linear, cubic.x_cubic) == (1.0, 1.0)
+    assert cubic.x_linear == pytest.approx(linear.mse / cubic.mse)
+
+
+def trial(method: str, mse: float, noise: float = 0.0, seed: int = 0, scene: str = "double-pendulum") -> Trial:
+    case = Case(scene, "stiff", 30.0, noise, seed)
+    return Trial(case, method, mse, 1.0, 1.0, 1.0, 0, "", np.zeros(1), np.zeros(1), np.zeros(0))
+
+
+def test_the_words_count_where_the_claim_holds_and_where_a_spline_does_as_well() -> None:
+    trials = [
+        trial("linear", 1.0), trial("cubic", 0.001), trial("RK net", 0.002), trial(PHYSICS_NAME, 1e-5),
+        trial("linear", 1.0, 0.1), trial("cubic", 0.5, 0.1), trial("RK net", 0.1, 0.1), trial(PHYSICS_NAME, 0.01, 0.1),
+    ]  # fmt: skip
+    said = " ".join(sentences("double-pendulum", cells(trials)))
+    assert "holds in 1 of 2 settings (stiff, 30 Hz, noise 0 px)" in said
+    assert "at least as well as that network in 1 of 2" in said
+    assert "best of all methods in 2 of 2" in said
+
+
+def test_tables_show_medians_over_seeds_and_mark_the_best() -> None:
+    trials = [trial("linear", 1.0, seed=s) for s in range(3)]
+    trials += [trial("cubic", mse, seed=s) for s, mse in enumerate((0.1, 0.5, 0.25))]
+    (sheet,) = sheets("double-pendulum", cells(trials))
+    assert [line.method for line in sheet.rows] == ["linear: mse, px²", "cubic"]
+    assert (sheet.rows[1].cells[0].text, sheet.rows[1].cells[0].look) == ("4", "best")
+
+
+def test_the_methods_that_sentences_speak_of_exist() -> None:
+    for scene in ("double-pendulum", "real", "boxes"):
+        names = [method.name for method in methods_for(scene)]
+        assert len(names) == len(set(names))
+        assert {*THESIS_NETS, CONSTRAINT_NET, PHYSICS_NAME} <= set(names)
+
+
+def test_the_plan_has_what_was_asked_for_and_says_what_is_left_out(tmp_path: Path) -> None:
+    whole = cases(Plan())
+    assert {case.scene for case in whole} == {"double-pendulum", "boxes"}
+    assert len(whole) == 3 * 2 * 27
+    assert {case.seed for case in whole[: len(whole) // 3]} == {0}
+    assert [sentence.split()[1] for sentence in left_out(Plan(data=tmp_path))] == ["real", "pool"]
+
+
+def test_every_corner_belongs_to_a_box_and_the_ball_to_none() -> None:
+    counts = np.bincount(bodies())
+    assert counts.tolist() == [1] + [4] * 50
+
+
+def test_the_pool_scene_is_the_longest_stretch_with_every_ball(tmp_path: Path) -> None:
+    lines = ["shot,frame,t,id,x_px,y_px,observed"]
+    for k in range(40):
+        for name, x in (("cue", 10.0 * k), ("red", 500.0)):
+            lines.append(f"0,{k},{k / 30:.6f},{name},{x},{3 * k},{int((k, name) != (8, 'red'))}")
+    (tmp_path / "tracks.csv").write_text("\n".join(lines), encoding="utf-8")
+    assert shots_of(tmp_path) == [("shot 0", 30.0)]
+    series = pool(Case("pool", "shot 0", 30.0, 0.0, 0), tmp_path)
+    assert series.truth.shape == (31, 2, 2)
+    assert series.truth[0, 0, 0] == pytest.approx(90.0)
+
+
+@pytest.fixture
+def only_curves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Networks take minutes."""
+
+    def curves(scene: str) -> list[Method]:
+        return list(CURVES)
+
+    monkeypatch.setattr("pipeline.thesis.plan.methods_for", curves)
+
+
+@pytest.mark.usefixtures("only_curves")
+def test_the_command_leaves_a_table_figures_and_a_page_and_resumes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["reproduce", "double-pendulum", "--quick", "--jobs", "1", "-o", str(tmp_path / "out"),
+               "--cache", str(tmp_path / "cache"), "--json"]  # fmt: skip
+    assert execute(command) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert {row["method"] for row in rows} == {method.name for method in CURVES}
+    assert {(row["scene"], row["variant"], row["fps"], row["seed"]) for row in rows} == {
+        ("double-pendulum", "stiff", 30.0, 0)
+    }
+    wanted = {"scene", "variant", "method", "fps", "noise_px", "seed", "mse", "x_linear", "x_cubic", "seconds"}
+    assert all(wanted <= set(row) for row in rows)
+    page = (tmp_path / "out" / "reproduce.html").read_text(encoding="utf-8")
+    assert 'src="http' not in page
+    assert 'href="http' not in page
+    pictures = sorted((tmp_path / "out").glob("*.png"))
+    assert len(pictures) == 3
+    assert all(path.read_bytes()[:4] == b"\x89PNG" for path in pictures)
+    assert (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8").count("\n") == len(rows) + 1
+    assert execute(command) == 0
+    assert json.loads(capsys.readouterr().out) == rows
+
+
+def test_a_scene_without_its_material_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["reproduce", "real", "-o", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
+    assert execute([*command, "--data", str(tmp_path)]) == 2
+    assert "double_freeswing_200Hz.npz" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
