@@ -36,6 +36,27 @@ class Trust:
 
 
 @dataclass(frozen=True, slots=True)
+class Laws:
+    """By which published laws balls and cushions touched in a fit of whole shots, and how well these told of it.
+
+    N balls, those that moved.
+    """
+
+    cushion: str
+    ball: str
+    chi2_per_dof: float
+    """robust, of all that was seen of these balls."""
+    parameters: tuple[Parameter, ...]
+    t: float
+    """s, when the balls were in these states: just after the first strike."""
+    ids: tuple[str, ...]
+    state: Floats
+    """(N, 7) x, y (m), vx, vy (m/s), wx, wy, wz (rad/s)."""
+    covariance: Floats
+    """(N, 7, 7)"""
+
+
+@dataclass(frozen=True, slots=True)
 class Fit:
     """A fitted shot."""
 
@@ -53,3 +74,7 @@ class Fit:
     accepted: NDArray[np.bool_]
     """(T, N) an accepted fit holds there."""
     trust: Trust
+    laws: Laws | None = None
+    """of the whole shots; None where no law explains them."""
+    lawless: str = ""
+    """why there are none, a sentence."""

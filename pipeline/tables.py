@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from models.events import Events
-from models.fit import Fit
+from models.fit import Fit, Parameter
 from models.scene import Camera, Scene
 from models.tracks import Tracks
 from models.trajectory import State, Trajectory
@@ -42,6 +43,8 @@ DECIMALS = {
 }
 """Places kept of each column (m, s, px); others get six."""
 SHOT = 0
+OF_TABLE = ("collision_radius", "nose")
+"""What a fit tells that is no effect of the catalogue."""
 
 
 def write_tracks(scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
@@ -110,9 +113,10 @@ def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) 
         "ball_mass": table.ball_mass,
         "image": _image(scene.camera, table.ball_radius, scene),
         "calibration": _calibration(scene),
-        "model": sorted({p.name.split(".")[0] for p in fit.parameters}) or list(DEFAULT_MODEL),
+        "model": sorted(_effects(fit)) or list(DEFAULT_MODEL),
         "effects": _effects(fit),
-        "balls": _balls(tracks, fit.trajectory),
+        "laws": _laws(fit, table.ball_radius),
+        "balls": _balls(tracks, fit),
         "fit": _quality(tracks, fit),
         "trust": {"light": trust.light, "why": list(trust.reasons)},
         "notes": [*clip.notes, *scene.notes],
@@ -144,27 +148,57 @@ def _calibration(scene: Scene) -> dict[str, Any]:
 
 
 def _effects(fit: Fit) -> dict[str, dict[str, Any]]:
+    """Numbers of the effects of the catalogue; what else a fit of whole shots tells stands with its laws."""
     effects: dict[str, dict[str, Any]] = {}
-    for p in fit.parameters:
+    for p in fit.parameters if fit.laws is None else fit.laws.parameters:
         effect, _, name = p.name.partition(".")
-        facts = {"value": p.value, "sigma": p.sigma, "unit": p.unit, "prior_only": p.prior_only}
-        effects.setdefault(effect, {})[name] = facts
+        if effect not in OF_TABLE:
+            effects.setdefault(effect, {})[name] = _number(p)
     return effects
 
 
-def _balls(tracks: Tracks, motion: Trajectory) -> list[dict[str, Any]]:
-    """Each ball with its state where its motion begins."""
-    balls = []
+def _number(p: Parameter) -> dict[str, Any]:
+    return {"value": p.value, "sigma": p.sigma, "unit": p.unit, "prior_only": p.prior_only}
+
+
+def _laws(fit: Fit, radius: float) -> dict[str, Any]:
+    """By which laws balls and cushions touch, the radius at which they do, and where the noses are beyond the table."""
+    if fit.laws is None:
+        return {"cushion": None, "ball": None, "why": fit.lawless}
+    told = {p.name: p for p in fit.laws.parameters}
+    factor = told["collision_radius.factor"]
+    size = replace(factor, value=factor.value * radius, sigma=factor.sigma * radius, unit="m")
+    noses = {name.partition(".")[2]: _number(p) for name, p in told.items() if name.startswith("nose.")}
+    return {
+        "cushion": fit.laws.cushion,
+        "ball": fit.laws.ball,
+        "chi2_per_dof": fit.laws.chi2_per_dof,
+        "collision_radius": _number(size),
+        "noses": noses,
+    }
+
+
+def _balls(tracks: Tracks, fit: Fit) -> list[dict[str, Any]]:
+    """Each ball with its state where its motion begins; where laws explain the whole shot, with its spin at the strike
+    and the covariance of all seven numbers."""
+    balls, motion = [], fit.trajectory
     for k, ball in enumerate(motion.ids):
         rows = np.flatnonzero(motion.ball == k)
         facts: dict[str, Any] = {"id": ball, "kind": tracks.kinds[tracks.ids.index(ball)]}
-        if len(rows):
+        if fit.laws is not None and ball in fit.laws.ids:
+            at = fit.laws.ids.index(ball)
+            facts |= _state(fit.laws.t, fit.laws.state[at], fit.laws.covariance[at])
+        elif len(rows):
             first = rows[0]
-            x, v, w = motion.position[first, 0], motion.position[first, 1], motion.spin[first, 0]
-            facts |= {"t": motion.start[first], "x": x[0], "y": x[1], "vx": v[0], "vy": v[1]}
-            facts |= {"wx": w[0], "wy": w[1], "wz": w[2], "covariance": motion.covariance[first].tolist()}
+            state = [*motion.position[first, 0], *motion.position[first, 1], *motion.spin[first, 0]]
+            facts |= _state(motion.start[first], state, motion.covariance[first])
         balls.append(facts)
     return balls
+
+
+def _state(t: float, state: Sequence[float] | Floats, covariance: Floats) -> dict[str, Any]:
+    names = ("x", "y", "vx", "vy", "wx", "wy", "wz")
+    return {"t": t, **dict(zip(names, state, strict=True)), "covariance": covariance.tolist()}
 
 
 def _quality(tracks: Tracks, fit: Fit) -> dict[str, float]:

@@ -37,8 +37,6 @@ _CLEAR, _CLEARER = 3.0, 4.5
 """standard deviations of a sum of costs: of all, and of one of many."""
 _NOISIEST = 2.0
 """over the variance promised: first moments that are explained no better are no measure."""
-_PATIENCE = 3
-"""how often draws may not help, until the laws are taken not to explain the shot."""
 _FEW_STEPS = ShootingOptions(iterations=3)
 _DRAWS = 192
 _WIDER = 1.5
@@ -61,16 +59,16 @@ def grown(model: Shots, shared: Floats, rng: np.random.Generator, options: Shoot
     """One shot fitted to more and more of what was seen of it, begun with the numbers `shared` (P,)."""
     seen, last = float(model.stretches[0].t[0]), max(float(stretch.t[-1]) for stretch in model.stretches)
     now, usual = _first(model, shared)
-    patience = _PATIENCE
+    lawful = True
     while seen < last:
         view = min(next_view(model, now, seen), last)
         part, before = model.until(view), now
         now = _begun(part, before)
         if not goes_on(part, now, usual):
             found = shoot(part, now.shared, _STEPS, now.starts)
-            if patience and not goes_on(part, _guess(found), usual):
+            if lawful and not goes_on(part, _guess(found), usual):
                 found = _redrawn(model.until(seen), part, before, found, rng)
-                patience -= not goes_on(part, _guess(found), usual)
+                lawful = goes_on(part, _guess(found), usual)  # draws do not mend laws that are not those of the shot
             now = _guess(found)
         seen = view
     found = shoot(model, now.shared, options, now.starts)
@@ -120,8 +118,9 @@ def _first(model: Shots, shared: Floats) -> tuple[Guess, float]:
     """The best of all first guesses by the first moments, and their variance over what was promised, at least 1."""
     part = model.until(float(model.stretches[0].t[0]) + FIRST)
     window = part.windows[0]
-    tried = [shoot(part, shared, _STEPS, (start,)) for start in (window.start, *window.others)]
-    best = min(tried, key=lambda one: one.cost)
+    tried = [shoot(part, shared, _FEW_STEPS, (start,)) for start in (window.start, *window.others)]
+    begun = min(tried, key=lambda one: one.cost)
+    best = shoot(part, begun.shared, _STEPS, begun.starts)
     most = 1 + _CLEAR / np.sqrt(max(len(window.t), 1))
     usual = 1.0 if np.isnan(best.chi2_per_dof) else float(np.clip(best.chi2_per_dof / most, 1.0, _NOISIEST))
     return _guess(best), usual

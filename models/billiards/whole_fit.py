@@ -105,6 +105,8 @@ def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator) -
     numbers = sorted({one.shot for one in model.stretches})
     usual = np.array([prior.value for prior in model.unknowns])
     alone = {number: grown(_only(model, [number]), usual, rng, options) for number in numbers}
+    if len(numbers) == 1:
+        return alone[numbers[0]]
     good = [number for number in numbers if alone[number].chi2_per_dof < _EXPLAINED]
     good = good or [min(numbers, key=lambda number: alone[number].chi2_per_dof)]
     first = alone[min(good, key=lambda number: float(np.log(alone[number].sigma).sum()))]

@@ -15,6 +15,9 @@ def fit_stage(options: FitOptions) -> Stage:
 
 
 def _run(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
-    from models.fitting import fit_shot  # slow to import, and not needed while cached
+    from models.billiards.whole_shots import with_laws  # slow to import, and not needed while cached
+    from models.fitting import fit_shot
 
-    return fit_shot(inputs["track"], inputs["calibrate"], options, progress)
+    tracks, scene = inputs["track"], inputs["calibrate"]
+    fit = fit_shot(tracks, scene, options, progress)
+    return fit if options.quick else with_laws(fit, tracks, scene.table, options)

@@ -11,7 +11,7 @@ import made_up_shot as shot
 import numpy as np
 import pytest
 
-from models.fit import Fit
+from models.fit import Fit, Laws, Parameter
 from models.scene import Scene
 from models.tracks import Tracks
 from pipeline.tables import write_events, write_scene, write_tracks, write_trajectory
@@ -140,6 +140,30 @@ def test_the_scene_is_that_of_a_track_folder_and_strict_json(
     assert document["trust"]["light"] == "green"
     assert [ball["id"] for ball in document["balls"]] == ["white", "red"]
     assert document["balls"][0]["vx"] == shot.SPEED
+
+
+def test_laws_of_whole_shots_stand_in_the_scene_with_the_spin_they_tell(
+    clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, tmp_path: Path
+) -> None:
+    write_scene(clip, scene, tracks, replace(fit, lawless="No ball moved."), tmp_path / "scene.json")
+    assert json.loads((tmp_path / "scene.json").read_text())["laws"]["why"] == "No ball moved."
+    told = (
+        Parameter("cushion_restitution.e", 0.9, 0.01, "1", False),
+        Parameter("collision_radius.factor", 1.01, 0.002, "1", True),
+        Parameter("nose.left", 0.001, 0.0005, "m", False),
+    )
+    state = np.array([[0.2, 0.5, 1.0, 0.0, 0.0, 35.0, 7.0]])
+    laws = Laws("han_2005", "inelastic", 1.1, told, 0.1, ("white",), state, np.eye(7)[None])
+    write_scene(clip, scene, tracks, replace(fit, laws=laws), tmp_path / "scene.json")
+    document = json.loads((tmp_path / "scene.json").read_text())
+    assert set(document["effects"]) == {"cushion_restitution"}
+    assert document["laws"]["cushion"] == "han_2005"
+    assert document["laws"]["collision_radius"]["value"] == pytest.approx(1.01 * scene.table.ball_radius)
+    assert document["laws"]["noses"]["left"]["sigma"] == 0.0005
+    white, red = document["balls"]
+    assert (white["t"], white["wy"], white["wz"]) == (0.1, 35.0, 7.0)
+    assert np.shape(white["covariance"]) == (7, 7)
+    assert np.shape(red["covariance"]) == (4, 4)
 
 
 def test_a_shot_in_which_nothing_was_seen_still_makes_whole_files(
