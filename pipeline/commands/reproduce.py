@@ -86,7 +86,7 @@ def _carry_out(plan: Plan, cache: Path, out: Path, jobs: int) -> list[Trial]:
 
 def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
     from pipeline.thesis.page import TITLES
-    from pipeline.thesis.plan import left_out
+    from pipeline.thesis.plan import QUICK_EFFORT, left_out
     from pipeline.thesis.tables import grids
     from pipeline.thesis.words import cells, sentences
 
@@ -98,6 +98,8 @@ def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
             screen.print(escape(sentence), soft_wrap=True)
         for grid in grids(scene, found):
             screen.print(grid)
+    if plan.quick:
+        screen.print(f"\nQuick: networks had {QUICK_EFFORT:.0%} of their training, and can be better than this.")
     for sentence in left_out(plan):
         screen.print(escape(sentence), soft_wrap=True)
     print(f"Look at {out / 'reproduce.html'}; {out / 'trials.csv'} has every number.")

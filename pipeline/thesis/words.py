@@ -63,6 +63,11 @@ def times(gain: float) -> str:
     return f"{gain:,.0f}" if gain >= 100 else f"{gain:.2g}"
 
 
+def compared(gain: float) -> str:
+    """A factor as how many times lower an error is, or higher."""
+    return f"{times(gain)} times lower" if gain >= 1 else f"{times(1 / max(gain, 1e-300))} times higher"
+
+
 def best(cell: Cell, names: Iterable[str]) -> tuple[str, float] | None:
     """The best of some methods in a cell."""
     there = [(name, cell.mse[name]) for name in names if name in cell.mse]
@@ -81,7 +86,7 @@ def _thesis(scene: str, here: list[Cell]) -> str:
     if not found:
         return ""
     values = np.array([gain for _, gain in found])
-    many = f"{_middle(found)} times lower than linear in the median setting ({_span(found)})"
+    many = f"{_middle(found)} than linear in the median setting ({_span(found)})"
     if scene == "boxes":
         alike = int(np.sum((values > 1 / ALIKE) & (values < ALIKE)))
         return (
@@ -112,9 +117,9 @@ def _constraint(here: list[Cell]) -> str:
     own = gains(here, (CONSTRAINT_NET,), "linear")
     if not own:
         return ""
-    text = f"ConstraintNet is {_middle(own)} times better than linear in the median setting"
+    text = f"ConstraintNet's error is {_middle(own)} than linear in the median setting"
     if found:
-        text += f", the thesis' network {_middle(found)} times better than ConstraintNet"
+        text += f", that of the thesis' network {_middle(found)} than ConstraintNet's"
     return text + "."
 
 
@@ -124,15 +129,15 @@ def _physics(here: list[Cell]) -> str:
         return ""
     first = sum(best(cell, cell.mse) == best(cell, (PHYSICS_NAME,)) for cell, _ in found)
     return (
-        f"The fit of the physics itself is {_middle(found)} times lower than the cubic spline in the median "
-        f"setting ({_span(found)}), and the best of all methods in {first} of {len(found)}."
+        f"The error of the fit of the physics itself is {_middle(found)} than the cubic spline's in the median setting "
+        f"({_span(found)}); it is the best of all methods in {first} of {len(found)}."
     )
 
 
 def _middle(found: list[tuple[Cell, float]]) -> str:
-    return times(median(gain for _, gain in found))
+    return compared(median(gain for _, gain in found))
 
 
 def _span(found: list[tuple[Cell, float]]) -> str:
     values = [gain for _, gain in found]
-    return f"{times(min(values))} to {times(max(values))}"
+    return f"from {compared(min(values))} to {compared(max(values))}"
