@@ -104,7 +104,7 @@ def _meet(x: Floats) -> bool:
 
 
 def fits(particles: Particles) -> dict[str, Fit]:
-    """What can be tried: curves, and rigid bodies where points may be fixed to some."""
+    """What can be tried: curves, and rigid bodies where several points are fixed to one."""
     found: dict[str, Fit] = {"linear": curve_through(1), "cubic": curve_through(3), "akima": curve_through(None)}
     if particles.x.shape[2] == 2 and len(particles.t) >= LEAST_FOR_PHYSICS and particles.seen.all():
         labels = groups(particles.x) if particles.body is None else particles.body

@@ -21,6 +21,10 @@ STEADY = 0.05
 """share by which the acceleration may differ between two intervals of free flight."""
 LEAST_FLIGHTS = 3
 """pairs of intervals of free flight by which gravity is known."""
+STRIDES = (1, 2, 3, 5)
+"""samples from one to the next."""
+MOST_FLIGHTS = 2000
+"""that are compared with each other."""
 CLEARLY = 6.0
 """standard deviations that a bend must have to count as one."""
 SLACK = 1e-3
@@ -67,14 +71,30 @@ def guessed(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> World:
 
 
 def _gravity(t: Floats, places: Floats, sigma: float) -> Floats:
-    """The acceleration that bodies keep for two intervals running: nothing but gravity is so steady."""
+    """Gravity seen over every sample, or over every few where noise hides it between neighbours."""
+    for stride in STRIDES:
+        found = _steady(t[::stride], places[::stride], sigma) if len(t) > 4 * stride else np.zeros(2)
+        if found.any():
+            return found
+    return np.zeros(2)
+
+
+def _steady(t: Floats, places: Floats, sigma: float) -> Floats:
+    """The acceleration that most bodies keep for two intervals running: nothing but gravity is so steady and common."""
     bend, error = _bends(t, places), _bend_error(t, sigma)
-    first, second = bend[:-1], bend[1:]
-    size = np.linalg.norm(first + second, axis=2) / 2
-    steady = (np.linalg.norm(second - first, axis=2) < STEADY * size + error / CLEARLY) & (size > max(error, 1e-9))
-    if steady.sum() < LEAST_FLIGHTS:
+    middle = (bend[:-1] + bend[1:]) / 2
+    size = np.linalg.norm(middle, axis=2)
+    steady = (np.linalg.norm(np.diff(bend, axis=0), axis=2) < STEADY * size + error / CLEARLY) & (size > error)
+    flights = middle[steady][:MOST_FLIGHTS]
+    if len(flights) < LEAST_FLIGHTS:
         return np.zeros(2)
-    return np.asarray(np.median((first + second)[steady] / 2, axis=0), np.float64)
+    near = (
+        np.linalg.norm(flights[:, None] - flights, axis=2) < STEADY * np.linalg.norm(flights, axis=1) + error / CLEARLY
+    )
+    chosen = near[:, int(np.argmax(near.sum(axis=0)))]
+    if chosen.sum() < LEAST_FLIGHTS:
+        return np.zeros(2)
+    return np.asarray(np.median(flights[chosen], axis=0), np.float64)
 
 
 def _corners(bodies: Bodies, places: Floats) -> list[Floats]:
