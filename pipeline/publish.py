@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+LEFT_S = 3600.0
+"""s without a write after which what lies aside was left by a process that was killed."""
 
 
 @contextmanager
@@ -17,6 +22,7 @@ def aside(target: Path) -> Iterator[Path]:
     What the system says against the hidden path is said of the target: its name is the one that a user knows.
     """
     path = target.with_name(f".{target.name}.{os.getpid()}.part")
+    _clear_left(target)
     try:
         yield path
         os.replace(path, target)
@@ -26,6 +32,14 @@ def aside(target: Path) -> Iterator[Path]:
         raise
     finally:
         path.unlink(missing_ok=True)
+
+
+def _clear_left(target: Path) -> None:
+    """Remove what killed processes left beside `target`; their numbers say nothing where machines share a folder."""
+    for left in target.parent.glob(f".{glob.escape(target.name)}.*.part"):
+        with suppress(OSError):  # another may be quicker
+            if time.time() - left.stat().st_mtime > LEFT_S:
+                left.unlink()
 
 
 @contextmanager

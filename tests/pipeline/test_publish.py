@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import errno
+import os
+import time
 from pathlib import Path
 
 import pytest
 
-from pipeline.publish import aside, folder_aside
+from pipeline.publish import LEFT_S, aside, folder_aside
 from pipeline.sentences import one_sentence
 
 
@@ -34,6 +36,16 @@ def test_after_an_error_the_old_file_stands_and_nothing_lies_beside_it(tmp_path:
         tear(path, error)
     assert raised.value is error
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("a.txt", "old")]
+
+
+def test_what_a_killed_process_left_long_ago_goes_and_what_another_writes_now_stays(tmp_path: Path) -> None:
+    names = (".a[1].txt.77.part", ".a[1].txt.78.part", ".b.txt.77.part")
+    for name, age in zip(names, (2 * LEFT_S, 0.5 * LEFT_S, 2 * LEFT_S), strict=True):
+        (tmp_path / name).write_text("half")
+        os.utime(tmp_path / name, (time.time() - age,) * 2)
+    with aside(tmp_path / "a[1].txt") as path:
+        path.write_text("whole")
+    assert sorted(file.name for file in tmp_path.iterdir()) == [names[1], names[2], "a[1].txt"]
 
 
 def test_a_full_disk_is_told_of_the_file_that_a_user_knows(tmp_path: Path) -> None:
