@@ -190,7 +190,8 @@ def seldom_seen(tracks: Tracks) -> NDArray[np.bool_]:
 def outliers(t: Floats, xy: Floats, sigma: Floats, limit: float = 8.0) -> NDArray[np.bool_]:
     """Samples (T,) that lie far off while the two before and the two after agree with each other without them.
 
-    `limit` is in standard deviations of the sample and its neighbours.
+    They agree where a ball goes on steadily, and where it rests on one side and is at that place on the other: none
+    leaves a place and is back there in the next picture. `limit` is in standard deviations of the sample.
     """
     bad = np.zeros(len(t), bool)
     if len(t) < 5:
@@ -198,11 +199,17 @@ def outliers(t: Floats, xy: Floats, sigma: Floats, limit: float = 8.0) -> NDArra
     left, right = xy[1:-3], xy[3:-1]
     share = ((t[2:-2] - t[1:-3]) / (t[3:-1] - t[1:-3]))[:, None]
     jump = np.linalg.norm(xy[2:-2] - (left + share * (right - left)), axis=1)
-    step = np.linalg.norm(right - left, axis=1)
-    before = np.linalg.norm(left - xy[:-4], axis=1) / (t[1:-3] - t[:-4])
-    after = np.linalg.norm(xy[4:] - right, axis=1) / (t[4:] - t[3:-1])
-    pace = step / (t[3:-1] - t[1:-3])
-    steady = np.abs(pace - (before + after) / 2) < 0.2 * (before + after) / 2 + 2 * sigma[2:-2] / (t[3:-1] - t[1:-3])
+    gaps = [(late - early)[:, None] for early, late in ((t[:-4], t[1:-3]), (t[1:-3], t[3:-1]), (t[3:-1], t[4:]))]
+    ways = (left - xy[:-4], right - left, xy[4:] - right)
+    before, pace, after = (way / gap for way, gap in zip(ways, gaps, strict=True))
+    left_by, step, goes_on = (np.linalg.norm(way, axis=1) for way in ways)
+    usual = (np.linalg.norm(before, axis=1) + np.linalg.norm(after, axis=1)) / 2
+    # neither faster or slower than before and after, nor another way
+    change = np.linalg.norm(pace - (before + after) / 2, axis=1) + usual - np.linalg.norm(before + after, axis=1) / 2
+    steady = change < 0.2 * usual + 2 * sigma[2:-2] / gaps[1][:, 0]
+    steady &= np.linalg.norm(after - before, axis=1) < usual + 2 * sigma[2:-2] / gaps[1][:, 0]
+    near = 3 * np.maximum(sigma[1:-3], sigma[3:-1])
+    rested = np.minimum(left_by, goes_on) < near
     # a contact bends a path by at most what the ball can travel meanwhile
-    bad[2:-2] = steady & (jump > limit * sigma[2:-2]) & (jump > 0.5 * step)
+    bad[2:-2] = (steady | (rested & (step < near))) & (jump > limit * sigma[2:-2]) & (jump > 0.5 * step)
     return bad
