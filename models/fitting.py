@@ -7,18 +7,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.clock import Clock
 from models.contacts import near_something, tell
 from models.events import Events
+from models.exposures import clock_of
 from models.fit import Fit, Parameter, Trust
-from models.happenings import events_of, pocketed
+from models.happenings import events_of, frame_at, pocketed
 from models.knowledge import ROLLING_PRIOR, SLIDING_PRIOR
-from models.noise import Noise, estimate_noise, outliers, seldom_seen, with_noise
+from models.noise import FLOOR, Noise, estimate_noise, outliers, seldom_seen, with_noise
 from models.options import FitOptions
 from models.paths import measured_pieces, pack, pieces_of
 from models.progress import Progress, silent
 from models.reappraisal import reappraised
 from models.record import record_of
-from models.refinement import refine
+from models.refinement import refine, with_covariance
 from models.revision import revise, without_doubts
 from models.scene import Scene, Table
 from models.segmentation import Samples, segment
@@ -45,16 +47,29 @@ def fit_and_solution(
 ) -> tuple[Fit, Solution | None]:
     """The same, with the numbers behind it and their covariance; None where physics could not be fitted."""
     solution = None
+    clock = clock_of(tracks, FLOOR * scene.table.ball_radius)
+    taken = replace(tracks, t=clock.taken)
     try:
-        fit, solution = _fitted(tracks, scene.table, options, progress)
+        fit, solution = _fitted(taken, scene.table, options, progress)
     except np.linalg.LinAlgError as failure:
-        fit = _measured_only(tracks, options, f"The fit failed: {failure}; paths are as measured.")
+        fit = _measured_only(taken, options, f"The fit failed: {failure}; paths are as measured.")
     timed = (
-        retimed(record_of(tracks, fit.events, fit.trajectory, scene.table, scene.camera))
+        retimed(record_of(taken, fit.events, fit.trajectory, scene.table, scene.camera))
         if len(tracks.t)
         else fit.events
     )
-    return replace(fit, events=timed, trust=with_doubts(fit.trust, scene.doubts)), solution
+    return _as_shown(replace(fit, events=timed, trust=with_doubts(fit.trust, scene.doubts)), tracks, clock), solution
+
+
+def _as_shown(fit: Fit, tracks: Tracks, clock: Clock) -> Fit:
+    """A fit in the time in which pictures were taken, told in that in which they are shown."""
+    if clock.taken is clock.shown:
+        return fit
+    t = clock.shown_at(fit.events.t)
+    events = replace(fit.events, t=t, t_sigma=fit.events.t_sigma * clock.rate(fit.events.t), frame=frame_at(tracks, t))
+    motion = fit.trajectory
+    motion = replace(motion, start=clock.shown_at(motion.start), end=clock.shown_at(motion.end), clock=clock)
+    return replace(fit, events=events, trajectory=motion)
 
 
 def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progress) -> tuple[Fit, Solution | None]:
@@ -82,6 +97,7 @@ def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progres
         solution = refine(solution.story, data, table, iterations=10, start=solution)
         solution = without_doubts(solution, data, table, options.free_price)
     progress(0.9)
+    solution = with_covariance(solution, data, table)
     fit = _report(solution, tracks, kept, shown, table, options)
     progress(1.0)
     return fit, solution

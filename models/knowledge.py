@@ -15,10 +15,11 @@ from models.billiards.motion import STATE, kinematics_jacobian
 from models.contacts import INWARD, cushion_distances
 from models.effects.catalogue import prior_of
 from models.scene import CUSHIONS, Table
-from models.solution import Layout, Solution
-from models.story import Contact
+from models.solution import SHARED, Layout, Solution
+from models.story import Contact, Span
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 _PRIORS = {
     name: prior_of(name, parameter)
@@ -56,8 +57,34 @@ _LONE = 5.0
 
 
 @dataclass(frozen=True, slots=True)
+class Rows:
+    """M pseudo-observations in standard deviations, and their derivatives by few of P numbers each, row by row."""
+
+    residual: Floats
+    """(M,)"""
+    slope: Floats
+    """(E,) derivatives of all rows, one after the other."""
+    column: Ints
+    """(E,) which number each is of."""
+    first: Ints
+    """(M + 1,) where each row begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Around:
+    """Where the L numbers that a law speaks of stand among the P of a fit, and in its own rows."""
+
+    columns: Ints
+    """(L,)"""
+    span: dict[int, int]
+    """First row entry of a span; contacts, globals: the same."""
+    contact: dict[int, int]
+    globals: int
+
+
+@dataclass(frozen=True, slots=True)
 class _Quantity:
-    """A vector (d,) and its derivatives (d, P)."""
+    """A vector (d,) and its derivatives (d, L)."""
 
     value: Floats
     slope: Floats
@@ -80,18 +107,24 @@ class Knowledge:
         self.now, self.frame, self.plan, self.table = now, frame, plan, table
         self._value: list[Floats] = []
         self._slope: list[Floats] = []
+        self._column: list[Ints] = []
+        self._length: list[int] = []
         self._ends = self._at_ends(now)
         self._frame_ends = self._at_ends(frame)[0] if frame is not now else self._ends[0]
+        self._around = self._looking_at((), ())
 
-    def values(self) -> Floats:
-        return np.concatenate(self._value)
-
-    def rows(self) -> Floats:
-        return np.concatenate(self._slope)
+    def rows(self) -> Rows:
+        """All that was said."""
+        first = np.concatenate([[0], np.cumsum(self._length)]).astype(np.int64)
+        return Rows(
+            np.concatenate(self._value), np.concatenate(self._slope), np.concatenate(self._column), first
+        )  # fmt: skip
 
     def contact(self, number: int) -> None:
         """What is known about one contact."""
-        contact = self.now.story.contacts[number]
+        contact, spans = self.now.story.contacts[number], self.now.story.spans
+        starts = [start for k in contact.before if (start := spans[k].start) is not None]
+        self._around = self._looking_at((*contact.before, *contact.after), (number, *starts))
         before = [self._end(k) for k in contact.before]
         after = [self._start(k) for k in contact.after]
         if contact.kind == "jump":
@@ -111,6 +144,7 @@ class Knowledge:
         span = self.now.story.spans[number]
         if span.static:
             return
+        self._around = self._looking_at((number,), ())
         start = self._start(number)
         speed = float(np.hypot(*self.frame.story.spans[number].state[2:4]))
         self._say(start.times(_V), np.full(2, _LONE))
@@ -121,7 +155,8 @@ class Knowledge:
 
     def coefficients(self) -> None:
         """Priors of what all spans share."""
-        identity = np.eye(self.plan.size)[self.plan.globals :]
+        self._around = self._looking_at((), ())
+        identity = np.eye(SHARED)
         friction = self.now.friction
         value = np.concatenate(
             [[np.log(friction.sliding / SLIDING_PRIOR[0]), np.log(friction.rolling / ROLLING_PRIOR[0])],
@@ -139,7 +174,7 @@ class Knowledge:
         n = frame_apart / max(float(np.hypot(*frame_apart)), 1e-9)
         reach = 2 * self.table.ball_radius
         slope = normal @ apart.slope
-        slope[self.plan.globals + 2] -= reach
+        slope[self._around.globals + 2] -= reach
         self._say(_Quantity(np.array([distance - reach * self.now.diameter]), slope[None]), np.array([TOUCH_SIGMA]))
         if contact.driven:
             return
@@ -168,12 +203,12 @@ class Knowledge:
         tangent = np.array([[-n[0, 1], n[0, 0]]])
         distance = cushion_distances(after.value[:2], self.table)[side] - self.table.ball_radius - self.now.nose[side]
         slope = n @ after.times(_X).slope
-        slope[0, self.plan.globals + 3 + side] -= 1
+        slope[0, self._around.globals + 3 + side] -= 1
         self._say(_Quantity(np.array([distance]), slope), np.array([NOSE_SCATTER]))
         velocity = self._frame_ends[contact.before[0]][2:4]
         hit, pace = max(float(-(n @ velocity)[0]), 0.02), float(np.hypot(*velocity))
         e, slower, grip = self.now.rubber
-        column = self.plan.globals + 7
+        column = self._around.globals + 7
         coming, leaving = before.times(_V).times(n), after.times(_V).times(n)
         back = leaving + coming.times(np.array([[e + slower * hit]]))
         back.slope[0, column : column + 2] += coming.value * [1.0, hit]
@@ -190,14 +225,32 @@ class Knowledge:
 
     def _time(self, number: int) -> _Quantity:
         """Of a contact, relative to where it stands: nothing else holds the time of a jump."""
-        slope = np.zeros((1, self.plan.size))
-        slope[0, self.plan.contact + number] = 1.0
+        slope = np.zeros((1, len(self._around.columns)))
+        slope[0, self._around.contact[number]] = 1.0
         moved = self.now.story.contacts[number].t - self.frame.story.contacts[number].t
         return _Quantity(np.array([moved]), slope)
 
     def _say(self, quantity: _Quantity, sigma: Floats) -> None:
+        slope = quantity.slope / sigma[:, None]
+        row, entry = np.nonzero(slope)
         self._value.append(quantity.value / sigma)
-        self._slope.append(quantity.slope / sigma[:, None])
+        self._slope.append(slope[row, entry])
+        self._column.append(self._around.columns[entry])
+        self._length.extend(np.bincount(row, minlength=len(sigma)).tolist())
+
+    def _looking_at(self, spans: tuple[int, ...], contacts: tuple[int, ...]) -> _Around:
+        """The numbers of some spans and contacts, and those that all share."""
+        columns: list[int] = []
+        of_span, of_contact = {}, {}
+        for k in dict.fromkeys(spans):
+            of_span[k] = len(columns)
+            columns += range(self.plan.span[k], self.plan.span[k] + _size(self.now.story.spans[k]))
+        for k in dict.fromkeys(contacts):
+            of_contact[k] = len(columns)
+            columns.append(self.plan.contact + k)
+        shared = len(columns)
+        columns += range(self.plan.globals, self.plan.globals + SHARED)
+        return _Around(np.array(columns, dtype=np.int64), of_span, of_contact, shared)
 
     def _state(self, span: int) -> Floats:
         return self.frame.story.spans[span].state
@@ -205,17 +258,16 @@ class Knowledge:
     def _start(self, span: int) -> _Quantity:
         """State at the start (8,)."""
         described = self.now.story.spans[span]
-        slope = np.zeros((STATE, self.plan.size))
-        size = 2 if described.static else STATE
-        first = self.plan.span[span]
+        slope = np.zeros((STATE, len(self._around.columns)))
+        size, first = _size(described), self._around.span[span]
         slope[np.arange(size), first + np.arange(size)] = 1.0
         return _Quantity(described.state, slope)
 
     def _end(self, span: int) -> _Quantity:
         """State at the end (8,); the extra acceleration is of no interest there and zero."""
-        described = self.now.story.spans[span]
-        value, slope = np.zeros(STATE), np.zeros((STATE, self.plan.size))
-        first = self.plan.span[span]
+        described, around = self.now.story.spans[span], self._around
+        value, slope = np.zeros(STATE), np.zeros((STATE, len(around.columns)))
+        first = around.span[span]
         if described.static:
             value[:2] = described.state[:2]
             slope[[0, 1], [first, first + 1]] = 1.0
@@ -224,11 +276,11 @@ class Knowledge:
         value[:6] = ends[span]
         local = slopes[index[span]]  # (6, 11)
         slope[:6, first : first + STATE] = local[:, :STATE]
-        slope[:6, self.plan.globals : self.plan.globals + 2] = local[:, STATE + 1 :]
+        slope[:6, around.globals : around.globals + 2] = local[:, STATE + 1 :]
         if described.end is not None:
-            slope[:6, self.plan.contact + described.end] += local[:, STATE]
+            slope[:6, around.contact[described.end]] += local[:, STATE]
         if described.start is not None:
-            slope[:6, self.plan.contact + described.start] -= local[:, STATE]
+            slope[:6, around.contact[described.start]] -= local[:, STATE]
         return _Quantity(value, slope)
 
     @staticmethod
@@ -245,6 +297,11 @@ class Knowledge:
         tau = np.array([story.finish(k) - story.begin(k) for k in moving])
         ends[moving], slopes = kinematics_jacobian(states, tau, solution.friction)
         return ends, slopes, {k: row for row, k in enumerate(moving)}
+
+
+def _size(span: Span) -> int:
+    """How many numbers of a span are sought."""
+    return 2 if span.static else STATE
 
 
 _X, _V, _U, _C = (np.eye(STATE)[k : k + 2] for k in (0, 2, 4, 6))

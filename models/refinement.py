@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 
 from models.billiards.motion import STATE, Friction, kinematics_jacobian
-from models.knowledge import ROLLING_PRIOR, RUBBER, SLIDING_PRIOR, Knowledge
+from models.knowledge import ROLLING_PRIOR, RUBBER, SLIDING_PRIOR, Knowledge, Rows
 from models.scene import Table
 from models.solution import Data, Layout, Solution, layout, owners
 from models.story import Story
@@ -32,8 +31,12 @@ LEAST_KNOWN = 1e-6
 """1/variance of a number that nothing tells, in its own unit."""
 RIDGE = 1e-10
 """relative to what is known of a number: a thousand times the rounding errors of a large fit."""
-SPARSE = 150
-"""columns from which on the rows of what is known are squared as a sparse matrix."""
+SHORTEST = 1e-4
+"""s: least time between two contacts of a ball."""
+NEARER = 0.7
+"""Of the time between two contacts of a ball, by which one step may shorten it."""
+UNKNOWN = np.empty((0, 0))
+"""The covariance before it is asked for."""
 HUBER = 2.5
 """standard deviations where the loss turns linear."""
 
@@ -43,48 +46,58 @@ class _Linear:
     """Residuals and their derivatives at one place."""
 
     residual: Floats
-    """(2K + M,) in standard deviations."""
+    """(2K + M,) in standard deviations: of the observations, then of what is known."""
     slope: Floats
     columns: Ints
     """(K, 2, 11) and (K, 11): of the observations, and at which of the P columns; -1 for none."""
-    known: Floats
-    """(M, P) of what physics and priors say."""
+    known: Rows
+    """What physics and priors say."""
 
 
 def refine(story: Story, data: Data, table: Table, iterations: int = 30, start: Solution | None = None) -> Solution:
-    """Best-fitting states, contact times and coefficients for a story; the covariance is taken at the end."""
+    """Best-fitting states, contact times and coefficients for a story, without their covariance."""
     now = start or Solution(
-        story, Friction(SLIDING_PRIOR[0], ROLLING_PRIOR[0]), 1.0, np.zeros(4), RUBBER.copy(), np.inf, np.empty((0, 0))
+        story, Friction(SLIDING_PRIOR[0], ROLLING_PRIOR[0]), 1.0, np.zeros(4), RUBBER.copy(), np.inf, UNKNOWN
     )
     now = replace(now, story=story)
     plan = layout(story)
-    damping, frame = 1e-3, now
+    damping, frame, settled = 1e-3, now, False
     linear = _linearise(now, plan, data, table, frame)
     for iteration in range(iterations):
         weight, cost = _robust(linear.residual, 2 * len(data.t))
-        normal, gradient = _normal(linear, weight)
+        normal, gradient = _normal(linear, weight, plan.size)
+        step = _solved(normal, -gradient, damping)
+        if -float(gradient @ step) < GAIN_TO_GO_ON / 10 and frame is now:
+            break
         for _ in range(8):
-            step = _solved(normal, -gradient, damping)
-            trial = _moved(now, plan, _limited(step, plan))
+            trial = _moved(now, plan, _limited(step, plan, now.story))
             if _in_order(trial.story):
                 further = _linearise(trial, plan, data, table, frame)
                 new_cost = _robust(further.residual, 2 * len(data.t))[1]
                 if new_cost < cost:
                     break
             damping = min(damping * 6 + 1e-4, 1e8)
+            step = _solved(normal, -gradient, damping)
         else:
             break
-        settled = cost - new_cost < GAIN_TO_GO_ON + 1e-5 * cost
+        settled, before = cost - new_cost < GAIN_TO_GO_ON + 1e-5 * cost, settled
         now, linear = trial, further
         damping *= 0.15
-        if settled and iteration > REFRESH:
+        if settled and before and iteration > REFRESH:  # with standard deviations that have followed, too
             break
         if settled or iteration % REFRESH == REFRESH - 1:
             frame = now  # standard deviations that depend on speeds follow
             linear = _linearise(now, plan, data, table, frame)
-    weight, cost = _robust(linear.residual, 2 * len(data.t))
-    normal, _ = _normal(linear, weight)
-    return replace(now, chi2=cost, covariance=_solved(normal, np.eye(plan.size), 0.0))
+    return replace(now, chi2=_robust(linear.residual, 2 * len(data.t))[1], covariance=UNKNOWN)
+
+
+def with_covariance(solution: Solution, data: Data, table: Table) -> Solution:
+    """A refined solution with the covariance of all its numbers."""
+    plan = layout(solution.story)
+    linear = _linearise(solution, plan, data, table, solution)
+    weight, _ = _robust(linear.residual, 2 * len(data.t))
+    normal, _ = _normal(linear, weight, plan.size)
+    return replace(solution, covariance=_solved(normal, np.eye(plan.size), 0.0))
 
 
 def _solved(normal: Floats, right: Floats, damping: float) -> Floats:
@@ -113,16 +126,23 @@ def _robust(residual: Floats, observed: int) -> tuple[Floats, float]:
     return weight, cost
 
 
-def _normal(linear: _Linear, weight: Floats) -> tuple[Floats, Floats]:
+def _normal(linear: _Linear, weight: Floats, size: int) -> tuple[Floats, Floats]:
     """Normal matrix (P, P) and gradient (P,)."""
-    size = linear.known.shape[1]
     observed = linear.slope.shape[0] * 2
-    known = sparse.csr_matrix(linear.known) if size > SPARSE else linear.known
-    square = known.T @ known
-    normal = np.ascontiguousarray(square if isinstance(square, np.ndarray) else square.toarray())
-    gradient = known.T @ linear.residual[observed:]
+    normal, gradient, known = np.zeros((size, size)), np.zeros(size), linear.known
+    _add_known(known.residual, known.slope, known.column, known.first, normal, gradient)
     _accumulate(linear.slope, linear.columns, linear.residual[:observed], weight[:observed], normal, gradient)
     return normal, gradient
+
+
+@njit(cache=True, error_model="numpy")
+def _add_known(residual, slope, column, first, normal, gradient):  # type: ignore[no-untyped-def]
+    """Add what is known, see `models.knowledge.Rows`, to the normal equations."""
+    for row in range(len(residual)):
+        for i in range(first[row], first[row + 1]):
+            gradient[column[i]] += slope[i] * residual[row]
+            for j in range(first[row], first[row + 1]):
+                normal[column[i], column[j]] += slope[i] * slope[j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -142,12 +162,33 @@ def _accumulate(slope, columns, residual, weight, normal, gradient):  # type: ig
                         normal[row, columns[k, j]] += scaled * slope[k, axis, j]
 
 
-def _limited(step: Floats, plan: Layout) -> Floats:
-    """No contact moves by more than 20 ms at once, no coefficient by more than a third."""
+def _limited(step: Floats, plan: Layout, story: Story) -> Floats:
+    """No contact moves by more than 20 ms at once, nor most of the way to another one of its balls; no coefficient by
+    more than a third."""
     limited = step.copy()
-    limited[plan.contact : plan.globals] = np.clip(step[plan.contact : plan.globals], -0.02, 0.02)
+    moves = limited[plan.contact : plan.globals]  # a view
+    np.clip(moves, -0.02, 0.02, out=moves)
     limited[plan.globals : plan.globals + 2] = np.clip(step[plan.globals : plan.globals + 2], -0.3, 0.3)
+    while shorter := _too_near(moves, story):
+        for contact, share in shorter.items():
+            moves[contact] *= share
     return limited
+
+
+def _too_near(moves: Floats, story: Story) -> dict[int, float]:
+    """By which share the moves (C,) s of contacts have to be less, for all spans to last."""
+    shares: dict[int, float] = {}
+    for number, span in enumerate(story.spans):
+        if span.end is None:
+            continue
+        lasts = story.finish(number) - story.begin(number)
+        nearer = (0.0 if span.start is None else moves[span.start]) - moves[span.end]
+        room = max(min(NEARER * lasts, lasts - 2 * SHORTEST), 0.0)
+        if nearer > room + 1e-9:
+            for contact in (span.start, span.end):
+                if contact is not None:
+                    shares[contact] = min(shares.get(contact, 1.0), 0.9 * room / nearer)
+    return shares
 
 
 def _moved(solution: Solution, plan: Layout, step: Floats) -> Solution:
@@ -171,7 +212,7 @@ def _moved(solution: Solution, plan: Layout, step: Floats) -> Solution:
 
 
 def _in_order(story: Story) -> bool:
-    return all(story.finish(k) > story.begin(k) + 1e-4 for k in range(len(story.spans)))
+    return all(story.finish(k) > story.begin(k) + SHORTEST for k in range(len(story.spans)))
 
 
 def _linearise(now: Solution, plan: Layout, data: Data, table: Table, frame: Solution) -> _Linear:
@@ -186,7 +227,8 @@ def _linearise(now: Solution, plan: Layout, data: Data, table: Table, frame: Sol
     for number in range(len(now.story.spans)):
         known.span(number)
     known.coefficients()
-    return _Linear(np.concatenate([seen, known.values()]), slope, columns, known.rows())
+    rows = known.rows()
+    return _Linear(np.concatenate([seen, rows.residual]), slope, columns, rows)
 
 
 def _observations(now: Solution, plan: Layout, data: Data) -> tuple[Floats, Floats, Ints]:

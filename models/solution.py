@@ -46,7 +46,7 @@ class Solution:
     chi2: float
     """robust, with pseudo-observations."""
     covariance: Floats
-    """(P, P) of the packed parameters, see `Layout`."""
+    """(P, P) of the packed parameters, see `Layout`; empty until `models.refinement.with_covariance` gives it."""
 
 
 @dataclass(frozen=True, slots=True)

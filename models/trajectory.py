@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.clock import Clock
+
 Floats = NDArray[np.float64]
 
 PHASES = ("slide", "roll", "rest", "measured")
@@ -35,7 +37,9 @@ class State:
 class Trajectory:
     """M pieces of the motion of N balls.
 
-    Within a piece, with tau = t - start: x(tau) = sum_k position[k] tau^k, w(tau) = spin[0] + spin[1] tau.
+    Within a piece, with tau = t - start: x(tau) = sum_k position[k] tau^k, w(tau) = spin[0] + spin[1] tau. Where a
+    `clock` says that pictures were not taken when they are shown, t and the pieces are times of showing, tau is the
+    time that went by before the camera, and velocities are those that the balls had.
     The pieces of a ball do not overlap; a ball is undefined outside them.
     """
 
@@ -55,6 +59,7 @@ class Trajectory:
     """(M,) one of `PHASES`."""
     covariance: Floats
     """(M, 4, 4) of (x, y, vx, vy) at `start`, SI units."""
+    clock: Clock | None = None
 
     def __post_init__(self) -> None:
         pieces = len(self.ball)
@@ -98,7 +103,7 @@ class Trajectory:
             )
         row = rows[np.clip(np.searchsorted(self.start[rows], t, side="right") - 1, 0, None)]
         outside = (t < self.start[row] - 1e-12) | (t > self.end[row] + 1e-12)
-        tau = (t - self.start[row])[:, None]
+        tau = self._elapsed(self.start[row], t)[:, None]
         c = self.position[row]
         xy = c[:, 0] + tau * (c[:, 1] + tau * (c[:, 2] + tau * c[:, 3]))
         v = c[:, 1] + tau * (2 * c[:, 2] + tau * 3 * c[:, 3])
@@ -111,3 +116,7 @@ class Trajectory:
             values[outside] = np.nan
         measured = np.array([self.phase[m] == "measured" for m in row]) & ~outside
         return xy, v, w, sigma, sigma_v, measured.astype(np.float64)
+
+    def _elapsed(self, start: Floats, t: Floats) -> Floats:
+        """s that went by from what is shown at `start` to what is shown at t."""
+        return t - start if self.clock is None else self.clock.taken_at(t) - self.clock.taken_at(start)

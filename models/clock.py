@@ -1,0 +1,44 @@
+"""Two times: when pictures are shown, and when they were taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """When T pictures were shown, and when they were taken."""
+
+    shown: Floats
+    """(T,) s, increasing: presentation times."""
+    taken: Floats
+    """(T,) s, increasing."""
+
+    def taken_at(self, t: Floats) -> Floats:
+        """Moments of what is shown at t (...), s; beyond the pictures both run alike."""
+        return _mapped(t, self.shown, self.taken)
+
+    def shown_at(self, t: Floats) -> Floats:
+        """When moments t (...) s are shown, s."""
+        return _mapped(t, self.taken, self.shown)
+
+    def rate(self, t: Floats) -> Floats:
+        """d(shown)/d(taken) at moments t (...), s, when they were taken."""
+        if len(self.taken) < 2:
+            return np.ones_like(t)
+        row = np.clip(np.searchsorted(self.taken, t, side="right") - 1, 0, len(self.taken) - 2)
+        slope: Floats = (np.diff(self.shown) / np.diff(self.taken))[row]
+        return np.where((t < self.taken[0]) | (t > self.taken[-1]), 1.0, slope)
+
+
+def _mapped(t: Floats, source: Floats, goal: Floats) -> Floats:
+    if len(source) < 2:
+        return np.asarray(t, dtype=np.float64)
+    inside = np.interp(t, source, goal)
+    before, after = np.minimum(t - source[0], 0.0), np.maximum(t - source[-1], 0.0)
+    return np.asarray(inside + before + after, dtype=np.float64)
