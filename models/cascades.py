@@ -44,10 +44,11 @@ class Hit:
 def cascade(story: Story, friction: Friction, a: int, b: int, t: float, horizon: float, radius: float) -> list[Hit]:
     """What follows within `horizon` s, in order, if balls a and b meet at t; only the meeting where they part already.
 
-    Balls go straight meanwhile; masses are equal.
+    Balls go straight meanwhile; masses are equal. They come as if no change of velocity without a cause had happened
+    within `horizon` of t: that is what the meeting explains.
     """
     balls = sorted({span.ball for span in story.spans})
-    state = np.array([state_at(story, friction, _span_before(story, ball, t), t) for ball in balls])
+    state = np.array([state_at(story, friction, _coming(story, ball, t, horizon), t) for ball in balls])
     i, j = balls.index(a), balls.index(b)
     hits: list[Hit] = []
     now = t
@@ -100,7 +101,8 @@ def with_hits(story: Story, friction: Friction, data: Data, owner: Ints, hits: l
         loose = loose_break(story, ball, mine[-1].t, slack)
         k = _span_before(story, ball, mine[0].t) if loose is None else story.contacts[loose].before[0]
         cuts = mine if loose is None else mine[:-1]
-        if any(not story.begin(k) + SHORTEST < hit.t < story.finish(k) for hit in cuts):
+        end = story.finish(k) if loose is None else mine[-1].t  # a loose change of velocity moves to where it belongs
+        if any(not story.begin(k) + SHORTEST < hit.t < end for hit in cuts):
             return None
         if loose is None or len(mine) > 1:
             story = _shortened(story, data, owner, k, mine[0].t)
@@ -144,6 +146,12 @@ def loose_break(story: Story, ball: int, t: float, slack: float) -> int | None:
 def _span_before(story: Story, ball: int, t: float) -> int:
     spans = story.of_ball(ball)
     return next((k for k in reversed(spans) if story.begin(k) <= t), spans[0])
+
+
+def _coming(story: Story, ball: int, t: float, slack: float) -> int:
+    """The span in which a ball comes to a meeting at t, s."""
+    loose = loose_break(story, ball, t, slack)
+    return _span_before(story, ball, t) if loose is None else story.contacts[loose].before[0]
 
 
 def _shortened(story: Story, data: Data, owner: Ints, k: int, t: float) -> Story:

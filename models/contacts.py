@@ -54,6 +54,15 @@ class Break:
 
 
 @dataclass(frozen=True, slots=True)
+class Run:
+    """A ball was seen in motion from begin to end, s."""
+
+    ball: int
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True, slots=True)
 class _Cause:
     score: float
     kind: ContactKind
@@ -91,9 +100,12 @@ def breaks_of(ball: int, samples: Samples, segments: list[Segment], radius: floa
     return found
 
 
-def explain(breaks: list[Break], table: Table) -> list[_Cause]:
-    """The most plausible causes, each break in at most one of them; what is left over is `strike` or `free`."""
-    causes = _pairs(breaks, table) + _cushions(breaks, table)
+def explain(breaks: list[Break], table: Table, runs: list[Run]) -> list[_Cause]:
+    """The most plausible causes, each break in at most one of them; what is left over is `strike` or `free`.
+
+    `runs` say when balls were seen in motion.
+    """
+    causes = _pairs(breaks, table, runs) + _cushions(breaks, table)
     used: set[int] = set()
     chosen = []
     for cause in sorted(causes, key=lambda c: c.score):
@@ -128,7 +140,7 @@ def near_something(samples: Samples, others: list[Samples], table: Table) -> NDA
     return known
 
 
-def _pairs(breaks: list[Break], table: Table) -> list[_Cause]:
+def _pairs(breaks: list[Break], table: Table, runs: list[Run]) -> list[_Cause]:
     causes = []
     for i, one in enumerate(breaks):
         for j in range(i + 1, len(breaks)):
@@ -137,10 +149,18 @@ def _pairs(breaks: list[Break], table: Table) -> list[_Cause]:
                 continue
             if two.early > one.late + 0.7 * (one.late - one.early):
                 continue
+            if one.from_rest and two.from_rest and _others_run(one, two, runs):
+                continue  # no cue strikes while balls move: what moves there hit them both, or one that hit the other
             score = _pair_score(one, two, table.ball_radius)
             if np.isfinite(score):
                 causes.append(_Cause(score, "ball", (i, j)))
     return causes
+
+
+def _others_run(one: Break, two: Break, runs: list[Run]) -> bool:
+    """Whether a third ball is in motion when two begin to move."""
+    early = min(one.early, two.early)
+    return any(run.ball not in (one.ball, two.ball) and run.begin <= early and run.end >= early for run in runs)
 
 
 def _pair_score(one: Break, two: Break, radius: float) -> float:
@@ -201,7 +221,11 @@ def tell(samples: list[Samples], segments: list[list[Segment]], table: Table, ki
         breaks += breaks_of(ball, seen, parts, table.ball_radius) if parts else []
     contacts: list[Contact] = []
     unseen: dict[int, Break] = {}
-    for cause in explain(breaks, table):
+    runs = [
+        Run(ball, float(seen.t[part.first]), float(seen.t[part.last]))
+        for ball, (seen, parts) in enumerate(zip(samples, segments, strict=True)) for part in parts if not part.static
+    ]  # fmt: skip
+    for cause in explain(breaks, table, runs):
         members = [breaks[k] for k in cause.breaks]
         before = tuple(index[b.ball, b.left] for b in members)
         after = tuple(index[b.ball, b.left + 1] for b in members)
