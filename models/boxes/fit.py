@@ -27,6 +27,8 @@ SEARCH_PASSES, FINAL_PASSES = 2, 6
 FINER = 2
 """times as many steps at the end."""
 LEAST_SAMPLES = 6
+EXPLAINED = 0.7
+"""of the surprise of going straight on: a world that leaves more explains nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,16 @@ class BoxesMotion:
     """standard deviation of a coordinate; NaN where no body is followed by several points."""
     surprise: float
     """mean distance between prediction and sight, over bodies and intervals, per axis."""
+    straight: float
+    """the same where bodies are foretold to go straight on."""
     follower: Follower
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why this should not be believed; empty where it may be."""
+        if self.surprise < EXPLAINED * self.straight:
+            return ()
+        return ("rigid bodies that collide foretell these points hardly better than going straight on",)
 
     def at(self, t: Floats) -> Floats:
         """Points (M, N, 2) at times (M,), between the samples and after the last one."""
@@ -92,7 +103,8 @@ def fit_boxes(t: Floats, x: Floats, body: Ints | None = None, sigma: float | Non
     world, _ = _least_surprise(bodies, t, places, error)
     follower = Follower(bodies, world, FINER * steps_for(bodies, world, t, places))
     course = follow(follower, t, places, error, FINAL_PASSES)
-    return BoxesMotion(bodies, world, course, noise, _surprise(course, bodies), follower)
+    straight = _mean_length(np.diff(places, 2, axis=0), bodies)
+    return BoxesMotion(bodies, world, course, noise, _mean_length(course.surprise[1:], bodies), straight, follower)
 
 
 def _least_surprise(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> tuple[World, float]:
@@ -100,7 +112,8 @@ def _least_surprise(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> 
 
     def cost(world: World) -> float:
         course = follow(Follower(bodies, world, steps), t, places, sigma, SEARCH_PASSES)
-        return _surprise(course, bodies)
+        # the first interval has no velocities from before
+        return _mean_length(course.surprise[1:], bodies)
 
     world = guessed(bodies, t, places, sigma)
     steps = steps_for(bodies, world, t, places)
@@ -137,7 +150,7 @@ def _changes(bodies: Bodies, world: World, share: float) -> Iterator[Callable[[W
     yield lambda w, s: replace(w, drag=max(w.drag + 0.5 * share * s, 0.0))
 
 
-def _surprise(course: Course, bodies: Bodies) -> float:
-    """Mean over intervals, bodies and axes; the first interval has no velocities from before."""
+def _mean_length(off: Floats, bodies: Bodies) -> float:
+    """Mean over intervals, bodies and axes of (K, B, 3), angles by the distance of the points."""
     lever = np.stack([np.ones(len(bodies.count)), np.ones(len(bodies.count)), bodies.lever], axis=1)
-    return float(np.mean(np.abs(course.surprise[1:] * lever)))
+    return float(np.mean(np.abs(off * lever)))

@@ -9,23 +9,16 @@ import numpy as np
 
 from models.boxes.fit import fit_boxes
 from models.latent import infer
-from models.neural.method import Budget, Fitted, checked
+from models.neural.method import Budget, checked
 from models.pendulum.angles import swing
 from pipeline.thesis.boxes import bodies
+from pipeline.thesis.judged import Judged
 from pipeline.thesis.pendulum import as_angles, as_points
 from pipeline.thesis.series import Floats
 
 NO_LOSS = np.empty(0)
 BOXES_NUMBERS = 6
 """friction, restitution, drag, gravity, radius and density of the ball."""
-
-
-@dataclass(frozen=True, slots=True)
-class Judged(Fitted):
-    """A motion that says what is wrong with it."""
-
-    doubts: tuple[str, ...]
-    """Why it should not be believed; empty where it may be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,4 +62,4 @@ class BoxesFit:
         t, x = checked(times, states)
         found = fit_boxes(t, x, bodies())
         seconds = time.process_time() - began
-        return Judged(found.at, NO_LOSS, BOXES_NUMBERS, seconds, ())
+        return Judged(found.at, NO_LOSS, BOXES_NUMBERS, seconds, found.doubts)

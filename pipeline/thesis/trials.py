@@ -16,7 +16,7 @@ from models.curves import CUBIC, LINEAR
 from models.neural.method import Budget, Fitted, Method
 from pipeline.cache import Cache, Key
 from pipeline.fingerprint import library_versions, source_hashes
-from pipeline.thesis.physics import Judged
+from pipeline.thesis.judged import Judged
 from pipeline.thesis.series import Case, Floats, Series, mean_square
 
 STAGE = "reproduce"

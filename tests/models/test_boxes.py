@@ -170,6 +170,7 @@ def test_a_fit_finds_friction_and_beats_the_polygon_between_the_samples() -> Non
     motion = fit_boxes(t[::2], x[::2], body.astype(np.int64))
     assert motion.world.friction == pytest.approx(0.35, abs=0.1)
     assert motion.world.gravity[1] == pytest.approx(GRAVITY, rel=0.05)
+    assert motion.doubts == ()
     linear = (x[:-2:2] + x[2::2]) / 2
     error = np.mean((motion.at(t[1::2]) - x[1::2]) ** 2)
     assert np.mean((linear - x[1::2]) ** 2) > 10 * error
@@ -185,3 +186,11 @@ def test_too_few_samples_are_refused() -> None:
     t, x, body = played(0.2, 30.0)
     with pytest.raises(ValueError, match="at least 6"):
         fit_boxes(t[:5], x[:5], body.astype(np.int64))
+
+
+def test_points_that_wander_are_not_believed_to_be_bodies_that_collide() -> None:
+    chance = np.random.default_rng(3)
+    steps = np.concatenate([10 * chance.standard_normal((25, 4, 2)), 0.5 * chance.standard_normal((25, 4, 1))], axis=2)
+    bodies = scene(*[box(24, 30)] * 4)
+    x = bodies.points(np.cumsum(steps, axis=0) + 100 * np.arange(4)[:, None])
+    assert fit_boxes(np.arange(25) / 30, x, bodies.body).doubts
