@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from pipeline.thesis.trials import Trial
 
 
+USUAL_DATA = Path("../shared/data/physics")
+"""Where the recorded pendulum is looked for if nothing is said."""
+
+
 class Scene(StrEnum):
     """What can be asked for."""
 
@@ -41,7 +45,7 @@ def reproduce(
     seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="How many; 3, one with --quick.")] = None,
     first_seed: Annotated[int, typer.Option("--first-seed", min=0, help="The number of the first.")] = 0,
     data: Annotated[
-        Path | None, typer.Option("--data", metavar="DIR", help="Folder of the recorded double pendulum.")
+        Path | None, typer.Option("--data", metavar="DIR", help="Folder at or below which the recorded pendulum lies.")
     ] = None,
     run: Annotated[
         Path | None, typer.Option("--run", metavar="DIR", help="Folder of `trueroll run`: the pool scene.")
@@ -52,11 +56,13 @@ def reproduce(
     debug: DebugOption = False,
 ) -> None:
     """The thesis' experiments with every method side by side: a table, plots, a page; run again, it resumes."""
+    from pipeline.thesis.pendulum import recording_in
     from pipeline.thesis.plan import SCENES, Plan
 
     refuse_closed(out)
     count = seeds if seeds is not None else 1 if quick else 3
-    plan = Plan((scene.value,) if scene else SCENES, tuple(range(first_seed, first_seed + count)), quick, data, run)
+    recorded = recording_in(data if data is not None else USUAL_DATA)
+    plan = Plan((scene.value,) if scene else SCENES, tuple(range(first_seed, first_seed + count)), quick, recorded, run)
     trials = _carry_out(plan, open_cache(cache).root, out, jobs)
     if as_json:
         print(json.dumps([trial.row for trial in trials], allow_nan=False))

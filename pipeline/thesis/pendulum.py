@@ -64,6 +64,13 @@ def real_pendulum(case: Case, folder: Path, seconds: float = RECORDED_SECONDS) -
     return filmed(case, t[rows] - t[start], as_points(np.unwrap(theta, axis=0)[rows] - np.pi))
 
 
+def recording_in(folder: Path | None) -> Path | None:
+    """The folder at or below `folder` that holds the recording, None where there is none."""
+    if folder is None or not folder.is_dir():
+        return None
+    return next((path.parent for path in sorted(folder.rglob(RECORDING))), None)
+
+
 def as_points(angles: Floats) -> Floats:
     """(T, 3, 2) px of pivot, joint and end, of absolute angles (T, 2), 0 hanging; y down."""
     arms = LENGTH * np.stack([np.sin(angles), np.cos(angles)], axis=2)

@@ -32,7 +32,7 @@ class Plan:
     seeds: tuple[int, ...] = (0, 1, 2)
     quick: bool = False
     data: Path | None = None
-    """Folder of the recorded pendulum."""
+    """Folder of the recorded pendulum, None where there is none."""
     run: Path | None = None
     """Folder of a run whose shots are the pool scene."""
 
@@ -65,7 +65,7 @@ def _settings(scene: str, plan: Plan) -> Iterator[tuple[str, float, float]]:
         yield from _grid(("stiff",) if plan.quick else tuple(KINDS), plan)
     elif scene == "boxes":
         yield from [("800", 30.0, 0.0)] if plan.quick else _grid(SPEEDS, plan)
-    elif scene == "real" and plan.data is not None and (plan.data / RECORDING).is_file():
+    elif scene == "real" and plan.data is not None:
         yield from ((start, fps, 0.0) for start in (["0 s"] if plan.quick else STARTS)
                     for fps in (REAL_RATES[1:] if plan.quick else REAL_RATES))  # fmt: skip
     elif scene == "pool" and plan.run is not None:
@@ -104,7 +104,7 @@ def method_of(task: Task) -> Method:
 def left_out(plan: Plan) -> list[str]:
     """A sentence for every scene of the plan that cannot be run."""
     said = []
-    if "real" in plan.scenes and not any(case.scene == "real" for case in cases(plan)):
+    if "real" in plan.scenes and plan.data is None:
         said.append(f"The real pendulum is left out: give --data a folder with {RECORDING}.")
     if "pool" in plan.scenes and plan.run is None:
         said.append("The pool scene is left out: give --run the folder of a run of `trueroll run`.")

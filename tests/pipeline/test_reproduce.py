@@ -17,7 +17,7 @@ from pipeline.execute import execute
 from pipeline.thesis.boxes import bodies
 from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAME, THESIS_NETS, methods_for
 from pipeline.thesis.page import sheets
-from pipeline.thesis.pendulum import GRAVITY, LENGTH, as_angles, as_points, swung
+from pipeline.thesis.pendulum import GRAVITY, LENGTH, RECORDING, as_angles, as_points, recording_in, swung
 from pipeline.thesis.plan import Plan, cases, left_out
 from pipeline.thesis.pool import pool, shots_of
 from pipeline.thesis.series import Case, Series, filmed
@@ -143,7 +143,11 @@ def test_the_plan_has_what_was_asked_for_and_says_what_is_left_out(tmp_path: Pat
     assert {case.scene for case in whole} == {"double-pendulum", "boxes"}
     assert len(whole) == 3 * 2 * 27
     assert {case.seed for case in whole[: len(whole) // 3]} == {0}
-    assert [sentence.split()[1] for sentence in left_out(Plan(data=tmp_path))] == ["real", "pool"]
+    assert [sentence.split()[1] for sentence in left_out(Plan())] == ["real", "pool"]
+    assert recording_in(tmp_path) is None
+    (tmp_path / "below").mkdir()
+    (tmp_path / "below" / RECORDING).touch()
+    assert recording_in(tmp_path) == tmp_path / "below"
 
 
 def test_every_corner_belongs_to_a_box_and_the_ball_to_none() -> None:
