@@ -22,6 +22,7 @@ from pipeline.sampling import ever_moves, sample_motion
 from pipeline.sentences import event_sentence, event_time
 from video.clip import Clip
 from video.embed import playable
+from video.motion_marks import spaced
 from video.palette import INK, apart_from, ball_colour, legible
 
 Floats = NDArray[np.float64]
@@ -73,7 +74,7 @@ def _log_motion(recording: rr.RecordingStream, clip: Clip, scene: Scene, tracks:
     names = np.array([legible(colour) for colour in seen], dtype=np.uint8)
     colours = np.array([apart_from(colour, INK) for colour in seen], dtype=np.uint8)
     _log_tracks(recording, tracks, names)
-    _log_paths(recording, scene, fit, colours)
+    _log_paths(recording, clip, scene, fit, colours)
     _log_plan(recording, clip, scene, fit, colours)
     _log_plots(recording, scene, tracks, fit, colours)
 
@@ -127,17 +128,33 @@ def _log_tracks(recording: rr.RecordingStream, tracks: Tracks, colours: Colours)
         )
 
 
-def _log_paths(recording: rr.RecordingStream, scene: Scene, fit: Fit, colours: Colours) -> None:
+def _log_paths(recording: rr.RecordingStream, clip: Clip, scene: Scene, fit: Fit, colours: Colours) -> None:
     _, xy, _ = sample_motion(fit.trajectory, PATH_HZ)
     moves = ever_moves(xy, scene.table.ball_radius)
     for k, ball in enumerate(fit.trajectory.ids):
         there = np.isfinite(xy[:, k, 0])
         if not moves[k]:
             continue
-        px = scene.camera.to_pixels(xy[there, k], scene.table.ball_radius)
-        for entity, strip in ((f"picture/paths/{ball}", px), (f"plan/paths/{ball}", xy[there, k])):
-            width = rr.Radius.ui_points(1.0)
-            recording.log(entity, rr.LineStrips2D([strip], colors=colours[k], radii=width), static=True)
+        look = {"colors": colours[k], "radii": rr.Radius.ui_points(1.0)}
+        recording.log(f"plan/paths/{ball}", rr.LineStrips2D([xy[there, k]], **look), static=True)
+        px = _in_pictures(clip, scene, xy[there, k])
+        strips = rr.LineStrips2D.columns(strips=list(px[:, spaced(px[0], np.zeros(px.shape[1], dtype=bool))]))
+        recording.send_columns(f"picture/paths/{ball}", _first_times(clip, len(px)), strips)
+        recording.log(f"picture/paths/{ball}", rr.LineStrips2D.from_fields(**look), static=True)
+
+
+def _in_pictures(clip: Clip, scene: Scene, xy: Floats) -> NDArray[np.float32]:
+    """Places (n, 2) m in px: (F, n, 2) of every picture where the camera drifts, (1, n, 2) of all where it stands."""
+    radius, motion = scene.table.ball_radius, scene.camera.motion
+    if motion is None:
+        return scene.camera.to_pixels(xy, radius)[None].astype(np.float32)
+    pictures = (scene.camera.to_pixels(xy, radius, frame) for frame in range(clip.frame_count))
+    return np.array(list(pictures), dtype=np.float32)
+
+
+def _first_times(clip: Clip, count: int) -> list[rr.TimeColumn]:
+    """The times of the first `count` pictures."""
+    return _timeline(clip.t[:count], np.arange(count))
 
 
 def _log_plan(recording: rr.RecordingStream, clip: Clip, scene: Scene, fit: Fit, colours: Colours) -> None:
@@ -191,12 +208,12 @@ def _log_events(recording: rr.RecordingStream, clip: Clip, scene: Scene, fit: Fi
     if not marked:
         return
     labels = [f"{events.kind[k]} {events.t[k]:.3f} s" for k in marked]
-    px = scene.camera.to_pixels(events.xy[marked], scene.table.ball_radius)
-    for entity, points in (("picture/events", px), ("plan/events", events.xy[marked])):
-        look = rr.Points2D(
-            points, radii=rr.Radius.ui_points(4), colors=[255, 200, 40], labels=labels, show_labels=False
-        )
-        recording.log(entity, look, static=True)
+    look = {"radii": rr.Radius.ui_points(4), "colors": [255, 200, 40], "labels": labels, "show_labels": False}
+    recording.log("plan/events", rr.Points2D(events.xy[marked], **look), static=True)
+    px = _in_pictures(clip, scene, events.xy[marked])
+    points = rr.Points2D.columns(positions=px.reshape(-1, 2)).partition(np.full(len(px), len(marked)))
+    recording.send_columns("picture/events", _first_times(clip, len(px)), points)
+    recording.log("picture/events", rr.Points2D.from_fields(**look), static=True)
 
 
 def _about(scene: Scene, fit: Fit) -> str:

@@ -77,7 +77,7 @@ def path_of(sightings: Sightings, fit: Fit, ball: int) -> Path:
     radii = sightings.radius[rows, ball]
     radius = float(np.median(radii[np.isfinite(radii)])) if np.isfinite(radii).any() else 8.0
     times, xy = times[known], xy[known]
-    drawn = _apart(sightings.project(xy, float(sightings.t[0])), np.isin(times, inside))
+    drawn = spaced(sightings.project(xy, float(sightings.t[0])), np.isin(times, inside))
     return Path(times, xy, spans, radius, drawn)
 
 
@@ -111,7 +111,7 @@ def _trimmed(spans: Floats, fit: Fit, ball: int) -> Floats:
     return exact
 
 
-def _apart(px: Floats, corner: NDArray[np.bool_]) -> NDArray[np.intp]:
+def spaced(px: Floats, corner: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Indices of points (n, 2) px at least `POINTS_APART` apart along the way, and of all corners (n,)."""
     if not len(px):
         return np.empty(0, dtype=np.intp)

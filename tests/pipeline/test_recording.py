@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import made_up_shot as shot
@@ -12,11 +13,11 @@ from rerun.chunk import Chunk, RrdReader
 from pipeline.recording import _finish, write_recording
 
 
-@pytest.fixture(scope="module")
-def chunks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Chunk]]:
-    folder = tmp_path_factory.mktemp("recording")
+def recorded(folder: Path, motion: np.ndarray | None = None) -> dict[str, list[Chunk]]:
+    """The recording of the made-up shot, seen by a camera that moves so (F, 3, 3), by entity."""
     clip = shot.made_up_clip(folder / "clip.mp4")
     scene = shot.made_up_scene()
+    scene = replace(scene, camera=replace(scene.camera, motion=motion))
     tracks = shot.made_up_tracks(clip, scene)
     fit = shot.made_up_fit(tracks.t)
     write_recording(clip, scene, shot.made_up_detections(tracks), tracks, fit, folder / "recording.rrd", "made up")
@@ -25,6 +26,11 @@ def chunks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Chunk]]:
     for chunk in RrdReader(folder / "recording.rrd").stream():
         by_entity.setdefault(chunk.entity_path, []).append(chunk)
     return by_entity
+
+
+@pytest.fixture(scope="module")
+def chunks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Chunk]]:
+    return recorded(tmp_path_factory.mktemp("recording"))
 
 
 class Full:
@@ -76,3 +82,25 @@ def test_only_balls_that_move_have_a_path_and_a_speed(chunks: dict[str, list[Chu
 
 def test_events_stand_at_their_moments(chunks: dict[str, list[Chunk]]) -> None:
     assert times(chunks["/log/events"]) == pytest.approx([0.1, 0.5])
+
+
+def places(chunks: list[Chunk], column: str) -> np.ndarray:
+    """(rows, n, 2) px of what was drawn at its times, in their order."""
+    tables = [c.to_record_batch() for c in chunks if not c.is_static]
+    found = [np.array(row, dtype=float).reshape(-1, 2) for t in tables for row in t.column(column).to_pylist() if row]
+    order = np.argsort(times(chunks), kind="stable")
+    return np.array(found)[order]
+
+
+def test_paths_and_events_go_with_the_table_where_the_camera_drifts(tmp_path: Path) -> None:
+    motion = np.tile(np.eye(3), (shot.FRAMES, 1, 1))
+    motion[:, :2, 2] = np.arange(shot.FRAMES)[:, None] * [0.5, -0.25]
+    chunks = recorded(tmp_path, motion)
+    for entity, column in (("paths/white", "LineStrips2D:strips"), ("events", "Points2D:positions")):
+        px = places(chunks[f"/picture/{entity}"], column)
+        assert len(px) == shot.FRAMES
+        assert px - px[0] == pytest.approx(np.broadcast_to(motion[:, None, :2, 2], px.shape), abs=1e-3)
+
+
+def test_paths_are_told_once_where_the_camera_stands(chunks: dict[str, list[Chunk]]) -> None:
+    assert places(chunks["/picture/paths/white"], "LineStrips2D:strips").shape[0] == 1
