@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from models.fit import Light
 from video.layout import Rect
-from video.palette import FLASH, INK, LIGHTS, MIST, WHITE, Colour, mix
+from video.palette import FLASH, INK, LIGHTS, MIST, WHITE, Colour, apart_from, mix
 from video.text import lay, lay_sparse, rounded_mask, text_mask, write
 
 Floats = NDArray[np.float64]
@@ -181,7 +181,7 @@ class Label:
         x, y = round(float(corner[0])), round(float(corner[1]))
         lay(picture, rounded_mask(width, height, max(2, height // 4)), x, y, INK, LABEL_OPACITY * opacity)
         bar = rounded_mask(max(3, letters // 4), height - 2 * (height // 5), max(1, letters // 8))
-        lay(picture, bar, x + height // 5, y + height // 5, self.colour, opacity)
+        lay(picture, bar, x + height // 5, y + height // 5, apart_from(self.colour, INK), opacity)
         top = y + (height - text_mask(self.name, letters, True).shape[0]) / 2
         left = x + 0.95 * letters
         left += write(picture, self.name, left, top, letters, WHITE, bold=True, opacity=opacity) + 0.45 * letters

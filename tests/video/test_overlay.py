@@ -144,6 +144,12 @@ def test_letters_in_the_colour_of_a_ball_can_be_read() -> None:
     assert legible(KIND_COLOURS["cue"]) == KIND_COLOURS["cue"]
 
 
+def test_the_bar_of_a_black_balls_label_is_seen() -> None:
+    picture = black()
+    Label("", "", KIND_COLOURS["eight"]).draw(picture, np.array([20.0, 30.0]), 1.0)
+    assert picture[:, :40].max() > 100
+
+
 def upright_scene() -> Scene:
     """x down and y to the left, as where the longer side stands."""
     matrix = np.array([[0, -100.0, 0, 200.0], [100.0, 0, 0, 20.0], [0, 0, 1e-9, 1.0]])
