@@ -7,6 +7,7 @@ or another one, becomes part of the contact.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,8 @@ STEP = 2e-3
 NEAR_IN_TIME = 1.2
 """picture intervals: a change of velocity so near to a touch may be its effect."""
 ITERATIONS = 12
+Answers = dict[tuple[Hashable, ...], float]
+"""What is known already: chi2 gained, by what was asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +52,13 @@ class _Trial:
 
 
 def with_encounters(
-    solution: Solution, data: Data, table: Table, price: float, dear: float, fresh: frozenset[int] | None = None
-) -> tuple[Story, frozenset[int]]:
+    solution: Solution, data: Data, table: Table, tolls: tuple[float, float], asked: Answers,
+    fresh: frozenset[int] | None = None,
+) -> tuple[Story, frozenset[int]]:  # fmt: skip
     """The story with the contacts of balls that pay for themselves, and the spans that changed.
 
-    Only passes of `fresh` spans are tried where these are given.
+    `tolls` are the prices of contacts with a cause and without; `asked` keeps what was tried, so that it is not tried
+    again while nothing changes. Only passes of `fresh` spans are tried where these are given.
     """
     interval = float(np.median(np.diff(np.unique(data.t))))
     owner = owners(solution.story, data)
@@ -63,9 +68,7 @@ def with_encounters(
     for one in near_passes(solution, data, table):
         for hits in _proposals(solution, table, one, interval):
             met = with_hits(solution.story, solution.friction, data, owner, hits, slack)
-            trial = (
-                None if met is None else _tried(solution, data, owner, table, met, hits, (price, dear), alone, fresh)
-            )
+            trial = None if met is None else _tried(solution, data, owner, table, met, hits, tolls, alone, asked, fresh)
             if trial is not None and trial.gain > 0:
                 trials.append(trial)
     story, touched = solution.story, frozenset[int]()
@@ -136,7 +139,7 @@ def closing_speed(solution: Solution, contact: Contact) -> float:
 
 def _tried(
     solution: Solution, data: Data, owner: Ints, table: Table, met: Story, hits: list[Hit],
-    tolls: tuple[float, float], alone: dict[frozenset[int], float], fresh: frozenset[int] | None,
+    tolls: tuple[float, float], alone: dict[frozenset[int], float], asked: Answers, fresh: frozenset[int] | None,
 ) -> _Trial | None:  # fmt: skip
     """What a story gains over that of the solution where they differ; None where only old spans are concerned."""
     story = solution.story
@@ -147,10 +150,13 @@ def _tried(
     rows = np.isin(owner, list(region))
     if not rows.any() or (fresh is not None and not region & fresh):
         return None
-    local = Data(data.ball[rows], data.t[rows], data.xy[rows], data.whiten[rows])
-    if region not in alone:
-        alone[region] = _cost(solution, story, sorted(region), local, table, tolls)
-    return _Trial(hits, alone[region] - _cost(solution, met, sorted(region | new), local, table, tolls), region)
+    question = (len(hits), *met.told(sorted(region | new)))
+    if question not in asked:
+        local = Data(data.ball[rows], data.t[rows], data.xy[rows], data.whiten[rows])
+        if region not in alone:
+            alone[region] = _cost(solution, story, sorted(region), local, table, tolls)
+        asked[question] = alone[region] - _cost(solution, met, sorted(region | new), local, table, tolls)
+    return _Trial(hits, asked[question], region)
 
 
 def _cost(

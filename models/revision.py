@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from models.billiards.motion import kinematics
 from models.cascades import SLOW
 from models.contacts import INWARD, NEAR_CUSHION, cushion_distances
-from models.encounters import doubtful, with_encounters
+from models.encounters import Answers, doubtful, with_encounters
 from models.refinement import refine
 from models.scene import CUSHIONS, Table
 from models.solution import Data, Solution, end_state, owners
@@ -32,8 +32,9 @@ MOST_ENCOUNTERS = 6
 
 def revise(solution: Solution, data: Data, table: Table, price: float, dear: float, rounds: int = 3) -> Solution:
     """The solution after misnamed contacts are renamed, missed ones inserted and needless ones removed."""
+    asked: Answers = {}
     for _ in range(rounds):
-        solution = _acquainted(solution, data, table, price, dear)
+        solution = _acquainted(solution, data, table, price, dear, asked)
         story = _renamed(solution, table)
         story = _paired(solution, story, data, table)
         story = _vanished(solution, story, data, table)
@@ -42,7 +43,7 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
         changed = story is not solution.story
         if changed:
             solution = refine(story, data, table, start=solution)
-        gains = _gains(solution, data, table)
+        gains = _gains(solution, data, table, asked)
         pruned = prune(solution, gains, price, dear)
         if len(pruned.contacts) < len(gains):
             solution = refine(pruned, data, table, start=solution)
@@ -53,11 +54,11 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
     return solution
 
 
-def _acquainted(solution: Solution, data: Data, table: Table, price: float, dear: float) -> Solution:
+def _acquainted(solution: Solution, data: Data, table: Table, price: float, dear: float, asked: Answers) -> Solution:
     """The solution with the contacts of passing balls, as long as new ones come up."""
     fresh: frozenset[int] | None = None
     for _ in range(MOST_ENCOUNTERS):
-        story, fresh = with_encounters(solution, data, table, price, dear, fresh)
+        story, fresh = with_encounters(solution, data, table, (price, dear), asked, fresh)
         if not fresh:
             break
         solution = refine(story, data, table, start=solution)
@@ -66,7 +67,7 @@ def _acquainted(solution: Solution, data: Data, table: Table, price: float, dear
 
 def without_doubts(solution: Solution, data: Data, table: Table, dear: float) -> Solution:
     """The solution without contacts that have no cause and improve less than `dear`; nothing else is reconsidered."""
-    story = prune(solution, _gains(solution, data, table), 0.0, dear)
+    story = prune(solution, _gains(solution, data, table, {}), 0.0, dear)
     return refine(story, data, table, iterations=10, start=solution)
 
 
@@ -87,9 +88,15 @@ def prune(solution: Solution, gains: Floats, price: float, dear: float) -> Story
     return revised.with_pushes()
 
 
-def _gains(solution: Solution, data: Data, table: Table) -> Floats:
-    owner = owners(solution.story, data)
-    return np.array([_gain(solution, data, owner, table, k) for k in range(len(solution.story.contacts))])
+def _gains(solution: Solution, data: Data, table: Table, asked: Answers) -> Floats:
+    """chi2 (C,) that every contact improves; `asked` keeps the answers for when nothing has changed."""
+    owner, story, gains = owners(solution.story, data), solution.story, []
+    for number, contact in enumerate(story.contacts):
+        question = (contact.kind, contact.cushion, *story.told((*contact.before, *contact.after)))
+        if question not in asked:
+            asked[question] = _gain(solution, data, owner, table, number)
+        gains.append(asked[question])
+    return np.array(gains)
 
 
 def _gain(solution: Solution, data: Data, owner: NDArray[np.int64], table: Table, number: int) -> float:

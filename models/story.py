@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -71,6 +72,16 @@ class Story:
         """s; infinite where the span runs to the end of the track."""
         end = self.spans[span].end
         return np.inf if end is None else self.contacts[end].t
+
+    def told(self, spans: Iterable[int]) -> tuple[Hashable, ...]:
+        """What is told of some spans, to what matters: stories that differ by less ask the same of the samples."""
+        return tuple(
+            (
+                self.spans[k].ball, self.spans[k].static, round(self.begin(k), 4), round(self.finish(k), 4),
+                *np.round(self.spans[k].state[:4], 3).tolist(),
+            )
+            for k in spans
+        )  # fmt: skip
 
     def with_pushes(self) -> Story:
         """The story in which every strike says whether it can be a cue's: none strikes while balls move."""
