@@ -1,0 +1,49 @@
+"""Recordings whose pictures were not taken when they are shown: fits see through them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filmed_shots import Filmed, match, random_shot
+
+from models.fitting import fit_shot
+from models.tracks import Tracks
+
+PER_PICTURE = ("frame", "t", "xy", "px", "sigma", "sigma_along", "streak", "radius_px")
+
+
+def converted(tracks: Tracks) -> Tracks:
+    """From 30 to 25 pictures a second, by leaving out every sixth one."""
+    rows = np.flatnonzero(np.arange(len(tracks.t)) % 6 != 4)
+    kept = replace(tracks, **{name: getattr(tracks, name)[rows] for name in PER_PICTURE})
+    return replace(kept, frame=np.arange(len(rows)), t=np.arange(len(rows)) / 25)
+
+
+def as_shown(shot: Filmed) -> Filmed:
+    """The shot with the moments at which its contacts are shown."""
+    tracks = converted(shot.tracks)
+    taken = shot.tracks.t[np.arange(len(shot.tracks.t)) % 6 != 4]
+    contacts = [(float(np.interp(t, taken, tracks.t)), *rest) for t, *rest in shot.contacts]
+    return replace(shot, tracks=tracks, contacts=contacts)
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_contacts_are_told_at_the_moments_that_show_them(seed: int) -> None:
+    shot = as_shown(random_shot(seed, missing=0.0))
+    fit = fit_shot(shot.tracks, shot.scene)
+    errors, missed, extra = match(fit, shot)
+    assert not missed
+    assert extra == 0
+    assert np.median(np.abs(errors)) < 0.003
+    assert np.nanmax(np.abs(fit.residual)) < 0.01
+    assert fit.trust.light == "green"
+
+
+def test_speeds_are_those_before_the_camera() -> None:
+    shot = random_shot(3, missing=0.0)
+    whole, part = fit_shot(shot.tracks, shot.scene), fit_shot(converted(shot.tracks), shot.scene)
+    t = 0.6 + np.arange(20) / 30
+    shown = np.interp(t, shot.tracks.t[np.arange(len(shot.tracks.t)) % 6 != 4], converted(shot.tracks).t)
+    assert part.trajectory.at(shown).v[:, 0] == pytest.approx(whole.trajectory.at(t).v[:, 0], abs=0.03)
