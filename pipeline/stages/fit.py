@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from models.fit import Fit
@@ -15,9 +16,12 @@ def fit_stage(options: FitOptions) -> Stage:
 
 
 def _run(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
-    from models.billiards.whole_shots import with_laws  # slow to import, and not needed while cached
-    from models.fitting import fit_shot
+    from models.fitting import fit_shot  # slow to import, and not needed while cached
 
     tracks, scene = inputs["track"], inputs["calibrate"]
     fit = fit_shot(tracks, scene, options, progress)
-    return fit if options.quick else with_laws(fit, tracks, scene.table, options)
+    if not options.laws:
+        return replace(fit, lawless="It was not asked for: --laws.")
+    from models.billiards.whole_shots import with_laws
+
+    return with_laws(fit, tracks, scene.table, options)
