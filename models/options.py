@@ -28,7 +28,7 @@ class FitOptions:
     free_price: float = 150.0
     """chi2 that a change of velocity must improve where nothing is near."""
     laws: bool = False
-    """explain whole shots by published laws as well: spin, friction of the cushions, the size of the balls. Takes up to a
-    minute, and the first time on a machine two more to compile."""
+    """explain whole shots by published laws as well: spin, friction of the cushions, the size of the balls. Takes up
+    to a minute, and the first time on a machine two more to compile."""
     moving_speed: float = 0.02
     """m/s above which a ball counts as moving."""
