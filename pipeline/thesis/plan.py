@@ -20,8 +20,10 @@ REAL_RATES = (200 / 13, 200 / 26)
 """Hz: 13 and 26 samples apart; above them every spline is good enough."""
 SECONDS = 2.5
 """of the simulated scenes."""
-QUICK_EFFORT = 0.1
+QUICK_EFFORT = 0.06
 """share of their steps that networks get in a quick run."""
+QUICK_SECONDS, MOST_SECONDS = 8.0, 120.0
+"""CPU s after which a network learns no more, in a quick run and in a whole one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,7 @@ class Plan:
 
     @property
     def budget(self) -> Budget:
-        return Budget(QUICK_EFFORT if self.quick else 1.0)
+        return Budget(QUICK_EFFORT, QUICK_SECONDS) if self.quick else Budget(1.0, MOST_SECONDS)
 
 
 @dataclass(frozen=True, slots=True)

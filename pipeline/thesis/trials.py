@@ -74,7 +74,8 @@ def is_known(method: Method, series: Series, budget: Budget, cache: Cache) -> bo
 def _parts(method: Method, series: Series, budget: Budget) -> dict[str, Any]:
     return {
         "case": asdict(series.case), "content": _content(series), "method": [type(method).__qualname__, method.name],
-        "effort": budget.effort, "source": _sources(type(method).__module__), "libraries": library_versions(),
+        "budget": [budget.effort, budget.seconds], "source": _sources(type(method).__module__),
+        "libraries": library_versions(),
     }  # fmt: skip
 
 
