@@ -117,4 +117,5 @@ def balls_at(sightings: Sightings, state: State, k: int, t: float) -> Balls:
     heading = np.where(moving[:, None] & (length > 1e-6), ahead / np.maximum(length, 1e-6), 0.0)
     near = row if share < 0.5 else after
     radius = np.where(np.isfinite(sightings.radius[near]), sightings.radius[near], sightings.radius[row])
-    return Balls(centre, radius, np.where(moving, speed, 0.0), np.nan_to_num(heading), moving, state.measured[k], sure)
+    told = np.where(moving | ~np.isfinite(speed), speed, 0.0)  # NaN where it is not known, as in a pocket
+    return Balls(centre, radius, told, np.nan_to_num(heading), moving, state.measured[k], sure)

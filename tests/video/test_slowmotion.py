@@ -17,7 +17,8 @@ from models.events import Events
 from models.fit import Trust
 from models.trajectory import Trajectory
 from video.options import RenderOptions
-from video.slowmotion import render_poster, render_slow_motion
+from video.sightings import sight
+from video.slowmotion import balls_at, render_poster, render_slow_motion
 
 Picture = NDArray[np.uint8]
 
@@ -159,6 +160,16 @@ def test_a_shot_without_any_fit_is_shown_as_it_was_filmed(tmp_path: Path) -> Non
     render_poster(clip, shot.scene(), shot.tracks(clip.t), empty, tmp_path / "poster.png")
     with av.open(str(path)) as container:
         assert sum(1 for _ in container.decode(video=0)) == 15
+
+
+def test_a_ball_that_is_followed_no_longer_has_no_speed_and_one_that_rests_has_none_to_speak_of() -> None:
+    times = np.arange(31) / shot.RATE
+    fit = shot.fit(times)
+    ends = replace(fit, trajectory=replace(fit.trajectory, end=np.array([0.1, 0.5, times[-1]])))
+    sightings = sight(shot.scene(), shot.tracks(times), ends)
+    for t, cue in ((0.05, 0.0), (0.45, 0.9), (0.55, np.nan)):
+        speed = balls_at(sightings, sightings.state(np.array([t])), 0, t).speed
+        assert speed == pytest.approx([cue, 0.0], nan_ok=True)
 
 
 def test_balls_never_seen_again_after_a_pocket_leave_the_picture(tmp_path: Path) -> None:
