@@ -144,7 +144,8 @@ def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], 
         loader=PackageLoader("pipeline", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     ).get_template("reproduce.html")
     return page.render(
-        seeds=len({trial.case.seed for trial in trials}), quick=plan.quick, effort=f"{QUICK_EFFORT:.0%}", seconds=f"{plan.budget.seconds:.0f}",
+        seeds=len({trial.case.seed for trial in trials}), quick=plan.quick, effort=f"{QUICK_EFFORT:.0%}",
+        seconds=f"{plan.budget.seconds:.0f}",
         done=len(trials), planned=planned, left_out=left_out(plan), scenes=scenes, notes=_notes(trials),
     )  # fmt: skip
 

@@ -83,7 +83,9 @@ def _grid(variants: tuple[str, ...], plan: Plan) -> Iterator[tuple[str, float, f
 
 def tasks(plan: Plan) -> list[Task]:
     """Every method on every case."""
-    return [Task(case, method.name) for case in cases(plan) for method in methods_for(case.scene)]
+    return [
+        Task(case, method.name) for case in cases(plan) for method in methods_for(case.scene, case.variant, plan.run)
+    ]
 
 
 def series_of(case: Case, plan: Plan) -> Series:
@@ -99,8 +101,10 @@ def series_of(case: Case, plan: Plan) -> Series:
     return pool(case, plan.run)
 
 
-def method_of(task: Task) -> Method:
-    return next(method for method in methods_for(task.case.scene) if method.name == task.method)
+def method_of(task: Task, plan: Plan) -> Method:
+    """The method of a task."""
+    there = methods_for(task.case.scene, task.case.variant, plan.run)
+    return next(method for method in there if method.name == task.method)
 
 
 def left_out(plan: Plan) -> list[str]:

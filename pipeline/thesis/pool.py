@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,18 @@ MOVED = 1.0
 """px between first and last: a stretch in which nothing moves shows nothing."""
 
 
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Pictures in which every ball was seen."""
+
+    ids: tuple[str, ...]
+    """(N,)"""
+    t: Floats
+    """(T,) s of the clip."""
+    places: Floats
+    """(T, N, 2) px."""
+
+
 def shots_of(run: Path) -> list[tuple[str, float]]:
     """The shots of a run folder, and their frames per second."""
     columns = _seen(run)
@@ -26,11 +39,21 @@ def shots_of(run: Path) -> list[tuple[str, float]]:
 def pool(case: Case, run: Path) -> Series:
     """The longest stretch of a shot in which every ball was seen in every frame; withheld are measured places too,
     so that no method can be better than their noise. OptionError where there is no such stretch."""
-    found = _stretch(_seen(run), int(case.variant.removeprefix("shot ")))
+    found = stretch_of(run, number_of(case.variant))
+    return filmed(case, found.t - found.t[0], found.places)
+
+
+def number_of(variant: str) -> int:
+    """The number of a shot by its name."""
+    return int(variant.removeprefix("shot "))
+
+
+def stretch_of(run: Path, shot: int) -> Stretch:
+    """What a shot has of pictures with every ball."""
+    found = _stretch(_seen(run), shot)
     if found is None:
-        raise OptionError(f"{run} has no {case.variant} with {LEAST_FRAMES} frames in which every ball was seen")
-    t, places = found
-    return filmed(case, t - t[0], places)
+        raise OptionError(f"Shot {shot} of {run} has no {LEAST_FRAMES} frames on end in which every ball was seen")
+    return found
 
 
 def _seen(run: Path) -> Columns:
@@ -44,8 +67,8 @@ def _rate(columns: Columns, shot: int) -> float:
     return round(float(1 / np.median(np.diff(np.unique(columns["t"][rows])))), 2)
 
 
-def _stretch(columns: Columns, shot: int) -> tuple[Floats, Floats] | None:
-    """Times (T,) and places (T, N, 2) px of the longest run of even frames with all balls, None where too short."""
+def _stretch(columns: Columns, shot: int) -> Stretch | None:
+    """The longest run of even frames with all balls, None where too short."""
     rows = columns["shot"] == shot
     t, row = np.unique(columns["t"][rows], return_inverse=True)
     ids = sorted(set(columns["id"][rows].tolist()))
@@ -63,4 +86,4 @@ def _stretch(columns: Columns, shot: int) -> tuple[Floats, Floats] | None:
     part = slice(int(starts[longest]), int(stops[longest]) + 1)
     if len(t[part]) < LEAST_FRAMES or np.abs(np.diff(places[part][[0, -1]], axis=0)).max() < MOVED:
         return None
-    return t[part], places[part]
+    return Stretch(tuple(ids), t[part], places[part])

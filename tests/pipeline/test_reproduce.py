@@ -171,7 +171,7 @@ def test_the_pool_scene_is_the_longest_stretch_with_every_ball(tmp_path: Path) -
 def only_curves(monkeypatch: pytest.MonkeyPatch) -> None:
     """Networks take minutes."""
 
-    def curves(scene: str) -> list[Method]:
+    def curves(scene: str, variant: str, run: Path | None) -> list[Method]:
         return list(CURVES)
 
     monkeypatch.setattr("pipeline.thesis.plan.methods_for", curves)
