@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from models.attempt import HUBER, Problem, glanced
 from models.billiards.engine import TIME
+from models.billiards.playing import SIDE_SPIN, sizes
 from models.billiards.shots import Shots
 from models.draws import drawn
 from models.shooting import UNDETERMINED, Shooting, ShootingOptions, shoot
@@ -43,6 +44,8 @@ _WIDER = 1.5
 """factor on the errors of what is drawn: errors of noise that is promised too small are too small."""
 _ASIDE = 0.4
 """standard deviations of what was known beforehand."""
+_LITTLE = 0.05
+"""m/s of surface speed, below which side spin reversed is the same."""
 _TRIED, _FOLLOWED = 12, 3
 """of the draws, those that cost least: begun, and of these followed."""
 
@@ -78,15 +81,19 @@ def grown(model: Shots, shared: Floats, rng: np.random.Generator, options: Shoot
 
 
 def _opposites(model: Shots, found: Shooting) -> list[Guess]:
-    """Starts to either side in every number that a fit left as open as it was: side spin so small that the cloth has
-    spent it before a contact tells nothing, and a search that has come there does not see the way out."""
+    """Starts that a search does not find the way to: to either side in every number that the fit left as open as it
+    was, for side spin so small that the cloth has spent it before a contact tells nothing; and side spin reversed."""
     guesses = []
     for k, (window, covariance) in enumerate(zip(model.windows, found.start_covariances, strict=True)):
+        start, moved = found.starts[k], []
         for j in np.flatnonzero(np.sqrt(np.diag(covariance)) > UNDETERMINED * window.sigma):
-            for side in (-_ASIDE, _ASIDE):
-                start = found.starts[k].copy()
-                start[j] += side * window.sigma[j]
-                guesses.append(Guess((*found.starts[:k], start, *found.starts[k + 1 :]), found.shared))
+            moved += [(j, start[j] + side * _ASIDE * window.sigma[j]) for side in (-1, 1)]
+        spin = sizes(model.stretches[k].moving)[:-1][model.stretches[k].moving] + SIDE_SPIN
+        moved += [(j, -start[j]) for j in spin if abs(start[j]) > _LITTLE]
+        for j, value in moved:
+            other = start.copy()
+            other[j] = value
+            guesses.append(Guess((*found.starts[:k], other, *found.starts[k + 1 :]), found.shared))
     return guesses
 
 

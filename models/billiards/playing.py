@@ -35,6 +35,8 @@ ABSENT = np.concatenate([neutral(), np.ones(3), np.zeros(4), FAITHFUL, np.zeros(
 """(Q,) without any effect."""
 MOVING, LYING, LINEAR = 7, 2, 4
 """Numbers of a ball that moves and of one that lies; those of its centre."""
+SIDE_SPIN = 6
+"""Which of them is the surface speed of side spin."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,9 +40,11 @@ from models.billiards.parameters import (
     CUSHION_LAWS,
     CUSHION_MU,
     NAMES,
+    NAP,
     SLIDING_MU,
     SLOPE_X,
     SLOPE_Y,
+    SPIN_DECAY,
     VISCOUS_DRAG,
 )
 
@@ -51,7 +53,7 @@ BALL_COLUMNS = ("x", "y", "vx", "vy", "wx", "wy", "wz", "radius", "mass")
 CURVING = (SLOPE_X, SLOPE_Y, AIR_DRAG, VISCOUS_DRAG)
 """Parameters whose derivatives have no closed form, even where they are 0."""
 PER_BALL = len(BALL_COLUMNS)
-_RADIUS, _MASS, _PARAMETERS = 7, 8, len(NAMES)
+_SIDE_SPIN, _RADIUS, _MASS, _PARAMETERS = 6, 7, 8, len(NAMES)
 _MATHAVAN = CUSHION_LAWS.index("mathavan_2010")
 _STEP = 1e-30
 """Of the complex step."""
@@ -67,6 +69,10 @@ def derive_motion(state, radius, p, active, taus, until, rows, phases, shown, la
     (7, 8 + A) with those of the state there, end (7,) with that state and rate (7,) with its change.
     """
     for j in range(8 + len(active)):
+        turns_only = j == _SIDE_SPIN or (j >= 8 and active[j - 8] == SPIN_DECAY)
+        if (j >= 8 and not felt_by_cloth(active[j - 8])) or (turns_only and shown.shape[1] == 2 and until == np.inf):
+            shown[:, :, j], last[:, j] = 0.0, 0.0
+            continue
         s, r, q = state.astype(np.complex128), radius + 0j, p.astype(np.complex128)
         if j < 7:
             s[j] += 1j * _STEP
@@ -76,7 +82,9 @@ def derive_motion(state, radius, p, active, taus, until, rows, phases, shown, la
             q[active[j - 8]] += 1j * _STEP
         horizon = until if until < np.inf else taus[-1] if len(taus) > 0 else 0.0
         count = plan(s, r, q, horizon + _AHEAD, rows, phases)
-        if shown.shape[1] == 2:
+        if shown.shape[1] == 2 and turns_only:  # side spin does not act on the path
+            shown[:, :, j] = 0.0
+        elif shown.shape[1] == 2:
             derive_places(s, rows, phases, count, taus, shown, j)
         else:
             derive_states(s, q, rows, count, taus, shown, j)
@@ -86,6 +94,12 @@ def derive_motion(state, radius, p, active, taus, until, rows, phases, shown, la
             end[:], rate[:], last[:, j] = found.real, turn.real, found.imag / _STEP
             if until == 0.0:
                 last[:, j] = s.imag / _STEP
+
+
+@compiled
+def felt_by_cloth(parameter):  # type: ignore[no-untyped-def]
+    """Whether a ball alone on the cloth feels a parameter."""
+    return parameter < CUSHION_E or parameter == NAP
 
 
 @compiled
@@ -131,12 +145,13 @@ def moved_by(sensitivity, directions, ball, n, active):  # type: ignore[no-untyp
 
 
 @compiled
-def derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, p, active, law, soft):  # type: ignore[no-untyped-def]
-    """(7, 10 + A) derivatives of the state after a cushion by state, radius, mass, offset and parameters."""
+def derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, weighed, p, active, law, soft):  # type: ignore[no-untyped-def]
+    """(7, 10 + A) derivatives of the state after a cushion by state, radius, mass where it is `weighed`, offset and
+    parameters."""
     made = np.zeros((7, 10 + len(active)))
     side = int(lines[row, 5]) if kind == LINE else int(arcs[row, 3])
     for j in range(10 + len(active)):
-        if j > 9 and not felt_by_cushion(active[j - 10], law):
+        if (j > 9 and not felt_by_cushion(active[j - 10], law)) or (j == 8 and not weighed):
             continue
         if kind == LINE and (j < 2 or j == 9):  # a straight nose is the same everywhere
             if j < 2:
@@ -206,7 +221,8 @@ def through_cushion(  # type: ignore[no-untyped-def]
     gap = -nx * sens[0] - ny * sens[1] - directions[PER_BALL * a + _RADIUS]
     gap += nose * (nx * normals[side, 0] + ny * normals[side, 1])
     shift = gap / (nx * before[0] + ny * before[1])
-    law_by = derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, p, active, law, soft)
+    weighed = np.any(directions[PER_BALL * a + _MASS] != 0.0)
+    law_by = derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, weighed, p, active, law, soft)
     told = np.empty((10 + len(active), sens.shape[1]))
     told[:7] = sens + outer(before, shift)
     told[7], told[8], told[9] = directions[PER_BALL * a + _RADIUS], directions[PER_BALL * a + _MASS], nose

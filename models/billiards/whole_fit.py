@@ -31,6 +31,8 @@ _SEED = 2010
 """of what is drawn where a caller brings no generator: the same shots give the same fit."""
 _EXPLAINED = 1.3
 """chi2 per degree of freedom up to which the laws are taken to explain a shot."""
+_RIGHT = 1.1
+"""the same, below which the states are taken to be about right, whatever the laws."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ def unknowns_of(laws: Laws) -> tuple[Prior, ...]:
     """What is sought under these laws: cloth, restitution and friction, the size of the balls, and the noses."""
     used = (*USES[laws.cushion], *USES[laws.ball])
     names = [name for name in NAMES if name in CLOTH or name in used]
-    physics = [_prior(name) for name in names if not name.endswith("speed.slope")]
+    physics = [_prior(name) for name in names]
     size = Prior("collision_radius.factor", "1", 1.0, FACTOR_SIGMA, False, (0.95, 1.05))
     noses = [Prior(f"nose.{side}", "m", 0.0, NOSE_SIGMA, False, (-0.03, 0.03)) for side in CUSHIONS]
     return (*physics, size, *noses)
@@ -84,7 +86,9 @@ def fit_table(
         raise ValueError(f"a fit needs shots and laws; got {len(stretches)} stretches and {len(candidates)} laws")
     asked = ShootingOptions() if options is None else options
     chance = np.random.default_rng(_SEED) if rng is None else rng
-    tried = [(laws, searched(Shots(stretches, table, unknowns_of(laws), laws), asked, chance)) for laws in candidates]
+    tried: list[tuple[Laws, Shooting]] = []
+    for laws in candidates:
+        tried.append((laws, _under(Shots(stretches, table, unknowns_of(laws), laws), tried, asked, chance)))
     least = max(1.0, min(found.chi2_per_dof for _, found in tried))
     ranked = sorted(tried, key=lambda one: -one[1].log_evidence)
     laws, best = ranked[0]
@@ -94,6 +98,22 @@ def fit_table(
         tuple(_by_ball(all_of, one.moving) for all_of, one in zip(best.start_covariances, stretches, strict=True)),
         tuple((one, found.log_evidence / least) for one, found in ranked),
     )  # fmt: skip
+
+
+def _under(
+    model: Shots, others: list[tuple[Laws, Shooting]], options: ShootingOptions, rng: np.random.Generator
+) -> Shooting:
+    """The fit under the laws of a model: begun where other laws explain the shots best, for there the states are about
+    right, whatever the laws; and from what was seen alone, where no laws explain them yet."""
+    if not others:
+        return searched(model, options, rng)
+    laws, near = min(others, key=lambda one: one[1].cost)
+    told = {prior.name: value for prior, value in zip(unknowns_of(laws), near.shared, strict=True)}
+    shared = np.array([told.get(prior.name, prior.value) for prior in model.unknowns])
+    found = shoot(model, shared, options, near.starts)
+    if any(one.converged and one.chi2_per_dof < _RIGHT for one in (near, found)):
+        return found
+    return min([found, searched(model, options, rng)], key=lambda one: one.cost)
 
 
 def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator) -> Shooting:
