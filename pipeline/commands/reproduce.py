@@ -100,7 +100,7 @@ def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
     found = cells(trials)
     for scene in dict.fromkeys(cell.scene for cell in found):
         screen.print(f"\n[bold]{escape(TITLES[scene])}[/]")
-        for sentence in sentences(scene, found):
+        for sentence in sentences(scene, found, plan.budget.effort):
             screen.print(escape(sentence), soft_wrap=True)
         for grid in grids(scene, found):
             screen.print(grid)

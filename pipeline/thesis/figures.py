@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.errors import OptionError
-from pipeline.thesis.methods import PHYSICS_NAME, SPLINES, THESIS_NETS
+from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAME, SPLINES, THESIS_NET, THESIS_NETS
 from pipeline.thesis.series import Series
 from pipeline.thesis.trials import Trial
 from pipeline.thesis.words import Cell
@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 INK, SOFT, LINE = "#1b2420", "#55605a", "#d8dedb"
 CURVE, PHYSICS, THESIS, NET = "#6b7a73", "#0f5c42", "#c62828", "#3b6ea5"
 """Splines, the fit of the physics, the thesis' networks, all other networks."""
+RIVAL = "#b5762a"
+"""ConstraintNet, where lines are few."""
 DPI = 150
+LEAST_DRAWN = 1e-4
+"""px: below it errors are as good as none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +93,7 @@ def pendulum_series(series: Series) -> Drawn:
 
 def boxes_series(series: Series, bodies: np.ndarray) -> Drawn:
     """Figure 7: the ball and the boxes at four moments."""
-    with drawing(11.0, 2.9, 1, 4) as (figure, axes):
+    with drawing(11.0, 2.3, 1, 4) as (figure, axes):
         moments = np.linspace(0, len(series.t) - 1, 4).astype(int)
         for panel, frame in zip(axes[0], moments, strict=True):
             for body in range(1, bodies.max() + 1):
@@ -137,19 +141,27 @@ def error_over_time(trials: Sequence[Trial], cell: Cell, name: str, title: str) 
     """Root mean square error at each withheld midpoint of one setting, the first seed."""
     there = [trial for trial in trials if _belongs(trial, cell)]
     first = min(trial.case.seed for trial in there)
-    shown = sorted((trial for trial in there if trial.case.seed == first), key=lambda trial: -trial.mse)
+    shown = _telling([trial for trial in there if trial.case.seed == first])
     with drawing(9.0, 4.0) as (figure, axes):
         panel = axes[0, 0]
-        for trial in shown:
-            colour = colour_of(trial.method)
-            strong = trial.method in ("linear", "cubic") or colour in (PHYSICS, THESIS)
-            panel.plot(trial.t, trial.error.clip(1e-6), color=colour, lw=1.6 if strong else 0.8,
-                       ls=":" if trial.method == "linear" else "--" if trial.method == "cubic" else "-",
-                       alpha=1.0 if strong else 0.6, label=trial.method)  # fmt: skip
+        for trial, (colour, style) in shown:
+            panel.plot(trial.t, trial.error.clip(LEAST_DRAWN), style, color=colour, lw=1.5, label=trial.method)
         panel.set(yscale="log", xlabel="time, s", ylabel="error at the midpoint, px")
         panel.grid(axis="y", color=LINE, lw=0.5)
         panel.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
         return finished(figure, name, f"{title} ({cell.setting})")
+
+
+def _telling(trials: list[Trial]) -> list[tuple[Trial, tuple[str, str]]]:
+    """Few enough to tell apart, the worst first: the simplest splines, the thesis' network, ConstraintNet, the best of
+    the other networks, the physics."""
+    looks = {"linear": (CURVE, ":"), "cubic": (CURVE, "--"), "akima": (CURVE, "-"), THESIS_NET: (THESIS, "-"),
+             CONSTRAINT_NET: (RIVAL, "-"), PHYSICS_NAME: (PHYSICS, "-")}  # fmt: skip
+    others = [trial for trial in trials if colour_of(trial.method) == NET and trial.method not in looks]
+    if others:
+        looks[min(others, key=lambda trial: trial.mse).method] = (NET, "-")
+    chosen = sorted((trial for trial in trials if trial.method in looks), key=lambda trial: -trial.mse)
+    return [(trial, looks[trial.method]) for trial in chosen]
 
 
 def _belongs(trial: Trial, cell: Cell) -> bool:

@@ -133,7 +133,7 @@ def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], 
     scenes = [
         {
             "title": TITLES[scene],
-            "said": sentences(scene, found),
+            "said": sentences(scene, found, plan.budget.effort),
             "tables": sheets(scene, found),
             "figures": [{"title": one.title, "data": b64encode(one.png).decode()} for one in figures[scene]],
         }

@@ -49,12 +49,15 @@ def cells(trials: Iterable[Trial]) -> list[Cell]:
     ]  # fmt: skip
 
 
-def sentences(scene: str, found: list[Cell]) -> list[str]:
-    """What the cells of one scene show."""
+def sentences(scene: str, found: list[Cell], trained: float = 1.0) -> list[str]:
+    """What the cells of one scene show; networks had the share `trained` of their training."""
     here = [cell for cell in found if cell.scene == scene]
     if not here:
         return []
-    said = [_thesis(scene, here), _splines(here), _constraint(here), _physics(here)]
+    claim = _thesis(scene, here)
+    if claim and trained < 1:
+        claim += f" With {trained:.0%} of its training that decides nothing about the claim."
+    said = [claim, _splines(here), _constraint(here), _physics(here)]
     return [sentence for sentence in said if sentence]
 
 
@@ -86,18 +89,18 @@ def _thesis(scene: str, here: list[Cell]) -> str:
     if not found:
         return ""
     values = np.array([gain for _, gain in found])
-    many = f"{_middle(found)} than linear in the median setting ({_span(found)})"
+    own = f"Its network's is {_all(found, 'linear')}"
     if scene == "boxes":
         alike = int(np.sum((values > 1 / ALIKE) & (values < ALIKE)))
         return (
-            f"The thesis claims an error comparable to linear. Its network's is {many}: within a factor of "
-            f"{ALIKE:g} of linear in {alike} of {len(values)} settings."
+            f"The thesis claims an error comparable to linear. {own}: within a factor of {ALIKE:g} of linear in "
+            f"{alike} of {len(values)} settings."
         )
     holds = int(np.sum(values >= CLAIMED))
     where = "; ".join(cell.setting for cell, gain in found if gain >= CLAIMED)
     return (
-        f"The thesis claims an error {CLAIMED:g} times lower than linear. Its network's is {many}; the claim holds in "
-        f"{holds} of {len(values)} settings{f' ({where})' if 0 < holds < len(values) else ''}."
+        f"The thesis claims an error {CLAIMED:g} times lower than linear. {own}; the claim holds in {holds} of "
+        f"{len(values)} settings{f' ({where})' if 0 < holds < len(values) else ''}."
     )
 
 
@@ -117,9 +120,9 @@ def _constraint(here: list[Cell]) -> str:
     own = gains(here, (CONSTRAINT_NET,), "linear")
     if not own:
         return ""
-    text = f"ConstraintNet's error is {_middle(own)} than linear in the median setting"
+    text = f"ConstraintNet's error is {_all(own, 'linear')}"
     if found:
-        text += f", that of the thesis' network {_middle(found)} than ConstraintNet's"
+        text += f"; that of the thesis' network is {_all(found, CONSTRAINT_NET)}"
     return text + "."
 
 
@@ -129,15 +132,15 @@ def _physics(here: list[Cell]) -> str:
         return ""
     first = sum(best(cell, cell.mse) == best(cell, (PHYSICS_NAME,)) for cell, _ in found)
     return (
-        f"The error of the fit of the physics itself is {_middle(found)} than the cubic spline's in the median setting "
-        f"({_span(found)}); it is the best of all methods in {first} of {len(found)}."
+        f"The error of the fit of the physics itself is {_all(found, 'cubic')}; it is the best of all methods in "
+        f"{first} of {len(found)}."
     )
 
 
-def _middle(found: list[tuple[Cell, float]]) -> str:
-    return compared(median(gain for _, gain in found))
-
-
-def _span(found: list[tuple[Cell, float]]) -> str:
+def _all(found: list[tuple[Cell, float]], rival: str) -> str:
+    """The gains over a rival of all settings as words."""
     values = [gain for _, gain in found]
-    return f"from {compared(min(values))} to {compared(max(values))}"
+    if len(values) == 1:
+        return f"{compared(values[0])} than {rival}"
+    span = f"from {compared(min(values))} to {compared(max(values))}"
+    return f"{compared(median(values))} than {rival} in the median setting ({span})"
