@@ -54,15 +54,6 @@ class Break:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
-    """A ball was seen in motion from begin to end, s."""
-
-    ball: int
-    begin: float
-    end: float
-
-
-@dataclass(frozen=True, slots=True)
 class _Cause:
     score: float
     kind: ContactKind
@@ -100,12 +91,9 @@ def breaks_of(ball: int, samples: Samples, segments: list[Segment], radius: floa
     return found
 
 
-def explain(breaks: list[Break], table: Table, runs: list[Run]) -> list[_Cause]:
-    """The most plausible causes, each break in at most one of them; what is left over is `strike` or `free`.
-
-    `runs` say when balls were seen in motion.
-    """
-    causes = _pairs(breaks, table, runs) + _cushions(breaks, table)
+def explain(breaks: list[Break], table: Table) -> list[_Cause]:
+    """The most plausible causes, each break in at most one of them; what is left over is `strike` or `free`."""
+    causes = _pairs(breaks, table) + _cushions(breaks, table)
     used: set[int] = set()
     chosen = []
     for cause in sorted(causes, key=lambda c: c.score):
@@ -140,27 +128,38 @@ def near_something(samples: Samples, others: list[Samples], table: Table) -> NDA
     return known
 
 
-def _pairs(breaks: list[Break], table: Table, runs: list[Run]) -> list[_Cause]:
+def _pairs(breaks: list[Break], table: Table) -> list[_Cause]:
     causes = []
     for i, one in enumerate(breaks):
         for j in range(i + 1, len(breaks)):
             two = breaks[j]
-            if one.ball == two.ball or one.early > two.late + 0.7 * (two.late - two.early):
+            if one.ball == two.ball or not _overlap(one, two):
                 continue
-            if two.early > one.late + 0.7 * (one.late - one.early):
-                continue
-            if one.from_rest and two.from_rest and _others_run(one, two, runs):
-                continue  # no cue strikes while balls move: what moves there hit them both, or one that hit the other
+            if one.from_rest and two.from_rest and _met_by_a_third(one, two, breaks, table.ball_radius):
+                continue  # what came hit one of them, and that one perhaps the other
             score = _pair_score(one, two, table.ball_radius)
             if np.isfinite(score):
                 causes.append(_Cause(score, "ball", (i, j)))
     return causes
 
 
-def _others_run(one: Break, two: Break, runs: list[Run]) -> bool:
-    """Whether a third ball is in motion when two begin to move."""
-    early = min(one.early, two.early)
-    return any(run.ball not in (one.ball, two.ball) and run.begin <= early and run.end >= early for run in runs)
+def _met_by_a_third(one: Break, two: Break, breaks: list[Break], radius: float) -> bool:
+    """Whether a ball that was in motion turns beside one of two that begin to move: then it has met that one."""
+    for third in breaks:
+        if third.from_rest or third.ball in (one.ball, two.ball):
+            continue
+        reach = 2 * (1 + NEAR_BALL) * radius + 0.5 * float(np.linalg.norm(third.before)) * (third.late - third.early)
+        for other in (one, two):
+            if _overlap(third, other) and np.linalg.norm(third.x - other.x) < reach:
+                return True
+    return False
+
+
+def _overlap(one: Break, two: Break) -> bool:
+    """Whether two breaks may be one moment."""
+    if one.early > two.late + 0.7 * (two.late - two.early):
+        return False
+    return two.early <= one.late + 0.7 * (one.late - one.early)
 
 
 def _pair_score(one: Break, two: Break, radius: float) -> float:
@@ -221,11 +220,7 @@ def tell(samples: list[Samples], segments: list[list[Segment]], table: Table, ki
         breaks += breaks_of(ball, seen, parts, table.ball_radius) if parts else []
     contacts: list[Contact] = []
     unseen: dict[int, Break] = {}
-    runs = [
-        Run(ball, float(seen.t[part.first]), float(seen.t[part.last]))
-        for ball, (seen, parts) in enumerate(zip(samples, segments, strict=True)) for part in parts if not part.static
-    ]  # fmt: skip
-    for cause in explain(breaks, table, runs):
+    for cause in explain(breaks, table):
         members = [breaks[k] for k in cause.breaks]
         before = tuple(index[b.ball, b.left] for b in members)
         after = tuple(index[b.ball, b.left + 1] for b in members)

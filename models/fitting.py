@@ -69,7 +69,9 @@ def _as_shown(fit: Fit, tracks: Tracks, clock: Clock) -> Fit:
     events = replace(fit.events, t=t, t_sigma=fit.events.t_sigma * clock.rate(fit.events.t), frame=frame_at(tracks, t))
     motion = fit.trajectory
     motion = replace(motion, start=clock.shown_at(motion.start), end=clock.shown_at(motion.end), clock=clock)
-    return replace(fit, events=events, trajectory=motion)
+    off = clock.taken - clock.shown
+    note = f"Pictures were dropped, held or late: they show moments up to {1e3 * np.ptp(off):.0f} ms off an even time."
+    return replace(fit, events=events, trajectory=motion, trust=Trust(fit.trust.light, (*fit.trust.reasons, note)))
 
 
 def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progress) -> tuple[Fit, Solution | None]:
