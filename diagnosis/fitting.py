@@ -11,7 +11,7 @@ from diagnosis.decorrelated import Decorrelated, chain
 from models.attempt import Attempt, Problem, attempt, normal_blocks
 from models.effects.effect import Prior
 from models.elimination import solved
-from models.gap_scene import GapScene, Mask, Recording, neutral_values, parameters_of
+from models.gap_scene import Beginner, GapScene, Mask, Recording, neutral_values, parameters_of
 from models.held import Held
 from models.shooting import Shooting, ShootingOptions, shoot
 from models.windows import Model
@@ -125,6 +125,8 @@ def fit(
     free = question.mask((*question.scene.assumed, *names))
     values = np.where(free, [prior.value for prior in question.priors], question.neutral) if guess is None else guess
     values = np.where(free, _inside(question.priors, values), question.neutral)
+    if starts is None and isinstance(question.scene, Beginner):
+        starts, values = question.scene.begun(pieces, forms, question.priors, values, free)
     held = Held(model_of(question, pieces, forms, free), values, free, question.priors)
     found = shoot(held, values[free], _ITERATIONS, starts)
     return Fitted(pieces, names, forms, free, held.whole(found.shared), found)
@@ -134,7 +136,10 @@ def follow(question: Question, pieces: tuple[Recording, ...], like: Fitted) -> F
     """Only the starts of other pieces fitted, all parameters kept."""
     free = np.zeros(len(question.priors), bool)
     held = Held(model_of(question, pieces, like.forms, free), like.shared, free, question.priors)
-    return Fitted(pieces, like.names, like.forms, free, like.shared, shoot(held, np.empty(0), _ITERATIONS))
+    starts = None
+    if isinstance(question.scene, Beginner):
+        starts, _ = question.scene.begun(pieces, like.forms, question.priors, like.shared, free)
+    return Fitted(pieces, like.names, like.forms, free, like.shared, shoot(held, np.empty(0), _ITERATIONS, starts))
 
 
 def _inside(priors: tuple[Prior, ...], values: Floats) -> Floats:

@@ -8,12 +8,12 @@ neutral values; the derivative by its parameters there is its signature, from th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.effects.effect import Effect
+from models.effects.effect import Effect, Prior
 from models.windows import Model
 
 Floats = NDArray[np.float64]
@@ -142,6 +142,22 @@ class GapScene(Protocol):
 
     def predict(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Floats:
         """(T, N, D) where every body would be seen at every row of the piece, seen or not."""
+        ...
+
+
+@runtime_checkable
+class Beginner(Protocol):
+    """A scene that knows better than a general search where the fit of its pieces begins."""
+
+    def begun(
+        self,
+        pieces: tuple[Recording, ...],
+        forms: tuple[str, ...],
+        priors: tuple[Prior, ...],
+        shared: Floats,
+        free: Mask,
+    ) -> tuple[tuple[Floats, ...], Floats]:
+        """Starts of all pieces, and the parameters (P,), those that are not `free` (P,) as in `shared` (P,)."""
         ...
 
 

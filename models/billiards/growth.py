@@ -8,7 +8,7 @@ the cause: then states are drawn from what the moments before leave open, and th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,7 +123,7 @@ def goes_on(model: Shots, now: Guess, usual: float) -> bool:
 
 def _first(model: Shots, shared: Floats) -> tuple[Guess, float]:
     """The best of all first guesses by the first moments, and their variance over what was promised, at least 1."""
-    part = model.until(float(model.stretches[0].t[0]) + FIRST)
+    part = replace(model, stretches=(model.stretches[0].until(float(model.stretches[0].t[0]) + FIRST),))
     window = part.windows[0]
     tried = [shoot(part, shared, _FEW_STEPS, (start,)) for start in (window.start, *window.others)]
     begun = min(tried, key=lambda one: one.cost)

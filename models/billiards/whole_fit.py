@@ -116,14 +116,15 @@ def _under(
     return min([found, searched(model, options, rng)], key=lambda one: one.cost)
 
 
-def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator) -> Shooting:
-    """All shots together, begun from each alone.
+def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator, guess: Floats | None = None) -> Shooting:
+    """All shots together, begun from each alone, and each of those with the numbers `guess` (P,), the usual ones where
+    not given.
 
     Which first guess of a spin is right shows once the table is known. So shots that are explained alone tell of the
     table first, the others are sought with what those have told, and only then all are fitted.
     """
-    numbers = sorted({one.shot for one in model.stretches})
-    usual = np.array([prior.value for prior in model.unknowns])
+    numbers = list(dict.fromkeys(one.shot for one in model.stretches))
+    usual = np.array([prior.value for prior in model.unknowns]) if guess is None else guess
     alone = {number: grown(_only(model, [number]), usual, rng, options) for number in numbers}
     if len(numbers) == 1:
         return alone[numbers[0]]
@@ -131,7 +132,7 @@ def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator) -
     good = good or [min(numbers, key=lambda number: alone[number].chi2_per_dof)]
     first = alone[min(good, key=lambda number: float(np.log(alone[number].sigma).sum()))]
     told = _together(model, good, alone, first.shared, options)
-    for number in set(numbers) - set(good):
+    for number in (one for one in numbers if one not in good):
         known = replace(_only(model, [number]), unknowns=priors_of(model.unknowns, told))
         other = grown(known, told.shared, rng, options)
         if other.chi2_per_dof < alone[number].chi2_per_dof:
