@@ -46,7 +46,8 @@ def finer(shot: Shot, found: Explained, factor: int) -> dict[str, Floats]:
     x[::factor][seen] = shot.particles.x[seen]
     observed = np.zeros(x.shape[:2])
     observed[::factor] = seen
-    return {"t": t, "x": x, "sigma": np.broadcast_to(found.sigma, observed.shape), "observed": observed}
+    known = np.where(np.isfinite(found.sigma), found.sigma, np.nan)
+    return {"t": t, "x": x, "sigma": np.broadcast_to(known, observed.shape), "observed": observed}
 
 
 def _told(shot: Shot, found: Explained) -> dict[str, Any]:

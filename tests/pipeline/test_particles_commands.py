@@ -55,6 +55,13 @@ def test_samples_stay_as_they_were_and_gaps_are_filled(tmp_path: Path) -> None:
     assert all(row["observed"] == "1" for (frame, name), row in found.items() if name == "right" and frame % 2 == 0)
 
 
+def test_an_error_that_is_not_known_is_left_empty(tmp_path: Path) -> None:
+    lines = ["t,id,x,y", *(f"{k},a,{k * k},{-k}" for k in range(5))]
+    (tmp_path / "tracks.csv").write_text("\n".join(lines), encoding="utf-8")
+    assert execute(["interpolate", str(tmp_path), "--factor", "2", "-o", str(tmp_path / "out.csv")]) == 0
+    assert {row["sigma"] for row in rows(tmp_path / "out.csv")} == {""}
+
+
 def test_a_file_without_times_needs_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = falling(tmp_path, header="frame")
     command = ["interpolate", str(source), "--factor", "2", "-o", str(tmp_path / "out")]
