@@ -12,6 +12,8 @@ from models.windows import sensitive_from
 
 LEAST = 8
 """rows of a piece"""
+FEWEST = 2
+"""sightings of a body in a piece"""
 SHORT = 0.5
 """s of a piece in which hardly anything happens"""
 _EXPLAINS = 4.0
@@ -70,7 +72,13 @@ def _parts(piece: Recording) -> list[Recording]:
     """Pieces of about SHORT seconds each."""
     count = min(round(float(piece.t[-1] - piece.t[0]) / SHORT), len(piece.t) // LEAST)
     ends = np.linspace(0, len(piece.t), max(count, 1) + 1).astype(int)
-    return [piece.rows(int(first), int(last)) for first, last in pairwise(ends)]
+    parts = [piece.rows(int(first), int(last)) for first, last in pairwise(ends)]
+    return parts if all(_can_be_followed(part) for part in parts) else [piece]
+
+
+def _can_be_followed(piece: Recording) -> bool:
+    """Whether every body is seen often enough to tell where it goes."""
+    return bool((piece.seen.sum(axis=0) >= FEWEST).all())
 
 
 def _shorter(question: Question, fitted: Fitted) -> tuple[Recording, ...]:
@@ -91,4 +99,5 @@ def _shorter(question: Question, fitted: Fitted) -> tuple[Recording, ...]:
 def _cut(piece: Recording, row: int) -> list[Recording]:
     if row < LEAST or len(piece.t) - row < LEAST:
         return [piece]
-    return [piece.rows(0, row), piece.rows(row, len(piece.t))]
+    parts = [piece.rows(0, row), piece.rows(row, len(piece.t))]
+    return parts if all(_can_be_followed(part) for part in parts) else [piece]

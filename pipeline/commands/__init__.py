@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.command_line import app
 
 ORDER = (
-    "run", "batch", "view", "call", "predict", "interpolate", "diagnose", "simulate", "detect",
+    "run", "batch", "view", "call", "predict", "interpolate", "diagnose", "gapcheck", "simulate", "detect",
     "train-detector", "reproduce", "graph", "cache",
 )  # fmt: skip
 """As a new user needs them, in the list of `--help`."""
@@ -69,6 +69,8 @@ def _import(name: str) -> None:
             from pipeline.commands import interpolate as interpolate
         case "diagnose":
             from pipeline.commands import diagnose as diagnose
+        case "gapcheck":
+            from pipeline.commands import gapcheck as gapcheck
         case "simulate":
             from pipeline.commands import simulate as simulate
         case "detect":

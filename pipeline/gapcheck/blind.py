@@ -1,0 +1,92 @@
+"""A case from end to end: a world plays behind a seal, the diagnosis sees its track folder, then the seal is opened."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from diagnosis.diagnose import diagnose
+from diagnosis.verdict import Report
+from models.errors import TruerollError
+from pipeline.gap_files import write_gap
+from pipeline.gap_scenes import open_scene
+from pipeline.gapcheck.kinds import Kind
+from pipeline.track_folder import TrackFolder, read_track_folders
+
+WORLDS = Path(__file__).resolve().parents[2] / "worlds"
+Answer = Literal["right", "group", "unknown", "none", "undecidable", "wrong"]
+
+
+class WorldFailed(TruerollError):
+    """A world that did not play."""
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A case whose seal was opened after its report was written."""
+
+    kind: Kind
+    seed: int
+    answer: Answer
+    named: tuple[str, ...]
+    """what the report names; none or unknown where that is its verdict."""
+    probability: float
+    """of the first candidate."""
+    closed: float
+    """of the gap; NaN where that is not resolved."""
+    interval: tuple[float, float]
+    oracle: float
+    """what a simulator closes that has the withheld effects from the start; NaN where it is not resolved or foreign."""
+
+
+def play(kind: Kind, seed: int, shots: int, fps: float, sealed: Path, folder: Path) -> None:
+    """Let the world of a kind write a track folder; what acts is written to `sealed` alone."""
+    sealed.write_text(json.dumps(kind.drawn(seed, shots, fps)), encoding="utf-8")
+    command = [sys.executable, str(WORLDS / f"{kind.scene}.py"), str(sealed), str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        said = done.stderr.strip().splitlines()
+        raise WorldFailed(f"the world of {kind.name!r} did not play: {said[-1] if said else 'no reason given'}")
+
+
+def judge(kind: Kind, seed: int, folder: Path) -> Opened:
+    """Diagnose a track folder, write its report, and only then look at what was withheld."""
+    read = read_track_folders([folder])
+    report = diagnose(open_scene(read), read.recordings, seed)
+    write_gap(report, folder / "gap")
+    told = report.gap.closing
+    names = report.effects or (report.verdict,)
+    return Opened(
+        kind, seed, answer(kind, report), names, report.candidates[0].probability if report.candidates else np.nan,
+        told.closed if told.resolved else np.nan, told.interval, _oracle(kind, read, report, seed),
+    )  # fmt: skip
+
+
+def answer(kind: Kind, report: Report) -> Answer:
+    """How a report does against what was withheld."""
+    if report.verdict == "undecidable":
+        return "undecidable"
+    if report.verdict == "unknown":
+        return "right" if kind.foreign else "unknown"
+    if report.verdict == "none":
+        return "none" if kind.withheld else "right"
+    if report.verdict == "group":
+        return "group" if kind.withheld and kind.withheld <= set(report.candidates[0].group) else "wrong"
+    return "right" if set(report.effects) == kind.withheld and not kind.foreign else "wrong"
+
+
+def _oracle(kind: Kind, read: TrackFolder, report: Report, seed: int) -> float:
+    """The closed part of the gap for whoever knows what is missing."""
+    told = report.gap.closing
+    if not kind.withheld or kind.foreign or not told.resolved:
+        return np.nan
+    model = [*kind.model, *sorted(kind.withheld)]
+    knowing = TrackFolder(read.entry.model_copy(update={"model": model}), read.recordings, read.coordinates)
+    left = diagnose(open_scene(knowing), read.recordings, seed).gap.closing.before
+    return float(np.clip((told.before**2 - left**2) / (told.before**2 - told.floor**2), -1, 1))

@@ -1,0 +1,21 @@
+"""Pieces of shots: cut only where every body can still be followed."""
+
+from __future__ import annotations
+
+import numpy as np
+from pucks import Pucks
+
+from diagnosis.fitting import question_of
+from diagnosis.pieces import fit_adaptively
+from models.gap_scene import Recording
+
+
+def test_a_body_that_was_seen_at_the_beginning_alone_is_no_stumbling_block() -> None:
+    t = np.arange(90) / 30
+    rng = np.random.default_rng(4)
+    places = np.stack([np.outer(t, [1.0, 0.2]) + 0.3 * np.sin(9 * t)[:, None], np.outer(t, [-0.5, 0.4])], axis=1)
+    places += rng.normal(0, 1e-3, places.shape)
+    places[10:, 1] = np.nan
+    recording = Recording(0, np.arange(90), t, ("a", "b"), places, np.full((90, 2), 1e-3))
+    found = fit_adaptively(question_of(Pucks(), 0.0), (recording,))
+    assert all((piece.seen.sum(axis=0) >= 2).all() for piece in found.pieces)

@@ -1,0 +1,79 @@
+"""The blind check: what is withheld stays sealed, and answers are judged as they should be."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.execute import execute
+from pipeline.gapcheck.blind import Opened, play
+from pipeline.gapcheck.kinds import KINDS, Kind
+from pipeline.gapcheck.marks import Rate, calibration, confusion, marks_of
+
+FRICTION = next(kind for kind in KINDS if kind.name == "slide, friction")
+CLEAN = next(kind for kind in KINDS if kind.name == "slide, nothing missing")
+STRANGE = next(kind for kind in KINDS if kind.name == "slide, curl")
+BOTH = next(kind for kind in KINDS if kind.name == "slide, friction and slope")
+
+
+def opened(kind: Kind, answer: str, named: str, closed: float = 0.9, oracle: float = 1.0) -> Opened:
+    return Opened(kind, 0, answer, (named,), 0.97, closed, (0.8, 1.0), oracle)  # type: ignore[arg-type]
+
+
+def test_the_track_folder_does_not_tell_what_acts(tmp_path: Path) -> None:
+    play(FRICTION, 3, 5, 60.0, tmp_path / "sealed.json", tmp_path / "case")
+    assert "sliding_friction" in (tmp_path / "sealed.json").read_text()
+    for path in (tmp_path / "case").iterdir():
+        assert "friction" not in path.read_text()
+    with (tmp_path / "case" / "tracks.csv").open(newline="") as file:
+        assert len({row["shot"] for row in csv.DictReader(file)}) == 5
+
+
+def test_cases_of_a_kind_differ_by_seed_and_repeat_with_it() -> None:
+    first, again, other = (FRICTION.drawn(seed, 12, 60.0) for seed in (1, 1, 2))
+    assert first == again
+    assert first["effects"] != other["effects"]
+    assert len({kind.name for kind in KINDS}) == len(KINDS)
+
+
+def test_rates_are_counted_over_the_cases_that_are_asked() -> None:
+    cases = [
+        opened(FRICTION, "right", "sliding_friction"), opened(FRICTION, "group", "sliding_friction"),
+        opened(FRICTION, "unknown", "unknown", np.nan), opened(CLEAN, "right", "none", np.nan, np.nan),
+        opened(CLEAN, "wrong", "slope", np.nan, np.nan), opened(STRANGE, "right", "unknown", np.nan, np.nan),
+        opened(BOTH, "wrong", "slope", 0.5),
+    ]  # fmt: skip
+    marks = marks_of(cases)
+    assert (marks.named, marks.grouped) == (Rate(1, 3), Rate(2, 3))
+    assert (marks.pairs, marks.alarms, marks.unknowns) == (Rate(0, 1), Rate(1, 2), Rate(1, 1))
+    assert marks.closed == pytest.approx((np.median([0.9, 0.9, 0.0, 0.5]), np.quantile([0.9, 0.9, 0.0, 0.5], 0.1)))
+    assert marks.covered == Rate(3, 3)
+    assert ("slide, friction", "unknown", 1) in confusion(cases)
+    assert sum(rate.of for _, _, rate in calibration(cases)) == len(cases)
+
+
+def test_the_interval_of_a_rate_is_wilsons() -> None:
+    low, high = Rate(9, 10).interval
+    assert (low, high) == pytest.approx((0.5958, 0.9821), abs=1e-4)
+    assert Rate(0, 0).interval == (0.0, 1.0)
+
+
+def test_nothing_to_check_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["gapcheck", "--only", "nonsense"]) == 2
+    assert "slide, friction" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_friction_is_found_blind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["gapcheck", "--only", "slide, friction", "--shots", "8", "--keep", str(tmp_path), "--json"]
+    assert execute(words) == 0
+    cases = {one["kind"]: one for one in json.loads(capsys.readouterr().out)["cases"]}
+    assert cases["slide, friction"]["answer"] == "right"
+    assert cases["slide, friction"]["closed"] > 0.95 * cases["slide, friction"]["oracle"]
+    assert (tmp_path / "0000" / "gap" / "gap.json").is_file()
+    assert replace(FRICTION, foreign=True).withheld == {"sliding_friction"}

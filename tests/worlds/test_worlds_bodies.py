@@ -1,0 +1,78 @@
+"""The worlds of bodies: what they write is a track folder whose motion is that of textbooks."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+WORLDS = Path(__file__).parents[2] / "worlds"
+
+
+def played(folder: Path, world: str, **experiment: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shot, time and places of all rows."""
+    said = folder / "experiment.json"
+    said.write_text(json.dumps({"noise": 0.0, "shots": 3, "seconds": 1.0, **experiment}))
+    subprocess.run([sys.executable, str(WORLDS / f"{world}.py"), str(said), str(folder / "out")], check=True)
+    with (folder / "out" / "tracks.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    names = [name for name in rows[0] if name not in ("shot", "frame", "t", "id")]
+    places = np.array([[float(row[name]) for name in names] for row in rows])
+    return np.array([int(row["shot"]) for row in rows]), np.array([float(row["t"]) for row in rows]), places
+
+
+def test_a_sliding_body_stops_where_friction_says(tmp_path: Path) -> None:
+    shot, t, xy = played(tmp_path, "slide", effects={"sliding_friction": {"mu": 0.3}})
+    for one in range(3):
+        own, when = xy[shot == one], t[shot == one]
+        speed = np.linalg.norm(own[1] - own[0]) / when[1] + 0.5 * 0.3 * 9.81 * when[1]
+        way = np.linalg.norm(own[-1] - own[0])
+        assert way == pytest.approx(speed**2 / (2 * 0.3 * 9.81), abs=1e-4)
+
+
+def test_a_thrown_body_without_air_is_a_parabola(tmp_path: Path) -> None:
+    shot, t, xy = played(tmp_path, "flight", effects={})
+    for one in range(3):
+        own, when = xy[shot == one], t[shot == one]
+        curve = np.polynomial.Polynomial.fit(when, own[:, 1], 2).convert().coef
+        assert curve[2] == pytest.approx(-9.81 / 2, abs=1e-5)
+        assert np.ptp(np.diff(own[:, 0])) < 1e-7
+
+
+def test_a_rod_without_friction_keeps_its_energy(tmp_path: Path) -> None:
+    shot, _, angle = played(tmp_path, "pendulum", effects={}, fps=500.0)
+    for one in range(3):
+        own = angle[shot == one, 0]
+        turning = (own[2:] - own[:-2]) * 250
+        energy = 0.5 * turning**2 - 1.5 * 9.81 / 0.3 * np.cos(own[1:-1])
+        assert np.ptp(energy) < 0.02 * np.ptp(turning**2)
+
+
+def test_noise_mistakes_and_gaps_are_as_many_as_asked_for(tmp_path: Path) -> None:
+    asked = {"effects": {}, "shots": 40, "seconds": 2.0, "noise": 0.01, "outliers": 0.02, "missing": 0.1}
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    _, _, seen = played(tmp_path / "a", "slide", **{**asked, "missing": 0.0})
+    _, _, true = played(tmp_path / "b", "slide", **{**asked, "missing": 0.0, "outliers": 0.0, "noise": 0.0})
+    off = (seen - true)[:, 0]
+    assert 1.4826 * np.median(np.abs(off)) == pytest.approx(0.01, rel=0.05)
+    assert np.mean(np.abs(off) > 0.05) == pytest.approx(0.016, abs=0.006)
+    _, t, _ = played(tmp_path / "b", "slide", **asked)
+    assert len(t) == pytest.approx(0.9 * len(seen), rel=0.02)
+
+
+def test_an_effect_that_a_world_has_not_is_refused(tmp_path: Path) -> None:
+    said = tmp_path / "experiment.json"
+    said.write_text(json.dumps({"effects": {"magic": {}}}))
+    done = subprocess.run(
+        [sys.executable, str(WORLDS / "slide.py"), str(said), str(tmp_path / "out")], capture_output=True, text=True
+    )
+    assert done.returncode
+    assert "magic" in done.stderr
+    assert not (tmp_path / "out").exists()

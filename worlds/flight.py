@@ -1,0 +1,48 @@
+"""A world of bodies that are thrown, in a plane of which y is height. `worlds/filming.py` says how it is called.
+
+Gravity always acts. Drags are against the air, which a `wind` carries along; `magnus` is lift by spin. What no library
+of effects holds: `buoyancy_layer` (an upward acceleration a above the height h), and `gust` (wind that swings).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from filming import Effects, Floats, flown, run
+
+GRAVITY = 9.81
+LEAST_DRAG = 0.1
+"""1/s by which wind pulls at a body without other drag."""
+EFFECTS: Mapping[str, tuple[str, ...]] = {
+    "air_drag": ("k",),
+    "viscous_drag": ("k",),
+    "wind": ("wind_x",),
+    "magnus": ("s",),
+    "buoyancy_layer": ("a", "h"),
+    "gust": ("speed", "period"),
+}
+
+
+def play(effects: Effects, chance: np.random.Generator, t: Floats) -> Floats:
+    """Places (T, 2) m of a body that is thrown up at an angle, to either side."""
+    speed, angle = chance.uniform(6.0, 12.0), np.radians(chance.uniform(35.0, 80.0))
+    side = chance.choice([-1.0, 1.0])
+    air, viscous = (effects.get(name, {}).get("k", 0.0) for name in ("air_drag", "viscous_drag"))
+    wind, spin = effects.get("wind", {}).get("wind_x", 0.0), effects.get("magnus", {}).get("s", 0.0)
+    layer, gust = effects.get("buoyancy_layer", {}), effects.get("gust", {})
+    light = LEAST_DRAG if (wind or gust) and not (air or viscous) else 0.0
+
+    def force(now: float, where: Floats, v: Floats) -> Floats:
+        blown = wind + (gust["speed"] * np.sin(2 * np.pi * now / gust["period"]) if gust else 0.0)
+        against = v - np.array([blown, 0.0])
+        pull: Floats = -(air * np.hypot(*against) + viscous + light) * against + spin * np.array([-v[1], v[0]])
+        lift = layer["a"] if layer and where[1] > layer["h"] else 0.0
+        return pull + np.array([0.0, lift - GRAVITY])
+
+    start = np.array([0.0, chance.uniform(1.0, 2.0)])
+    return flown(force, start, speed * np.array([side * np.cos(angle), np.sin(angle)]), t)
+
+
+if __name__ == "__main__":
+    run("flight", ("x", "y"), EFFECTS, play)

@@ -1,0 +1,54 @@
+"""A world of bodies that slide on a plane. `worlds/filming.py` says how it is called.
+
+Coulomb's friction stops a body for good; drags go with the speed and its square; a plane may fall to one side. What no
+library of effects holds: a `sticky_patch` (a disc of radius 0.3 m at (x, y) m with friction mu more), and `curl` (a
+body that turns as it goes: acceleration c v to its left).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from filming import Effects, Floats, flown, run
+
+GRAVITY = 9.81
+STOPPED = 1e-4
+"""m/s"""
+PATCH = 0.3
+"""m"""
+EFFECTS: Mapping[str, tuple[str, ...]] = {
+    "sliding_friction": ("mu",),
+    "viscous_drag": ("k",),
+    "air_drag": ("k",),
+    "slope": ("slope_x", "slope_y"),
+    "sticky_patch": ("mu", "x", "y"),
+    "curl": ("c",),
+}
+
+
+def play(effects: Effects, chance: np.random.Generator, t: Floats) -> Floats:
+    """Places (T, 2) m of a body that is pushed off near the origin, anywhere."""
+    place = chance.uniform(-0.3, 0.3, 2)
+    speed, angle = chance.uniform(0.5, 2.0), chance.uniform(0, 2 * np.pi)
+    mu, patch = effects.get("sliding_friction", {}).get("mu", 0.0), effects.get("sticky_patch", {})
+    viscous, air = (effects.get(name, {}).get("k", 0.0) for name in ("viscous_drag", "air_drag"))
+    slope, curl = effects.get("slope", {}), effects.get("curl", {}).get("c", 0.0)
+    fall = GRAVITY * 1e-3 * np.array([slope.get("slope_x", 0.0), slope.get("slope_y", 0.0)])
+
+    def force(_: float, where: Floats, v: Floats) -> Floats:
+        size = float(np.hypot(*v))
+        sticky = bool(patch) and np.hypot(where[0] - patch["x"], where[1] - patch["y"]) < PATCH
+        friction = (mu + patch["mu"] if sticky else mu) * GRAVITY
+        pull: Floats = -(friction / max(size, 1e-12) + viscous + air * size) * v + fall
+        return pull + curl * np.array([-v[1], v[0]])
+
+    def stopped(_: float, state: Floats) -> float:
+        return float(np.hypot(state[2], state[3])) - STOPPED
+
+    braked = bool(mu or patch)
+    return flown(force, place, speed * np.array([np.cos(angle), np.sin(angle)]), t, stopped if braked else None)
+
+
+if __name__ == "__main__":
+    run("slide", ("x", "y"), EFFECTS, play)
