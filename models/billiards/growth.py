@@ -28,7 +28,7 @@ FIRST = 0.25
 BEYOND = 0.2
 """s after a contact that tell how it went."""
 WHILE = 0.4
-"""s"""
+"""s over which the misfit of one ball is judged."""
 LEAST, MOST = 0.1, 1.0
 """s by which the view grows at least, and at most: what was not foretold comes into view little by little too."""
 _STEPS = ShootingOptions(iterations=12)
@@ -40,6 +40,7 @@ _NOISIEST = 2.0
 """over the variance promised: first moments that are explained no better are no measure."""
 _FEW_STEPS = ShootingOptions(iterations=3)
 _DRAWS = 192
+"""which take as long as some ten steps of a search."""
 _WIDER = 1.5
 """factor on the errors of what is drawn: errors of noise that is promised too small are too small."""
 _ASIDE = 0.4
@@ -60,9 +61,9 @@ class Guess:
 
 def grown(model: Shots, shared: Floats, rng: np.random.Generator, options: ShootingOptions) -> Shooting:
     """One shot fitted to more and more of what was seen of it, begun with the numbers `shared` (P,)."""
-    seen, last = float(model.stretches[0].t[0]), max(float(stretch.t[-1]) for stretch in model.stretches)
+    begin, last = float(model.stretches[0].t[0]), max(float(stretch.t[-1]) for stretch in model.stretches)
     now, usual = _first(model, shared)
-    lawful = True
+    seen, lawful = begin, True
     while seen < last:
         view = min(next_view(model, now, seen), last)
         part, before = model.until(view), now
@@ -70,7 +71,8 @@ def grown(model: Shots, shared: Floats, rng: np.random.Generator, options: Shoot
         if not goes_on(part, now, usual):
             found = shoot(part, now.shared, _STEPS, now.starts)
             if lawful and not goes_on(part, _guess(found), usual):
-                found = _redrawn(model.until(seen), part, before, found, rng)
+                told = model.until(min(max(seen, begin + FIRST), view))
+                found = _redrawn(told, part, before, found, rng)
                 lawful = goes_on(part, _guess(found), usual)  # draws do not mend laws that are not those of the shot
             now = _guess(found)
         seen = view
@@ -103,8 +105,8 @@ def next_view(model: Shots, now: Guess, seen: float) -> float:
     stretch = model.stretches[k]
     if seen >= stretch.t[-1]:
         return float(model.stretches[k + 1].t[0]) + FIRST
-    run = model.run(k, now.starts[k], now.shared)
-    times = stretch.begin + run.contacts[:, TIME]
+    run = model.possible_run(k, now.starts[k], now.shared)
+    times = np.array([seen + LEAST]) if run is None else stretch.begin + run.contacts[:, TIME]
     after = times[times > seen]
     view = float(after[0]) + BEYOND if len(after) else float(stretch.t[-1])
     return min(max(view, seen + LEAST), seen + MOST, float(stretch.t[-1]))

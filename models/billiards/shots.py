@@ -90,7 +90,7 @@ class Shots:
     def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
         """Where every ball is seen, and with what spin the next window begins."""
         stretch, values = self.stretches[window], self.values(shared)
-        run = self._possible_run(window, start, shared)
+        run = self.possible_run(window, start, shared)
         if run is None:
             return self._failed(window, len(start))
         wanted = np.ones(len(self.unknowns), bool) if self.wanted is None else self.wanted
@@ -106,7 +106,7 @@ class Shots:
     def glance(self, window: int, start: Floats, shared: Floats) -> Glance:
         """The same without slopes."""
         stretch, values = self.stretches[window], self.values(shared)
-        run = self._possible_run(window, start, shared)
+        run = self.possible_run(window, start, shared)
         if run is None:
             failed = self._failed(window, len(start))
             return Glance(failed.misfit, failed.end)
@@ -128,7 +128,7 @@ class Shots:
             return found
         return seen(self.view, found, values[ON_VIEW])[0]
 
-    def _possible_run(self, window: int, start: Floats, shared: Floats) -> Run | None:
+    def possible_run(self, window: int, start: Floats, shared: Floats) -> Run | None:
         """None where nature does not allow the numbers, or balls meet without end."""
         if not possible(start, self.values(shared)):
             return None

@@ -49,7 +49,10 @@ def with_laws(fit: Fit, tracks: Tracks, table: Table, options: FitOptions) -> Fi
     stretches = stretches_of(fit, with_noise(tracks, noise), balls, options.moving_speed, table.ball_radius)
     if not stretches:
         return replace(fit, lawless="No shot was seen from its strike on.")
-    found = fit_table(stretches, table)
+    try:
+        found = fit_table(stretches, table)
+    except np.linalg.LinAlgError as failure:
+        return replace(fit, lawless=f"The fit of whole shots failed: {failure}.")
     if not (found.converged and found.chi2_per_dof < ACCEPTED):
         return replace(fit, lawless=_unexplained(found))
     return replace(fit, laws=_laws(found, stretches, tuple(tracks.ids[k] for k in balls), table))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from played_shots import SIGMA, TABLE, numbers, opening
 
 from models.billiards.beginnings import beginning, strikes
 from models.billiards.gap import billiards_scene
 from models.billiards.playing import Laws, packed, played
-from models.gap_scene import Recording, neutral_values
+from models.gap_scene import Recording, neutral_values, parameters_of
 
 WAIT = 20
 """pictures before the strike"""
@@ -117,3 +119,20 @@ def test_a_missing_picture_is_where_the_effect_acts() -> None:
     cut = Recording(3, shot.frame[: len(kept)], shot.t[: len(kept)], shot.bodies, shot.places[kept], shot.sigma[kept])
     scene = billiards_scene(TABLE, (cut,))
     assert [(number, round(60 * t)) for number, t, _ in scene.jumps] == [(3, 36)]
+
+
+def test_the_fit_of_shots_begins_where_all_is_explained() -> None:
+    absent = {"cushion_friction__mu": 0.0, "ball_friction__mu": 0.0}
+    recordings = tuple(replace(recorded(seed, numbers(**absent), 1.5), shot=seed) for seed in (5, 4))
+    scene = billiards_scene(TABLE, recordings)
+    pieces = tuple(piece for one in recordings for piece in scene.stretches(one))
+    forms = tuple(choice.assumed for choice in scene.alternatives)
+    free, values = parameters_of(scene, scene.assumed), neutral_values(scene)
+    known = [prior for effect in scene.effects for prior in effect.parameters]
+    values[free] = [prior.value for prior, one in zip(known, free, strict=True) if one]
+    starts, shared = scene.begun(pieces, forms, scene.model(pieces, forms).unknowns, values, free)
+    np.testing.assert_array_equal(shared[~free], values[~free])
+    model = scene.model(pieces, forms)
+    for k, start in enumerate(starts):
+        misfit = model.glance(k, start, shared).misfit
+        assert 0.8 < np.mean(misfit**2) < 1.2
