@@ -25,7 +25,7 @@ Mask = NDArray[np.bool_]
 
 CANDIDATES = tuple(Laws(cushion, "inelastic") for cushion in ("mirror", "han_2005", "mathavan_2010", "stronge"))
 CLOTH = ("sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate")
-FACTOR_SIGMA = 0.003
+FACTOR_SIGMA = 0.01
 """of the distance at which balls touch, over two radii: what a calibration leaves open."""
 _SEED = 2010
 """of what is drawn where a caller brings no generator: the same shots give the same fit."""
