@@ -18,6 +18,8 @@ class Clock:
     """(T,) s, increasing: presentation times."""
     taken: Floats
     """(T,) s, increasing."""
+    sigma: Floats
+    """(T,) s, how well `taken` is known; 0 where pictures were taken regularly."""
 
     def taken_at(self, t: Floats) -> Floats:
         """Moments of what is shown at t (...), s; beyond the pictures both run alike."""

@@ -21,10 +21,12 @@ from models.tracks import Tracks
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-WINDOW = 5
-"""samples that share a parabola: two more than it has numbers."""
-OVERLAP = 0.5
-"""Share of a window's misfit that is news: each sample is in five windows of two degrees of freedom."""
+WINDOW = 9
+"""samples that share a parabola: fewer let the clock drift within a few windows, more are cut by contacts."""
+FREE = WINDOW - 3.0
+"""Degrees of freedom of a window: a robust chi2 beyond says that something else is wrong, and counts for less."""
+OVERLAP = 1 / FREE
+"""Share of a window's misfit that is news: each sample is in nine windows."""
 ACCELERATION = 2.0
 """m/s^2, prior standard deviation along the way: sliding friction."""
 STEADY_STEP = 4.0
@@ -33,7 +35,7 @@ STRAIGHT = 0.94
 """Least cosine between a step and the whole way of a window: contacts turn, clocks do not."""
 MOST_UNEVEN = 8.0
 """Longest over shortest step: beyond, the ball was struck or stopped."""
-WORST = 25.0
+WORST = 75.0
 """chi2 of a window that counts half: contacts along the way are none of the clock's business."""
 LONGEST_CADENCE = 12
 """pictures from one dropped picture to the next: 30 to 25 a second drops one after five, 24 to 23 one after 23."""
@@ -43,10 +45,8 @@ MOST_LOST = 3
 """pictures lost at once."""
 JITTERS = (0.05, 0.15, 0.4)
 """picture intervals: standard deviations of the times that are tried."""
-FREE = 2.0
-"""Degrees of freedom of a window: a robust chi2 beyond says that something else is wrong, and counts for less."""
-_MEDIAN_OF_TWO = 1.386
-"""Median of chi2 with two degrees of freedom."""
+_MEDIAN = 5.348
+"""of chi2 with six degrees of freedom."""
 STEPS, ANNEALED = 12, 4
 """of the descent; during the first of them windows are believed that fit badly."""
 
@@ -56,13 +56,13 @@ class _Windows:
     """W runs of `WINDOW` successive samples of a ball on its way."""
 
     row: Ints
-    """(W, 5) pictures."""
+    """(W, 9) pictures."""
     way: Floats
-    """(W, 5) m along the mean direction."""
+    """(W, 9) m along the mean direction."""
     sigma: Floats
     """(W,) m, one standard deviation along the way."""
     across: Floats
-    """(W, 5) m, beside it."""
+    """(W, 9) m, beside it."""
     sigma_across: Floats
     """(W,) m."""
 
@@ -76,17 +76,17 @@ def clock_of(tracks: Tracks, floor: float) -> Clock:
 
     `floor` is the error of a sample that does not average out, m.
     """
-    shown = Clock(tracks.t, tracks.t)
+    shown = Clock(tracks.t, tracks.t, np.zeros(len(tracks.t)))
     windows = _windows(tracks)
     if len(tracks.t) < 2 * WINDOW or len(windows.row) < WINDOW:
         return shown
     interval = float(np.median(np.diff(tracks.t)))
     windows = _scaled(windows, tracks.t, floor)
-    even = _cadence(windows, tracks.t, interval)
-    best, taken = max((_jittered(windows, t, interval) for t in _with_losses(windows, even, interval)),
-                      key=lambda way: way[0])  # fmt: skip
+    bases = [_cadence(windows, tracks.t, interval), *_even(tracks.t, interval)]
+    ways = [t for base in bases for t in _with_losses(windows, base, interval)]
+    best, taken, sigma = max((_jittered(windows, t, interval) for t in ways), key=lambda way: way[0])
     plain = -_misfit(windows, tracks.t) / 2
-    return Clock(tracks.t, taken) if best - plain > LEAST_GAIN / 2 else shown
+    return Clock(tracks.t, taken, sigma) if best - plain > LEAST_GAIN / 2 else shown
 
 
 def _windows(tracks: Tracks) -> _Windows:
@@ -132,19 +132,19 @@ def _scaled(windows: _Windows, t: Floats, floor: float) -> _Windows:
     """The windows with sigmas as the samples scatter across the way, where no clock shows."""
     left, _ = _left_over(t[windows.row], np.full(len(windows.row), np.inf))
     chi2 = _quadratic(left, windows.across) / windows.sigma_across**2
-    factor = np.sqrt(max(float(np.median(chi2)) / _MEDIAN_OF_TWO, 1e-4))
+    factor = np.sqrt(max(float(np.median(chi2)) / _MEDIAN, 1e-4))
     return replace(windows, sigma=np.hypot(windows.sigma * factor, floor))
 
 
 def _left_over(t: Floats, bend: Floats) -> tuple[Floats, Floats]:
-    """Q (W, 5, 5) and D (W, 5, 5) for samples x at t (W, 5) on a parabola through them.
+    """Q (W, 9, 9) and D (W, 9, 9) for samples x at t (W, 9) on a parabola through them.
 
     x Q x is the sum of the squares of what it misses, and of its bend; D x are its velocities. `bend` (W,) is the
     standard deviation of the acceleration over that of a sample, 1/s^2.
     """
     tau = t - t[:, WINDOW // 2, None]
     one = np.ones_like(tau)
-    basis = np.stack([one, tau, tau**2 / 2], axis=-1)  # (W, 5, 3)
+    basis = np.stack([one, tau, tau**2 / 2], axis=-1)  # (W, 9, 3)
     turned = np.swapaxes(basis, 1, 2)
     normal = turned @ basis
     normal[:, 2, 2] += bend**-2.0
@@ -187,15 +187,19 @@ def _cadence(windows: _Windows, t: Floats, interval: float) -> Floats:
 
 def _regular(t: Floats, interval: float) -> Iterator[Floats]:
     """Times (T,) of pictures that were taken regularly, as conversions of the rate would show them at t (T,)."""
-    order = np.arange(len(t))
-    even = t[0] + order * (t[-1] - t[0]) / (len(t) - 1)
+    yield from _even(t, interval)
     shown = np.round((t - t[0]) / interval).astype(np.int64)
-    if np.any(shown != order):  # repeats were left out, or pictures are held for two intervals and three in turn
-        yield even
     for every in range(2, LONGEST_CADENCE + 1):
         for phase in range(every):
             number = shown + (shown - phase) // every
             yield t[0] + (number - number[0]) * interval * every / (every + 1)
+
+
+def _even(t: Floats, interval: float) -> list[Floats]:
+    """Even times (T,) where t (T,) is not: repeats were left out, or pictures are held for two intervals and three."""
+    order = np.arange(len(t))
+    uneven = np.any(np.round((t - t[0]) / interval) != order)
+    return [t[0] + order * (t[-1] - t[0]) / (len(t) - 1)] if uneven else []
 
 
 def _with_losses(windows: _Windows, t: Floats, interval: float) -> list[Floats]:
@@ -236,15 +240,16 @@ def _paused(t: Floats, row: int, pause: float) -> Floats:
     return later
 
 
-def _jittered(windows: _Windows, t: Floats, interval: float) -> tuple[float, Floats]:
-    """Log evidence of, and times (T,) with, the most likely jitter about t (T,); without any where none is needed."""
-    ways = [(-_misfit(windows, t) / 2, t)]
+def _jittered(windows: _Windows, t: Floats, interval: float) -> tuple[float, Floats, Floats]:
+    """Log evidence of the likeliest jitter about t (T,), the times (T,) and their sigmas; none where none is needed."""
+    ways = [(-_misfit(windows, t) / 2, t, np.zeros(len(t)))]
     for share in JITTERS:
         spread = share * interval
         taken, information = _descended(windows, t, spread)
         off = (taken - t) / spread
         _, volume = np.linalg.slogdet(np.eye(len(t)) + spread**2 * information)
-        ways.append((-_misfit(windows, taken) / 2 - float(off @ off) / 2 - float(volume) / 2, taken))
+        sigma = np.sqrt(np.diag(np.linalg.inv(information + np.eye(len(t)) / spread**2)))
+        ways.append((-_misfit(windows, taken) / 2 - float(off @ off) / 2 - float(volume) / 2, taken, sigma))
     return max(ways, key=lambda way: way[0])
 
 
@@ -272,7 +277,7 @@ def _jitter_cost(windows: _Windows, taken: Floats, t: Floats, spread: float, wor
 
 def _normal(windows: _Windows, left: Floats, pace: Floats, weight: Floats, size: int) -> tuple[Floats, Floats]:
     """Half the second and first derivatives of the weighted chi2 by the times (T, T), (T,)."""
-    rest, speed = ((matrix @ windows.way[..., None])[..., 0] for matrix in (left, pace))  # (W, 5) m, m/s
+    rest, speed = ((matrix @ windows.way[..., None])[..., 0] for matrix in (left, pace))  # (W, 9) m, m/s
     scale = weight / windows.sigma**2
     gradient, information = np.zeros(size), np.zeros((size, size))
     np.add.at(gradient, windows.row, -scale[:, None] * rest * speed)

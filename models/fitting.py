@@ -50,7 +50,7 @@ def fit_and_solution(
     clock = clock_of(tracks, FLOOR * scene.table.ball_radius)
     taken = replace(tracks, t=clock.taken)
     try:
-        fit, solution = _fitted(taken, scene.table, options, progress)
+        fit, solution = _fitted(taken, clock.sigma, scene.table, options, progress)
     except np.linalg.LinAlgError as failure:
         fit = _measured_only(taken, options, f"The fit failed: {failure}; paths are as measured.")
     timed = (
@@ -74,8 +74,12 @@ def _as_shown(fit: Fit, tracks: Tracks, clock: Clock) -> Fit:
     return replace(fit, events=events, trajectory=motion, trust=Trust(fit.trust.light, (*fit.trust.reasons, note)))
 
 
-def _fitted(tracks: Tracks, table: Table, options: FitOptions, progress: Progress) -> tuple[Fit, Solution | None]:
+def _fitted(
+    tracks: Tracks, late: Floats, table: Table, options: FitOptions, progress: Progress
+) -> tuple[Fit, Solution | None]:
+    """The fit of tracks in the times (T,) at which pictures were taken, known to `late` (T,) s."""
     noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
+    noise = replace(noise, timing=np.hypot(noise.timing, late))
     seldom = seldom_seen(tracks)
     kept = with_noise(_believable(tracks, noise, seldom), noise)
     shown = data = gather(kept)

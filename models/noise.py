@@ -35,8 +35,8 @@ class Noise:
 
     scale: Floats
     """(N,) factor on the sigmas of each ball."""
-    timing: float
-    """s: jitter of the moments at which pictures were taken; it moves fast balls along their way."""
+    timing: Floats
+    """(T,) s: jitter of the moments at which pictures were taken; it moves fast balls along their way."""
     floor: float
     """m, added in quadrature."""
     bursts: Floats
@@ -86,7 +86,8 @@ def estimate_noise(tracks: Tracks, speed: float, radius: float) -> Noise:
         rows = np.flatnonzero(tracks.observed[:, ball])
         if len(rows) >= _BURST:
             bursts[rows, ball] = _bursts(miss, float(scale[ball]))
-    return Noise(scale, _timing(reference, speed, usual), FLOOR * radius, bursts)
+    timing = np.full(len(tracks.t), _timing(reference, speed, usual))
+    return Noise(scale, timing, FLOOR * radius, bursts)
 
 
 def _scale(miss: _Misfit, speed: float) -> float:
@@ -133,7 +134,7 @@ def with_noise(tracks: Tracks, noise: Noise) -> Tracks:
             continue
         v = velocities(tracks.t[rows], tracks.xy[rows, ball])
         lay = None if tracks.lay is None else tracks.lay[rows, ball]
-        shake = np.hypot(*_as_seen(v, lay).T) * noise.timing
+        shake = np.hypot(*_as_seen(v, lay).T) * noise.timing[rows]
         known = tracks.sigma_along[rows, ball] * noise.scale[ball]
         along[rows, ball] = np.fmax(np.hypot(along[rows, ball], shake), known * noise.bursts[rows, ball, 0])
         streak[rows, ball] = np.where(np.hypot(*v.T)[:, None] > 0, v * 1e-3, streak[rows, ball])

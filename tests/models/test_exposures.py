@@ -72,7 +72,7 @@ def test_irregular_times_are_told_by_the_balls_to_a_fraction_of_their_jitter() -
 
 
 def test_what_is_shown_was_taken_when_it_is_shown() -> None:
-    clock = Clock(np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.8, 2.1]))
+    clock = Clock(np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.8, 2.1]), np.zeros(3))
     t = np.linspace(-1, 3, 41)
     assert clock.shown_at(clock.taken_at(t)) == pytest.approx(t)
     steps = np.array([0.4, 1.0, 2.5])
