@@ -91,41 +91,36 @@ def clock_of(tracks: Tracks, floor: float) -> Clock:
 
 def _windows(tracks: Tracks) -> _Windows:
     """Where balls go on steadily enough to tell the time."""
-    found: list[tuple[Ints, Floats, Floats, float, float]] = []
+    ball, rows = _steady(tracks)
+    xy = tracks.xy[rows, ball[:, None]]  # (W, 9, 2)
+    off = xy - xy[:, :1]
+    u = off[:, -1] / np.maximum(np.hypot(*off[:, -1].T), 1e-12)[:, None]
+    beside = np.stack([-u[:, 1], u[:, 0]], axis=1)
+    sigma, along = (s[rows, ball[:, None]].mean(axis=1) for s in (tracks.sigma, tracks.sigma_along))
+    return _Windows(rows, (off @ u[..., None])[..., 0], along, (off @ beside[..., None])[..., 0], sigma)
+
+
+def _steady(tracks: Tracks) -> tuple[Ints, Ints]:
+    """Balls (W,) and pictures (W, 9) of the windows."""
+    balls, windows = [], []
     for ball in range(len(tracks.ids)):
         rows = np.flatnonzero(tracks.observed[:, ball])
-        if len(rows) < WINDOW:
-            continue
-        xy, sigma, along = tracks.xy[rows, ball], tracks.sigma[rows, ball], tracks.sigma_along[rows, ball]
         for first in range(len(rows) - WINDOW + 1):
-            part = slice(first, first + WINDOW)
-            if rows[first + WINDOW - 1] - rows[first] > 2 * WINDOW:
-                continue
-            steps = np.diff(xy[part], axis=0)
-            length = np.hypot(*steps.T)
-            whole = xy[first + WINDOW - 1] - xy[first]
-            u = whole / max(float(np.hypot(*whole)), 1e-12)
-            if (
-                length.min() < STEADY_STEP * float(along[part].max()) or length.max() > MOST_UNEVEN * length.min()
-                or (steps @ u / np.maximum(length, 1e-12)).min() < STRAIGHT
-            ):  # fmt: skip
-                continue
-            off = xy[part] - xy[first]
-            found.append(
-                (
-                    rows[part],
-                    off @ u,
-                    off @ np.array([-u[1], u[0]]),
-                    float(sigma[part].mean()),
-                    float(along[part].mean()),
-                )
-            )
-    columns = list(zip(*found, strict=True)) if found else [[]] * 5
-    ways, across = (np.array(column).reshape(-1, WINDOW) for column in columns[1:3])
-    return _Windows(
-        np.array(columns[0], dtype=np.int64).reshape(-1, WINDOW), ways, np.array(columns[4]), across,
-        np.array(columns[3]),
-    )  # fmt: skip
+            part = rows[first : first + WINDOW]
+            if part[-1] - part[0] <= 2 * WINDOW and _goes_on(tracks.xy[part, ball], tracks.sigma_along[part, ball]):
+                balls.append(ball)
+                windows.append(part)
+    return np.array(balls, dtype=np.int64), np.array(windows, dtype=np.int64).reshape(-1, WINDOW)
+
+
+def _goes_on(xy: Floats, sigma: Floats) -> bool:
+    """Whether samples xy (9, 2) m get on from each to the next, straight and without starting or stopping."""
+    steps = np.diff(xy, axis=0)
+    length, whole = np.hypot(*steps.T), xy[-1] - xy[0]
+    if length.min() < STEADY_STEP * float(sigma.max()) or length.max() > MOST_UNEVEN * length.min():
+        return False
+    straight = steps @ whole / np.maximum(length * float(np.hypot(*whole)), 1e-12)
+    return bool(straight.min() > STRAIGHT)
 
 
 def _scaled(windows: _Windows, t: Floats, floor: float) -> _Windows:

@@ -25,7 +25,7 @@ def as_shown(shot: Filmed) -> Filmed:
     """The shot with the moments at which its contacts are shown."""
     tracks = converted(shot.tracks)
     taken = shot.tracks.t[np.arange(len(shot.tracks.t)) % 6 != 4]
-    contacts = [(float(np.interp(t, taken, tracks.t)), *rest) for t, *rest in shot.contacts]
+    contacts = [(float(np.interp(t, taken, tracks.t)), kind, a, b) for t, kind, a, b in shot.contacts]
     return replace(shot, tracks=tracks, contacts=contacts)
 
 
