@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from models.effects.effect import Prior
 from models.gap_scene import Recording
-from models.windows import Flow, Model, Window
+from models.windows import Flow, Glance, Model, Window, glance
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -62,7 +62,16 @@ class Decorrelated:
         return self.model.windows
 
     def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
-        flow, own = self.model.flow(window, start, shared), self.chains[window]
+        return self._independent(window, self.model.flow(window, start, shared))
+
+    def glance(self, window: int, start: Floats, shared: Floats) -> Glance | Flow:
+        found = glance(self.model, window, start, shared)
+        if isinstance(found, Flow):
+            return self._independent(window, found)
+        return replace(found, misfit=self.chains[window].whitened(found.misfit))
+
+    def _independent(self, window: int, flow: Flow) -> Flow:
+        own = self.chains[window]
         return replace(
             flow,
             misfit=own.whitened(flow.misfit),

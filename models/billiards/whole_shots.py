@@ -81,8 +81,9 @@ def _stretch(
     fit: Fit, tracks: Tracks, rows: NDArray[np.int64], balls: NDArray[np.int64], moving_speed: float, radius: float,
     follows: bool,
 ) -> Stretch:  # fmt: skip
-    t, xy = tracks.t[rows], tracks.xy[np.ix_(rows, balls)]
-    sigma = tracks.sigma[np.ix_(rows, balls)]
+    part = np.ix_(rows, balls)
+    t, sigma, whiten = tracks.t[rows], tracks.sigma[part], tracks.whitening[part]
+    xy = np.where(np.isfinite(whiten).all(axis=(2, 3), keepdims=True)[..., 0], tracks.xy[part], np.nan)
     start, moving = beginning(t, xy, sigma)
     state = fit.trajectory.at(t[0])
     whole = np.concatenate([state.xy, state.v, np.nan_to_num(state.w)], axis=1)[balls]
@@ -90,7 +91,7 @@ def _stretch(
     start[known] = slips(whole[known], np.full(int(known.sum()), radius))
     moving[known] = np.linalg.norm(whole[known, 2:4], axis=1) > moving_speed
     start[~moving, 2:] = 0.0
-    return Stretch(0, float(t[0]), t, xy, tracks.whitening[np.ix_(rows, balls)], start, moving, follows)
+    return Stretch(0, float(t[0]), t, xy, whiten, start, moving, follows)
 
 
 def _hopeless(fit: Fit, tracks: Tracks) -> str:
