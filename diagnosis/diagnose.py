@@ -216,9 +216,14 @@ def _with(study: Study, name: str) -> Fitted:
 
 
 def _all_strengths(study: Study) -> tuple[Strength, ...]:
+    """Of the improved simulator, by effect and parameter: several effects have a mu."""
     names = tuple(effect.name for effect in study.question.scene.effects if effect.name in study.full.names)
     nothing = np.full(len(study.question.priors), np.inf)
-    return strengths(study.question, study.full, nothing, (*study.question.scene.assumed, *names))
+    return tuple(
+        replace(one, name=f"{name}.{one.name}")
+        for name in (*study.question.scene.assumed, *names)
+        for one in strengths(study.question, study.full, nothing, (name,))
+    )
 
 
 def _hidden(question: Question, detectable: Floats) -> tuple[str, ...]:

@@ -87,7 +87,7 @@ class Report:
     gap: Gap
     per_effect: tuple[EffectShare, ...]
     fitted: tuple[Strength, ...]
-    """all parameters of the improved simulator."""
+    """all parameters of the improved simulator, as effect.parameter."""
     forms: tuple[str, ...]
     unidentifiable: tuple[str, ...]
     not_tested: tuple[str, ...]

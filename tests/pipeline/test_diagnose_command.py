@@ -47,6 +47,7 @@ def test_the_files_name_the_effect_and_let_anyone_recompute_the_gap(trueroll: Te
     assert gap["verdict"] in ("effects", "group")
     assert "viscous_drag" in gap["candidates"][0]["group"]
     assert {"none", "unknown"} <= {one["effect"] for one in gap["candidates"]}
+    assert math.isclose(gap["fitted"]["viscous_drag.k"]["value"], 0.8, rel_tol=0.02)
     with (tmp_path / "gap" / "gap_predictions.csv").open(newline="") as file:
         reader = csv.DictReader(file)
         rows = list(reader)
