@@ -83,7 +83,7 @@ def _stretch(
 ) -> Stretch:  # fmt: skip
     part = np.ix_(rows, balls)
     t, sigma, whiten = tracks.t[rows], tracks.sigma[part], tracks.whitening[part]
-    xy = np.where(np.isfinite(whiten).all(axis=(2, 3), keepdims=True)[..., 0], tracks.xy[part], np.nan)
+    xy = np.where(np.isfinite(whiten.sum(axis=(2, 3)))[..., None], tracks.xy[part], np.nan)
     start, moving = beginning(t, xy, sigma)
     state = fit.trajectory.at(t[0])
     whole = np.concatenate([state.xy, state.v, np.nan_to_num(state.w)], axis=1)[balls]
