@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,13 @@ from models.tracks import Tracks
 from models.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
+
+
+PhysicalRow = tuple[str, float, float, Floats, Floats]
+"""Phase, start and end s after the span's, coefficients (4, 2) of place and (2, 2) of slip."""
+
+KNOWN_FOR = 0.1
+"""s over which an error of velocity is taken to add up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +82,8 @@ def pack(pieces: list[Piece], ids: tuple[str, ...]) -> Trajectory:
 
 
 def state_covariance(solution: Solution, plan: Layout, span: int, tau: Floats) -> Floats:
-    """Covariances (M, 4, 4) of position and velocity of one span at times tau (M,) after its start."""
+    """Covariances (M, 4, 4) of position and velocity of one span at times tau (M,) after its start, at those times of
+    the clock: when it began, and where, err together."""
     described = solution.story.spans[span]
     first = plan.span[span]
     if described.static:
@@ -83,7 +92,10 @@ def state_covariance(solution: Solution, plan: Layout, span: int, tau: Floats) -
         return fixed
     _, slope = kinematics_jacobian(np.repeat(described.state[None], len(tau), axis=0), tau, solution.friction)
     columns = [*range(first, first + STATE), plan.globals, plan.globals + 1]
-    part = slope[:, :4][:, :, [*range(STATE), STATE + 1, STATE + 2]]  # at fixed time since the start
+    part = slope[:, :4][:, :, [*range(STATE), STATE + 1, STATE + 2]]
+    if described.start is not None:
+        columns.append(plan.contact + described.start)
+        part = np.concatenate([part, -slope[:, :4, STATE, None]], axis=2)
     local = solution.covariance[np.ix_(columns, columns)]
     covariance: Floats = part @ local @ np.swapaxes(part, 1, 2)
     return covariance
@@ -128,7 +140,7 @@ def _physical(solution: Solution, plan: Layout, k: int, begin: float, end: float
         covariance = state_covariance(solution, plan, k, np.zeros(1))[0]
         position = np.concatenate([span.state[None, :2], np.zeros((3, 2))])
         return [Piece(span.ball, begin, end, position, np.zeros((2, 3)), "rest", covariance)]
-    rows = polynomials(span.state, end - begin, solution.friction)
+    rows = [part for row in polynomials(span.state, end - begin, solution.friction) for part in _parts(*row)]
     covariances = state_covariance(solution, plan, k, np.array([row[1] for row in rows]))
     pieces = []
     for (phase, start, stop, position, slip), covariance in zip(rows, covariances, strict=True):
@@ -142,6 +154,18 @@ def _physical(solution: Solution, plan: Layout, k: int, begin: float, end: float
             spin[0, 2], spin[1, 2] = np.nan, np.nan
         pieces.append(Piece(span.ball, begin + start, begin + stop, position, spin, phase, covariance))
     return pieces
+
+
+def _parts(phase: str, start: float, stop: float, position: Floats, slip: Floats) -> list[PhysicalRow]:
+    """A polynomial in parts that are short, each with what is known of its own beginning: the errors of place, velocity
+    and deceleration of a long one make up for each other, which a piece does not carry on."""
+    if phase == "rest":
+        return [(phase, start, stop, position, slip)]
+    edges = np.linspace(start, stop, max(1, int(np.ceil((stop - start) / KNOWN_FOR))) + 1)
+    return [
+        (phase, float(a), float(b), _shifted(position, a - start), np.array([slip[0] + (a - start) * slip[1], slip[1]]))
+        for a, b in pairwise(edges)
+    ]
 
 
 def _measured(

@@ -63,6 +63,22 @@ def test_a_collision_of_two_balls_is_timed_to_a_millisecond_and_errors_are_hones
     assert np.sqrt(np.mean(np.square(z))) < 2.5
 
 
+def test_the_error_of_a_path_is_honest_from_its_beginning_to_its_end() -> None:
+    pulls, sigmas = [], []
+    for seed in range(4):
+        shot = film(
+            np.array([[0.4, 0.6]]), np.array([[0.9, 0.05]]), np.zeros((1, 3)), np.random.default_rng(seed), seconds=3.0
+        )
+        fit = fit_shot(shot.tracks, shot.scene)
+        seen = slice(30, -5)  # from half a second after the strike on
+        state = fit.trajectory.at(shot.tracks.t[seen])
+        off = state.xy[:, 0] - shot.xy[seen, 0]
+        pulls.append(off / state.sigma[:, :1])
+        sigmas.append(state.sigma[:, 0])
+    assert np.max(sigmas) < np.nanmedian(shot.tracks.sigma), "many pictures tell more than one"
+    assert 0.4 < np.sqrt(np.mean(np.square(pulls))) < 2.0
+
+
 def test_a_miss_by_a_millimetre_is_no_contact() -> None:
     x = np.array([[0.5, 0.6], [1.1, 0.6 + 2 * RADIUS + 0.001]])
     shot = film(x, np.array([[1.5, 0.0], [0, 0]]), np.zeros((2, 3)), np.random.default_rng(0), seconds=1.6)
