@@ -93,7 +93,7 @@ def settled(step: Step, slope: Slope, z: Tensor, t: Tensor, h: Tensor, tolerance
     """State at t + h by so many steps that twice as many change nothing by more than `tolerance`, at most `most`."""
     count = 1
     found = march(step, slope, z, t, h, count)
-    while count < most:
+    while count < most and found.numel():
         count *= 2
         before, found = found, march(step, slope, z, t, h, count)
         if not (found - before).abs().max() > tolerance:

@@ -73,6 +73,7 @@ def test_every_law_finds_the_middles_of_a_swing(method: LearntFlow) -> None:
     straight = mse(LINEAR.fit(t, pendulum(t)).at(middles), pendulum(middles))
     assert mse(fitted.at(middles), pendulum(middles)) < straight / 1000
     assert np.allclose(fitted.at(t), pendulum(t), atol=1e-9)
+    assert fitted.at(np.empty(0)).shape == (0, 1, 1)
     assert fitted.seconds > 0
     assert fitted.loss_curve.min() < 1e-3 * fitted.loss_curve[0]
     assert fitted.parameters > 25

@@ -91,4 +91,5 @@ def test_every_simulator_says_what_it_cost(method: NeuralSimulator) -> None:
     fitted = replace(method, widths=(8,)).fit(TIMES, circle(TIMES), budget=Budget(effort=0.01))
     assert fitted.parameters == (4 + (8 if method is FOURIER else 0)) * 8 + 9 * 2  # 16 steps: four waves
     assert fitted.seconds > 0
+    assert fitted.at(np.empty(0)).shape == (0, 1, 2)
     assert np.isfinite(fitted.at(np.linspace(-0.01, 1.2, 7))).all()
