@@ -49,8 +49,8 @@ def _reversed_at(solution: Solution, contact: Contact, table: Table, but: int = 
 
 def doubled(solution: Solution, story: Story, table: Table) -> Story:
     """In a corner a ball meets two cushions within one picture."""
-    for number, contact in enumerate(solution.story.contacts):
-        if contact.kind != "cushion" or contact != story.contacts[number]:
+    for contact, told in zip(solution.story.contacts, story.contacts, strict=False):
+        if contact.kind != "cushion" or contact != told:  # other thoughts may have changed or shortened the story
             continue
         first = CUSHIONS.index(contact.cushion)
         second = _reversed_at(solution, contact, table, but=first)
