@@ -27,6 +27,8 @@ CANDIDATES = tuple(Laws(cushion, "inelastic") for cushion in ("mirror", "han_200
 CLOTH = ("sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate")
 FACTOR_SIGMA = 0.01
 """of the distance at which balls touch, over two radii: what a calibration leaves open."""
+_CLEAR = 4.0
+"""standard deviations."""
 _SEED = 2010
 """of what is drawn where a caller brings no generator: the same shots give the same fit."""
 _EXPLAINED = 1.3
@@ -128,7 +130,7 @@ def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator, g
     alone = {number: grown(_only(model, [number]), usual, rng, options) for number in numbers}
     if len(numbers) == 1:
         return alone[numbers[0]]
-    good = [number for number in numbers if alone[number].chi2_per_dof < _EXPLAINED]
+    good = [number for number in numbers if alone[number].chi2_per_dof < _RIGHT]
     good = good or [min(numbers, key=lambda number: alone[number].chi2_per_dof)]
     first = alone[min(good, key=lambda number: float(np.log(alone[number].sigma).sum()))]
     told = _together(model, good, alone, first.shared, options)
@@ -139,6 +141,28 @@ def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator, g
             alone[number] = other
     if len(good) < len(numbers):
         told = _together(model, numbers, alone, told.shared, options)
+    return told if _agree(model, alone, told) else _reconciled(model, alone, told, options, rng)
+
+
+def _agree(model: Shots, alone: dict[int, Shooting], told: Shooting) -> bool:
+    """Whether one set of numbers costs no more than noise explains over a set for each shot."""
+    ties = len(model.unknowns) * (len(alone) - 1)
+    return told.cost - sum(one.cost for one in alone.values()) < ties + _CLEAR * np.sqrt(2 * ties) + 1
+
+
+def _reconciled(
+    model: Shots, alone: dict[int, Shooting], told: Shooting, options: ShootingOptions, rng: np.random.Generator
+) -> Shooting:
+    """Shots that do not agree: one of them may have found a wrong spin with numbers to match, so that each is sought
+    once more with what the others tell."""
+    numbers = list(alone)
+    for number in numbers:
+        others = _together(model, [one for one in numbers if one != number], alone, told.shared, options)
+        known = replace(_only(model, [number]), unknowns=priors_of(model.unknowns, others))
+        again = {**alone, number: grown(known, others.shared, rng, options)}
+        found = _together(model, numbers, again, others.shared, options)
+        if found.cost < told.cost - 1.0:
+            alone, told = again, found
     return told
 
 
