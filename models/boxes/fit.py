@@ -115,9 +115,11 @@ def _least_surprise(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> 
         # the first interval has no velocities from before
         return _mean_length(course.surprise[1:], bodies)
 
-    world = guessed(bodies, t, places, sigma)
-    steps = steps_for(bodies, world, t, places)
-    least = cost(world)
+    worlds = guessed(bodies, t, places, sigma)
+    steps = steps_for(bodies, worlds[0], t, places)
+    costs = [cost(world) for world in worlds]
+    least = min(costs)
+    world = worlds[costs.index(least)]
     for number in range(ROUNDS):
         for change in _changes(bodies, world, 0.5**number):
             world, least = _better(world, least, change, cost)
@@ -127,13 +129,17 @@ def _least_surprise(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> 
 def _better(
     world: World, least: float, change: Callable[[World, float], World], cost: Callable[[World], float]
 ) -> tuple[World, float]:
-    """The best of a step down, a step up, and the bottom of the parabola through them."""
+    """The best of a step down, a step up, and the bottom of the parabola through them, or of two steps where one is
+    better and still going down."""
     low, high = (cost(change(world, step)) for step in (-1.0, 1.0))
     bend = low + high - 2 * least
     bottom = float(np.clip(0.5 * (low - high) / bend, -1, 1)) if bend > 0 else 0.0
     tries = [(least, 0.0), (low, -1.0), (high, 1.0)]
     if 0.1 < abs(bottom) < 0.9:
         tries.append((cost(change(world, bottom)), bottom))
+    elif abs(min(tries)[1]) == 1:
+        farther = 2 * min(tries)[1]
+        tries.append((cost(change(world, farther)), farther))
     found, step = min(tries)
     return (change(world, step) if step else world), found
 

@@ -63,11 +63,15 @@ class World:
         return np.array([*self.gravity, self.friction, self.restitution, self.drag, SLACK * size])
 
 
-def guessed(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> World:
-    """A world to begin a search with, from places (T, B, 3) at t (T,) with standard deviation sigma."""
+def guessed(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> list[World]:
+    """Worlds to begin a search with, from places (T, B, 3) at t (T,) with standard deviation sigma: with the gravity
+    that is seen, and with none, since seen from above what slows down looks like falling."""
     radius = _radii(bodies, places)
-    gravity = _gravity(t, places, sigma)
-    return World(gravity, 0.3, 0.2, 0.0, radius, 1.0, _planes(bodies, t, places, radius, gravity, sigma))
+    seen = _gravity(t, places, sigma)
+    return [
+        World(gravity, 0.3, 0.2, 0.0, radius, 1.0, _planes(bodies, t, places, radius, gravity, sigma))
+        for gravity in ([seen, np.zeros(2)] if seen.any() else [seen])
+    ]
 
 
 def _gravity(t: Floats, places: Floats, sigma: float) -> Floats:
