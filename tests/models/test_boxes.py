@@ -176,6 +176,20 @@ def test_a_fit_finds_friction_and_beats_the_polygon_between_the_samples() -> Non
     assert np.mean((linear - x[1::2]) ** 2) > 10 * error
 
 
+def test_seen_from_above_what_slows_down_is_not_taken_to_fall() -> None:
+    bodies = scene(np.zeros((1, 2)), *[box(24, 30)] * 3)
+    laws = world(bodies, drag=1.5, friction=0.3, restitution=0.1)
+    begin = at_rest(
+        np.array([[-60, 5, 0], [0, 0, 0.2], [30, 15, -0.3], [34, -25, 0.5]], float),
+        np.array([[400, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]], float),
+    )
+    samples = np.arange(1, 49) * 40
+    path = np.concatenate([begin.place[None], Follower(bodies, laws, 48 * 40).run(begin, 1.2, samples, 48 * 40)[0]])
+    motion = fit_boxes(np.arange(49) / 40, bodies.points(path), bodies.body)
+    assert not motion.world.gravity.any()
+    assert motion.world.drag == pytest.approx(1.5, abs=0.3)
+
+
 def test_the_motion_passes_through_what_was_seen_without_noise() -> None:
     t, x, body = played(0.2, 30.0)
     motion = fit_boxes(t, x, body.astype(np.int64), 0.0)
