@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 FAREWELL = "trueroll: interrupted; nothing half-written is left\n"
+ALGEBRA = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""What numpy's libraries ask for their number of threads."""
 AGAIN_S = 0.05
 """s after which an interrupt that was swallowed is raised again."""
 
@@ -19,6 +21,7 @@ AGAIN_S = 0.05
 def main() -> NoReturn:
     """The program: 0 all went well, 1 some of it failed, 2 wrong usage, 130 interrupted."""
     signal.signal(signal.SIGINT, _drop)
+    spare_threads()
     from pipeline.execute import execute  # heavy: a second or more
 
     signal.signal(signal.SIGTERM, _leave)
@@ -33,6 +36,13 @@ def main() -> NoReturn:
     if status == INTERRUPTED:
         sys.stderr.write(FAREWELL)
     sys.exit(status)
+
+
+def spare_threads() -> None:
+    """Let linear algebra run on one thread, unless the user says otherwise: its matrices are small here, and threads that
+    wait for each other on a busy machine cost ten times what they bring. To be called before numpy is imported."""
+    for name in ALGEBRA:
+        os.environ.setdefault(name, "1")
 
 
 def _drop(number: int, frame: FrameType | None) -> NoReturn:

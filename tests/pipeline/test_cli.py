@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import pytest
 from terminal import Terminal, terminal
 
 from pipeline.batch import find_clips, folders_of
+from pipeline.cli import spare_threads
 from pipeline.command_line import app
 from pipeline.commands import ORDER, first_sentence, load
 from pipeline.options import run_settings
@@ -296,3 +298,11 @@ def test_another_network_under_the_same_name_is_another_detector(trueroll: Termi
 def test_the_cache_is_listed_and_pruned(trueroll: Terminal) -> None:
     assert json.loads(trueroll("cache", "--json").out) == []
     assert trueroll("cache", "--prune", "--max-size", "0").status == 0
+
+
+def test_algebra_runs_on_one_thread_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    spare_threads()
+    assert os.environ["OMP_NUM_THREADS"] == "1"
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "3"
