@@ -39,8 +39,8 @@ def main() -> NoReturn:
 
 
 def spare_threads() -> None:
-    """Let linear algebra run on one thread, unless the user says otherwise: its matrices are small here, and threads that
-    wait for each other on a busy machine cost ten times what they bring. To be called before numpy is imported."""
+    """Let linear algebra run on one thread, unless the user says otherwise, before numpy is imported: its matrices are
+    small here, and threads that wait for each other on a busy machine cost ten times what they bring."""
     for name in ALGEBRA:
         os.environ.setdefault(name, "1")
 
