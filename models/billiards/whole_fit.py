@@ -147,7 +147,7 @@ def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator, g
 def _agree(model: Shots, alone: dict[int, Shooting], told: Shooting) -> bool:
     """Whether one set of numbers costs no more than noise explains over a set for each shot."""
     ties = len(model.unknowns) * (len(alone) - 1)
-    return told.cost - sum(one.cost for one in alone.values()) < ties + _CLEAR * np.sqrt(2 * ties) + 1
+    return bool(told.cost - sum(one.cost for one in alone.values()) < ties + _CLEAR * np.sqrt(2 * ties) + 1)
 
 
 def _reconciled(
