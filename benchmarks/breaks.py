@@ -26,9 +26,9 @@ from break_shots import HZ, Break, Filmed, film, happened, scene
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
-from models.association import associate
+from models.association.associate import associate
 from models.fit import Fit
-from models.fitting import fit_shot
+from models.fitting.fit_shot import fit_shot
 from models.tracks import Tracks
 
 Floats = NDArray[np.float64]

@@ -22,9 +22,9 @@ from run_folder import FOOTAGE, ROOT
 from models.billiards.cushion_chains import CushionChains, Leg, Rebound, chain_priors, glide, legs_of
 from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
 from models.effects.effect import Prior
-from models.fitting import fit_shot
+from models.fitting.fit_shot import fit_shot
 from models.scene import Table
-from models.shooting import Shooting, ShootingOptions, priors_of, shoot
+from models.shooting.shoot import Shooting, ShootingOptions, priors_of, shoot
 
 LAWS: dict[str, Rebound] = {
     "mirror": mirror.rebound,

@@ -21,7 +21,7 @@ from pairs import GRAVITY, LENGTH, WIDTH, Meeting, R, Truth, film, happened, sce
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, make_interp_spline
 
 from models.billiards.motion import Friction, kinematics
-from models.fitting import fit_shot
+from models.fitting.fit_shot import fit_shot
 from models.tracks import Tracks
 
 RATES = (30, 60, 240)

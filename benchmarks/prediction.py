@@ -22,10 +22,10 @@ from prediction_shots import LAWS, LEAD, film, happened, scene
 from run_folder import ROOT
 
 from models.errors import TrackError
-from models.hindsight import hindsight
-from models.outlook import Outlook
-from models.prediction import Prediction, predict
-from models.present import outlook_at
+from models.forecast.hindsight import hindsight
+from models.forecast.outlook import Outlook
+from models.forecast.prediction import Prediction, predict
+from models.forecast.present import outlook_at
 from pipeline.seen_shot import read_seen_shot
 
 AHEAD = (0.25, 0.5, 1.0, 2.0, 3.0)

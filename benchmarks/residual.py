@@ -19,8 +19,8 @@ import numpy as np
 from residual_shots import LACKING, SCATTER, TABLE, filmed
 
 from models.billiards.cushion_chains import Leg
-from models.residual import ResidualChains
-from models.residual_training import prediction_errors, train_residual, typical
+from models.correction.residual import ResidualChains
+from models.correction.training import prediction_errors, train_residual, typical
 
 FITTED, STOPPING, HELD_OUT = 8, 7, 7
 LAW = "mirror"

@@ -18,9 +18,9 @@ from filmed import filmed_clips, with_measured_noise
 from run_folder import FOOTAGE, ROOT
 
 from models.billiards.cushion_chains import Leg, legs_of
-from models.fitting import fit_shot
-from models.residual import ResidualChains
-from models.residual_training import prediction_errors, train_residual
+from models.correction.residual import ResidualChains
+from models.correction.training import prediction_errors, train_residual
+from models.fitting.fit_shot import fit_shot
 from models.scene import Table
 
 QUARTERS = 4

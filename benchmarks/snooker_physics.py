@@ -22,8 +22,8 @@ from run_folder import FOOTAGE, ROOT
 
 from models.billiards.free_paths import PIECE, FreePath, FreePaths, cloth_priors, free_paths, rest_place
 from models.events import Events
-from models.fitting import fit_shot
-from models.shooting import Shooting, priors_of, shoot
+from models.fitting.fit_shot import fit_shot
+from models.shooting.shoot import Shooting, priors_of, shoot
 
 MOVED = 0.02
 """m: a path shorter than this tells nothing of friction."""

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, interp1d, make_interp_spline
 
-from models.latent import Latent, infer
 from models.pendulum.angles import swing
+from models.springs.latent import Latent, infer
 from pipeline.thesis.pendulum import KINDS, swung
 
 CASES = [

@@ -13,8 +13,8 @@ from detectors.choice import why_chosen
 from detectors.detect import detect_in_picture, model_file
 from detectors.onnx_model import open_model
 from detectors.options import DetectOptions
+from models.association.kinds import Look, name_kinds
 from models.errors import TableNotFound
-from models.kinds import Look, name_kinds
 from video.options import CalibrateOptions
 from video.table_finder import scene_in_picture
 

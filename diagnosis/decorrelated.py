@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from models.effects.effect import Prior
 from models.gap_scene import Recording
-from models.windows import Flow, Glance, Model, Window, glance
+from models.shooting.windows import Flow, Glance, Model, Window, glance
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.decorrelated import Decorrelated, chain
-from models.attempt import Attempt, Problem, attempt, normal_blocks
 from models.effects.effect import Prior
-from models.elimination import solved
 from models.gap_scene import Beginner, GapScene, Mask, Recording, neutral_values, parameters_of
-from models.held import Held
-from models.shooting import Shooting, ShootingOptions, shoot
-from models.windows import Model
+from models.shooting.attempt import Attempt, Problem, attempt, normal_blocks
+from models.shooting.elimination import solved
+from models.shooting.held import Held
+from models.shooting.shoot import Shooting, ShootingOptions, shoot
+from models.shooting.windows import Model
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from diagnosis.fitting import Fitted, Question, fit, model_of
 from models.gap_scene import Floats, Recording
-from models.windows import sensitive_from
+from models.shooting.windows import sensitive_from
 
 LEAST = 8
 """rows of a piece"""

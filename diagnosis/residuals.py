@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from diagnosis.decorrelated import chain
 from diagnosis.fitting import Fitted, Question, Seen
-from models.attempt import huber, sloped
 from models.gap_scene import Covariates, Recording
+from models.shooting.attempt import huber, sloped
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.effects.effect import Effect, Prior
-from models.windows import Model
+from models.shooting.windows import Model
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from models.effects.effect import Effect, EffectKind, Prior
 from models.gap_scene import Alternatives, Covariates, Mask, Recording
-from models.windows import Flow, Window
+from models.shooting.windows import Flow, Window
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.float64] | NDArray[np.complex128]

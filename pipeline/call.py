@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from models import calls
-from models.calls import Call
+from models.calls import answers
+from models.calls.answers import Call
+from models.calls.record import Record
 from models.errors import OptionError, TruerollError
-from models.record import Record
 from models.scene import Camera
 from pipeline.chain import SOURCE
 from pipeline.publish import aside
@@ -43,15 +43,15 @@ def ask(record: Record, words: Sequence[str], edge: bool = False) -> Call:
         raise OptionError(f"--edge belongs to line; got {' '.join(words)!r}")
     try:
         if kind == "contact":
-            return calls.contact(record, *rest)
+            return answers.contact(record, *rest)
         if kind == "first":
-            return calls.first(record, *rest)
+            return answers.first(record, *rest)
         if kind == "cushion-first":
-            return calls.cushion_first(record, *rest)
+            return answers.cushion_first(record, *rest)
         if kind == "pocket":
-            return calls.pocket(record, *rest)
+            return answers.pocket(record, *rest)
         axis, at = _line(rest[0])
-        return calls.line(record, rest[1], axis, at, edge)
+        return answers.line(record, rest[1], axis, at, edge)
     except ValueError as error:
         raise OptionError(str(error)) from error
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from models.particles import Explained, Floats, explain
+from models.particles.explain import Explained, Floats, explain
 from pipeline.chain import refuse_closed
 from pipeline.particles import Shot, read_particles, tracks_file, write_places
 from pipeline.publish import aside

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from models.errors import OptionError
-from models.foretelling import Foretold, foretell
-from models.particles import Floats, Particles
+from models.particles.explain import Floats, Particles
+from models.particles.foretell import Foretold, foretell
 from pipeline.chain import refuse_closed
 from pipeline.particles import Shot, read_particles, tracks_file, write_places
 from pipeline.publish import aside

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bodies_by_name import named_bodies
 from models.errors import OptionError
-from models.particles import Particles
+from models.particles.bodies_by_name import named_bodies
+from models.particles.explain import Particles
 from pipeline.run_folder import Columns, read_table
 from pipeline.tables import write_columns
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.hindsight import Hindsight
-from models.prediction import Foretold, Meeting, Prediction
+from models.forecast.hindsight import Hindsight
+from models.forecast.prediction import Foretold, Meeting, Prediction
 from pipeline.tables import Columns, write_columns
 
 Floats = NDArray[np.float64]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from models.billiards.tables import nearest_preset
+from models.calls.record import Record
 from models.errors import OptionError
 from models.events import EVENT_KINDS, Events
-from models.record import Record
 from models.scene import Camera, Table
 
 Floats = NDArray[np.float64]

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from models.billiards.free_paths import FASTEST, SLIP
 from models.billiards.motion import STATE, Friction, kinematics_jacobian
 from models.billiards.parameters import CUSHION_E, CUSHION_MU, SLIDING_MU, neutral
-from models.contacts import INWARD
 from models.effects.catalogue import prior_of
 from models.effects.effect import Prior
 from models.events import Events
+from models.fitting.contacts import INWARD
 from models.scene import CUSHIONS, Table
+from models.shooting.windows import Flow, Window
 from models.tracks import Tracks
-from models.windows import Flow, Window
 
 Floats = NDArray[np.float64]
 Rebound = Callable[..., tuple[complex, complex, complex, complex, complex]]

@@ -19,8 +19,8 @@ from models.billiards.motion import GRAVITY, STATE, Friction, kinematics, kinema
 from models.effects.catalogue import prior_of
 from models.effects.effect import Prior
 from models.events import Events
+from models.shooting.windows import Flow, Window
 from models.tracks import Tracks
-from models.windows import Flow, Window
 
 Floats = NDArray[np.float64]
 

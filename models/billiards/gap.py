@@ -20,7 +20,7 @@ from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS
 from models.effects.effect import Effect, Prior
 from models.gap_scene import Alternatives, Covariates, Recording
 from models.scene import Table
-from models.shooting import ShootingOptions
+from models.shooting.shoot import ShootingOptions
 from models.time_jumps import time_jumps
 from models.tracks import Tracks
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.attempt import HUBER, Problem, glanced
 from models.billiards.engine import TIME
 from models.billiards.playing import SIDE_SPIN, sizes
 from models.billiards.shots import Shots
-from models.draws import drawn
-from models.shooting import UNDETERMINED, Shooting, ShootingOptions, shoot
+from models.shooting.attempt import HUBER, Problem, glanced
+from models.shooting.draws import drawn
+from models.shooting.shoot import UNDETERMINED, Shooting, ShootingOptions, shoot
 
 Floats = NDArray[np.float64]
 Starts = tuple[Floats, ...]

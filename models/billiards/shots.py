@@ -31,7 +31,7 @@ from models.billiards.stretches import Stretch, window_of
 from models.billiards.view import FAITHFUL, ON_PICTURE, View, seen
 from models.effects.effect import Prior
 from models.scene import Table
-from models.windows import Flow, Glance, Window
+from models.shooting.windows import Flow, Glance, Window
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from models.billiards.free_paths import FASTEST
 from models.billiards.playing import packed
-from models.windows import Window
+from models.shooting.windows import Window
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

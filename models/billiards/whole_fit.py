@@ -18,7 +18,7 @@ from models.effects.catalogue import prior_of
 from models.effects.effect import Prior
 from models.fit import Parameter
 from models.scene import CUSHIONS, Table
-from models.shooting import Shooting, ShootingOptions, parameters_of, priors_of, shoot
+from models.shooting.shoot import Shooting, ShootingOptions, parameters_of, priors_of, shoot
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from models.chains import Chain, Prediction, Seen, begin, information, normal_equations, relaxed
 from models.pendulum.arms import LIKELY, flow, moved
+from models.springs.chains import Chain, Prediction, Seen, begin, information, normal_equations, relaxed
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from models.calls import Call
+from models.calls.answers import Call
 from pipeline.call import ask, picture_call
 from pipeline.chain import refuse_closed
 from pipeline.command_line import DebugOption, JsonOption, app, named

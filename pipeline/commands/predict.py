@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from models.errors import OptionError
-from models.hindsight import hindsight
-from models.prediction import DRAWS, Prediction, predict
-from models.present import outlook_at
-from models.regions import outlyingness
+from models.forecast.hindsight import hindsight
+from models.forecast.prediction import DRAWS, Prediction, predict
+from models.forecast.present import outlook_at
+from models.forecast.regions import outlyingness
 from models.tracks import Tracks
 from pipeline.chain import refuse_closed
 from pipeline.command_line import DebugOption, JsonOption, app, named

@@ -16,7 +16,7 @@ def fit_stage(options: FitOptions) -> Stage:
 
 
 def _run(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
-    from models.fitting import fit_shot  # slow to import, and not needed while cached
+    from models.fitting.fit_shot import fit_shot  # slow to import, and not needed while cached
 
     tracks, scene = inputs["track"], inputs["calibrate"]
     fit = fit_shot(tracks, scene, options, progress)

@@ -15,7 +15,7 @@ def track_stage(options: TrackOptions) -> Stage:
 
 
 def _run(inputs: Inputs, options: TrackOptions, folder: Path, progress: Progress) -> Tracks:
-    from models.association import associate  # slow to import, and not needed while cached
+    from models.association.associate import associate  # slow to import, and not needed while cached
 
     clip = inputs["read"]
     return associate(

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from models.errors import OptionError
-from models.springs import rate, springs
+from models.springs.system import rate, springs
 from pipeline.thesis.series import Case, Floats, Series, filmed
 
 KINDS = {"soft": (300.0, 0.1), "medium": (3e3, 1.0), "stiff": (1e5, 20.0)}

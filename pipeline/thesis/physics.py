@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.boxes.fit import fit_boxes
-from models.latent import infer
 from models.neural.method import Budget, checked
 from models.pendulum.angles import swing
+from models.springs.latent import infer
 from pipeline.thesis.boxes import bodies
 from pipeline.thesis.judged import Judged
 from pipeline.thesis.pendulum import as_angles, as_points
@@ -23,7 +23,7 @@ BOXES_NUMBERS = 6
 
 @dataclass(frozen=True, slots=True)
 class SpringsFit:
-    """Masses, springs, dampers and gravity behind the points: nothing of them is told (`models.latent`)."""
+    """Masses, springs, dampers and gravity behind the points: nothing of them is told (`models.springs.latent`)."""
 
     name: str = "physics fit"
 

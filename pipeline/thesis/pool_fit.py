@@ -29,7 +29,7 @@ class BilliardsFit:
 
     def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Judged:
         """Neither seed nor budget matter; the places in metres are those of the run at these times."""
-        from models.fitting import fit_shot  # slow to import
+        from models.fitting.fit_shot import fit_shot  # slow to import
 
         t, _ = checked(times, states)
         stretch = stretch_of(self.run, self.shot)

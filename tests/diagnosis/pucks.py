@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from models.effects.effect import EffectKind, Prior
 from models.gap_scene import Alternatives, Covariates, Mask, Recording
-from models.windows import Flow, Window
+from models.shooting.windows import Flow, Window
 
 Floats = NDArray[np.float64]
 Force = Callable[[Floats, Floats], Floats]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.effects.effect import Prior
-from models.windows import Flow, Window
+from models.shooting.windows import Flow, Window
 
 Floats = NDArray[np.float64]
 

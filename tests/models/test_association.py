@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from association_shots import POOL, R, Seen, break_shot, observe, overhead, owners, play, scattered, switches
 
-from models.association import associate
+from models.association.associate import associate
+from models.association.sightings import sight
+from models.association.stitching import make_tracklet, stitch
 from models.detections import Detections
 from models.errors import TrackError
 from models.options import TrackOptions
 from models.scene import Scene, Table
-from models.sightings import sight
-from models.stitching import make_tracklet, stitch
 from models.tracks import Tracks
 
 CLOTH = overhead().cloth_lab

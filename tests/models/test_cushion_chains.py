@@ -13,7 +13,7 @@ from models.billiards.cushion_chains import Bounce, CushionChains, Leg, chain_pr
 from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
 from models.events import Events
 from models.scene import CUSHIONS, Table
-from models.shooting import shoot
+from models.shooting.shoot import shoot
 from models.tracks import Tracks
 
 Floats = NDArray[np.float64]

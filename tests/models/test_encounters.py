@@ -7,9 +7,9 @@ import pytest
 from filmed_shots import RADIUS, WIDTH, Filmed, film
 
 from models.billiards.motion import Friction, kinematics
-from models.cascades import cascade
-from models.fitting import fit_shot
-from models.story import Contact, Span, Story
+from models.fitting.cascades import cascade
+from models.fitting.fit_shot import fit_shot
+from models.fitting.story import Contact, Span, Story
 
 CLOTH = Friction(0.2, 0.01)
 GAP = 0.004

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from models.clock import Clock
-from models.exposures import clock_of
+from models.fitting.exposures import clock_of
 from models.tracks import Tracks
 
 Floats = NDArray[np.float64]

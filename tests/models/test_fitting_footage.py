@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models.fit import Fit
-from models.fitting import fit_shot
+from models.fitting.fit_shot import fit_shot
 from models.scene import Camera, Scene, Table
 from models.tracks import Tracks
 

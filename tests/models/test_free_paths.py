@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from models.billiards.free_paths import FreePath, FreePaths, free_paths
 from models.events import Events
-from models.shooting import Shooting, shoot
+from models.shooting.shoot import Shooting, shoot
 from models.tracks import Tracks
 
 Floats = NDArray[np.float64]

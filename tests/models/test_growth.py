@@ -13,7 +13,7 @@ from models.billiards.growth import Guess, goes_on, grown, next_view
 from models.billiards.playing import packed
 from models.billiards.shots import Shots
 from models.billiards.whole_fit import unknowns_of
-from models.shooting import ShootingOptions
+from models.shooting.shoot import ShootingOptions
 
 
 def seen_shot(seed: int, seconds: float = 4.0) -> tuple[Shots, np.ndarray]:

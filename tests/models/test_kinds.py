@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.kinds import SNOOKER_COLOURS, Look, name_ids, name_kinds
+from models.association.kinds import SNOOKER_COLOURS, Look, name_ids, name_kinds
 
 
 def _look(colours: list[tuple[float, float, float]], white: list[float]) -> Look:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from models.latent import Latent, infer
-from models.parsimony import REST_AT_START
-from models.springs import Springs, motion, rate, springs
+from models.springs.latent import Latent, infer
+from models.springs.parsimony import REST_AT_START
+from models.springs.system import Springs, motion, rate, springs
 
 Floats = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.bodies_by_name import named_bodies
-from models.foretelling import foretell, going_on, growth_of, misses
-from models.particles import Floats, Particles, between, curve_through, explain
+from models.particles.bodies_by_name import named_bodies
+from models.particles.explain import Floats, Particles, between, curve_through, explain
+from models.particles.foretell import foretell, going_on, growth_of, misses
 
 GRAVITY = np.array([0.0, 981.0])
 

@@ -11,10 +11,10 @@ import pytest
 from models.billiards.parameters import CUSHION_LAWS
 from models.errors import TrackError
 from models.fit import Trust
-from models.hindsight import hindsight
-from models.outlook import PER_BALL, SHARED, Outlook, law_probabilities
-from models.prediction import Prediction, predict
-from models.present import outlook_at
+from models.forecast.hindsight import hindsight
+from models.forecast.outlook import PER_BALL, SHARED, Outlook, law_probabilities
+from models.forecast.prediction import Prediction, predict
+from models.forecast.present import outlook_at
 from models.scene import Camera, Scene, Table
 from models.tracks import Tracks
 

@@ -8,9 +8,9 @@ import numpy as np
 from filmed_shots import RADIUS, scene
 
 from models.billiards.motion import Friction
-from models.rebounds import doubled
-from models.solution import Solution
-from models.story import Contact, Span, Story
+from models.fitting.rebounds import doubled
+from models.fitting.solution import Solution
+from models.fitting.story import Contact, Span, Story
 
 
 def corner() -> Solution:

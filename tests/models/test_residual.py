@@ -12,10 +12,10 @@ from models.billiards.cushion_chains import Bounce, CushionChains, Leg, glide
 from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
 from models.billiards.parameters import CUSHION_LAWS
 from models.billiards.residual import CLOTH_WEIGHTS, WEIGHTS
-from models.residual import ResidualChains, residual_priors
-from models.residual_training import GAIN, prediction_errors, train_residual, typical
+from models.correction.residual import ResidualChains, residual_priors
+from models.correction.training import GAIN, prediction_errors, train_residual, typical
 from models.scene import Table
-from models.shooting import shoot
+from models.shooting.shoot import shoot
 
 Floats = NDArray[np.float64]
 

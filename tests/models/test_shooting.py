@@ -9,9 +9,9 @@ import pytest
 from bouncing_ball import NOTHING, Bounces, filmed, flight
 from numpy.typing import NDArray
 
-from models.lack_of_fit import correlation_factor
-from models.shooting import Shooting, parameters_of, priors_of, shoot
-from models.windows import SENSITIVE, Flow, Window, sensitive_from
+from models.shooting.lack_of_fit import correlation_factor
+from models.shooting.shoot import Shooting, parameters_of, priors_of, shoot
+from models.shooting.windows import SENSITIVE, Flow, Window, sensitive_from
 
 TRUTH = np.array([9.81, 0.8])
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from models import integrators
 from models.integrators import EULER, IMPLICIT_MIDPOINT, METHODS, RADAU, RK4, SYMPLECTIC_EULER, Method
-from models.spring_kernels import flows
-from models.springs import Springs, energy, flow, motion, rate, slope, springs
+from models.springs.kernels import flows
+from models.springs.system import Springs, energy, flow, motion, rate, slope, springs
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.association import associate
+from models.association.associate import associate
 from models.detections import Detections
 from models.noise import estimate_noise, with_noise
 from models.scene import Camera, Scene, Table

@@ -7,7 +7,7 @@ import pytest
 from filmed_shots import random_shot
 
 from models.baselines import cubic_pieces, linear_pieces, smooth_pieces
-from models.fitting import fit_shot
+from models.fitting.fit_shot import fit_shot
 from models.trajectory import Trajectory
 
 

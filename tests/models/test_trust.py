@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from models.fit import Light, Trust
-from models.trust import light, with_doubts
+from models.fitting.trust import light, with_doubts
 
 
 @pytest.mark.parametrize(("share", "colour"), [(0.95, "green"), (0.75, "amber"), (0.3, "red")])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.regions import outlyingness
+from models.forecast.regions import outlyingness
 from models.scene import Table
 from video.fan import Fan, draw_fans
 from video.inset import SHIFT, SUPERSAMPLE, furnished

@@ -1,0 +1,1 @@
+"""An umpire's questions: did they touch, when, by how much, and how sure is that."""

@@ -1,0 +1,1 @@
+"""A neural correction inside the integrator, where the physics leaves structure."""

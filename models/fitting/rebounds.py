@@ -1,0 +1,116 @@
+"""Cushions that a refined story does not know of yet: paths that run through one, or turn back at it for no cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.billiards.motion import kinematics
+from models.fitting.cascades import SLOW
+from models.fitting.contacts import INWARD, NEAR_CUSHION, cushion_distances
+from models.fitting.solution import Data, Solution, end_state
+from models.fitting.story import Contact, Story
+from models.scene import CUSHIONS, Table
+
+Floats = NDArray[np.float64]
+
+OVERSHOOT = 0.2
+"""ball radii: a path that goes so far into a cushion has met it."""
+
+
+def renamed(solution: Solution, table: Table) -> Story:
+    """Changes of velocity without a cause that turn out to lie at a cushion."""
+    contacts = list(solution.story.contacts)
+    changed = False
+    for number, contact in enumerate(contacts):
+        if contact.kind != "free":
+            continue
+        side = _reversed_at(solution, contact, table)
+        if side is not None:
+            contacts[number] = replace(contact, kind="cushion", cushion=CUSHIONS[side])
+            changed = True
+    return Story(solution.story.spans, tuple(contacts)) if changed else solution.story
+
+
+def _reversed_at(solution: Solution, contact: Contact, table: Table, but: int = -1) -> int | None:
+    """The cushion near which a ball turns back at a contact, other than `but`."""
+    spans = solution.story.spans
+    before, after = end_state(solution, contact.before[0]), spans[contact.after[0]].state
+    distance = cushion_distances(after[:2], table) - table.ball_radius - solution.nose
+    reach = 0.5 * NEAR_CUSHION * table.ball_radius
+    for side in np.argsort(np.abs(distance)):
+        towards, away = -INWARD[side] @ before[2:4], INWARD[side] @ after[2:4]
+        if side != but and abs(distance[side]) < reach and towards > SLOW and away > 0:
+            return int(side)
+    return None
+
+
+def doubled(solution: Solution, story: Story, table: Table) -> Story:
+    """In a corner a ball meets two cushions within one picture."""
+    for contact, told in zip(solution.story.contacts, story.contacts, strict=False):
+        if contact.kind != "cushion" or contact != told:  # other thoughts may have changed or shortened the story
+            continue
+        first = CUSHIONS.index(contact.cushion)
+        second = _reversed_at(solution, contact, table, but=first)
+        if second is None:
+            continue
+        before = end_state(solution, contact.before[0])
+        after = story.spans[contact.after[0]].state.copy()
+        middle = after.copy()  # between the two contacts only the first component has turned
+        n = INWARD[second]
+        middle[2:4] += (n @ before[2:4] - n @ after[2:4]) * n
+        spans = list(story.spans)
+        spans[contact.after[0]] = replace(spans[contact.after[0]], state=middle)
+        t = min(contact.t + 2e-3, story.finish(contact.after[0]) - 1e-3)
+        if t > contact.t + 2e-4:
+            extra = Contact("cushion", t, (contact.after[0],), (), CUSHIONS[second], gain=contact.gain)
+            story = Story(tuple(spans), story.contacts).split(extra, (after,))
+    return story
+
+
+def inserted(solution: Solution, story: Story, data: Data, table: Table) -> Story:
+    """Cushions that paths run through."""
+    if story is not solution.story:
+        return story
+    last = {int(ball): float(data.t[data.ball == ball].max()) for ball in np.unique(data.ball)}
+    for k, span in enumerate(solution.story.spans):
+        if span.static:
+            continue
+        begin, end = story.begin(k), min(story.finish(k), last[span.ball])
+        if end - begin < 1e-3:
+            continue
+        t = np.linspace(begin, end, max(int((end - begin) / 1e-3), 8))
+        path = kinematics(np.repeat(span.state[None], len(t), axis=0), t - begin, solution.friction)
+        depth = -(cushion_distances(path[:, :2], table) - table.ball_radius - solution.nose)  # (M, 4)
+        side = int(np.argmax(depth.max(axis=0)))
+        deepest = int(np.argmax(depth[:, side]))
+        inwards = path[:, 2:4] @ INWARD[side]
+        turns = 0 < deepest < len(t) - 1 and -inwards[:deepest].min() > SLOW and inwards[deepest:].max() > SLOW
+        if turns and depth[deepest, side] > -2 * OVERSHOOT * table.ball_radius:
+            depth[:, side] += max(-depth[deepest, side], 0.0) + 1e-4  # no ball turns back at a cushion by itself
+        elif depth[deepest, side] < OVERSHOOT * table.ball_radius:
+            continue
+        if depth[0, side] > 0.5 * OVERSHOOT * table.ball_radius:
+            continue
+        if _in_pocket_mouth(path[int(np.argmax(depth[:, side])), :2], table):
+            continue
+        crossing = int(np.argmax(depth[:, side] > 0))
+        if crossing in (0, len(t) - 1) or -INWARD[side] @ path[crossing, 2:4] < 0:
+            continue
+        before = path[crossing]
+        after = np.concatenate([before, np.zeros(2)])
+        push = -1.75 * (INWARD[side] @ before[2:4]) * INWARD[side]
+        after[2:4] += push
+        after[4:6] += push
+        contact = Contact("cushion", float(t[crossing]), (k,), (), CUSHIONS[side])
+        story = story.split(contact, (after,))
+    return story
+
+
+def _in_pocket_mouth(x: Floats, table: Table) -> bool:
+    """Where there is no cushion to meet: within three radii of a pocket."""
+    return bool(
+        len(table.pocket_centres) and np.linalg.norm(table.pocket_centres - x, axis=1).min() < 3 * table.ball_radius
+    )

@@ -1,0 +1,1 @@
+"""Particles of which only coordinates are known: what explains them, and where they will be."""

@@ -1,0 +1,151 @@
+"""One place in the search of the fit by shooting: what it costs, and its normal equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.shooting.elimination import ShotBlock
+from models.shooting.shared_numbers import prior_cost, slopes
+from models.shooting.windows import Flow, Glance, Model, Window, glance
+
+Floats = NDArray[np.float64]
+
+HUBER = 2.5
+"""standard deviations where the loss of an observation turns linear."""
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """Starts of all windows and shared numbers, simulated."""
+
+    starts: tuple[Floats, ...]
+    """per window (S,)."""
+    shared: Floats
+    """(P,)"""
+    flows: tuple[Flow | Glance, ...]
+    """without slopes where none were asked for yet."""
+    costs: Floats
+    """per shot (Q,); the prior of the shared numbers comes last."""
+
+    @property
+    def cost(self) -> float:
+        return float(self.costs.sum())
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """What does not change during a search."""
+
+    model: Model
+    windows: tuple[Window, ...]
+    shots: tuple[tuple[int, ...], ...]
+    """numbers of the windows of each shot."""
+
+
+def attempt(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Attempt:
+    """Simulate every window, with slopes."""
+    point = glanced(problem, starts, shared)
+    for shot in range(len(problem.shots)):
+        point = with_slopes(problem, point, shot)
+    return point
+
+
+def glanced(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Attempt:
+    """Simulate every window, without slopes where the model can leave them out."""
+    flows = tuple(glance(problem.model, k, start, shared) for k, start in enumerate(starts))
+    point = Attempt(starts, shared, flows, np.zeros(len(problem.shots) + 1))
+    for shot in range(len(problem.shots)):
+        point.costs[shot] = shot_cost(problem, point, shot)
+    point.costs[-1] = prior_cost(problem.model.unknowns, shared)
+    return point
+
+
+def with_slopes(problem: Problem, point: Attempt, shot: int) -> Attempt:
+    """The same, the windows of one shot with their slopes."""
+    flows = list(point.flows)
+    for k in problem.shots[shot]:
+        if isinstance(flows[k], Glance):
+            flows[k] = problem.model.flow(k, point.starts[k], point.shared)
+    return replace(point, flows=tuple(flows))
+
+
+def first_share(window: Window, share: float) -> int:
+    """How many observations lie in the first `share` of a window's time."""
+    if share >= 1.0 or len(window.t) == 0:
+        return len(window.t)
+    first, last = window.t[0], window.t[-1]
+    return int(np.searchsorted(window.t, first + share * (last - first), side="right"))
+
+
+def huber(misfit: Floats) -> tuple[Floats, float]:
+    """Weight of each observation (K,) and cost of misfits (K, d); a flow that is not finite costs infinitely much."""
+    if not np.all(np.isfinite(misfit)):
+        return np.zeros(len(misfit)), float("inf")
+    size = np.linalg.norm(misfit, axis=1)
+    inner = np.minimum(size, HUBER)
+    weight = np.where(size > HUBER, HUBER / np.maximum(size, HUBER), 1.0)
+    return weight, float((2 * size * inner - inner**2).sum())
+
+
+def shot_cost(problem: Problem, point: Attempt, shot: int, share: float = 1.0) -> float:
+    """Robust chi2 of the first `share` of a shot's windows, with what is known of its states."""
+    cost = 0.0
+    for k in problem.shots[shot]:
+        window, flow = problem.windows[k], point.flows[k]
+        cost += huber(flow.misfit[: first_share(window, share)])[1]
+        cost += float((((point.starts[k] - window.start) / window.sigma) ** 2).sum())
+        if window.link is not None:
+            cost += float((((point.starts[k] - point.flows[k - 1].end) / window.link) ** 2).sum())
+    return cost if np.isfinite(cost) else float("inf")
+
+
+def normal_blocks(problem: Problem, point: Attempt) -> list[ShotBlock]:
+    return [normal_block(problem, point, shot) for shot in range(len(problem.shots))]
+
+
+def normal_block(problem: Problem, point: Attempt, shot: int, share: float = 1.0) -> ShotBlock:
+    """Normal equations of one shot: its states, the shared coordinates, and what couples them."""
+    numbers, point = problem.shots[shot], with_slopes(problem, point, shot)
+    scale = slopes(problem.model.unknowns, point.shared)
+    offsets = np.concatenate([[0], np.cumsum([len(point.starts[k]) for k in numbers])])
+    block = ShotBlock.empty(int(offsets[-1]), len(scale))
+    for place, k in enumerate(numbers):
+        window, flow = problem.windows[k], sloped(point, k)
+        here = slice(offsets[place], offsets[place + 1])
+        seen = first_share(window, share)
+        weight = np.sqrt(huber(flow.misfit[:seen])[0])[:, None]
+        size = len(point.starts[k])
+        by_start = (flow.by_start[:seen] * weight[:, :, None]).reshape(-1, size)
+        by_shared = (flow.by_shared[:seen] * weight[:, :, None]).reshape(len(by_start), len(scale)) * scale
+        block.add(here, by_start, by_shared, (flow.misfit[:seen] * weight).reshape(-1))
+        told = np.flatnonzero(np.isfinite(window.sigma))
+        block.add(
+            here, np.eye(size)[told] / window.sigma[told, None], np.zeros((len(told), len(scale))),
+            ((point.starts[k] - window.start) / window.sigma)[told],
+        )  # fmt: skip
+        if window.link is not None:
+            _link(block, here, slice(offsets[place - 1], offsets[place]), window.link, point, k, scale)
+    return block
+
+
+def sloped(point: Attempt, k: int) -> Flow:
+    """A flow that has its slopes."""
+    flow = point.flows[k]
+    if isinstance(flow, Glance):
+        raise ValueError(f"slopes are needed; window {k} has none")
+    return flow
+
+
+def _link(block: ShotBlock, here: slice, before: slice, sigma: Floats, point: Attempt, k: int, scale: Floats) -> None:
+    """Continuity of the start of window `k` with the end of the window before."""
+    tied = np.flatnonzero(np.isfinite(sigma))
+    flow = sloped(point, k - 1)
+    rows = np.zeros((len(tied), len(block.gradient)))
+    rows[:, here] = np.eye(len(sigma))[tied]
+    rows[:, before] = -flow.end_by_start[tied]
+    rows /= sigma[tied, None]
+    shared = -flow.end_by_shared[tied] * scale / sigma[tied, None]
+    block.add(slice(None), rows, shared, ((point.starts[k] - flow.end) / sigma)[tied])

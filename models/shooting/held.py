@@ -1,0 +1,53 @@
+"""A model with some of its shared numbers held at given values: what is left can be fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.effects.effect import Prior
+from models.shooting.windows import Flow, Glance, Model, Window, glance
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """The unknowns of `model` that are `free`, the others at the values `shared`."""
+
+    model: Model
+    shared: Floats
+    """(P,) values; those of free numbers are not used."""
+    free: Mask
+    """(P,)"""
+    priors: tuple[Prior, ...]
+    """(P,) what is known of all numbers beforehand."""
+
+    @property
+    def unknowns(self) -> tuple[Prior, ...]:
+        return tuple(prior for prior, free in zip(self.priors, self.free, strict=True) if free)
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        return self.model.windows
+
+    def whole(self, shared: Floats) -> Floats:
+        """(P,) all numbers, from the free ones."""
+        values = self.shared.copy()
+        values[self.free] = shared
+        return values
+
+    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+        flow = self.model.flow(window, start, self.whole(shared))
+        return replace(flow, by_shared=flow.by_shared[..., self.free], end_by_shared=flow.end_by_shared[..., self.free])
+
+    def glance(self, window: int, start: Floats, shared: Floats) -> Glance | Flow:
+        found = glance(self.model, window, start, self.whole(shared))
+        if isinstance(found, Glance):
+            return found
+        return replace(
+            found, by_shared=found.by_shared[..., self.free], end_by_shared=found.end_by_shared[..., self.free]
+        )

@@ -1,0 +1,1 @@
+"""Particles, springs, dampers and pins: their motion, and what coordinates alone tell of them."""

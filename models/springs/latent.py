@@ -1,0 +1,90 @@
+"""Latent inference: masses, springs, dampers, gravity and who is joined to whom, from coordinates alone.
+
+Chen 2022 names it in the abstract; here the mass-spring-damper model itself (eqs 1 to 9) is fitted. How stiff springs
+are is searched on a ladder from soft to rods; springs that are too stiff to be seen stretching become rods, with a
+bound on their stiffness. A fit that leaves more than noise is refused, and says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.springs.coordinates import Coordinates, held, noise
+from models.springs.fit import SpringFit, covariance
+from models.springs.parsimony import simplified
+from models.springs.search import searched
+from models.springs.system import Springs, flow, motion, steps_for
+from models.springs.verdict import doubts, least_stiffness
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Latent:
+    """What coordinates say of the springs behind them."""
+
+    t: Floats
+    """(T,) s, of the samples."""
+    states: Floats
+    """(T, 2, N, D) places and velocities at the samples."""
+    graph: Springs
+    """Masses are relative to the first free particle of every group that hangs together."""
+    names: tuple[str, ...]
+    """(P,) of the numbers that were fitted."""
+    values: Floats
+    """(P,)"""
+    sigma: Floats
+    """(P,)"""
+    least_stiffness: Floats
+    """(E,) what the stiffness of a rod exceeds, at two standard deviations; NaN for springs."""
+    noise: float
+    """standard deviation of a coordinate."""
+    simplifications: tuple[str, ...]
+    """what was taken to be simpler than it could be, because the data do not contradict it."""
+    doubts: tuple[str, ...]
+    """why the fit is refused; empty where it is accepted."""
+
+    @property
+    def accepted(self) -> bool:
+        return not self.doubts
+
+    def at(self, t: Floats) -> Floats:
+        """States (M, 2, N, D) at any times (M,): between samples, before the first and after the last one."""
+        after = np.flatnonzero(t > self.t[-1])
+        k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
+        spans = np.where(t > self.t[-1], 0.0, t - self.t[k])
+        speed = 2 * float(np.abs(self.states[:, 1]).max())
+        steps = steps_for(self.graph, spans, speed)
+        found = flow(self.graph, self.states[k], spans, np.empty(0, np.int64), steps).ends
+        if len(after):
+            later = np.unique(t[after])
+            path = motion(self.graph, self.states[-1], np.concatenate([self.t[-1:], later]))[1:]
+            found[after] = path[np.searchsorted(later, t[after])]
+        return found
+
+
+def infer(t: Floats, x: Floats, sigma: float | None = None) -> Latent:
+    """The springs behind coordinates x (T, N, D) at times t (T,) s, NaN where a particle was not seen.
+
+    `sigma` is the standard deviation of a coordinate where it is known; otherwise held particles or the residuals of
+    the fit tell it. Raises `ValueError` where there are too few samples; a fit that fails is returned with its doubts.
+    """
+    seen = Coordinates(np.asarray(t, np.float64), np.asarray(x, np.float64), sigma)
+    still = held(seen)
+    told = noise(seen, still)
+    fit = searched(seen, still, told)
+    found = doubts(fit, told is not None)
+    fit, simpler = simplified(seen, fit) if not found else (fit, ())
+    return _latent(seen, fit, simpler, doubts(fit, told is not None))
+
+
+def _latent(seen: Coordinates, fit: SpringFit, simpler: tuple[str, ...], found: tuple[str, ...]) -> Latent:
+    sought = fit.model.layout
+    slope = sought.slope(fit.chain.shared)
+    return Latent(
+        seen.t, fit.states, fit.graph, sought.names, sought.values(fit.chain.shared),
+        np.sqrt(np.diag(covariance(fit)).clip(0)) * slope, least_stiffness(seen, fit), fit.noise, simpler, found,
+    )  # fmt: skip
