@@ -44,6 +44,8 @@ VANISH_TIME, VANISH_PICTURES = 0.3, 5
 """s and pictures before the end: what is no longer seen there has vanished."""
 VANISH_SCORE = 0.85
 """Median score of what appears or vanishes in the open and is a ball behind a player all the same."""
+VANISH_STEADY = 0.7
+"""Share of the pictures, from its first to its last, in which such a ball is seen: a hand only now and then."""
 POCKET_REACH = 0.2
 """m from a pocket's centre within which a ball may vanish between two pictures."""
 
@@ -68,7 +70,10 @@ def is_ball(piece: Tracklet, sightings: Sightings, t: Floats, scene: Scene) -> b
         return False
     if _lost_share(piece, sightings, scene.table) > MOST_LOST or _jitter(piece, sightings, t) > JITTER:
         return False
-    return not _vanishes(piece, t, scene.table) or float(np.median(sightings.score[piece.row])) >= VANISH_SCORE
+    if not _vanishes(piece, t, scene.table):
+        return True
+    steady = seen > VANISH_STEADY * (piece.picture[-1] - piece.picture[0] + 1)
+    return steady and float(np.median(sightings.score[piece.row])) >= VANISH_SCORE
 
 
 def _rests(piece: Tracklet, sightings: Sightings, reach: float) -> bool:

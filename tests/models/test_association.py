@@ -101,6 +101,16 @@ def test_a_hand_that_halts_and_turns_is_no_ball() -> None:
     assert len(associate(detections, seen.frame, seen.t, overhead()).ids) == 2
 
 
+def test_a_still_hand_that_is_seen_now_and_then_and_withdraws_is_no_ball_but_one_that_a_player_hides_is() -> None:
+    rng = np.random.default_rng(22)
+    seen = _two_balls(rng)
+    place = np.array([1000.0, 520.0])
+    now_and_then, all_along = np.array([3, 4, 6, 7, 11, 14, 15, 18, 22, 23, 27, 31, 32, 36]), np.arange(36)
+    for frame, balls in ((now_and_then, 2), (all_along, 3)):
+        detections = _with(seen, frame, place + rng.normal(0, 0.3, (len(frame), 2)), score=0.97)
+        assert len(associate(detections, seen.frame, seen.t, overhead()).ids) == balls
+
+
 def test_a_streak_that_goes_nowhere_is_no_ball() -> None:
     rng = np.random.default_rng(21)
     seen = _two_balls(rng)
