@@ -31,7 +31,7 @@ PRIOR = 2.0
 EXCUSE = 3.5
 """Radii from another ball's centre within which a velocity may change."""
 MOST_LOST = 0.15
-"""Share of its pictures in which a ball may go unseen while it moves."""
+"""Share of its pictures in which a ball may go unseen while it moves, or before it vanishes in the open."""
 STREAKED, MOST_IMPOSSIBLE = 2.2, 0.3
 """Radii by which a streak is longer than the way to either neighbour, which no exposure makes nor two balls that touch;
 and in how many of the pictures: an edge of a sleeve, a cue or a line looks like a streak that goes nowhere."""
@@ -44,8 +44,6 @@ VANISH_TIME, VANISH_PICTURES = 0.3, 5
 """s and pictures before the end: what is no longer seen there has vanished."""
 VANISH_SCORE = 0.85
 """Median score of what appears or vanishes in the open and is a ball behind a player all the same."""
-VANISH_STEADY = 0.7
-"""Share of the pictures, from its first to its last, in which such a ball is seen: a hand only now and then."""
 POCKET_REACH = 0.2
 """m from a pocket's centre within which a ball may vanish between two pictures."""
 
@@ -72,7 +70,7 @@ def is_ball(piece: Tracklet, sightings: Sightings, t: Floats, scene: Scene) -> b
         return False
     if not _vanishes(piece, t, scene.table):
         return True
-    steady = seen > VANISH_STEADY * (piece.picture[-1] - piece.picture[0] + 1)
+    steady = seen > (1 - MOST_LOST) * (piece.picture[-1] - piece.picture[0] + 1)
     return steady and float(np.median(sightings.score[piece.row])) >= VANISH_SCORE
 
 
