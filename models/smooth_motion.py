@@ -156,7 +156,8 @@ class SmoothModel:
         rows, who = np.nonzero(piece.seen)
         sigma = piece.sigma[rows, who]
         seen = places[rows, :, who]  # (K, D, columns)
-        slopes = seen.imag / _STEP / sigma[:, None, None]
+        with np.errstate(over="ignore"):  # a trial that flies off has infinite slopes, and is rejected
+            slopes = seen.imag / _STEP / sigma[:, None, None]
         coordinates, bodies = places.shape[1], len(piece.bodies)
         by_start = np.zeros((len(rows), coordinates, bodies, size))
         by_start[np.arange(len(rows)), :, who] = slopes[:, :, :size]
