@@ -9,15 +9,13 @@ Clips run at a guessed rate: lengths are claimed here, no speeds.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from filmed import filmed_clips, with_measured_noise
-from run_folder import FOOTAGE, ROOT
+from filmed import asked_clips, filmed_clips, with_measured_noise
 
 from models.billiards.cushion_chains import CushionChains, Leg, Rebound, chain_priors, glide, legs_of
 from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
@@ -99,13 +97,7 @@ def _misses(law: Rebound, clip: Clip, known: tuple[Prior, ...]) -> Iterator[floa
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "out" / "real_clips", help="where the runs go")
-    parser.add_argument("--reuse", action="store_true", help="take the run folders that are there")
-    arguments = parser.parse_args()
-    if not FOOTAGE.is_dir():
-        print(f"real footage is not at {FOOTAGE}", file=sys.stderr)
-        return 1
+    arguments = asked_clips(__doc__)
     shots = list(clips(arguments.out, arguments.reuse))
     scored = {name: score(law, shots) for name, law in LAWS.items()}
     print("\n## Cushion laws on the carom clips: held-out error of the path after a cushion\n")

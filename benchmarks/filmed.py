@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from run_folder import FOOTAGE, RunFolder, read_run, run_clip
+from run_folder import FOOTAGE, ROOT, RunFolder, read_run, run_clip
 
 from models.noise import estimate_noise, with_noise
 from models.scene import Camera, Scene, Table
@@ -29,6 +30,17 @@ class Filmed:
     """s between pictures."""
     clock: np.ndarray
     """(T,) s, as the container says."""
+
+
+def asked_clips(description: str | None) -> argparse.Namespace:
+    """The command line of a script over the real clips: `out`, `reuse`. SystemExit where there is no footage."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "out" / "real_clips", help="where the runs go")
+    parser.add_argument("--reuse", action="store_true", help="take the run folders that are there")
+    arguments = parser.parse_args()
+    if not FOOTAGE.is_dir():
+        raise SystemExit(f"real footage is not at {FOOTAGE}")
+    return arguments
 
 
 def filmed_clips(game: str, folder: Path, reuse: bool) -> Iterator[Filmed]:

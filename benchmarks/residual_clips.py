@@ -9,13 +9,12 @@ one once. Balls that hit others begin a new chain there; what balls do to each o
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
-from filmed import filmed_clips, with_measured_noise
-from run_folder import FOOTAGE, ROOT
+from filmed import asked_clips, filmed_clips, with_measured_noise
+from run_folder import FOOTAGE
 
 from models.billiards.cushion_chains import Leg, legs_of
 from models.correction.residual import ResidualChains
@@ -49,13 +48,7 @@ def moving(legs: tuple[Leg, ...]) -> tuple[Leg, ...]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "out" / "real_clips", help="where the runs go")
-    parser.add_argument("--reuse", action="store_true", help="take the run folders that are there")
-    arguments = parser.parse_args()
-    if not FOOTAGE.is_dir():
-        print(f"real footage is not at {FOOTAGE}", file=sys.stderr)
-        return 1
+    arguments = asked_clips(__doc__)
     legs, table = clips(arguments.out, arguments.reuse)
     print("| held-out clips | chains | physics mm | network mm | switched on | delivered mm |")
     print("|---|---|---|---|---|---|")

@@ -10,15 +10,13 @@ The footage's authors missed rests by 12 to 32 mm from starts marked by hand.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from filmed import Filmed, filmed_clips, with_measured_noise
-from run_folder import FOOTAGE, ROOT
+from filmed import Filmed, asked_clips, filmed_clips, with_measured_noise
 
 from models.billiards.free_paths import PIECE, FreePath, FreePaths, cloth_priors, free_paths, rest_place
 from models.events import Events
@@ -193,13 +191,7 @@ def _promised(fit: Shooting, model: FreePaths, seen: FreePath) -> float:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "out" / "real_clips", help="where the runs go")
-    parser.add_argument("--reuse", action="store_true", help="take the run folders that are there")
-    arguments = parser.parse_args()
-    if not FOOTAGE.is_dir():
-        print(f"real footage is not at {FOOTAGE}", file=sys.stderr)
-        return 1
+    arguments = asked_clips(__doc__)
     shots = list(filmed_shots(arguments.out, arguments.reuse))
     cloth = print_friction(shots)
     print_rests(shots, cloth)
