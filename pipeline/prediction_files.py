@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from models.forecast.hindsight import Hindsight
 from models.forecast.prediction import Foretold, Meeting, Prediction
 from pipeline.tables import Columns, write_columns
+from pipeline.verdict import trust_facts
 
 Floats = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ def summary(found: Prediction, shot: int, after: Hindsight | None) -> dict[str, 
     return {
         "schema": "trueroll.prediction/1", "shot": shot, "t": look.t, "until": float(found.t[-1]),
         "linear_until": float(linear[-1]) if len(linear) else look.t, "draws": len(found.courses),
-        "trust": {"light": look.trust.light, "why": list(look.trust.reasons)},
+        "trust": trust_facts(look.trust),
         "balls": [_ball(found, k) for k in range(len(look.ids))],
         "events": [_event(one) for one in found.foretold],
         "compared": None if after is None else _compared(found, after),

@@ -19,7 +19,7 @@ from models.fit import Fit, Parameter
 from models.scene import Camera, Scene
 from models.tracks import Tracks
 from models.trajectory import State, Trajectory
-from pipeline.verdict import run_trust
+from pipeline.verdict import run_trust, trust_facts
 from video.clip import Clip
 
 Floats = NDArray[np.float64]
@@ -118,7 +118,7 @@ def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) 
         "laws": _laws(fit, table.ball_radius),
         "balls": _balls(tracks, fit),
         "fit": _quality(tracks, fit),
-        "trust": {"light": trust.light, "why": list(trust.reasons)},
+        "trust": trust_facts(trust),
         "notes": [*clip.notes, *scene.notes],
         "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct),
                  "repeats": np.flatnonzero(clip.repeat).tolist(), "seconds": float(clip.t[-1])},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from rich.markup import escape
+
 from models.fit import Fit, Trust
 from video.clip import INCOMPLETE, Clip
 
@@ -12,3 +14,14 @@ def run_trust(clip: Clip, fit: Fit) -> Trust:
     if not missing:
         return fit.trust
     return Trust("amber" if fit.trust.light == "green" else fit.trust.light, (*missing, *fit.trust.reasons))
+
+
+def trust_facts(trust: Trust) -> dict[str, object]:
+    """The light and why, as files and --json have them."""
+    return {"light": trust.light, "why": list(trust.reasons)}
+
+
+def trust_line(trust: Trust) -> str:
+    """The light and why, in rich's markup for the terminal."""
+    colour = {"green": "green", "amber": "yellow", "red": "red"}[trust.light]
+    return f"[{colour}]●[/] trust: {trust.light}. " + escape(" ".join(trust.reasons))

@@ -9,7 +9,6 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 
 from models.errors import OptionError
 from pipeline.command_line import (
@@ -65,18 +64,18 @@ def _interpolate_clip(
 ) -> None:
     from pipeline.display import StageDisplay
     from pipeline.interpolate import interpolate_clip
+    from pipeline.verdict import trust_facts, trust_line
 
     with StageDisplay(console, str(clip)) as display:
         made = interpolate_clip(clip, video, frames, factor, options, open_cache(cache), display)
     for note in made.notes:
         console.print(f"Note: {note}", markup=False, soft_wrap=True)
     if as_json:
-        trust = {"light": made.trust.light, "why": list(made.trust.reasons)}
+        trust = trust_facts(made.trust)
         facts = {"pictures": made.pictures, "originals": made.originals, "rate": made.rate, "trust": trust}
         print(json.dumps({"file": str(video), "frames": str(frames) if frames else None, **facts}, allow_nan=False))
         return
-    light = {"green": "green", "amber": "yellow", "red": "red"}[made.trust.light]
-    Console(highlight=False).print(f"[{light}]●[/] trust: {made.trust.light}. " + escape(" ".join(made.trust.reasons)))
+    Console(highlight=False).print(trust_line(made.trust))
     print(f"{made.pictures} pictures, {made.originals} of them original, {made.rate:.3f} a second: {video}")
 
 

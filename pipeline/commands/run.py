@@ -6,7 +6,6 @@ import json
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table as Grid
 
 from pipeline.chain import Run, default_folder, run_clip
@@ -24,6 +23,7 @@ from pipeline.command_line import (
 from pipeline.display import StageDisplay
 from pipeline.options import RunOptions
 from pipeline.sentences import event_sentence, event_time
+from pipeline.verdict import trust_facts, trust_line
 
 
 @app.command("run")
@@ -52,8 +52,7 @@ def _as_json(made: Run) -> dict[str, Any]:
     events = made.events
     names = ("kind", "t", "t_sigma", "a", "b", "probability")
     rows = [{name: getattr(events, name)[k] for name in names} for k in range(len(events))]
-    trust = {"light": made.trust.light, "why": list(made.trust.reasons)}
-    return {"folder": str(made.folder), "trust": trust, "events": rows}
+    return {"folder": str(made.folder), "trust": trust_facts(made.trust), "events": rows}
 
 
 def _tell(made: Run) -> None:
@@ -68,6 +67,5 @@ def _tell(made: Run) -> None:
         screen.print(grid)
     else:
         screen.print("Nothing moves in this clip.")
-    light = {"green": "green", "amber": "yellow", "red": "red"}[made.trust.light]
-    screen.print(f"[{light}]●[/] trust: {made.trust.light}. " + escape(" ".join(made.trust.reasons)))
+    screen.print(trust_line(made.trust))
     print(f"Look at {made.folder / 'slow.mp4'} and {made.folder / 'report.html'}")
