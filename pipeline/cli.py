@@ -33,6 +33,7 @@ def main() -> NoReturn:
         status = INTERRUPTED
     finally:
         sys.unraisablehook = hook
+        signal.signal(signal.SIGINT, _drop)
     if status == INTERRUPTED:
         sys.stderr.write(FAREWELL)
     sys.exit(status)
@@ -46,7 +47,8 @@ def spare_threads() -> None:
 
 
 def _drop(number: int, frame: FrameType | None) -> NoReturn:
-    """Interrupted while importing: nothing needs cleaning up, and importers swallow or dress up exceptions."""
+    """Interrupted while importing or while leaving: nothing needs cleaning up, and the interpreter would swallow or
+    dress up an exception."""
     os.write(2, FAREWELL.encode())
     os._exit(INTERRUPTED)
 

@@ -206,10 +206,27 @@ def test_an_interrupted_run_says_so(trueroll: Terminal, monkeypatch: pytest.Monk
     assert said.err == "trueroll: interrupted; nothing half-written is left\n"
 
 
-def test_an_interrupt_while_the_program_is_still_loading_is_one_line() -> None:
-    code = (
-        "import pipeline.cli as c, signal, threading; threading.Timer(0.15, signal.raise_signal, [2]).start(); c.main()"
-    )
+INTERRUPTED_AT = """
+import atexit, signal, sys
+import pipeline.cli
+
+class WhileLoading:
+    def find_spec(self, name, path, target=None):
+        if name == "pipeline.execute":
+            signal.raise_signal(signal.SIGINT)
+
+{moment}
+pipeline.cli.main()
+"""
+
+
+@pytest.mark.parametrize(
+    "moment",
+    ["sys.meta_path.insert(0, WhileLoading())", "atexit.register(signal.raise_signal, signal.SIGINT)"],
+    ids=["loading", "leaving"],
+)
+def test_an_interrupt_while_the_program_is_loading_or_leaving_is_one_line(moment: str) -> None:
+    code = INTERRUPTED_AT.format(moment=moment)
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert (said.returncode, said.stderr) == (130, "trueroll: interrupted; nothing half-written is left\n")
 
