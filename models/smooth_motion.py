@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numba
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from models.effects.effect import Effect, EffectKind, Prior
 from models.gap_scene import Alternatives, Covariates, Mask, Recording
-from models.shooting.windows import Flow, Window
+from models.shooting.windows import Flow, Glance, Window
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.float64] | NDArray[np.complex128]
@@ -49,6 +50,7 @@ def compiled_here(function: Callable[..., Any]) -> Any:
     return numba.njit(error_model="numpy", nogil=True)(function)
 
 
+@cache
 def marcher(force: Force) -> March:
     """States (T, 2D, n) from n starts (2D, n) with n sets of parameters (P, n), at t (T,), in steps of at most so
     many seconds."""
@@ -58,20 +60,28 @@ def marcher(force: Force) -> March:
         size, count = start.shape
         half = size // 2
         states = np.empty((len(t), size, count), start.dtype)
-        rates = np.zeros((4, size), start.dtype)
+        now, at, rate, sum_of_rates = np.empty((4, size), start.dtype)
         for i in range(count):
-            now, p = start[:, i].copy(), parameters[:, i].copy()
+            p = parameters[:, i].copy()
+            now[:] = start[:, i]
             states[0, :, i] = now
             for k in range(1, len(t)):
                 steps = int(np.ceil((t[k] - t[k - 1]) / longest - 1e-9))
                 h = (t[k] - t[k - 1]) / steps
                 for _ in range(steps):
+                    sum_of_rates[:] = 0.0
                     for stage in range(4):
-                        part = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
-                        at = now + part * h * rates[stage - 1] if stage else now.copy()
-                        rates[stage, :half] = at[half:]
-                        force(at[:half], at[half:], p, rates[stage, half:])
-                    now = now + h / 6 * (rates[0] + 2 * rates[1] + 2 * rates[2] + rates[3])
+                        part = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+                        for d in range(size):
+                            at[d] = now[d] + part * rate[d] if stage else now[d]
+                        for d in range(half):
+                            rate[d] = at[half + d]
+                        force(at[:half], at[half:], p, rate[half:])
+                        weight = 2.0 if stage == 1 or stage == 2 else 1.0
+                        for d in range(size):
+                            sum_of_rates[d] += weight * rate[d]
+                    for d in range(size):
+                        now[d] += h / 6 * sum_of_rates[d]
                 states[k, :, i] = now
         return states
 
@@ -148,6 +158,14 @@ class SmoothModel:
         flat = self.scene.march(starts.reshape(size, -1), parameters.reshape(len(shared), -1), piece.t, LONGEST)
         states = np.asarray(flat, np.complex128).reshape(len(piece.t), size, bodies, columns)
         return self._flow(piece, states[:, : size // 2], size, asked, len(shared))
+
+    def glance(self, window: int, start: Floats, shared: Floats) -> Glance:
+        piece = self.pieces[window]
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial that flies off is rejected
+            places = self.scene.predict(piece, start, shared, ())
+            rows, who = np.nonzero(piece.seen)
+            misfit = (places[rows, who] - piece.places[rows, who]) / piece.sigma[rows, who][:, None]
+        return Glance(misfit, np.zeros(0))
 
     def _flow(
         self, piece: Recording, places: NDArray[np.complex128], size: int, asked: NDArray[np.int64], shared: int

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from models.effects.effect import Prior
@@ -43,6 +45,7 @@ LEAST_DRAG = 0.1
 """1/s by which wind pulls at a body that has no drag."""
 
 
+@cache
 def force_of(coordinates: int, gravity: float) -> Force:
     """Acceleration by gravity (m/s2), drags, lift and wind, in the order of `effects`."""
 
