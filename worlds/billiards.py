@@ -1,17 +1,18 @@
 """A world of billiards of its own: fixed small steps, no code shared with the library that is checked against it.
 
-    python worlds/billiards.py SHOT.json OUT
+    python worlds/billiards.py SHOT.json OUT [SHOT.json OUT ...]
 
-reads a shot (balls, effects and laws as `trueroll simulate` reads them) and writes OUT/trajectory.csv
+reads each shot (balls, effects and laws as `trueroll simulate` reads them) and writes OUT/trajectory.csv
 (t,id,x,y,z,vx,vy,wx,wy,wz,qw,qx,qy,qz) and OUT/events.csv (kind,t,a,b,x,y,speed). x, y and the signs of spin are those
 of the shot: a rolling ball has wx = -vy/R, wy = vx/R. q is the ball's orientation since the start.
 
 Every step of `dt` the velocities change by friction and the places by velocities; balls that overlap and approach get
 an impulse; its time is moved back inside the step to the moment of touch. Cushion laws: `mirror`, and `mathavan_2010`
 (Mathavan, Jackson, Parkin, "A theoretical analysis of billiard ball dynamics under cushion impacts", Proc. IMechE C,
-224, 2010), integrated over the impulse at the height of the nose. Ball laws: `inelastic` without friction, and
-`alciatore`
-(friction that falls with speed, technical proof A-14).
+224, 2010), integrated over the impulse at the height of the nose. Ball laws: `inelastic` (Coulomb friction where
+`ball_friction` is given), and `alciatore` (friction that falls with speed, technical proof A-14). Balls may differ in
+radius and mass; their centres are taken to be in one plane. Effects that no library has: `sticky_patch` (mu more of
+rolling resistance within 0.3 m of x, y), `curl` (c: a rolling ball turns, c times its deceleration to its left).
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ STEP = 2e-5
 """s: at 5 m/s a ball moves 0.1 mm in one."""
 NOSE_HEIGHT_RADII = 1.27
 """Height of the nose above the cloth in ball radii (WPA equipment rules: 63.5 % of the diameter)."""
+PATCH = 0.3
+"""m, radius of a sticky patch."""
 CLOTH_UNDER_CUSHION = 0.21
 """Friction between ball and cloth while the nose presses the ball down (Mathavan 2010, section 4)."""
 MOUTH_CORNER, MOUTH_SIDE = 0.045, 0.040
@@ -64,21 +67,27 @@ EFFECTS = {
     "cushion_restitution_speed": ("slope",),
     "cushion_friction": ("mu",),
     "ball_restitution": ("e",),
+    "ball_friction": ("mu",),
+    "air_drag": ("k",),
+    "viscous_drag": ("k",),
+    "nap": ("mu",),
+    "sticky_patch": ("mu", "x", "y"),
+    "curl": ("c",),
 }
 PARAMETERS = tuple(f"{effect}.{name}" for effect, names in EFFECTS.items() for name in names)
 NEUTRAL = {"cushion_restitution.e": 1.0, "ball_restitution.e": 1.0}
 
 
 @njit(cache=KEEP)
-def roll_or_slide(v, w, radius, slide, roll, decay, pull_x, pull_y, dt):
+def roll_or_slide(v, w, radius, slide, roll, decay, pull_x, pull_y, drag, curl, dt):
     """Friction of the cloth on one ball during dt; changes v (2,) and w (3,), says whether the ball still moves."""
     slip_x, slip_y = v[0] - radius * w[1], v[1] + radius * w[0]
     slip = math.hypot(slip_x, slip_y)
     w[2] -= math.copysign(min(abs(w[2]), decay * dt), w[2])
     if slide > 0 and slip > 3.5 * slide * GRAVITY * dt:
         push_x, push_y = -slide * GRAVITY * slip_x / slip, -slide * GRAVITY * slip_y / slip
-        v[0] += (push_x + pull_x) * dt
-        v[1] += (push_y + pull_y) * dt
+        v[0] += (push_x + pull_x - drag * v[0]) * dt
+        v[1] += (push_y + pull_y - drag * v[1]) * dt
         w[0] += 2.5 / radius * push_y * dt
         w[1] -= 2.5 / radius * push_x * dt
         return True
@@ -86,10 +95,13 @@ def roll_or_slide(v, w, radius, slide, roll, decay, pull_x, pull_y, dt):
         v[0] -= slip_x * 2 / 7
         v[1] -= slip_y * 2 / 7
     speed = math.hypot(v[0], v[1])
-    left = max(speed - roll * GRAVITY * dt, 0.0)
+    # the whole drag, as its law is told; of a slope a rolling ball feels five sevenths
+    left = max(speed - (roll * GRAVITY + drag * speed) * dt, 0.0)
     if speed > 0:
         v[0] *= left / speed
         v[1] *= left / speed
+        aside = curl * roll * GRAVITY * dt / speed
+        v[0], v[1] = v[0] - aside * v[1], v[1] + aside * v[0]
     if left > 0 or math.hypot(pull_x, pull_y) * 5 / 7 > roll * GRAVITY:
         v[0] += pull_x * 5 / 7 * dt
         v[1] += pull_y * 5 / 7 * dt
@@ -99,32 +111,32 @@ def roll_or_slide(v, w, radius, slide, roll, decay, pull_x, pull_y, dt):
 
 
 @njit(cache=KEEP)
-def ball_on_ball(va, wa, vb, wb, nx, ny, radius, e, law):
-    """Impulse between equal balls along the unit normal a to b; changes their v and w."""
+def ball_on_ball(va, wa, vb, wb, nx, ny, ra, rb, ma, mb, e, mu, law):
+    """Impulse between two balls along the unit normal a to b; changes their v and w."""
     closing = (va[0] - vb[0]) * nx + (va[1] - vb[1]) * ny
-    normal = 0.5 * (1 + e) * closing
+    reduced = ma * mb / (ma + mb)
+    normal = reduced * (1 + e) * closing
+    tx, ty = -ny, nx
+    across = (va[0] - vb[0]) * tx + (va[1] - vb[1]) * ty + ra * wa[2] + rb * wb[2]
+    upward = -((ra * wa[0] + rb * wb[0]) * tx + (ra * wa[1] + rb * wb[1]) * ty)
+    rubbing = math.hypot(across, upward)
     if law == ALCIATORE:
-        tx, ty = -ny, nx
-        across = (va[0] - vb[0]) * tx + (va[1] - vb[1]) * ty + radius * (wa[2] + wb[2])
-        upward = -radius * ((wa[0] + wb[0]) * tx + (wa[1] + wb[1]) * ty)
-        rubbing = math.hypot(across, upward)
-        if rubbing > 1e-9:
-            mu = 0.00995 + 0.108 * math.exp(-1.088 * rubbing)
-            grip = min(mu * normal, rubbing / 7)
-            j_across, j_up = grip * across / rubbing, grip * upward / rubbing
-            va[0] -= j_across * tx
-            va[1] -= j_across * ty
-            vb[0] += j_across * tx
-            vb[1] += j_across * ty
-            turn = 2.5 / radius
-            for w in (wa, wb):
-                w[2] -= turn * j_across
-                w[0] += turn * j_up * tx
-                w[1] += turn * j_up * ty
-    va[0] -= normal * nx
-    va[1] -= normal * ny
-    vb[0] += normal * nx
-    vb[1] += normal * ny
+        mu = 0.00995 + 0.108 * math.exp(-1.088 * rubbing)
+    if rubbing > 1e-9:
+        grip = min(mu * normal, rubbing * reduced * 2 / 7)
+        j_across, j_up = grip * across / rubbing, grip * upward / rubbing
+        va[0] -= j_across / ma * tx
+        va[1] -= j_across / ma * ty
+        vb[0] += j_across / mb * tx
+        vb[1] += j_across / mb * ty
+        for w, turn in ((wa, 2.5 / (ma * ra)), (wb, 2.5 / (mb * rb))):
+            w[2] -= turn * j_across
+            w[0] += turn * j_up * tx
+            w[1] += turn * j_up * ty
+    va[0] -= normal / ma * nx
+    va[1] -= normal / ma * ny
+    vb[0] += normal / mb * nx
+    vb[1] += normal / mb * ny
 
 
 @njit(cache=KEEP)
@@ -219,14 +231,21 @@ def stop_at_leather(xy, v, size):
 @njit(cache=KEEP)
 def move(xyz, v, w, q, moving, potted, fall, size, radius, p, t, dt, events, count):
     """March every moving ball by dt under the cloth's friction, or down a pocket."""
-    pull_x, pull_y = p[3] * 1e-3 * GRAVITY, p[4] * 1e-3 * GRAVITY
+    slope_x, slope_y = p[3] * 1e-3 * GRAVITY, p[4] * 1e-3 * GRAVITY
     for i in np.flatnonzero(moving):
+        speed = math.hypot(v[i, 0], v[i, 1])
+        drag = p[10] * speed + p[11]
+        roll = p[1] - (p[12] * v[i, 0] / speed if speed > 0 else 0.0)
+        if math.hypot(xyz[i, 0] - p[14], xyz[i, 1] - p[15]) < PATCH:
+            roll += p[13]
         if potted[i]:
             fall[i] += GRAVITY * dt
             xyz[i, 2] -= fall[i] * dt
             stop_at_leather(xyz[i], v[i], size)
-            moving[i] = xyz[i, 2] > -4 * radius
-        elif not roll_or_slide(v[i], w[i], radius, p[0], p[1], p[2], pull_x, pull_y, dt) and w[i, 2] * p[2] == 0.0:
+            moving[i] = xyz[i, 2] > -4 * radius[i]
+        elif not roll_or_slide(v[i], w[i], radius[i], p[0], roll, p[2], slope_x, slope_y, drag, p[16], dt) and (
+            w[i, 2] * p[2] == 0.0
+        ):
             moving[i] = False
             w[i] = 0.0
             count = note(events, count, REST, t, i, -1, xyz[i, 0], xyz[i, 1], np.nan)
@@ -261,40 +280,43 @@ def meet_rails(xyz, v, w, moving, potted, size, radius, pockets, p, law, t, dt, 
         speeds = (-v[i, 0], v[i, 0], -v[i, 1], v[i, 1])
         for side in range(4):
             into = speeds[side]
-            if gaps[side] >= radius or into <= 0 or (pockets and in_mouth(x, y, side, size)):
+            if gaps[side] >= radius[i] or into <= 0 or (pockets and in_mouth(x, y, side, size)):
                 continue
-            back = min((radius - gaps[side]) / into, dt)
+            back = min((radius[i] - gaps[side]) / into, dt)
             count = note(events, count, CUSHION, t - back, i, side, x - v[i, 0] * back, y - v[i, 1] * back, into)
-            ball_on_cushion(v[i], w[i], side, radius, min(max(p[5] - p[6] * into, 0.0), 1.0), p[7], law)
+            ball_on_cushion(v[i], w[i], side, radius[i], min(max(p[5] - p[6] * into, 0.0), 1.0), p[7], law)
     return count
 
 
 @njit(cache=KEEP)
-def meet_balls(xyz, v, w, moving, potted, radius, e, law, t, dt, events, count):
+def meet_balls(xyz, v, w, moving, potted, radius, mass, e, mu, law, t, dt, events, count):
     """Contacts between balls of one step that ends at t."""
     for i in range(len(xyz)):
         for j in range(i + 1, len(xyz)):
             if potted[i] or potted[j] or not (moving[i] or moving[j]):
                 continue
             dx, dy = xyz[j, 0] - xyz[i, 0], xyz[j, 1] - xyz[i, 1]
-            if dx * dx + dy * dy >= 4 * radius * radius:
+            touch = radius[i] + radius[j]
+            if dx * dx + dy * dy >= touch * touch:
                 continue
             gap = math.hypot(dx, dy)
             closing = ((v[i, 0] - v[j, 0]) * dx + (v[i, 1] - v[j, 1]) * dy) / gap
             if closing <= 0:
                 continue
-            back = min((2 * radius - gap) / closing, dt)
+            back = min((touch - gap) / closing, dt)
             a, b = (i, j) if math.hypot(v[i, 0], v[i, 1]) >= math.hypot(v[j, 0], v[j, 1]) else (j, i)
             x, y = xyz[a, 0] - v[a, 0] * back, xyz[a, 1] - v[a, 1] * back
             count = note(events, count, BALL, t - back, a, b, x, y, closing)
-            ball_on_ball(v[i], w[i], v[j], w[j], dx / gap, dy / gap, radius, e, law)
+            nx, ny = dx / gap, dy / gap
+            ball_on_ball(v[i], w[i], v[j], w[j], nx, ny, radius[i], radius[j], mass[i], mass[j], e, mu, law)
             moving[i] = moving[j] = True
     return count
 
 
 @njit(cache=KEEP)
-def march(xyz, v, w, size, radius, pockets, p, laws, dt, steps, every):
-    """Samples (T, N, 12) of x, y, z, v, w, q, and events (E, 7) of kind, t, a, b, x, y, speed, of N balls."""
+def march(xyz, v, w, size, radius, mass, pockets, p, laws, dt, steps, every):
+    """Samples (T, N, 12) of x, y, z, v, w, q, and events (E, 7) of kind, t, a, b, x, y, speed, of N balls with radii
+    and masses (N,)."""
     n = len(xyz)
     q = np.zeros((n, 4))
     q[:, 0] = 1.0
@@ -312,7 +334,7 @@ def march(xyz, v, w, size, radius, pockets, p, laws, dt, steps, every):
         t = (step + 1) * dt
         count = move(xyz, v, w, q, moving, potted, fall, size, radius, p, t, dt, events, count)
         count = meet_rails(xyz, v, w, moving, potted, size, radius, pockets, p, laws[0], t, dt, events, count)
-        count = meet_balls(xyz, v, w, moving, potted, radius, p[8], laws[1], t, dt, events, count)
+        count = meet_balls(xyz, v, w, moving, potted, radius, mass, p[8], p[9], laws[1], t, dt, events, count)
     return samples, events[:count]
 
 
@@ -325,9 +347,10 @@ def parameters(effects: dict[str, dict[str, float]]) -> Floats:
 
 
 def play(shot: dict, dt: float = STEP) -> tuple[Floats, Floats]:
-    """Samples (T, N, 12) at the shot's `hz` and events (E, 7) of a shot; equal balls."""
+    """Samples (T, N, 12) at the shot's `hz` and events (E, 7) of a shot."""
     balls, table = shot["balls"], shot["table"]
-    radius = float(balls[0]["radius"])
+    radius = np.array([float(b["radius"]) for b in balls])
+    mass = np.array([float(b.get("mass", 1.0)) for b in balls])
     xyz = np.array([[b["x"], b["y"], b["radius"]] for b in balls])
     v = np.array([[b.get("vx", 0.0), b.get("vy", 0.0)] for b in balls])
     w = np.array([[b.get("wx", 0.0), b.get("wy", 0.0), b.get("wz", 0.0)] for b in balls])
@@ -337,7 +360,7 @@ def play(shot: dict, dt: float = STEP) -> tuple[Floats, Floats]:
     steps = round(shot["seconds"] / dt)
     size = (float(table["length"]), float(table["width"]))
     pockets = bool(table.get("pockets", False))
-    return march(xyz, v, w, size, radius, pockets, parameters(shot.get("effects", {})), chosen, dt, steps, every)
+    return march(xyz, v, w, size, radius, mass, pockets, parameters(shot.get("effects", {})), chosen, dt, steps, every)
 
 
 def write(shot: dict, samples: Floats, events: Floats, out: Path) -> None:
@@ -360,11 +383,12 @@ def write(shot: dict, samples: Floats, events: Floats, out: Path) -> None:
 
 
 def main() -> None:
-    if len(sys.argv) != 3:
-        raise SystemExit("usage: python worlds/billiards.py SHOT.json OUT")
-    shot = json.loads(Path(sys.argv[1]).read_text())
-    samples, events = play(shot)
-    write(shot, samples, events[np.argsort(events[:, 1], kind="stable")], Path(sys.argv[2]))
+    if len(sys.argv) < 3 or len(sys.argv) % 2 == 0:
+        raise SystemExit("usage: python worlds/billiards.py SHOT.json OUT [SHOT.json OUT ...]")
+    for source, out in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
+        shot = json.loads(Path(source).read_text())
+        samples, events = play(shot)
+        write(shot, samples, events[np.argsort(events[:, 1], kind="stable")], Path(out))
 
 
 if __name__ == "__main__":
