@@ -111,7 +111,7 @@ def happened(meetings: Sequence[Meeting], folder: Path) -> list[Truth]:
 
 
 def _play(wanted: Sequence[tuple[str, Path]]) -> None:
-    """Let the world write every shot's folder, `TOLD_AT_ONCE` shots by a process: it takes longer to start than to run."""
+    """Let the world write every shot's folder, many shots by a process: it takes longer to start than to run."""
     for first in range(0, len(wanted), TOLD_AT_ONCE):
         words = [sys.executable, str(WORLD)]
         for shot, out in wanted[first : first + TOLD_AT_ONCE]:
