@@ -6,8 +6,9 @@ Used by the worlds of bodies (`slide.py`, `flight.py`, `pendulum.py`), each a sc
 
 EXPERIMENT.json holds `seed`, `shots`, `fps`, `seconds`, `noise` (in the unit of the coordinates), `correlation` of
 the noise from picture to picture, `outliers` and `missing` (shares of the pictures), `effects` (name to parameters,
-what acts), and `model` (names of the effects that the simulator of the user is said to have). OUT gets tracks.csv and
-scene.json; the effects that act are not told there.
+what acts), `throw` (what is not drawn anew in every shot: `speed`, m/s, and `angle`, rad, of how a body is let go), and
+`model` (names of the effects that the simulator of the user is said to have). OUT gets tracks.csv and scene.json; the
+effects that act are not told there.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from scipy.integrate import solve_ivp
 
 Floats = NDArray[np.float64]
 Effects = Mapping[str, Mapping[str, float]]
+Throw = Mapping[str, float]
+"""speed (m/s), angle (rad): what is not drawn anew."""
 Force = Callable[[float, Floats, Floats], Floats]
 """Time, place (D,) and velocity (D,) to an acceleration (D,)."""
 
@@ -47,6 +50,7 @@ class Experiment:
     correlation: float = 0.0
     outliers: float = 0.0
     missing: float = 0.0
+    throw: Throw = field(default_factory=dict)
     facts: Mapping[str, object] = field(default_factory=dict)
     """Written into scene.json as they are."""
 
@@ -115,11 +119,11 @@ def write_track_folder(
 def run(
     scene: str, columns: tuple[str, ...], known: Mapping[str, tuple[str, ...]], play: Callable[..., Floats]
 ) -> None:
-    """The script: `play(effects, chance, t)` gives the places (T, D) of one shot."""
+    """The script: `play(effects, throw, chance, t)` gives the places (T, D) of one shot."""
     if len(sys.argv) != 3:
         raise SystemExit(f"usage: python {sys.argv[0]} EXPERIMENT.json OUT")
     experiment = read_experiment(Path(sys.argv[1]), known)
     chance = np.random.default_rng(experiment.seed)
     t = np.arange(round(experiment.seconds * experiment.fps) + 1) / experiment.fps
-    truth = [play(experiment.effects, chance, t) for _ in range(experiment.shots)]
+    truth = [play(experiment.effects, experiment.throw, chance, t) for _ in range(experiment.shots)]
     write_track_folder(experiment, scene, columns, filmed(experiment, truth, chance), Path(sys.argv[2]))

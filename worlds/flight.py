@@ -1,7 +1,8 @@
 """A world of bodies that are thrown, in a plane of which y is height. `worlds/filming.py` says how it is called.
 
 Gravity always acts. Drags are against the air, which a `wind` carries along; `magnus` is lift by spin. What no library
-of effects holds: `buoyancy_layer` (an upward acceleration a above the height h), and `gust` (wind that swings).
+of effects holds: `buoyancy_layer` (an upward acceleration a above the height h), `gust` (wind that swings), and
+`drag_power` (a drag -k v^power).
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from filming import Effects, Floats, flown, run
+from filming import Effects, Floats, Throw, flown, run
 
 GRAVITY = 9.81
 LEAST_DRAG = 0.1
@@ -21,22 +22,27 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
     "magnus": ("s",),
     "buoyancy_layer": ("a", "h"),
     "gust": ("speed", "period"),
+    "drag_power": ("k", "power"),
 }
 
 
-def play(effects: Effects, chance: np.random.Generator, t: Floats) -> Floats:
+def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats) -> Floats:
     """Places (T, 2) m of a body that is thrown up at an angle, to either side."""
-    speed, angle = chance.uniform(6.0, 12.0), np.radians(chance.uniform(35.0, 80.0))
+    drawn = {"speed": chance.uniform(6.0, 12.0), "angle": np.radians(chance.uniform(35.0, 80.0))}
+    speed, angle = throw.get("speed", drawn["speed"]), throw.get("angle", drawn["angle"])
     side = chance.choice([-1.0, 1.0])
     air, viscous = (effects.get(name, {}).get("k", 0.0) for name in ("air_drag", "viscous_drag"))
     wind, spin = effects.get("wind", {}).get("wind_x", 0.0), effects.get("magnus", {}).get("s", 0.0)
     layer, gust = effects.get("buoyancy_layer", {}), effects.get("gust", {})
+    between = effects.get("drag_power", {})
     light = LEAST_DRAG if (wind or gust) and not (air or viscous) else 0.0
 
     def force(now: float, where: Floats, v: Floats) -> Floats:
         blown = wind + (gust["speed"] * np.sin(2 * np.pi * now / gust["period"]) if gust else 0.0)
         against = v - np.array([blown, 0.0])
         pull: Floats = -(air * np.hypot(*against) + viscous + light) * against + spin * np.array([-v[1], v[0]])
+        if between:
+            pull = pull - between["k"] * np.hypot(*against) ** (between["power"] - 1) * against
         lift = layer["a"] if layer and where[1] > layer["h"] else 0.0
         return pull + np.array([0.0, lift - GRAVITY])
 

@@ -2,7 +2,7 @@
 
 Coulomb's friction stops a body for good; drags go with the speed and its square; a plane may fall to one side. What no
 library of effects holds: a `sticky_patch` (a disc of radius 0.3 m at (x, y) m with friction mu more), and `curl` (a
-body that turns as it goes: acceleration c v to its left).
+body that turns as it goes: acceleration c v to its left), and `drag_power` (a drag -k v^power).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from filming import Effects, Floats, flown, run
+from filming import Effects, Floats, Throw, flown, run
 
 GRAVITY = 9.81
 STOPPED = 1e-4
@@ -24,16 +24,19 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
     "slope": ("slope_x", "slope_y"),
     "sticky_patch": ("mu", "x", "y"),
     "curl": ("c",),
+    "drag_power": ("k", "power"),
 }
 
 
-def play(effects: Effects, chance: np.random.Generator, t: Floats) -> Floats:
+def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats) -> Floats:
     """Places (T, 2) m of a body that is pushed off near the origin, anywhere."""
     place = chance.uniform(-0.3, 0.3, 2)
-    speed, angle = chance.uniform(0.5, 2.0), chance.uniform(0, 2 * np.pi)
+    drawn = {"speed": chance.uniform(0.5, 2.0), "angle": chance.uniform(0, 2 * np.pi)}
+    speed, angle = throw.get("speed", drawn["speed"]), throw.get("angle", drawn["angle"])
     mu, patch = effects.get("sliding_friction", {}).get("mu", 0.0), effects.get("sticky_patch", {})
     viscous, air = (effects.get(name, {}).get("k", 0.0) for name in ("viscous_drag", "air_drag"))
     slope, curl = effects.get("slope", {}), effects.get("curl", {}).get("c", 0.0)
+    between = effects.get("drag_power", {})
     fall = GRAVITY * 1e-3 * np.array([slope.get("slope_x", 0.0), slope.get("slope_y", 0.0)])
 
     def force(_: float, where: Floats, v: Floats) -> Floats:
@@ -41,6 +44,8 @@ def play(effects: Effects, chance: np.random.Generator, t: Floats) -> Floats:
         sticky = bool(patch) and np.hypot(where[0] - patch["x"], where[1] - patch["y"]) < PATCH
         friction = (mu + patch["mu"] if sticky else mu) * GRAVITY
         pull: Floats = -(friction / max(size, 1e-12) + viscous + air * size) * v + fall
+        if between:
+            pull = pull - between["k"] * size ** (between["power"] - 1) * v
         return pull + curl * np.array([-v[1], v[0]])
 
     def stopped(_: float, state: Floats) -> float:

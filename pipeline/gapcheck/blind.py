@@ -17,6 +17,7 @@ from models.errors import TruerollError
 from pipeline.gap_files import write_gap
 from pipeline.gap_scenes import open_scene
 from pipeline.gapcheck.kinds import Kind
+from pipeline.gapcheck.oracle import oracle_of
 from pipeline.track_folder import TrackFolder, read_track_folders
 
 WORLDS = Path(__file__).resolve().parents[2] / "worlds"
@@ -64,7 +65,7 @@ def judge(kind: Kind, seed: int, folder: Path) -> Opened:
     names = report.effects or (report.verdict,)
     return Opened(
         kind, seed, answer(kind, report), names, report.candidates[0].probability if report.candidates else np.nan,
-        told.closed if told.resolved else np.nan, told.interval, _oracle(kind, read, report, seed),
+        told.closed if told.resolved else np.nan, told.interval, _oracle(kind, read, report),
     )  # fmt: skip
 
 
@@ -77,16 +78,18 @@ def answer(kind: Kind, report: Report) -> Answer:
     if report.verdict == "none":
         return "none" if kind.withheld else "right"
     if report.verdict == "group":
-        return "group" if kind.withheld and kind.withheld <= set(report.candidates[0].group) else "wrong"
+        group = set(report.candidates[0].group)
+        return "group" if kind.withheld and (kind.withheld <= group or group & kind.family) else "wrong"
+    if kind.family:
+        return "right" if set(report.effects) <= kind.family else "wrong"
     return "right" if set(report.effects) == kind.withheld and not kind.foreign else "wrong"
 
 
-def _oracle(kind: Kind, read: TrackFolder, report: Report, seed: int) -> float:
+def _oracle(kind: Kind, read: TrackFolder, report: Report) -> float:
     """The closed part of the gap for whoever knows what is missing."""
-    told = report.gap.closing
-    if not kind.withheld or kind.foreign or not told.resolved:
+    if not kind.withheld or kind.foreign or not report.gap.closing.resolved:
         return np.nan
-    model = [*kind.model, *sorted(kind.withheld)]
-    knowing = TrackFolder(read.entry.model_copy(update={"model": model}), read.recordings, read.coordinates)
-    left = diagnose(open_scene(knowing), read.recordings, seed).gap.closing.before
-    return float(np.clip((told.before**2 - left**2) / (told.before**2 - told.floor**2), -1, 1))
+    oracle = oracle_of(open_scene(read), read.recordings)
+    names = frozenset(oracle.question.candidates) & (kind.withheld | kind.family)
+    told = oracle.closes(oracle.knowing(names), oracle.held_out)
+    return told.closed if told.resolved else np.nan

@@ -37,6 +37,10 @@ class Kind:
     """Whether what it lacks is in no library: the right answer is `unknown`."""
     camera: Mapping[str, float] = field(default_factory=dict)
     """correlation, outliers, missing."""
+    throw: Mapping[str, float] = field(default_factory=dict)
+    """speed, angle: what is the same in all shots."""
+    family: frozenset[str] = frozenset()
+    """Effects of the library any of which, and nothing else, is a right name for what acts in another form."""
 
     @property
     def withheld(self) -> frozenset[str]:
@@ -49,7 +53,7 @@ class Kind:
         effects = {name: {p: _value(rng, p, span) for p, span in ranges.items()} for name, ranges in self.acts.items()}
         return {
             "effects": effects, "model": list(self.model), "seed": int(rng.integers(2**31)), "shots": shots, "fps": fps,
-            "seconds": SECONDS[self.scene], "noise": NOISE[self.scene], **self.camera,
+            "seconds": SECONDS[self.scene], "noise": NOISE[self.scene], "throw": dict(self.throw), **self.camera,
         }  # fmt: skip
 
 
@@ -64,6 +68,7 @@ DRAG = {"air_drag": {"k": (0.02, 0.2)}}
 SPIN = {"magnus": {"s": (0.2, 1.0)}}
 JOINT = {"joint_friction": {"viscous": (0.02, 0.2), "dry": (0.05, 0.4)}}
 CROOKED = {"gravity_tilt": {"angle": (0.01, 0.05)}}
+DRAGS = frozenset({"air_drag", "viscous_drag"})
 ROUGH = {"correlation": 0.5}
 SLOPPY = {"outliers": 0.01, "missing": 0.03}
 
@@ -82,6 +87,9 @@ KINDS = (
         ("sliding_friction",), foreign=True,
     ),
     Kind("slide, curl", "slide", {**FRICTION, "curl": {"c": (0.1, 0.4)}}, ("sliding_friction",), foreign=True),
+    Kind("slide, friction and air drag", "slide", {**FRICTION, "air_drag": {"k": (0.3, 1.0)}}),
+    Kind("slide, drag with speed^1.5", "slide", {**FRICTION, "drag_power": {"k": (0.3, 1.0), "power": (1.5, 1.5)}},
+         ("sliding_friction",), family=DRAGS),
     Kind("flight, nothing missing", "flight", DRAG, ("air_drag",)),
     Kind("flight, nothing missing, correlated noise", "flight", DRAG, ("air_drag",), camera=ROUGH),
     Kind("flight, nothing missing, outliers and gaps", "flight", DRAG, ("air_drag",), camera=SLOPPY),
@@ -90,6 +98,9 @@ KINDS = (
     Kind("flight, wind", "flight", {**DRAG, "wind": {"wind_x": (1.0, 4.0)}}, ("air_drag",)),
     Kind("flight, lift by spin", "flight", {**DRAG, **SPIN}, ("air_drag",)),
     Kind("flight, air drag and lift by spin", "flight", {**DRAG, **SPIN}),
+    Kind("flight, air drag and wind", "flight", {**DRAG, "wind": {"wind_x": (1.0, 4.0)}}),
+    Kind("flight, drag with speed^1.5", "flight", {"drag_power": {"k": (0.03, 0.3), "power": (1.5, 1.5)}},
+         family=DRAGS),
     Kind("flight, gusts", "flight", {**DRAG, "gust": {"speed": (4.0, 8.0), "period": (0.4, 0.8)}}, ("air_drag",),
          foreign=True),
     Kind("pendulum, nothing missing", "pendulum", JOINT, ("joint_friction",)),
@@ -99,7 +110,22 @@ KINDS = (
     Kind("pendulum, air drag", "pendulum", {"air_drag": {"k": (0.02, 0.1)}}),
     Kind("pendulum, crooked camera", "pendulum", {**JOINT, **CROOKED}, ("joint_friction",)),
     Kind("pendulum, joint friction and crooked camera", "pendulum", {**JOINT, **CROOKED}),
+    Kind("pendulum, drag with speed^1.5", "pendulum", {"drag_power": {"k": (0.03, 0.15), "power": (1.5, 1.5)}},
+         family=frozenset({"joint_friction", "air_drag"})),
     Kind("pendulum, spiral spring", "pendulum", {**JOINT, "spiral_spring": {"k": (2.0, 10.0)}}, ("joint_friction",),
          foreign=True),
     Kind("pendulum, magnet", "pendulum", {**JOINT, "magnet": {"m": (1.0, 4.0)}}, ("joint_friction",), foreign=True),
 )  # fmt: skip
+"""What acts, and what is seen of it, as cameras usually see it."""
+
+TRAPS = (
+    Kind(
+        "slide, slope along the one way of all bodies",
+        "slide",
+        {**FRICTION, "slope": {"slope_x": (2.0, 6.0), "slope_y": (0.0, 0.0)}},
+        ("sliding_friction",),
+        throw={"angle": 0.0},
+    ),
+    Kind("flight, air drag at one speed and angle", "flight", DRAG, throw={"speed": 9.0, "angle": 1.2}),
+)
+"""Shots of which no two differ in what would tell the cause: a group, or what is named as unidentifiable."""
