@@ -4,6 +4,7 @@ ROOT/entries/ab/abcd.../          the files of an entry and its manifest.json
 ROOT/building/                    entries that are being built; what a killed process leaves is pruned, told by its lock
 ROOT/locks/abcd....lock           one per key
 ROOT/latest/STAGE-CLIP.json       the parts of the last key, to say why a stage is stale
+ROOT/mark                         by which this folder is told from another one in its place
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import json
 import os
 import shutil
 import time
+import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,9 +23,12 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from models.errors import TruerollError
 from pipeline.publish import aside, folder_aside
 
 MANIFEST = "manifest.json"
+MARK = "mark"
+ROOMS = ("entries", "building", "locks", "latest")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +38,12 @@ class Key:
     stage: str
     parts: Mapping[str, Any]
     """JSON-able: options, inputs (content hashes), source (hash per file), libraries."""
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """The parts as they are remembered: a list where there was a tuple."""
+        parts: dict[str, Any] = json.loads(json.dumps(self.parts))
+        return parts
 
     @property
     def digest(self) -> str:
@@ -57,13 +68,38 @@ class Entry:
     """Last use, s since the epoch."""
 
 
-class Cache:
-    """Entries below one root folder; safe for many processes on one file system."""
+class CacheLost(TruerollError):
+    """The folder of the cache is gone, or another one stands in its place."""
 
     def __init__(self, root: Path) -> None:
+        super().__init__(
+            f"The cache {root} is gone, or another folder stands in its place; bring it back (a mount?) and run again"
+        )
+
+
+class Cache:
+    """Entries below one root folder; safe for many processes on one file system.
+
+    With a `mark` the folder must be there and bear it, and nothing is made in its place: CacheLost otherwise.
+    """
+
+    def __init__(self, root: Path, *, mark: str | None = None) -> None:
         self.root = root
-        for name in ("entries", "building", "locks", "latest"):
-            (root / name).mkdir(parents=True, exist_ok=True)
+        if mark is None:
+            for name in ROOMS:
+                (root / name).mkdir(parents=True, exist_ok=True)
+            mark = _marked(root)
+        self.mark = mark
+        self._stand()
+
+    def _stand(self) -> None:
+        """Nothing is ever written to a folder that has taken this one's place, such as the bare mount point."""
+        try:
+            if (self.root / MARK).read_text(encoding="ascii") == self.mark:
+                return
+        except (OSError, ValueError) as error:
+            raise CacheLost(self.root) from error
+        raise CacheLost(self.root)
 
     def folder(self, key: str) -> Path:
         return self.root / "entries" / key[:2] / key
@@ -72,7 +108,8 @@ class Cache:
         """The entry of this key, or None where it is missing, torn or altered."""
         entry = _read_entry(self.folder(key.digest))
         if entry is not None:
-            os.utime(entry.folder / MANIFEST)
+            with suppress(OSError):  # it can be read and not written: only pruning asks for the time
+                os.utime(entry.folder / MANIFEST)
         return entry
 
     def is_damaged(self, key: Key) -> bool:
@@ -82,6 +119,7 @@ class Cache:
 
     def make(self, key: Key, build: Callable[[Path], None]) -> Entry:
         """The entry of this key, built by `build(folder)` unless another process has done it meanwhile."""
+        self._stand()
         with FileLock(self._lock(key.digest)):
             entry = self.find(key)
             return entry if entry is not None else self._publish(key, build)
@@ -102,6 +140,7 @@ class Cache:
 
     def remember(self, key: Key, clip: str) -> None:
         """Note the parts of the key that a stage last had for a clip."""
+        self._stand()
         with aside(self._latest(key.stage, clip)) as fresh:
             fresh.write_text(json.dumps(key.parts, sort_keys=True), encoding="utf-8")
 
@@ -124,7 +163,7 @@ class Cache:
     def prune(self, *, older_than_s: float | None = None, largest_bytes: int | None = None) -> list[Entry]:
         """Remove old entries, then the least recently used until the rest fits; also what dead processes left."""
         now = time.time()
-        self._clear_rubbish()
+        self.clear_rubbish()
         kept = list(self.entries())
         total = sum(entry.size for entry in kept)
         removed = []
@@ -137,7 +176,7 @@ class Cache:
         self._drop_unused_locks()
         return removed
 
-    def _clear_rubbish(self) -> None:
+    def clear_rubbish(self) -> None:
         """What dead processes left: a lock dies with its process, so that what nobody locks nobody builds."""
         for path in (self.root / "building").iterdir():
             with suppress(Timeout), FileLock(self._lock(_key_of(path)), timeout=0):
@@ -156,6 +195,15 @@ class Cache:
     def _remove(self, entry: Entry) -> None:
         with FileLock(self._lock(entry.key)):
             shutil.rmtree(entry.folder, ignore_errors=True)
+
+
+def _marked(root: Path) -> str:
+    """The mark of a cache, made where there is none; of two processes that make it at once, one is obeyed."""
+    mark = root / MARK
+    if not mark.exists():
+        with aside(mark) as fresh:
+            fresh.write_text(uuid.uuid4().hex, encoding="ascii")
+    return mark.read_text(encoding="ascii")
 
 
 def _key_of(building: Path) -> str:
@@ -179,6 +227,8 @@ def _read_entry(folder: Path, *, check: bool = True) -> Entry | None:
         document = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         used = (folder / MANIFEST).stat().st_mtime
         files: dict[str, dict[str, Any]] = document["files"]
+        if document["key"] != folder.name or not all(_is_within(folder, name) for name in files):
+            return None
         for name, facts in files.items():
             path = folder / name
             if path.stat().st_size != facts["size"] or (check and _file_hash(path) != facts["sha256"]):
@@ -188,6 +238,13 @@ def _read_entry(folder: Path, *, check: bool = True) -> Entry | None:
         return Entry(folder, document["key"], document["stage"], content.hexdigest(), document["seconds"], size, used)
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def _is_within(folder: Path, name: str) -> bool:
+    """Whether this is an ordinary file of the entry: a manifest that others wrote may name a device, or a file of the
+    user's by way of a link or of dots."""
+    path = folder / name
+    return path.is_file() and path.resolve() == folder.resolve() / name and ".." not in path.parts
 
 
 def _file_hash(path: Path) -> str:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
+import filecmp
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from models.errors import ClipError, OptionError
 from models.events import Events
@@ -17,21 +19,24 @@ from models.fit import Fit, Trust
 from models.scene import Scene
 from models.tracks import Tracks
 from pipeline.cache import Cache, Entry
+from pipeline.fingerprint import Look
 from pipeline.graph import Graph, Watcher, stage_value
 from pipeline.options import RunOptions, told_apart
 from pipeline.publish import aside
+from pipeline.sentences import told
 from pipeline.stage import Stage
 from pipeline.stages.calibrate import calibrate_stage
 from pipeline.stages.detect import detect_stage
 from pipeline.stages.export import export_stage
 from pipeline.stages.fit import fit_stage
+from pipeline.stages.forecast import forecast_stage
 from pipeline.stages.read import read_stage
 from pipeline.stages.record import RecordOptions, record_stage
 from pipeline.stages.render import render_stage
 from pipeline.stages.report import ReportOptions, report_stage
 from pipeline.stages.track import track_stage
 from pipeline.verdict import run_trust
-from video.clip import Clip, open_clip
+from video.clip import Clip, check_file, clip_digest
 
 FILES: Mapping[str, tuple[str, ...]] = {
     "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
@@ -57,21 +62,22 @@ class Run:
 
 def run_graph(clip: Path, options: RunOptions) -> Graph:
     """The stages of a run of this clip; ClipError where there is no such file."""
-    digest = clip_digest(clip)
+    digest = digest_of(clip)
     settings = told_apart(options)
     stages = (
         *_stages_to_fit(clip, digest, options),
         export_stage(options.detect),
         render_stage(options.render),
-        record_stage(RecordOptions(clip.name)),
-        report_stage(ReportOptions(clip.name, options.render.slow, settings, options.detect)),
+        forecast_stage(),
+        record_stage(RecordOptions(told(clip.name))),
+        report_stage(ReportOptions(told(clip.name), options.render.slow, settings, options.detect)),
     )
     return Graph.of(stages, digest)
 
 
 def fit_graph(clip: Path, options: RunOptions) -> Graph:
     """The stages of a run of this clip up to the fit."""
-    digest = clip_digest(clip)
+    digest = digest_of(clip)
     return Graph.of(_stages_to_fit(clip, digest, options), digest)
 
 
@@ -93,28 +99,45 @@ def fitted(graph: Graph, clip: Path, cache: Cache, watcher: Watcher) -> tuple[Cl
     return _at(clip, seen), scene, tracks, fit
 
 
-def clip_digest(path: Path) -> str:
-    """SHA-256 of the file's bytes."""
+def digest_of(path: Path) -> str:
+    """SHA-256 of the clip's bytes; ClipError where it is none or cannot be read."""
+    check_file(path)
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return clip_digest(path)
     except OSError as error:
-        open_clip(path)  # knows the sentence for a file that cannot be opened
         raise ClipError(f"{path} cannot be read: {error.strerror}") from error
 
 
-def run_clip(clip: Path, folder: Path, options: RunOptions, cache: Cache, watcher: Watcher) -> Run:
+def run_clip(
+    clip: Path,
+    folder: Path,
+    options: RunOptions,
+    cache: Cache,
+    watcher: Watcher,
+    onlooker: Callable[[str, Any], None] | None = None,
+    look: Look | None = None,
+) -> Run:
     """Run the chain on one clip and publish its files in `folder`.
 
-    Raises a TruerollError, one sentence, where the clip cannot be used; nothing is left half-written then.
+    An `onlooker` is shown what each stage made, by its name: as soon as the next one needs it, else at the end.
+    For `look` see Graph.run. Raises a TruerollError, one sentence, where the clip cannot be used; nothing is left
+    half-written then.
     """
+    unchanged = unchanging(clip)
     graph = run_graph(clip, options)
     refuse_closed(folder)
     refuse_overwriting(clip, folder)
-    entries = graph.run(cache, watcher, {"read": partial(_at, clip)})
+    stages = {stage.name: stage for stage in graph.stages}
+    bound: dict[str, Callable[[Any], Any]] = {"read": partial(_at, clip)}
+    told: set[str] = set()
+    if onlooker is not None:
+        bound = {name: partial(_tell, onlooker, told, clip, name) for name in stages if stages[name].output is not None}
+    entries = graph.run(cache, watcher, bound, partial(unchanged, graph.clip), look)
     publish(entries, folder)
     note_source(clip, folder)
-    stages = {stage.name: stage for stage in graph.stages}
+    if onlooker is not None:
+        for name in [name for name in stages if name in bound and name not in told]:
+            bound[name](stage_value(stages[name], entries[name]))
     seen: Clip = stage_value(stages["read"], entries["read"])
     fit: Fit = stage_value(stages["fit"], entries["fit"])
     return Run(folder, run_trust(seen, fit), fit.events, seen.notes)
@@ -123,6 +146,38 @@ def run_clip(clip: Path, folder: Path, options: RunOptions, cache: Cache, watche
 def _at(path: Path, clip: Clip) -> Clip:
     """The clip where it lies today: the cache knows content, not places."""
     return replace(clip, path=path)
+
+
+def _tell(onlooker: Callable[[str, Any], None], told: set[str], clip: Path, name: str, value: Any) -> Any:
+    """Show the onlooker what a stage made, and hand it on."""
+    value = _at(clip, value) if name == "read" else value
+    onlooker(name, value)
+    told.add(name)
+    return value
+
+
+def unchanging(clip: Path) -> Callable[[str], None]:
+    """A check to be made with the clip's digest once work on its pictures is done, before the result is kept.
+
+    It raises ClipError where they are no longer those of the digest. Only a file that was touched is read again.
+    """
+    before = _state(clip)
+
+    def check(digest: str) -> None:
+        if _state(clip) != before and digest_of(clip) != digest:
+            raise ClipError(f"{clip.name} was changed while it was read; run again once it is whole")
+
+    return check
+
+
+def _state(clip: Path) -> list[tuple[int, int, int, int]]:
+    """Size, number and times of the file, or of every file of a folder of pictures; a write cannot leave them alone."""
+    try:
+        files = sorted(clip.iterdir()) if clip.is_dir() else [clip]
+        facts = [path.stat() for path in files]
+    except OSError:
+        return []
+    return [(one.st_size, one.st_ino, one.st_mtime_ns, one.st_ctime_ns) for one in facts]
 
 
 def refuse_closed(folder: Path) -> None:
@@ -150,16 +205,30 @@ def publish(entries: Mapping[str, Entry], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for stage, names in FILES.items():
         for name in names:
-            with aside(folder / name) as path:
-                shutil.copyfile(entries[stage].folder / name, path)
+            made, target = entries[stage].folder / name, folder / name
+            if not _is_there(made, target):
+                with aside(target) as path:
+                    shutil.copyfile(made, path)
+
+
+def _is_there(made: Path, target: Path) -> bool:
+    """Whether an earlier run has published the same bytes."""
+    try:
+        return target.is_file() and not target.is_symlink() and filecmp.cmp(made, target, shallow=False)
+    except OSError:
+        return False
 
 
 def note_source(clip: Path, folder: Path) -> None:
     """Write where the clip of a run lies: the cache knows content, not places, and calls want its pictures again."""
+    noted = json.dumps({"path": str(clip.absolute())})
+    with suppress(OSError):
+        if (folder / SOURCE).read_text(encoding="utf-8") == noted:
+            return
     with aside(folder / SOURCE) as path:
-        path.write_text(json.dumps({"path": str(clip.absolute())}), encoding="utf-8")
+        path.write_text(noted, encoding="utf-8")
 
 
 def default_folder(clip: Path) -> Path:
-    """Where a run goes that was not told: out/<name of the clip>."""
-    return Path("out") / clip.stem
+    """Where a run goes that was not told: out/<name of the clip>, also of one that is called `...mp4`."""
+    return Path("out") / (clip.stem if clip.stem.strip(".") else "clip")

@@ -37,6 +37,8 @@ class Look:
     texts: dict[Path, _Text] = field(default_factory=dict)
     hashes: dict[Path, str] = field(default_factory=dict)
     data: dict[Path, set[Path]] = field(default_factory=dict)
+    behind: dict[tuple[str, Path], dict[str, str]] = field(default_factory=dict)
+    """By module and root: what `source_hashes` found."""
 
     def text(self, path: Path) -> _Text:
         """What a module says."""
@@ -67,7 +69,10 @@ def source_hashes(module: str, root: Path = ROOT, look: Look | None = None) -> d
     share a `look` read every file once, and see the project as it was then.
     """
     look = Look() if look is None else look
-    return {str(path.relative_to(root)): look.hash(path) for path in sorted(_files_behind(module, root, look))}
+    if (module, root) not in look.behind:
+        files = sorted(_files_behind(module, root, look))
+        look.behind[module, root] = {str(path.relative_to(root)): look.hash(path) for path in files}
+    return look.behind[module, root]
 
 
 def _files_behind(module: str, root: Path, look: Look) -> set[Path]:

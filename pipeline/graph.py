@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -28,6 +27,10 @@ class Outlook:
     state: State
     why: str
     """Why it would run; empty where it is cached."""
+
+
+def nothing() -> None:
+    """A check that nobody asked for."""
 
 
 class Watcher(Protocol):
@@ -84,10 +87,19 @@ class Graph:
         return views
 
     def run(
-        self, cache: Cache, watcher: Watcher, bound: Mapping[str, Callable[[Any], Any]] | None = None
+        self,
+        cache: Cache,
+        watcher: Watcher,
+        bound: Mapping[str, Callable[[Any], Any]] | None = None,
+        check: Callable[[], None] = nothing,
+        look: Look | None = None,
     ) -> dict[str, Entry]:
-        """Run what is not cached; `bound` adapts the values of the stages it names before they are handed on."""
-        sources = self._sources()
+        """Run what is not cached; `bound` adapts the values of the stages it names before they are handed on.
+
+        `check` raises where what a stage has made since is not to be kept. `look` is the code as it was when this
+        process began, which is what it runs; without it the code is read now.
+        """
+        sources = self._sources(look)
         entries: dict[str, Entry] = {}
         values: dict[str, Any] = {}
         for stage in self.stages:
@@ -97,15 +109,16 @@ class Graph:
             cached = entry is not None
             if entry is None:
                 inputs = {name: self._value(name, entries, values, bound or {}) for name in stage.needs}
-                entry = cache.make(key, partial(_build, stage, inputs, progress))
-            cache.remember(key, self.clip)
+                entry = cache.make(key, partial(_build, stage, inputs, progress, check))
+            if cache.recall(stage.name, self.clip) != key.plain:
+                cache.remember(key, self.clip)
             entries[stage.name] = entry
             watcher.finished(stage.name, entry.seconds, cached)
         return entries
 
-    def _sources(self) -> dict[str, dict[str, str]]:
+    def _sources(self, look: Look | None = None) -> dict[str, dict[str, str]]:
         """By stage, the code behind it as it is now: what is edited during a long run counts for the next one."""
-        look = Look()
+        look = Look() if look is None else look
         return {stage.name: source_hashes(stage.module, look=look) for stage in self.stages}
 
     def _value(
@@ -141,8 +154,11 @@ def stage_value(stage: Stage, entry: Entry) -> Any:
     return entry.folder if stage.output is None else load_value(stage.output, entry.folder)
 
 
-def _build(stage: Stage, inputs: Mapping[str, Any], progress: Progress, folder: Path) -> None:
+def _build(
+    stage: Stage, inputs: Mapping[str, Any], progress: Progress, check: Callable[[], None], folder: Path
+) -> None:
     value = stage.run(inputs, stage.options, folder, progress)
+    check()
     if stage.output is None:
         return
     if not isinstance(value, stage.output):
@@ -155,7 +171,7 @@ def _difference(key: Key, cache: Cache, clip: str) -> str:
     before = cache.recall(key.stage, clip)
     if before is None:
         return "it never ran for this clip"
-    now = json.loads(json.dumps(key.parts))  # as it is remembered: a list where there was a tuple
+    now = key.plain
     words = []
     for part, noun in (("options", "option"), ("facts", "input"), ("inputs", "input"), ("source", "file")):
         old, new = before.get(part, {}), now[part]

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import glob
+import hashlib
 import os
+import platform
 import shutil
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 
 LEFT_S = 3600.0
-"""s without a write after which what lies aside was left by a process that was killed."""
+"""s without a write after which what lies aside on another machine's behalf was left by a process that was killed."""
 
 
 @contextmanager
@@ -21,8 +24,8 @@ def aside(target: Path) -> Iterator[Path]:
 
     What the system says against the hidden path is said of the target: its name is the one that a user knows.
     """
-    path = target.with_name(f".{target.name}.{os.getpid()}.part")
-    _clear_left(target)
+    path = target.with_name(f".{target.name}.{machine()}-{os.getpid()}.part")
+    clear_left(target.parent, target.name)
     try:
         yield path
         os.replace(path, target)
@@ -34,12 +37,42 @@ def aside(target: Path) -> Iterator[Path]:
         path.unlink(missing_ok=True)
 
 
-def _clear_left(target: Path) -> None:
-    """Remove what killed processes left beside `target`; their numbers say nothing where machines share a folder."""
-    for left in target.parent.glob(f".{glob.escape(target.name)}.*.part"):
+def clear_left(folder: Path, name: str | None = None) -> None:
+    """Remove what killed processes left in `folder`, of the file `name` or of all.
+
+    A process of this machine is asked for by its number; of another machine's nothing is known but its last write.
+    """
+    for left in folder.glob(".*.part" if name is None else f".{glob.escape(name)}.*.part"):
         with suppress(OSError):  # another may be quicker
-            if time.time() - left.stat().st_mtime > LEFT_S:
+            if _is_dead(left.name) or time.time() - left.stat().st_mtime > LEFT_S:
                 left.unlink()
+
+
+def _is_dead(name: str) -> bool:
+    """Whether .NAME.MACHINE-PROCESS.part was written by a process of this machine that is gone."""
+    where, _, number = name.removesuffix(".part").rpartition(".")[2].rpartition("-")
+    return where == machine() and number.isdecimal() and int(number) != os.getpid() and not _runs(int(number))
+
+
+def _runs(number: int) -> bool:
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # it is another user's
+        return True
+    return True
+
+
+@lru_cache(maxsize=1)
+def machine() -> str:
+    """Eight letters for the place where process numbers mean what they mean here: the machine since its last start, or
+    the container, of which several may bear one name."""
+    facts = [platform.node()]
+    with suppress(OSError):  # Linux alone has these
+        facts.append(Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii"))
+        facts.append(str(Path("/proc/self/ns/pid").stat().st_ino))
+    return hashlib.sha256(" ".join(facts).encode("utf-8", "replace")).hexdigest()[:8]
 
 
 @contextmanager

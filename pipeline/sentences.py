@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 from models.errors import TruerollError
 from models.events import Events
 
@@ -38,6 +41,12 @@ def event_time(events: Events, k: int) -> str:
 def parameter_range(name: str) -> str:
     """The textbook range of a fitted parameter, empty where none is known."""
     return TEXTBOOK.get(name, "")
+
+
+def told(path: Path | str) -> str:
+    """A name as it can be shown and written anywhere: what is no text or would move the cursor becomes a sign."""
+    text = os.fsencode(path).decode("utf-8", "replace")
+    return "".join(sign if sign.isprintable() else "\N{REPLACEMENT CHARACTER}" for sign in text)
 
 
 def one_sentence(error: Exception) -> str:

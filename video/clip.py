@@ -16,6 +16,7 @@ from models.errors import ClipError
 from models.progress import Progress, silent
 from video.decoder import Turn, decoded, luma_of, opened, pixel_aspect, rgb_of, turn_of
 from video.repeats import ChangeMeter, mark_repeats
+from video.sequence import open_sequence, sequence_digest
 from video.timestamps import even_times, nominal_rate, presentation_times
 
 Floats = NDArray[np.float64]
@@ -81,7 +82,7 @@ def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = s
     """
     if fps is not None and fps <= 0:
         raise ValueError(f"fps must be positive; got {fps}")
-    _check_file(path)
+    check_file(path)
     seen = _look_through(path, progress)
     repeat = mark_repeats(*np.array(seen.change).T)
     distinct = int(np.count_nonzero(~repeat))
@@ -94,7 +95,7 @@ def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = s
     notes = tuple(_notes(seen, t, note if fps is None else ""))
     rate = nominal_rate(t, seen.rate) if fps is None else Fraction(fps)
     t = t if fps is None else even_times(len(t), rate)
-    return Clip(path, _digest(path), *seen.size, rate, t, repeat, seen.has_audio, notes)
+    return Clip(path, clip_digest(path), *seen.size, rate, t, repeat, seen.has_audio, notes)
 
 
 def read_frames(
@@ -213,9 +214,11 @@ def _shown(seen: _Seen, t: Floats) -> float:
     return max(first, 0.0) + float(t[-1] + (t[-1] - t[-2]))
 
 
-def _check_file(path: Path) -> None:
+def check_file(path: Path) -> None:
+    """ClipError where this cannot be a clip: a device would be read for ever."""
     if path.is_dir():
-        raise ClipError(f"{path.name} is a folder; give a video file, or use `trueroll batch` for a folder of them")
+        open_sequence(path)
+        return
     if not path.exists():
         raise ClipError(f"{path} does not exist; give a video file")
     if not path.is_file():
@@ -224,6 +227,9 @@ def _check_file(path: Path) -> None:
         raise ClipError(f"{path.name} is empty (0 bytes); copy or download it again")
 
 
-def _digest(path: Path) -> str:
+def clip_digest(path: Path) -> str:
+    """SHA-256 of the file's bytes, hex; of a folder of pictures over those of all. OSError where it cannot be read."""
+    if path.is_dir():
+        return sequence_digest(path)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import ClipError
+from video.sequence import PictureRow, decoded_sequence, open_sequence
 
 av.logging.set_level(None)  # the decoder's complaints become our sentences, never lines on stderr
 
@@ -43,7 +44,14 @@ class Turn:
 
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[Any, Any]]:
-    """The container and its picture stream; ClipError where there is none that can be decoded."""
+    """The container and its picture stream; ClipError where there is none that can be decoded.
+
+    For a folder of numbered pictures a row of them stands for both.
+    """
+    if path.is_dir():
+        row = open_sequence(path)
+        yield row, row
+        return
     try:
         container = av.open(str(path.absolute()), options={"protocol_whitelist": "file"})
     except (av.error.FFmpegError, OSError) as error:
@@ -72,6 +80,9 @@ def _picture_stream(container: Any, path: Path) -> Any:
 def decoded(container: Any, stream: Any, damage: list[str] | None = None) -> Iterator[Any]:
     """Every picture that can be decoded, in presentation order; what could not is told to `damage`."""
     told = [] if damage is None else damage
+    if isinstance(container, PictureRow):
+        yield from decoded_sequence(container, told)
+        return
     packets = container.demux(stream)
     while True:
         try:

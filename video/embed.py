@@ -26,6 +26,8 @@ def playable(clip: Clip, copy: Path) -> Path:
 
 def _plays_everywhere(clip: Clip) -> bool:
     """mp4 with unrotated 8-bit H.264 in square pixels."""
+    if clip.path.is_dir():
+        return False
     with av.open(str(clip.path)) as container:
         stream = container.streams.video[0]
         codec = stream.codec_context

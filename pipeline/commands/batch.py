@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -15,8 +19,16 @@ from rich.table import Table as Grid
 from models.errors import OptionError
 from pipeline.chain import refuse_closed
 from pipeline.command_line import CacheOption, DebugOption, JsonOption, app, console, named, open_cache, with_settings
-from pipeline.display import StageDisplay
 from pipeline.options import RunOptions
+from pipeline.sentences import told
+
+if TYPE_CHECKING:
+    from pipeline.batch.crew import Crew
+    from pipeline.batch.job import Row
+    from pipeline.batch.run import Batch
+
+MOST_SHOWN = 100
+"""Rows of the final table; of a larger batch those that failed."""
 
 
 @app.command("batch")
@@ -27,35 +39,82 @@ def batch(
     out: Annotated[
         Path, typer.Option("-o", "--out", parser=named, metavar="PATH", help="Folder of the results.")
     ] = Path("out"),
+    jobs: Annotated[int, typer.Option("--jobs", help="Clips at a time; 0: one per core.", min=0)] = 1,
+    cluster: Annotated[
+        str | None,
+        typer.Option("--cluster", metavar="tcp://HOST:PORT", help="A Dask scheduler to use."),
+    ] = None,
+    time_limit: Annotated[float, typer.Option("--time-limit", help="s that a clip or a shot of it may take.")] = 3600.0,
+    memory_limit: Annotated[float, typer.Option("--memory-limit", help="MB of memory that a clip may take.")] = 4096.0,
+    watch: Annotated[bool, typer.Option("--watch", help="Go on with clips that come; Ctrl-C ends it.")] = False,
+    idle: Annotated[
+        float | None, typer.Option("--idle", help="With --watch: s without a new clip after which to end.")
+    ] = None,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
     """Every clip below a folder; one bad clip stops nothing; run again, it resumes."""
-    from pipeline.batch import find_clips, run_batch
+    from pipeline.batch.display import BatchDisplay
+    from pipeline.batch.finding import find_clips
+    from pipeline.batch.job import Limits, settings_of
+    from pipeline.batch.run import Batch, run_batch
+    from pipeline.batch.watching import arriving
 
     if not folder.is_dir():
         raise OptionError(f"A folder with clips was expected; {folder} is none")
-    clips = [clip for clip in find_clips(folder) if not clip.resolve().is_relative_to(out.resolve())]
-    if not clips:
+    if cluster is not None and jobs != 1:
+        raise OptionError("--jobs is for this machine and --cluster for others; give one of them")
+    if not (time_limit > 0 and memory_limit > 0 and (idle is None or idle > 0)):
+        raise OptionError("--time-limit, --memory-limit and --idle are more than 0")
+    clips = list(find_clips(folder, besides=out))
+    if not clips and not watch:
         raise OptionError(f"A folder with clips was expected; {folder} holds none")
     refuse_closed(out)
     store = open_cache(cache)
-    with StageDisplay(console) as display:
-        rows = run_batch(clips, folder, out, options, store, lambda clip: display.of(clip.name))
-    failed = [row for row in rows if row.status == "failed"]
+    store.clear_rubbish()
+    work = Batch(folder, out, store, settings_of(options), Limits(time_limit, memory_limit))
+    work.know(clips)
+    with (
+        _crew(work, jobs, cluster, clips) as crew,
+        BatchDisplay(console, None if watch else len(clips)) as display,
+    ):
+        rows = run_batch(work, arriving(folder, out, idle) if watch else clips, crew, display)
+    _tell(rows, out, as_json)
+    if any(row.status == "failed" for row in rows):
+        raise typer.Exit(1)
+
+
+@contextmanager
+def _crew(work: Batch, jobs: int, cluster: str | None, clips: list[Path]) -> Iterator[Crew]:
+    """Who runs the clips: one process, a cluster of this machine, or one that exists."""
+    from pipeline.batch.crew import one_after_another
+
+    if cluster is None and jobs == 1:
+        yield one_after_another
+        return
+    from pipeline.batch.cluster import check_workers, local_client, remote_client
+    from pipeline.batch.crew import by_workers
+
+    if cluster is None:
+        with local_client(jobs or os.cpu_count() or 1) as client:
+            yield partial(by_workers, client)
+        return
+    with remote_client(cluster) as client:
+        check_workers(client, work.cache, work.out, clips[0] if clips else work.root)
+        yield partial(by_workers, client)
+
+
+def _tell(rows: list[Row], out: Path, as_json: bool) -> None:
+    """A line per clip, and what there is to look at."""
     if as_json:
         print(json.dumps([asdict(row) for row in rows]))
-    else:
-        grid = Grid("clip", "trust", "contacts", "look at", box=None, pad_edge=False)
-        for row in rows:
-            grid.add_row(
-                escape(row.clip),
-                row.trust or row.status,
-                str(row.contacts),
-                escape(row.sentence or f"{row.folder}/report.html"),
-            )
-        Console(highlight=False).print(grid)
-        print(f"{len(rows) - len(failed)} of {len(rows)} clips done; {out / 'summary.csv'} lists them.")
-    if failed:
-        raise typer.Exit(1)
+        return
+    shown = rows if len(rows) <= MOST_SHOWN else [row for row in rows if row.status == "failed"]
+    grid = Grid("clip", "trust", "contacts", "look at", box=None, pad_edge=False)
+    for row in shown:
+        look = row.sentence or told(f"{row.folder}/report.html")
+        grid.add_row(escape(row.clip), row.trust or row.status, str(row.contacts), escape(look))
+    Console(highlight=False).print(grid)
+    done = sum(row.status == "done" for row in rows)
+    print(f"{done} of {len(rows)} clips done; {out / 'summary.csv'} lists them, {out / 'summary.html'} shows them.")

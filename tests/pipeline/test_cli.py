@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from terminal import Terminal, terminal
 
-from pipeline.batch import find_clips, folders_of
+from pipeline.batch.finding import find_clips, folders_of
 from pipeline.cli import spare_threads
 from pipeline.command_line import app
 from pipeline.commands import ORDER, first_sentence, load

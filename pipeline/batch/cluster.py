@@ -1,0 +1,104 @@
+"""Dask clusters: one of this machine, or one that exists, whose workers must see our folders."""
+
+from __future__ import annotations
+
+import logging
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from uuid import uuid4
+
+import dask
+from distributed import Client, LocalCluster
+
+from models.errors import OptionError
+from pipeline.batch import worker
+from pipeline.cache import Cache
+
+ANSWER_S = 10.0
+"""s for a scheduler to answer."""
+LOOK_S = 60.0
+"""s for workers to look around: an import from a cold network disk takes many."""
+
+
+@contextmanager
+def local_client(jobs: int) -> Iterator[Client]:
+    """A cluster within this process, each of whose threads has a process of its own run a clip; no socket is opened."""
+    _be_quiet()
+    with (
+        tempfile.TemporaryDirectory(prefix="trueroll-") as scratch,
+        LocalCluster(
+            n_workers=1, threads_per_worker=jobs, processes=False, dashboard_address=None, memory_limit=0,
+            local_directory=scratch, silence_logs=logging.CRITICAL,
+        ) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):  # fmt: skip
+        try:
+            yield client
+        finally:
+            worker.end_all()
+
+
+@contextmanager
+def remote_client(address: str) -> Iterator[Client]:
+    """A scheduler that exists; OptionError where none answers."""
+    _be_quiet()
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise OptionError(
+            f"--cluster is the address of a Dask scheduler, such as tcp://host:8786; none answers at {address}"
+        ) from error
+    try:
+        yield client
+    finally:
+        with suppress(Exception):  # the cluster may be gone
+            client.run(worker.end_all, on_error="return", wait=True)
+        client.close(timeout=ANSWER_S)
+
+
+def check_workers(client: Client, cache: Cache, out: Path, clip: Path) -> None:
+    """OptionError unless every worker sees cache, results and clips as we do, and has our code."""
+    if not client.nthreads():
+        raise OptionError("The Dask scheduler has no worker; start one with: dask worker ADDRESS --nthreads 1")
+    probe = f"probe-{uuid4().hex}"
+    ours = out / f".{probe}"
+    out.mkdir(parents=True, exist_ok=True)
+    ours.touch()
+    try:
+        for place in client.nthreads():
+            name = f"{probe}-{uuid4().hex}"
+            seen = client.run(
+                worker.look_around, str(cache.root), str(out), str(clip), name,
+                workers=[place], on_error="return",
+            )[place]  # fmt: skip
+            _judge(place, seen, cache, name, out, clip)
+    finally:
+        ours.unlink(missing_ok=True)
+        for left in (cache.root / "building").glob(f"{probe}*"):
+            left.unlink(missing_ok=True)
+
+
+def _judge(place: str, seen: object, cache: Cache, probe: str, out: Path, clip: Path) -> None:
+    if not isinstance(seen, dict):
+        words = " ".join(str(seen).split())[:200]
+        raise OptionError(f"The worker {place} cannot run clips ({words}); install the same trueroll there")
+    if seen["code"] != worker.code():
+        raise OptionError(f"The worker {place} has another version of trueroll or of its libraries; install the same")
+    if seen["mark"] != cache.mark or not (cache.root / "building" / probe).exists():
+        raise OptionError(
+            f"The worker {place} does not share the cache {cache.root}; name a folder with --cache that all can write"
+        )
+    if not seen["out"]:
+        raise OptionError(f"The worker {place} does not share the folder {out}; name one with -o that all can write")
+    if seen["clip"] != clip.stat().st_size:
+        raise OptionError(f"The worker {place} does not see the clip {clip}; give a folder that all can read")
+
+
+def _be_quiet() -> None:
+    """Dask warns of much that is no fault here, such as a process that computes for long; what matters is in rows."""
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    os.environ.setdefault("DASK_DISTRIBUTED__LOGGING__DISTRIBUTED", "critical")
+    dask.config.set({"distributed.comm.timeouts.connect": "10s", "distributed.comm.retry.count": 1})
