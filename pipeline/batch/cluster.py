@@ -11,12 +11,13 @@ from pathlib import Path
 from uuid import uuid4
 
 import dask
-from distributed import Client, LocalCluster
+from distributed import Client, Scheduler, SpecCluster, Worker
 
 from models.errors import OptionError
 from pipeline.batch import worker
 from pipeline.cache import Cache
 
+LOOPBACK = "127.0.0.1"
 ANSWER_S = 10.0
 """s for a scheduler to answer."""
 LOOK_S = 60.0
@@ -25,16 +26,26 @@ LOOK_S = 60.0
 
 @contextmanager
 def local_client(jobs: int) -> Iterator[Client]:
-    """A cluster within this process, each of whose threads has a process of its own run a clip; no socket is opened."""
+    """A cluster within this process, each of whose threads has a process of its own run a clip.
+
+    Dask's pages of itself cannot be left out; nobody but this machine can ask for them.
+    """
     _be_quiet()
+    common = {"protocol": "inproc", "dashboard": False, "dashboard_address": f"{LOOPBACK}:0"}
     with (
         tempfile.TemporaryDirectory(prefix="trueroll-") as scratch,
-        LocalCluster(
-            n_workers=1, threads_per_worker=jobs, processes=False, dashboard_address=None, memory_limit=0,
-            local_directory=scratch, silence_logs=logging.CRITICAL,
+        SpecCluster(
+            scheduler={"cls": Scheduler, "options": common},
+            workers={
+                0: {
+                    "cls": Worker,
+                    "options": common | {"nthreads": jobs, "memory_limit": 0, "local_directory": scratch},
+                }
+            },
+            silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster, set_as_default=False) as client,
-    ):  # fmt: skip
+    ):
         try:
             yield client
         finally:
@@ -71,17 +82,18 @@ def check_workers(client: Client, cache: Cache, out: Path, clip: Path) -> None:
         for place in client.nthreads():
             name = f"{probe}-{uuid4().hex}"
             seen = client.run(
-                worker.look_around, str(cache.root), str(out), str(clip), name,
+                worker.look_around, str(cache.root.absolute()), str(ours.absolute()), str(clip.absolute()), name,
                 workers=[place], on_error="return",
             )[place]  # fmt: skip
-            _judge(place, seen, cache, name, out, clip)
+            judge(place, seen, cache, name, out, clip)
     finally:
         ours.unlink(missing_ok=True)
         for left in (cache.root / "building").glob(f"{probe}*"):
             left.unlink(missing_ok=True)
 
 
-def _judge(place: str, seen: object, cache: Cache, probe: str, out: Path, clip: Path) -> None:
+def judge(place: str, seen: object, cache: Cache, probe: str, out: Path, clip: Path) -> None:
+    """OptionError where what a worker saw, or what kept it from looking, says that it cannot take part."""
     if not isinstance(seen, dict):
         words = " ".join(str(seen).split())[:200]
         raise OptionError(f"The worker {place} cannot run clips ({words}); install the same trueroll there")

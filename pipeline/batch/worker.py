@@ -55,14 +55,17 @@ def end_all() -> None:
         _ALL.pop().close()
 
 
-def look_around(cache: str, out: str, clip: str, probe: str) -> dict[str, Any]:
-    """What a worker sees of the folders that all must share, and which code it has; leaves `probe` in the cache."""
+def look_around(cache: str, ours: str, clip: str, probe: str) -> dict[str, Any]:
+    """What a worker sees of the folders that all must share, and which code it has.
+
+    It leaves `probe` in the cache; `ours` is a file in the folder of the results.
+    """
     seen: dict[str, Any] = {"code": code(), "mark": None, "out": False, "clip": None}
     with suppress(OSError, ValueError):
         seen["mark"] = (Path(cache) / MARK).read_text(encoding="ascii")
         (Path(cache) / "building" / probe).touch()
     with suppress(OSError):
-        seen["out"] = (Path(out) / f".{probe}").exists() and os.access(out, os.W_OK)
+        seen["out"] = Path(ours).exists() and os.access(Path(ours).parent, os.W_OK)
     with suppress(OSError):
         seen["clip"] = Path(clip).stat().st_size
     return seen

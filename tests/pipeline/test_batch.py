@@ -1,0 +1,316 @@
+"""Batches: found by content, run in processes that may die, summed up, resumed."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import psutil
+import pytest
+from PIL import Image
+
+from models.errors import ClipError, OptionError
+from pipeline.batch.cluster import judge, local_client
+from pipeline.batch.finding import find_clips, folders_of
+from pipeline.batch.job import Job, Limits, Row, settings_of
+from pipeline.batch.summary import as_csv, as_page, write_summary
+from pipeline.batch.supervision import Supervised
+from pipeline.batch.watching import arriving
+from pipeline.batch.worker import code
+from pipeline.cache import Cache, CacheLost, Key
+from pipeline.chain import default_folder, unchanging
+from pipeline.options import RunOptions
+from pipeline.publish import aside, clear_left, machine
+from video.clip import clip_digest, open_clip, read_frames
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def film(path: Path, count: int = 12, suffix: str = "") -> Path:
+    """A grey film without a table; the container is that of `suffix`, whatever the name says."""
+    form = {".mkv": "matroska", ".avi": "avi", ".mov": "mov", ".webm": "webm"}.get(suffix, "mp4")
+    codec = {"webm": "libvpx", "avi": "mpeg4"}.get(form, "libx264")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(path), "w", format=form) as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        for k in range(count):
+            picture = av.VideoFrame.from_ndarray(np.full((64, 96, 3), 10 * k, np.uint8))
+            picture.pts, picture.time_base = k, Fraction(1, 25)
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode(None))
+    return path
+
+
+def pictures(folder: Path, numbers: list[int]) -> Path:
+    folder.mkdir(parents=True)
+    for k in numbers:
+        Image.fromarray(np.full((64, 96, 3), 7 * k % 251, np.uint8)).save(folder / f"shot {k}.png")
+    return folder
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Job:
+    cache = Cache(tmp_path / "cache")
+    clip, out = film(tmp_path / "in" / "a.mp4"), tmp_path / "out" / "a"
+    return Job(str(clip), "a.mp4", str(out), str(cache.root), cache.mark, settings_of(RunOptions()))
+
+
+def test_clips_are_found_by_content_at_any_depth_whatever_their_names(tmp_path: Path) -> None:
+    names = ["a.mp4", "-r.mkv", "Über den Tisch.mov", "🎱.webm", "x" * 240 + ".avi", "deep/er/film", "picture.png"]
+    for name in names:
+        film(tmp_path / name, suffix=Path(name).suffix)
+    pictures(tmp_path / "row", list(range(20)))
+    for name, content in (("notes.txt", b"no film"), ("sound.m4a", b"\0\0\0\x18ftypM4A "), (".hidden.mp4", b"x")):
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "link.mp4").symlink_to(tmp_path / "a.mp4")
+    (tmp_path / "loop").symlink_to(tmp_path, target_is_directory=True)
+    os.mkfifo(tmp_path / "pipe.mp4")
+    found = {str(path.relative_to(tmp_path)) for path in find_clips(tmp_path)}
+    assert found == {*names, "row"}
+
+
+def test_folders_of_results_never_meet_and_never_leave_the_output(tmp_path: Path) -> None:
+    names = ["a.mp4", "a.mov", "a_mp4.mp4", "A.mkv", "summary.csv.mp4", "sub/tracks.csv.mp4", "sub/a.mp4"]
+    clips = [tmp_path / name for name in names]
+    places = folders_of(clips, tmp_path, Path("out"))
+    told = [str(place).lower() for place in places.values()]
+    assert len(set(told)) == len(clips)
+    assert not {"out/summary.csv", "out/sub/tracks.csv"} & set(told)
+    assert all(Path(os.path.normpath(place)).is_relative_to("out") for place in places.values())
+    assert default_folder(Path("...mp4")) == Path("out/clip")
+
+
+def test_numbered_pictures_are_a_clip_whose_times_are_the_numbers(tmp_path: Path) -> None:
+    row = pictures(tmp_path / "row", [3, 4, 5, 7, 8, 9, 10])
+    clip = open_clip(row)
+    assert clip.t == pytest.approx([0, 0.04, 0.08, 0.16, 0.2, 0.24, 0.28])
+    shades = [int(picture[0, 0, 0]) for _, picture in read_frames(clip, indices=np.arange(7))]
+    assert shades == [7 * k for k in (3, 4, 5, 7, 8, 9, 10)]
+    before = clip_digest(row)
+    (row / "shot 4.png").write_bytes((row / "shot 5.png").read_bytes())
+    assert clip_digest(row) != before
+    with pytest.raises(ClipError, match="is a folder"):
+        open_clip(tmp_path)
+
+
+def test_a_job_and_a_row_are_one_line_of_text_and_back(job: Job) -> None:
+    assert Job.from_text(job.as_text()) == job
+    assert "\n" not in job.as_text()
+    assert job.options == RunOptions()
+    row = Row("a\udcff.mp4", "done", "green", 3, 1.5, "out/a", "", seconds=2.0)
+    assert Row.from_text(row.as_text()) == row
+
+
+def test_a_bad_clip_is_a_failed_row_and_the_process_takes_the_next(job: Job) -> None:
+    with Supervised() as process:
+        first = process.run(job, lambda word: None)
+        again = process.run(replace(job, clip=job.clip + ".gone"), lambda word: None)
+    assert (first.status, first.tries) == ("failed", 1)
+    assert "no cloth" in first.sentence
+    assert first.peak_mb > 20
+    assert "does not exist" in again.sentence
+    assert not Path(job.folder).exists()
+
+
+@pytest.mark.parametrize(
+    ("limits", "wanted"),
+    [(Limits(seconds=1e-3), "--time-limit"), (Limits(megabytes=1.0), "--memory-limit")],
+)
+def test_a_clip_beyond_a_limit_is_stopped_and_said_so(job: Job, limits: Limits, wanted: str) -> None:
+    with Supervised() as process:
+        row = process.run(replace(job, limits=limits), lambda word: None)
+    assert (row.status, row.tries) == ("failed", 1)
+    assert wanted in row.sentence
+
+
+def test_a_process_that_is_killed_is_tried_again_and_not_for_ever(job: Job) -> None:
+    def kill(_: Any) -> None:
+        for child in psutil.Process().children():
+            child.send_signal(signal.SIGKILL)
+
+    with Supervised() as process:
+        row = process.run(job, kill)
+    assert (row.status, row.tries) == ("failed", 3)
+    assert "SIGKILL" in row.sentence
+
+
+def test_a_process_whose_parent_is_gone_leaves(job: Job) -> None:
+    with Supervised() as process:
+        process.run(job, lambda word: None)
+        (child,) = psutil.Process().children()
+        process._child.process.stdin.close()  # type: ignore[union-attr]
+        child.wait(10)
+
+
+def test_a_clip_that_changes_while_it_is_read_is_noticed_and_a_touched_one_is_not(tmp_path: Path) -> None:
+    clip = film(tmp_path / "a.mp4")
+    digest, check = clip_digest(clip), unchanging(clip)
+    os.utime(clip, (1, 1))
+    check(digest)
+    film(clip, count=13)
+    with pytest.raises(ClipError, match="was changed"):
+        check(digest)
+
+
+def test_a_cache_that_was_exchanged_is_lost_and_not_made_anew(tmp_path: Path) -> None:
+    root = tmp_path / "cache"
+    cache = Cache(root)
+    assert Cache(root, mark=cache.mark).mark == Cache(root).mark == cache.mark
+    root.rename(tmp_path / "elsewhere")
+    with pytest.raises(CacheLost):
+        cache.make(Key("fit", {}), lambda folder: None)
+    assert not root.exists()
+    Cache(root)
+    with pytest.raises(CacheLost, match="another"):
+        Cache(root, mark=cache.mark)
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "../../../secret", "link"])
+def test_an_entry_that_others_wrote_cannot_lead_out_of_its_folder(tmp_path: Path, name: str) -> None:
+    cache, key = Cache(tmp_path / "cache"), Key("fit", {})
+    entry = cache.make(key, lambda folder: (folder / "a").write_text("a") and None)
+    (tmp_path / "cache" / "secret").touch()
+    (entry.folder / "link").symlink_to("/dev/zero")
+    document = json.loads((entry.folder / "manifest.json").read_text())
+    document["files"] = {
+        name: {"sha256": "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855", "size": 0}
+    }
+    (entry.folder / "manifest.json").write_text(json.dumps(document))
+    assert cache.find(key) is None
+
+
+def test_what_a_dead_process_of_this_machine_left_goes_at_once(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    left, living = (tmp_path / f".a.{machine()}-{number}.part" for number in (dead.pid, os.getppid()))
+    foreign = tmp_path / f".a.0123abcd-{dead.pid}.part"
+    for path in (left, living, foreign):
+        path.touch()
+    clear_left(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {living.name, foreign.name}
+    with aside(tmp_path / "a") as fresh:
+        fresh.touch()
+    assert (tmp_path / "a").exists()
+
+
+def rows() -> list[Row]:
+    return [
+        Row("b <script>alert(1)</script>\udcff\n.mp4", "done", "green", 3, 1.5, "out/b\udcff", "", seconds=3.0),
+        Row("a.mp4", "failed", "", 0, 0.0, "", 'no "table", no clip', seconds=1.0, shots=0),
+    ]
+
+
+def test_the_summary_is_ordered_escaped_and_equal_for_equal_results(tmp_path: Path) -> None:
+    write_summary(rows(), tmp_path)
+    text = (tmp_path / "summary.csv").read_text(encoding="utf-8")
+    slower = [replace(row, seconds=99.0, tries=2) for row in reversed(rows())]
+    write_summary(slower, tmp_path)
+    assert (tmp_path / "summary.csv").read_text(encoding="utf-8") == text
+    lines = list(csv.DictReader(text.splitlines()))
+    assert [line["status"] for line in lines] == ["failed", "done"]
+    page = (tmp_path / "summary.html").read_text(encoding="utf-8")
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+    assert "default-src 'none'" in page
+    import pyarrow.parquet as pq
+
+    assert pq.read_table(tmp_path / "summary.parquet").column("seconds").to_pylist() == [99.0, 99.0]
+    assert as_csv([]).startswith("clip,status,trust,contacts,seconds_in,folder,sentence")
+    assert "%FF" in as_page(rows(), tmp_path)
+
+
+def test_a_watched_folder_gives_clips_once_they_rest_and_again_when_they_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.batch.watching.LOOK_S", 0.05)
+    monkeypatch.setattr("pipeline.batch.watching.REST_S", 0.2)
+
+    def come() -> None:
+        time.sleep(0.2)
+        clip = film(tmp_path / "late.mp4")
+        time.sleep(0.8)
+        film(clip, count=14)
+
+    film(tmp_path / "early.mp4")
+    threading.Thread(target=come).start()
+    found = [path.name for path in arriving(tmp_path, tmp_path / "out", 1.5) if path is not None]
+    assert found == ["early.mp4", "late.mp4", "late.mp4"]
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """A Dask scheduler with two workers, on loopback, in processes of their own."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    env = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"}
+    dask = [sys.executable, "-m", "dask"]
+    worker = [*dask, "worker", address, "--nthreads", "1", "--nworkers", "2", "--no-dashboard", "--host", "127.0.0.1"]
+    commands = [[*dask, "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"], worker]
+    processes = [subprocess.Popen(c, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for c in commands]
+    yield address
+    for process in reversed(processes):
+        process.terminate()
+        process.wait(20)
+
+
+def batch(folder: Path, *arguments: str) -> tuple[int, dict[str, str], str]:
+    """`trueroll batch`: its status, the sentence of each clip, and what it said against us."""
+    command = [sys.executable, "-c", "from pipeline.cli import main; main()", "batch", "in", "-o", "out", "--json"]
+    done = subprocess.run(
+        [*command, "--cache", "cache", *arguments], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    rows = json.loads(done.stdout) if done.stdout else []
+    return done.returncode, {row["clip"]: row["sentence"] for row in rows}, done.stderr
+
+
+def test_one_process_many_and_a_cluster_say_the_same(tmp_path: Path, scheduler: str) -> None:
+    for name in ("a.mp4", "deep/b.mkv", "-c.mov"):
+        film(tmp_path / "in" / name, suffix=Path(name).suffix)
+    (tmp_path / "in" / "broken.mp4").write_text("no film")
+    said = [batch(tmp_path, *arguments) for arguments in ((), ("--jobs", "2"), ("--cluster", scheduler))]
+    assert [(status, err) for status, _, err in said] == [(1, "")] * 3
+    assert said[0][1] == said[1][1] == said[2][1]
+    assert set(said[0][1]) == {"a.mp4", "deep/b.mkv", "-c.mov", "broken.mp4"}
+    assert not list((tmp_path / "cache" / "building").iterdir())
+
+
+def test_a_cluster_that_is_not_there_or_does_not_share_is_told_before_the_work(tmp_path: Path) -> None:
+    film(tmp_path / "in" / "a.mp4")
+    status, _, err = batch(tmp_path, "--cluster", "tcp://127.0.0.1:9")
+    assert status == 2
+    assert "none answers" in err
+    assert err.count("\n") == 1
+    cache = Cache(tmp_path / "cache")
+    seen = {"code": code(), "mark": "another", "out": True, "clip": 1}
+    for place, wanted in (
+        ({}, "does not share the cache"),
+        ({"code": ""}, "another version"),
+        (OSError("x"), "cannot run"),
+    ):
+        with pytest.raises(OptionError, match=wanted):
+            judge("tcp://w", seen | place if isinstance(place, dict) else place, cache, "p", tmp_path, tmp_path)
+
+
+def test_nobody_elsewhere_can_talk_to_a_local_cluster() -> None:
+    with local_client(2) as client:
+        assert sum(client.nthreads().values()) == 2
+        open_to = {place.laddr.ip for place in psutil.Process().net_connections("inet") if place.status == "LISTEN"}
+        assert open_to <= {"127.0.0.1"}
