@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from models.scene import apply_homography
 from video.clip import Clip, read_frames
+from video.flow import Interpolator, OpticalFlow
+from video.flow_regions import Region, open_regions
 from video.plate import Plate, learn_plate
 from video.sightings import Sightings
 from video.sprites import SHADOW_RADII, Outline, Peeled, Sprite, paste, peel
@@ -18,6 +20,7 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Picture = NDArray[np.uint8]
 
+OPTICAL_FLOW = OpticalFlow()
 MOST_SAMPLES, FEWEST_SAMPLES = 32, 13
 """Pictures, spread over the clip, that the plate is learnt from."""
 PLATE_BYTES = 64_000_000
@@ -79,6 +82,8 @@ class Interval:
     balls: tuple[int, ...]
     before: Peeled
     after: Peeled
+    regions: tuple[Region, ...] = ()
+    """Where something other than balls moves."""
 
     def at(self, t: float, centres: Floats) -> Picture:
         """The picture (H, W, 3) at time t with balls at `centres` (N, 2) px; a real one where it falls on one."""
@@ -86,6 +91,7 @@ class Interval:
         if share in (0.0, 1.0):
             return (self.first if share == 0 else self.second).copy()
         picture = self._behind(t, share)
+        self._lay_regions(picture, t, share)
         for slot, ball in enumerate(self.balls):
             pair = ((self.before.sprites[slot], 1 - share), (self.after.sprites[slot], share))
             layers: list[tuple[Sprite, Floats, float]] = [
@@ -94,6 +100,14 @@ class Interval:
             if layers and np.isfinite(centres[ball]).all():
                 paste(picture, layers)
         return picture
+
+    def _lay_regions(self, picture: Picture, t: float, share: float) -> None:
+        """Put what moves by itself over the picture, in place."""
+        motion = self.sightings.motion(t)
+        own = self.sightings.motion(float(self.sightings.t[self.row]))
+        if own is None or motion is None:
+            for region in self.regions:
+                region.lay(picture, share)
 
     def _behind(self, t: float, share: float) -> Picture:
         """The two pictures without moving balls, one passing into the other."""
@@ -115,14 +129,22 @@ class Interval:
         return np.asarray(cv2.warpPerspective(picture, step, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
 
 
-def open_interval(sightings: Sightings, plate: Plate, row: int, first: Picture, second: Picture) -> Interval:
+def open_interval(
+    sightings: Sightings,
+    plate: Plate,
+    row: int,
+    first: Picture,
+    second: Picture,
+    interpolator: Interpolator = OPTICAL_FLOW,
+) -> Interval:
     """Take the pictures of `row` and `row + 1` apart, to make any picture between them."""
     balls = tuple(int(ball) for ball in np.flatnonzero(sightings.moves[row]))
     sides = []
     for side, picture in ((row, first), (row + 1, second)):
         shown = _shown(sightings, plate, side, picture)
         sides.append(_part(sightings, plate, side, picture, balls, shown))
-    return Interval(sightings, row, first, second, balls, sides[0], sides[1])
+    regions = open_regions(sides[0].behind, sides[1].behind, interpolator)
+    return Interval(sightings, row, first, second, balls, sides[0], sides[1], regions)
 
 
 def _part(
