@@ -129,14 +129,14 @@ def run_clip(
     refuse_overwriting(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
     bound: dict[str, Callable[[Any], Any]] = {"read": partial(_at, clip)}
-    told: set[str] = set()
+    shown: set[str] = set()
     if onlooker is not None:
-        bound = {name: partial(_tell, onlooker, told, clip, name) for name in stages if stages[name].output is not None}
+        bound = {name: partial(_show, onlooker, shown, clip, name) for name in stages if stages[name].output is not None}
     entries = graph.run(cache, watcher, bound, partial(unchanged, graph.clip), look)
     publish(entries, folder)
     note_source(clip, folder)
     if onlooker is not None:
-        for name in [name for name in stages if name in bound and name not in told]:
+        for name in [name for name in stages if name in bound and name not in shown]:
             bound[name](stage_value(stages[name], entries[name]))
     seen: Clip = stage_value(stages["read"], entries["read"])
     fit: Fit = stage_value(stages["fit"], entries["fit"])
@@ -148,11 +148,11 @@ def _at(path: Path, clip: Clip) -> Clip:
     return replace(clip, path=path)
 
 
-def _tell(onlooker: Callable[[str, Any], None], told: set[str], clip: Path, name: str, value: Any) -> Any:
+def _show(onlooker: Callable[[str, Any], None], shown: set[str], clip: Path, name: str, value: Any) -> Any:
     """Show the onlooker what a stage made, and hand it on."""
     value = _at(clip, value) if name == "read" else value
     onlooker(name, value)
-    told.add(name)
+    shown.add(name)
     return value
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
+import typer
 from rich.console import Console
 from rich.table import Table as Grid
 
+from pipeline.cache import Cache
 from pipeline.chain import Run, default_folder, run_clip
 from pipeline.command_line import (
     CacheOption,
@@ -32,14 +35,42 @@ def run(
     clip: ClipArgument,
     options: RunOptions,
     out: OutOption = None,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Watch it come in: in the rerun viewer, or the browser where there is no display."),
+    ] = False,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
     """A clip to annotated slow motion, tracks, contacts and a fitted model."""
     folder = out if out is not None else default_folder(clip)
+    store = open_cache(cache)
+    if live:
+        _run_live(clip, folder, options, store, as_json)
+        return
     with StageDisplay(console, str(clip)) as display:
-        made = run_clip(clip, folder, options, open_cache(cache), display)
+        made = run_clip(clip, folder, options, store, display)
+    _say(made, as_json)
+
+
+def _run_live(clip: Path, folder: Path, options: RunOptions, cache: Cache, as_json: bool) -> None:
+    """Run in front of a viewer, and wait until it is closed."""
+    from pipeline.recording.live import LiveRecording, LiveWatcher
+    from pipeline.viewer import has_display, open_viewer
+
+    with open_viewer([], web=not has_display()) as viewer:
+        if viewer.address:
+            console.print(f"Look at {viewer.address} (end with Ctrl-C)", markup=False, soft_wrap=True)
+        recording = LiveRecording(viewer.listens, clip.name)
+        with StageDisplay(console, str(clip)) as display:
+            made = run_clip(clip, folder, options, cache, LiveWatcher(display, recording), recording.made)
+        recording.close()
+        _say(made, as_json)
+        viewer.process.wait()
+
+
+def _say(made: Run, as_json: bool) -> None:
     for note in made.notes:
         console.print(f"Note: {note}", markup=False, soft_wrap=True)
     if as_json:

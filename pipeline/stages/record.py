@@ -19,12 +19,14 @@ class RecordOptions:
 
 
 def record_stage(options: RecordOptions) -> Stage:
-    return Stage("record", __name__, ("read", "calibrate", "detect", "track", "fit"), None, _run, options)
+    return Stage("record", __name__, ("read", "calibrate", "detect", "track", "fit", "forecast"), None, _run, options)
 
 
 def _run(inputs: Inputs, options: RecordOptions, folder: Path, progress: Progress) -> None:
     os.environ.setdefault("RUST_LOG", "off")  # rerun would print what it raises; it reads this when it is imported
-    from pipeline.recording import write_recording  # slow to import, and not needed while cached
+    from pipeline.recording.write import write_recording  # slow to import, and not needed while cached
 
-    clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
-    write_recording(clip, scene, inputs["detect"], tracks, fit, folder / "recording.rrd", options.title)
+    write_recording(
+        inputs["read"], inputs["calibrate"], inputs["detect"], inputs["track"], inputs["fit"], inputs["forecast"],
+        folder / "recording.rrd", options.title,
+    )  # fmt: skip

@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 from rerun.chunk import Chunk, RrdReader
 
-from pipeline.recording import _finish, write_recording
+from models.forecast.foresight import Foresight, Foresights
+from pipeline.recording.plan import magnification
+from pipeline.recording.shot import shot_of
+from pipeline.recording.stream import finish
+from pipeline.recording.write import write_recording
+from pipeline.sampling import few_points, kinetic_energy
 
 
 def recorded(folder: Path, motion: np.ndarray | None = None) -> dict[str, list[Chunk]]:
@@ -20,12 +25,24 @@ def recorded(folder: Path, motion: np.ndarray | None = None) -> dict[str, list[C
     scene = replace(scene, camera=replace(scene.camera, motion=motion))
     tracks = shot.made_up_tracks(clip, scene)
     fit = shot.made_up_fit(tracks.t)
-    write_recording(clip, scene, shot.made_up_detections(tracks), tracks, fit, folder / "recording.rrd", "made up")
+    detections = shot.made_up_detections(tracks)
+    write_recording(clip, scene, detections, tracks, fit, made_up_fans(), folder / "recording.rrd", "made up")
     assert not list(folder.glob("*.part*")), "nothing half-written is left"
     by_entity: dict[str, list[Chunk]] = {}
     for chunk in RrdReader(folder / "recording.rrd").stream():
         by_entity.setdefault(chunk.entity_path, []).append(chunk)
     return by_entity
+
+
+def made_up_fans() -> Foresights:
+    """At 0.2 s: white goes on in five directions, red stays."""
+    times = 0.2 + 0.1 * np.arange(5)
+    white = np.array([[0.4, 0.5]]) + np.linspace(0, 0.4, 5)[:, None] * [1.0, 0.0]
+    turns = np.linspace(-0.1, 0.1, 5)[:, None] * (times - 0.2)
+    courses = np.full((5, 5, 2, 2), [1.5, 0.3])
+    courses[:, :, 0] = white
+    courses[:, :, 0, 1] += turns
+    return Foresights((Foresight(0.2, ("white", "red"), times, courses),))
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +65,7 @@ class Full:
 def test_a_recording_that_cannot_be_written_is_an_error_of_its_file() -> None:
     full = Full()
     with pytest.raises(OSError, match="is the disk full") as raised:
-        _finish(full, Path("recording.rrd"))  # type: ignore[arg-type]
+        finish(full, Path("recording.rrd"))  # type: ignore[arg-type]
     assert raised.value.filename == "recording.rrd"
     assert full.disconnected
 
@@ -96,11 +113,96 @@ def test_paths_and_events_go_with_the_table_where_the_camera_drifts(tmp_path: Pa
     motion = np.tile(np.eye(3), (shot.FRAMES, 1, 1))
     motion[:, :2, 2] = np.arange(shot.FRAMES)[:, None] * [0.5, -0.25]
     chunks = recorded(tmp_path, motion)
-    for entity, column in (("paths/white", "LineStrips2D:strips"), ("events", "Points2D:positions")):
-        px = places(chunks[f"/picture/{entity}"], column)
-        assert len(px) == shot.FRAMES
-        assert px - px[0] == pytest.approx(np.broadcast_to(motion[:, None, :2, 2], px.shape), abs=1e-3)
+    path = places(chunks["/picture/paths/white"], "LineStrips2D:strips")
+    assert path - path[0] == pytest.approx(np.broadcast_to(motion[:, None, :2, 2], path.shape), abs=1e-3)
+    mark = places(chunks["/picture/events/01-cushion"], "Points2D:positions")
+    assert len(mark) > 2, "it is there from the event on, anew in every picture"
+    assert np.diff(mark[1:], axis=0) == pytest.approx(np.broadcast_to([0.5, -0.25], (len(mark) - 2, 1, 2)), abs=1e-3)
 
 
 def test_paths_are_told_once_where_the_camera_stands(chunks: dict[str, list[Chunk]]) -> None:
     assert places(chunks["/picture/paths/white"], "LineStrips2D:strips").shape[0] == 1
+
+
+def test_what_is_past_grows_along_the_path_up_to_the_ball(chunks: dict[str, list[Chunk]]) -> None:
+    plan = chunks["/plan/past/white"]
+    ways = [np.array(row[0]) for c in plan if not c.is_static
+            for row in c.to_record_batch().column("LineStrips2D:strips").to_pylist()]  # fmt: skip
+    t = times(plan)
+    assert len(ways) == shot.FRAMES - 1, "at the first picture nothing is past"
+    ends = np.array([way[-1] for way in ways])
+    assert ends[:, 0] == pytest.approx(0.2 + shot.SPEED * t, abs=1e-5)
+    assert all(way[0] == pytest.approx([0.2, 0.5], abs=1e-6) for way in ways)
+
+
+def test_a_mark_stands_from_its_event_on_and_says_who_when_how_fast_and_by_how_much(
+    chunks: dict[str, list[Chunk]],
+) -> None:
+    assert times(chunks["/plan/events/01-cushion"]) == pytest.approx([0.5])
+    labels = [c.to_record_batch().column("Points2D:labels").to_pylist() for c in chunks["/plan/events/01-cushion"]
+              if c.is_static]  # fmt: skip
+    assert labels == [[["0.5000 s ± 1.0 ms · white hits the right cushion at 0.50 m/s · gap -10.0 mm"]]]
+
+
+def test_detections_carry_their_sigma(chunks: dict[str, list[Chunk]]) -> None:
+    told = [value for c in chunks["/picture/detections"] if not c.is_static
+            for row in c.to_record_batch().column("sigma_px").to_pylist() for value in row]  # fmt: skip
+    assert told == pytest.approx([0.2] * (2 * shot.FRAMES))
+
+
+def test_parameters_stand_with_their_errors(chunks: dict[str, list[Chunk]]) -> None:
+    facts = chunks["/parameters/rolling_resistance.mu"][0].to_record_batch()
+    assert [facts.column(name).to_pylist() for name in ("value", "sigma", "prior_only")] == [
+        [[0.01]],
+        [[0.001]],
+        [[False]],
+    ]
+
+
+def test_a_fan_is_shown_from_its_moment_and_of_balls_that_go_somewhere(chunks: dict[str, list[Chunk]]) -> None:
+    assert times(chunks["/plan/fan/white"]).min() == pytest.approx(0.2)
+    assert "/plan/fan/red" not in chunks
+
+
+def test_the_log_tells_what_every_stage_found(chunks: dict[str, list[Chunk]]) -> None:
+    assert {f"/log/chain/{stage}" for stage in ("read", "calibrate", "detect", "track", "fit")} <= set(chunks)
+
+
+def test_no_time_lies_outside_the_clip(chunks: dict[str, list[Chunk]]) -> None:
+    last = (shot.FRAMES - 1) / shot.RATE
+    told = [times(some) for some in chunks.values() if any("video_time" in str(c.to_record_batch().schema.names) and
+            not c.is_static for c in some)]  # fmt: skip
+    assert told
+    assert all(t.min() >= 0 and t.max() <= last + 1e-6 for t in told)
+
+
+def test_residuals_are_magnified_by_a_round_number_until_they_are_seen(tmp_path: Path) -> None:
+    clip = shot.made_up_clip(tmp_path / "clip.mp4")
+    scene, tracks = shot.made_up_scene(), shot.made_up_tracks(clip, shot.made_up_scene())
+    fit = shot.made_up_fit(tracks.t)
+    noisy = replace(fit, residual=np.full_like(fit.residual, 0.0003))
+    assert magnification(shot_of(clip, scene, tracks, noisy)) == 100.0
+    assert magnification(shot_of(clip, scene, tracks, fit)) == 1.0
+
+
+def test_a_ball_that_rolls_has_seven_fifths_of_the_energy_of_its_centre() -> None:
+    fit, table = shot.made_up_fit(np.linspace(0, 0.5, 5)), shot.made_up_scene().table
+    state = fit.trajectory.at(np.array([0.1, 0.2]))
+    centre = 0.5 * table.ball_mass * shot.SPEED**2
+    assert kinetic_energy(state, table)[:, 0] == pytest.approx(centre), "its spin is known to be nil"
+    unknown = replace(state, w=np.full_like(state.w, np.nan))
+    rolling = replace(state, w=np.broadcast_to([0.0, shot.SPEED / table.ball_radius, np.nan], state.w.shape))
+    for told in (unknown, rolling):
+        assert kinetic_energy(told, table)[:, 0] == pytest.approx(1.4 * centre)
+    assert kinetic_energy(unknown, table)[:, 1] == pytest.approx(0.0)
+
+
+def test_few_points_keep_a_line_within_the_tolerance() -> None:
+    angle = np.linspace(0, np.pi, 400)
+    arc = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    kept = few_points(arc, 1e-3)
+    drawn = np.stack([np.interp(angle, angle[kept], arc[kept, axis]) for axis in (0, 1)], axis=-1)
+    assert 20 < len(kept) < 80
+    assert 1 - np.linalg.norm(drawn, axis=1).min() < 1.01e-3
+    assert few_points(np.zeros((5, 2)), 1e-3).tolist() == [0, 4]
+    assert few_points(np.empty((0, 2)), 1e-3).tolist() == []

@@ -1,0 +1,71 @@
+"""Look ahead from a few moments of a shot, each time from what was seen until then."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import TrackError
+from models.events import Events
+from models.forecast.foresight import Foresight, Foresights
+from models.forecast.prediction import predict
+from models.forecast.present import outlook_at
+from models.scene import Scene
+from models.tracks import Tracks
+
+Floats = NDArray[np.float64]
+
+AHEAD = 1.5
+"""s that a fan reaches."""
+STEP = 0.03
+"""s between the points of its courses."""
+COURSES = 48
+"""of a fan: enough for an eye."""
+AFTER = 0.2
+"""s after a strike or contact at which one looks ahead: its balls have shown where they go."""
+SHARE = 0.7
+"""of the time to the next one, where that is sooner."""
+PICTURES = 3
+"""that must show a ball after it was touched."""
+APART = 0.3
+"""s between fans."""
+MOST_FANS = 4
+MOST_CONTACTS = 10
+"""before a fan: what was seen until then is fitted anew, and that takes its time."""
+LIKELY = 0.5
+
+
+def foresee(tracks: Tracks, scene: Scene, events: Events) -> Foresights:
+    """A fan a little after each of the first strikes and contacts of balls; none where nothing can be fitted so far."""
+    fans = (_fan(tracks, scene, t) for t in viewpoints(events, tracks.t))
+    return Foresights(tuple(fan for fan in fans if fan is not None))
+
+
+def viewpoints(events: Events, shown: Floats) -> list[float]:
+    """Moments (s), each that of a picture, from which to look ahead."""
+    sure = events.t[events.probability >= LIKELY]
+    touched = [
+        k for k in range(len(events)) if events.kind[k] in ("strike", "ball") and events.probability[k] >= LIKELY
+    ]
+    found: list[float] = []
+    for k in touched:
+        start = float(events.t[k])
+        later = sure[sure > start]
+        wait = min(AFTER, SHARE * float(later[0] - start)) if len(later) else AFTER
+        row = int(np.searchsorted(shown, start + wait + 1e-9, side="right")) - 1
+        seen = row - int(np.searchsorted(shown, start, side="right")) + 1
+        contacts = int(np.sum(sure <= start))
+        if seen < PICTURES or contacts > MOST_CONTACTS or (found and shown[row] - found[-1] < APART):
+            continue
+        found.append(float(shown[row]))
+    return found[:MOST_FANS]
+
+
+def _fan(tracks: Tracks, scene: Scene, t: float) -> Foresight | None:
+    try:
+        look = outlook_at(tracks, scene, t)
+    except TrackError:  # too little was seen until then: nothing is promised
+        return None
+    times = np.asarray(t + STEP * np.arange(round(AHEAD / STEP) + 1), np.float64)
+    found = predict(look, times, draws=COURSES)
+    return Foresight(t, look.ids, times, found.courses)

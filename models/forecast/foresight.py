@@ -1,0 +1,30 @@
+"""Fans to be drawn over a shot: what was to be expected at a few of its moments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Foresight:
+    """N balls, M courses, K moments."""
+
+    t: float
+    """s, from when one looks ahead."""
+    ids: tuple[str, ...]
+    times: Floats
+    """(K,) s"""
+    courses: Floats
+    """(M, K, N, 2) m; NaN once a ball is potted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Foresights:
+    """In the order of time."""
+
+    fans: tuple[Foresight, ...]
