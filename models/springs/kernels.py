@@ -1,24 +1,18 @@
-"""The compiled heart of the mass-spring-damper model: accelerations and steps, for real and for complex numbers.
+"""The compiled heart of the mass-spring-damper model: accelerations, for real and for complex numbers.
 
-Written once: with float64 it gives the motion, with complex128 and a step of 1e-30 along the imaginary axis its
-derivative, exact to rounding (Squire and Trapp 1998, doi:10.1137/S003614459631241X). So it branches on real parts and
+With float64 they are those of the motion, with complex128 and a step of 1e-30 along the imaginary axis their
+derivative, exact to rounding (Squire and Trapp 1998, doi:10.1137/S003614459631241X). So this branches on real parts and
 has no abs, min or max of what can be complex.
-
-Everything that is compiled together lives in this file: numba keys its cache on disk by the file of a function, and
-would run yesterday's version of what that function calls elsewhere.
 """
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-compiled = numba.njit(error_model="numpy", nogil=True, cache=True)
+from models.billiards.compiled import compiled
 
 BAUMGARTE = 20.0
 """1/s: how fast a rod that is off its length returns to it (Baumgarte 1972, doi:10.1016/0045-7825(72)90018-7)."""
-STEP = 1e-30
-"""of the complex step."""
 LEAST_PIVOT = 1e-9
 """of the largest: below it a rod repeats what other rods say already."""
 
@@ -114,11 +108,11 @@ def coupling(x, held, mass, i, j, p, q):  # type: ignore[no-untyped-def]
 
 @compiled
 def eliminate(system):  # type: ignore[no-untyped-def]
-    """Solves (R, R + 1) equations of a positive definite matrix in place; the last column becomes the solution.
+    """Solves (R, R + Q) equations of a positive definite matrix in place; the last Q columns become the solutions.
 
     A rod that others make superfluous carries nothing.
     """
-    count = len(system)
+    count, wide = system.shape
     largest = 0.0
     for r in range(count):
         largest = max(largest, system[r, r].real)
@@ -130,73 +124,10 @@ def eliminate(system):  # type: ignore[no-untyped-def]
             continue
         for below in range(r + 1, count):
             share = system[below, r] / system[r, r]
-            for column in range(r, count + 1):
+            for column in range(r, wide):
                 system[below, column] -= share * system[r, column]
     for r in range(count - 1, -1, -1):
-        for column in range(r + 1, count):
-            system[r, count] -= system[r, column] * system[column, count]
-        system[r, count] /= system[r, r]
-
-
-@compiled
-def advance(x, v, dt, steps, tableau, shares, held, theta, pairs, rods, touching):  # type: ignore[no-untyped-def]
-    """Moves x and v (N, D) on by `steps` explicit Runge-Kutta steps of dt; theta as `system` packs it."""
-    particles, axes = x.shape
-    edges = len(pairs)
-    mass = theta[:particles]
-    stiffness = theta[particles : particles + edges]
-    damping = theta[particles + edges : particles + 2 * edges]
-    rest = theta[particles + 2 * edges : particles + 3 * edges]
-    after = particles + 3 * edges
-    gravity = theta[after : after + axes]
-    radius = theta[after + axes : after + axes + particles]
-    contact = theta[after + axes + particles :]
-    stages = len(shares)
-    speeds = np.zeros((stages, particles, axes), x.dtype)
-    pushes = np.zeros((stages, particles, axes), x.dtype)
-    place = np.zeros((particles, axes), x.dtype)
-    for _ in range(steps):
-        for s in range(stages):
-            place[:] = x
-            speeds[s] = v
-            for earlier in range(s):
-                weight = dt * tableau[s, earlier]
-                if weight != 0.0:
-                    for i in range(particles):
-                        for axis in range(axes):
-                            place[i, axis] += weight * speeds[earlier, i, axis]
-                            speeds[s, i, axis] += weight * pushes[earlier, i, axis]
-            accelerate(
-                place, speeds[s], held, mass, stiffness, damping, rest, gravity, radius, contact, pairs, rods,
-                touching, pushes[s],
-            )  # fmt: skip
-        for s in range(stages):
-            for i in range(particles):
-                for axis in range(axes):
-                    x[i, axis] += dt * shares[s] * speeds[s, i, axis]
-                    v[i, axis] += dt * shares[s] * pushes[s, i, axis]
-
-
-@compiled
-def flows(starts, spans, steps, tableau, shares, held, theta, pairs, rods, touching, inputs, ends, slopes):  # type: ignore[no-untyped-def]
-    """Ends (K, 2, N, D) of K stretches that begin at `starts` and last `spans` (K,), and their slopes (K, 2 N D, M).
-
-    inputs (M,): by which numbers; below 2 N D a number of the start, from there on one of theta.
-    """
-    size = starts[0].size
-    for k in range(len(starts)):
-        dt = spans[k] / steps[k]
-        state = starts[k].copy()
-        advance(state[0], state[1], dt, steps[k], tableau, shares, held, theta, pairs, rods, touching)
-        ends[k] = state
-        for m in range(len(inputs)):
-            shifted = starts[k].astype(np.complex128)
-            numbers = theta.astype(np.complex128)
-            if inputs[m] < size:
-                shifted.reshape(-1)[inputs[m]] += 1j * STEP
-            else:
-                numbers[inputs[m] - size] += 1j * STEP
-            advance(shifted[0], shifted[1], dt, steps[k], tableau, shares, held, numbers, pairs, rods, touching)
-            flat = shifted.reshape(-1)
-            for row in range(size):
-                slopes[k, row, m] = flat[row].imag / STEP
+        for solution in range(count, wide):
+            for column in range(r + 1, count):
+                system[r, solution] -= system[r, column] * system[column, solution]
+            system[r, solution] /= system[r, r]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from models.springs.system import Floats, Ints, Springs
 
-FASTEST_SWING = 20.0
+FASTEST_SWING = 60.0
 """rad between two samples: stiffer springs are sought as rods."""
 LEAST_SWING = 1e-3
 """rad between two samples: weaker springs are as good as none."""

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.springs.coordinates import Bools, Coordinates, steadiness, units
-from models.springs.fit import GLANCE, SpringFit, covariance, descended, fit_graph
+from models.springs.fit import GLANCE, THOROUGH, Effort, SpringFit, covariance, descended, fit_graph, residuals
 from models.springs.system import Springs, springs
-from models.springs.verdict import doubts, tensions
+from models.springs.verdict import compliance, doubts, tensions
 
 Floats = NDArray[np.float64]
 Pair = tuple[int, int]
@@ -33,6 +33,12 @@ UNSURE = 0.3
 """standard deviation of the logarithm of a stiffness from which a pair may not be joined at all."""
 SLACK = 5.0
 """of the noise: a rod that moves its ends by less from one sample to the next may not be there."""
+STRETCHED = 1.0
+"""standard deviations of its stretching from which a rod is tried as a spring: errors of a poor fit are too large."""
+LOSS = 0.02
+"""of a critical damper's: what springs are guessed to have."""
+START, NEAR = Effort(stages=0), Effort(stages=4, iterations=5, last=20)
+"""Not yet descended; from a fit that is almost right."""
 MOST_TRIED = 2
 """hypotheses that are fitted to all samples before the search gives up."""
 MOST_ADDED = 6
@@ -65,7 +71,9 @@ def _best(seen: Coordinates, graphs: list[Springs], noise: float | None) -> Spri
     few = seen.first(GLANCED) if len(seen.t) > GLANCED else seen
     tried: list[SpringFit] = []
     for glance in sorted(_glances(few, graphs, noise), key=lambda fit: fit.chain.cost)[:MOST_TRIED]:
-        tried.append(_fitted(seen, _pruned(few, glance), noise))
+        tried.append(_pruned(seen, _whole(seen, _pruned(few, glance), noise), THOROUGH))
+        if len(tried[-1].graph.rods) and doubts(tried[-1], noise is not None):
+            tried.append(_stretching(seen, tried[-1], noise))
         if not doubts(tried[-1], noise is not None):
             break
     return min(tried[::-1], key=lambda fit: (bool(doubts(fit, noise is not None)), fit.chain.cost))
@@ -89,36 +97,38 @@ def _same(fit: SpringFit, other: SpringFit) -> bool:
     return bool(springy and abs(fit.chain.cost - other.chain.cost) < SAME * fit.chain.cost)
 
 
-def _pruned(few: Coordinates, glance: SpringFit) -> SpringFit:
-    """The glance without the pairs that explain nothing: without all of them at once, or else one after another."""
-    doubtful = _doubtful(glance)
-    together = _cheaper(few, glance, doubtful) if len(doubtful) > 1 else glance
-    if together is not glance:
+def _pruned(seen: Coordinates, fit: SpringFit, effort: Effort = GLANCE) -> SpringFit:
+    """The fit without the pairs that explain nothing: without all of them at once, or else one after another."""
+    doubtful = _doubtful(fit)
+    together = _cheaper(seen, fit, doubtful, effort) if len(doubtful) > 1 else fit
+    if together is not fit:
         return together
     for pair in doubtful:
-        glance = _cheaper(few, glance, [pair])
-    return glance
+        fit = _cheaper(seen, fit, [pair], effort)
+    return fit
 
 
-def _cheaper(few: Coordinates, glance: SpringFit, pairs: list[list[int]]) -> SpringFit:
-    """The glance without some pairs where they cost more numbers than they explain, or else as it is."""
-    worth = float(np.log(few.x.size)) * max(1.0, glance.chain.cost / max(glance.freedom, 1))
-    less = fit_graph(few, _without(glance.graph, pairs), glance.noise, GLANCE)
-    pays = less.chain.cost - glance.chain.cost < worth * (len(glance.values) - len(less.values))
-    return less if pays else glance
+def _cheaper(seen: Coordinates, fit: SpringFit, pairs: list[list[int]], effort: Effort) -> SpringFit:
+    """The fit without some pairs where they cost more numbers than they explain, or else as it is."""
+    worth = float(np.log(seen.x.size)) * max(1.0, fit.chain.cost / max(fit.freedom, 1))
+    less = fit_graph(seen, _without(fit.graph, pairs), fit.noise, effort, start=fit if effort is THOROUGH else None)
+    pays = less.chain.cost - fit.chain.cost < worth * (len(fit.values) - len(less.values))
+    return less if pays else fit
 
 
 def _doubtful(glance: SpringFit) -> list[list[int]]:
-    """Pairs whose stiffness is hardly known, or whose tension hardly moves anything between two samples."""
+    """Pairs whose stiffness is hardly known or least, or whose tension hardly moves anything between two samples."""
     graph, names = glance.graph, glance.model.layout.names
     if not np.isfinite(glance.chain.cost):
         return []
     sigma = dict(zip(names, np.sqrt(np.diag(covariance(glance)).clip(0)).tolist(), strict=True))
+    least = dict(zip(names, (glance.chain.shared <= glance.model.layout.low).tolist(), strict=True))
     pull = np.sqrt((tensions(graph, glance.states) ** 2).mean(axis=0)) * glance.model.units.span**2
     slack = dict(zip(graph.rods.tolist(), (pull < SLACK * glance.noise).tolist(), strict=True))
     return [
         pair for e, pair in enumerate(graph.pairs.tolist())
-        if slack.get(e, False) or sigma.get(f"stiffness {pair[0]}-{pair[1]}", 0.0) > UNSURE
+        if slack.get(e, False) or least.get(name := f"stiffness {pair[0]}-{pair[1]}", False)
+        or sigma.get(name, 0.0) > UNSURE
     ]  # fmt: skip
 
 
@@ -129,9 +139,13 @@ def _pairs(seen: Coordinates, still: Bools, change: float) -> tuple[list[Pair], 
     return sorted(pairs[k] for k in free if vary[k] < change), [pairs[k] for k in free if vary[k] >= change]
 
 
-def _fitted(seen: Coordinates, glance: SpringFit, noise: float | None) -> SpringFit:
-    """The fit to all samples; where the noise is not known, the residuals tell it."""
-    fit = fit_graph(seen, glance.graph, noise, start=glance)
+def _whole(seen: Coordinates, glance: SpringFit, noise: float | None) -> SpringFit:
+    """The fit to all samples."""
+    return _settled(fit_graph(seen, glance.graph, noise, start=glance), noise)
+
+
+def _settled(fit: SpringFit, noise: float | None) -> SpringFit:
+    """The fit; where the noise is not known, the residuals tell it."""
     for _ in range(SETTLING if noise is None else 0):
         ratio = float(np.sqrt(fit.chain.cost / max(fit.freedom, 1)))
         if not np.isfinite(ratio) or abs(np.log(max(ratio, 1e-12))) < 0.05:
@@ -144,6 +158,24 @@ def _rescaled(fit: SpringFit, ratio: float) -> SpringFit:
     """The fit with another idea of the noise."""
     weights = replace(fit.seen, weight=fit.seen.weight / ratio, shared_weight=fit.seen.shared_weight / ratio)
     return descended(replace(fit, seen=weights, noise=fit.noise * ratio), fit.model.bond)
+
+
+def _stretching(seen: Coordinates, rigid: SpringFit, noise: float | None) -> SpringFit:
+    """Springs as stiff as rods are seen to stretch, from the fit of the rods; that fit where none of them does.
+
+    So stiff that they swing often between two samples, they are found from nowhere else: what is slow in their motion
+    is seen, and their swings are damped away.
+    """
+    if not np.isfinite(rigid.chain.cost):
+        return rigid
+    give, sigma, rods = *compliance(seen, rigid), rigid.graph.rods
+    stretching = rods[give > STRETCHED * sigma]
+    stiffness, damping = rigid.graph.stiffness.copy(), rigid.graph.damping.copy()
+    stiffness[stretching] = 1 / give[give > STRETCHED * sigma]
+    damping[stretching] = LOSS * np.sqrt(stiffness[stretching])
+    graph = replace(rigid.graph, stiffness=stiffness, damping=damping)
+    left = float(np.sqrt(np.nanmean(residuals(rigid) ** 2)))
+    return _settled(descended(fit_graph(seen, graph, noise, START, start=rigid), left, NEAR), noise)
 
 
 def _guess(seen: Coordinates, still: Bools, pairs: list[Pair], swing: float) -> Springs:

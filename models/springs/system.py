@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.integrators import DOP853, Tableau
-from models.springs.kernels import accelerate, flows
+from models.springs.kernels import accelerate
+from models.springs.tangents import flows
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -165,16 +166,18 @@ def fastest(graph: Springs, speed: float = 0.0) -> float:
     """rad/s: a bound on the fastest swing of the springs, and rate at which pairs turn where particles move at `speed`
     against each other."""
     lightness = np.where(graph.held, 0.0, 1 / graph.mass)
+    pulls = np.zeros((len(graph.mass), len(graph.mass)))
     finite = np.isfinite(graph.stiffness)
-    swing = np.zeros(len(graph.mass))
     for (i, j), k, c in zip(graph.pairs[finite], graph.stiffness[finite], graph.damping[finite], strict=True):
-        # Gershgorin: every spring pulls at both of its ends; strong dampers are as stiff as springs
-        pull = 2 * max(k, (c**2) * (lightness[i] + lightness[j]))
-        swing[[i, j]] += pull * lightness[[i, j]]
+        # strong dampers are as stiff as springs
+        pulls[i, j] = pulls[j, i] = pulls[i, j] + max(k, c**2 * (lightness[i] + lightness[j]))
+    # springs pull no harder than if all lay in one line: the graph's Laplacian bounds their stiffness in any pose
+    laplacian = (np.diag(pulls.sum(axis=0)) - pulls) * np.sqrt(lightness * lightness[:, None])
+    swing = float(np.linalg.eigvalsh(laplacian)[-1]) if np.isfinite(laplacian).all() else np.inf
     if len(graph.touching):
-        swing += 2 * graph.contact[0] * lightness * (graph.radius > 0) / SHARPNESS**2
+        swing += 2 * graph.contact[0] * float((lightness * (graph.radius > 0)).max()) / SHARPNESS**2
     turning = speed / float(graph.rest[graph.rest > 0].min()) if np.any(graph.rest > 0) else 0.0
-    return max(float(np.sqrt(swing.max(initial=0.0))), turning * RADIANS_PER_STEP / TURN_PER_STEP)
+    return max(float(np.sqrt(max(swing, 0.0))), turning * RADIANS_PER_STEP / TURN_PER_STEP)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.springs.coordinates import Coordinates
+from models.springs.coordinates import EXACT, Coordinates
 from models.springs.fit import SpringFit, residuals
 from models.springs.system import Springs, acceleration
 
@@ -28,6 +28,8 @@ def doubts(fit: SpringFit, noise_known: bool) -> tuple[str, ...]:
     found = []
     if not np.isfinite(fit.chain.cost):
         return ("No graph of springs could be fitted: the motion of the model diverges.",)
+    if np.sqrt(np.nanmean(off**2)) < EXACT * fit.model.units.length:  # what is left is that of the steps
+        return ()
     chi2 = fit.chain.cost / max(fit.freedom, 1)
     if noise_known and chi2 > MOST_CHI2 + CHANCE * np.sqrt(2 / max(fit.freedom, 1)):
         found.append(

@@ -89,6 +89,24 @@ def test_springs_too_stiff_to_be_seen_become_rods_with_a_bound() -> None:
     assert np.all((latent.least_stiffness > 1e3) & (latent.least_stiffness < 1e5))
 
 
+def test_stiff_springs_that_nothing_blurs_are_found_though_they_swing_often_between_samples() -> None:
+    t = np.arange(0, 2.6, 1 / 15)
+    _, seen = filmed(*pendulum(1e5, 20.0), t, 0.0, 0)
+    latent = infer(t, seen)
+    assert latent.accepted
+    assert np.allclose(latent.graph.stiffness, 1e5, rtol=0.01)
+    assert np.allclose(latent.graph.damping, 20.0, rtol=0.05)
+
+
+def test_no_spring_is_left_that_pulls_nothing() -> None:
+    t = np.arange(0, 2.6, 1 / 15)
+    _, seen = filmed(*pendulum(300.0, 0.1), t, 0.0, 0)
+    latent = infer(t, seen)
+    assert latent.accepted
+    assert latent.graph.pairs.tolist() == [[0, 1], [1, 2]]
+    assert np.allclose(latent.graph.stiffness, 300.0, rtol=1e-3)
+
+
 def test_masses_without_a_pin_and_with_gaps_come_back() -> None:
     """A triangle thrown up: unequal masses and springs, no noise told, one sample in ten missing."""
     graph = springs(

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from models import integrators
 from models.integrators import EULER, IMPLICIT_MIDPOINT, METHODS, RADAU, RK4, SYMPLECTIC_EULER, Method
-from models.springs.kernels import flows
-from models.springs.system import Springs, energy, flow, motion, rate, slope, springs
+from models.springs.system import Springs, energy, fastest, flow, motion, rate, slope, springs
+from models.springs.tangents import flows
 
 Floats = NDArray[np.float64]
 
@@ -161,6 +161,21 @@ def test_slopes_are_finite_differences(scene: object) -> None:
         step[k] = 1e-5 * max(1.0, abs(inputs[k]))
         difference = (end(inputs + step) - end(inputs - step)) / (2 * step[k])
         assert np.allclose(found[:, k], difference, rtol=2e-4, atol=2e-4 * (1 + np.abs(difference).max())), k
+
+
+@pytest.mark.parametrize("scene", [pendulum, tumbling], ids=["pendulum", "tumbling"])
+def test_tangents_of_a_short_step_are_those_of_the_complex_step(scene: object) -> None:
+    """To first order in dt a state moves on by dt times the slope of its rate."""
+    graph, start = pendulum() if scene is pendulum else tumbling()
+    dt, free = 1e-7, ~np.tile(np.repeat(graph.held, 2), 2)
+    found = flow(graph, start[None], np.array([dt]), np.arange(start.size), np.array([1])).slopes[0]
+    rates = (found - np.eye(start.size))[:, free] / dt
+    assert np.allclose(rates, slope(graph, start)[:, free], rtol=1e-3, atol=1e-2)
+
+
+def test_no_swing_is_faster_than_its_bound() -> None:
+    graph, _ = pendulum(1e5, 0.0)
+    assert fastest(graph) == pytest.approx(np.sqrt(1e5 * (3 + np.sqrt(5)) / 2))
 
 
 def test_the_slope_of_the_rate_is_its_finite_difference() -> None:
