@@ -13,8 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from models.billiards.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ def kinematics_jacobian(state: Floats, tau: Floats, friction: Friction) -> tuple
     return value, slope
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _differentiate(state, tau, sliding, rolling, value, slope):  # type: ignore[no-untyped-def]
     """Fill `value` (M, 6) and `slope` (M, 6, 11) with `_follow` and its derivatives, by hand.
 
@@ -81,11 +82,17 @@ def _differentiate(state, tau, sliding, rolling, value, slope):  # type: ignore[
     """
     slid, ds = np.empty(7), np.empty((7, 11))  # x, v, slip where sliding ends, and the time left from there
     for row in range(len(tau)):
-        _slide(state[row], tau[row], sliding * GRAVITY, slid, ds)
-        _roll(slid, ds, state[row, 6], state[row, 7], rolling * GRAVITY, value[row], slope[row])
+        differentiate_one(state[row], tau[row], sliding, rolling, slid, ds, value[row], slope[row])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
+def differentiate_one(state, tau, sliding, rolling, slid, ds, value, slope):  # type: ignore[no-untyped-def]
+    """One span (8,): fill `value` (6,) and `slope` (6, 11); `slid` (7,) and `ds` (7, 11) are room to work in."""
+    _slide(state, tau, sliding * GRAVITY, slid, ds)
+    _roll(slid, ds, state[6], state[7], rolling * GRAVITY, value, slope)
+
+
+@compiled
 def _slide(s, tau, a, out, d):  # type: ignore[no-untyped-def]
     """Place, velocity, slip and the time left (7,) after sliding at `a` m/s2 for tau s at most; d (7, 11)."""
     speed = np.sqrt(s[4] * s[4] + s[5] * s[5] + _TINY_SLIP)
@@ -118,7 +125,7 @@ def _slide(s, tau, a, out, d):  # type: ignore[no-untyped-def]
         d[6, 8], d[6, 9] = 1.0, ts
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _roll(slid, ds, cx, cy, slow, out, d):  # type: ignore[no-untyped-def]
     """State (6,) after rolling at `slow` m/s2 for the time left, or until rest; d (6, 11) through `ds` (7, 11)."""
     speed = np.sqrt(slid[2] * slid[2] + slid[3] * slid[3] + _TINY_SLIP)
@@ -128,29 +135,33 @@ def _roll(slid, ds, cx, cy, slow, out, d):  # type: ignore[no-untyped-def]
     stop = speed / braking
     moves = slid[6] < stop
     t = slid[6] if moves else stop
-    h, c, dt = (hx, hy), (cx, cy), np.zeros(11)  # dt: of t, that of rest included
-    if moves:
-        dt[:] = ds[6]
-    else:
-        held = braking > 0.2 * slow
-        for j in range(2):
-            tilt = -(c[j] - along * h[j]) / speed if held else 0.0  # of braking with the velocity
-            dt += (h[j] / braking - speed / braking**2 * tilt) * ds[2 + j]
-            dt[6 + j] += speed * h[j] / braking**2 if held else 0.0
-        dt[10] -= speed * slow / braking**2 if held else stop
+    h, c, held = (hx, hy), (cx, cy), not moves and braking > 0.2 * slow
     out[4], out[5] = slid[4], slid[5]
-    d[4], d[5] = ds[4], ds[5]
     for i in range(2):
         v, a = slid[2 + i], c[i] - slow * h[i]
-        da = np.zeros(11)
-        for j in range(2):
-            da -= slow * ((i == j) - h[i] * h[j]) / speed * ds[2 + j]
-        da[6 + i] += 1.0
-        da[10] -= slow * h[i]
         out[i] = slid[i] + v * t + a * t * t / 2
-        d[i] = ds[i] + ds[2 + i] * t + (v + a * t) * dt + da * (t * t / 2)
         out[2 + i] = v + a * t if moves else 0.0
-        d[2 + i] = ds[2 + i] + da * t + a * dt if moves else np.zeros(11)
+    for k in range(11):  # loops over numbers: whole rows would take several times as long to compile
+        dt = ds[6, k]  # of t, that of rest included
+        if not moves:
+            dt = (hx * ds[2, k] + hy * ds[3, k]) / braking
+            if held:
+                tilt = ((cx - along * hx) * ds[2, k] + (cy - along * hy) * ds[3, k]) / speed  # of h c with the velocity
+                tilt += (hx if k == 6 else 0.0) + (hy if k == 7 else 0.0)
+                dt += (tilt - (slow if k == 10 else 0.0)) * speed / braking**2
+            elif k == 10:
+                dt -= stop
+        turn = (hx * ds[3, k] - hy * ds[2, k]) / speed
+        for i in range(2):
+            v, a = slid[2 + i], c[i] - slow * h[i]
+            da = slow * turn * (hy if i == 0 else -hx)
+            if k == 10:
+                da -= slow * h[i]
+            elif k == 6 + i:
+                da += 1.0
+            d[i, k] = ds[i, k] + ds[2 + i, k] * t + (v + a * t) * dt + da * (t * t / 2)
+            d[2 + i, k] = ds[2 + i, k] + da * t + a * dt if moves else 0.0
+            d[4 + i, k] = ds[4 + i, k]
 
 
 def polynomials(state: Floats, duration: float, friction: Friction) -> list[tuple[str, float, float, Floats, Floats]]:

@@ -11,12 +11,28 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.motion import STATE, kinematics_jacobian
+from models.billiards.compiled import compiled
+from models.billiards.motion import STATE, differentiate_one
 from models.effects.catalogue import prior_of
-from models.fitting.contacts import INWARD, cushion_distances
-from models.fitting.solution import SHARED, Layout, Solution
-from models.fitting.story import Contact, Span
-from models.scene import CUSHIONS, Table
+from models.fitting.skeleton import (
+    BALL,
+    CUSHION,
+    DIAMETER,
+    FREE,
+    JUMP,
+    NONE,
+    NOSE,
+    ROLLING,
+    SLIDING,
+    STRIKE,
+    Numbers,
+    Skeleton,
+    begins,
+    finishes,
+)
+from models.fitting.skeleton import RUBBER as RUBBER_COLUMN
+from models.fitting.solution import SHARED
+from models.scene import Table
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,6 +48,7 @@ _PRIORS = {
 }
 SLIDING_PRIOR, ROLLING_PRIOR, BALL_RESTITUTION, CUSHION_RESTITUTION = ((p.value, p.sigma) for p in _PRIORS.values())
 """Usual value and standard deviation: of the logarithm for friction, of the number itself for restitution."""
+E_BALL, E_BALL_SIGMA = BALL_RESTITUTION
 DIAMETER_SIGMA = 0.02
 """relative: one factor per clip on the distance of touching balls, for what the calibration misses."""
 NOSE_SIGMA = 0.004
@@ -42,6 +59,10 @@ SLIP_SIGMA = 0.7
 """slip after a strike, over the speed."""
 CONTINUITY_SIGMA = 2e-4
 """m: paths do not jump at contacts."""
+JUMP_SIGMA = 0.01
+"""s: how far a jump may move in one step."""
+SLOWEST_HIT = 0.02
+"""m/s: errors are not smaller for slower contacts."""
 TOUCH_SIGMA = 8e-4
 """m: scatter of the distance of touching balls."""
 RUBBER = np.array([CUSHION_RESTITUTION[0], 0.0, 0.5])
@@ -54,6 +75,14 @@ NOSE_SCATTER = 1.5e-3
 """m: scatter of where balls meet a nose."""
 _LONE = 5.0
 """m/s: prior standard deviation of a velocity."""
+
+
+_SHARED_SIGMA = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])
+"""Of the numbers that all spans share, in their order."""
+MOST_ROWS = 15
+"""What one contact says at most."""
+MOST_NUMBERS = 48
+"""On which one of these rows depends at most: four spans, three contacts and what all share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,238 +99,264 @@ class Rows:
     """(M + 1,) where each row begins."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Around:
-    """Where the L numbers that a law speaks of stand among the P of a fit, and in its own rows."""
-
-    columns: Ints
-    """(L,)"""
-    span: dict[int, int]
-    """First row entry of a span; contacts, globals: the same."""
-    contact: dict[int, int]
-    globals: int
+def known(bones: Skeleton, now: Numbers, frame: Numbers, table: Table) -> Rows:
+    """What physics and priors say of the numbers `now`; standard deviations that depend on speeds are of `frame`."""
+    shared = now.shared
+    usual = np.array([np.log(shared[SLIDING] / SLIDING_PRIOR[0]), np.log(shared[ROLLING] / ROLLING_PRIOR[0])])
+    usual = np.concatenate([usual, [shared[DIAMETER] - 1], shared[NOSE:RUBBER_COLUMN], shared[RUBBER_COLUMN:] - RUBBER])
+    size = np.array([table.length, table.width, table.ball_radius])
+    return Rows(*_known(bones, now, frame, size, usual / _SHARED_SIGMA))
 
 
-@dataclass(frozen=True, slots=True)
-class _Quantity:
-    """A vector (d,) and its derivatives (d, L)."""
-
-    value: Floats
-    slope: Floats
-
-    def __add__(self, other: _Quantity) -> _Quantity:
-        return _Quantity(self.value + other.value, self.slope + other.slope)
-
-    def __sub__(self, other: _Quantity) -> _Quantity:
-        return _Quantity(self.value - other.value, self.slope - other.slope)
-
-    def times(self, matrix: Floats) -> _Quantity:
-        """Left-multiplied by a constant matrix (m, d)."""
-        return _Quantity(matrix @ self.value, matrix @ self.slope)
-
-
-class Knowledge:
-    """Rows of pseudo-observations, collected one law at a time."""
-
-    def __init__(self, now: Solution, frame: Solution, plan: Layout, table: Table) -> None:
-        self.now, self.frame, self.plan, self.table = now, frame, plan, table
-        self._value: list[Floats] = []
-        self._slope: list[Floats] = []
-        self._column: list[Ints] = []
-        self._length: list[int] = []
-        self._ends = self._at_ends(now)
-        self._frame_ends = self._at_ends(frame)[0] if frame is not now else self._ends[0]
-        self._around = self._looking_at((), ())
-
-    def rows(self) -> Rows:
-        """All that was said."""
-        first = np.concatenate([[0], np.cumsum(self._length)]).astype(np.int64)
-        return Rows(
-            np.concatenate(self._value), np.concatenate(self._slope), np.concatenate(self._column), first
-        )  # fmt: skip
-
-    def contact(self, number: int) -> None:
-        """What is known about one contact."""
-        contact, spans = self.now.story.contacts[number], self.now.story.spans
-        starts = [start for k in contact.before if (start := spans[k].start) is not None]
-        self._around = self._looking_at((*contact.before, *contact.after), (number, *starts))
-        before = [self._end(k) for k in contact.before]
-        after = [self._start(k) for k in contact.after]
-        if contact.kind == "jump":
-            self._say(self._time(number), np.array([0.01]))
-            return
-        for one, two in zip(before, after, strict=True):
-            self._say(one.times(_X) - two.times(_X), np.full(2, CONTINUITY_SIGMA))
-        if contact.kind == "ball":
-            self._touch(contact, before, after)
-        elif contact.kind == "cushion":
-            self._bounce(contact, before[0], after[0])
-        elif contact.pushed:
-            self._spin_survives(after[0] - before[0], float(np.hypot(*self._state(contact.after[0])[2:4])))
-
-    def span(self, number: int) -> None:
-        """Slip, extra acceleration and velocity have priors; the slip after a ball contact is told there."""
-        span = self.now.story.spans[number]
-        if span.static:
-            return
-        self._around = self._looking_at((number,), ())
-        start = self._start(number)
-        speed = float(np.hypot(*self.frame.story.spans[number].state[2:4]))
-        self._say(start.times(_V), np.full(2, _LONE))
-        self._say(start.times(_C), np.full(2, EXTRA_SIGMA))
-        begun = None if span.start is None else self.now.story.contacts[span.start]
-        if begun is None or begun.kind in ("free", "jump") or (begun.kind == "strike" and not begun.pushed):
-            self._say(start.times(_U), np.full(2, SLIP_SIGMA * speed + 0.2))
-
-    def coefficients(self) -> None:
-        """Priors of what all spans share."""
-        self._around = self._looking_at((), ())
-        identity = np.eye(SHARED)
-        friction = self.now.friction
-        value = np.concatenate(
-            [[np.log(friction.sliding / SLIDING_PRIOR[0]), np.log(friction.rolling / ROLLING_PRIOR[0])],
-             [self.now.diameter - 1], self.now.nose, self.now.rubber - RUBBER]
-        )  # fmt: skip
-        sigma = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])
-        self._say(_Quantity(value, identity), sigma)
-
-    def _touch(self, contact: Contact, before: list[_Quantity], after: list[_Quantity]) -> None:
-        """Two balls: distance, momentum, restitution, little friction, spin that survives."""
-        apart = after[1].times(_X) - after[0].times(_X)
-        distance = float(np.hypot(*apart.value))
-        normal = apart.value / max(distance, 1e-9)
-        frame_apart = self._state(contact.after[1])[:2] - self._state(contact.after[0])[:2]
-        n = frame_apart / max(float(np.hypot(*frame_apart)), 1e-9)
-        reach = 2 * self.table.ball_radius
-        slope = normal @ apart.slope
-        slope[self._around.globals + 2] -= reach
-        self._say(_Quantity(np.array([distance - reach * self.now.diameter]), slope[None]), np.array([TOUCH_SIGMA]))
-        if contact.driven:
-            return
-        tangent = np.array([[-n[1], n[0]]])
-        changes = [two - one for one, two in zip(before, after, strict=True)]
-        closing = float((self._frame_ends[contact.before[0]][2:4] - self._frame_ends[contact.before[1]][2:4]) @ n)
-        hit = max(abs(closing), 0.02)
-        momentum = changes[0].times(_V) + changes[1].times(_V)
-        self._say(momentum, np.full(2, 0.03 * hit + 0.01))
-        back = (after[1] - after[0]).times(_V).times(n[None]) + (before[1] - before[0]).times(_V).times(
-            n[None] * BALL_RESTITUTION[0]
-        )
-        self._say(back, np.array([BALL_RESTITUTION[1] * hit + 0.01]))
-        for change in changes:
-            self._say(change.times(_V).times(tangent), np.array([0.06 * hit + 0.01]))
-            self._spin_survives(change, hit)
-
-    def _spin_survives(self, change: _Quantity, hit: float) -> None:
-        """A ball that another one hits at `hit` m/s keeps its spin: its slip changes as its velocity does."""
-        self._say(change.times(_U) - change.times(_V), np.full(2, 0.12 * hit + 0.03))
-
-    def _bounce(self, contact: Contact, before: _Quantity, after: _Quantity) -> None:
-        """A cushion: distance, restitution, some friction, spin that partly survives."""
-        side = CUSHIONS.index(contact.cushion)
-        n = INWARD[side][None]
-        tangent = np.array([[-n[0, 1], n[0, 0]]])
-        distance = cushion_distances(after.value[:2], self.table)[side] - self.table.ball_radius - self.now.nose[side]
-        slope = n @ after.times(_X).slope
-        slope[0, self._around.globals + 3 + side] -= 1
-        self._say(_Quantity(np.array([distance]), slope), np.array([NOSE_SCATTER]))
-        velocity = self._frame_ends[contact.before[0]][2:4]
-        hit, pace = max(float(-(n @ velocity)[0]), 0.02), float(np.hypot(*velocity))
-        e, slower, grip = self.now.rubber
-        column = self._around.globals + 7
-        coming, leaving = before.times(_V).times(n), after.times(_V).times(n)
-        back = leaving + coming.times(np.array([[e + slower * hit]]))
-        back.slope[0, column : column + 2] += coming.value * [1.0, hit]
-        self._say(back, np.array([RESTITUTION_SCATTER * hit + 0.02]))
-        change = after - before
-        self._say(change.times(_V).times(tangent), np.array([0.25 * pace + 0.02]))
-        turned = change.times(_U) - change.times(_V)
-        # what a nose that sticks would stop
-        stopped = before.times(_U).times(n) - coming.times(np.array([[self.frame.rubber[0]]]))
-        along = turned.times(n) + stopped.times(np.array([[grip]]))
-        along.slope[0, column + 2] += stopped.value[0]
-        self._say(along, np.array([SPIN_SCATTER * hit + 0.05 * pace + 0.03]))
-        self._say(turned.times(tangent), np.array([0.2 * hit + 0.05 * pace + 0.05]))
-
-    def _time(self, number: int) -> _Quantity:
-        """Of a contact, relative to where it stands: nothing else holds the time of a jump."""
-        slope = np.zeros((1, len(self._around.columns)))
-        slope[0, self._around.contact[number]] = 1.0
-        moved = self.now.story.contacts[number].t - self.frame.story.contacts[number].t
-        return _Quantity(np.array([moved]), slope)
-
-    def _say(self, quantity: _Quantity, sigma: Floats) -> None:
-        slope = quantity.slope / sigma[:, None]
-        row, entry = np.nonzero(slope)
-        self._value.append(quantity.value / sigma)
-        self._slope.append(slope[row, entry])
-        self._column.append(self._around.columns[entry])
-        self._length.extend(np.bincount(row, minlength=len(sigma)).tolist())
-
-    def _looking_at(self, spans: tuple[int, ...], contacts: tuple[int, ...]) -> _Around:
-        """The numbers of some spans and contacts, and those that all share."""
-        columns: list[int] = []
-        of_span, of_contact = {}, {}
-        for k in dict.fromkeys(spans):
-            of_span[k] = len(columns)
-            columns += range(self.plan.span[k], self.plan.span[k] + _size(self.now.story.spans[k]))
-        for k in dict.fromkeys(contacts):
-            of_contact[k] = len(columns)
-            columns.append(self.plan.contact + k)
-        shared = len(columns)
-        columns += range(self.plan.globals, self.plan.globals + SHARED)
-        return _Around(np.array(columns, dtype=np.int64), of_span, of_contact, shared)
-
-    def _state(self, span: int) -> Floats:
-        return self.frame.story.spans[span].state
-
-    def _start(self, span: int) -> _Quantity:
-        """State at the start (8,)."""
-        described = self.now.story.spans[span]
-        slope = np.zeros((STATE, len(self._around.columns)))
-        size, first = _size(described), self._around.span[span]
-        slope[np.arange(size), first + np.arange(size)] = 1.0
-        return _Quantity(described.state, slope)
-
-    def _end(self, span: int) -> _Quantity:
-        """State at the end (8,); the extra acceleration is of no interest there and zero."""
-        described, around = self.now.story.spans[span], self._around
-        value, slope = np.zeros(STATE), np.zeros((STATE, len(around.columns)))
-        first = around.span[span]
-        if described.static:
-            value[:2] = described.state[:2]
-            slope[[0, 1], [first, first + 1]] = 1.0
-            return _Quantity(value, slope)
-        ends, slopes, index = self._ends
-        value[:6] = ends[span]
-        local = slopes[index[span]]  # (6, 11)
-        slope[:6, first : first + STATE] = local[:, :STATE]
-        slope[:6, around.globals : around.globals + 2] = local[:, STATE + 1 :]
-        if described.end is not None:
-            slope[:6, around.contact[described.end]] += local[:, STATE]
-        if described.start is not None:
-            slope[:6, around.contact[described.start]] -= local[:, STATE]
-        return _Quantity(value, slope)
-
-    @staticmethod
-    def _at_ends(solution: Solution) -> tuple[Floats, Floats, dict[int, int]]:
-        """Position, velocity, slip (S, 6) of all spans at their ends, with Jacobians of the moving ones."""
-        story = solution.story
-        moving = [k for k, span in enumerate(story.spans) if not span.static and span.end is not None]
-        ends = np.zeros((len(story.spans), 6))
-        for k, span in enumerate(story.spans):
-            ends[k, :2] = span.state[:2]
-        if not moving:
-            return ends, np.empty((0, 6, STATE + 3)), {}
-        states = np.array([story.spans[k].state for k in moving])
-        tau = np.array([story.finish(k) - story.begin(k) for k in moving])
-        ends[moving], slopes = kinematics_jacobian(states, tau, solution.friction)
-        return ends, slopes, {k: row for row, k in enumerate(moving)}
+@compiled
+def _known(bones, now, frame, table, usual):  # type: ignore[no-untyped-def]
+    """The fields of `Rows`; `table` is its length, width and ball radius, `usual` (10,) what priors say of the shared
+    numbers."""
+    spans, contacts = len(bones.ball), len(bones.kind)
+    most = MOST_ROWS * contacts + 6 * spans + SHARED
+    told = (
+        np.empty(most), np.empty(MOST_ROWS * contacts * MOST_NUMBERS + 6 * spans + SHARED),
+        np.empty(MOST_ROWS * contacts * MOST_NUMBERS + 6 * spans + SHARED, np.int64), np.zeros(most + 1, np.int64),
+    )  # fmt: skip
+    end, slope = ends(bones, now)
+    frame_end, _ = ends(bones, frame)
+    count = 0
+    law = (
+        np.empty(MOST_ROWS), np.empty(MOST_ROWS), np.zeros((MOST_ROWS, 2, 6)), np.zeros((MOST_ROWS, 2, STATE)),
+        np.zeros((MOST_ROWS, SHARED)),
+    )  # fmt: skip
+    for contact in range(contacts):
+        rows = _contact(bones, contact, now, end, frame, frame_end, table, law)
+        count = _say_of_contact(bones, contact, rows, law, slope, told, count)
+    for span in range(spans):
+        if not bones.static[span]:
+            count = _say_of_span(bones, span, now.state[span], frame.state[span], told, count)
+    for k in range(SHARED):
+        count = _say_one(told, count, usual[k], bones.first_shared + k, 1 / _SHARED_SIGMA[k])
+    entries = told[3][count]
+    return told[0][:count].copy(), told[1][:entries].copy(), told[2][:entries].copy(), told[3][: count + 1].copy()
 
 
-def _size(span: Span) -> int:
-    """How many numbers of a span are sought."""
-    return 2 if span.static else STATE
+@compiled
+def ends(bones, numbers):  # type: ignore[no-untyped-def]
+    """Position, velocity, slip (S, 6) of spans at their ends, and the derivatives (S, 6, 11) of the moving ones."""
+    begin, finish = begins(bones, numbers.t), finishes(bones, numbers.t)
+    end, slope = np.zeros((len(begin), 6)), np.zeros((len(begin), 6, STATE + 3))
+    slid, ds = np.empty(7), np.empty((7, STATE + 3))
+    sliding, rolling = numbers.shared[SLIDING], numbers.shared[ROLLING]
+    for k in range(len(begin)):
+        if bones.static[k] or bones.end[k] == NONE:
+            end[k, :2] = numbers.state[k, :2]
+        else:
+            differentiate_one(numbers.state[k], finish[k] - begin[k], sliding, rolling, slid, ds, end[k], slope[k])
+    return end, slope
 
 
-_X, _V, _U, _C = (np.eye(STATE)[k : k + 2] for k in (0, 2, 4, 6))
+@compiled
+def _contact(bones, c, now, end, frame, frame_end, table, law):  # type: ignore[no-untyped-def]
+    """What is known about one contact, as rows of `law`: values, standard deviations, and their derivatives by the
+    ends (rows, 2, 6) and starts (rows, 2, 8) of the spans of its balls and by the shared numbers (rows, 10)."""
+    value, sigma, by_end, by_start, by_shared = law
+    by_end.fill(0.0)
+    by_start.fill(0.0)
+    by_shared.fill(0.0)
+    if bones.kind[c] == JUMP:  # nothing else holds the time of a jump
+        value[0], sigma[0] = now.t[c] - frame.t[c], JUMP_SIGMA
+        return 1
+    rows = 0
+    for ball in range(2):
+        if bones.before[c, ball] != NONE:
+            for axis in range(2):
+                by_end[rows, ball, axis], by_start[rows, ball, axis] = 1.0, -1.0
+                sigma[rows] = CONTINUITY_SIGMA
+                rows += 1
+    offset = np.zeros(MOST_ROWS)
+    if bones.kind[c] == BALL:
+        rows = _touch(bones, c, now, frame, frame_end, table, law, offset, rows)
+    elif bones.kind[c] == CUSHION:
+        rows = _bounce(bones, c, now, end, frame, frame_end, table, law, offset, rows)
+    elif bones.pushed[c]:
+        hit = np.hypot(frame.state[bones.after[c, 0], 2], frame.state[bones.after[c, 0], 3])
+        rows = _spin_survives(law, rows, 0, hit)
+    for row in range(rows):
+        value[row] = offset[row]
+        for ball in range(2):
+            if bones.before[c, ball] != NONE:
+                for k in range(6):
+                    value[row] += by_end[row, ball, k] * end[bones.before[c, ball], k]
+                for k in range(STATE):
+                    value[row] += by_start[row, ball, k] * now.state[bones.after[c, ball], k]
+    return rows
+
+
+@compiled
+def _touch(bones, c, now, frame, frame_end, table, law, offset, row):  # type: ignore[no-untyped-def]
+    """Two balls: distance, momentum, restitution, little friction, spin that survives."""
+    _, sigma, by_end, by_start, by_shared = law
+    line, reach = _line_of_centres(bones, c, now.state), 2 * table[2]
+    for axis in range(2):
+        by_start[row, 1, axis], by_start[row, 0, axis] = line[axis], -line[axis]
+    by_shared[row, DIAMETER] = -reach
+    offset[row], sigma[row] = -reach * now.shared[DIAMETER], TOUCH_SIGMA
+    row += 1
+    if bones.driven[c]:
+        return row
+    n, one, two = _line_of_centres(bones, c, frame.state), bones.before[c, 0], bones.before[c, 1]
+    closing = (frame_end[one, 2] - frame_end[two, 2]) * n[0] + (frame_end[one, 3] - frame_end[two, 3]) * n[1]
+    hit = max(abs(closing), SLOWEST_HIT)
+    for axis in range(2):  # momentum
+        for ball in range(2):
+            by_start[row, ball, 2 + axis], by_end[row, ball, 2 + axis] = 1.0, -1.0
+        sigma[row] = 0.03 * hit + 0.01
+        row += 1
+    for axis in range(2):  # restitution
+        by_start[row, 1, 2 + axis], by_start[row, 0, 2 + axis] = n[axis], -n[axis]
+        by_end[row, 1, 2 + axis], by_end[row, 0, 2 + axis] = E_BALL * n[axis], -E_BALL * n[axis]
+    sigma[row] = E_BALL_SIGMA * hit + 0.01
+    row += 1
+    for ball in range(2):
+        _change(law, row, ball, 2, (-n[1], n[0]))
+        sigma[row] = 0.06 * hit + 0.01
+        row = _spin_survives(law, row + 1, ball, hit)
+    return row
+
+
+@compiled
+def _spin_survives(law, row, ball, hit):  # type: ignore[no-untyped-def]
+    """A ball that another one hits at `hit` m/s keeps its spin: its slip changes as its velocity does."""
+    for axis in range(2):
+        _turn(law, row, ball, (1.0 - axis, 0.0 + axis))
+        law[1][row] = 0.12 * hit + 0.03
+        row += 1
+    return row
+
+
+@compiled
+def _turn(law, row, ball, along):  # type: ignore[no-untyped-def]
+    """By how much the slip of a ball changes more than its velocity does, along a direction: its spin."""
+    _change(law, row, ball, 4, along)
+    _change(law, row, ball, 2, (-along[0], -along[1]))
+
+
+@compiled
+def _change(law, row, ball, part, along):  # type: ignore[no-untyped-def]
+    """Of velocity (part 2) or slip (4) through a contact, along a direction."""
+    for axis in range(2):
+        law[3][row, ball, part + axis] += along[axis]
+        law[2][row, ball, part + axis] -= along[axis]
+
+
+@compiled
+def _bounce(bones, c, now, end, frame, frame_end, table, law, offset, row):  # type: ignore[no-untyped-def]
+    """A cushion: distance, restitution, some friction, spin that partly survives."""
+    _, sigma, by_end, by_start, by_shared = law
+    side, before = bones.side[c], bones.before[c, 0]
+    axis, inward = side // 2, 1.0 - 2.0 * (side % 2)
+    n = (inward, 0.0) if axis == 0 else (0.0, inward)
+    tangent = (-n[1], n[0])
+    by_start[row, 0, axis], by_shared[row, NOSE + side] = inward, -1.0
+    offset[row] = (table[axis] if side % 2 else 0.0) - table[2] - now.shared[NOSE + side]
+    sigma[row] = NOSE_SCATTER
+    row += 1
+    hit = max(-inward * frame_end[before, 2 + axis], SLOWEST_HIT)
+    pace = np.hypot(frame_end[before, 2], frame_end[before, 3])
+    e, slower, grip = now.shared[RUBBER_COLUMN], now.shared[RUBBER_COLUMN + 1], now.shared[RUBBER_COLUMN + 2]
+    coming = inward * end[before, 2 + axis]
+    by_start[row, 0, 2 + axis], by_end[row, 0, 2 + axis] = inward, (e + slower * hit) * inward
+    by_shared[row, RUBBER_COLUMN], by_shared[row, RUBBER_COLUMN + 1] = coming, coming * hit
+    sigma[row] = RESTITUTION_SCATTER * hit + 0.02
+    row += 1
+    _change(law, row, 0, 2, tangent)
+    sigma[row] = 0.25 * pace + 0.02
+    row += 1
+    _turn(law, row, 0, n)
+    kept = frame.shared[RUBBER_COLUMN]
+    stopped = inward * (end[before, 4 + axis] - kept * end[before, 2 + axis])  # what a nose that sticks would stop
+    by_end[row, 0, 4 + axis] += grip * inward
+    by_end[row, 0, 2 + axis] -= grip * kept * inward
+    by_shared[row, RUBBER_COLUMN + 2] = stopped
+    sigma[row] = SPIN_SCATTER * hit + 0.05 * pace + 0.03
+    row += 1
+    _turn(law, row, 0, tangent)
+    sigma[row] = 0.2 * hit + 0.05 * pace + 0.05
+    return row + 1
+
+
+@compiled
+def _line_of_centres(bones, c, state):  # type: ignore[no-untyped-def]
+    """Direction from the first ball to the second at a contact."""
+    x = state[bones.after[c, 1], 0] - state[bones.after[c, 0], 0]
+    y = state[bones.after[c, 1], 1] - state[bones.after[c, 0], 1]
+    apart = max(np.hypot(x, y), 1e-9)
+    return x / apart, y / apart
+
+
+@compiled
+def _say_of_contact(bones, c, rows, law, slope, told, count):  # type: ignore[no-untyped-def]
+    """Write down what is known of a contact, by the numbers sought; returns how many rows are told."""
+    value, sigma, by_end, by_start, by_shared = law
+    for row in range(rows):
+        told[0][count] = value[row] / sigma[row]
+        at = told[3][count]
+        shared, through = by_shared[row], 0.0
+        for ball in range(2):
+            before, after = bones.before[c, ball], bones.after[c, ball]
+            if before == NONE:
+                continue
+            if bones.static[before]:
+                for k in range(2):
+                    at = _enter(told, at, bones.column[before] + k, by_end[row, ball, k] / sigma[row])
+            else:
+                for k in range(STATE + 3):
+                    d = 0.0
+                    for j in range(6):
+                        d += by_end[row, ball, j] * slope[before, j, k]
+                    if k < STATE:
+                        at = _enter(told, at, bones.column[before] + k, d / sigma[row])
+                    elif k > STATE:
+                        shared[k - STATE - 1] += d
+                    else:  # a later contact is a longer span, a later start of it a shorter one
+                        through += d
+                        if bones.start[before] != NONE:
+                            at = _enter(told, at, bones.first_contact + bones.start[before], -d / sigma[row])
+            for k in range(2 if bones.static[after] else STATE):
+                at = _enter(told, at, bones.column[after] + k, by_start[row, ball, k] / sigma[row])
+        if bones.kind[c] == JUMP:
+            through = 1.0
+        at = _enter(told, at, bones.first_contact + c, through / sigma[row])
+        for k in range(SHARED):
+            at = _enter(told, at, bones.first_shared + k, shared[k] / sigma[row])
+        count += 1
+        told[3][count] = at
+    return count
+
+
+@compiled
+def _enter(told, at, column, slope):  # type: ignore[no-untyped-def]
+    """One derivative more, where it is not zero."""
+    if slope != 0.0:
+        told[1][at], told[2][at] = slope, column
+        at += 1
+    return at
+
+
+@compiled
+def _say_one(told, count, value, column, slope):  # type: ignore[no-untyped-def]
+    """A row that speaks of one number only."""
+    told[0][count] = value
+    told[3][count + 1] = _enter(told, told[3][count], column, slope)
+    return count + 1
+
+
+@compiled
+def _say_of_span(bones, span, state, frame_state, told, count):  # type: ignore[no-untyped-def]
+    """Slip, extra acceleration and velocity have priors; the slip after a ball contact is told there."""
+    start = bones.start[span]
+    uncaused = start == NONE or bones.kind[start] == FREE or bones.kind[start] == JUMP
+    slips = uncaused or (bones.kind[start] == STRIKE and not bones.pushed[start])
+    speed = np.hypot(frame_state[2], frame_state[3])
+    for k in range(2, STATE):
+        sigma = _LONE if k < 4 else EXTRA_SIGMA if k >= 6 else SLIP_SIGMA * speed + 0.2
+        if slips or k not in (4, 5):
+            count = _say_one(told, count, state[k] / sigma, bones.column[span] + k, 1 / sigma)
+    return count

@@ -9,13 +9,27 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
-from models.billiards.motion import STATE, Friction, kinematics_jacobian
-from models.fitting.knowledge import ROLLING_PRIOR, RUBBER, SLIDING_PRIOR, Knowledge, Rows
-from models.fitting.solution import Data, Layout, Solution, layout, owners
+from models.billiards.compiled import compiled
+from models.billiards.motion import STATE, Friction, differentiate_one
+from models.fitting.knowledge import ROLLING_PRIOR, RUBBER, SLIDING_PRIOR, Rows, known
+from models.fitting.skeleton import (
+    DIAMETER,
+    NONE,
+    ROLLING,
+    SLIDING,
+    Numbers,
+    Skeleton,
+    begins,
+    finishes,
+    numbers_of,
+    owners_among,
+    skeleton_of,
+    solution_with,
+)
+from models.fitting.solution import Data, Solution
 from models.fitting.story import Story
 from models.scene import Table
 
@@ -57,23 +71,22 @@ class _Linear:
 
 def refine(story: Story, data: Data, table: Table, iterations: int = 30, start: Solution | None = None) -> Solution:
     """Best-fitting states, contact times and coefficients for a story, without their covariance."""
-    now = start or Solution(
+    start = start or Solution(
         story, Friction(SLIDING_PRIOR[0], ROLLING_PRIOR[0]), 1.0, np.zeros(4), RUBBER.copy(), np.inf, UNKNOWN
     )
-    now = replace(now, story=story)
-    plan = layout(story)
+    bones, now = skeleton_of(story), numbers_of(start, story)
     damping, frame, settled = 1e-3, now, False
-    linear = _linearise(now, plan, data, table, frame)
+    linear = _linearise(bones, now, data, table, frame)
     for iteration in range(iterations):
         weight, cost = _robust(linear.residual, 2 * len(data.t))
-        normal, gradient = _normal(linear, weight, plan.size)
+        normal, gradient = _normal(linear, weight, bones.size)
         step = _solved(normal, -gradient, damping)
         if -float(gradient @ step) < GAIN_TO_GO_ON / 10 and frame is now:
             break
         for _ in range(8):
-            trial = _moved(now, plan, _limited(step, plan, now.story))
-            if _in_order(trial.story):
-                further = _linearise(trial, plan, data, table, frame)
+            trial = _moved(bones, now, step)
+            if _in_order(bones, trial.t):
+                further = _linearise(bones, trial, data, table, frame)
                 new_cost = _robust(further.residual, 2 * len(data.t))[1]
                 if new_cost < cost:
                     break
@@ -88,17 +101,18 @@ def refine(story: Story, data: Data, table: Table, iterations: int = 30, start: 
             break
         if settled or iteration % REFRESH == REFRESH - 1:
             frame = now  # standard deviations that depend on speeds follow
-            linear = _linearise(now, plan, data, table, frame)
-    return replace(now, chi2=_robust(linear.residual, 2 * len(data.t))[1], covariance=UNKNOWN)
+            linear = _linearise(bones, now, data, table, frame)
+    found = solution_with(start, story, now)
+    return replace(found, chi2=_robust(linear.residual, 2 * len(data.t))[1], covariance=UNKNOWN)
 
 
 def with_covariance(solution: Solution, data: Data, table: Table) -> Solution:
     """A refined solution with the covariance of all its numbers."""
-    plan = layout(solution.story)
-    linear = _linearise(solution, plan, data, table, solution)
+    bones, now = skeleton_of(solution.story), numbers_of(solution, solution.story)
+    linear = _linearise(bones, now, data, table, now)
     weight, _ = _robust(linear.residual, 2 * len(data.t))
-    normal, _ = _normal(linear, weight, plan.size)
-    return replace(solution, covariance=_solved(normal, np.eye(plan.size), 0.0))
+    normal, _ = _normal(linear, weight, bones.size)
+    return replace(solution, covariance=_solved(normal, np.eye(bones.size), 0.0))
 
 
 def _solved(normal: Floats, right: Floats, damping: float) -> Floats:
@@ -111,9 +125,11 @@ def _solved(normal: Floats, right: Floats, damping: float) -> Floats:
         raise np.linalg.LinAlgError("the normal equations of a fit hold numbers that are not finite")
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), LEAST_KNOWN))
     scaled = normal * scale * scale[:, None]
-    scaled[np.diag_indices_from(scaled)] += damping + RIDGE
-    right = right.T * scale
-    return np.asarray((cho_solve(cho_factor(scaled), right.T).T * scale).T, dtype=np.float64)
+    scaled.flat[:: len(scaled) + 1] += damping + RIDGE
+    _, found, failed = dposv(scaled.T, (right.T * scale).T, lower=1, overwrite_a=1)
+    if failed:
+        raise np.linalg.LinAlgError("the normal equations of a fit have no single solution")
+    return np.asarray((found.T * scale).T, dtype=np.float64)
 
 
 def _robust(residual: Floats, observed: int) -> tuple[Floats, float]:
@@ -136,7 +152,7 @@ def _normal(linear: _Linear, weight: Floats, size: int) -> tuple[Floats, Floats]
     return normal, gradient
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _add_known(residual, slope, column, first, normal, gradient):  # type: ignore[no-untyped-def]
     """Add what is known, see `models.fitting.knowledge.Rows`, to the normal equations."""
     for row in range(len(residual)):
@@ -146,7 +162,7 @@ def _add_known(residual, slope, column, first, normal, gradient):  # type: ignor
                 normal[column[i], column[j]] += slope[i] * slope[j]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _accumulate(slope, columns, residual, weight, normal, gradient):  # type: ignore[no-untyped-def]
     """Add what observations say, slope (K, 2, C) at columns (K, C), negative where unused, to the normal equations."""
     for k in range(slope.shape[0]):
@@ -163,95 +179,93 @@ def _accumulate(slope, columns, residual, weight, normal, gradient):  # type: ig
                         normal[row, columns[k, j]] += scaled * slope[k, axis, j]
 
 
-def _limited(step: Floats, plan: Layout, story: Story) -> Floats:
-    """No contact moves by more than 20 ms at once, nor most of the way to another one of its balls; no coefficient by
-    more than a third."""
-    limited = step.copy()
-    moves = limited[plan.contact : plan.globals]  # a view
-    np.clip(moves, -0.02, 0.02, out=moves)
-    limited[plan.globals : plan.globals + 2] = np.clip(step[plan.globals : plan.globals + 2], -0.3, 0.3)
-    while shorter := _too_near(moves, story):
-        for contact, share in shorter.items():
-            moves[contact] *= share
-    return limited
+def _moved(bones: Skeleton, now: Numbers, step: Floats) -> Numbers:
+    """The numbers after a step (P,).
+
+    No contact moves by more than 20 ms at once, nor most of the way to another one of its balls; no coefficient by
+    more than a third.
+    """
+    moves = np.clip(step[bones.first_contact : bones.first_shared], -0.02, 0.02)
+    _keep_apart(moves, bones, begins(bones, now.t), finishes(bones, now.t))
+    shared, more = now.shared.copy(), step[bones.first_shared :]
+    friction = shared[:DIAMETER] * np.exp(np.clip(more[:DIAMETER], -0.3, 0.3))
+    shared[:DIAMETER] = np.clip(friction, *np.transpose([SLIDING_RANGE, ROLLING_RANGE]))
+    shared[DIAMETER:] += more[DIAMETER:]
+    return Numbers(_stepped(bones, now.state, step), now.t + moves, shared)
 
 
-def _too_near(moves: Floats, story: Story) -> dict[int, float]:
-    """By which share the moves (C,) s of contacts have to be less, for all spans to last."""
-    shares: dict[int, float] = {}
-    for number, span in enumerate(story.spans):
-        if span.end is None:
-            continue
-        lasts = story.finish(number) - story.begin(number)
-        nearer = (0.0 if span.start is None else moves[span.start]) - moves[span.end]
-        room = max(min(NEARER * lasts, lasts - 2 * SHORTEST), 0.0)
-        if nearer > room + 1e-9:
-            for contact in (span.start, span.end):
-                if contact is not None:
-                    shares[contact] = min(shares.get(contact, 1.0), 0.9 * room / nearer)
-    return shares
+@compiled
+def _stepped(bones, state, step):  # type: ignore[no-untyped-def]
+    """States (S, 8) of spans after a step (P,)."""
+    fresh = state.copy()
+    for k in range(len(state)):
+        for i in range(2 if bones.static[k] else STATE):
+            fresh[k, i] += step[bones.column[k] + i]
+    return fresh
 
 
-def _moved(solution: Solution, plan: Layout, step: Floats) -> Solution:
-    spans = []
-    for span, first in zip(solution.story.spans, plan.span, strict=True):
-        size = 2 if span.static else STATE
-        state = span.state.copy()
-        state[:size] += step[first : first + size]
-        spans.append(replace(span, state=state))
-    contacts = tuple(replace(c, t=c.t + float(step[plan.contact + k])) for k, c in enumerate(solution.story.contacts))
-    g = step[plan.globals :]
-    friction = Friction(
-        float(np.clip(solution.friction.sliding * np.exp(g[0]), *SLIDING_RANGE)),
-        float(np.clip(solution.friction.rolling * np.exp(g[1]), *ROLLING_RANGE)),
-    )
-    return replace(
-        solution, story=Story(tuple(spans), contacts), friction=friction,
-        diameter=solution.diameter + float(g[2]), nose=solution.nose + g[3:7],
-        rubber=solution.rubber + g[7:10],
-    )  # fmt: skip
+@compiled
+def _keep_apart(moves, bones, begin, finish):  # type: ignore[no-untyped-def]
+    """Shorten the moves (C,) s of contacts until all spans last."""
+    while True:
+        share = np.ones(len(moves))
+        for k in range(len(begin)):
+            if bones.end[k] == NONE:
+                continue
+            lasts = finish[k] - begin[k]
+            nearer = -moves[bones.end[k]]
+            if bones.start[k] != NONE:
+                nearer += moves[bones.start[k]]
+            room = max(min(NEARER * lasts, lasts - 2 * SHORTEST), 0.0)
+            if nearer > room + 1e-9:
+                share[bones.end[k]] = min(share[bones.end[k]], 0.9 * room / nearer)
+                if bones.start[k] != NONE:
+                    share[bones.start[k]] = min(share[bones.start[k]], 0.9 * room / nearer)
+        if np.all(share == 1.0):
+            return
+        moves *= share
 
 
-def _in_order(story: Story) -> bool:
-    return all(story.finish(k) > story.begin(k) + SHORTEST for k in range(len(story.spans)))
+def _in_order(bones: Skeleton, t: Floats) -> bool:
+    """Do all spans last?"""
+    return bool(np.all(finishes(bones, t) > begins(bones, t) + SHORTEST))
 
 
-def _linearise(now: Solution, plan: Layout, data: Data, table: Table, frame: Solution) -> _Linear:
+def _linearise(bones: Skeleton, now: Numbers, data: Data, table: Table, frame: Numbers) -> _Linear:
     """Whitened residuals and their derivatives: observations first, then what physics and priors say.
 
     Standard deviations that depend on speeds are taken from `frame`, so that steps compare like with like.
     """
-    seen, slope, columns = _observations(now, plan, data)
-    known = Knowledge(now, frame, plan, table)
-    for number in range(len(now.story.contacts)):
-        known.contact(number)
-    for number in range(len(now.story.spans)):
-        known.span(number)
-    known.coefficients()
-    rows = known.rows()
+    seen, slope, columns = _observations(bones, now, data.ball, data.t, data.xy, data.whiten)
+    rows = known(bones, now, frame, table)
     return _Linear(np.concatenate([seen, rows.residual]), slope, columns, rows)
 
 
-def _observations(now: Solution, plan: Layout, data: Data) -> tuple[Floats, Floats, Ints]:
-    """Whitened residuals (2K,), their derivatives (K, 2, 11) and at which columns these stand (K, 11), -1 for none."""
-    story = now.story
-    owner = owners(story, data)
-    begins = np.array([story.begin(k) for k in range(len(story.spans))])
-    static = np.array([span.static for span in story.spans])[owner]
-    states = np.array([span.state for span in story.spans])[owner]
-    value = states[:, :2].copy()
-    slope = np.zeros((len(owner), 2, STATE + 3))
-    slope[static, 0, 0] = slope[static, 1, 1] = 1.0
-    runs = ~static  # most balls rest most of the time
-    moved, moved_slope = kinematics_jacobian(states[runs], (data.t - begins[owner])[runs], now.friction)
-    value[runs], slope[runs] = moved[:, :2], moved_slope[:, :2]
-    whitened = np.einsum("kij,kj->ki", data.whiten, value - data.xy)
-    slope = data.whiten @ slope
-    slope[:, :, STATE] *= -1  # a later start is a shorter time since
-    starts = np.array([-1 if span.start is None else plan.contact + span.start for span in story.spans])[owner]
-    columns = np.empty((len(owner), STATE + 3), np.int64)
-    columns[:, :STATE] = plan.span[owner, None] + np.arange(STATE)
-    columns[:, STATE] = starts
-    columns[:, STATE + 1 :] = plan.globals + np.arange(2)
-    columns[static, 2:] = -1
-    return whitened.reshape(-1), slope, columns
+@compiled
+def _observations(bones, now, ball, t, xy, whiten):  # type: ignore[no-untyped-def]
+    """Whitened residuals (2K,), their derivatives (K, 2, 11) and their columns (K, 11), NONE where there is none."""
+    begin = begins(bones, now.t)
+    owner = owners_among(bones, begin, ball, t)
+    residual, slope = np.empty(2 * len(t)), np.zeros((len(t), 2, STATE + 3))
+    columns = np.full((len(t), STATE + 3), NONE)
+    slid, ds, value, d = np.empty(7), np.empty((7, STATE + 3)), np.empty(6), np.zeros((6, STATE + 3))
+    for row in range(len(t)):
+        k, w = owner[row], whiten[row]
+        size = 2 if bones.static[k] else STATE
+        if bones.static[k]:  # most balls rest most of the time
+            value[:2], d[:2] = now.state[k, :2], 0.0
+            d[0, 0] = d[1, 1] = 1.0
+        else:
+            tau = t[row] - begin[k]
+            differentiate_one(now.state[k], tau, now.shared[SLIDING], now.shared[ROLLING], slid, ds, value, d)
+            d[:, STATE] *= -1  # a later start is a shorter time since
+            columns[row, STATE + 1], columns[row, STATE + 2] = bones.first_shared, bones.first_shared + 1
+        if bones.start[k] != NONE and not bones.static[k]:
+            columns[row, STATE] = bones.first_contact + bones.start[k]
+        for i in range(size):
+            columns[row, i] = bones.column[k] + i
+        for axis in range(2):
+            miss = value[:2] - xy[row]
+            residual[2 * row + axis] = w[axis, 0] * miss[0] + w[axis, 1] * miss[1]
+            slope[row, axis] = w[axis, 0] * d[0] + w[axis, 1] * d[1]
+    return residual, slope, columns

@@ -1,0 +1,157 @@
+"""A story as arrays, for compiled code: what a refinement leaves as it is, and the numbers that it seeks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.billiards.compiled import compiled
+from models.billiards.motion import Friction
+from models.fitting.solution import SHARED, Solution, layout
+from models.fitting.story import ContactKind, Story
+from models.scene import CUSHIONS
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+STRIKE, BALL, CUSHION, FREE, JUMP = range(5)
+"""Kinds of contacts, in the order of `ContactKind`."""
+SLIDING, ROLLING, DIAMETER, NOSE, RUBBER = 0, 1, 2, 3, 7
+"""Where the numbers that all spans share begin."""
+NONE = -1
+
+
+class Skeleton(NamedTuple):
+    """Of S spans and C contacts: which joins which, and where their P numbers stand among those sought."""
+
+    ball: Ints
+    """(S,)"""
+    static: Flags
+    """(S,)"""
+    start: Ints
+    """(S,) contact that begins a span, and `end` (S,) that ends it; NONE where there is none."""
+    end: Ints
+    t0: Floats
+    """(S,) s: where a span without a start begins."""
+    kind: Ints
+    """(C,)"""
+    before: Ints
+    """(C, 2) spans that end at a contact, and `after` (C, 2) that begin; NONE for a second ball that is not there."""
+    after: Ints
+    side: Ints
+    """(C,) which cushion; NONE for other contacts."""
+    driven: Flags
+    """(C,)"""
+    pushed: Flags
+    """(C,)"""
+    column: Ints
+    """(S,) first number of a span."""
+    first_contact: int
+    first_shared: int
+    size: int
+
+
+class Numbers(NamedTuple):
+    """What is sought."""
+
+    state: Floats
+    """(S, 8) at the starts of spans."""
+    t: Floats
+    """(C,) s of contacts."""
+    shared: Floats
+    """(10,) friction of sliding and rolling, diameter, four noses, three of the rubber."""
+
+
+def skeleton_of(story: Story) -> Skeleton:
+    """What a refinement of this story leaves as it is."""
+    spans, contacts, plan = story.spans, story.contacts, layout(story)
+    kinds = get_args(ContactKind)
+    return Skeleton(
+        np.array([span.ball for span in spans], np.int64), np.array([span.static for span in spans], np.bool_),
+        _numbered([span.start for span in spans]), _numbered([span.end for span in spans]),
+        np.array([span.t0 for span in spans], np.float64), np.array([kinds.index(c.kind) for c in contacts], np.int64),
+        _paired([c.before for c in contacts]), _paired([c.after for c in contacts]),
+        np.array([CUSHIONS.index(c.cushion) if c.kind == "cushion" else NONE for c in contacts], np.int64),
+        np.array([c.driven for c in contacts], np.bool_), np.array([c.pushed for c in contacts], np.bool_),
+        plan.span.astype(np.int64), plan.contact, plan.globals, plan.size,
+    )  # fmt: skip
+
+
+def numbers_of(solution: Solution, story: Story) -> Numbers:
+    """Where a refinement of `story` begins: its own states and times, what spans share as in the solution."""
+    friction = solution.friction
+    cloth = np.array([friction.sliding, friction.rolling, solution.diameter])
+    states = [span.state for span in story.spans]
+    return Numbers(
+        np.array(states, np.float64).reshape(-1, 8), np.array([c.t for c in story.contacts], np.float64),
+        np.concatenate([cloth, solution.nose, solution.rubber]),
+    )  # fmt: skip
+
+
+def solution_with(solution: Solution, story: Story, numbers: Numbers) -> Solution:
+    """A solution of `story` with other numbers; its chi2 and covariance are those of the old one."""
+    spans = tuple(replace(span, state=state) for span, state in zip(story.spans, numbers.state, strict=True))
+    contacts = tuple(replace(c, t=t) for c, t in zip(story.contacts, numbers.t.tolist(), strict=True))
+    shared = numbers.shared
+    return replace(
+        solution, story=Story(spans, contacts), friction=Friction(float(shared[SLIDING]), float(shared[ROLLING])),
+        diameter=float(shared[DIAMETER]), nose=shared[NOSE:RUBBER].copy(), rubber=shared[RUBBER:SHARED].copy(),
+    )  # fmt: skip
+
+
+@compiled
+def begins(bones, t):  # type: ignore[no-untyped-def]
+    """When spans begin (S,) s if contacts happen at t (C,)."""
+    at = bones.t0.copy()
+    for k in range(len(at)):
+        if bones.start[k] != NONE:
+            at[k] = t[bones.start[k]]
+    return at
+
+
+@compiled
+def finishes(bones, t):  # type: ignore[no-untyped-def]
+    """When spans end (S,) s; infinite where they run to the end of the track."""
+    at = np.full(len(bones.t0), np.inf)
+    for k in range(len(at)):
+        if bones.end[k] != NONE:
+            at[k] = t[bones.end[k]]
+    return at
+
+
+@compiled
+def owners_among(bones, begin, ball, t):  # type: ignore[no-untyped-def]
+    """Which span each observation (K,) belongs to, by time; observations are sorted by ball and time."""
+    owner = np.zeros(len(t), np.int64)
+    mine = np.empty(len(begin), np.int64)
+    row = 0
+    while row < len(t):
+        count = 0
+        for k in range(len(begin)):  # the spans of this ball, put in order as they come
+            if bones.ball[k] == ball[row]:
+                place = count
+                while place > 0 and begin[mine[place - 1]] > begin[k]:
+                    mine[place] = mine[place - 1]
+                    place -= 1
+                mine[place] = k
+                count += 1
+        this, now = ball[row], 0
+        while row < len(t) and ball[row] == this:
+            while now + 1 < count and begin[mine[now + 1]] <= t[row] + 1e-12:
+                now += 1
+            owner[row] = mine[now]
+            row += 1
+    return owner
+
+
+def _numbered(numbers: list[int | None]) -> Ints:
+    return np.array([NONE if number is None else number for number in numbers], np.int64)
+
+
+def _paired(spans: list[tuple[int, ...]]) -> Ints:
+    """Span numbers (C, 2) of one or two balls."""
+    return np.array([(*some, NONE)[:2] for some in spans], np.int64).reshape(-1, 2)
