@@ -160,7 +160,8 @@ def _unmoved(
         for one in recordings
     )
     again = diagnose(scene, poisoned, seed)
-    return (again.verdict, again.candidates, again.where) == (report.verdict, report.candidates, report.where)
+    decided = [repr((one.verdict, one.candidates, one.where)) for one in (report, again)]
+    return decided[0] == decided[1]
 
 
 def _closed(case: Case, report: Report, read: TrackFolder, drawn: dict[str, Any], folder: Path) -> dict[str, float]:

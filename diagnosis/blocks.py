@@ -166,7 +166,10 @@ def _placed(place: Floats) -> Iterator[Block]:
 
 
 def _slow(found: Residuals, groups: list[Block]) -> Iterator[tuple[Block, float, Floats]]:
-    """Per shot, body and altogether: the energy of slow waves in what is left, and of noise (DRAWS,)."""
+    """Per shot, body and altogether: the energy of slow waves in what is left, and of noise (DRAWS,).
+
+    As its cube root: an energy of few waves is far from normal, its cube root is nearly so (Wilson, Hilferty 1931).
+    """
     energy: dict[str, tuple[Block, float, Floats]] = {}
     wanted = [block for block in groups if block.family in ("all", "shot", "body", "phase")]
     for window in np.unique(found.window):
@@ -182,4 +185,4 @@ def _slow(found: Residuals, groups: list[Block]) -> Iterator[tuple[Block, float,
                     slow = Block("slow", block.label, block.here)
                     before = energy.get(block.family + block.label, (slow, 0.0, np.zeros(DRAWS)))
                     energy[block.family + block.label] = (slow, before[1] + one, before[2] + chance)
-    yield from energy.values()
+    yield from ((block, float(np.cbrt(one)), np.cbrt(chance)) for block, one, chance in energy.values())

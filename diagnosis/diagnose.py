@@ -8,20 +8,22 @@ import numpy as np
 
 from diagnosis.blocks import Structure, structure
 from diagnosis.candidates import group_of, probabilities, ranked, strengths
-from diagnosis.close import HORIZON, Ahead, Closing, closing, predict, shares, windows_ahead
+from diagnosis.close import HORIZON, Ahead, Closing, closing, foreseeable, predict, shares, windows_ahead
 from diagnosis.film_next import film_next
-from diagnosis.fitting import Fitted, Question, Seen, fit, follow, look, question_of
+from diagnosis.fitting import Fitted, Question, Seen, again, follow, look, question_of
 from diagnosis.noise import Noise, estimate_noise, with_noise
-from diagnosis.pieces import LEAST, fit_adaptively, stretches
+from diagnosis.pieces import LEAST, fit_adaptively, lengthened
 from diagnosis.residuals import Residuals, residuals
 from diagnosis.signatures import signatures
 from diagnosis.split import Split, split_shots
 from diagnosis.unknown import Doubt, doubt
 from diagnosis.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
 from diagnosis.where import places, shape
-from diagnosis.which import Hypothesis, Search, adopted, search
+from diagnosis.which import Hypothesis, Search, adopted, resumed, search
 from models.gap_scene import Floats, GapScene, Recording
 
+_RUNGS = 3
+"""how often windows grow with what was found on shorter ones."""
 _NO_GAIN = -4.0
 """chi2 that shots which chose nothing may lose before they contradict."""
 
@@ -79,49 +81,84 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
     noise = estimate_noise((*split.fit, *split.select))
     question = question_of(scene, noise.correlation)
     first, second = with_noise(split.fit, noise), with_noise(split.select, noise)
-    state = _searched(question, first)
-    best = _confirmed(question, state, second)
-    base = fit_adaptively(question, (*first, *second), guess=state.base.fitted.shared)
-    full = base
-    if best.names:
-        full = fit(question, base.pieces, best.fitted.names, best.fitted.forms, best.fitted.shared, base.starts)
+    state = _searched(question, (*first, *second))
+    best = _confirmed(question, state, first, second)
+    base, full = state.base.fitted, best.fitted
     seen, seen_full = look(question, base), look(question, full)
     left_before = residuals(question, base, seen, rng)
     left_after = residuals(question, full, seen_full, rng)
     before, after = structure(left_before), structure(left_after)
-    gains = not best.names or not second or _gain(question, second, state.base.fitted, best.fitted) > _NO_GAIN
-    ahead = _ahead(question, second or first, state.base.fitted, best.fitted, rng)
-    doubts = doubt(after, seen_full.told, base, full, ahead, gains)
+    doubts = _doubt(question, first, second, state, best, (base, full), after, seen_full, rng)
     return Study(question, noise, state, best, base, full, seen_full, left_before, left_after, before, after, doubts)
 
 
 def _searched(question: Question, recordings: tuple[Recording, ...]) -> Search:
     """Search on windows as long as the simulator allows, and again on those that the best hypothesis allows."""
     state = search(question, fit_adaptively(question, recordings))
-    best = adopted(state)
-    if not best.names or len(state.base.fitted.pieces) == len(stretches(question, recordings)):
-        return state
-    longer = fit_adaptively(question, recordings, best.fitted.names, best.fitted.forms, best.fitted.shared)
-    if len(longer.pieces) == len(state.base.fitted.pieces):
-        return state
-    return search(question, fit(question, longer.pieces, guess=state.base.fitted.shared))
+    for _ in range(_RUNGS):
+        best = adopted(state)
+        if not best.names:
+            break
+        longer = lengthened(question, recordings, best.fitted)
+        if len(longer.pieces) >= len(best.fitted.pieces):
+            break
+        state = resumed(state, Hypothesis(best.names, longer))
+    return state
+
+
+def _doubt(
+    question: Question,
+    first: tuple[Recording, ...],
+    second: tuple[Recording, ...],
+    state: Search,
+    best: Hypothesis,
+    fits: tuple[Fitted, Fitted],
+    left: Structure,
+    seen: Seen,
+    rng: np.random.Generator,
+) -> Doubt:
+    """Whether something unknown is there: what `best` leaves, and whether `second` shots gain what `first` promise."""
+    base, full = fits
+    if not best.names:
+        return doubt(left, seen.told, base, full, None, True)
+    before, after = _alone(question, first, state.base), _alone(question, first, best)
+    gains = not second or _gain(question, full, second, before, after) > _NO_GAIN
+    return doubt(left, seen.told, base, full, _ahead(question, second or first, before, after, rng), gains)
 
 
 def _ahead(
     question: Question, recordings: tuple[Recording, ...], base: Fitted, best: Fitted, rng: np.random.Generator
 ) -> Closing:
     """How much better shots that may be looked at are predicted."""
-    windows = windows_ahead(question, recordings)
-    before, after = predict(question, windows, base), predict(question, windows, best)
+    foreseen = foreseeable(question, windows_ahead(question, recordings), best, rng)
+    windows = foreseen.windows
+    before, after = (predict(question, windows, one, foreseen.starts) for one in (base, best))
     return closing(windows, before.squares, after.squares, after.floor, rng)
 
 
-def _confirmed(question: Question, state: Search, recordings: tuple[Recording, ...]) -> Hypothesis:
-    """The hypothesis adopted, without those of several effects that shots which chose nothing do not confirm."""
+def _alone(question: Question, recordings: tuple[Recording, ...], like: Hypothesis) -> Fitted:
+    """A hypothesis as some of the shots tell it."""
+    pieces, starts = _of_shots(like.fitted, recordings)
+    return again(question, pieces, like.fitted, starts)
+
+
+def _of_shots(fitted: Fitted, recordings: tuple[Recording, ...]) -> tuple[tuple[Recording, ...], tuple[Floats, ...]]:
+    """Windows of some of the shots of a fit, and their starts."""
+    shots = {one.shot for one in recordings}
+    here = [k for k, piece in enumerate(fitted.pieces) if piece.shot in shots]
+    return tuple(fitted.pieces[k] for k in here), tuple(fitted.starts[k] for k in here)
+
+
+def _confirmed(
+    question: Question, state: Search, first: tuple[Recording, ...], second: tuple[Recording, ...]
+) -> Hypothesis:
+    """The hypothesis adopted, without those of several effects that `second` shots do not confirm, all strengths as
+    the `first` ones tell them."""
     best = adopted(state)
-    while recordings and best.size > 1:
+    while second and best.size > 1:
+        whole = _alone(question, first, best)
         gains = {
-            name: _gain(question, recordings, state.tried[best.names - {name}].fitted, best.fitted)
+            name: _gain(question, best.fitted, second, _alone(question, first, state.tried[best.names - {name}]), whole)
             for name in best.names
         }
         least = min(sorted(gains), key=lambda name: gains[name])
@@ -131,12 +168,13 @@ def _confirmed(question: Question, state: Search, recordings: tuple[Recording, .
     return best
 
 
-def _gain(question: Question, recordings: tuple[Recording, ...], base: Fitted, best: Fitted) -> float:
-    """chi2 that shots which chose nothing gain from the effects, all parameters as the others told them."""
-    pieces = stretches(question, recordings)
+def _gain(question: Question, whole: Fitted, recordings: tuple[Recording, ...], base: Fitted, best: Fitted) -> float:
+    """chi2 that shots gain from the effects, all parameters as other shots told them; their windows and where states
+    are sought are those of the fit to the `whole`."""
+    pieces, starts = _of_shots(whole, recordings)
     if not pieces:
         return 0.0
-    before, after = follow(question, pieces, base), follow(question, pieces, best)
+    before, after = follow(question, pieces, base, starts), follow(question, pieces, best, starts)
     return (before.cost - after.cost) / max(best.lack, 1.0)
 
 
@@ -237,8 +275,9 @@ def _gap(
     study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator
 ) -> tuple[Gap, tuple[EffectShare, ...]]:
     question, full = study.question, study.full
-    windows = windows_ahead(question, recordings) if recordings else ()
-    before, after = predict(question, windows, study.base), predict(question, windows, full)
+    foreseen = foreseeable(question, windows_ahead(question, recordings) if recordings else (), full, rng)
+    windows = foreseen.windows
+    before, after = (predict(question, windows, one, foreseen.starts) for one in (study.base, full))
     told = closing(windows, before.squares, after.squares, after.floor, rng)
     if not study.best.names and not study.doubt.something_left:
         told = replace(told, closed=float("nan"), interval=(-1.0, 1.0), resolved=False)

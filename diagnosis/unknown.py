@@ -71,16 +71,16 @@ def agreement(told: Told, fitted: Fitted) -> float:
     return float(chi2.sf(total, free)) if free > 0 else 1.0
 
 
-def explained(base: Fitted, best: Fitted, ahead: Closing) -> float:
+def explained(base: Fitted, best: Fitted, ahead: Closing | None) -> float:
     """Share of what is systematic that the better model takes away: of the error of predictions where that is more
     than noise, else of the cost of the fit."""
-    if ahead.resolved:
+    if ahead is not None and ahead.resolved:
         return float(np.clip(ahead.closed, 0.0, 1.0))
     excess = base.cost - min(0.9 * best.observations, best.cost)  # Huber's loss of noise is a little below its count
     return 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))
 
 
-def doubt(left: Structure, told: Told, base: Fitted, best: Fitted, ahead: Closing, select_gains: bool) -> Doubt:
+def doubt(left: Structure, told: Told, base: Fitted, best: Fitted, ahead: Closing | None, select_gains: bool) -> Doubt:
     """All three signs together, of the best hypothesis on all shots that may be used."""
     share = explained(base, best, ahead) if best.names or best.forms != base.forms else 0.0
     return Doubt(left.p_value, agreement(told, best), share, select_gains)

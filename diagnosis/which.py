@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from diagnosis.fitting import Fitted, Question, Seen, fit, look
+from diagnosis.fitting import Fitted, Question, Told, fit, look
 from diagnosis.signatures import Signatures, signatures
 
 Floats = NDArray[np.float64]
@@ -27,6 +27,10 @@ TRIED = 4
 """hypotheses that are refitted at every step."""
 MOST = 3
 """effects missing at once."""
+_WORTH = 4.0
+"""chi2 that an effect beside others must promise to be refitted: a third of what it would need to be adopted."""
+_ORDERS = float(np.log(1e4))
+"""a missing effect is as likely to be of any order of magnitude, from the natural strength to a ten-thousandth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,8 @@ class Search:
     question: Question
     base: Hypothesis
     tried: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
+    told: dict[frozenset[str], Told] = field(default_factory=dict)
+    """what the data say of all parameters at the fits looked at."""
 
     def __post_init__(self) -> None:
         self.tried[self.base.names] = self.base
@@ -62,39 +68,89 @@ class Search:
         return min(one.fitted.lack for one in self.tried.values())
 
     def weigh(self, one: Hypothesis) -> float:
-        """Log of evidence times prior: each further effect halves it, sets of as many effects share it alike."""
-        fitted, priors = one.fitted, self.question.priors
-        known = np.array([prior.sigma for prior, free in zip(priors, fitted.free, strict=True) if free])
+        """Log of evidence times prior: one effect is as likely as none, each further one halves that, and sets of as
+        many effects share it alike."""
+        fitted = one.fitted
+        known, narrower = self._known(one)
         posterior = fitted.shooting.covariance / known / known[:, None] * (self.lack() / fitted.lack)
         width = float(np.linalg.slogdet(posterior)[1]) if len(known) else 0.0
-        return (
-            -0.5 * fitted.cost / self.lack() + 0.5 * width - log(comb(len(self.choices), one.size)) - one.size * log(2)
-        )
+        chosen = log(comb(len(self.choices), one.size)) + max(one.size - 1, 0) * log(2)
+        return -0.5 * fitted.cost / self.lack() + 0.5 * width - narrower - chosen
 
-    def best(self) -> Hypothesis:
-        return max(self.tried.values(), key=self.weigh)
+    def _known(self, one: Hypothesis) -> tuple[Floats, float]:
+        """Standard deviations of what was known of the free parameters, and what it costs to have chosen them.
+
+        A weak effect is no less likely than one of natural strength: the prior of each missing effect is as wide as the
+        strength that was found, which costs as much as there are orders of magnitude to choose from.
+        """
+        fitted, question = one.fitted, self.question
+        known = np.array([prior.sigma for prior in question.priors])
+        error = np.zeros(len(known))
+        error[fitted.free] = fitted.shooting.sigma
+        cost = 0.0
+        for name in fitted.names:
+            own = question.mask((name,)) & fitted.free
+            strength = (fitted.shared[own] - question.neutral[own]) / known[own]
+            scale = min(float(np.sqrt(np.mean(np.maximum(strength**2, (error[own] / known[own]) ** 2)))), 1.0)
+            cost += 0.5 * float(np.square(strength).sum()) * (1 / scale**2 - 1) + log(_ORDERS)
+            known[own] *= scale
+        return known[fitted.free], cost
+
+    def most(self) -> int:
+        """How many effects are missing, most probably: alike ones share the evidence that something is missing."""
+        sizes = {one.size for one in self.tried.values()}
+        return max(sizes, key=self.total)
+
+    def total(self, size: int) -> float:
+        """Log of evidence times prior of all sets of so many effects."""
+        return float(np.logaddexp.reduce([self.weigh(one) for one in self.tried.values() if one.size == size]))
 
 
 def search(question: Question, base: Fitted) -> Search:
     """Try hypotheses from what the simulator has until nothing more is asked for."""
     state = Search(question, Hypothesis(frozenset(), base))
-    now = state.base
-    for _ in range(MOST):
-        for names in _proposals(state, now):
-            _try(state, names, now)
-        better = max((one for one in state.tried.values() if one.size <= now.size + 1), key=state.weigh)
-        if better.size <= now.size or not needed(state, better):
-            break
-        now = better
-        _exchange(state, now)
+    _forward(state, state.base)
     return state
 
 
+def resumed(former: Search, best: Hypothesis) -> Search:
+    """The search taken up on the longer windows that the best hypothesis allows: with those that were near it, each
+    from its own strengths, and on from there."""
+    question, fitted = former.question, best.fitted
+
+    def longer(one: Hypothesis) -> Hypothesis:
+        own = one.fitted
+        return Hypothesis(one.names, fit(question, fitted.pieces, own.names, own.forms, own.shared, fitted.starts))
+
+    state = Search(question, longer(former.base))
+    state.tried[best.names] = best
+    rivals = sorted(former.tried.values(), key=former.weigh, reverse=True)
+    for one in [one for one in rivals if one.names not in state.tried][:TRIED]:
+        state.tried[one.names] = longer(one)
+    _forward(state, best)
+    return state
+
+
+def _forward(state: Search, now: Hypothesis) -> None:
+    """Larger hypotheses, one effect more at a time, as long as one is needed."""
+    while now.size < MOST:
+        for names in _proposals(state, now):
+            _try(state, names, now)
+        more = [one for one in state.tried.values() if one.size == now.size + 1]
+        better = max(more, key=state.weigh, default=now)
+        if not more or state.total(now.size + 1) <= state.total(now.size) or not needed(state, better):
+            break
+        now = better
+        _exchange(state, now)
+
+
 def adopted(state: Search) -> Hypothesis:
-    """The hypothesis of greatest evidence in which every effect is needed."""
-    for one in sorted(state.tried.values(), key=state.weigh, reverse=True):
-        if needed(state, one):
-            return one
+    """Of the most probable number of effects, the hypothesis of greatest evidence in which every effect is needed; of
+    fewer effects where there is none."""
+    for size in range(state.most(), 0, -1):
+        for one in sorted((one for one in state.tried.values() if one.size == size), key=state.weigh, reverse=True):
+            if needed(state, one):
+                return one
     return state.base
 
 
@@ -126,7 +182,9 @@ def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
     found = _signatures(state, now)
     gains = {name: _promise(state, found, (name,)) for name in state.question.candidates if name not in now.names}
     first = sorted(gains, key=lambda name: gains[name], reverse=True)[:TRIED]
+    first = [name for name in first if gains[name] > _WORTH or not now.names]
     forms = [choice.name for choice in state.question.scene.alternatives if choice.name not in now.names]
+    forms = [] if now.names and now.fitted.excess == 0 else forms  # effects that leave noise alone stand for the form
     proposals = [now.names | {name} for name in (*first, *forms)]
     if not now.names:
         pairs = sorted(combinations(gains, 2), key=lambda two: _promise(state, found, two), reverse=True)
@@ -140,8 +198,9 @@ def _beats(state: Search, found: Signatures, two: tuple[str, ...], gains: dict[s
 
 
 def _signatures(state: Search, now: Hypothesis) -> Signatures:
-    seen: Seen = look(state.question, now.fitted)
-    return signatures(state.question, seen.told, now.fitted.free)
+    if now.names not in state.told:
+        state.told[now.names] = look(state.question, now.fitted).told
+    return signatures(state.question, state.told[now.names], now.fitted.free)
 
 
 def _promise(state: Search, found: Signatures, names: tuple[str, ...]) -> float:
@@ -157,20 +216,20 @@ def _try(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
         return known
     question = state.question
     effects = tuple(name for name in question.candidates if name in names)
-    found = max(_starting_from(question, names, effects, near), key=lambda fitted: -fitted.cost)
+    found = min(_starting_from(state, names, effects, near), key=lambda fitted: fitted.cost)
     state.tried[names] = Hypothesis(names, found)
     return state.tried[names]
 
 
 def _starting_from(
-    question: Question, names: frozenset[str], effects: tuple[str, ...], near: Hypothesis
+    state: Search, names: frozenset[str], effects: tuple[str, ...], near: Hypothesis
 ) -> Iterator[Fitted]:
     """The fit from the strengths that signatures promise; per form where forms may differ from the assumed ones."""
+    question = state.question
     fresh = question.mask(effects) & ~near.fitted.free
     guess = near.fitted.shared.copy()
     if fresh.any():
-        found = signatures(question, look(question, near.fitted).told, near.fitted.free)
-        guess[fresh] += found.step(fresh)
+        guess[fresh] += _signatures(state, near).step(fresh)
     for forms in _forms(question, names):
         yield fit(question, near.fitted.pieces, effects, forms, guess, near.fitted.starts)
 

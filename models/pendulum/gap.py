@@ -13,8 +13,8 @@ from models.billiards.compiled import compiled
 from models.effects.effect import Prior
 from models.smooth_motion import Numbers, SceneEffect, SmoothScene, marcher
 
-TURNING = 0.02
-"""rad/s at which dry friction fades out."""
+TURNING = 0.004
+"""rad/s at which dry friction fades out: a rod that sticks creeps a milliradian in a quarter of a second."""
 
 _PULL = Prior("pull", "1/s2", 50.0, 1.0, True, (0.5, 5000.0))
 _VISCOUS = Prior("viscous", "1/s", 0.0, 0.2, False, (0.0, 20.0))

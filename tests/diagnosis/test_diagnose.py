@@ -108,8 +108,8 @@ def test_shots_that_report_choose_nothing() -> None:
     poisoned = diagnose(Pucks(), tuple(garbage(one) for one in shots))
     assert honest.gap.shots
     assert poisoned.verdict == honest.verdict
-    assert poisoned.candidates == honest.candidates
-    assert poisoned.where == honest.where
+    assert repr(poisoned.candidates) == repr(honest.candidates)  # not a number is not equal to itself
+    assert repr(poisoned.where) == repr(honest.where)
 
 
 def test_too_little_is_undecidable() -> None:
