@@ -50,7 +50,7 @@ def strengths(
     question: Question, fitted: Fitted, detectable: np.ndarray, names: tuple[str, ...]
 ) -> tuple[Strength, ...]:
     """The parameters of effects: as fitted where they were free, else what could have been seen of them."""
-    sigma = np.full(len(question.priors), np.nan)
+    sigma = np.full(len(question.priors), np.inf)
     sigma[fitted.free] = fitted.shooting.sigma
     chosen = np.flatnonzero(question.mask(names))
     return tuple(

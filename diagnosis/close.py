@@ -7,7 +7,7 @@ is what the right model would reach from there: the noise of the measurement, an
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from math import factorial
 
@@ -17,9 +17,10 @@ from scipy.stats import chi2
 
 from diagnosis.fitting import Fitted, Question, follow
 from diagnosis.pieces import LEAST, stretches
-from models.gap_scene import Recording
+from models.gap_scene import Eventful, Recording
 
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 START = 15
 """pictures that tell the state."""
@@ -29,6 +30,10 @@ _SHORTEST = 6
 """pictures that a state can be told from, in shots too short for START."""
 _BEYOND = 1.15
 """times the floor's squares, from which an error is more than the noise: how well the size of the noise is known."""
+_STARTS = 24
+"""starts that are drawn to see what can be foreseen."""
+_OPEN = 4.0
+"""standard deviations of the noise that predictions may differ by because of their starts."""
 _DRAWS = 2000
 _GRANTED = 0.9
 """chance up to which a start may have been off by accident."""
@@ -44,8 +49,20 @@ class Ahead:
 
 
 @dataclass(frozen=True, slots=True)
+class Foreseen:
+    """What can be predicted."""
+
+    windows: tuple[Ahead, ...]
+    starts: tuple[Floats, ...]
+    """per window (S,)."""
+
+
+@dataclass(frozen=True, slots=True)
 class Predicted:
     """All windows of the held-out shots under one model."""
+
+    starts: tuple[Floats, ...]
+    """per window (S,), as its first rows tell them."""
 
     paths: tuple[Floats, ...]
     """per window (T, N, D)."""
@@ -73,7 +90,7 @@ def windows_ahead(question: Question, recordings: tuple[Recording, ...]) -> tupl
     """Windows of the held-out shots, half a window apart."""
     found = []
     for piece in stretches(question, recordings):
-        known = min(START, max(_SHORTEST, len(piece.t) // 3))
+        known = min(_first_rows(question, piece), max(_SHORTEST, len(piece.t) // 3))
         first = 0
         while first + known + LEAST // 2 <= len(piece.t):
             end = int(np.searchsorted(piece.t, piece.t[first + known - 1] + HORIZON, side="right"))
@@ -84,25 +101,75 @@ def windows_ahead(question: Question, recordings: tuple[Recording, ...]) -> tupl
     return tuple(one for one in found if one.piece.seen[: one.known].any(axis=0).all() and _moves(one.piece))
 
 
+def _first_rows(question: Question, piece: Recording) -> int:
+    """How many pictures tell a state: half a second of them where much happens, for hidden spin shows slowly."""
+    if not isinstance(question.scene, Eventful):
+        return START
+    return int(np.searchsorted(piece.t, piece.t[0] + question.scene.calm))
+
+
 def _moves(piece: Recording) -> bool:
     """Whether anything in it moves more than the noise."""
+    return bool(_far(piece).sum() >= LEAST)
+
+
+def _far(piece: Recording) -> Mask:
+    """(T, N) where bodies are away from the middle of their places by more than the noise."""
     middle = np.nanmedian(piece.places, axis=0)
-    far = np.abs(piece.places - middle) > 5 * piece.sigma[:, :, None]
-    return bool(far.any(axis=2).sum() >= LEAST)
+    return np.asarray((np.abs(piece.places - middle) > 5 * piece.sigma[:, :, None]).any(axis=2))
 
 
-def predict(question: Question, windows: tuple[Ahead, ...], like: Fitted) -> Predicted:
-    """Predictions by the model and the parameters of a fit."""
-    told = tuple(one.piece.rows(0, one.known) for one in windows)
+def foreseeable(question: Question, windows: tuple[Ahead, ...], like: Fitted, rng: np.random.Generator) -> Foreseen:
+    """The windows without what even the better model could not foresee from their first rows, and where it starts.
+
+    Where much happens, a contact makes metres of the micrometres that a start leaves open. Starts are drawn from what
+    is known of them; a body is followed as long as they agree about it, and where it moves at all.
+    """
     if not windows:
-        return Predicted((), np.zeros(0), np.zeros(0))
-    states = follow(question, told, like)
+        return Foreseen((), ())
+    states = _told(question, windows, like, None)
+    if not isinstance(question.scene, Eventful):
+        return Foreseen(windows, states.starts)
+    found = []
+    for k, one in enumerate(windows):
+        spread = _spread(question, one.piece, like, states, k, rng)
+        lost = np.logical_or.accumulate(spread > _OPEN * np.median(one.piece.sigma), axis=0)
+        lost |= _far(one.piece).sum(axis=0) < LEAST
+        lost[: one.known] = False
+        found.append(replace(one, piece=replace(one.piece, places=np.where(lost[..., None], np.nan, one.piece.places))))
+    return Foreseen(tuple(found), states.starts)
+
+
+def _told(question: Question, windows: tuple[Ahead, ...], like: Fitted, starts: tuple[Floats, ...] | None) -> Fitted:
+    """What the first rows of the windows tell of their states."""
+    return follow(question, tuple(one.piece.rows(0, one.known) for one in windows), like, starts)
+
+
+def _spread(
+    question: Question, piece: Recording, like: Fitted, states: Fitted, window: int, rng: np.random.Generator
+) -> Floats:
+    """(T, N) m by which predictions differ that begin as a fit leaves their starts open."""
+    start, covariance = states.starts[window], states.shooting.start_covariances[window]
+    middle = question.scene.predict(piece, start, like.shared, like.forms)
+    sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    drawn = start + (rng.standard_normal((_STARTS, len(start))) * np.sqrt(np.maximum(sizes, 0.0))) @ axes.T
+    off = [question.scene.predict(piece, one, like.shared, like.forms) - middle for one in drawn]
+    return np.asarray(np.sqrt(np.square(off).sum(axis=-1).mean(axis=0)))
+
+
+def predict(
+    question: Question, windows: tuple[Ahead, ...], like: Fitted, starts: tuple[Floats, ...] | None = None
+) -> Predicted:
+    """Predictions by the model and the parameters of a fit; states are sought from `starts` where given."""
+    if not windows:
+        return Predicted((), (), np.zeros(0), np.zeros(0))
+    states = _told(question, windows, like, starts)
     paths = tuple(
         question.scene.predict(one.piece, start, like.shared, like.forms)
         for one, start in zip(windows, states.starts, strict=True)
     )
     squares = [_squares(one, path - one.piece.places) for one, path in zip(windows, paths, strict=True)]
-    return Predicted(paths, np.array(squares), _floor(question, windows, like, states, paths))
+    return Predicted(states.starts, paths, np.array(squares), _floor(question, windows, like, states, paths))
 
 
 def _squares(one: Ahead, miss: Floats) -> float:
@@ -120,7 +187,7 @@ def _floor(
     How far a start was off is seen from the whole window, later than it was told; a wrong model mistakes its own error
     for that, so that no more is granted altogether than chance allows.
     """
-    whole = follow(question, tuple(one.piece for one in windows), like)
+    whole = follow(question, tuple(one.piece for one in windows), like, states.starts)
     off, surprise, free = np.zeros(len(windows)), 0.0, 0
     for k, one in enumerate(windows):
         path = question.scene.predict(one.piece, whole.starts[k], like.shared, like.forms)

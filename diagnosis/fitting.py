@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.decorrelated import Decorrelated, chain
 from models.effects.effect import Prior
-from models.gap_scene import Beginner, GapScene, Mask, Recording, neutral_values, parameters_of
+from models.gap_scene import GapScene, Mask, Recording, neutral_values, parameters_of
 from models.shooting.attempt import Attempt, Problem, attempt, normal_blocks
 from models.shooting.elimination import solved
 from models.shooting.held import Held
@@ -125,21 +125,26 @@ def fit(
     free = question.mask((*question.scene.assumed, *names))
     values = np.where(free, [prior.value for prior in question.priors], question.neutral) if guess is None else guess
     values = np.where(free, _inside(question.priors, values), question.neutral)
-    if starts is None and isinstance(question.scene, Beginner):
-        starts, values = question.scene.begun(pieces, forms, question.priors, values, free)
     held = Held(model_of(question, pieces, forms, free), values, free, question.priors)
     found = shoot(held, values[free], _ITERATIONS, starts)
     return Fitted(pieces, names, forms, free, held.whole(found.shared), found)
 
 
-def follow(question: Question, pieces: tuple[Recording, ...], like: Fitted) -> Fitted:
+def follow(
+    question: Question, pieces: tuple[Recording, ...], like: Fitted, starts: tuple[Floats, ...] | None = None
+) -> Fitted:
     """Only the starts of other pieces fitted, all parameters kept."""
-    free = np.zeros(len(question.priors), bool)
-    held = Held(model_of(question, pieces, like.forms, free), like.shared, free, question.priors)
-    starts = None
-    if isinstance(question.scene, Beginner):
-        starts, _ = question.scene.begun(pieces, like.forms, question.priors, like.shared, free)
-    return Fitted(pieces, like.names, like.forms, free, like.shared, shoot(held, np.empty(0), _ITERATIONS, starts))
+    fixed = replace(like, free=np.zeros(len(question.priors), bool))
+    return again(question, pieces, fixed, starts)
+
+
+def again(
+    question: Question, pieces: tuple[Recording, ...], like: Fitted, starts: tuple[Floats, ...] | None = None
+) -> Fitted:
+    """The same hypothesis on other pieces, from its parameters and from `starts` where given."""
+    held = Held(model_of(question, pieces, like.forms, like.free), like.shared, like.free, question.priors)
+    found = shoot(held, like.shared[like.free], _ITERATIONS, starts)
+    return Fitted(pieces, like.names, like.forms, like.free, held.whole(found.shared), found)
 
 
 def _inside(priors: tuple[Prior, ...], values: Floats) -> Floats:

@@ -7,7 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from diagnosis.fitting import Fitted, Question, fit, model_of
-from models.gap_scene import Floats, Recording
+from diagnosis.growing import grown
+from models.gap_scene import Eventful, Floats, Recording
 from models.shooting.windows import sensitive_from
 
 LEAST = 8
@@ -40,6 +41,8 @@ def fit_adaptively(
     pieces = stretches(question, recordings)
     if not pieces:
         raise ValueError(f"a diagnosis needs shots of at least {LEAST} pictures; there is none")
+    if isinstance(question.scene, Eventful):
+        return grown(question, fit(question, _calm(pieces, question.scene.calm), names, forms, guess))
     found = _fit_whole(question, pieces, names, forms, guess)
     for _ in range(_ROUNDS):
         shorter = _shorter(question, found)
@@ -47,6 +50,18 @@ def fit_adaptively(
             break
         found = fit(question, shorter, names, forms, found.shared)
     return found
+
+
+def lengthened(question: Question, recordings: tuple[Recording, ...], like: Fitted) -> Fitted:
+    """A fit to these recordings, its windows as long as its own hypothesis allows."""
+    if isinstance(question.scene, Eventful):
+        return grown(question, like)
+    return fit_adaptively(question, recordings, like.names, like.forms, like.shared)
+
+
+def _calm(pieces: tuple[Recording, ...], span: float) -> tuple[Recording, ...]:
+    """Pieces of about `span` seconds each."""
+    return tuple(part for piece in pieces for part in _parts(piece, span))
 
 
 def _fit_whole(
@@ -61,16 +76,16 @@ def _fit_whole(
     found = fit(question, pieces, names, forms, guess)
     if found.lack < _EXPLAINS:
         return found
-    short = tuple(part for piece in pieces for part in _parts(piece))
+    short = _calm(pieces, SHORT)
     if len(short) == len(pieces):
         return found
     told = fit(question, short, names, forms, guess)
     return min((found, fit(question, pieces, names, forms, told.shared)), key=lambda one: one.cost)
 
 
-def _parts(piece: Recording) -> list[Recording]:
-    """Pieces of about SHORT seconds each."""
-    count = min(round(float(piece.t[-1] - piece.t[0]) / SHORT), len(piece.t) // LEAST)
+def _parts(piece: Recording, span: float) -> list[Recording]:
+    """Pieces of about `span` seconds each."""
+    count = min(round(float(piece.t[-1] - piece.t[0]) / span), len(piece.t) // LEAST)
     ends = np.linspace(0, len(piece.t), max(count, 1) + 1).astype(int)
     parts = [piece.rows(int(first), int(last)) for first, last in pairwise(ends)]
     return parts if all(_can_be_followed(part) for part in parts) else [piece]

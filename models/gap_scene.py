@@ -13,7 +13,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from models.effects.effect import Effect, Prior
+from models.effects.effect import Effect
 from models.shooting.windows import Model
 
 Floats = NDArray[np.float64]
@@ -146,18 +146,12 @@ class GapScene(Protocol):
 
 
 @runtime_checkable
-class Beginner(Protocol):
-    """A scene that knows better than a general search where the fit of its pieces begins."""
+class Eventful(Protocol):
+    """A scene in which so much happens that the fit of a long piece does not find its way from what is seen alone."""
 
-    def begun(
-        self,
-        pieces: tuple[Recording, ...],
-        forms: tuple[str, ...],
-        priors: tuple[Prior, ...],
-        shared: Floats,
-        free: Mask,
-    ) -> tuple[tuple[Floats, ...], Floats]:
-        """Starts of all pieces, and the parameters (P,), those that are not `free` (P,) as in `shared` (P,)."""
+    @property
+    def calm(self) -> float:
+        """s, of pieces in which a fit finds its way; longer ones grow from them."""
         ...
 
 

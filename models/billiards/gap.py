@@ -10,17 +10,15 @@ from numpy.typing import NDArray
 
 from models.billiards.beginnings import beginning, strikes
 from models.billiards.engine import BALL, FIRST, HOLE, KIND, SECOND, TIME
-from models.billiards.playing import ABSENT, NUMBERS, Laws, slips
+from models.billiards.playing import Laws, slips
 from models.billiards.run import Run
 from models.billiards.shots import Shots
 from models.billiards.stretches import Stretch
 from models.billiards.view import View
-from models.billiards.whole_fit import searched
 from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS
 from models.effects.effect import Effect, Prior
 from models.gap_scene import Alternatives, Covariates, Recording
 from models.scene import Table
-from models.shooting.shoot import ShootingOptions
 from models.time_jumps import time_jumps
 from models.tracks import Tracks
 
@@ -35,8 +33,6 @@ _CONTACT = 0.25
 """s for which what is seen is put down to a contact, even where the ball rolls again."""
 _SLIPS = 0.01
 """m/s of slip from which a ball slides."""
-_SEED = 2010
-"""of what is drawn in the search: the same recordings give the same diagnosis."""
 _RESTS = 1e-3
 """m/s below which a ball rests."""
 
@@ -68,6 +64,8 @@ class BilliardsScene:
     unit: str = "m"
     gauges: tuple[str, ...] = ("frame_rate", "time_offset", "parallax_shift")
     not_tested: tuple[str, ...] = ()
+    calm: float = 0.5
+    """s, see `models.gap_scene.Eventful`: in half a second a ball seldom touches more than one thing."""
 
     @property
     def alternatives(self) -> tuple[Alternatives, ...]:
@@ -89,23 +87,6 @@ class BilliardsScene:
         stretches = tuple(self._stretch(piece, after) for piece, after in zip(pieces, follows, strict=True))
         view = View(self.picture.middle, self.table.length / 2)
         return Shots(stretches, self.table, self._priors(), Laws(*forms), view=view, wanted=wanted)
-
-    def begun(
-        self,
-        pieces: tuple[Recording, ...],
-        forms: tuple[str, ...],
-        priors: tuple[Prior, ...],
-        shared: Floats,
-        free: Mask,
-    ) -> tuple[tuple[Floats, ...], Floats]:
-        """See `models.gap_scene.Beginner`: every shot contact by contact, then all together."""
-        fixed, found = ABSENT.copy(), shared.copy()
-        fixed[[NUMBERS.index(prior.name) for prior in priors]] = shared
-        sought = tuple(prior for prior, one in zip(priors, free, strict=True) if one)
-        model = replace(self.model(pieces, forms), unknowns=sought, fixed=fixed)
-        told = searched(model, ShootingOptions(), np.random.default_rng(_SEED), shared[free])
-        found[free] = told.shared
-        return told.starts, found
 
     def covariates(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Covariates:
         model = self.model((piece,), forms)

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 from played_shots import SIGMA, TABLE, numbers, opening
 
+from diagnosis.fitting import question_of
+from diagnosis.pieces import fit_adaptively, stretches
 from models.billiards.beginnings import beginning, strikes
 from models.billiards.gap import billiards_scene
-from models.billiards.playing import Laws, packed, played
-from models.gap_scene import Recording, neutral_values, parameters_of
+from models.billiards.playing import NUMBERS, Laws, packed, played
+from models.gap_scene import Recording, neutral_values
 
 WAIT = 20
 """pictures before the strike"""
@@ -121,18 +123,23 @@ def test_a_missing_picture_is_where_the_effect_acts() -> None:
     assert [(number, round(60 * t)) for number, t, _ in scene.jumps] == [(3, 36)]
 
 
-def test_the_fit_of_shots_begins_where_all_is_explained() -> None:
+def test_windows_grow_to_whole_shots_where_all_is_explained() -> None:
     absent = {"cushion_friction__mu": 0.0, "ball_friction__mu": 0.0}
     recordings = tuple(replace(recorded(seed, numbers(**absent), 1.5), shot=seed) for seed in (5, 4))
     scene = billiards_scene(TABLE, recordings)
-    pieces = tuple(piece for one in recordings for piece in scene.stretches(one))
-    forms = tuple(choice.assumed for choice in scene.alternatives)
-    free, values = parameters_of(scene, scene.assumed), neutral_values(scene)
-    known = [prior for effect in scene.effects for prior in effect.parameters]
-    values[free] = [prior.value for prior, one in zip(known, free, strict=True) if one]
-    starts, shared = scene.begun(pieces, forms, scene.model(pieces, forms).unknowns, values, free)
-    np.testing.assert_array_equal(shared[~free], values[~free])
-    model = scene.model(pieces, forms)
-    for k, start in enumerate(starts):
-        misfit = model.glance(k, start, shared).misfit
-        assert 0.8 < np.mean(misfit**2) < 1.2
+    found = fit_adaptively(question_of(scene, 0.0), recordings)
+    assert [piece.shot for piece in found.pieces] == [5, 4]
+    assert 0.8 < found.cost / found.observations < 1.2
+    told = dict(zip((prior.name for prior in question_of(scene, 0.0).priors), found.shared, strict=True))
+    assert abs(told["cushion_restitution.e"] - numbers()[NUMBERS.index("cushion_restitution.e")]) < 0.01
+
+
+def test_windows_stay_short_where_a_law_is_wrong() -> None:
+    recordings = tuple(replace(recorded(seed, numbers(), 1.5), shot=seed) for seed in (5, 4))
+    lossless = ("rolling_resistance", "sliding_friction", "spin_decay", "ball_restitution")
+    scene = billiards_scene(TABLE, recordings, assumed=lossless)
+    found = fit_adaptively(question_of(scene, 0.0), recordings)
+    assert len(found.pieces) > 2
+    assert sum(len(piece.t) for piece in found.pieces) == sum(
+        len(one.t) for one in stretches(question_of(scene, 0.0), recordings)
+    )

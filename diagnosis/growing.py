@@ -1,0 +1,135 @@
+"""Windows joined with those that follow them, as long as their hypothesis explains what was seen.
+
+A long window tells most of a weak effect, for what the effect does grows with time; but where much happens in little
+time, a fit of long windows that is begun from nothing ends in a wrong order of events. Short windows find their way
+from what is seen alone, and where a hypothesis explains two neighbours the first one's start is that of their union.
+Where the union is not explained the hypothesis has come to its end, and the two stay as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from diagnosis.fitting import Fitted, Question, again, follow, model_of
+from models.gap_scene import Floats, Mask, Recording
+from models.shooting.attempt import huber
+from models.shooting.windows import sensitive_from
+
+_ODD = 1.5
+"""times the cost per number of noise, or of the usual shot, from which a shot is sought once more."""
+_SURE = 1.3
+"""the same, up to which a window may be so sensitive that a worse one would not find its way."""
+_WORSE = 3.0
+"""times the cost per number of noise, or of the windows that all began with, up to which a union is explained: a small
+misfit is what a missing effect is known by, a large one follows a wrong path."""
+
+
+def grown(question: Question, fitted: Fitted) -> Fitted:
+    """The same hypothesis with windows as long as it explains; numbers that it holds fixed stay fixed."""
+    fitted, ends = _sought_anew(question, fitted), set[tuple[int, int]]()
+    usual = max(float(np.divide(*_costs(question, fitted).sum(axis=0))), 1.0)
+    while True:
+        pairs = _pairs(question, fitted, ends)
+        if not len(pairs):
+            return fitted
+        found = again(question, *_joined(fitted, pairs, fitted.starts))
+        lost = _lost(question, found, pairs, usual)
+        if lost.any():
+            ends |= {_begin(fitted.pieces[k + 1]) for k in pairs[lost]}
+            kept = pairs[~lost]
+            starts = list(fitted.starts)
+            for place, k in enumerate(pairs):
+                starts[k] = starts[k] if lost[place] else found.starts[k - place]
+            found = again(question, *_joined(fitted, kept, tuple(starts))) if len(kept) else fitted
+        fitted = found
+
+
+def _begin(piece: Recording) -> tuple[int, int]:
+    """Shot and first picture."""
+    return piece.shot, int(piece.frame[0])
+
+
+def _pairs(question: Question, fitted: Fitted, ends: set[tuple[int, int]]) -> np.ndarray:
+    """Numbers of windows that are to be joined with the next one."""
+    found: list[int] = []
+    for k in range(len(fitted.pieces) - 1):
+        one, other = fitted.pieces[k], fitted.pieces[k + 1]
+        follows = one.shot == other.shot and one.bodies == other.bodies and other.t[0] > one.t[-1]
+        if follows and _begin(other) not in ends and k - 1 not in found[-1:]:
+            found.append(k)
+    pairs = np.array(found, dtype=np.int64)
+    windows = model_of(question, _joined(fitted, pairs, fitted.starts)[0], fitted.forms, fitted.free).windows
+    alike = [windows[k - place].start.shape == fitted.starts[k].shape for place, k in enumerate(found)]
+    return pairs[np.array(alike, dtype=bool)]
+
+
+def _joined(
+    fitted: Fitted, pairs: np.ndarray, starts: tuple[Floats, ...]
+) -> tuple[tuple[Recording, ...], Fitted, tuple[Floats, ...]]:
+    """The windows, some joined with the next one, with the starts of the first of each."""
+    pieces, kept = [], []
+    for k, piece in enumerate(fitted.pieces):
+        if k - 1 in pairs:
+            continue
+        pieces.append(_union(piece, fitted.pieces[k + 1]) if k in pairs else piece)
+        kept.append(starts[k])
+    return tuple(pieces), fitted, tuple(kept)
+
+
+def _union(one: Recording, other: Recording) -> Recording:
+    return replace(
+        one,
+        frame=np.concatenate([one.frame, other.frame]),
+        t=np.concatenate([one.t, other.t]),
+        places=np.concatenate([one.places, other.places]),
+        sigma=np.concatenate([one.sigma, other.sigma]),
+    )
+
+
+def _lost(question: Question, found: Fitted, pairs: np.ndarray, usual: float) -> Mask:
+    """Which unions are not explained, at a usual cost per number, or forget their start."""
+    costs, lost = _costs(question, found), []
+    for place, k in enumerate(pairs):
+        cost, numbers = costs[k - place]
+        sure = cost <= _SURE * usual * numbers
+        lost.append(not sure and (not cost <= _WORSE * usual * numbers or _forgets(question, found, k - place)))
+    return np.array(lost, dtype=bool)
+
+
+def _sought_anew(question: Question, fitted: Fitted) -> Fitted:
+    """Shots that are explained less well than others, begun once more from what was seen: their windows may have
+    followed a wrong path under the hypothesis before."""
+    costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])
+    mean = {shot: costs[shots == shot].sum(axis=0) for shot in np.unique(shots)}
+    mean = {shot: float(cost / max(numbers, 1.0)) for shot, (cost, numbers) in mean.items()}
+    odd = np.array([mean[shot] > _ODD * max(float(np.median(list(mean.values()))), 1.0) for shot in shots])
+    if not odd.any():
+        return fitted
+    places = np.flatnonzero(odd)
+    fresh = follow(question, tuple(fitted.pieces[k] for k in places), fitted)
+    now, starts = _costs(question, fresh), list(fitted.starts)
+    for shot in np.unique(shots[odd]):
+        here = shots[places] == shot
+        if now[here, 0].sum() < costs[places[here], 0].sum():
+            for k, start in zip(places[here], np.array(fresh.starts, dtype=object)[here], strict=True):
+                starts[k] = np.asarray(start, dtype=np.float64)
+    found = again(question, fitted.pieces, fitted, tuple(starts))
+    return found if found.cost < fitted.cost else fitted
+
+
+def _costs(question: Question, fitted: Fitted) -> Floats:
+    """(W, 2) robust cost of every window, and how many numbers were seen in it."""
+    model = model_of(question, fitted.pieces, fitted.forms, np.zeros(len(question.priors), bool))
+    misfits = [model.flow(k, start, fitted.shared).misfit for k, start in enumerate(fitted.starts)]
+    return np.array([(huber(one)[1], one.size) for one in misfits], dtype=np.float64)
+
+
+def _forgets(question: Question, fitted: Fitted, window: int) -> bool:
+    """Whether a window has become too sensitive to its start before its end."""
+    piece = fitted.pieces[window]
+    model = model_of(question, fitted.pieces, fitted.forms, np.zeros(len(question.priors), bool))
+    rows, bodies = np.nonzero(piece.seen)
+    by_start = model.flow(window, fitted.starts[window], fitted.shared).by_start
+    return sensitive_from(by_start * piece.sigma[rows, bodies][:, None, None]) < len(by_start)
