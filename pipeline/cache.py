@@ -28,6 +28,8 @@ from pipeline.publish import aside, folder_aside
 
 MANIFEST = "manifest.json"
 MARK = "mark"
+LEFT_S = 60.0
+"""s after which a lone file among what is built, by which workers try a folder, is no longer looked for."""
 ROOMS = ("entries", "building", "locks", "latest")
 
 
@@ -179,8 +181,11 @@ class Cache:
     def clear_rubbish(self) -> None:
         """What dead processes left: a lock dies with its process, so that what nobody locks nobody builds."""
         for path in (self.root / "building").iterdir():
-            with suppress(Timeout), FileLock(self._lock(_key_of(path)), timeout=0):
-                shutil.rmtree(path, ignore_errors=True)
+            with suppress(Timeout, FileNotFoundError), FileLock(self._lock(_key_of(path)), timeout=0):
+                if path.is_dir():
+                    shutil.rmtree(path, ignore_errors=True)
+                elif time.time() - path.stat().st_mtime > LEFT_S:
+                    path.unlink()
 
     def _drop_unused_locks(self) -> None:
         """Lock files without an entry that nobody holds; whoever waits for one notices that it is gone."""

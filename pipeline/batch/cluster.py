@@ -20,8 +20,8 @@ from pipeline.cache import Cache
 LOOPBACK = "127.0.0.1"
 ANSWER_S = 10.0
 """s for a scheduler to answer."""
-LOOK_S = 60.0
-"""s for workers to look around: an import from a cold network disk takes many."""
+COME_S = 30.0
+"""s for the first worker to come to a scheduler that has just begun."""
 
 
 @contextmanager
@@ -71,25 +71,36 @@ def remote_client(address: str) -> Iterator[Client]:
 
 
 def check_workers(client: Client, cache: Cache, out: Path, clip: Path) -> None:
-    """OptionError unless every worker sees cache, results and clips as we do, and has our code."""
+    """OptionError unless there are workers, and each sees cache, results and clips as we do and has our code."""
+    with suppress(TimeoutError):
+        client.wait_for_workers(1, timeout=COME_S)
     if not client.nthreads():
         raise OptionError("The Dask scheduler has no worker; start one with: dask worker ADDRESS --nthreads 1")
     probe = f"probe-{uuid4().hex}"
-    ours = out / f".{probe}"
+    ours = out / f".{probe}.part"
     out.mkdir(parents=True, exist_ok=True)
     ours.touch()
     try:
         for place in client.nthreads():
             name = f"{probe}-{uuid4().hex}"
-            seen = client.run(
-                worker.look_around, str(cache.root.absolute()), str(ours.absolute()), str(clip.absolute()), name,
-                workers=[place], on_error="return",
-            )[place]  # fmt: skip
-            judge(place, seen, cache, name, out, clip)
+            seen = _ask(client, place, str(cache.root.absolute()), str(ours.absolute()), str(clip.absolute()), name)
+            if seen is not None:
+                judge(place, seen, cache, name, out, clip)
     finally:
         ours.unlink(missing_ok=True)
         for left in (cache.root / "building").glob(f"{probe}*"):
             left.unlink(missing_ok=True)
+
+
+def _ask(client: Client, place: str, *words: str) -> object | None:
+    """What a worker sees, or the error that kept it from looking; None where it is gone meanwhile."""
+    try:
+        answers = client.run(worker.look_around, *words, workers=[place], on_error="return")
+    except (OSError, ValueError, TimeoutError) as error:
+        answers = {place: error}
+    seen: object | None = answers.get(place)
+    lost = isinstance(seen, OSError | TimeoutError) and place not in client.nthreads()
+    return None if lost else seen
 
 
 def judge(place: str, seen: object, cache: Cache, probe: str, out: Path, clip: Path) -> None:
