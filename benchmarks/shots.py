@@ -7,7 +7,7 @@ pictures a second, noise of 0.3 and 1 px at 350 px to the metre. Printed per see
 is named, chi2 per degree of freedom, and (found - true) / sigma of every number; at the end, over all seeds in which
 the right law was named, the median and the root mean square of these pulls, and how many lie within 3. Nothing but the
 tracks is used: first guesses come from them. In the world of Mathavan's law the cloth under a pressed ball has a
-friction of its own, 0.21, which the law here takes from the cloth.
+friction of its own, 0.21: `cushion_cloth.factor` is this over the friction of the cloth.
 """
 
 from __future__ import annotations
@@ -25,12 +25,15 @@ from models.billiards.whole_fit import TableFit, fit_table
 
 SECONDS, SHOTS = 2.0, 3
 LAWS = ("mirror", "mathavan_2010")
+PRESSED_CLOTH_MU = 0.21
+"""of the foreign world, under a ball that a nose presses down."""
 
 
 def pulls(fitted: TableFit, effects: dict[str, dict[str, float]]) -> dict[str, float]:
     """(found - true) / sigma of every number that the data determined."""
     truth = {f"{effect}.{name}": value for effect, numbers in effects.items() for name, value in numbers.items()}
     truth |= {"ball_friction.mu": 0.0, "collision_radius.factor": 1.0}
+    truth["cushion_cloth.factor"] = PRESSED_CLOTH_MU / truth["sliding_friction.mu"]
     return {
         p.name: (p.value - truth.get(p.name, 0.0)) / p.sigma
         for p in fitted.parameters if not p.prior_only and p.name != "ball_friction.mu"

@@ -61,6 +61,22 @@ class Guess:
 
 def grown(model: Shots, shared: Floats, rng: np.random.Generator, options: ShootingOptions) -> Shooting:
     """One shot fitted to more and more of what was seen of it, begun with the numbers `shared` (P,)."""
+    now, _ = _followed(model, shared, rng, to_the_end=True)
+    return _finished(model, now, options)
+
+
+def grown_if_lawful(
+    model: Shots, shared: Floats, rng: np.random.Generator, options: ShootingOptions
+) -> Shooting | None:
+    """The same, given up (None) where not even draws explain what comes into view: a wrong law shows at the first
+    cushion, and following it to the end costs more than all that a right one does."""
+    now, lawful = _followed(model, shared, rng, to_the_end=False)
+    return _finished(model, now, options) if lawful else None
+
+
+def _followed(model: Shots, shared: Floats, rng: np.random.Generator, to_the_end: bool) -> tuple[Guess, bool]:
+    """Where a search stands once all was seen, and whether the laws explained it on the way: where not, the search goes
+    on without draws, or ends."""
     begin, last = float(model.stretches[0].t[0]), max(float(stretch.t[-1]) for stretch in model.stretches)
     now, usual = _first(model, shared)
     seen, lawful = begin, True
@@ -75,7 +91,14 @@ def grown(model: Shots, shared: Floats, rng: np.random.Generator, options: Shoot
                 found = _redrawn(told, part, before, found, rng)
                 lawful = goes_on(part, _guess(found), usual)  # draws do not mend laws that are not those of the shot
             now = _guess(found)
+            if not (lawful or to_the_end):
+                break
         seen = view
+    return now, lawful
+
+
+def _finished(model: Shots, now: Guess, options: ShootingOptions) -> Shooting:
+    """The fit to all that was seen of a shot, begun where a search stands."""
     found = shoot(model, now.shared, options, now.starts)
     tried = [shoot(model, one.shared, _FEW_STEPS, one.starts) for one in _opposites(model, found)]
     best = min([found, *tried], key=lambda one: one.cost)

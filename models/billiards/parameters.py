@@ -27,11 +27,12 @@ NAMES: tuple[str, ...] = (
     "ball_restitution.e",
     "ball_friction.mu",
     "nap.mu",
+    "cushion_cloth.factor",
 )
 """Effect and parameter, in the order of the vector, in the units of the effect."""
 
 SLIDING_MU, ROLLING_MU, SPIN_DECAY, SLOPE_X, SLOPE_Y, AIR_DRAG, VISCOUS_DRAG = range(7)
-CUSHION_E, CUSHION_E_SLOPE, CUSHION_MU, BALL_E, BALL_MU, NAP = range(7, 13)
+CUSHION_E, CUSHION_E_SLOPE, CUSHION_MU, BALL_E, BALL_MU, NAP, PRESSED_CLOTH = range(7, 14)
 
 CUSHION_LAWS = ("mirror", "han_2005", "mathavan_2010", "stronge")
 BALL_LAWS = ("elastic", "inelastic", "alciatore", "mass_spring")
@@ -41,7 +42,7 @@ _CUSHION = ("cushion_restitution.e", "cushion_restitution_speed.slope", "cushion
 USES: dict[str, tuple[str, ...]] = {
     "mirror": _CUSHION,
     "han_2005": _CUSHION,
-    "mathavan_2010": (*_CUSHION, "sliding_friction.mu"),
+    "mathavan_2010": (*_CUSHION, "sliding_friction.mu", "cushion_cloth.factor"),
     "stronge": _CUSHION,
     "elastic": (),
     "inelastic": ("ball_restitution.e", "ball_friction.mu"),
@@ -55,7 +56,7 @@ _CLOTH = tuple(name for name in NAMES if not name.startswith(("cushion", "ball")
 def neutral() -> Floats:
     """The vector (P,) of a world without effects: no friction, elastic, flat."""
     values = np.zeros(len(NAMES))
-    values[[CUSHION_E, BALL_E]] = 1.0
+    values[[CUSHION_E, BALL_E, PRESSED_CLOTH]] = 1.0
     return values
 
 

@@ -41,6 +41,7 @@ from models.billiards.parameters import (
     CUSHION_MU,
     NAMES,
     NAP,
+    PRESSED_CLOTH,
     SLIDING_MU,
     SLOPE_X,
     SLOPE_Y,
@@ -180,7 +181,7 @@ def derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, weighed, p,
 @compiled
 def felt_by_cushion(parameter, law):  # type: ignore[no-untyped-def]
     """Whether a cushion law looks at a parameter."""
-    if parameter == SLIDING_MU:
+    if parameter in (SLIDING_MU, PRESSED_CLOTH):
         return law == _MATHAVAN
     return CUSHION_E <= parameter <= CUSHION_MU
 

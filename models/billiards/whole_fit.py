@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.billiards.cushion_chains import NOSE_SIGMA
-from models.billiards.growth import grown
+from models.billiards.growth import grown, grown_if_lawful
 from models.billiards.parameters import NAMES, USES
 from models.billiards.playing import ABSENT, MOVING, NUMBERS, Laws, sizes, unpacked
 from models.billiards.shots import Shots
@@ -25,6 +25,8 @@ Mask = NDArray[np.bool_]
 
 CANDIDATES = tuple(Laws(cushion, "inelastic") for cushion in ("mirror", "han_2005", "mathavan_2010", "stronge"))
 CLOTH = ("sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate")
+PRESSED = Prior("cushion_cloth.factor", "1", 1.0, 0.3, True, (0.2, 5.0))
+"""Friction of the cloth under a ball that a nose presses down, over that of the free cloth: of no table is it known."""
 FACTOR_SIGMA = 0.01
 """of the distance at which balls touch, over two radii: what a calibration leaves open."""
 _CLEAR = 4.0
@@ -69,7 +71,9 @@ def unknowns_of(laws: Laws) -> tuple[Prior, ...]:
 
 
 def _prior(name: str) -> Prior:
-    """Of the catalogue; but balls and cushions may have no friction at all, as those of many simulators."""
+    """Of the catalogue, where it holds it; but balls and cushions may have no friction, as those of many simulators."""
+    if name == PRESSED.name:
+        return PRESSED
     prior = replace(prior_of(*name.split(".")), name=name)
     if name not in ("ball_friction.mu", "cushion_friction.mu"):
         return prior
@@ -88,9 +92,10 @@ def fit_table(
         raise ValueError(f"a fit needs shots and laws; got {len(stretches)} stretches and {len(candidates)} laws")
     asked = ShootingOptions() if options is None else options
     chance = np.random.default_rng(_SEED) if rng is None else rng
-    tried: list[tuple[Laws, Shooting]] = []
-    for laws in candidates:
-        tried.append((laws, _under(Shots(stretches, table, unknowns_of(laws), laws), tried, asked, chance)))
+    models = {laws: Shots(stretches, table, unknowns_of(laws), laws) for laws in candidates}
+    tried = _lawful(models, asked, chance) if len(models) > 1 else []
+    for laws in (one for one in candidates if one not in [other for other, _ in tried]):
+        tried.append((laws, _under(models[laws], tried, asked, chance)))
     least = max(1.0, min(found.chi2_per_dof for _, found in tried))
     ranked = sorted(tried, key=lambda one: -one[1].log_evidence)
     laws, best = ranked[0]
@@ -100,6 +105,23 @@ def fit_table(
         tuple(_by_ball(all_of, one.moving) for all_of, one in zip(best.start_covariances, stretches, strict=True)),
         tuple((one, found.log_evidence / least) for one, found in ranked),
     )  # fmt: skip
+
+
+def _lawful(
+    models: dict[Laws, Shots], options: ShootingOptions, rng: np.random.Generator
+) -> list[tuple[Laws, Shooting]]:
+    """The first laws under which the search finds its way through all shots, if any: the others can begin there."""
+    for laws, model in models.items():
+        numbers = list(dict.fromkeys(one.shot for one in model.stretches))
+        usual, alone = _usual(model), {}
+        for number in numbers:
+            found = grown_if_lawful(_only(model, [number]), usual, rng, options)
+            if found is None:
+                break
+            alone[number] = found
+        else:
+            return [(laws, _joined(model, alone, options, rng))]
+    return []
 
 
 def _under(
@@ -126,8 +148,18 @@ def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator, g
     table first, the others are sought with what those have told, and only then all are fitted.
     """
     numbers = list(dict.fromkeys(one.shot for one in model.stretches))
-    usual = np.array([prior.value for prior in model.unknowns]) if guess is None else guess
-    alone = {number: grown(_only(model, [number]), usual, rng, options) for number in numbers}
+    usual = _usual(model) if guess is None else guess
+    return _joined(model, {one: grown(_only(model, [one]), usual, rng, options) for one in numbers}, options, rng)
+
+
+def _usual(model: Shots) -> Floats:
+    """(P,) numbers that most tables have."""
+    return np.array([prior.value for prior in model.unknowns])
+
+
+def _joined(model: Shots, alone: dict[int, Shooting], options: ShootingOptions, rng: np.random.Generator) -> Shooting:
+    """All shots together, from the fit of each alone."""
+    numbers = list(alone)
     if len(numbers) == 1:
         return alone[numbers[0]]
     good = [number for number in numbers if alone[number].chi2_per_dof < _RIGHT]

@@ -25,7 +25,7 @@ every_law = pytest.mark.parametrize("name", LAWS)
 
 
 def physics(e: float = 0.85, mu: float = 0.2, cloth: float = 0.2, slope: float = 0.0) -> Floats:
-    p = np.zeros(len(parameters.NAMES))
+    p = parameters.neutral()
     p[parameters.CUSHION_E], p[parameters.CUSHION_E_SLOPE] = e, slope
     p[parameters.CUSHION_MU], p[parameters.SLIDING_MU] = mu, cloth
     return p
@@ -226,6 +226,13 @@ def test_mathavans_impulses_match_an_independent_integrator() -> None:
         coulomb = coulomb_at_both_contacts(ball, p, 0.01 * mathavan_2010.CREEP * ball[0])
         assert np.abs((after - same) * SPEEDS).max() <= 1e-6 * ball[0]
         assert np.abs((after - coulomb) * SPEEDS).max() <= 3e-4 * ball[0]
+
+
+def test_cloth_under_a_pressed_ball_rubs_by_a_factor_of_its_own() -> None:
+    ball, pressed = np.array([2.0, 0.5, 0.0, 30.0, 240.0]), physics(cloth=0.2)
+    pressed[parameters.PRESSED_CLOTH] = 1.3
+    rough = rebound("mathavan_2010", ball, physics(cloth=0.26))
+    assert np.allclose(rebound("mathavan_2010", ball, pressed), rough, rtol=1e-9)
 
 
 def test_mathavans_straight_stun_shot_has_its_closed_form() -> None:

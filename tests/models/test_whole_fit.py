@@ -9,9 +9,12 @@ import pytest
 from played_shots import SIGMA, TABLE, filmed, numbers
 
 from models.billiards.beginnings import beginning
+from models.billiards.growth import grown_if_lawful
 from models.billiards.playing import NUMBERS, Laws
+from models.billiards.shots import Shots
 from models.billiards.stretches import Stretch
 from models.billiards.whole_fit import fit_table, numbers_of, unknowns_of
+from models.shooting.shoot import ShootingOptions
 
 MIRROR, HAN = Laws("mirror", "inelastic"), Laws("han_2005", "inelastic")
 
@@ -53,3 +56,12 @@ def test_only_what_the_laws_look_at_is_sought() -> None:
 def test_nothing_to_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="0 stretches"):
         fit_table((), TABLE)
+
+
+def test_a_search_is_given_up_under_a_law_that_cannot_explain_the_shot() -> None:
+    stretches, options = seen_shots(1, MIRROR, 1), ShootingOptions()
+    for laws, explains in ((MIRROR, True), (Laws("stronge", "inelastic"), False)):
+        model = Shots(stretches, TABLE, unknowns_of(laws), laws)
+        usual = np.array([prior.value for prior in model.unknowns])
+        found = grown_if_lawful(model, usual, np.random.default_rng(0), options)
+        assert (found is not None) == explains, laws

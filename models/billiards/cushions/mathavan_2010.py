@@ -7,7 +7,8 @@ Coulomb friction. The equations of motion (those of velocity and spin per normal
 over P until the ball has stopped (compression) and then until the nose has returned e^2 of the work it took
 (restitution: Stronge's energetic coefficient).
 
-Two things are ours. The friction of a slip s is mu s / sqrt(s^2 + (CREEP vn)^2): where Coulomb's jumps at rest, this
+Three things are ours. The cloth under a ball that the nose presses down may rub more or less than the free cloth, by
+`cushion_cloth.factor`. The friction of a slip s is mu s / sqrt(s^2 + (CREEP vn)^2): where Coulomb's jumps at rest, this
 one is smooth, so that a contact sticks when its slip dies away, and the outcome has a derivative everywhere; it differs
 from Coulomb's by up to some 10 CREEP of the speed. That is stiff, so the steps are those of a linearly
 implicit Runge-Kutta method of order 4 with an error estimate (Shampine, ACM TOMS 8 (1982) 93-113,
@@ -25,7 +26,13 @@ from models.billiards import parameters
 from models.billiards.compiled import compiled
 from models.billiards.cushions.nose import COSINE, SINE, restitution
 
-USES = ("cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_friction.mu", "sliding_friction.mu")
+USES = (
+    "cushion_restitution.e",
+    "cushion_restitution_speed.slope",
+    "cushion_friction.mu",
+    "sliding_friction.mu",
+    "cushion_cloth.factor",
+)
 
 CREEP = 1e-5
 """Slip over vn at which friction reaches 70 % of mu."""
@@ -34,6 +41,7 @@ TOLERANCE = 1e-8
 
 _MU = parameters.CUSHION_MU
 _CLOTH = parameters.SLIDING_MU
+_PRESSED = parameters.PRESSED_CLOTH
 
 # Rows of the integrated vector: friction of the nose along t and k, of the cloth along n and t, P, work of the nose.
 _NT, _NK, _CN, _CT, _P, _W = range(6)
@@ -206,7 +214,7 @@ def finish(y, whole, start, nose_mu, cloth_mu, restoring, work_left, work, after
 @compiled
 def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
     """Velocity (m/s) and spin (rad/s) after the cushion, in the axes n, t, z."""
-    nose_mu, cloth_mu = p[_MU], p[_CLOTH]
+    nose_mu, cloth_mu = p[_MU], p[_CLOTH] * p[_PRESSED]
     e = restitution(vn, p)
     y, after, work = np.zeros(_SIZE, p.dtype), np.empty(_SIZE, p.dtype), np.empty((11, _SIZE), p.dtype)
     start = np.empty(4, p.dtype)
