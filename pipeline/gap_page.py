@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
-from plotly.offline import get_plotlyjs
 
 from diagnosis.verdict import Candidate, Gap, Report
+from pipeline.page import embedded, plotly_source, render
 from pipeline.publish import aside
 
 Floats = NDArray[np.float64]
@@ -23,22 +22,18 @@ BEFORE, AFTER, SEEN = "#c62828", "#0f5c42", "#55605a"
 
 def write_gap_page(report: Report, title: str, path: Path) -> None:
     """Write the page to `path`."""
-    page = Environment(
-        loader=PackageLoader("pipeline", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    ).get_template("gap.html")
+    html = render(
+        "gap.html",
+        name=title,
+        report=report,
+        sentence=gap_sentence(report),
+        closed=closed_sentence(report),
+        candidates=[_row(one) for one in report.candidates[:SHOWN]],
+        plots=_plots(report.gap),
+        plotly=plotly_source(),
+    )
     with aside(path) as target:
-        target.write_text(
-            page.render(
-                name=title,
-                report=report,
-                sentence=gap_sentence(report),
-                closed=closed_sentence(report),
-                candidates=[_row(one) for one in report.candidates[:SHOWN]],
-                plots=_plots(report.gap),
-                plotly=get_plotlyjs(),
-            ),
-            encoding="utf-8",
-        )
+        target.write_text(html, encoding="utf-8")
 
 
 def gap_sentence(report: Report) -> str:
@@ -116,7 +111,7 @@ def _plots(gap: Gap) -> list[tuple[str, str]]:
     ]
     if gap.before[0].shape[2] >= 2:
         figures.append(("Where predictions go wrong", _map(gap)))
-    return [(title, _embedded(figure, f"plot-{k}")) for k, (title, figure) in enumerate(figures)]
+    return [(title, embedded(figure, f"plot-{k}", 420)) for k, (title, figure) in enumerate(figures)]
 
 
 def _worst(gap: Gap) -> int:
@@ -182,12 +177,3 @@ def _map(gap: Gap) -> go.Figure:
     figure = go.Figure(go.Scatter(x=place[:, 0], y=place[:, 1], mode="markers", marker=marker))
     figure.update_xaxes(title="m")
     return figure.update_yaxes(scaleanchor="x", title="m")
-
-
-def _embedded(figure: go.Figure, name: str) -> str:
-    legend = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
-    margin = {"l": 60, "r": 20, "t": 40, "b": 50}
-    figure.update_layout(template="plotly_white", height=420, margin=margin, legend=legend)
-    config = {"displayModeBar": False, "responsive": True}
-    html: str = figure.to_html(full_html=False, include_plotlyjs=False, div_id=name, config=config)
-    return html

@@ -5,34 +5,41 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-import plotly.graph_objects as go
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from numpy.typing import NDArray
-from plotly.offline import get_plotlyjs
 
+from models.calls import answers
+from models.calls.answers import Call
+from models.calls.record import Record, record_of
 from models.fit import Fit
 from models.scene import Scene
 from models.tracks import Tracks
 from pipeline.embedding import data_uri, write_page
+from pipeline.page import embedded, plotly_source, render
 from pipeline.publish import aside
-from pipeline.sampling import ever_moves, sample_motion
-from pipeline.sentences import event_sentence, parameter_range
+from pipeline.report_figures import ROW_PX as PARAMETER_PX
+from pipeline.report_figures import energy_figure, page_colour, parameter_figure, plan_figure, speed_figure
+from pipeline.sentences import event_sentence, parameter_range, parameter_words
+from pipeline.story import tell
 from pipeline.verdict import run_trust
 from video.clip import Clip
-from video.palette import INK, Colour, ball_colour, mix
-
-Floats = NDArray[np.float64]
+from video.palette import ball_colour
 
 EMBED_LIMIT_BYTES = 48_000_000
 """A larger slow.mp4 is linked beside the page instead of carried in it."""
 SLOW_MARK = "slow-motion-carried-here"
 """Where the video goes in the page."""
-PLOT_HZ = 60.0
-HOVER = "%{customdata[0]:.3f} s, %{customdata[1]:.2f} m/s"
+LEAD_IN = 0.15
+"""s of the clip before a moment, from which the video plays."""
 PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
+CLOSE = 0.02
+"""m between two balls that did not touch, up to which they are called."""
+MOST_CLOSE = 6
+"""Calls of balls that came near each other."""
+GOOD_SHARE, GOOD_CHI2, GOOD_PX = 0.9, 3.0, 1.0
+"""What is explained of the motion, what is left of it, and how noisy a place may be, before a flag is raised."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +53,15 @@ class ReportFiles:
     """s of the clip at which the slow motion begins."""
 
 
+@dataclass(frozen=True, slots=True)
+class Flag:
+    """One thing that makes a run good or doubtful."""
+
+    what: str
+    value: str
+    good: bool
+
+
 def write_report(
     clip: Clip,
     scene: Scene,
@@ -57,23 +73,29 @@ def write_report(
     path: Path,
 ) -> None:
     """Write the page to `path`; `settings` are the options that reproduce the run, for its last section."""
-    colours = [_css(ball_colour(*seen)) for seen in zip(tracks.kinds, tracks.colour, strict=True)]
-    page = Environment(
-        loader=PackageLoader("pipeline", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    ).get_template("report.html")
+    colours = [page_colour(ball_colour(*seen)) for seen in zip(tracks.kinds, tracks.colour, strict=True)]
     carried = {SLOW_MARK: (files.slow, "video/mp4")} if files.slow.stat().st_size <= EMBED_LIMIT_BYTES else {}
-    html = page.render(
+    parameters = [*fit.parameters, *(fit.laws.parameters if fit.laws is not None else ())]
+    html = render(
+        "report.html",
         name=title,
         trust=run_trust(clip, fit),
+        stories=tell(tracks, fit),
         poster=data_uri(files.poster, "image/png"),
         video=SLOW_MARK if carried else files.slow.name,
-        events=_event_rows(fit, files),
-        plan=_embedded(plan_figure(scene, fit, colours), "plan"),
+        slow=files.slow_factor,
+        start=files.start,
+        events=event_rows(fit, files),
+        plan=embedded(plan_figure(scene, fit, colours), "plan", 440),
         plan_ratio=round(scene.table.width / scene.table.length, 4),
-        speeds=_embedded(speed_figure(scene, fit, colours), "speeds"),
-        plotly=get_plotlyjs(),
-        parameters=[(p, parameter_range(p.name)) for p in fit.parameters],
-        quality=_quality(clip, fit),
+        speeds=embedded(speed_figure(scene, fit, colours), "speeds", 330),
+        energies=embedded(energy_figure(scene, fit, colours), "energies", 330),
+        calls=calls_of(record_of(tracks, fit.events, fit.trajectory, scene.table, scene.camera)),
+        plotly=plotly_source(),
+        parameter_plot=_parameter_plot(fit),
+        parameters=[(p, parameter_words(p.name), parameter_range(p.name)) for p in parameters],
+        lawless=fit.lawless,
+        flags=flags_of(clip, scene, tracks, fit),
         notes=[*scene.notes, *clip.notes],
         settings=list(settings),
         versions={name: version(name) for name in PACKAGES},
@@ -83,86 +105,21 @@ def write_report(
         write_page(html, carried, fresh)
 
 
-def plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
-    """The table from above: fitted paths, balls where they come to; y runs down, as in the picture."""
-    table = scene.table
-    figure = go.Figure()
-    figure.add_shape(type="rect", x0=0, y0=0, x1=table.length, y1=table.width, line={"color": "#4b6b5d", "width": 3})
-    for x, y in table.pocket_centres:
-        r = 1.6 * table.ball_radius
-        figure.add_shape(type="circle", x0=x - r, y0=y - r, x1=x + r, y1=y + r, fillcolor="#30343a", line_width=0)
-    t, xy, speed = sample_motion(fit.trajectory, PLOT_HZ)
-    moves = ever_moves(xy, table.ball_radius)
-    for k, ball in enumerate(fit.trajectory.ids):
-        rows = np.flatnonzero(np.isfinite(xy[:, k, 0]))
-        if not len(rows):
-            continue
-        hover = np.stack([t, speed[:, k]], axis=-1)
-        for shown, mode in ((rows if moves[k] else rows[:0], "lines"), (rows[-1:], "markers")):
-            figure.add_scatter(
-                x=xy[shown, k, 0], y=xy[shown, k, 1], mode=mode, name=ball, legendgroup=ball, marker_size=10,
-                showlegend=mode == "markers", line_color=colours[k], marker_color=colours[k], customdata=hover[shown],
-                hovertemplate=f"{HOVER}<extra>{ball}</extra>",
-            )  # fmt: skip
-    events = fit.events
-    marked = [k for k in range(len(events)) if events.kind[k] not in ("rest",)]
-    figure.add_scatter(
-        x=events.xy[marked, 0], y=events.xy[marked, 1], mode="markers", name="contacts",
-        marker={"symbol": "x", "size": 8, "color": "#c2410c"},
-        text=[event_sentence(events, k) for k in marked], hovertemplate="%{text}<extra></extra>",
-    )  # fmt: skip
-    rim = 0.04 * table.length
-    figure.update_yaxes(
-        range=[table.width + rim, -rim], scaleanchor="x", constrain="domain", constraintoward="top", title="y (m)"
-    )
-    figure.update_xaxes(range=[-rim, table.length + rim], constrain="domain", title="x (m)")
-    return _styled(figure, height=440)
+def _parameter_plot(fit: Fit) -> str:
+    told = [p for p in fit.parameters if np.isfinite(p.sigma)]
+    return embedded(parameter_figure(told), "parameters", 50 + PARAMETER_PX * len(told)) if told else ""
 
 
-def speed_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
-    """Speed of every ball that moves, over the time of the source clip."""
-    figure = go.Figure()
-    t, xy, speed = sample_motion(fit.trajectory, PLOT_HZ)
-    moves = ever_moves(xy, scene.table.ball_radius)
-    for k, ball in enumerate(fit.trajectory.ids):
-        if moves[k]:
-            figure.add_scatter(x=t, y=speed[:, k], mode="lines", name=ball, line_color=colours[k])
-    for k, when in enumerate(fit.events.t):
-        if fit.events.kind[k] in ("strike", "ball", "cushion"):
-            figure.add_vline(x=float(when), line_width=1, line_dash="dot", line_color="#9ca3af")
-    figure.update_xaxes(title="time (s)")
-    figure.update_yaxes(title="speed (m/s)", rangemode="tozero")
-    return _styled(figure, height=320)
-
-
-def _css(colour: Colour) -> str:
-    """A ball's colour on a white page: darkened where it would not be seen."""
-    red, green, blue = mix(colour, INK, 0.35 if min(colour) > 150 else 0.0)
-    return f"rgb({red},{green},{blue})"
-
-
-def _styled(figure: go.Figure, height: int) -> go.Figure:
-    margin = {"l": 56, "r": 12, "t": 12, "b": 48}
-    legend = {"orientation": "h", "y": -0.22}
-    return figure.update_layout(template="plotly_white", height=height, margin=margin, legend=legend)
-
-
-def _embedded(figure: go.Figure, name: str) -> str:
-    config = {"displayModeBar": False, "responsive": True}  # the bar of buttons would cover a pocket
-    html: str = figure.to_html(full_html=False, include_plotlyjs=False, div_id=name, config=config)
-    return html
-
-
-def _event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float]]:
+def event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float]]:
     """The contact list: each row seeks the video to a little before the moment."""
     events = fit.events
-    lead_in = 0.15
     rows: list[dict[str, str | float]] = []
     for k in range(len(events)):
         gap = f"{1000 * events.gap[k]:+.1f} ± {1000 * events.gap_sigma[k]:.1f}" if np.isfinite(events.gap[k]) else ""
         rows.append(
             {
-                "seek": round(max(float(events.t[k]) - lead_in - files.start, 0.0) * files.slow_factor, 3),
+                "seek": round(max(float(events.t[k]) - LEAD_IN - files.start, 0.0) * files.slow_factor, 3),
+                "at": round(max(float(events.t[k]) - files.start, 0.0) * files.slow_factor, 3),
                 "time": f"{events.t[k]:.4f}",
                 "sigma": f"{1000 * events.t_sigma[k]:.1f}",
                 "sentence": event_sentence(events, k),
@@ -174,11 +131,60 @@ def _event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float]]:
     return rows
 
 
-def _quality(clip: Clip, fit: Fit) -> dict[str, str]:
+def calls_of(record: Record) -> list[tuple[str, Call]]:
+    """Questions and answers: what each struck ball met first, and which balls all but touched."""
+    struck = list(
+        dict.fromkeys(record.events.a[k] for k in range(len(record.events)) if record.events.kind[k] == "strike")
+    )
+    calls = [(f"first {a}", answers.first(record, a)) for a in struck if a in record.ids]
+    calls += [(f"cushion-first {a}", answers.cushion_first(record, a)) for a in struck if a in record.ids]
+    for k in range(len(record.events)):
+        if record.events.kind[k] == "pocket" and record.events.a[k] in record.ids:
+            a, pocket = record.events.a[k], record.events.b[k]
+            calls.append((f"pocket {a} {pocket}", answers.pocket(record, a, pocket)))
+    return calls + _close_calls(record)
+
+
+def _close_calls(record: Record) -> list[tuple[str, Call]]:
+    """Pairs of balls that came near each other without a contact that is sure, the nearest first."""
+    events = record.events
+    met = {frozenset((events.a[k], events.b[k])) for k in range(len(events)) if events.kind[k] == "ball"}
+    reach = 2 * record.table.ball_radius + CLOSE
+    found = []
+    for a, b in combinations(range(len(record.ids)), 2):
+        apart = np.linalg.norm(record.path[:, a] - record.path[:, b], axis=1)
+        known = apart[np.isfinite(apart)]
+        pair = (record.ids[a], record.ids[b])
+        if len(known) and known.min() < reach and np.ptp(known) > CLOSE and frozenset(pair) not in met:
+            found.append((f"contact {pair[0]} {pair[1]}", answers.contact(record, *pair)))
+    return sorted(found, key=lambda one: abs(one[1].margin))[:MOST_CLOSE]
+
+
+def flags_of(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Flag]:
+    """What the light came from, and what else may matter, each good or doubtful."""
     moving, held = int(fit.moving.sum()), int((fit.moving & fit.accepted).sum())
-    return {
-        "Pictures": f"{len(clip.distinct)} distinct of {clip.frame_count}, {float(clip.rate):.3f} per second",
-        "Moving balls explained by physics": f"{held / moving:.0%} of their time" if moving else "nothing moves",
-        "Noise of a measured position": f"{1000 * fit.noise:.2f} mm",
-        "Chi-square per degree of freedom": f"{fit.chi2_per_dof:.2f}",
-    }
+    share = held / moving if moving else 1.0
+    px = float(np.nanmedian(tracks.sigma[tracks.observed])) if tracks.observed.any() else float("nan")
+    scale = float(np.sqrt(abs(np.linalg.det(scene.camera.metres_per_pixel(_middle(scene), scene.table.ball_radius)))))
+    pictures = f"{len(clip.distinct)} distinct of {clip.frame_count}, {float(clip.rate):.3f} per second"
+    explained = f"{share:.0%} of their time" if moving else "nothing moves"
+    noise = f"{1000 * fit.noise:.2f} mm ({fit.noise / scale:.2f} px)"
+    return [
+        Flag("Clip", "whole" if not clip.notes else " ".join(clip.notes), not clip.notes),
+        Flag("Pictures", pictures, True),
+        Flag("Table", f"{scene.table.name}, {scene.table.length:g} x {scene.table.width:g} m", not scene.doubts),
+        Flag("Camera", "moves" if scene.camera.motion is not None else "stands still", scene.camera.motion is None),
+        Flag("Moving balls explained by physics", explained, share >= GOOD_SHARE),
+        Flag("Noise of a measured position", noise, fit.noise / scale <= GOOD_PX),
+        Flag("Promised noise of a detection", f"{px / scale:.2f} px (median)", True),
+        Flag("Chi-square per degree of freedom", f"{fit.chi2_per_dof:.2f}", fit.chi2_per_dof <= GOOD_CHI2),
+        Flag(
+            "Shutter clock",
+            "irregular" if fit.trajectory.clock is not None else "regular",
+            fit.trajectory.clock is None,
+        ),
+    ]
+
+
+def _middle(scene: Scene) -> np.ndarray:
+    return np.array([scene.table.length / 2, scene.table.width / 2])

@@ -9,11 +9,11 @@ from models.errors import TruerollError
 from models.events import Events
 
 TEXTBOOK = {
-    "rolling_resistance.mu": "0.005 to 0.015",
-    "sliding_friction.mu": "0.15 to 0.25",
-    "spin_decay.rate": "5 to 15",
-    "cushion_restitution.e": "0.75 to 0.98",
-    "ball_restitution.e": "0.92 to 0.98",
+    "rolling_resistance.mu": (0.005, 0.015),
+    "sliding_friction.mu": (0.15, 0.25),
+    "spin_decay.rate": (5.0, 15.0),
+    "cushion_restitution.e": (0.75, 0.98),
+    "ball_restitution.e": (0.92, 0.98),
 }
 """Usual ranges: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket Billiards, 1995."""
 
@@ -38,9 +38,21 @@ def event_time(events: Events, k: int) -> str:
     return f"{events.t[k]:.4f} s ± {1000 * events.t_sigma[k]:.1f} ms"
 
 
+def textbook_range(name: str) -> tuple[float, float] | None:
+    """The usual range of a fitted parameter; None where none is known."""
+    return TEXTBOOK.get(name)
+
+
 def parameter_range(name: str) -> str:
-    """The textbook range of a fitted parameter, empty where none is known."""
-    return TEXTBOOK.get(name, "")
+    """The textbook range of a fitted parameter in words, empty where none is known."""
+    usual = TEXTBOOK.get(name)
+    return "" if usual is None else f"{usual[0]:g} to {usual[1]:g}"
+
+
+def parameter_words(name: str) -> str:
+    """A parameter's name as words: its effect, and its letter."""
+    effect, _, letter = name.partition(".")
+    return f"{effect.replace('_', ' ')}, {letter.replace('_', ' ')}"
 
 
 def told(path: Path | str) -> str:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from pipeline.page import render
 from pipeline.publish import aside
 from pipeline.thesis.boxes import bodies
 from pipeline.thesis.figures import Drawn, boxes_series, error_over_time, errors_by_method, pendulum_series
@@ -140,10 +140,8 @@ def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], 
         for scene in SCENES
         if any(cell.scene == scene for cell in found)
     ]
-    page = Environment(
-        loader=PackageLoader("pipeline", "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    ).get_template("reproduce.html")
-    return page.render(
+    return render(
+        "reproduce.html", plotly="",
         seeds=len({trial.case.seed for trial in trials}), quick=plan.quick, effort=f"{QUICK_EFFORT:.0%}",
         seconds=f"{plan.budget.seconds:.0f}",
         done=len(trials), planned=planned, left_out=left_out(plan), scenes=scenes, notes=_notes(trials),

@@ -10,7 +10,8 @@ import made_up_shot as shot
 import numpy as np
 import pytest
 
-from pipeline.report import ReportFiles, _event_rows, plan_figure, speed_figure, write_report
+from pipeline.report import ReportFiles, event_rows, write_report
+from pipeline.report_figures import plan_figure, speed_figure
 from pipeline.sentences import event_sentence
 from pipeline.verdict import run_trust
 
@@ -46,7 +47,7 @@ def test_each_event_seeks_the_slow_motion_to_a_little_before_it(page: str) -> No
 
 def test_events_seek_where_a_slow_motion_without_its_still_beginning_shows_them() -> None:
     fit = shot.made_up_fit(np.linspace(0, 0.8, 25))
-    rows = _event_rows(fit, ReportFiles(Path("slow.mp4"), Path("poster.png"), 8.0, start=0.2))
+    rows = event_rows(fit, ReportFiles(Path("slow.mp4"), Path("poster.png"), 8.0, start=0.2))
     assert [row["seek"] for row in rows] == pytest.approx([0.0, (0.5 - 0.15 - 0.2) * 8.0])
 
 
@@ -54,7 +55,7 @@ def test_the_page_says_who_did_what_when_and_how_surely(page: str) -> None:
     assert "white hits the right cushion at 0.50 m/s" in page
     assert "0.5000 s ± 1.0 ms" in page
     assert "everything is made up" in page
-    assert "rolling_resistance.mu" in page
+    assert "rolling resistance, mu" in page
 
 
 def test_a_touch_without_a_speed_worth_saying_has_none() -> None:

@@ -1,0 +1,219 @@
+"""A shot in five answers: who hit whom first, when, how fast, what the ball did then, and how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.events import Events
+from models.fit import Fit
+from models.tracks import Tracks
+from pipeline.sentences import event_sentence, event_time
+
+Floats = NDArray[np.float64]
+
+JUST = 1e-3
+"""s before and after a contact at which a ball's velocity is told."""
+SETTLED = 0.4
+"""s after a contact at which most balls roll again, and the eye has seen where they go."""
+STANDS = 0.03
+"""m/s below which one says that a ball stands."""
+ON, BACK = 25.0, 140.0
+"""Degrees of a turn up to which a ball goes on, and from which it comes back."""
+LIKELY = 0.5
+"""Probability from which an event is told."""
+CUE_KINDS = ("cue", "white", "yellow")
+AFTERWARDS = 6
+"""Events of the ball after the contact that are told one by one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Story:
+    """One stroke; each answer is one or two sentences."""
+
+    start: float
+    """s"""
+    first: str
+    when: str
+    speed: str
+    after: str
+    sure: str
+
+
+def tell(tracks: Tracks, fit: Fit) -> list[Story]:
+    """A story for every stroke; of a clip that begins after it, for the ball that moves first."""
+    events = fit.events
+    likely = [k for k in range(len(events)) if events.probability[k] >= LIKELY]
+    strikes = [k for k in likely if events.kind[k] == "strike" and events.a[k] in fit.trajectory.ids]
+    if strikes:
+        ends = [*(float(events.t[k]) for k in strikes[1:]), np.inf]
+        return [
+            _story(fit, tracks, events.a[k], float(events.t[k]), end, likely, k)
+            for k, end in zip(strikes, ends, strict=True)
+        ]
+    begins = _first_mover(tracks, fit)
+    return [] if begins is None else [_story(fit, tracks, begins, float(tracks.t[0]), np.inf, likely, None)]
+
+
+def _first_mover(tracks: Tracks, fit: Fit) -> str | None:
+    """The ball that moves when the clip begins; a cue ball before others, then the fastest."""
+    moving = np.flatnonzero(fit.moving.any(axis=0))
+    if not len(moving):
+        return None
+    started = [int(np.argmax(fit.moving[:, k])) for k in moving]
+    first = [int(k) for k, row in zip(moving, started, strict=True) if row == min(started)]
+    cue = [k for k in first if tracks.kinds[k] in CUE_KINDS]
+    return tracks.ids[(cue or first)[0]]
+
+
+def _story(
+    fit: Fit, tracks: Tracks, ball: str, start: float, end: float, likely: list[int], strike: int | None
+) -> Story:
+    events = fit.events
+    own = [k for k in likely if start <= events.t[k] < end and ball in (events.a[k], events.b[k]) and k != strike]
+    touches = [k for k in own if events.kind[k] == "ball"]
+    struck = "" if strike is None else f" It was struck at {event_time(events, strike)}" + _left_at(events, strike)
+    if not touches:
+        begun = f"{ball} touched no other ball." + (f"{struck}." if struck else "")
+        when = event_time(events, strike) + " (the stroke)" if strike is not None else "-"
+        speed = _stroke_speed(events, strike)
+        return Story(
+            start, begun, when, speed, _told_after(fit, tracks, ball, own, start, end), _sure(fit, own, strike)
+        )
+    touch = touches[0]
+    other = events.b[touch] if events.a[touch] == ball else events.a[touch]
+    cushions = [events.b[k] for k in own if events.kind[k] == "cushion" and events.t[k] < events.t[touch]]
+    by = f", by way of the {_list(cushions)} cushion{'s' if len(cushions) > 1 else ''}" if cushions else ""
+    first = f"{ball} hit {other} first{by}.{struck}{'.' if struck else ''}"
+    when = f"{event_time(events, touch)} (picture {events.frame[touch]:.2f})"
+    if strike is not None:
+        when += f", {events.t[touch] - events.t[strike]:.3f} s after the stroke"
+    later = [k for k in own if events.t[k] > events.t[touch]]
+    after = (
+        _way_on(fit, ball, touch, own, end) + " " + _told_after(fit, tracks, ball, later, float(events.t[touch]), end)
+    )
+    return Story(start, first, when, _speeds(fit, ball, other, touch), after, _sure(fit, own, touch))
+
+
+def _left_at(events: Events, k: int) -> str:
+    return f" and left at {events.speed[k]:.2f} m/s" if np.isfinite(events.speed[k]) else ""
+
+
+def _stroke_speed(events: Events, k: int | None) -> str:
+    if k is None or not np.isfinite(events.speed[k]):
+        return "-"
+    return f"{events.speed[k]:.2f} m/s after the stroke"
+
+
+def _speeds(fit: Fit, ball: str, other: str, touch: int) -> str:
+    """How fast they closed, and how fast the ball came and the other left."""
+    events, ids = fit.events, fit.trajectory.ids
+    t = float(events.t[touch])
+    before, after = fit.trajectory.at(np.array([t - JUST, t + JUST])).v, fit.trajectory.at(t - JUST).sigma_v
+    came = float(np.linalg.norm(before[0, ids.index(ball)]))
+    sigma = float(after[ids.index(ball)])
+    left = float(np.linalg.norm(before[1, ids.index(other)])) if other in ids else float("nan")
+    parts = []
+    if np.isfinite(events.speed[touch]):
+        parts.append(f"They closed at {events.speed[touch]:.2f} m/s along the line of their centres")
+    if np.isfinite(came):
+        parts.append(f"{ball} came at {came:.2f} ± {sigma:.3f} m/s")
+    if np.isfinite(left):
+        parts.append(f"{other} left at {left:.2f} m/s")
+    return "; ".join(parts) + "." if parts else "not known"
+
+
+def _way_on(fit: Fit, ball: str, touch: int, own: list[int], end: float) -> str:
+    """Where the ball went, once it rolled or met the next thing."""
+    events, ids = fit.events, fit.trajectory.ids
+    t, k = float(events.t[touch]), ids.index(ball)
+    ahead = [float(events.t[j]) for j in own if events.t[j] > t + JUST]
+    look = min(t + SETTLED, *(ahead[:1] or [np.inf]), end) - JUST
+    known = fit.trajectory.at(np.array([t - JUST, t + JUST, look])).v[:, k]
+    before, later = known[0], known[2]
+    if not np.isfinite(known).all():
+        return f"Where {ball} went is not known."
+    speeds = np.linalg.norm(known, axis=1)
+    if speeds[2] < STANDS:
+        return f"{ball} stopped where it was ({speeds[2]:.2f} m/s {look - t:.2f} s later)."
+    angle = _turn(before, later)
+    side = "right" if angle > 0 else "left"  # y runs down: a positive angle turns clockwise as seen from above
+    if abs(angle) < ON:
+        course = f"went on in its old direction ({abs(angle):.0f}° to the {side})"
+    elif abs(angle) > BACK:
+        course = "came back"
+    else:
+        course = f"went off {abs(angle):.0f}° to the {side} of its old way"
+    slow = f"all but stopped ({speeds[1]:.2f} m/s), then " if speeds[1] < 0.5 * speeds[2] else ""
+    return f"{ball} {slow}{course}, at {speeds[2]:.2f} m/s {look - t:.2f} s later."
+
+
+def _turn(before: Floats, later: Floats) -> float:
+    """Degrees from one velocity (2,) to another; clockwise, as seen from above, above 0."""
+    cross = before[0] * later[1] - before[1] * later[0]
+    return float(np.degrees(np.arctan2(cross, before @ later)))
+
+
+def _told_after(fit: Fit, tracks: Tracks, ball: str, later: list[int], start: float, end: float) -> str:
+    """What the ball met then, and where it ended."""
+    events = fit.events
+    met = [k for k in later if events.kind[k] in ("ball", "cushion")]
+    told = [f"{_met(events, k, ball)} at {events.t[k]:.3f} s" for k in met[:AFTERWARDS]]
+    more = f" and {len(met) - AFTERWARDS} more" if len(met) > AFTERWARDS else ""
+    then = f"Then it met {_list(told)}{more}. " if told else "It met nothing more. " if start > 0 else ""
+    for k in later:
+        if events.kind[k] == "pocket":
+            return then + f"It fell into the {events.b[k]} pocket at {event_time(events, k)}."
+    return then + _end(fit, tracks, ball, min(end, float(tracks.t[-1])), later)
+
+
+def _end(fit: Fit, tracks: Tracks, ball: str, t: float, later: list[int]) -> str:
+    events = fit.events
+    state = fit.trajectory.at(t - JUST)
+    k = fit.trajectory.ids.index(ball)
+    if not np.isfinite(state.xy[k]).all():
+        return "How it ended is not known."
+    place = f"({state.xy[k, 0]:.3f}, {state.xy[k, 1]:.3f}) m"
+    speed = float(np.linalg.norm(state.v[k]))
+    rests = [j for j in later if events.kind[j] == "rest"]
+    if rests:
+        return f"It came to rest at {events.t[rests[-1]]:.2f} s at {place}."
+    if speed < STANDS:
+        return f"At {t:.2f} s it lay at {place}."
+    return f"When the clip ends, at {t:.2f} s, it still rolls at {speed:.2f} m/s, at {place}."
+
+
+def _met(events: Events, k: int, ball: str) -> str:
+    if events.kind[k] == "cushion":
+        return f"the {events.b[k]} cushion"
+    return events.b[k] if events.a[k] == ball else events.a[k]
+
+
+def _sure(fit: Fit, own: list[int], main: int | None) -> str:
+    """Of the contact that was told, of the others, and of the whole clip."""
+    events = fit.events
+    parts = []
+    if main is not None:
+        what = "first contact" if events.kind[main] == "ball" else "stroke"
+        parts.append(f"The {what} is {_probably(float(events.probability[main]))}")
+    others = [k for k in own if k != main]
+    if others:
+        worst = min(others, key=lambda k: events.probability[k])
+        parts.append(
+            f"of what this ball met besides, the least sure is {_probably(float(events.probability[worst]))} "
+            f"({event_sentence(events, worst)})"
+        )
+    parts.append(f"the clip's trust light is {fit.trust.light}")
+    text = "; ".join(parts) + "."
+    return text[0].upper() + text[1:]
+
+
+def _probably(probability: float) -> str:
+    """A probability in words; no fit knows more than that something is more than 99.9 % sure."""
+    return "at least 99.9 % sure" if probability > 0.9985 else f"{100 * probability:.1f} % sure"
+
+
+def _list(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""

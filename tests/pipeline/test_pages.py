@@ -1,0 +1,96 @@
+"""The pages in a real browser: nothing complains, a contact seeks the video, nobody is kept out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import made_up_shot as shot
+import numpy as np
+import pytest
+from browser import barriers, chromium, complaints, page_of
+from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
+
+from pipeline.report import ReportFiles, write_report
+
+SLOWER = 2.0
+WIDTHS = (1280, 390)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pages")
+    clip = shot.made_up_clip(folder / "slow.mp4")
+    scene = shot.made_up_scene()
+    tracks = shot.made_up_tracks(clip, scene)
+    Image.fromarray(np.full((140, 240, 3), 90, np.uint8)).save(folder / "poster.png")
+    files = ReportFiles(folder / "slow.mp4", folder / "poster.png", SLOWER, start=0.2)
+    name = "<b>shot</b>&\"'.mp4"
+    write_report(clip, scene, tracks, shot.made_up_fit(tracks.t), files, name, ["--slow 2"], folder / "report.html")
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="module", params=WIDTHS)
+def browser(request: pytest.FixtureRequest) -> Iterator[webdriver.Chrome]:
+    with chromium(request.param) as opened:
+        yield opened
+
+
+def test_choosing_a_contact_seeks_the_video(report: Path, browser: webdriver.Chrome) -> None:
+    page_of(report, browser)
+    WebDriverWait(browser, 20).until(
+        lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2
+    )
+    browser.execute_script("document.getElementById('slow').play = () => Promise.resolve()")  # the moment stands still
+    hit = next(b for b in browser.find_elements(By.CSS_SELECTOR, "[data-seek]") if "right cushion" in b.text)
+    browser.execute_script("arguments[0].click()", hit)
+    WebDriverWait(browser, 10).until(lambda b: not b.execute_script("return document.getElementById('slow').seeking"))
+    at = browser.execute_script("return document.getElementById('slow').currentTime")
+    assert at == pytest.approx((0.5 - 0.15 - 0.2) * SLOWER, abs=1e-3)
+    assert complaints(browser) == []
+
+
+def test_a_contact_is_reached_and_chosen_by_the_keyboard(report: Path, browser: webdriver.Chrome) -> None:
+    page_of(report, browser)
+    buttons = browser.find_elements(By.CSS_SELECTOR, "[data-seek]")
+    buttons[-1].send_keys("\n")
+    assert browser.execute_script("return document.getElementById('slow').currentTime") > 0
+    assert browser.switch_to.active_element == buttons[-1]
+
+
+def test_the_contact_that_is_shown_is_marked_in_the_list(report: Path, browser: webdriver.Chrome) -> None:
+    page_of(report, browser)
+    WebDriverWait(browser, 20).until(
+        lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2
+    )
+    browser.execute_script("document.getElementById('slow').currentTime = 0.7")
+    now = WebDriverWait(browser, 10).until(lambda b: b.find_elements(By.CSS_SELECTOR, "[aria-current]"))
+    assert "right cushion" in now[0].get_attribute("textContent")
+    assert float(browser.find_element(By.ID, "now").text) == pytest.approx(0.2 + 0.7 / SLOWER, abs=2e-3)
+
+
+def test_the_report_keeps_nobody_out(report: Path, browser: webdriver.Chrome) -> None:
+    assert barriers(page_of(report, browser)) == []
+
+
+def test_the_report_is_no_wider_than_the_screen(report: Path, browser: webdriver.Chrome) -> None:
+    page_of(report, browser)
+    wide, screen = browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
+    assert wide <= screen
+
+
+def test_figures_are_drawn_and_tell_what_is_pointed_at(report: Path, browser: webdriver.Chrome) -> None:
+    page_of(report, browser)
+    for name in ("plan", "speeds", "energies", "parameters"):
+        assert browser.execute_script(f"return document.querySelectorAll('#{name} .main-svg').length") > 0
+    hover = "Plotly.Fx.hover('plan', [{curveNumber: 0, pointNumber: 3}]);"
+    told = "return document.querySelector('#plan .hoverlayer').textContent"
+    assert "m/s" in browser.execute_script(hover + told)
+
+
+def test_a_hostile_name_is_only_text(report: Path, browser: webdriver.Chrome) -> None:
+    page_of(report, browser)
+    assert browser.find_element(By.TAG_NAME, "h1").text == "<b>shot</b>&\"'.mp4"
