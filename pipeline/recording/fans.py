@@ -22,9 +22,8 @@ FAINT = 0.35
 
 def log_fans(stream: rr.RecordingStream, shot: Shot, foresights: Foresights) -> None:
     """`picture/fan/BALL` and `plan/fan/BALL`: courses from each moment on, until the next fan or their end."""
-    starts = [fan.t for fan in foresights.fans]
-    end = float(shot.clip.t[-1])
-    for fan, following in zip(foresights.fans, [*starts[1:], end], strict=True):
+    ends = [*(fan.t for fan in foresights.fans[1:]), float(shot.clip.t[-1])]
+    for fan, following in zip(foresights.fans, ends, strict=False):  # there may be no fan
         _log_fan(stream, shot, fan, min(float(fan.times[-1]), following))
 
 
