@@ -189,7 +189,8 @@ def test_mirrored_and_turned_shots_run_mirrored_and_turned(cushion: str, ball: s
             np.testing.assert_allclose(seen[..., 2:4], straight[..., 2:4] * signs[:2], atol=1e-5)
 
 
-def test_a_shot_elsewhere_on_the_cloth_runs_the_same() -> None:
+@every_law
+def test_a_shot_elsewhere_on_the_cloth_runs_the_same(cushion: str, ball: str) -> None:
     balls = Balls(
         ("a", "b"),
         np.array([[0.5, 0.5, 1.5, 0.1, 5, 20, 30], [0.8, 0.53, 0, 0, 0, 0, 0]]),
@@ -198,7 +199,7 @@ def test_a_shot_elsewhere_on_the_cloth_runs_the_same() -> None:
     )
     t, by = np.linspace(0, 0.5, 40), np.array([0.7, 0.3])
     moved = replace(balls, state=balls.state + np.array([*by, 0, 0, 0, 0, 0]))
-    first, second = (simulate(b, CAROM, physics(), 0.5).at(t) for b in (balls, moved))
+    first, second = (simulate(b, CAROM, physics(cushion, ball), 0.5).at(t) for b in (balls, moved))
     np.testing.assert_allclose(second[..., :2], first[..., :2] + by, atol=1e-12)
 
 
