@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from diagnosis.verdict import Candidate, Gap, Report
+from pipeline.gap_words import closed_sentence, gap_sentence, plain, strengths, with_unit
 from pipeline.page import embedded, plotly_source, render
 from pipeline.publish import aside
 
@@ -36,45 +37,6 @@ def write_gap_page(report: Report, title: str, path: Path) -> None:
         target.write_text(html, encoding="utf-8")
 
 
-def gap_sentence(report: Report) -> str:
-    """What the simulator lacks."""
-    names = {one.effect: " or ".join(plain(name) for name in one.group) for one in report.candidates}
-    if report.verdict == "effects":
-        return f"Your simulator lacks {' and '.join(plain(name) for name in report.effects)}."
-    if report.verdict == "group":
-        return f"Your simulator lacks {names[report.candidates[0].effect]}; these shots cannot tell which."
-    if report.verdict == "none":
-        return "These shots show nothing that your simulator lacks."
-    if report.verdict == "unknown":
-        return f"Something is there that the library does not hold{': ' + report.shape if report.shape else ''}."
-    return f"These shots decide nothing: {' '.join(report.notes)}."
-
-
-def closed_sentence(report: Report) -> str:
-    """How far the gap shrinks; empty where nothing was held out."""
-    gap, told = report.gap, report.gap.closing
-    if not gap.windows:
-        return "No shot was left over to measure how far the gap shrinks."
-    before, after, floor = (length(value, gap.metric) for value in (told.before, told.after, told.floor))
-    if not told.resolved:
-        return f"Predicted {gap.horizon:.2f} s ahead, the simulator is off by {before}; of that, {floor} is noise."
-    return (
-        f"Predicted {gap.horizon:.2f} s ahead on shots that chose nothing, adding it takes the error from {before} "
-        f"to {after} of a possible {floor}: {told.closed:.0%} of the gap closed "
-        f"({told.interval[0]:.0%} to {told.interval[1]:.0%})."
-    )
-
-
-def length(value: float, metric: str) -> str:
-    """A distance in mm or an angle in mrad."""
-    return f"{1000 * value:.3g} {'mrad' if metric.endswith('rad') else 'mm'}"
-
-
-def plain(name: str) -> str:
-    """An effect's name as words."""
-    return name.replace("_", " ")
-
-
 def _row(one: Candidate) -> dict[str, str | float]:
     seen = [
         f"{s.name} {with_unit(f'{s.detectable_from:.2g}', s.unit)}"
@@ -88,17 +50,6 @@ def _row(one: Candidate) -> dict[str, str | float]:
         "strength": strengths(one),
         "detectable": "; ".join(seen),
     }
-
-
-def strengths(one: Candidate) -> str:
-    """The parameters of a candidate with their errors, as far as they were found."""
-    known = [s for s in one.strengths if np.isfinite(s.sigma) and s.sigma > 0]
-    return "; ".join(f"{s.name} = {with_unit(f'{s.value:.3g} ± {s.sigma:.2g}', s.unit)}" for s in known)
-
-
-def with_unit(number: str, unit: str) -> str:
-    """A number with its unit, that of a pure number left out."""
-    return number if unit == "1" else f"{number} {unit}"
 
 
 def _plots(gap: Gap) -> list[tuple[str, str]]:

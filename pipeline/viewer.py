@@ -35,6 +35,12 @@ class Viewer:
     listens: str
     """where it takes recordings from."""
 
+    def close(self) -> None:
+        """End it, with the child that shows the window."""
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, signal.SIGTERM)
+            self.process.wait()
+
 
 def recordings_of(target: Path) -> list[Path]:
     """The .rrd files of a file, a run's folder, or every run below a folder; OptionError where there are none."""
@@ -55,7 +61,16 @@ def has_display() -> bool:
 
 @contextmanager
 def open_viewer(recordings: Sequence[Path], *, web: bool) -> Iterator[Viewer]:
-    """A viewer on these recordings, which also listens for more; it is ended with the context.
+    """A viewer that is ended with the context."""
+    viewer = start_viewer(recordings, web=web)
+    try:
+        yield viewer
+    finally:
+        viewer.close()
+
+
+def start_viewer(recordings: Sequence[Path], *, web: bool) -> Viewer:
+    """A viewer on these recordings, which also listens for more.
 
     The `rerun` script starts the viewer as a child that would outlive it: both run in a group of their own. The
     viewer's analytics stay off.
@@ -73,12 +88,7 @@ def open_viewer(recordings: Sequence[Path], *, web: bool) -> Iterator[Viewer]:
         command += ["--web-viewer", "--web-viewer-port", str(page)]
         address = f"http://{HERE}:{page}?url={listens.replace('+', '%2B').replace(':', '%3A').replace('/', '%2F')}"
     process = subprocess.Popen(command, env=os.environ | {"RERUN_ANALYTICS": "0"}, start_new_session=True)
-    try:
-        yield Viewer(process, address, listens)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGTERM)
-            process.wait()
+    return Viewer(process, address, listens)
 
 
 def free_port(wanted: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -16,8 +17,9 @@ from diagnosis.verdict import Report
 from pipeline.chain import refuse_closed
 from pipeline.command_line import DebugOption, JsonOption, app, named
 from pipeline.gap_files import as_json, write_gap
-from pipeline.gap_page import closed_sentence, gap_sentence, plain, strengths, write_gap_page
+from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene
+from pipeline.gap_words import closed_sentence, gap_sentence, plain, strengths
 from pipeline.track_folder import read_track_folders
 
 _SHOWN = 5
@@ -42,6 +44,10 @@ def diagnose_folders(
     report = diagnose(open_scene(read), read.recordings)
     write_gap(report, folder)
     write_gap_page(report, inputs[0].resolve().name, folder / "gap.html")
+    os.environ.setdefault("RUST_LOG", "off")  # rerun would print what it raises; it reads this when it is imported
+    from pipeline.recording.gap import write_gap_recording  # slow to import
+
+    write_gap_recording(report, inputs, folder / "gap.rrd")
     if as_json_:
         print(json.dumps({"folder": str(folder), **as_json(report)}, allow_nan=False))
     else:
@@ -59,4 +65,4 @@ def _tell(report: Report, folder: Path) -> None:
         screen.print(grid)
     if report.film_next:
         screen.print(escape(report.film_next))
-    print(f"Look at {folder / 'gap.html'}")
+    print(f"Look at {folder / 'gap.html'}; trueroll view {folder} draws where it shows")

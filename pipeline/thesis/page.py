@@ -141,7 +141,7 @@ def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], 
         if any(cell.scene == scene for cell in found)
     ]
     return render(
-        "reproduce.html", plotly="",
+        "reproduce.html",
         seeds=len({trial.case.seed for trial in trials}), quick=plan.quick, effort=f"{QUICK_EFFORT:.0%}",
         seconds=f"{plan.budget.seconds:.0f}",
         done=len(trials), planned=planned, left_out=left_out(plan), scenes=scenes, notes=_notes(trials),
