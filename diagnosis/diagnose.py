@@ -10,20 +10,18 @@ from diagnosis.blocks import Structure, structure
 from diagnosis.candidates import group_of, probabilities, ranked, strengths
 from diagnosis.close import HORIZON, Ahead, Closing, closing, foreseeable, predict, shares, windows_ahead
 from diagnosis.film_next import film_next
-from diagnosis.fitting import Fitted, Question, Seen, again, follow, look, question_of
+from diagnosis.fitting import Fitted, Question, Seen, again, fit, follow, look, question_of
 from diagnosis.noise import Noise, estimate_noise, with_noise
 from diagnosis.pieces import LEAST, fit_adaptively, lengthened
 from diagnosis.residuals import Residuals, residuals
 from diagnosis.signatures import signatures
 from diagnosis.split import Split, split_shots
-from diagnosis.unknown import Doubt, doubt
+from diagnosis.unknown import MOSTLY, Doubt, doubt, lawful
 from diagnosis.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
 from diagnosis.where import places, shape
-from diagnosis.which import Hypothesis, Search, adopted, resumed, search
+from diagnosis.which import Hypothesis, Search, adopted, search
 from models.gap_scene import Floats, GapScene, Recording
 
-_RUNGS = 3
-"""how often windows grow with what was found on shorter ones."""
 _NO_GAIN = -4.0
 """chi2 that shots which chose nothing may lose before they contradict."""
 
@@ -83,7 +81,7 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
     first, second = with_noise(split.fit, noise), with_noise(split.select, noise)
     state = _searched(question, (*first, *second))
     best = _confirmed(question, state, first, second)
-    base, full = state.base.fitted, best.fitted
+    base, full = state.alone, best.fitted
     seen, seen_full = look(question, base), look(question, full)
     left_before = residuals(question, base, seen, rng)
     left_after = residuals(question, full, seen_full, rng)
@@ -94,16 +92,8 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
 
 def _searched(question: Question, recordings: tuple[Recording, ...]) -> Search:
     """Search on windows as long as the simulator allows, and again on those that the best hypothesis allows."""
-    state = search(question, fit_adaptively(question, recordings))
-    for _ in range(_RUNGS):
-        best = adopted(state)
-        if not best.names:
-            break
-        longer = lengthened(question, recordings, best.fitted)
-        if len(longer.pieces) >= len(best.fitted.pieces):
-            break
-        state = resumed(state, Hypothesis(best.names, longer))
-    return state
+    base = fit_adaptively(question, recordings)
+    return search(question, base, lambda fitted: lengthened(question, recordings, fitted))
 
 
 def _doubt(
@@ -121,9 +111,19 @@ def _doubt(
     base, full = fits
     if not best.names:
         return doubt(left, seen.told, base, full, None, True)
-    before, after = _alone(question, first, state.base), _alone(question, first, best)
+    before, after = _alone(question, first, base), _alone(question, first, full)
     gains = not second or _gain(question, full, second, before, after) > _NO_GAIN
-    return doubt(left, seen.told, base, full, _ahead(question, second or first, before, after, rng), gains)
+    found = doubt(left, seen.told, base, full, _ahead(question, second or first, before, after, rng), gains)
+    if not (found.something_left and found.explained > MOSTLY and second and question.probes):
+        return found
+    return replace(found, lawful=_lawful(question, full, second, after))
+
+
+def _lawful(question: Question, whole: Fitted, recordings: tuple[Recording, ...], best: Fitted) -> float:
+    """Share of what `best` leaves of these shots that a generic law, as other shots told it, explains."""
+    probed = fit(question, best.pieces, (*best.names, *question.probes), best.forms, best.shared, best.starts)
+    pieces, starts = _of_shots(whole, recordings)
+    return lawful(follow(question, pieces, best, starts), follow(question, pieces, probed, starts))
 
 
 def _ahead(
@@ -136,10 +136,10 @@ def _ahead(
     return closing(windows, before.squares, after.squares, after.floor, rng)
 
 
-def _alone(question: Question, recordings: tuple[Recording, ...], like: Hypothesis) -> Fitted:
+def _alone(question: Question, recordings: tuple[Recording, ...], like: Fitted) -> Fitted:
     """A hypothesis as some of the shots tell it."""
-    pieces, starts = _of_shots(like.fitted, recordings)
-    return again(question, pieces, like.fitted, starts)
+    pieces, starts = _of_shots(like, recordings)
+    return again(question, pieces, like, starts)
 
 
 def _of_shots(fitted: Fitted, recordings: tuple[Recording, ...]) -> tuple[tuple[Recording, ...], tuple[Floats, ...]]:
@@ -156,9 +156,11 @@ def _confirmed(
     the `first` ones tell them."""
     best = adopted(state)
     while second and best.size > 1:
-        whole = _alone(question, first, best)
+        whole = _alone(question, first, best.fitted)
         gains = {
-            name: _gain(question, best.fitted, second, _alone(question, first, state.tried[best.names - {name}]), whole)
+            name: _gain(
+                question, best.fitted, second, _alone(question, first, state.tried[best.names - {name}].fitted), whole
+            )
             for name in best.names
         }
         least = min(sorted(gains), key=lambda name: gains[name])

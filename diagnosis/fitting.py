@@ -18,7 +18,9 @@ from models.shooting.windows import Model
 
 Floats = NDArray[np.float64]
 
-_ITERATIONS = ShootingOptions(iterations=25, settling=10)
+USUAL = ShootingOptions(iterations=25, settling=10)
+GLANCE = ShootingOptions(iterations=4, settling=3)
+"""of what is refuted already."""
 _AT_MOST = 1.15
 """cost per observation that noise explains: its variance is known to some per cent."""
 _WIDER = 3.0
@@ -41,6 +43,11 @@ class Question:
     def candidates(self) -> tuple[str, ...]:
         """Effects that the simulator may lack."""
         return tuple(e.name for e in self.scene.effects if e.kind != "probe" and e.name not in self.scene.assumed)
+
+    @property
+    def probes(self) -> tuple[str, ...]:
+        """Generic fields, which no cause is named after."""
+        return tuple(e.name for e in self.scene.effects if e.kind == "probe")
 
     @property
     def assumed_forms(self) -> tuple[str, ...]:
@@ -119,6 +126,7 @@ def fit(
     forms: tuple[str, ...] | None = None,
     guess: Floats | None = None,
     starts: tuple[Floats, ...] | None = None,
+    options: ShootingOptions = USUAL,
 ) -> Fitted:
     """Fit what the simulator has together with the effects `names`, from `guess` (P,) and from `starts` where given."""
     forms = question.assumed_forms if forms is None else forms
@@ -126,7 +134,7 @@ def fit(
     values = np.where(free, [prior.value for prior in question.priors], question.neutral) if guess is None else guess
     values = np.where(free, _inside(question.priors, values), question.neutral)
     held = Held(model_of(question, pieces, forms, free), values, free, question.priors)
-    found = shoot(held, values[free], _ITERATIONS, starts)
+    found = shoot(held, values[free], options, starts)
     return Fitted(pieces, names, forms, free, held.whole(found.shared), found)
 
 
@@ -143,7 +151,7 @@ def again(
 ) -> Fitted:
     """The same hypothesis on other pieces, from its parameters and from `starts` where given."""
     held = Held(model_of(question, pieces, like.forms, like.free), like.shared, like.free, question.priors)
-    found = shoot(held, like.shared[like.free], _ITERATIONS, starts)
+    found = shoot(held, like.shared[like.free], USUAL, starts)
     return Fitted(pieces, like.names, like.forms, like.free, held.whole(found.shared), found)
 
 

@@ -21,6 +21,10 @@ SUSPICIOUS = 0.005
 EXPLAINED = 0.98
 """share of what was systematic that effects must explain to be named although something is left: what a signature does
 that correlates with the true one by 0.99."""
+MOSTLY = 0.9
+"""the same where generic laws show that what is left is none, but differs from shot to shot."""
+LAWFUL = 0.3
+"""share of what is left on shots which chose nothing that a generic law must explain to be a law that is missing."""
 _PRIOR_ODDS = 0.1
 
 
@@ -36,14 +40,24 @@ class Doubt:
     """share of the systematic part of the simulator's misfit that the effects named explain; 1 where there was none."""
     select_gains: bool
     """shots that chose nothing gained from the effects."""
+    lawful: float
+    """share of what is left on shots that chose nothing that a generic law from the others explains; NaN where there
+    is none to try."""
 
     @property
     def something_left(self) -> bool:
         return 2 * min(self.left, self.shots_agree) < SUSPICIOUS
 
     @property
+    def law_missing(self) -> bool:
+        """Of what is left."""
+        if np.isnan(self.lawful):
+            return self.explained < EXPLAINED
+        return self.explained < MOSTLY or self.lawful > LAWFUL
+
+    @property
     def unknown(self) -> bool:
-        return (self.something_left and self.explained < EXPLAINED) or not self.select_gains
+        return (self.something_left and self.law_missing) or not self.select_gains
 
     @property
     def probability(self) -> float:
@@ -83,4 +97,10 @@ def explained(base: Fitted, best: Fitted, ahead: Closing | None) -> float:
 def doubt(left: Structure, told: Told, base: Fitted, best: Fitted, ahead: Closing | None, select_gains: bool) -> Doubt:
     """All three signs together, of the best hypothesis on all shots that may be used."""
     share = explained(base, best, ahead) if best.names or best.forms != base.forms else 0.0
-    return Doubt(left.p_value, agreement(told, best), share, select_gains)
+    return Doubt(left.p_value, agreement(told, best), share, select_gains, float("nan"))
+
+
+def lawful(before: Fitted, after: Fitted) -> float:
+    """Share of what a model leaves of shots, beyond noise, that a generic law beside it explains."""
+    left = before.cost - 0.9 * before.observations  # Huber's loss of noise is a little below its count
+    return float(np.clip((before.cost - after.cost) / left, -1.0, 1.0)) if left > 0 else 0.0

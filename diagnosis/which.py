@@ -7,7 +7,7 @@ its evidence (Laplace's approximation, divided by the lack of fit), from which p
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import combinations
 from math import comb, log
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from diagnosis.fitting import Fitted, Question, Told, fit, look
+from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, Told, fit, look
 from diagnosis.signatures import Signatures, signatures
 
 Floats = NDArray[np.float64]
@@ -27,8 +27,12 @@ TRIED = 4
 """hypotheses that are refitted at every step."""
 MOST = 3
 """effects missing at once."""
-_WORTH = 4.0
-"""chi2 that an effect beside others must promise to be refitted: a third of what it would need to be adopted."""
+_ONLY_TOGETHER = 1.5
+"""times what the best single effect promises, from which two are tried at once; 20 more are beyond chance."""
+_REFUTED = 40.0
+"""log evidence from which a hypothesis stays refuted on longer windows, which tell more."""
+_WORTH = 6.0
+"""chi2 that an effect beside others must promise to be refitted: half of what it would need to be adopted."""
 _ORDERS = float(np.log(1e4))
 """a missing effect is as likely to be of any order of magnitude, from the natural strength to a ten-thousandth."""
 
@@ -51,6 +55,8 @@ class Search:
 
     question: Question
     base: Hypothesis
+    alone: Fitted
+    """what the simulator has, on windows as long as it allows by itself; those of `base` may be longer."""
     tried: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
     told: dict[frozenset[str], Told] = field(default_factory=dict)
     """what the data say of all parameters at the fits looked at."""
@@ -96,6 +102,10 @@ class Search:
             known[own] *= scale
         return known[fitted.free], cost
 
+    def best(self) -> Hypothesis:
+        """The one of greatest evidence."""
+        return max(self.tried.values(), key=self.weigh)
+
     def most(self) -> int:
         """How many effects are missing, most probably: alike ones share the evidence that something is missing."""
         sizes = {one.size for one in self.tried.values()}
@@ -106,42 +116,56 @@ class Search:
         return float(np.logaddexp.reduce([self.weigh(one) for one in self.tried.values() if one.size == size]))
 
 
-def search(question: Question, base: Fitted) -> Search:
-    """Try hypotheses from what the simulator has until nothing more is asked for."""
-    state = Search(question, Hypothesis(frozenset(), base))
-    _forward(state, state.base)
+def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted]) -> Search:
+    """Try larger hypotheses, one effect more at a time, until nothing more is asked for; `longer` gives a fit windows
+    as long as its hypothesis allows, on which the search then goes on."""
+    state = Search(question, Hypothesis(frozenset(), base), alone=base)
+    now = state.base
+    while now.size < MOST:
+        larger = _larger(state, now)
+        if larger is None:
+            break
+        now = larger
+        further = longer(now.fitted)
+        if len(further.pieces) < len(now.fitted.pieces):
+            now = Hypothesis(now.names, further)
+            state = _taken_up(state, now)
+        _exchange(state, now)
     return state
 
 
-def resumed(former: Search, best: Hypothesis) -> Search:
-    """The search taken up on the longer windows that the best hypothesis allows: with those that were near it, each
-    from its own strengths, and on from there."""
+def _taken_up(former: Search, best: Hypothesis) -> Search:
+    """The search on the longer windows that the best hypothesis allows: with those that were near it, each from its own
+    strengths."""
     question, fitted = former.question, best.fitted
 
     def longer(one: Hypothesis) -> Hypothesis:
-        own = one.fitted
-        return Hypothesis(one.names, fit(question, fitted.pieces, own.names, own.forms, own.shared, fitted.starts))
+        own, refuted = one.fitted, former.weigh(former.best()) - former.weigh(one) > _REFUTED
+        options = GLANCE if refuted else USUAL
+        return Hypothesis(
+            one.names, fit(question, fitted.pieces, own.names, own.forms, own.shared, fitted.starts, options)
+        )
 
-    state = Search(question, longer(former.base))
+    state = Search(question, longer(former.base), alone=former.alone)
     state.tried[best.names] = best
-    rivals = sorted(former.tried.values(), key=former.weigh, reverse=True)
-    for one in [one for one in rivals if one.names not in state.tried][:TRIED]:
-        state.tried[one.names] = longer(one)
-    _forward(state, best)
+    rivals = sorted(former.tried.values(), key=former.weigh, reverse=True)[: TRIED + 1]
+    near = [one for one in rivals if former.weigh(former.best()) - former.weigh(one) < _REFUTED]
+    near = [one for one in near if not one.names > best.names]  # what more is missing is asked anew
+    for one in (*near, *(one for one in former.tried.values() if one.names < best.names)):
+        if one.names not in state.tried:
+            state.tried[one.names] = longer(one)
     return state
 
 
-def _forward(state: Search, now: Hypothesis) -> None:
-    """Larger hypotheses, one effect more at a time, as long as one is needed."""
-    while now.size < MOST:
-        for names in _proposals(state, now):
-            _try(state, names, now)
-        more = [one for one in state.tried.values() if one.size == now.size + 1]
-        better = max(more, key=state.weigh, default=now)
-        if not more or state.total(now.size + 1) <= state.total(now.size) or not needed(state, better):
-            break
-        now = better
-        _exchange(state, now)
+def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
+    """The best hypothesis of one effect more, where that one is needed."""
+    for names in _proposals(state, now):
+        _try(state, names, now)
+    more = [one for one in state.tried.values() if one.size == now.size + 1]
+    better = max(more, key=state.weigh, default=now)
+    if not more or state.total(now.size + 1) <= state.total(now.size) or not needed(state, better):
+        return None
+    return better
 
 
 def adopted(state: Search) -> Hypothesis:
@@ -193,8 +217,8 @@ def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
 
 
 def _beats(state: Search, found: Signatures, two: tuple[str, ...], gains: dict[str, float]) -> bool:
-    """Whether a pair promises more than the best single effect by a margin that chance among pairs does not reach."""
-    return _promise(state, found, two) > max(gains.values()) + 20.0
+    """Whether a pair promises so much more than the best single effect that neither would be found alone."""
+    return _promise(state, found, two) > _ONLY_TOGETHER * max(gains.values()) + 20.0
 
 
 def _signatures(state: Search, now: Hypothesis) -> Signatures:
