@@ -49,7 +49,9 @@ POCKET_BACK = 0.012
 """m behind the noses where the leather of a pocket stops the centre of a falling ball."""
 STRIKE, BALL, CUSHION, POCKET, REST = range(5)
 """Indices in `KINDS`."""
-MOST_EVENTS = 1000
+MOST_EVENTS = 20_000
+LYING = 1e-3
+"""m/s: balls that lie against each other close by less at every step, which is no event."""
 
 CUSHIONS = ("left", "right", "top", "bottom")
 POCKETS = ("top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right")
@@ -306,7 +308,8 @@ def meet_balls(xyz, v, w, moving, potted, radius, mass, e, mu, law, t, dt, event
             back = min((touch - gap) / closing, dt)
             a, b = (i, j) if math.hypot(v[i, 0], v[i, 1]) >= math.hypot(v[j, 0], v[j, 1]) else (j, i)
             x, y = xyz[a, 0] - v[a, 0] * back, xyz[a, 1] - v[a, 1] * back
-            count = note(events, count, BALL, t - back, a, b, x, y, closing)
+            if closing > LYING:
+                count = note(events, count, BALL, t - back, a, b, x, y, closing)
             nx, ny = dx / gap, dy / gap
             ball_on_ball(v[i], w[i], v[j], w[j], nx, ny, radius[i], radius[j], mass[i], mass[j], e, mu, law)
             moving[i] = moving[j] = True
