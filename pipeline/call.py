@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from models.scene import Camera
 from pipeline.chain import SOURCE
 from pipeline.publish import aside
 from pipeline.run_folder import read_scene
-from video.clip import open_clip, read_frames
+from video.clip import Clip, clip_digest, open_clip, read_frames
 from video.close_up import Outline, Scenery, close_up, strip
 
 Floats = NDArray[np.float64]
@@ -74,7 +74,7 @@ def picture_call(
         return [], why_not
     shown = record.frame[np.argsort(np.abs(record.shown - call.t), kind="stable")[: 2 * STRIP + 1]]
     try:
-        frames = dict(read_frames(open_clip(found), indices=np.sort(shown)))
+        frames = dict(read_frames(_shown_part(folder, open_clip(found)), indices=np.sort(shown)))
     except (TruerollError, ValueError) as error:
         if clip is not None:
             raise
@@ -112,11 +112,18 @@ def _clip_of(folder: Path, clip: Path | None) -> tuple[Path | None, str]:
     digest = (read_scene(folder / "scene.json").get("clip") or {}).get("sha256")
     try:
         noted = Path(json.loads((folder / SOURCE).read_text(encoding="utf-8"))["path"])
-        with noted.open("rb") as file:
-            same = digest is None or hashlib.file_digest(file, "sha256").hexdigest() == digest
+        same = digest is None or clip_digest(noted) == digest
     except (OSError, ValueError, KeyError, TypeError):
         return None, "the clip of this run is not where it was; name it with --clip."
     return (noted, "") if same else (None, f"{noted} is another clip now; name the right one with --clip.")
+
+
+def _shown_part(folder: Path, clip: Clip) -> Clip:
+    """The clip, or the shot of it that the run was made of."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        noted = json.loads((folder / SOURCE).read_text(encoding="utf-8"))
+        return clip.between(int(noted["first"]), int(noted["stop"]))
+    return clip
 
 
 def _points(record: Record, axis: str, at: float) -> Floats:

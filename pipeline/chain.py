@@ -34,6 +34,7 @@ from pipeline.stages.read import read_stage
 from pipeline.stages.record import RecordOptions, record_stage
 from pipeline.stages.render import render_stage
 from pipeline.stages.report import ReportOptions, report_stage
+from pipeline.stages.shots import Shot, shot_stage
 from pipeline.stages.track import track_stage
 from pipeline.verdict import run_trust
 from video.clip import Clip, check_file, clip_digest
@@ -60,19 +61,19 @@ class Run:
     """Sentences on what was not as it should be with the clip."""
 
 
-def run_graph(clip: Path, options: RunOptions) -> Graph:
-    """The stages of a run of this clip; ClipError where there is no such file."""
-    digest = digest_of(clip)
-    settings = told_apart(options)
+def run_graph(clip: Path, options: RunOptions, shot: Shot | None = None) -> Graph:
+    """The stages of a run of this clip, or of one shot of it; ClipError where there is no such file."""
+    digest = digest_of(clip) if shot is None else shot.whole.digest
+    settings, title = told_apart(options), told(clip.name if shot is None else f"{clip.name}, {shot.name}")
     stages = (
-        *_stages_to_fit(clip, digest, options),
+        *_stages_to_fit(clip, digest, options, shot),
         export_stage(options.detect),
         render_stage(options.render),
         forecast_stage(),
-        record_stage(RecordOptions(told(clip.name))),
-        report_stage(ReportOptions(told(clip.name), options.render.slow, settings, options.detect)),
+        record_stage(RecordOptions(title)),
+        report_stage(ReportOptions(title, options.render.slow, settings, options.detect)),
     )
-    return Graph.of(stages, digest)
+    return Graph.of(stages, digest if shot is None else f"{shot.name}-{digest}")
 
 
 def fit_graph(clip: Path, options: RunOptions) -> Graph:
@@ -81,9 +82,9 @@ def fit_graph(clip: Path, options: RunOptions) -> Graph:
     return Graph.of(_stages_to_fit(clip, digest, options), digest)
 
 
-def _stages_to_fit(clip: Path, digest: str, options: RunOptions) -> tuple[Stage, ...]:
+def _stages_to_fit(clip: Path, digest: str, options: RunOptions, shot: Shot | None = None) -> tuple[Stage, ...]:
     return (
-        read_stage(clip, digest, options.read),
+        read_stage(clip, digest, options.read) if shot is None else shot_stage(shot, digest, options.read.fps),
         calibrate_stage(options.calibrate),
         detect_stage(options.detect),
         track_stage(options.track),
@@ -116,6 +117,7 @@ def run_clip(
     watcher: Watcher,
     onlooker: Callable[[str, Any], None] | None = None,
     look: Look | None = None,
+    shot: Shot | None = None,
 ) -> Run:
     """Run the chain on one clip and publish its files in `folder`.
 
@@ -123,18 +125,21 @@ def run_clip(
     For `look` see Graph.run. Raises a TruerollError, one sentence, where the clip cannot be used; nothing is left
     half-written then.
     """
-    unchanged = unchanging(clip)
-    graph = run_graph(clip, options)
+    unchanged = unchanging(clip) if shot is None else shot.unchanged
+    graph = run_graph(clip, options, shot)
     refuse_closed(folder)
     refuse_overwriting(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
     bound: dict[str, Callable[[Any], Any]] = {"read": partial(_at, clip)}
+    digest = graph.clip if shot is None else shot.whole.digest
     shown: set[str] = set()
     if onlooker is not None:
-        bound = {name: partial(_show, onlooker, shown, clip, name) for name in stages if stages[name].output is not None}
-    entries = graph.run(cache, watcher, bound, partial(unchanged, graph.clip), look)
+        bound = {
+            name: partial(_show, onlooker, shown, clip, name) for name in stages if stages[name].output is not None
+        }
+    entries = graph.run(cache, watcher, bound, partial(unchanged, digest), look)
     publish(entries, folder)
-    note_source(clip, folder)
+    note_source(clip, folder, shot)
     if onlooker is not None:
         for name in [name for name in stages if name in bound and name not in shown]:
             bound[name](stage_value(stages[name], entries[name]))
@@ -219,9 +224,10 @@ def _is_there(made: Path, target: Path) -> bool:
         return False
 
 
-def note_source(clip: Path, folder: Path) -> None:
+def note_source(clip: Path, folder: Path, shot: Shot | None = None) -> None:
     """Write where the clip of a run lies: the cache knows content, not places, and calls want its pictures again."""
-    noted = json.dumps({"path": str(clip.absolute())})
+    part = {} if shot is None else {"first": shot.first, "stop": shot.stop, "begins": shot.clip.begins}
+    noted = json.dumps({"path": str(clip.absolute()), **part})
     with suppress(OSError):
         if (folder / SOURCE).read_text(encoding="utf-8") == noted:
             return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from models.errors import ClipError
 from models.progress import Progress, silent
-from video.decoder import Turn, decoded, luma_of, opened, pixel_aspect, rgb_of, turn_of
+from video.decoder import Turn, decoded, decoded_from, luma_of, opened, pixel_aspect, rgb_of, turn_of
 from video.repeats import ChangeMeter, mark_repeats
 from video.sequence import open_sequence, sequence_digest
 from video.timestamps import even_times, nominal_rate, presentation_times
@@ -58,6 +58,12 @@ class Clip:
     has_audio: bool
     notes: tuple[str, ...] = ()
     """Sentences on what was not as it should be, and what was done about it."""
+    first: int = 0
+    """Picture of the file with which the clip begins: a shot of a long recording is a clip of its own."""
+    begins: float = 0.0
+    """s, when that picture is shown in the file."""
+    whole: bool = True
+    """Whether the clip is all of the file."""
 
     def __post_init__(self) -> None:
         if self.t.shape != self.repeat.shape or self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
@@ -72,6 +78,15 @@ class Clip:
     def distinct(self) -> NDArray[np.int64]:
         """(D,) indices of the pictures that are no repeats."""
         return np.flatnonzero(~self.repeat).astype(np.int64)
+
+    def between(self, first: int, stop: int) -> Clip:
+        """The pictures from `first` on, and before `stop`, as a clip of their own: counted and timed from its first."""
+        if not self.whole or not 0 <= first < stop <= self.frame_count:
+            raise ValueError(f"{first} to {stop} is no part of the {self.frame_count} pictures of a whole file")
+        repeat = self.repeat[first:stop].copy()
+        repeat[0] = False
+        t, begins = self.t[first:stop], float(self.t[first])
+        return replace(self, t=t - begins, repeat=repeat, first=first, begins=begins, whole=False)
 
 
 def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = silent) -> Clip:
@@ -120,9 +135,9 @@ def _pictures(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> Iterator[tup
     if last < 0:
         return
     with opened(clip.path) as (container, stream):
-        turn = Turn()
-        for frame, picture in enumerate(decoded(container, stream)):
-            turn = turn_of(picture) if frame == 0 else turn
+        turn: Turn | None = None
+        for frame, picture in enumerate(decoded_from(container, stream, clip.first, clip.begins)):
+            turn = turn_of(picture) if turn is None else turn
             if wanted[frame]:
                 yield frame, turn.upright(luma_of(picture) if grey else rgb_of(picture))
             if frame == last:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,14 @@ av.logging.set_level(None)  # the decoder's complaints become our sentences, nev
 
 THREADS = 2
 """Pictures decoded at a time; each costs one picture of memory."""
+
+TIMED = ("mov", "matroska")
+"""Formats with a time of its own for each picture; AVI numbers its packets, transport streams begin their time anew."""
+JUMP_S = 0.5
+"""s before a picture to which is jumped: a picture just after a key frame may lean on one before it."""
+SAME_S = 2e-4
+"""s within which two times are the same: millisecond containers round, and a thousand pictures per second differ by
+five times as much."""
 
 NO_FILM = ("tty", "png_pipe", "jpeg_pipe", "image2", "bmp_pipe", "webp_pipe", "tiff_pipe", "svg_pipe")
 """Formats by which FFmpeg takes a text or a still picture for a video."""
@@ -93,6 +102,46 @@ def decoded(container: Any, stream: Any, damage: list[str] | None = None) -> Ite
         yield from _unpacked(stream, packet, told)
         if packet is None:
             return
+
+
+def decoded_from(container: Any, stream: Any, first: int, begins: float) -> Iterator[Any]:
+    """Every picture from number `first` of the file on, which is shown `begins` s after its first one.
+
+    Jumps to the key frame before it where the timestamps allow to know it again, and counts from the beginning where
+    they do not.
+    """
+    if first == 0 or isinstance(container, PictureRow):
+        yield from islice(decoded(container, stream), first, None)
+        return
+    timed = container.format.name.startswith(TIMED)
+    zero = next(decoded(container, stream), None) if timed else None
+    if zero is not None and zero.time is not None:
+        after = _jumped(container, stream, zero.time + begins)
+        found = next(after, None)
+        if found is not None:
+            yield found
+            yield from after
+            return
+    container.seek(0)
+    stream.codec_context.flush_buffers()
+    yield from islice(decoded(container, stream), first, None)
+
+
+def _jumped(container: Any, stream: Any, wanted: float) -> Iterator[Any]:
+    """Pictures from the one shown at `wanted` s on; none where no picture has just this time."""
+    try:
+        container.seek(max(int((wanted - JUMP_S) / stream.time_base), 0), stream=stream)
+    except av.error.FFmpegError:
+        return
+    stream.codec_context.flush_buffers()
+    begun = False
+    for picture in decoded(container, stream):
+        if not begun:
+            if picture.time is None or picture.time > wanted + SAME_S:
+                return
+            begun = abs(picture.time - wanted) <= SAME_S
+        if begun:
+            yield picture
 
 
 def _unpacked(stream: Any, packet: Any, told: list[str]) -> list[Any]:

@@ -26,7 +26,7 @@ def playable(clip: Clip, copy: Path) -> Path:
 
 def _plays_everywhere(clip: Clip) -> bool:
     """mp4 with unrotated 8-bit H.264 in square pixels."""
-    if clip.path.is_dir():
+    if clip.path.is_dir() or not clip.whole:
         return False
     with av.open(str(clip.path)) as container:
         stream = container.streams.video[0]

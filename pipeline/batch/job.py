@@ -83,6 +83,9 @@ class Row:
     sentence: str
     """Why it failed, empty else."""
     shots: int = 1
+    """How many could be used."""
+    in_shots: bool = False
+    """Whether it was cut into shots, with a folder each."""
     seconds: float = 0.0
     """s that it took this time"""
     peak_mb: float = 0.0

@@ -70,7 +70,8 @@ def _links(row: Row, out: Path) -> dict[str, str]:
         return {"report": "", "poster": ""}
     below = os.path.relpath(row.folder, out)
     place = quote(os.fsencode(below))
-    first = "" if row.shots == 1 else "shot-001/"
+    shots = sorted(path.parent.name for path in Path(row.folder).glob("shot-*/report.html")) if row.in_shots else []
+    first = f"{shots[0]}/" if shots else ""
     return {"report": f"{place}/{first}report.html", "poster": f"{place}/{first}poster.png"}
 
 

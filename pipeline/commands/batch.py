@@ -113,7 +113,7 @@ def _tell(rows: list[Row], out: Path, as_json: bool) -> None:
     shown = rows if len(rows) <= MOST_SHOWN else [row for row in rows if row.status == "failed"]
     grid = Grid("clip", "trust", "contacts", "look at", box=None, pad_edge=False)
     for row in shown:
-        look = row.sentence or told(f"{row.folder}/report.html")
+        look = row.sentence or told(f"{row.folder}/{'shot-*/' if row.in_shots else ''}report.html")
         grid.add_row(escape(row.clip), row.trust or row.status, str(row.contacts), escape(look))
     Console(highlight=False).print(grid)
     done = sum(row.status == "done" for row in rows)
