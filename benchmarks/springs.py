@@ -26,6 +26,7 @@ CASES = [
     *((kind, fps, noise) for kind in ("soft", "medium") for fps, noise in ((30, 0.1), (30, 0.5), (15, 0.1))),
     ("stiff", 30, 0.1),
 ]
+PAIRS = [[0, 1], [1, 2]]
 FUTURE = 5.0
 """s."""
 LOST = 10.0
@@ -47,6 +48,8 @@ class Row:
     horizon: float
     seconds: float
     accepted: bool
+    joined: bool
+    """who is joined to whom was found, and nobody else."""
 
 
 def truth(kind: str, t: np.ndarray) -> np.ndarray:
@@ -74,7 +77,8 @@ def measure(x: np.ndarray, t: np.ndarray, frames: int, noise: float, seed: int) 
     horizon = float(t[later][lost[0]] - t[frames - 1]) if len(lost) else FUTURE
     return Row(
         mse(latent.at(t[hidden])[:, 0]), mse(CubicSpline(t[shown], seen[shown])(t[hidden])), rivals, worst(latent),
-        stiffness_error(latent, x), horizon, seconds, latent.accepted,
+        stiffness_error(latent), horizon, seconds, latent.accepted,
+        latent.graph.pairs.tolist() == PAIRS,
     )  # fmt: skip
 
 
@@ -86,7 +90,7 @@ def worst(latent: Latent) -> float:
     ))  # fmt: skip
 
 
-def stiffness_error(latent: Latent, x: np.ndarray) -> float:
+def stiffness_error(latent: Latent) -> float:
     """Against the kind of springs that is nearest."""
     known = latent.graph.stiffness[np.isfinite(latent.graph.stiffness)]
     true = np.array([stiffness for stiffness, _ in KINDS.values()])

@@ -22,15 +22,15 @@ from springs import CASES, FUTURE, measure, truth
 
 from models.curves import AKIMA, CUBIC, LINEAR
 from models.neural.method import Budget, Method
+from models.springs.latent import infer
 from pipeline.thesis.boxes import SPEEDS, boxes
 from pipeline.thesis.pendulum import STARTS, double_pendulum, real_pendulum
 from pipeline.thesis.physics import ArmsFit, BoxesFit
 from pipeline.thesis.series import Case, Series, mean_square
 
 RATES = (60.0, 30.0, 15.0)
-SECONDS = 2.5
-FIT_SECONDS = 10.0
-"""s of the springs' scenes, and CPU s that a fit may take."""
+SECONDS, FIT_SECONDS = 2.5, 10.0
+"""s of the scenes of networks and boxes, and of springs; and CPU s that a fit may take."""
 SPRINGS_ASKED = {(30, 0.1): 300.0, (30, 0.5): 30.0, (15, 0.1): 100.0}
 """Times below cubic, by rate and noise, for soft and medium springs."""
 STIFF_ASKED, NET_ASKED, BOXES_ASKED, AKIMA_ASKED, REAL_ASKED = 5.0, 100.0, 3.0, 6, 10.0
@@ -80,6 +80,8 @@ def net(seeds: range, _: Path | None) -> None:
 
 def pendulum(seeds: range, _: Path | None) -> None:
     """Springs behind coordinates."""
+    t = np.arange(20) / 15
+    infer(t, truth("soft", t))  # compiled before the clock starts
     for kind, fps, noise in CASES:
         frames = int(FIT_SECONDS * fps) // 2 * 2 + 1
         t = np.arange(frames + int(FUTURE * fps)) / fps
@@ -90,19 +92,22 @@ def pendulum(seeds: range, _: Path | None) -> None:
         asked = SPRINGS_ASKED.get((fps, noise), STIFF_ASKED) if kind != "stiff" else STIFF_ASKED
         text = (
             f"x cubic {gain:8.1f} of {asked:5.0f}, least {min(row.cubic / row.mse for row in rows):8.1f}, "
-            f"accepted {sum(row.accepted for row in rows)}/{len(rows)}, m s g {max(row.worst for row in rows):.1%}, "
+            f"accepted {sum(row.accepted for row in rows)}/{len(rows)}, joined {sum(row.joined for row in rows)}, "
+            f"m s g {max(row.worst for row in rows):.1%}, "
             f"k {max(row.stiffness for row in rows):.1%}, {horizon:.1f} s ahead, "
             f"{max(row.seconds for row in rows):.1f} CPU s"
         )
-        told = all(row.accepted for row in rows) and max(row.worst for row in rows) < 0.02
+        told = all(row.accepted and row.joined for row in rows) and max(row.worst for row in rows) < 0.02
+        quick = max(row.seconds for row in rows) < FIT_SECONDS
         exact = kind == "stiff" or max(row.stiffness for row in rows) < 0.05
         far = kind == "stiff" or noise > 0.1 or horizon >= 3
-        line(f"{kind} {fps} Hz {noise} px", text, gain >= asked and told and exact and far)
+        line(f"{kind} {fps} Hz {noise} px", text, gain >= asked and told and exact and far and quick)
 
 
 def collisions(seeds: range, _: Path | None) -> None:
     """The contact-aware fit of rigid bodies."""
     cells = []
+    scores(BoxesFit(), boxes(Case("boxes", SPEEDS[0], 30.0, 0.0, 0), 0.5))  # compiled before the clock starts
     for speed in SPEEDS:
         for fps in RATES:
             rows = [scores(BoxesFit(), boxes(Case("boxes", speed, fps, 0.0, seed), SECONDS)) for seed in seeds]
@@ -110,8 +115,13 @@ def collisions(seeds: range, _: Path | None) -> None:
             line(f"boxes {speed} px/s {fps:.0f} Hz", summed(rows), None)
     gains = [median(rows, "linear") for rows in cells]
     better = sum(median(rows, "akima") > 1 for rows in cells)
-    text = f"x linear {np.median(gains):.1f} in the median cell, below Akima in {better} of {len(cells)}"
-    line("boxes", text, bool(np.median(gains) >= BOXES_ASKED) and better >= AKIMA_ASKED)
+    slowest = max(row.seconds for rows in cells for row in rows)
+    text = (
+        f"x linear {np.median(gains):.1f} in the median cell, below Akima in {better} of {len(cells)}, "
+        f"at most {slowest:.1f} CPU s"
+    )
+    reached = bool(np.median(gains) >= BOXES_ASKED) and better >= AKIMA_ASKED and slowest < SECONDS
+    line("boxes", text, reached)
 
 
 def recorded(_: range, data: Path | None) -> None:

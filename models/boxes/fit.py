@@ -14,15 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.boxes.bodies import Bodies, assembled, groups
-from models.boxes.following import Beginning, Course, Follower, follow, steps_for
-from models.boxes.world import World, guessed
+from models.boxes.following import Beginning, Course, Follower, follow, levers, steps_for
+from models.boxes.world import World, bend_error, guessed
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ROUNDS = 3
+ROUNDS = 2
 """over all numbers, with steps that are halved each time."""
-SEARCH_PASSES, FINAL_PASSES = 2, 6
+BUSY = 0.9
+"""share of all bending of paths that the samples hold on which numbers are sought."""
+KNOWN = 0.01
+"""relative error of a gravity that is seen well enough not to be sought."""
+SEARCH_PASSES, FINAL_PASSES = 1, 4
 """simulations of an interval while numbers are sought, and with those that were found."""
 FINER = 2
 """times as many steps at the end."""
@@ -109,21 +113,37 @@ def fit_boxes(t: Floats, x: Floats, body: Ints | None = None, sigma: float | Non
 
 def _least_surprise(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> tuple[World, float]:
     """The world that surprises least, number after number: down a parabola through three tries."""
+    worlds = guessed(bodies, t, places, sigma)
+    part = _busy(places, bodies)
+    steps = steps_for(bodies, worlds[0], t[part], places[part])
+    known: dict[tuple[float, ...], float] = {}
 
     def cost(world: World) -> float:
-        course = follow(Follower(bodies, world, steps), t, places, sigma, SEARCH_PASSES)
-        # the first interval has no velocities from before
-        return _mean_length(course.surprise[1:], bodies)
+        if (key := world.key) not in known:
+            course = follow(Follower(bodies, world, steps), t[part], places[part], sigma, SEARCH_PASSES)
+            # the first interval has no velocities from before
+            known[key] = _mean_length(course.surprise[1:], bodies)
+        return known[key]
 
-    worlds = guessed(bodies, t, places, sigma)
-    steps = steps_for(bodies, worlds[0], t, places)
-    costs = [cost(world) for world in worlds]
-    least = min(costs)
-    world = worlds[costs.index(least)]
+    world = min(worlds, key=cost)
+    least = cost(world)
+    seen = float(np.linalg.norm(world.gravity)) * KNOWN > bend_error(t, sigma)
     for number in range(ROUNDS):
-        for change in _changes(bodies, world, 0.5**number):
+        for change in _changes(bodies, world, 0.5**number, seen):
             world, least = _better(world, least, change, cost)
     return world, least
+
+
+def _busy(places: Floats, bodies: Bodies) -> slice:
+    """The fewest samples on end that hold most of what bends the paths: there numbers show, at a part of the cost."""
+    bent = np.abs(np.diff(places, 2, axis=0) * levers(bodies)).sum(axis=(1, 2))
+    before = np.concatenate([[0.0], np.cumsum(bent)])
+    ends = np.searchsorted(before, before + BUSY * before[-1] - 1e-9 * before[-1])
+    widths = np.where(ends < len(before), ends - np.arange(len(before)), len(before))
+    first = int(np.argmin(widths))
+    # a bend lies between three samples, and a simulation wants some to settle
+    last = max(first + int(widths[first]) + 1, first + LEAST_SAMPLES - 1)
+    return slice(max(min(first, len(places) - LEAST_SAMPLES), 0), last + 1)
 
 
 def _better(
@@ -144,19 +164,20 @@ def _better(
     return (change(world, step) if step else world), found
 
 
-def _changes(bodies: Bodies, world: World, share: float) -> Iterator[Callable[[World, float], World]]:
+def _changes(
+    bodies: Bodies, world: World, share: float, gravity_known: bool
+) -> Iterator[Callable[[World, float], World]]:
     """What can be changed about a world, each by steps of about the size in which it is uncertain at first."""
     yield lambda w, s: replace(w, friction=max(w.friction + 0.1 * share * s, 0.0))
     yield lambda w, s: replace(w, restitution=min(max(w.restitution + 0.15 * share * s, 0.0), 1.0))
     if bodies.discs.any():
         yield lambda w, s: replace(w, radius=w.radius * (1 + 0.1 * share * s))
         yield lambda w, s: replace(w, density=w.density * 4.0 ** (share * s))
-    if world.gravity.any():
+    if world.gravity.any() and not gravity_known:
         yield lambda w, s: replace(w, gravity=w.gravity * (1 + 0.05 * share * s))
     yield lambda w, s: replace(w, drag=max(w.drag + 0.5 * share * s, 0.0))
 
 
 def _mean_length(off: Floats, bodies: Bodies) -> float:
     """Mean over intervals, bodies and axes of (K, B, 3), angles by the distance of the points."""
-    lever = np.stack([np.ones(len(bodies.count)), np.ones(len(bodies.count)), bodies.lever], axis=1)
-    return float(np.mean(np.abs(off * lever)))
+    return float(np.mean(np.abs(off * levers(bodies))))

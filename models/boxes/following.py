@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CONTACTS_PER_BODY = 12
-TRAVEL = 0.05
+TRAVEL = 0.1
 """of a body's size that the fastest one may move in a step."""
 FEWEST_STEPS, MOST_STEPS = 16, 400
 """between two samples."""
@@ -101,7 +101,7 @@ def turned_off(seen: Floats, found: Floats) -> Floats:
 def follow(follower: Follower, t: Floats, seen: Floats, sigma: float, passes: int) -> Course:
     """The course of bodies seen at (K, B, 3), with standard deviation sigma of the centres: each interval is simulated
     `passes` times, and velocities change only by what is more than noise."""
-    lever = _lever(follower.bodies)
+    lever = levers(follower.bodies)
     begin = at_rest(seen[0].copy(), Akima1DInterpolator(t, seen)(t[0], 1))
     begins, misses, surprises = [], [], []
     for k, span in enumerate(np.diff(t)):
@@ -138,7 +138,7 @@ def _arrive(
     return best[1], best[2], best[3], surprise
 
 
-def _lever(bodies: Bodies) -> Floats:
+def levers(bodies: Bodies) -> Floats:
     """(B, 3) that makes lengths of places: angles by the distance of the points."""
     lever = bodies.lever
     return np.stack([np.ones_like(lever), np.ones_like(lever), lever], axis=1)

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from models.billiards.compiled import compiled
-from models.boxes.touching import contacts, spread
+from models.boxes.touching import contacts, faces, spread
 
 SOLVER_PASSES = 12
-"""over all contacts of a step."""
+"""over all contacts of a step, at most."""
 OVERLAP_SHARE = 0.15
 """of what bodies overlap too much is taken back in one step."""
 
@@ -23,11 +23,13 @@ def march(q, v, corners, count, radius, reach, lightness, planes, laws, h, steps
     """Moves bodies q, v (B, 3) on by the longest of `steps` (M,) steps of h s; samples (M, B, 3) places on the way.
 
     lightness (B, 2): one over mass and over moment of inertia. planes (W, 3). laws: gravity x, y, friction,
-    restitution, drag (1/s), overlap that stays so that lasting contacts are found again. before (C, 3), known (C, 2):
-    the contacts of the step before and what they pushed, worked on in place; a first row of -1 where there is none.
+    restitution, drag (1/s), overlap that stays so that lasting contacts are found again, and how far off a body may be
+    in the end because no more passes were made. before (C, 3), known (C, 2): the contacts of the step before and what
+    they pushed, worked on in place; a first row of -1 where there is none.
     """
     bodies, most = len(q), len(known)
-    world = np.zeros_like(corners)
+    world, normals, turned = np.zeros_like(corners), np.zeros_like(corners), np.zeros_like(corners)
+    faces(corners, count, normals)
     places, owners = np.empty((most, 5)), np.zeros((most, 3), np.int64)
     kept, last = np.zeros((most, 2)), 0
     while last < most and before[last, 0] >= 0:
@@ -35,6 +37,7 @@ def march(q, v, corners, count, radius, reach, lightness, planes, laws, h, steps
     seek = np.full((bodies, bodies + len(planes)), -1)
     work, bias, done = np.empty((most, 8)), np.zeros((bodies, 3)), 0
     decay = np.exp(-laws[4] * h)
+    still = laws[6] / (h * steps[-1])
     for number in range(len(steps)):
         while done < steps[number]:
             for b in range(bodies):
@@ -42,13 +45,15 @@ def march(q, v, corners, count, radius, reach, lightness, planes, laws, h, steps
                 v[b, 0] = v[b, 0] * decay + laws[0] * pull
                 v[b, 1] = v[b, 1] * decay + laws[1] * pull
                 v[b, 2] *= decay
-            spread(q, corners, count, world)
-            found = contacts(q, world, count, radius, reach, planes, places, owners)
+            spread(q, corners, normals, count, world, turned)
+            found = contacts(q, world, turned, count, radius, reach, planes, places, owners)
             recall(owners, found, before, known, last, seek, kept)
             prepare(q, v, places, owners, found, lightness, laws, h, work, kept)
             bias[:] = 0.0
             for _ in range(SOLVER_PASSES):
-                push(v, bias, places, owners, found, lightness, laws[2], work, kept)
+                changed = push(v, bias, places, owners, found, lightness, laws[2], work, kept)
+                if changed < still:
+                    break
             for b in range(bodies):
                 for axis in range(3):
                     q[b, axis] += h * (v[b, axis] + bias[b, axis])
@@ -137,7 +142,9 @@ def prepare(q, v, places, owners, found, lightness, laws, h, work, kept):  # typ
 
 @compiled
 def push(v, bias, places, owners, found, lightness, friction, work, kept):  # type: ignore[no-untyped-def]
-    """One pass over all contacts: bodies do not approach, and rub within Coulomb's cone."""
+    """One pass over all contacts: bodies do not approach, and rub within Coulomb's cone. Says how much it changed the
+    velocity at any contact at most."""
+    changed = 0.0
     for c in range(found):
         i, j = owners[c, 0], owners[c, 1]
         nx, ny = places[c, 0], places[c, 1]
@@ -146,6 +153,7 @@ def push(v, bias, places, owners, found, lightness, friction, work, kept):  # ty
             x, y = closing(bias, i, j, ax, ay, bx, by)
             lift = max((work[c, 7] - (x * nx + y * ny)) / work[c, 4], 0.0)
             give(bias, lightness, i, j, ax, ay, bx, by, lift * nx, lift * ny)
+            changed = max(changed, lift * work[c, 4])
         x, y = closing(v, i, j, ax, ay, bx, by)
         along = max(kept[c, 0] + (work[c, 6] - (x * nx + y * ny)) / work[c, 4], 0.0)
         across = kept[c, 1] - (y * nx - x * ny) / work[c, 5]
@@ -153,3 +161,5 @@ def push(v, bias, places, owners, found, lightness, friction, work, kept):  # ty
         more, rub = along - kept[c, 0], across - kept[c, 1]
         kept[c, 0], kept[c, 1] = along, across
         give(v, lightness, i, j, ax, ay, bx, by, more * nx - rub * ny, more * ny + rub * nx)
+        changed = max(changed, abs(more) * work[c, 4], abs(rub) * work[c, 5])
+    return changed

@@ -18,19 +18,33 @@ MOST_PER_PAIR = 2
 
 
 @compiled
-def spread(q, corners, count, world):  # type: ignore[no-untyped-def]
-    """Writes corners (B, V, 2) of bodies at q (B, 3) as world (B, V, 2)."""
+def faces(corners, count, normals):  # type: ignore[no-untyped-def]
+    """Writes outward unit normals (B, V, 2) of the faces from each corner (B, V, 2) to the next."""
+    for b in range(len(count)):
+        for k in range(count[b] if count[b] > 1 else 0):
+            following = k + 1 if k + 1 < count[b] else 0
+            dx, dy = corners[b, following, 0] - corners[b, k, 0], corners[b, following, 1] - corners[b, k, 1]
+            length = np.hypot(dx, dy)
+            normals[b, k, 0], normals[b, k, 1] = dy / length, -dx / length
+
+
+@compiled
+def spread(q, corners, normals, count, world, turned):  # type: ignore[no-untyped-def]
+    """Writes corners and normals (B, V, 2) of bodies at q (B, 3) as world and turned (B, V, 2)."""
     for b in range(len(q)):
         cos, sin = np.cos(q[b, 2]), np.sin(q[b, 2])
         for k in range(count[b]):
             x, y = corners[b, k, 0], corners[b, k, 1]
             world[b, k, 0] = q[b, 0] + cos * x - sin * y
             world[b, k, 1] = q[b, 1] + sin * x + cos * y
+            x, y = normals[b, k, 0], normals[b, k, 1]
+            turned[b, k, 0], turned[b, k, 1] = cos * x - sin * y, sin * x + cos * y
 
 
 @compiled
-def contacts(q, world, count, radius, reach, planes, places, owners):  # type: ignore[no-untyped-def]
-    """Writes all contacts that overlap; says how many. reach (B,): radius of the circle around each body."""
+def contacts(q, world, normals, count, radius, reach, planes, places, owners):  # type: ignore[no-untyped-def]
+    """Writes all contacts that overlap; says how many. normals (B, V, 2) of the faces as they lie; reach (B,): radius
+    of the circle around each body."""
     bodies, found, most = len(q), 0, len(places) - 2 * MOST_PER_PAIR
     for i in range(bodies):
         for w in range(len(planes)):
@@ -40,7 +54,7 @@ def contacts(q, world, count, radius, reach, planes, places, owners):  # type: i
         for j in range(i + 1, bodies):
             dx, dy, near = q[j, 0] - q[i, 0], q[j, 1] - q[i, 1], reach[i] + reach[j]
             if dx * dx + dy * dy < near * near and found < most:
-                found = between(world, count, radius, i, j, places, owners, found)
+                found = between(world, normals, count, radius, i, j, places, owners, found)
     return found
 
 
@@ -74,14 +88,16 @@ def on_plane(corners, count, radius, plane, body, number, places, owners, found)
 
 
 @compiled
-def between(world, count, radius, i, j, places, owners, found):  # type: ignore[no-untyped-def]
+def between(world, normals, count, radius, i, j, places, owners, found):  # type: ignore[no-untyped-def]
     """Contacts of bodies i < j."""
     if count[i] > 1 and count[j] > 1:
-        return polygons(world[i], count[i], world[j], count[j], i, j, places, owners, found)
+        return polygons(world[i], normals[i], count[i], world[j], normals[j], count[j], i, j, places, owners, found)
     if count[i] > 1:
-        return disc_on_polygon(world[j, 0], radius[j], world[i], count[i], 1.0, i, j, places, owners, found)
+        return disc_on_polygon(world[j, 0], radius[j], world[i], normals[i], count[i], 1.0, i, j, places, owners, found)
     if count[j] > 1:
-        return disc_on_polygon(world[i, 0], radius[i], world[j], count[j], -1.0, i, j, places, owners, found)
+        return disc_on_polygon(
+            world[i, 0], radius[i], world[j], normals[j], count[j], -1.0, i, j, places, owners, found
+        )
     dx, dy = world[j, 0, 0] - world[i, 0, 0], world[j, 0, 1] - world[i, 0, 1]
     apart = np.hypot(dx, dy)
     gap = apart - radius[i] - radius[j]
@@ -93,50 +109,44 @@ def between(world, count, radius, i, j, places, owners, found):  # type: ignore[
 
 
 @compiled
-def face(corners, count, k):  # type: ignore[no-untyped-def]
-    """Outward unit normal of the face from corner k to the next."""
-    following = k + 1 if k + 1 < count else 0
-    dx, dy = corners[following, 0] - corners[k, 0], corners[following, 1] - corners[k, 1]
-    length = np.hypot(dx, dy)
-    return dy / length, -dx / length
-
-
-@compiled
-def widest(a, na, b, nb):  # type: ignore[no-untyped-def]
-    """The face of polygon a that polygon b is farthest beyond, and by how much."""
+def widest(a, normals, na, b, nb):  # type: ignore[no-untyped-def]
+    """The face of polygon a that polygon b is farthest beyond, and by how much; any face that has b beyond it."""
     best, which = -np.inf, 0
     for k in range(na):
-        nx, ny = face(a, na, k)
+        nx, ny = normals[k, 0], normals[k, 1]
         least = np.inf
         for m in range(nb):
-            least = min(least, (b[m, 0] - a[k, 0]) * nx + (b[m, 1] - a[k, 1]) * ny)
+            least = min(least, b[m, 0] * nx + b[m, 1] * ny)
+        least -= a[k, 0] * nx + a[k, 1] * ny
         if least > best:
             best, which = least, k
+            if best >= 0:
+                break
     return best, which
 
 
 @compiled
-def polygons(a, na, b, nb, i, j, places, owners, found):  # type: ignore[no-untyped-def]
+def polygons(a, normals_a, na, b, normals_b, nb, i, j, places, owners, found):  # type: ignore[no-untyped-def]
     """Up to two contacts of overlapping polygons: the nearest face of one, and what of the other is behind it."""
-    gap_a, face_a = widest(a, na, b, nb)
+    gap_a, face_a = widest(a, normals_a, na, b, nb)
     if gap_a >= 0:
         return found
-    gap_b, face_b = widest(b, nb, a, na)
+    gap_b, face_b = widest(b, normals_b, nb, a, na)
     if gap_b >= 0:
         return found
     # a little in favour of the first, so that equal faces do not change roles from step to step
     if gap_b > 0.95 * gap_a + 1e-3 * abs(gap_a):
-        return clipped(b, nb, face_b, a, na, -1.0, i, j, places, owners, found)
-    return clipped(a, na, face_a, b, nb, 1.0, i, j, places, owners, found)
+        return clipped(b, normals_b, nb, face_b, a, normals_a, na, -1.0, i, j, places, owners, found)
+    return clipped(a, normals_a, na, face_a, b, normals_b, nb, 1.0, i, j, places, owners, found)
 
 
 @compiled
-def clipped(a, na, k, b, nb, sense, i, j, places, owners, found):  # type: ignore[no-untyped-def]
+def clipped(a, normals_a, na, k, b, normals_b, nb, sense, i, j, places, owners, found):  # type: ignore[no-untyped-def]
     """Contacts of face k of polygon a with the face of b that looks most against it."""
-    nx, ny = face(a, na, k)
+    nx, ny = normals_a[k]
     facing, m = np.inf, 0
     for n in range(nb):
-        mx, my = face(b, nb, n)
+        mx, my = normals_b[n]
         if mx * nx + my * ny < facing:
             facing, m = mx * nx + my * ny, n
     end = m + 1 if m + 1 < nb else 0
@@ -157,17 +167,17 @@ def clipped(a, na, k, b, nb, sense, i, j, places, owners, found):  # type: ignor
 
 
 @compiled
-def disc_on_polygon(centre, radius, corners, count, sense, i, j, places, owners, found):  # type: ignore[no-untyped-def]
+def disc_on_polygon(centre, radius, corners, normals, count, sense, i, j, places, owners, found):  # type: ignore[no-untyped-def]
     """The contact of a disc with the nearest point of a polygon; sense is 1 where the polygon is the first body."""
     best, k = -np.inf, 0
     for m in range(count):
-        nx, ny = face(corners, count, m)
+        nx, ny = normals[m]
         off = (centre[0] - corners[m, 0]) * nx + (centre[1] - corners[m, 1]) * ny
         if off > best:
             best, k = off, m
     if best >= radius:
         return found
-    nx, ny = face(corners, count, k)
+    nx, ny = normals[k]
     following = k + 1 if k + 1 < count else 0
     along = (centre[0] - corners[k, 0]) * -ny + (centre[1] - corners[k, 1]) * nx
     length = (corners[following, 0] - corners[k, 0]) * -ny + (corners[following, 1] - corners[k, 1]) * nx

@@ -27,6 +27,8 @@ MOST_FLIGHTS = 2000
 """that are compared with each other."""
 CLEARLY = 6.0
 """standard deviations that a bend must have to count as one."""
+STILL = 1e-3
+"""of a body's size: how far off a motion may be in the end because contacts were not pushed once more."""
 SLACK = 1e-3
 """of a body's size: overlap that stays, so that lasting contacts are found again."""
 
@@ -48,6 +50,11 @@ class World:
     planes: Floats
     """(W, 3) inward normals and offsets of straight boundaries."""
 
+    @property
+    def key(self) -> tuple[float, ...]:
+        """All numbers that are sought."""
+        return (*self.gravity.tolist(), self.friction, self.restitution, self.drag, self.density, *self.radius.tolist())
+
     def lightness(self, bodies: Bodies) -> Floats:
         """(B, 2) one over mass and one over moment of inertia."""
         discs = bodies.discs
@@ -58,9 +65,9 @@ class World:
         return np.stack([1 / mass, 1 / (mass * moment)], axis=1)
 
     def laws(self, bodies: Bodies) -> Floats:
-        """(6,) for `models.boxes.impulses.march`."""
+        """(7,) for `models.boxes.impulses.march`."""
         size = bodies.size if np.isfinite(bodies.size) else float(np.median(self.radius))
-        return np.array([*self.gravity, self.friction, self.restitution, self.drag, SLACK * size])
+        return np.array([*self.gravity, self.friction, self.restitution, self.drag, SLACK * size, STILL * size])
 
 
 def guessed(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> list[World]:
@@ -85,7 +92,7 @@ def _gravity(t: Floats, places: Floats, sigma: float) -> Floats:
 
 def _steady(t: Floats, places: Floats, sigma: float) -> Floats:
     """The acceleration that most bodies keep for two intervals running: nothing but gravity is so steady and common."""
-    bend, error = _bends(t, places), _bend_error(t, sigma)
+    bend, error = _bends(t, places), bend_error(t, sigma)
     middle = (bend[:-1] + bend[1:]) / 2
     size = np.linalg.norm(middle, axis=2)
     steady = (np.linalg.norm(np.diff(bend, axis=0), axis=2) < STEADY * size + error / CLEARLY) & (size > error)
@@ -137,7 +144,7 @@ def _planes(bodies: Bodies, t: Floats, places: Floats, radius: Floats, gravity: 
     """(W, 3) where at least two bodies were pushed back at the end of all motion on a side."""
     push = _bends(t, places) - gravity  # (T - 2, B, 2)
     size = np.linalg.norm(push, axis=2)
-    least = max(PUSHED * float(np.linalg.norm(gravity)), PUSHED * float(np.percentile(size, 99)), _bend_error(t, sigma))
+    least = max(PUSHED * float(np.linalg.norm(gravity)), PUSHED * float(np.percentile(size, 99)), bend_error(t, sigma))
     corners, found = _corners(bodies, places), []
     for normal in SIDES:
         lowest = np.stack([(c @ normal).min(axis=1) - r for c, r in zip(corners, radius, strict=True)], axis=1)
@@ -168,6 +175,6 @@ def _bends(t: Floats, places: Floats) -> Floats:
     return np.asarray(2 * np.diff(rate, axis=0) / (span[1:] + span[:-1])[:, None, None], np.float64)
 
 
-def _bend_error(t: Floats, sigma: float) -> float:
+def bend_error(t: Floats, sigma: float) -> float:
     """What noise alone can make of an acceleration."""
     return CLEARLY * 2.5 * sigma / float(np.median(np.diff(t))) ** 2

@@ -1,5 +1,4 @@
-"""Motions of the mass-spring-damper model together with their tangents: where a stretch ends and how that hangs on every
-number it began with.
+"""Motions of the mass-spring-damper model with their tangents: where a stretch ends and how that hangs on every number.
 
 A step of Runge-Kutta is differentiated as it is taken (internal differentiation, Bock 1983,
 doi:10.1007/978-1-4684-3324-1_15), so that slopes are those of the steps, exact to rounding. Tangents are arrays
@@ -240,7 +239,7 @@ def hold(x, v, off, held, mass, rest, pairs, rods, by_mass, by_rest, a, leans): 
 
 @compiled
 def shared(held, mass, rod, other):  # type: ignore[no-untyped-def]
-    """One over mass at the ends that two rods share, with the sign of their ends; and the same over mass again, by end."""
+    """One over mass at both ends of a rod where the other rod shares them, with the sign of what it pulls there."""
     i, j = rod
     p, q = other
     at_i = at_j = 0.0
