@@ -16,12 +16,15 @@ from gap_cases import NEAR, Case
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdict import Report
+from models.effects.effect import Effect
 from models.gap_scene import GapScene, Recording
 from pipeline.gap_scenes import open_scene
 from pipeline.gapcheck.blind import WORLDS, answer
 from pipeline.gapcheck.oracle import Oracle, oracle_of
 from pipeline.track_folder import TrackFolder, read_track_folders
 
+POWERLESS = 1e-9
+"""share of its natural strength that an effect out of the library may have."""
 FRESH = 24
 """Shots of the same world on which the interval of the closed part is tried."""
 
@@ -91,11 +94,14 @@ def _played(case: Case, drawn: dict[str, Any], folder: Path) -> TrackFolder:
 
 
 def _without(scene: GapScene, names: frozenset[str]) -> GapScene:
-    """A scene whose library lacks these effects: as probes they are never offered as a cause."""
-    if not names:
-        return scene
-    left = tuple(replace(one, kind="probe") if one.name in names else one for one in scene.effects)  # type: ignore[type-var]
-    return replace(scene, effects=left)  # type: ignore[type-var]
+    """A scene whose library lacks these effects: probes are never offered as a cause, and may not act at all."""
+    left = tuple(_powerless(one) if one.name in names else one for one in scene.effects)
+    return replace(scene, effects=left) if names else scene  # type: ignore[type-var]
+
+
+def _powerless(effect: Effect) -> Effect:
+    parameters = tuple(replace(one, sigma=POWERLESS * one.sigma) for one in effect.parameters)
+    return replace(effect, kind="probe", parameters=parameters)  # type: ignore[type-var]
 
 
 def _just_seen(case: Case, drawn: dict[str, Any], rng: np.random.Generator, folder: Path) -> dict[str, Any]:

@@ -45,15 +45,32 @@ class SceneEffect:
     kind: EffectKind = "physics"
 
 
+def brake_probe(unit: str, phase: str) -> SceneEffect:
+    """A brake of any law: minus the direction of motion times a cubic in speed, which no library needs to name.
+
+    What it explains beside the effects that are named is a law that the library lacks.
+    """
+    powers = tuple(
+        Prior(f"c{n}", f"{unit}^{1 - n} s^{n - 2}", 0.0, sigma, False, (-100.0, 100.0))
+        for n, sigma in enumerate((1.0, 0.5, 0.2, 0.05))
+    )
+    return SceneEffect(BRAKE, powers, (0.0,) * len(powers), (phase,), "a cubic in speed", (), "probe")
+
+
+BRAKE = "brake_over_speed"
+_CREEP = 0.01
+"""m/s or rad/s below which the probe fades out."""
+
+
 def compiled_here(function: Callable[..., Any]) -> Any:
     """Decorator of a function that holds values of the one around it: every process compiles it anew."""
     return numba.njit(error_model="numpy", nogil=True)(function)
 
 
 @cache
-def marcher(force: Force) -> March:
+def marcher(force: Force, probed: bool = False) -> March:
     """States (T, 2D, n) from n starts (2D, n) with n sets of parameters (P, n), at t (T,), in steps of at most so
-    many seconds."""
+    many seconds; the last four parameters are those of a `brake_probe` where there is one."""
 
     @compiled_here
     def march(start, parameters, t, longest):  # type: ignore[no-untyped-def]
@@ -63,6 +80,8 @@ def marcher(force: Force) -> March:
         now, at, rate, sum_of_rates = np.empty((4, size), start.dtype)
         for i in range(count):
             p = parameters[:, i].copy()
+            probe = p[-4:]
+            braked = probed and (probe != 0).any()
             now[:] = start[:, i]
             states[0, :, i] = now
             for k in range(1, len(t)):
@@ -77,6 +96,14 @@ def marcher(force: Force) -> March:
                         for d in range(half):
                             rate[d] = at[half + d]
                         force(at[:half], at[half:], p, rate[half:])
+                        if braked:
+                            square = 0 * p[0] + _CREEP**2
+                            for d in range(half, size):
+                                square += at[d] * at[d]
+                            speed = np.sqrt(square)
+                            brake = probe[0] / speed + probe[1] + probe[2] * speed + probe[3] * speed * speed
+                            for d in range(half, size):
+                                rate[d] -= brake * at[d]
                         weight = 2.0 if stage == 1 or stage == 2 else 1.0
                         for d in range(size):
                             sum_of_rates[d] += weight * rate[d]

@@ -20,7 +20,7 @@ def open_scene(folder: TrackFolder) -> GapScene:
     entry = folder.entry
     assumed = tuple(name for name in entry.model or () if name != "gravity")
     scene = _scene(folder, assumed)
-    held = [effect.name for effect in scene.effects]
+    held = [effect.name for effect in scene.effects if effect.kind != "probe"]
     foreign = [name for name in assumed if name not in held]
     if foreign:
         raise OptionError(f"{entry.scene} has the effects {', '.join(held)}; its model names {', '.join(foreign)}")

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from models.effects.effect import Prior
-from models.smooth_motion import Force, Numbers, SceneEffect, SmoothScene, compiled_here, marcher
+from models.smooth_motion import Force, Numbers, SceneEffect, SmoothScene, brake_probe, compiled_here, marcher
 
 STILL = 1e-3
 """m/s below which drag by the square of speed fades out."""
@@ -27,8 +27,9 @@ def effects(coordinates: int) -> tuple[SceneEffect, ...]:
             "a = -k u against the air, Stokes 1851", ("air_drag",),
         ),
     )  # fmt: skip
+    probe = brake_probe("m", "flight")
     if coordinates == 1:
-        return drags
+        return (*drags, probe)
     magnus = SceneEffect(
         "magnus", (Prior("s", "1/s", 0.0, 0.3, False, (-20.0, 20.0)),), (0.0,), ("flight",),
         "a = s v turned by 90 degrees, up where it flies towards +x: lift by spin", ("wind",),
@@ -38,7 +39,7 @@ def effects(coordinates: int) -> tuple[SceneEffect, ...]:
         "steady air, without which drag is measured; it pulls at 0.1 1/s of its speed where there is no other drag",
         ("magnus",),
     )  # fmt: skip
-    return (*drags, magnus, blown)
+    return (*drags, magnus, blown, probe)
 
 
 LEAST_DRAG = 0.1
@@ -71,7 +72,7 @@ def force_of(coordinates: int, gravity: float) -> Force:
 
 def flight_scene(coordinates: int, gravity: float = 9.81, assumed: tuple[str, ...] = ()) -> SmoothScene:
     """The scene for a simulator that has gravity and the effects `assumed`."""
-    march = marcher(force_of(coordinates, gravity))
+    march = marcher(force_of(coordinates, gravity), True)
     return SmoothScene(
         "flight", "m", "flight", effects(coordinates), assumed, march, ("lens_distortion", "perspective")
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.billiards.compiled import compiled
 from models.effects.effect import Prior
-from models.smooth_motion import Numbers, SceneEffect, SmoothScene, marcher
+from models.smooth_motion import Numbers, SceneEffect, SmoothScene, brake_probe, marcher
 
 TURNING = 0.004
 """rad/s at which dry friction fades out: a rod that sticks creeps a milliradian in a quarter of a second."""
@@ -36,6 +36,7 @@ def effects(angles: int) -> tuple[SceneEffect, ...]:
                 "gravity_tilt", (Prior("angle", "rad", 0.0, 0.02, False, (-0.5, 0.5)),), (0.0,), ("swing",),
                 "the vertical of the picture is not that of gravity",
             ),
+            brake_probe("rad", "swing"),
         )  # fmt: skip
     rods = SceneEffect(
         "rods",
@@ -57,7 +58,7 @@ def effects(angles: int) -> tuple[SceneEffect, ...]:
         "gravity_tilt", (Prior("angle", "rad", 0.0, 0.02, False, (-0.5, 0.5)),), (0.0,), ("swing",),
         "the vertical of the picture is not that of gravity",
     )  # fmt: skip
-    return (rods, friction, tilt)
+    return (rods, friction, tilt, brake_probe("rad", "swing"))
 
 
 @compiled
@@ -86,6 +87,6 @@ def two_rods(place: Numbers, velocity: Numbers, p: Numbers, out: Numbers) -> Non
 
 def pendulum_scene(angles: int, assumed: tuple[str, ...] = ()) -> SmoothScene:
     """The scene for a simulator of rods that has the effects `assumed` as well."""
-    march = marcher(one_rod if angles == 1 else two_rods)
+    march = marcher(one_rod if angles == 1 else two_rods, True)
     known = ("rods", *(name for name in assumed if name != "rods"))
     return SmoothScene("pendulum", "rad", "swing", effects(angles), known, march, ("spring_nonlinearity", "rod_mass"))

@@ -6,7 +6,7 @@ import numpy as np
 
 from models.billiards.compiled import compiled
 from models.effects.effect import Prior
-from models.smooth_motion import Numbers, SceneEffect, SmoothScene, marcher
+from models.smooth_motion import Numbers, SceneEffect, SmoothScene, brake_probe, marcher
 
 GRAVITY = 9.81
 """m/s2"""
@@ -31,6 +31,7 @@ EFFECTS = (
                   Prior("slope_y", "mm/m", 0.0, 10.0, False, (-200.0, 200.0))), (0.0, 0.0), ("slide",),
         "g times the slope, towards where the plane falls", ("sliding_friction",),
     ),
+    brake_probe("m", "slide"),
 )  # fmt: skip
 
 
@@ -45,4 +46,6 @@ def force(place: Numbers, velocity: Numbers, p: Numbers, out: Numbers) -> None:
 
 def slide_scene(assumed: tuple[str, ...] = ()) -> SmoothScene:
     """The scene for a simulator that has the effects `assumed`."""
-    return SmoothScene("slide", "m", "slide", EFFECTS, assumed, marcher(force), ("lens_distortion", "perspective"))
+    return SmoothScene(
+        "slide", "m", "slide", EFFECTS, assumed, marcher(force, True), ("lens_distortion", "perspective")
+    )

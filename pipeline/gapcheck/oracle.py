@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.close import Closing, closing, predict, windows_ahead
+from diagnosis.close import Closing, closing, foreseeable, predict, windows_ahead
 from diagnosis.fitting import Fitted, Question, fit, look, question_of
 from diagnosis.noise import Noise, estimate_noise, with_noise
 from diagnosis.pieces import fit_adaptively
@@ -35,9 +35,11 @@ class Oracle:
 
     def closes(self, better: Fitted, shots: tuple[Recording, ...]) -> Closing:
         """How much of the gap a better simulator closes on shots that chose nothing."""
+        rng = np.random.default_rng(0)
         windows = windows_ahead(self.question, with_noise(shots, self.noise))
-        before, after = predict(self.question, windows, self.base), predict(self.question, windows, better)
-        return closing(windows, before.squares, after.squares, after.floor, np.random.default_rng(0))
+        foreseen = foreseeable(self.question, windows, better, rng)
+        before, after = (predict(self.question, foreseen.windows, one, foreseen.starts) for one in (self.base, better))
+        return closing(foreseen.windows, before.squares, after.squares, after.floor, rng)
 
     def tells(self, truth: Fitted, other: frozenset[str]) -> bool:
         """Whether other effects explain the same shots worse than the true ones do."""

@@ -11,6 +11,8 @@ from models.pendulum.gap import pendulum_scene
 from models.slide.gap import slide_scene
 from models.smooth_motion import SmoothScene
 
+BRAKE = [0.2, 0.1, 0.05, 0.01]
+"""of the probe, in every scene the last parameters."""
 SCENES = {
     "slide": (slide_scene(), 2, [0.1, -0.2, 1.2, 0.7], [0.1, 0.2, 0.1, 3.0, -2.0]),
     "flight": (flight_scene(2), 2, [0.0, 1.0, 8.0, 6.0], [0.1, 0.2, 0.3, 1.0]),
@@ -31,7 +33,8 @@ def recording(coordinates: int, rows: int = 30) -> Recording:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_slopes_are_those_of_finite_differences(name: str) -> None:
-    scene, coordinates, start, shared = SCENES[name]
+    scene, coordinates, start, effects = SCENES[name]
+    shared = [*effects, *BRAKE]
     model = scene.model((recording(coordinates),), ())
     numbers = np.array([*start, *shared])
     flow = model.flow(0, np.array(start), np.array(shared))
@@ -51,6 +54,20 @@ def path(scene: SmoothScene, coordinates: int, start: list[float], **strengths: 
         shared[names.index(name)] = value
     piece = recording(coordinates, 60)
     return piece.t, scene.predict(piece, np.array(start), shared, ())[:, 0]
+
+
+def test_a_brake_of_any_law_is_what_its_powers_are_called_elsewhere() -> None:
+    start = [0.0, 1.0, 3.0, 4.0]
+    for power, name in ((1, "viscous_drag"), (2, "air_drag")):
+        scene = flight_scene(2)
+        names = [f"{effect.name}.{prior.name}" for effect in scene.effects for prior in effect.parameters]
+        paths = []
+        for called in (f"{name}.k", f"brake_over_speed.c{power}"):
+            shared = neutral_values(scene)
+            shared[names.index(called)] = 0.2
+            paths.append(scene.predict(recording(2, 60), np.array(start), shared, ()))
+        assert np.allclose(*paths, atol=1e-5)
+        assert not np.allclose(paths[0], scene.predict(recording(2, 60), np.array(start), neutral_values(scene), ()))
 
 
 def test_a_throw_is_a_parabola() -> None:
