@@ -28,7 +28,7 @@ misfit is what a missing effect is known by, a large one follows a wrong path.""
 
 def grown(question: Question, fitted: Fitted) -> Fitted:
     """The same hypothesis with windows as long as it explains; numbers that it holds fixed stay fixed."""
-    fitted, ends = _sought_anew(question, fitted), set[tuple[int, int]]()
+    fitted, ends = sought_anew(question, fitted), set[tuple[int, int]]()
     usual = max(float(np.divide(*_costs(question, fitted).sum(axis=0))), 1.0)
     while True:
         pairs = _pairs(question, fitted, ends)
@@ -98,7 +98,7 @@ def _lost(question: Question, found: Fitted, pairs: np.ndarray, usual: float) ->
     return np.array(lost, dtype=bool)
 
 
-def _sought_anew(question: Question, fitted: Fitted) -> Fitted:
+def sought_anew(question: Question, fitted: Fitted) -> Fitted:
     """Shots that are explained less well than others, begun once more from what was seen: their windows may have
     followed a wrong path under the hypothesis before."""
     costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, Told, fit, look
+from diagnosis.growing import sought_anew
 from diagnosis.signatures import Signatures, signatures
 
 Floats = NDArray[np.float64]
@@ -255,7 +256,12 @@ def _starting_from(
     if fresh.any():
         guess[fresh] += _signatures(state, near).step(fresh)
     for forms in _forms(question, names):
-        yield fit(question, near.fitted.pieces, effects, forms, guess, near.fitted.starts)
+        found = fit(question, near.fitted.pieces, effects, forms, guess, near.fitted.starts)
+        yield found
+        if found.cost > near.fitted.cost:  # a long step took some windows to wrong paths
+            yield sought_anew(question, found)
+            if near.names <= names and forms == near.fitted.forms:
+                yield fit(question, near.fitted.pieces, effects, forms, near.fitted.shared, near.fitted.starts)
 
 
 def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
