@@ -51,4 +51,4 @@ def fuzzed(folder: Path, inputs: int, rng: np.random.Generator) -> list[Line]:
 
 
 def _few(found: list[str]) -> str:
-    return f"{len(found)}" + "".join(f"; {one[:160]}" for one in found[:3])
+    return f"{len(found)}" + "".join(f"; {one[:160]}" for one in found[:8])

@@ -27,6 +27,8 @@ SCHEMA = "trueroll.balls/1"
 SHIPPED = Path(__file__).parent / "weights" / "balls.onnx"
 USUAL_SIDE = 640
 """px of the input of a YOLO export that leaves its size open."""
+MOST_SIDE = 8192
+"""px of the input of a network; a larger one that an exporter wrote is a mistake, or meant to take all memory."""
 EXPECTED = "an ONNX ball detector is trueroll's own or a YOLO export (v5 to v11, with one input of pictures)"
 LEAST_DIAMETER_PX = 14.0
 """Of a ball in a YOLO network's input; pictures that would show it smaller are cut into tiles."""
@@ -155,6 +157,8 @@ def _yolo(path: Path, session: onnxruntime.InferenceSession, facts: dict[str, st
         raise ModelError(f"{path} is another kind of network: {EXPECTED}; its inputs are {came}")
     rows, columns = (n if isinstance(n, int) else USUAL_SIDE for n in shape[2:])
     side = (rows, columns)
+    if not all(0 < n <= MOST_SIDE for n in side):
+        raise ModelError(f"{path} wants pictures of {side[1]} x {side[0]} px; {MOST_SIDE} px a side are the most")
     blank = _typed(np.zeros((1, 3, *side), np.float32), session)
     try:
         output = tuple(np.asarray(session.run(None, {inputs[0].name: blank})[0]).shape)
@@ -177,7 +181,7 @@ def _names(facts: dict[str, str]) -> dict[int, str]:
     """Names of the classes, which exporters write as a literal; empty where there are none."""
     try:
         names = ast.literal_eval(facts.get("names", "{}"))
-    except (ValueError, SyntaxError):
+    except (ValueError, SyntaxError, RecursionError, MemoryError):  # nested a thousand times, it may be hostile
         return {}
     if isinstance(names, list | tuple):
         names = dict(enumerate(names))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import ClipError
-from video.sequence import PictureRow, decoded_sequence, open_sequence
+from video.sequence import FILES_ONLY, PictureRow, decoded_sequence, open_sequence
 
 av.logging.set_level(None)  # the decoder's complaints become our sentences, never lines on stderr
 
@@ -62,7 +62,7 @@ def opened(path: Path) -> Iterator[tuple[Any, Any]]:
         yield row, row
         return
     try:
-        container = av.open(str(path.absolute()), options={"protocol_whitelist": "file"})
+        container = av.open(str(path.absolute()), options=FILES_ONLY, metadata_errors="replace")
     except (av.error.FFmpegError, OSError) as error:
         raise ClipError(
             f"{path.name} is no video that can be read, or its index is cut off: {_reason(error)}"

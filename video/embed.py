@@ -15,8 +15,11 @@ PLAYABLE_FORMATS = ("yuv420p", "yuvj420p")
 
 def playable(clip: Clip, copy: Path) -> Path:
     """The clip's own file if browsers and the rerun viewer play it upright, else `copy`, written now (H.264 in mp4)."""
-    if _plays_everywhere(clip):
-        return clip.path
+    return clip.path if _plays_everywhere(clip) else re_encoded(clip, copy)
+
+
+def re_encoded(clip: Clip, copy: Path) -> Path:
+    """`copy`, with every picture of the clip upright."""
     every_picture = np.arange(clip.frame_count)
     with VideoWriter(copy, clip.width, clip.height, clip.rate) as writer:
         for _, rgb in read_frames(clip, indices=every_picture):
@@ -28,7 +31,7 @@ def _plays_everywhere(clip: Clip) -> bool:
     """mp4 with unrotated 8-bit H.264 in square pixels."""
     if clip.path.is_dir() or not clip.whole:
         return False
-    with av.open(str(clip.path)) as container:
+    with av.open(str(clip.path.absolute()), metadata_errors="replace") as container:
         stream = container.streams.video[0]
         codec = stream.codec_context
         upright = (codec.width, codec.height) == (clip.width, clip.height)

@@ -24,6 +24,8 @@ RATE = Fraction(25)
 """Pictures per second: numbers have no unit, and --fps gives them one. FFmpeg takes the same."""
 NUMBERED = re.compile(r"(?P<before>.*?)(?P<number>\d{1,18})(?P<after>\D*)", re.DOTALL)
 """A name with its last number."""
+FILES_ONLY = {"protocol_whitelist": "file"}
+"""A film cannot send for another place: what it names is not fetched."""
 HEADS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM", b"II*\x00", b"MM\x00*", b"P5", b"P6", b"v/1\x01", b"SDPX")
 """First bytes of png, jpeg, bmp, tiff (both orders), netpbm, exr and dpx."""
 FORMATS = (
@@ -120,7 +122,7 @@ def _decoded(path: Path, damage: list[str]) -> Any:
     try:
         if path.is_symlink() or not path.is_file():
             raise OSError("it is no ordinary file")
-        with av.open(str(path.absolute()), options={"protocol_whitelist": "file"}) as container:
+        with av.open(str(path.absolute()), options=FILES_ONLY, metadata_errors="replace") as container:
             if container.format.name not in FORMATS or not container.streams.video:
                 raise OSError("it is no picture")
             return next(container.decode(video=0), None)

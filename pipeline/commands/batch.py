@@ -50,6 +50,7 @@ def batch(
     idle: Annotated[
         float | None, typer.Option("--idle", help="With --watch: s without a new clip after which to end.")
     ] = None,
+    gaps: Annotated[bool, typer.Option("--diagnose", help="Then diagnose all shots of one table together.")] = False,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
@@ -81,6 +82,8 @@ def batch(
     ):
         rows = run_batch(work, arriving(folder, out, idle) if watch else clips, crew, display)
     _tell(rows, out, as_json)
+    if gaps:
+        _diagnose(rows, out)
     if any(row.status == "failed" for row in rows):
         raise typer.Exit(1)
 
@@ -103,6 +106,15 @@ def _crew(work: Batch, jobs: int, cluster: str | None, clips: list[Path]) -> Ite
     with remote_client(cluster) as client:
         check_workers(client, work.cache, work.out, clips[0] if clips else work.root)
         yield partial(by_workers, client)
+
+
+def _diagnose(rows: list[Row], out: Path) -> None:
+    """Say of each table what its shots together say."""
+    from pipeline.batch.gap import diagnose_tables, tables_of
+
+    for table, sentence in diagnose_tables(tables_of(rows), out):
+        shots = f"{len(table.folders)} shot{'s' * (len(table.folders) != 1)}"
+        console.print(f"{table.name} ({shots}): {sentence}", markup=False, soft_wrap=True)
 
 
 def _tell(rows: list[Row], out: Path, as_json: bool) -> None:

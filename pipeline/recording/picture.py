@@ -7,13 +7,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from models.detections import Detections
 from models.tracks import Tracks
 from pipeline.recording.shot import Shot
 from pipeline.recording.stream import Colours, Floats, timeline
 from video.clip import Clip
-from video.embed import playable
+from video.embed import playable, re_encoded
 
 SIGMAS = 3.0
 """Standard deviations that the dot of a detection covers."""
@@ -26,11 +27,21 @@ RING = 1.15
 def log_video(stream: rr.RecordingStream, clip: Clip, folder: Path) -> None:
     """The clip, or a copy that the viewer plays, made in `folder`; the recording holds its bytes."""
     with TemporaryDirectory(prefix=".", dir=folder) as aside:
-        asset = rr.AssetVideo(path=playable(clip, Path(aside) / "copy.mp4"))
+        asset, stamps = _asset(clip, Path(aside) / "copy.mp4")
     stream.log("picture/video", asset, static=True)
-    stamps = np.sort(asset.read_frame_timestamps_nanos())[: clip.frame_count]
+    stamps = np.sort(stamps)[: clip.frame_count]
     times = timeline(clip.t[: len(stamps)], clip.t)
     stream.send_columns("picture/video", times, rr.VideoFrameReference.columns_nanos(stamps))
+
+
+def _asset(clip: Clip, copy: Path) -> tuple[rr.AssetVideo, NDArray[np.int64]]:
+    """The video and the times of its pictures, ns; a file that FFmpeg forgives and the viewer does not is copied."""
+    asset = rr.AssetVideo(path=playable(clip, copy))
+    try:
+        return asset, asset.read_frame_timestamps_nanos()
+    except RuntimeError:
+        asset = rr.AssetVideo(path=re_encoded(clip, copy))
+        return asset, asset.read_frame_timestamps_nanos()
 
 
 def log_detections(stream: rr.RecordingStream, clip: Clip, detections: Detections) -> None:

@@ -1,0 +1,94 @@
+"""The gap diagnosis over a batch: all shots of one table together, because they share its cloth, cushions and slope."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.diagnose import diagnose
+from pipeline.batch.job import Row
+from pipeline.gap_files import write_gap
+from pipeline.gap_page import gap_sentence, write_gap_page
+from pipeline.gap_scenes import open_scene
+from pipeline.sentences import one_sentence
+from pipeline.track_folder import read_track_folders
+
+SAME_CLOTH = 15.0
+"""CIE 1976 colour difference below which two cloths are taken for one: half of what parts green from blue cloth, and
+more than a lamp and an afternoon change."""
+
+Floats = NDArray[np.float64]
+Size = tuple[str, float, float, float]
+"""Name, length, width and ball radius (m) of a table."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableShots:
+    """The run folders of one table."""
+
+    name: str
+    folders: tuple[Path, ...]
+
+
+def tables_of(rows: Iterable[Row]) -> list[TableShots]:
+    """The runs of a batch by table: of one size, and with a cloth of one colour; runs that are not to be trusted left
+    out."""
+    found: list[tuple[Size, Floats, list[Path]]] = []
+    for folder, light in _runs(rows):
+        size, colour = _table(folder)
+        for other, seen, folders in found:
+            if light != "red" and other == size and not np.linalg.norm(seen - colour) > SAME_CLOTH:
+                folders.append(folder)
+                break
+        else:
+            if light != "red":
+                found.append((size, colour, [folder]))
+    names = [size[0] or f"{size[1]:g}x{size[2]:g}" for size, _, _ in found]
+    return [
+        TableShots(f"table-{k + 1:02d}-{name}", tuple(folders))
+        for k, (name, (_, _, folders)) in enumerate(zip(names, found, strict=True))
+    ]
+
+
+def diagnose_tables(tables: Iterable[TableShots], out: Path) -> Iterator[tuple[TableShots, str]]:
+    """Write OUT/gap/TABLE/gap.json, gap.html and gap_predictions.csv; what each says, or why it says nothing."""
+    for table in tables:
+        folder = out / "gap" / table.name
+        try:
+            read = read_track_folders(table.folders)
+            report = diagnose(open_scene(read), read.recordings)
+            write_gap(report, folder)
+            write_gap_page(report, table.name, folder / "gap.html")
+        except Exception as error:  # whatever is wrong with one table, the others are not to suffer
+            yield table, one_sentence(error)
+        else:
+            yield table, gap_sentence(report)
+
+
+def _runs(rows: Iterable[Row]) -> Iterator[tuple[Path, str]]:
+    """The folder of every shot, and its light."""
+    for row in rows:
+        folder = Path(row.folder)
+        if row.status == "done" and row.in_shots:
+            shots = _scene(folder).get("shots", [])
+            yield from ((folder / shot["folder"], shot["trust"]) for shot in shots)
+        elif row.status == "done":
+            yield folder, row.trust
+
+
+def _table(folder: Path) -> tuple[Size, Floats]:
+    scene = _scene(folder)
+    table = scene.get("table") or {}
+    size = (str(table.get("name") or ""), float(table["length"]), float(table["width"]), float(scene["ball_radius"]))
+    return size, np.array(table.get("cloth_lab") or [np.nan] * 3, dtype=np.float64)
+
+
+def _scene(folder: Path) -> dict[str, Any]:
+    scene: dict[str, Any] = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
+    return scene

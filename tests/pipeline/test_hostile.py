@@ -1,0 +1,95 @@
+"""What others wrote into files stays data: it is told in a sentence, and neither run nor followed."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import zipfile
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from detectors.onnx_model import open_model
+from models.errors import ClipError, ModelError
+from models.scene import Table
+from pipeline.sentences import told
+from pipeline.values import load_value
+from video.clip import open_clip
+
+
+def film(path: Path, **metadata: str) -> Path:
+    with av.open(str(path), "w") as container:
+        container.metadata.update(metadata)
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        for k in range(10):
+            picture = av.VideoFrame.from_ndarray(np.full((64, 96, 3), 20 * k, np.uint8))
+            picture.pts, picture.time_base = k, Fraction(1, 25)
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode(None))
+    return path
+
+
+def test_metadata_that_is_no_text_is_no_fault(tmp_path: Path) -> None:
+    clip = film(tmp_path / "a.mp4", title="xxxxxxxx")
+    data = clip.read_bytes()
+    assert b"xxxxxxxx" in data
+    clip.write_bytes(data.replace(b"xxxxxxxx", b"\x80\xff\xfe\x81\xc3(\xa0\xa1"))
+    assert open_clip(clip).frame_count == 10
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "#EXTM3U\n#EXTINF:1,\n{path}\n",
+        "ffconcat version 1.0\nfile '{path}'\n",
+        "v=0\nc=IN IP4 127.0.0.1\nm=video 9 RTP/AVP 96\n",
+    ],
+)
+def test_a_list_that_names_other_films_is_not_followed(tmp_path: Path, text: str) -> None:
+    secret = film(tmp_path / "secret.mp4")
+    listing = tmp_path / "list.mp4"
+    listing.write_text(text.format(path=secret))
+    with pytest.raises(ClipError):
+        open_clip(listing)
+
+
+class Trap:
+    """Runs when it is unpickled."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self) -> object:
+        return (Path.touch, (self.mark,))
+
+
+def test_a_pickle_in_an_entry_of_the_cache_is_not_run(tmp_path: Path) -> None:
+    mark = tmp_path / "run"
+    with zipfile.ZipFile(tmp_path / "arrays.npz", "w") as arrays:
+        array = np.empty(1, object)
+        array[0] = Trap(mark)
+        with arrays.open("corners.npy", "w") as file:
+            np.lib.format.write_array(file, array, allow_pickle=True)
+    (tmp_path / "value.json").write_text(json.dumps({"format": 1, "value": {"length": {"array": "corners"}}}))
+    with pytest.raises((ValueError, KeyError)):
+        load_value(Table, tmp_path)
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("kind", ["pickle", "nothing", "noise"])
+def test_a_model_that_is_none_is_a_sentence_and_is_not_run(tmp_path: Path, kind: str) -> None:
+    mark, path = tmp_path / "run", tmp_path / "model.onnx"
+    noise = np.random.default_rng(0).bytes(5000)
+    path.write_bytes({"pickle": pickle.dumps(Trap(mark)), "nothing": b"", "noise": noise}[kind])
+    with pytest.raises(ModelError):
+        open_model(path)
+    assert not mark.exists()
+
+
+def test_a_name_cannot_move_the_cursor_or_break_a_line() -> None:
+    assert told("a\x1b[2Jb\nc\udcff.mp4") == "a\ufffd[2Jb\ufffdc\ufffd.mp4"
+    assert told("Über 🎱.mp4") == "Über 🎱.mp4"
