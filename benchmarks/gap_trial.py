@@ -130,7 +130,7 @@ def _said(report: Report) -> str:
 def _judged(case: Case, report: Report, read: TrackFolder) -> tuple[bool, bool]:
     """Whether it is right, and whether an answer that is not may be excused."""
     if case.asked == "trap":
-        return _caught(case, report), False
+        return _caught(case, report, read), False
     if case.hidden:
         right = report.verdict == "unknown"
         named = frozenset(report.effects or report.candidates[0].group if not right else ())
@@ -142,8 +142,13 @@ def _judged(case: Case, report: Report, read: TrackFolder) -> tuple[bool, bool]:
     return False, not _told_apart(case, read, others if len(case.kind.withheld) == 1 else rivals)
 
 
-def _caught(case: Case, report: Report) -> bool:
-    """A trap is answered by a group, by nothing, or by something unknown, the cause being named as unidentifiable."""
+def _caught(case: Case, report: Report, read: TrackFolder) -> bool:
+    """A trap is answered by a group, or by no name, the cause being called unidentifiable; the right name is right only
+    if it is no guess: if an oracle can tell it from its partners."""
+    if report.effects and set(report.effects) == case.kind.withheld:
+        scene = open_scene(read)
+        partners = {name for one in scene.effects if one.name in case.kind.withheld for name in one.partners}
+        return _told_apart(case, read, [frozenset({name}) for name in sorted(partners)])
     hidden = case.kind.withheld if case.clock == 1.0 else {"frame_rate"}
     if report.verdict == "group":
         return hidden <= set(report.candidates[0].group)

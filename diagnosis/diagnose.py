@@ -22,6 +22,8 @@ from diagnosis.where import places, shape
 from diagnosis.which import Hypothesis, Search, adopted, search
 from models.gap_scene import Floats, GapScene, Recording
 
+_MIDDLING = 0.674
+"""standard deviations that half of all strengths exceed."""
 _NO_GAIN = -4.0
 """chi2 that shots which chose nothing may lose before they contradict."""
 
@@ -198,7 +200,7 @@ def _reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Ge
         per_effect=per_effect,
         fitted=_all_strengths(study),
         forms=study.full.forms,
-        unidentifiable=(*scene.gauges, *_hidden(study.question, detectable)),
+        unidentifiable=(*scene.gauges, *_hidden(study.question, detectable, best.names)),
         not_tested=scene.not_tested,
         film_next=film,
         p_value=study.before.p_value,
@@ -266,11 +268,12 @@ def _all_strengths(study: Study) -> tuple[Strength, ...]:
     )
 
 
-def _hidden(question: Question, detectable: Floats) -> tuple[str, ...]:
-    """Effects of usual strength that these data could not show: what the simulator has would take them up."""
-    usual = np.array([prior.sigma for prior in question.priors])
-    masks = {name: question.mask((name,)) for name in question.candidates}
-    return tuple(name for name, mask in masks.items() if np.all(detectable[mask] > usual[mask]))
+def _hidden(question: Question, detectable: Floats, named: frozenset[str]) -> tuple[str, ...]:
+    """Effects not `named` that in some direction would more often than not be missed at usual strength: what the
+    simulator has takes them up."""
+    usual = _MIDDLING * np.array([prior.sigma for prior in question.priors])
+    masks = {name: question.mask((name,)) for name in question.candidates if name not in named}
+    return tuple(name for name, mask in masks.items() if np.any(detectable[mask] > usual[mask]))
 
 
 def _gap(
