@@ -13,9 +13,8 @@ from models.fit import Fit
 from models.scene import Scene
 from models.tracks import Tracks
 from video.clip import Clip, read_frames
-from video.inbetween import open_interval, plate_of
-from video.plate import Plate
-from video.sightings import Sightings, sight
+from video.inbetween import Scenery, open_interval, scenery_of
+from video.sightings import sight
 from video.slowmotion import balls_at
 
 Floats = NDArray[np.float64]
@@ -32,29 +31,27 @@ def between(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, factor: int) -> 
     """
     if factor < 1:
         raise ValueError(f"a factor is 1 or more; got {factor}")
-    sightings = sight(scene, tracks, fit)
-    plate = plate_of(sightings, clip)
+    scenery = scenery_of(sight(scene, tracks, fit), clip)
     before: Picture | None = None
-    for row, (_, after) in enumerate(read_frames(clip, indices=sightings.frame), start=-1):
+    for row, (_, after) in enumerate(read_frames(clip, indices=scenery.sightings.frame), start=-1):
         if before is not None:
             yield before
-            yield from _inside(sightings, plate, row, before, after, factor)
+            yield from _inside(scenery, row, before, after, factor)
         before = after
     if before is not None:
         yield before
 
 
-def _inside(
-    sightings: Sightings, plate: Plate, row: int, first: Picture, second: Picture, factor: int
-) -> Iterator[Picture]:
+def _inside(scenery: Scenery, row: int, first: Picture, second: Picture, factor: int) -> Iterator[Picture]:
     """The new pictures between those of `row` and `row + 1`."""
+    sightings = scenery.sightings
     times = _inner_times(float(sightings.t[row]), float(sightings.t[row + 1]), factor)
     if not len(times):
         return
-    interval = open_interval(sightings, plate, row, first, second)
-    state = sightings.state(times)
+    interval = open_interval(sightings, scenery.plate, row, first, second, sharp=scenery.sharp)
+    state, ways = sightings.state(times), sightings.ways(times, sightings.exposure)
     for k, t in enumerate(times):
-        yield interval.at(float(t), balls_at(sightings, state, k, float(t)).centre)
+        yield interval.at(float(t), balls_at(sightings, state, k, float(t)).centre, ways[k])
 
 
 def times_between(clip: Clip, factor: int) -> Floats:

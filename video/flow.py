@@ -65,9 +65,7 @@ class OpticalFlow:
     def open(self, first: Picture, second: Picture) -> Between:
         """Find both flows, once for all shares."""
         grey = [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)) for picture in (first, second)]
-        search = cv2.DISOpticalFlow_create(self.preset)
-        there = np.asarray(search.calc(grey[0], grey[1], None), dtype=np.float32)
-        back = np.asarray(search.calc(grey[1], grey[0], None), dtype=np.float32)
+        there, back = (flow_between(a, b, self.preset) for a, b in (grey, grey[::-1]))
         return _Opened((first, second), there, back, _grid(*grey[0].shape)).at
 
 
@@ -80,15 +78,14 @@ class _Opened:
     grid: Singles
 
     def at(self, share: float) -> Picture:
-        ways = (self._way(self.there, share), -self._way(self.back, 1 - share), None)
-        best = self._taken(ways[0], share)
+        ways = (self._way(self.there, share), np.negative(self._way(self.back, 1 - share)), None)
+        first, second, cost = self._taken(ways[0], share)
         for way in ways[1:]:
-            other = self._taken(way, share)
-            nearer = other[2] < best[2]
-            best = tuple(
-                np.where(nearer if a.ndim == 2 else nearer[..., None], b, a) for a, b in zip(best, other, strict=True)
-            )
-        return self._mixed(*best, share)
+            *others, other_cost = self._taken(way, share)
+            nearer = (other_cost < cost)[..., None]
+            first, second = np.where(nearer, others[0], first), np.where(nearer, others[1], second)
+            cost = np.minimum(cost, other_cost)
+        return self._mixed(first, second, cost, share)
 
     def _way(self, flow: Singles, share: float) -> Singles:
         """(h, w, 2) px over the whole gap of what passes each pixel at a share of it, from where the flow begins."""
@@ -99,17 +96,13 @@ class _Opened:
 
     def _taken(self, way: Singles | None, share: float) -> tuple[Picture, Picture, Singles]:
         """The colours at both ends of a way, and how far they differ."""
-        ends = (
-            self.pictures
-            if way is None
-            else (
-                _looked_up(self.pictures[0], self.grid - np.float32(share) * way),
-                _looked_up(self.pictures[1], self.grid + np.float32(1 - share) * way),
-            )
-        )
-        apart = cv2.absdiff(*ends)
-        cost = cv2.blur(apart.max(axis=2).astype(np.float32), (WINDOW, WINDOW))
-        return ends[0], ends[1], np.asarray(cost if way is not None else cost + 1, dtype=np.float32)
+        first, second = self.pictures
+        if way is not None:
+            first = _picture_at(first, self.grid - np.float32(share) * way)
+            second = _picture_at(second, self.grid + np.float32(1 - share) * way)
+        apart = np.asarray(cv2.absdiff(first, second)).max(axis=2).astype(np.float32)
+        cost = np.asarray(cv2.blur(apart, (WINDOW, WINDOW)), dtype=np.float32)
+        return first, second, cost + np.float32(way is None)
 
     def _mixed(self, first: Picture, second: Picture, cost: Singles, share: float) -> Picture:
         weight = np.float32(share) + np.zeros_like(cost)
@@ -132,5 +125,17 @@ def _grid(height: int, width: int) -> Singles:
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
 
 
-def _looked_up(values: NDArray[np.float32] | Picture, where: Singles) -> NDArray[np.float32] | Picture:
-    return np.asarray(cv2.remap(values, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+def _looked_up(values: Singles, where: Singles) -> Singles:
+    looked = cv2.remap(values, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(looked, dtype=np.float32)
+
+
+def _picture_at(picture: Picture, where: Singles) -> Picture:
+    looked = cv2.remap(picture, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(looked, dtype=np.uint8)
+
+
+def flow_between(first: Picture, second: Picture, preset: int = cv2.DISOPTICAL_FLOW_PRESET_MEDIUM) -> Singles:
+    """Dense ways (h, w, 2) px from one grey picture to another."""
+    search = cv2.DISOpticalFlow.create(preset)
+    return np.asarray(search.calc(first, second, np.zeros((*first.shape, 2), dtype=np.float32)), dtype=np.float32)

@@ -10,24 +10,47 @@ from numpy.typing import NDArray
 
 from models.scene import apply_homography
 from video.clip import Clip, read_frames
+from video.exposure import with_exposure
 from video.flow import Interpolator, OpticalFlow
 from video.flow_regions import Region, open_regions
+from video.pasting import Layer, paste
 from video.plate import Plate, learn_plate
+from video.sharp_balls import SharpBalls, learn_sharp, sharp_pair
 from video.sightings import Sightings
-from video.sprites import SHADOW_RADII, Outline, Peeled, Sprite, paste, peel
+from video.sprites import SHADOW_RADII, STREAKED_RADII, Outline, Peeled, Sprite, peel, taps_along
+from video.turning import bends_between
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Picture = NDArray[np.uint8]
 
-OPTICAL_FLOW = OpticalFlow()
+OPTICAL_FLOW, NO_SHARP = OpticalFlow(), SharpBalls({})
 MOST_SAMPLES, FEWEST_SAMPLES = 32, 13
 """Pictures, spread over the clip, that the plate is learnt from."""
 PLATE_BYTES = 64_000_000
 """Memory for the swept pixels of those pictures; larger areas are learnt from fewer."""
+ALIKE_RADII = 0.4
+"""Radii by which the ends of two streaks may differ and look alike."""
 DISSOLVE = (0.3, 0.7)
 """Share of the time between two pictures in which what is no ball passes from one to the other: short, so that hands
 and cues are seen double only briefly."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenery:
+    """What is learnt from a whole clip before pictures are made."""
+
+    sightings: Sightings
+    plate: Plate
+    sharp: SharpBalls
+
+
+def scenery_of(sightings: Sightings, clip: Clip) -> Scenery:
+    """Learn the table without balls, the balls without streaks, and how long the shutter was open."""
+    plate = plate_of(sightings, clip)
+    sharp = learn_sharp(sightings, clip, plate)
+    return Scenery(with_exposure(sightings, clip, plate, sharp), plate, sharp)
 
 
 def plate_of(sightings: Sightings, clip: Clip) -> Plate:
@@ -72,6 +95,54 @@ def _sample(sightings: Sightings, row: int, picture: Picture) -> tuple[Picture, 
 
 
 @dataclass(frozen=True, slots=True)
+class Seen:
+    """One moving ball in the two pictures."""
+
+    ball: int
+    radius: float
+    """px"""
+    sides: tuple[Sprite | None, Sprite | None]
+    """None where it is not in that picture."""
+    sharp: tuple[Sprite | None, Sprite | None] | None
+    """The ball without its streak, in the light of either side; None where neither is streaked."""
+    bends: tuple[Singles, Singles] | None
+    """How what is on the ball goes round, there and back."""
+
+    def layers(self, centre: Floats, way: Floats, share: float) -> list[Layer]:
+        """What to lay for the ball at `centre` (2,) px that goes `way` (P, 2) px around it."""
+        if not np.isfinite(centre).all():
+            return []
+        bends = (None, None) if self.bends is None else (share * self.bends[0], (1 - share) * self.bends[1])
+        if self.sharp is None:
+            return self._mixed(self.sides, centre[None], share, bends)
+        way = way if np.isfinite(way).all() else np.zeros((1, 2))
+        alike = [sprite if sprite is not None and self._like(sprite.way, way) else None for sprite in self.sides]
+        if alike == [None, None]:
+            return self._mixed(self.sharp, centre + taps_along(way), share, bends)
+        # a sighting that is streaked alike is truer than any streak made anew
+        parts = zip(alike, self.sides, (1 - share, share), bends, strict=True)
+        kept = [(sprite, weight, bend) for sprite, _, weight, bend in parts if sprite is not None]
+        shown = sum(weight for side, weight in zip(self.sides, (1 - share, share), strict=True) if side is not None)
+        times = shown / sum(weight for _, weight, _ in kept)
+        return [Layer(sprite, centre[None], weight * times, bend) for sprite, weight, bend in kept]
+
+    def _like(self, way: Floats, wanted: Floats) -> bool:
+        """Whether two streaks look the same."""
+        one, other = way[-1] - way[0], wanted[-1] - wanted[0]
+        return float(min(np.hypot(*(one - other)), np.hypot(*(one + other)))) < ALIKE_RADII * self.radius
+
+    @staticmethod
+    def _mixed(
+        sides: tuple[Sprite | None, Sprite | None],
+        places: Floats,
+        share: float,
+        bends: tuple[Singles | None, Singles | None],
+    ) -> list[Layer]:
+        parts = zip(sides, (1 - share, share), bends, strict=True)
+        return [Layer(sprite, places, weight, bend) for sprite, weight, bend in parts if sprite is not None]
+
+
+@dataclass(frozen=True, slots=True)
 class Interval:
     """Two neighbouring real pictures, taken apart."""
 
@@ -79,26 +150,26 @@ class Interval:
     row: int
     first: Picture
     second: Picture
-    balls: tuple[int, ...]
-    before: Peeled
-    after: Peeled
+    behind: tuple[Picture, Picture]
+    """The same without moving balls."""
+    balls: tuple[Seen, ...]
+    still: tuple[Outline, ...]
+    """Balls that rest near moving ones."""
     regions: tuple[Region, ...] = ()
     """Where something other than balls moves."""
 
-    def at(self, t: float, centres: Floats) -> Picture:
-        """The picture (H, W, 3) at time t with balls at `centres` (N, 2) px; a real one where it falls on one."""
+    def at(self, t: float, centres: Floats, ways: Floats | None = None) -> Picture:
+        """The picture (H, W, 3) at time t with balls at `centres` (N, 2) px; a real one where it falls on one.
+
+        `ways` (P, N, 2) px, relative to the centres, is where the balls go while the shutter is open.
+        """
         share = self.sightings.place(t)[1] if t < self.sightings.t[self.row + 1] else 1.0
         if share in (0.0, 1.0):
             return (self.first if share == 0 else self.second).copy()
         picture = self._behind(t, share)
         self._lay_regions(picture, t, share)
-        for slot, ball in enumerate(self.balls):
-            pair = ((self.before.sprites[slot], 1 - share), (self.after.sprites[slot], share))
-            layers: list[tuple[Sprite, Floats, float]] = [
-                (sprite, centres[ball], weight) for sprite, weight in pair if sprite is not None
-            ]
-            if layers and np.isfinite(centres[ball]).all():
-                paste(picture, layers)
+        ways = np.zeros((1, *centres.shape)) if ways is None else ways
+        paste(picture, [seen.layers(centres[seen.ball], ways[:, seen.ball], share) for seen in self.balls], self.still)
         return picture
 
     def _lay_regions(self, picture: Picture, t: float, share: float) -> None:
@@ -121,7 +192,7 @@ class Interval:
 
     def _carried(self, side: int, motion: Floats | None) -> Picture:
         """A copy of one side without moving balls, as a drifting camera sees it with another motion."""
-        picture = (self.before, self.after)[side].behind
+        picture = self.behind[side]
         own = self.sightings.motion(float(self.sightings.t[self.row + side]))
         if own is None or motion is None:
             return picture.copy()
@@ -136,6 +207,7 @@ def open_interval(
     first: Picture,
     second: Picture,
     interpolator: Interpolator = OPTICAL_FLOW,
+    sharp: SharpBalls = NO_SHARP,
 ) -> Interval:
     """Take the pictures of `row` and `row + 1` apart, to make any picture between them."""
     balls = tuple(int(ball) for ball in np.flatnonzero(sightings.moves[row]))
@@ -143,8 +215,34 @@ def open_interval(
     for side, picture in ((row, first), (row + 1, second)):
         shown = _shown(sightings, plate, side, picture)
         sides.append(_part(sightings, plate, side, picture, balls, shown))
+    seen = [_seen(sightings, sharp, row, ball, pair) for ball, pair in zip(balls, _pairs(sides), strict=True)]
     regions = open_regions(sides[0].behind, sides[1].behind, interpolator)
-    return Interval(sightings, row, first, second, balls, sides[0], sides[1], regions)
+    behind = (sides[0].behind, sides[1].behind)
+    return Interval(sightings, row, first, second, behind, tuple(seen), _still(sightings, row, balls), regions)
+
+
+def _pairs(sides: list[Peeled]) -> list[tuple[Sprite | None, Sprite | None]]:
+    return list(zip(sides[0].sprites, sides[1].sprites, strict=True))
+
+
+def _seen(
+    sightings: Sightings, sharp: SharpBalls, row: int, ball: int, sides: tuple[Sprite | None, Sprite | None]
+) -> Seen:
+    """A ball on both pictures: sharp where it was streaked, else with what turns on it."""
+    radius = float(np.nanmean(sightings.radius[row : row + 2, ball]))
+    longest = max((sprite.streak for sprite in sides if sprite is not None), default=0.0)
+    if longest > STREAKED_RADII * radius:
+        t = float(sightings.t[row])
+        return Seen(ball, radius, sides, sharp_pair(sharp, ball, t, radius, sides), None)
+    first, second = sides
+    bends = None if first is None or second is None else bends_between(first, second, radius)
+    return Seen(ball, radius, sides, None, bends)
+
+
+def _still(sightings: Sightings, row: int, balls: tuple[int, ...]) -> tuple[Outline, ...]:
+    """Outlines of the balls that rest in both pictures."""
+    resting = [ball for ball in np.flatnonzero(sightings.observed[row]) if ball not in balls]
+    return tuple(sightings.outline(row, int(ball)) for ball in resting)
 
 
 def _part(

@@ -20,9 +20,10 @@ from video.layout import Rect, covered_share, place_label
 from video.options import RenderOptions
 from video.overlay import Balls, Label, draw_disc, draw_ring, draw_trail
 from video.palette import FLASH, INK, WHITE
+from video.pasting import Layer, paste
 from video.plate import Plate
 from video.sightings import Sightings, sight
-from video.sprites import Sprite, paste, peel
+from video.sprites import Sprite, peel
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -98,7 +99,7 @@ def _draw(
     """Lay ghosts, ways, contacts, names and the plan over the last picture."""
     end = float(sightings.t[-1])
     for sprite, place in ghosts:
-        paste(still, [(sprite, place, GHOST)])
+        paste(still, [[Layer(sprite, place[None], GHOST)]])
     count = len(annotation.paths)
     centre = sightings.centre[-1]
     none = np.zeros(count, dtype=bool)

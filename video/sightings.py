@@ -56,6 +56,8 @@ class Sightings:
     """(T, P, N, 2) px, relative to the centre: where the ball goes while the shutter is open; P = 1 without streaks."""
     colour: NDArray[np.uint8]
     """(N, 3) sRGB"""
+    exposure: float = 0.0
+    """s for which the shutter was open, by the streaks; 0 where none was seen."""
 
     def state(self, t: Floats) -> State:
         """State at times (K,); before and after a ball is known it is held at its ends."""
@@ -96,6 +98,14 @@ class Sightings:
         drift = self.offset[row] * (1 - share) + self.offset[after] * share
         return np.asarray(self.project(xy, t) + drift, dtype=np.float64)
 
+    def ways(self, t: Floats, exposure: float) -> Floats:
+        """(K, P, N, 2) px, relative to the middle: every ball's way while a shutter is open for s around times (K,)."""
+        shares = np.linspace(-0.5, 0.5, STREAK_POINTS if exposure > 0 else 1)
+        times = np.clip(t[:, None] + exposure * shares, self.t[0], self.t[-1])
+        xy = self.trajectory.at(times).xy
+        px = self.scene.camera.to_pixels(xy, self.scene.table.ball_radius)
+        return np.asarray(px - px[:, [len(shares) // 2]], dtype=np.float64)
+
     def outline(self, row: int, ball: int) -> Outline:
         """Where a ball is during the exposure of a picture."""
         centre = self.centre[row, ball]
@@ -119,12 +129,13 @@ def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:
     centre = np.where(observed[..., None], tracks.px, np.where(inside, put, np.nan))
     offset = tracks.px - put
     offset[~(observed & np.isfinite(put[..., 0]))] = 0
+    exposure = _exposure(tracks, modelled.v)
     radius = _radii(scene, tracks, np.where(np.isfinite(xy), xy, tracks.xy))
     return Sightings(
         scene=scene, trajectory=fit.trajectory, span=_spans(fit.trajectory), frame=tracks.frame, t=tracks.t,
         centre=centre, offset=offset, radius=radius, observed=observed,
         moves=_moves(scene, tracks, fit.trajectory, radius),
-        way=_ways(scene, tracks, fit.trajectory, _exposure(tracks, modelled.v)),
+        way=_ways(scene, tracks, fit.trajectory, exposure), exposure=exposure,
         colour=np.array([lab_to_rgb(lab) for lab in tracks.colour], dtype=np.uint8).reshape(-1, 3),
     )  # fmt: skip
 

@@ -16,11 +16,10 @@ from models.tracks import Tracks
 from models.trajectory import State
 from video.annotation import EIGHTFOLD, Annotation, annotate
 from video.clip import Clip, read_frames
-from video.inbetween import open_interval, plate_of
+from video.inbetween import Scenery, open_interval, scenery_of
 from video.motion_marks import LEAST_SPEED
 from video.options import RenderOptions
 from video.overlay import Balls
-from video.plate import Plate
 from video.poster import render_poster
 from video.sightings import Sightings, sight
 from video.writer import VideoWriter
@@ -51,14 +50,13 @@ def render_slow_motion(
 
     Returns the time of the clip, s, that its first picture shows.
     """
-    sightings = sight(scene, tracks, fit)
+    scenery = scenery_of(sight(scene, tracks, fit), clip)
     rate = min(max(clip.rate, LEAST_RATE), MOST_RATE)
-    times = _times(sightings, rate, options)
-    plate = plate_of(sightings, clip)
+    times = _times(scenery.sightings, rate, options)
     preset, crf = ("ultrafast", 26) if options.quick else ("veryfast", 20)
     done = 0
     with VideoWriter(path, clip.width, clip.height, rate, crf=crf, preset=preset) as writer:
-        for picture in _pictures(clip, sightings, tracks, fit, plate, times, options.slow):
+        for picture in _pictures(clip, scenery, tracks, fit, times, options.slow):
             writer.write(picture)
             done += 1
             progress(done / len(times))
@@ -81,9 +79,15 @@ def _times(sightings: Sightings, rate: Fraction, options: RenderOptions) -> Floa
 
 
 def _pictures(
-    clip: Clip, sightings: Sightings, tracks: Tracks, fit: Fit, plate: Plate, times: Floats, slow: float
+    clip: Clip,
+    scenery: Scenery,
+    tracks: Tracks,
+    fit: Fit,
+    times: Floats,
+    slow: float,
 ) -> Iterator[Picture]:
     """The finished pictures in order, two real ones held at a time."""
+    sightings = scenery.sightings
     rows = np.minimum(np.searchsorted(sightings.t, times, side="right") - 1, max(len(sightings.t) - 2, 0))
     annotation: Annotation | None = None
     before: Picture | None = None
@@ -91,11 +95,12 @@ def _pictures(
         annotation = annotation or annotate(sightings, tracks, fit, after, slow)
         wanted = times[rows == row]
         if before is not None and len(wanted):
-            interval = open_interval(sightings, plate, row, before, after)
+            interval = open_interval(sightings, scenery.plate, row, before, after, sharp=scenery.sharp)
             state, plan = sightings.state(wanted), fit.trajectory.at(wanted).xy
+            ways = sightings.ways(wanted, sightings.exposure)
             for k, t in enumerate(wanted):
                 balls = balls_at(sightings, state, k, float(t))
-                picture = interval.at(float(t), balls.centre)
+                picture = interval.at(float(t), balls.centre, ways[k])
                 annotation.draw(picture, float(t), balls, plan[k])
                 yield picture
         before = after

@@ -1,4 +1,4 @@
-"""Balls cut out of a picture with their soft edge and shadow, and pasted elsewhere, between pixels."""
+"""Balls cut out of a picture with their soft edge and shadow."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from video.plate import Plate, fill_behind
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Picture = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
 
 EDGE_RADII, LEAST_EDGE = 0.10, 1.0
 """Width beyond the seen radius that belongs to the ball: share of the radius, and px: optics and coding blur it."""
@@ -25,6 +26,20 @@ RING_RADII = 0.6
 """Width of the ring outside the shadow that tells the light."""
 SHADE_LIMITS = (0.3, 1.25)
 """How far a shadow may darken and a glow may brighten: beyond are other things."""
+OTHER_COLOUR = 14.0
+"""Levels of 255 by which a pixel may differ from the empty table in another light and still be the table; at twice
+that it is something else."""
+HALO_RADII, HALO_PX = 1.15, 3.0
+"""Distance from the centre, in radii and then px, within which optics, coding and sharpening fringe a ball with other
+colours: no cue is told from the ball there."""
+LEAST_SEEN = 1e-3
+"""Weight of colours that stand in for hidden ones: they count where no picture shows the ball."""
+
+
+TAP, MOST_TAPS = 0.7, 48
+"""px between the places over which a streak is averaged; and no more of them than this."""
+STREAKED_RADII = 0.5
+"""Radii that a ball goes during an exposure from which it is a streak."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +68,11 @@ class Outline:
         return nearest
 
     @property
+    def streaked(self) -> bool:
+        """Whether the ball went so far that its own edge is a blur."""
+        return float(np.hypot(*np.ptp(self.way, axis=0))) > STREAKED_RADII * self.radius
+
+    @property
     def edge(self) -> float:
         """px beyond the radius that still belong to the ball."""
         return max(LEAST_EDGE, EDGE_RADII * self.radius)
@@ -61,6 +81,17 @@ class Outline:
     def reach(self) -> float:
         """px from the way to the outer border of the ring."""
         return (SHADOW_RADII + RING_RADII) * self.radius + 2 * self.edge
+
+
+def taps_along(way: Floats) -> Floats:
+    """Places (K, 2) px, evenly in time along a way (P, 2), close enough for a smooth streak."""
+    length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    count = int(np.clip(np.ceil(length / TAP), 1, MOST_TAPS))
+    if count == 1 or len(way) == 1:
+        return np.asarray(way[[len(way) // 2]], dtype=np.float64)
+    place = (np.arange(count) + 0.5) / count * (len(way) - 1)
+    known = np.arange(len(way))
+    return np.column_stack([np.interp(place, known, way[:, axis]) for axis in (0, 1)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +107,17 @@ class Sprite:
     """(h, w, 3) brightness around the ball with it over without it, minus 1; 0 far away."""
     cover: Singles
     """(k, l, 4) colour times mask, and mask 0 to 1: the part that is not empty."""
+    seen: Singles
+    """(k, l) 1 where the colour was seen, near 0 where another ball hid it and the mean of the rest stands in."""
     inset: tuple[int, int]
     """Columns and rows of `shade` before those of `cover`."""
+    way: Floats
+    """(P, 2) px relative to the centre: where the ball went while the shutter was open."""
+
+    @property
+    def streak(self) -> float:
+        """px, how far it went."""
+        return float(np.hypot(*np.ptp(self.way, axis=0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +175,11 @@ def _erase(
     box: tuple[int, int, int, int],
     plate: Plate,
     motion: Floats | None,
-) -> tuple[Singles, Singles]:
-    """Paint the table over one ball in `behind`; returns the masks (h, w) of the ball and of all that it touches."""
+) -> tuple[Singles, Singles, Singles]:
+    """Paint the table over one ball in `behind`.
+
+    Returns (h, w): the mask of the ball, what of it no other ball hides, and all that it touches.
+    """
     x, y, width, height = box
     distance = outline.distance(*box)
     radius, edge = outline.radius, outline.edge
@@ -144,72 +187,94 @@ def _erase(
     clear = np.ones(distance.shape, dtype=bool)
     for other in near:
         theirs = other.distance(*box) - other.radius
-        mine *= np.clip((theirs - (distance - radius)) / 2 + 0.5, 0, 1)
+        mine *= _share(distance - radius, theirs, outline.centre[1] > other.centre[1])
         clear &= theirs > other.edge + 1
-    ball = np.clip((radius + 2 * edge - distance) / edge, 0, 1) * mine
+    ball = np.clip((radius + 2 * edge - distance) / edge, 0, 1)
     shadow = np.clip((SHADOW_RADII * radius + edge - distance) / (FADE_RADII * radius), 0, 1) * mine
     here = np.s_[y : y + height, x : x + width]
     around, known = plate.patch(x, y, width, height, motion)
     ring = clear & known & (distance > SHADOW_RADII * radius + edge)
     ground = fill_behind(picture[here], around, ring)
-    touched = np.where(known, np.maximum(ball, np.where(clear, shadow, 0)), 0)
+    shadow *= _shaded(picture[here], ground, distance < HALO_RADII * radius + HALO_PX)
+    touched = np.where(known, np.maximum(ball * mine, np.where(clear, shadow, 0)), 0)
     patch = behind[here].astype(np.float32)
     behind[here] = np.rint(patch + (ground - patch) * touched[..., None]).astype(np.uint8)
-    return ball, touched
+    return ball, mine, touched
+
+
+def _share(own: Singles, theirs: Singles, in_front: bool) -> Singles:
+    """How far pixels belong to one of two balls, 0 to 1, by their distances from both edges.
+
+    Pictures are upright, so the ball that is lower in the picture is nearer to the camera and hides the other.
+    """
+    hidden = theirs - np.maximum(own, 0) if not in_front else np.maximum(theirs, 0) - own
+    return np.asarray(np.clip(hidden / 2 + 0.5, 0, 1), dtype=np.float32)
+
+
+def _shaded(seen: Picture, empty: Singles, ball: Mask) -> Singles:
+    """(h, w) 1 where a picture shows the ball, or the empty table in another light; 0 where something else: a cue."""
+    wide = seen.astype(np.float32)
+    light = (wide * empty).sum(axis=2) / np.maximum((empty * empty).sum(axis=2), 1)
+    other = np.abs(wide - light[..., None] * empty).max(axis=2)
+    fits = np.clip(2 - other / OTHER_COLOUR, 0, 1) * ((light > SHADE_LIMITS[0]) & (light < SHADE_LIMITS[1]))
+    fits = np.where(ball, 1, fits)
+    return np.asarray(cv2.blur(cv2.erode(fits.astype(np.float32), np.ones((3, 3))), (3, 3)), dtype=np.float32)
 
 
 def _cut(
-    picture: Picture, behind: Picture, outline: Outline, ball: Singles, touched: Singles, box: tuple[int, int, int, int]
+    picture: Picture,
+    behind: Picture,
+    outline: Outline,
+    ball: Singles,
+    mine: Singles,
+    touched: Singles,
+    box: tuple[int, int, int, int],
 ) -> Sprite | None:
     """The sprite of one ball, from the picture with and without it; None where nothing of it shows."""
     x, y, width, height = box
     here = np.s_[y : y + height, x : x + width]
     seen, empty = picture[here].astype(np.float32), behind[here].astype(np.float32)
-    mask = np.where(touched > 0, ball, 0)[..., None]
+    mask = np.where((touched > 0) | (mine < 1), ball, 0)[..., None]
     rows, columns = (np.flatnonzero(mask[..., 0].any(axis=axis)) for axis in (1, 0))
-    if not len(rows):
+    if not len(rows) or not touched.any():
         return None
     tight = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     shade = np.clip((seen + 2) / (empty + 2), *SHADE_LIMITS) - 1
-    shade *= (touched > 0)[..., None]
-    cover = np.concatenate([seen * mask, mask], axis=2)[tight]
-    return Sprite(x, y, outline.centre, shade, cover, (int(columns[0]), int(rows[0])))
+    shade = _smoothed_under(shade * (touched > 0)[..., None], ball > 0.99)
+    if outline.streaked:
+        return _matted(seen, empty, shade, outline, box)
+    sure = (mine[..., None] * mask)[tight]
+    usual = (seen[tight] * sure).sum(axis=(0, 1)) / max(float(sure.sum()), 1e-3)
+    colour = usual + (seen - usual) * mine[..., None]
+    cover = np.concatenate([colour * mask, mask], axis=2)[tight].astype(np.float32)
+    inset = (int(columns[0]), int(rows[0]))
+    shown = np.maximum(mine[tight], LEAST_SEEN)
+    return Sprite(x, y, outline.centre, shade.astype(np.float32), cover, shown, inset, outline.way - outline.centre)
 
 
-def paste(picture: Picture, layers: Sequence[tuple[Sprite, Floats, float]]) -> None:
-    """Lay one ball over `picture` in place, mixed from sprites: each with the centre (2,) px to put it at and a weight.
-
-    Weights add to 1, or to less for a ball that fades.
-    """
-    shades, covers = [], []
-    for sprite, centre, weight in layers:
-        corner = np.array([sprite.x, sprite.y]) + centre - sprite.centre
-        shades.append((sprite.shade, corner, weight, cv2.INTER_LINEAR))
-        covers.append((sprite.cover, corner + sprite.inset, weight, cv2.INTER_CUBIC))
-    for kind, parts in enumerate((shades, covers)):
-        box = _hull(picture, parts)
-        if box is None:
-            continue
-        ground = picture[box[1] : box[3], box[0] : box[2]]
-        layer = _moved(box, parts)
-        kept, added = (1 + layer, 0.0) if kind == 0 else (1 - np.clip(layer[..., 3:], 0, 1), layer[..., :3])
-        ground[:] = np.rint(np.clip(ground * kept + added, 0, 255)).astype(np.uint8)
+def _smoothed_under(shade: Singles, ball: Mask) -> Singles:
+    """The shade with that around the ball carried on under it: what a streaked ball lets through."""
+    around = (~ball).astype(np.float32)
+    size = 2 * int(max(ball.any(axis=0).sum(), ball.any(axis=1).sum()) // 2) + 1
+    weight = cv2.blur(around, (size, size))[..., None]
+    smooth = cv2.blur(shade * around[..., None], (size, size)) / np.maximum(weight, 1e-3)
+    return np.where(ball[..., None], smooth, shade).astype(np.float32)
 
 
-def _hull(picture: Picture, parts: Sequence[tuple[Singles, Floats, float, int]]) -> tuple[int, int, int, int] | None:
-    """x0, y0, x1, y1 of the box around patches put at corners, cut at the picture; None if it is empty."""
-    corners = np.array([corner for _, corner, *_ in parts])
-    ends = corners + [patch.shape[1::-1] for patch, *_ in parts]
-    x0, y0 = (int(v) for v in np.maximum(np.floor(corners.min(axis=0)), 0))
-    x1, y1 = (int(v) for v in np.minimum(np.ceil(ends.max(axis=0)), picture.shape[1::-1]))
-    return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
-
-
-def _moved(box: tuple[int, int, int, int], parts: Sequence[tuple[Singles, Floats, float, int]]) -> Singles:
-    """The weighted sum of patches put at corners between pixels, in a box."""
-    x0, y0, x1, y1 = box
-    total = np.zeros((y1 - y0, x1 - x0, parts[0][0].shape[2]), dtype=np.float32)
-    for patch, (x, y), weight, flags in parts:
-        shift = np.array([[1.0, 0.0, x - x0], [0.0, 1.0, y - y0]])
-        total += cv2.warpAffine(patch, shift, (x1 - x0, y1 - y0), flags=flags) * weight
-    return total
+def _matted(seen: Singles, empty: Singles, shade: Singles, outline: Outline, box: tuple[int, int, int, int]) -> Sprite:
+    """The sprite of a streak: its mask is the share of the exposure for which the ball covered a pixel."""
+    x, y, width, height = box
+    taps = taps_along(outline.way)
+    mask = np.zeros((height, width), dtype=np.float32)
+    across, down = np.arange(width) + x, np.arange(height) + y
+    for tap in taps:
+        apart = np.hypot(across[None] - tap[0], down[:, None] - tap[1])
+        mask += np.clip((outline.radius + 1.5 * outline.edge - apart) / outline.edge, 0, 1)
+    mask /= len(taps)
+    rows, columns = (np.flatnonzero((mask > 0).any(axis=axis)) for axis in (1, 0))
+    tight = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    table = empty * (1 + shade) * (1 - mask[..., None])
+    colour = np.clip(seen - table, 0, 255 * mask[..., None])
+    cover = np.concatenate([colour, mask[..., None]], axis=2)[tight].astype(np.float32)
+    inset = (int(columns[0]), int(rows[0]))
+    return Sprite(x, y, outline.centre, shade, cover, np.ones_like(mask[tight]), inset, outline.way - outline.centre)

@@ -18,9 +18,10 @@ from models.tracks import Tracks
 from models.trajectory import Trajectory
 from video.clip import Clip, open_clip, read_frames
 from video.inbetween import open_interval, plate_of, swept_by
+from video.pasting import Layer, paste
 from video.plate import Plate, learn_plate
 from video.sightings import Sightings, sight
-from video.sprites import Outline, paste, peel
+from video.sprites import Outline, peel
 
 Picture = NDArray[np.uint8]
 TIMES = np.arange(31) / shot.RATE
@@ -57,7 +58,7 @@ def test_a_ball_pasted_where_it_was_gives_the_picture_back() -> None:
     peeled = peel(picture, [outline(0.5)], [outline(0.5, 1)], perfect_plate(), None)
     again = peeled.behind.copy()
     assert peeled.sprites[0] is not None
-    paste(again, [(peeled.sprites[0], outline(0.5).centre, 1.0)])
+    paste(again, [[Layer(peeled.sprites[0], outline(0.5).centre[None], 1.0)]])
     assert difference(again, picture).max() <= 3
 
 

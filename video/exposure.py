@@ -1,0 +1,97 @@
+"""How long the shutter was open, by how far the balls are streaked in the pictures themselves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from video.clip import Clip
+from video.pasting import Layer, paste
+from video.plate import Plate
+from video.sharp_balls import FAST_RADII, SharpBalls, alone, pictures_at, shifts
+from video.sharpness import lit_like
+from video.sightings import Sightings
+from video.sprites import Outline, peel, taps_along
+
+Floats = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+SHARES = np.array([0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.17, 0.22, 0.3, 0.4, 0.5, 0.7, 0.9])
+"""Of the time between two pictures for which the shutter may be open."""
+MOST_STREAKS = 10
+"""Sightings that are looked at, the fastest ones."""
+LEAST_STREAKS = 2
+LEAST_GAIN = 0.4
+"""Share of the error of sharp balls that may be left for a streak to be believed: balls that turn, or stand in another
+light, are a little more alike when blurred (0.5 to 0.8 on clips with a short exposure; 0.25 on one with a long one)."""
+UNLIKE = 3.0
+"""Times the usual least error from which a sighting shows something else: a hand, a wrong ball."""
+
+
+def with_exposure(sightings: Sightings, clip: Clip, plate: Plate, balls: SharpBalls) -> Sightings:
+    """Sightings with the exposure that makes the sharp balls look most like the fast ones; as they were, if unclear."""
+    chosen = _fastest(sightings, balls)
+    rows = sorted({row for row, _ in chosen})
+    step = float(np.median(np.diff(sightings.t))) if len(sightings.t) > 1 else 0.0
+    measured = [
+        _errors(sightings, plate, balls, row, ball, picture, step)
+        for row, picture in pictures_at(sightings, clip, rows)
+        for ball in (ball for other, ball in chosen if other == row)
+    ]
+    errors = [error for error in measured if error is not None]
+    if len(errors) < LEAST_STREAKS:
+        return sightings
+    least = np.array([error.min() for error in errors])
+    total = np.sum([e for e, m in zip(errors, least, strict=True) if m <= UNLIKE * np.median(least)], axis=0)
+    if total.min() > LEAST_GAIN * total[0]:
+        return sightings
+    exposure = _least(total) * step
+    times = sightings.t
+    return replace(sightings, exposure=exposure, way=sightings.ways(times, exposure))
+
+
+def _fastest(sightings: Sightings, balls: SharpBalls) -> list[tuple[int, int]]:
+    """(row, ball) of the fastest balls seen alone, whose sharp look is known."""
+    speed = shifts(sightings) / sightings.radius
+    found = [(float(speed[row, ball]), int(row), ball) for ball in balls.sightings for row in alone(sightings, ball)]
+    fast = sorted((entry for entry in found if entry[0] > FAST_RADII), reverse=True)[:MOST_STREAKS]
+    return [(row, ball) for _, row, ball in fast]
+
+
+def _errors(
+    sightings: Sightings, plate: Plate, balls: SharpBalls, row: int, ball: int, picture: Picture, step: float
+) -> Floats | None:
+    """(S,) squared error around a ball of the picture made with each of `SHARES`; None where it cannot be told."""
+    t, radius = float(sightings.t[row]), float(sightings.radius[row, ball])
+    ways = [sightings.ways(np.array([t]), share * step)[0, :, ball] for share in SHARES]
+    if not np.isfinite(ways[-1]).all():
+        return None
+    centre = sightings.centre[row, ball]
+    wide = Outline(centre + ways[-1], centre, radius)
+    peeled = peel(picture, [wide], [], plate, sightings.motion(t))
+    seen = peel(picture, [Outline(centre[None], centre, radius)], [], plate, sightings.motion(t)).sprites[0]
+    elsewhere = balls.of(ball, t, radius, ())
+    if elsewhere is None or seen is None:
+        return None
+    sharp = lit_like(elsewhere, seen)
+    x0, y0 = np.maximum(wide.way.min(axis=0) - 1.5 * radius, 0).astype(int)
+    x1, y1 = (wide.way.max(axis=0) + 1.5 * radius + 1).astype(int)
+    here = np.s_[y0:y1, x0:x1]
+    errors = []
+    for way in ways:
+        made = peeled.behind.copy()
+        paste(made, [[Layer(sharp, centre + taps_along(way), 1.0)]])
+        errors.append(float(((made[here].astype(np.float32) - picture[here]) ** 2).mean()))
+    return np.array(errors)
+
+
+def _least(total: Floats) -> float:
+    """The share at the least error, by the parabola through it and its neighbours."""
+    best = int(np.argmin(total))
+    if not 0 < best < len(total) - 1:
+        return float(SHARES[best])
+    near = slice(best - 1, best + 2)
+    bend, slope, _ = np.polyfit(SHARES[near], total[near], 2)
+    return float(np.clip(-slope / (2 * bend), SHARES[best - 1], SHARES[best + 1]))

@@ -1,0 +1,155 @@
+"""Balls laid over a picture, between pixels: moved, mixed from two sightings, streaked along a way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from video.sprites import Outline, Sprite
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+Box = tuple[int, int, int, int]
+"""x0, y0, x1, y1"""
+
+MOST_SHADES = 5
+"""Places over which a shadow is averaged: it is soft."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """A sprite with the places (P, 2) px of its centre, over which it is averaged, and a weight.
+
+    `bend` (g, g, 2) px is taken from every pixel's place relative to the centre before the sprite is looked up.
+    """
+
+    sprite: Sprite
+    places: Floats
+    weight: float
+    bend: Singles | None = None
+
+
+def paste(picture: Picture, balls: Sequence[Sequence[Layer]], still: Sequence[Outline] = ()) -> None:
+    """Lay balls over `picture` (H, W, 3) in place: the shadows of all, then the balls, the lowest in the picture last.
+
+    The weights of a ball's layers add to 1, or to less for a ball that fades. Balls that are `still` in the picture
+    take no shadow, and hide what is laid behind them: what is higher in the picture.
+    """
+    balls = [layers for layers in balls if layers]
+    for layers in balls:
+        _paste_shade(picture, layers, still)
+    for layers in sorted(balls, key=_low):
+        _paste_cover(picture, layers, [other for other in still if other.centre[1] > _low(layers)])
+
+
+def _low(layers: Sequence[Layer]) -> float:
+    return float(layers[0].places[:, 1].mean())
+
+
+def _paste_shade(picture: Picture, layers: Sequence[Layer], still: Sequence[Outline]) -> None:
+    corners = [_corner(layer) for layer in layers]
+    box = _hull(picture, _parts([layer.sprite.shade for layer in layers], corners, layers))
+    if box is None:
+        return
+    total = np.zeros((box[3] - box[1], box[2] - box[0], 3), dtype=np.float32)
+    for layer, corner in zip(layers, corners, strict=True):
+        places = _thinned(layer.places)
+        for place in places:
+            moved = _moved(layer.sprite.shade, corner + place, box, cv2.INTER_LINEAR)
+            total += moved * np.float32(layer.weight / len(places))
+    ground = picture[box[1] : box[3], box[0] : box[2]]
+    ground[:] = np.rint(np.clip(ground * (1 + total * _free(still, box)), 0, 255))
+
+
+def _paste_cover(picture: Picture, layers: Sequence[Layer], in_front: Sequence[Outline]) -> None:
+    corners = [_corner(layer) + layer.sprite.inset for layer in layers]
+    box = _hull(picture, _parts([layer.sprite.cover for layer in layers], corners, layers))
+    if box is None:
+        return
+    size = (box[3] - box[1], box[2] - box[0])
+    total, weights = np.zeros((*size, 4), dtype=np.float32), np.zeros((*size, 1), dtype=np.float32)
+    for layer, corner in zip(layers, corners, strict=True):
+        cover, seen = _looked_up(layer, corner, box)
+        total += cover * (seen * np.float32(layer.weight))[..., None]
+        weights += (seen * np.float32(layer.weight))[..., None]
+    total *= (
+        np.float32(min(1.0, sum(layer.weight for layer in layers))) / np.maximum(weights, 1e-6) * _free(in_front, box)
+    )
+    ground = picture[box[1] : box[3], box[0] : box[2]]
+    ground[:] = np.rint(np.clip(ground * (1 - np.clip(total[..., 3:], 0, 1)) + total[..., :3], 0, 255))
+
+
+def _free(balls: Sequence[Outline], box: Box) -> Singles:
+    """(h, w, 1) 0 on balls, 1 elsewhere."""
+    x0, y0, x1, y1 = box
+    free = np.ones((y1 - y0, x1 - x0, 1), dtype=np.float32)
+    for ball in balls:
+        if np.all(ball.centre > [x0 - ball.reach, y0 - ball.reach]) and np.all(
+            ball.centre < np.add(ball.reach, [x1, y1])
+        ):
+            apart = ball.distance(x0, y0, x1 - x0, y1 - y0) - ball.radius
+            free *= np.clip(apart / ball.edge, 0, 1)[..., None]
+    return free
+
+
+def _looked_up(layer: Layer, corner: Floats, box: Box) -> tuple[Singles, Singles]:
+    """Colours and mask (h, w, 4), and how well they were seen (h, w), of a layer in a box."""
+    sprite = layer.sprite
+    if layer.bend is not None:
+        return _bent(layer, corner, box)
+    cover = np.zeros((box[3] - box[1], box[2] - box[0], 4), dtype=np.float32)
+    for place in layer.places:
+        cover += _moved(sprite.cover, corner + place, box, cv2.INTER_CUBIC)
+    hidden = _moved(1 - sprite.seen, corner + layer.places.mean(axis=0), box, cv2.INTER_LINEAR)
+    return cover / np.float32(len(layer.places)), np.asarray(1 - hidden, dtype=np.float32)
+
+
+def _bent(layer: Layer, corner: Floats, box: Box) -> tuple[Singles, Singles]:
+    """The same where what is on the ball goes round with it."""
+    assert layer.bend is not None
+    place = layer.places.mean(axis=0)
+    across, down = (np.arange(low, high, dtype=np.float32) for low, high in ((box[0], box[2]), (box[1], box[3])))
+    own = np.stack(np.meshgrid(across, down), axis=-1)
+    half = (layer.bend.shape[0] - 1) / 2
+    relative = own - place.astype(np.float32) + np.float32(half)
+    bend = cv2.remap(layer.bend, relative, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    where = own - (corner + place).astype(np.float32) - bend
+    cover = cv2.remap(layer.sprite.cover, where, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
+    hidden = cv2.remap(1 - layer.sprite.seen, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(cover), np.asarray(1 - hidden)
+
+
+def _corner(layer: Layer) -> Floats:
+    """(2,) px of the first pixel of the shade, relative to the ball's centre."""
+    return np.array([layer.sprite.x, layer.sprite.y]) - layer.sprite.centre
+
+
+def _thinned(places: Floats) -> Floats:
+    chosen = np.linspace(0, len(places) - 1, min(len(places), MOST_SHADES)).round().astype(int)
+    return np.asarray(places[chosen], dtype=np.float64)
+
+
+def _parts(
+    patches: Sequence[Singles], corners: Sequence[Floats], layers: Sequence[Layer]
+) -> list[tuple[tuple[int, ...], Floats, Layer]]:
+    return [(patch.shape, corner, layer) for patch, corner, layer in zip(patches, corners, layers, strict=True)]
+
+
+def _hull(picture: Picture, parts: Sequence[tuple[tuple[int, ...], Floats, Layer]]) -> Box | None:
+    """The box around patches of (shape, corner) at the places of their layers, cut at the picture; None if empty."""
+    low = np.min([corner + layer.places.min(axis=0) for _, corner, layer in parts], axis=0)
+    high = np.max([corner + layer.places.max(axis=0) + shape[1::-1] for shape, corner, layer in parts], axis=0)
+    x0, y0 = (int(v) for v in np.maximum(np.floor(low), 0))
+    x1, y1 = (int(v) for v in np.minimum(np.ceil(high) + 1, picture.shape[1::-1]))
+    return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
+
+
+def _moved(patch: Singles, corner: Floats, box: Box, flags: int) -> Singles:
+    """A patch put at a corner between pixels, in a box."""
+    shift = np.array([[1.0, 0.0, corner[0] - box[0]], [0.0, 1.0, corner[1] - box[1]]])
+    return np.asarray(cv2.warpAffine(patch, shift, (box[2] - box[0], box[3] - box[1]), flags=flags), dtype=np.float32)

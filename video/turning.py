@@ -1,0 +1,85 @@
+"""What is on a ball, dots and stripes and numbers, goes round with it between two sightings."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from video.flow import flow_between
+from video.sprites import Sprite
+
+Singles = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+
+LEAST_SIDE, LARGEST_TIMES = 96, 4.0
+"""px to which small balls are magnified before the flow is sought, and at most so much: its patches are 8 px wide."""
+LEAST_GAIN = 0.9
+"""Share of the difference between two sightings that may be left for a turn to be believed."""
+MOST_TURN = 0.8
+"""Radii that a dot may go by between two sightings: further, nobody can tell it from another."""
+SMOOTH = 0.12
+"""Radii over which neighbouring ways on a ball are averaged."""
+
+
+def bends_between(first: Sprite, second: Sprite, radius: float) -> tuple[Singles, Singles] | None:
+    """Ways (g, g, 2) px of what is on a ball from the first sighting to the second, and back; the centre is the ball's.
+
+    None where turning the one into the other explains nothing: plain, blurred or hidden balls.
+    """
+    half = int(np.ceil(1.15 * radius)) + 2
+    times = float(np.clip(LEAST_SIDE / (2 * half + 1), 1.0, LARGEST_TIMES))
+    views = [_view(sprite, half, times) for sprite in (first, second)]
+    if min(view[1].min() for view in (_seen_around(s, half, radius) for s in (first, second))) < 0.5:
+        return None
+    bends = []
+    for a, b in (views, views[::-1]):
+        way = flow_between(a, b)
+        if not _explains(way, a, b):
+            return None
+        bends.append(_small(way, half, times, radius))
+    return bends[0], bends[1]
+
+
+def _view(sprite: Sprite, half: int, times: float) -> Picture:
+    """(n, n) grey, magnified: the ball around its centre on a ground of its own mean colour, which has no edge."""
+    cover = _around(sprite.cover, sprite, half, times)
+    mask = np.clip(cover[..., 3:], 0, 1)
+    mean = cover[..., :3].sum(axis=(0, 1)) / max(float(mask.sum()), 1.0)
+    whole = np.clip(cover[..., :3] + mean * (1 - mask), 0, 255).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(whole, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
+def _around(patch: Singles, sprite: Sprite, half: int, times: float) -> Singles:
+    """A patch of the sprite's cover, resampled to (n, n) around the centre of the ball."""
+    centre = sprite.centre - np.array([sprite.x, sprite.y]) - sprite.inset
+    side = round((2 * half + 1) * times)
+    shift = np.array([[times, 0, times * (half - centre[0])], [0, times, times * (half - centre[1])]])
+    return np.asarray(cv2.warpAffine(patch, shift, (side, side), flags=cv2.INTER_CUBIC), dtype=np.float32)
+
+
+def _seen_around(sprite: Sprite, half: int, radius: float) -> tuple[Singles, Singles]:
+    seen = _around(sprite.seen, sprite, half, 1.0)
+    place = np.arange(2 * half + 1) - half
+    inside = np.hypot(place[None], place[:, None]) < 0.8 * radius
+    return seen, seen[inside]
+
+
+def _explains(way: Singles, first: Picture, second: Picture) -> bool:
+    """True where looking the second picture up along the way makes it like the first."""
+    side = first.shape[0]
+    where = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).astype(np.float32) + way
+    turned = cv2.remap(second, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    left, before = (float((cv2.absdiff(first, other).astype(np.float32) ** 2).mean()) for other in (turned, second))
+    return left < LEAST_GAIN * before
+
+
+def _small(way: Singles, half: int, times: float, radius: float) -> Singles:
+    side = 2 * half + 1
+    small = cv2.resize(way, (side, side), interpolation=cv2.INTER_AREA) / np.float32(times)
+    smooth = cv2.GaussianBlur(small, (0, 0), max(SMOOTH * radius, 0.5))
+    length = np.linalg.norm(smooth, axis=-1, keepdims=True)
+    place = np.arange(side, dtype=np.float32) - half
+    rim = np.clip(2 - np.hypot(place[None], place[:, None]) / (0.6 * radius), 0, 1)[..., None]
+    limited = smooth * np.minimum(1, MOST_TURN * radius / np.maximum(length, 1e-6)) * rim
+    return np.asarray(limited, dtype=np.float32)
