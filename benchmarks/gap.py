@@ -1,6 +1,6 @@
 """The diagnosis of the sim-to-real gap where the cause is known: what it names, misses, and makes up.
 
-    PYTHONPATH=. python benchmarks/gap.py [--asked near] [--scene slide] [--seeds 5] [--first 0] [--rows FILE.csv]
+    PYTHONPATH=. python benchmarks/gap.py [--asked near none] [--scene slide] [--seeds 5] [--first 0] [--rows FILE.csv]
 
 Worlds that share no code with the diagnosis (worlds/slide.py, flight.py, pendulum.py) play 12 shots at 60 pictures a
 second with noise of 0.3 px, strengths drawn anew for every seed from natural ones (pipeline/gapcheck/kinds.py says
@@ -46,7 +46,8 @@ def append(row: Row, path: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--asked", default="", help="only cases of this kind: natural, near, none, withheld, ...")
+    asked = list(dict.fromkeys(one.asked for one in cases()))
+    parser.add_argument("--asked", nargs="+", default=asked, choices=asked, metavar="WORD", help=", ".join(asked))
     parser.add_argument("--scene", default="", help="slide, flight or pendulum alone")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first", type=int, default=0, help="first seed")
@@ -57,7 +58,7 @@ def main() -> None:
         path = options.rows or Path(scratch) / "rows.csv"
         rows = read_rows(path)
         done = {(row.asked, row.kind, row.seed) for row in rows}
-        wanted = [one for one in cases() if options.asked in one.asked and options.scene in one.kind.scene]
+        wanted = [one for one in cases() if one.asked in options.asked and options.scene in one.kind.scene]
         for seed in range(options.first, options.first + (0 if options.show else options.seeds)):
             for case in wanted:
                 if (case.asked, case.kind.name, seed) in done:
