@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,7 +50,7 @@ def tables_of(rows: Iterable[Row]) -> list[TableShots]:
         else:
             if light != "red":
                 found.append((size, colour, [folder]))
-    names = [size[0] or f"{size[1]:g}x{size[2]:g}" for size, _, _ in found]
+    names = [re.sub(r"[^\w-]", "_", size[0]) or f"{size[1]:g}x{size[2]:g}".replace(".", "_") for size, _, _ in found]
     return [
         TableShots(f"table-{k + 1:02d}-{name}", tuple(folders))
         for k, (name, (_, _, folders)) in enumerate(zip(names, found, strict=True))

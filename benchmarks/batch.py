@@ -1,0 +1,232 @@
+"""What a batch brings and costs: two workers against one, 200 clips with bad ones among them, a warm rerun, memory, and
+the cost of each stage against decoding the clip once and encoding its slow motion once.
+
+    python benchmarks/batch.py [--clips 200] [--pace 8] [--only workers many cost] [--cost-clips CLIP...]
+
+Prints the lines of a table of goals, and a table of stages. Pace is measured in clips per minute of wall-clock time and
+says something on an idle machine only; the load of the machine is printed beside it. Costs are CPU seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import shutil
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import psutil
+from fault_runs import Place
+from small_clips import SAMPLES, write_clips, write_small
+
+BAD_SHARE = 0.05
+DISTINCT = 8
+"""Clips of different content; the others are copies under other names, whose pages and recordings are made anew."""
+Line = tuple[str, str, str, bool]
+
+
+def workers(folder: Path, pace: int) -> Line:
+    """Clips per minute by one worker and by two, one thread each, in turns."""
+    write_clips(folder / "clips", pace)
+    seconds: dict[int, list[float]] = {1: [], 2: []}
+    for jobs in (1, 2, 2, 1):
+        place = Place(folder, f"jobs-{jobs}-{len(seconds[jobs])}")
+        began = time.monotonic()
+        status, _, err = place.run("--jobs", str(jobs))
+        seconds[jobs].append(time.monotonic() - began)
+        if status:
+            raise SystemExit(f"the batch failed: {err}")
+        shutil.rmtree(folder / place.name)
+    one, two = (60 * pace / min(seconds[jobs]) for jobs in (1, 2))
+    load = os.getloadavg()[0]
+    told = f"{two / one:.2f}x ({one:.1f} and {two:.1f} clips per minute; load {load:.1f} on {os.cpu_count()} cores)"
+    return ("two workers against one", ">= 1.8x", told, two / one >= 1.8)
+
+
+def many(folder: Path, count: int) -> list[Line]:
+    """A folder of good clips with bad ones among them, cold and once more."""
+    place, bad = Place(folder, "many"), round(BAD_SHARE * count)
+    distinct = write_clips(folder / "distinct", DISTINCT)
+    place.clips.mkdir()
+    for k in range(count - bad):
+        shutil.copy(distinct[k % DISTINCT], place.clips / f"{k:04d}.mp4")
+    for k in range(bad):
+        data = distinct[k % DISTINCT].read_bytes()
+        (place.clips / f"bad {k:03d}.mp4").write_bytes(data[: len(data) // (k + 2)] if k % 2 else os.urandom(4000))
+    cold, memory = _followed(place)
+    rows = _rows(place)
+    done = [row for row in rows if row["status"] == "done"]
+    first = {name: (place.out / "0000" / name).read_bytes() for name in ("tracks.csv", "events.csv")}
+    same = all(first[name] == (place.out / f"{k:04d}" / name).read_bytes()
+               for k in range(0, count - bad, DISTINCT) for name in first)  # fmt: skip
+    warm, _ = _followed(place)
+    good = cold.status == warm.status == 1 and len(done) == count - bad and same and len(rows) == count
+    sentences = all(row["sentence"] for row in rows if row["status"] == "failed")
+    growth = memory[-1] - memory[len(memory) // 10]
+    return [
+        (f"{count} clips, {bad} of them bad", "exit 1, every good one done and equal, a sentence for each bad one",
+         f"exit {cold.status}, {len(done)} done, {len(rows) - len(done)} failed, copies "
+         f"{'equal' if same else 'differ'}; {cold.seconds:.0f} s", good and sentences),
+        (f"warm rerun of {count} clips", "<= 10 s", f"{warm.seconds:.1f} s, {warm.cpu:.1f} CPU s", warm.seconds <= 10),
+        ("main process from a tenth of the clips to the last", "no growth", f"{growth:+.1f} MB at {memory[-1]:.0f} MB",
+         growth < 5),
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Followed:
+    status: int
+    seconds: float
+    cpu: float
+
+
+def _followed(place: Place) -> tuple[Followed, list[float]]:
+    """A batch, and the resident memory (MB) of its main process each time that a clip is done."""
+    began, before = time.monotonic(), os.times()
+    process = place.start()
+    seen: list[float] = []
+
+    def follow() -> None:
+        main = psutil.Process(process.pid)
+        while process.poll() is None:
+            with _gone():
+                seen.append(main.memory_info().rss / 1e6)
+            time.sleep(0.2)
+
+    follower = threading.Thread(target=follow)
+    follower.start()
+    process.communicate()
+    follower.join()
+    after = os.times()
+    cpu = after.children_user + after.children_system - before.children_user - before.children_system
+    return Followed(process.returncode, time.monotonic() - began, cpu), seen[:-1] or [0.0]
+
+
+class _gone:
+    """A process that has just ended is no fault."""
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
+        return kind is not None and issubclass(kind, psutil.Error)
+
+
+def _rows(place: Place) -> list[dict[str, str]]:
+    with (place.out / "summary.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@dataclass
+class Stopwatch:
+    """A watcher that notes the CPU seconds of each stage."""
+
+    cost: dict[str, float] = field(default_factory=dict)
+    begun: float = 0.0
+
+    def started(self, stage: str) -> Callable[[float], None]:
+        self.begun = time.process_time()
+        return lambda share: None
+
+    def finished(self, stage: str, seconds: float, cached: bool) -> None:
+        self.cost[stage] = time.process_time() - self.begun
+
+
+def cost(folder: Path, clip: Path) -> tuple[Line, list[tuple[str, float, float]]]:
+    """The chain against decoding once and encoding its slow motion once, in CPU seconds of this process."""
+    from pipeline.cache import Cache
+    from pipeline.chain import run_clip
+    from pipeline.options import RunOptions
+
+    watch, out = Stopwatch(), folder / f"out {clip.stem}"
+    run_clip(clip, out, RunOptions(), Cache(folder / f"cache {clip.stem}"), watch)
+    decode = _cpu(lambda: _decode(clip))
+    encode = _cpu(lambda: _encode(out / "slow.mp4", folder / "again.mp4")) - _cpu(lambda: _decode(out / "slow.mp4"))
+    least, whole = decode + encode, sum(watch.cost.values())
+    stages = [(stage, spent, spent / least) for stage, spent in watch.cost.items()]
+    with av.open(str(clip)) as film:
+        stream = film.streams.video[0]
+        size, seconds = f"{stream.width} x {stream.height}", float(film.duration or 0) / 1e6
+    told = f"{whole / least:.1f}x ({whole:.1f} against {decode:.1f} + {encode:.1f} CPU s)"
+    return (f"chain of {clip.name}, {size}, {seconds:.1f} s", "<= 4x", told, whole <= 4 * least), stages
+
+
+def _cpu(work: Callable[[], None]) -> float:
+    began = time.process_time()
+    work()
+    return time.process_time() - began
+
+
+def _decode(clip: Path) -> None:
+    with av.open(str(clip)) as film:
+        film.streams.video[0].thread_type = "AUTO"
+        film.streams.video[0].codec_context.thread_count = 2
+        for _ in film.decode(video=0):
+            pass
+
+
+def _encode(slow: Path, target: Path) -> None:
+    """The pictures of the slow motion once more; what decoding them costs is taken off by the caller."""
+    with av.open(str(slow)) as film, av.open(str(target), "w") as again:
+        seen = film.streams.video[0]
+        seen.thread_type = "AUTO"
+        stream = again.add_stream("libx264", rate=seen.average_rate or Fraction(30))
+        stream.width, stream.height, stream.pix_fmt = seen.width, seen.height, "yuv420p"
+        stream.codec_context.options = {"crf": "20", "preset": "veryfast"}
+        stream.codec_context.thread_count = 2
+        for k, picture in enumerate(film.decode(seen)):
+            picture.pts, picture.time_base = k, 1 / Fraction(stream.codec_context.rate)
+            again.mux(stream.encode(picture))
+        again.mux(stream.encode(None))
+
+
+def cost_clips(folder: Path) -> list[Path]:
+    """A sample at 720 and at 1080 lines, where no clips are named."""
+    return [
+        write_small(SAMPLES / "overhead_pool.mp4", folder / f"pool_{lines}p.mp4", height=lines, start=0.0, seconds=9.0)
+        for lines in (720, 1080)
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--clips", type=int, default=200)
+    parser.add_argument("--pace", type=int, default=8)
+    parser.add_argument("--only", nargs="+", default=["workers", "many", "cost"])
+    parser.add_argument("--cost-clips", nargs="+", type=Path, default=[])
+    given = parser.parse_args()
+    lines: list[Line] = []
+    stages: dict[str, list[tuple[str, float, float]]] = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if "workers" in given.only:
+            lines.append(workers(folder / "pace", given.pace))
+        if "many" in given.only:
+            (folder / "batch").mkdir()
+            lines += many(folder / "batch", given.clips)
+        if "cost" in given.only:
+            for clip in given.cost_clips or cost_clips(folder):
+                line, stages[clip.name] = cost(folder, clip)
+                lines.append(line)
+    print("| what | goal | found | met |\n|---|---|---|---|")
+    for what, goal, found, met in lines:
+        print(f"| {what} | {goal} | {found} | {'yes' if met else '**no**'} |")
+    for clip_name, found_stages in stages.items():
+        print(f"\n| stage of {clip_name} | CPU s | times decode + encode |\n|---|---|---|")
+        for stage, spent, share in sorted(found_stages, key=lambda row: -row[1]):
+            print(f"| {stage} | {spent:.2f} | {share:.2f} |")
+        print(f"| median of stages | {np.median([spent for _, spent, _ in found_stages]):.2f} | |")
+    return int(not all(met for *_, met in lines))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
