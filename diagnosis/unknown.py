@@ -23,6 +23,8 @@ EXPLAINED = 0.98
 that correlates with the true one by 0.99."""
 MOSTLY = 0.9
 """the same where generic laws show that what is left is none, but differs from shot to shot."""
+NEARLY = 0.995
+"""the same from which effects are named although a generic law would explain the rest: another form of the law."""
 LAWFUL = 0.3
 """share of what is left on shots which chose nothing that a generic law must explain to be a law that is missing."""
 _PRIOR_ODDS = 0.1
@@ -53,7 +55,7 @@ class Doubt:
         """Of what is left."""
         if np.isnan(self.lawful):
             return self.explained < EXPLAINED
-        return self.explained < MOSTLY or self.lawful > LAWFUL
+        return self.explained < MOSTLY or (self.lawful > LAWFUL and self.explained < NEARLY)
 
     @property
     def unknown(self) -> bool:
