@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import signal
@@ -20,11 +21,14 @@ from typing import Any
 import av
 import numpy as np
 import psutil
+import pyarrow.parquet as pq
 import pytest
 from PIL import Image
+from rich.console import Console
 
 from models.errors import ClipError, OptionError
 from pipeline.batch.cluster import judge, local_client
+from pipeline.batch.display import BatchDisplay
 from pipeline.batch.finding import find_clips, folders_of
 from pipeline.batch.job import Job, Limits, Row, settings_of
 from pipeline.batch.summary import as_csv, as_page, write_summary
@@ -49,7 +53,7 @@ def film(path: Path, count: int = 12, suffix: str = "") -> Path:
         stream = container.add_stream(codec, rate=25)
         stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
         for k in range(count):
-            picture = av.VideoFrame.from_ndarray(np.full((64, 96, 3), 10 * k, np.uint8))
+            picture = av.VideoFrame.from_ndarray(np.full((64, 96, 3), 10 * k % 251, np.uint8))
             picture.pts, picture.time_base = k, Fraction(1, 25)
             container.mux(stream.encode(picture))
         container.mux(stream.encode(None))
@@ -227,8 +231,6 @@ def test_the_summary_is_ordered_escaped_and_equal_for_equal_results(tmp_path: Pa
     assert "<script" not in page
     assert "&lt;script&gt;" in page
     assert "default-src 'none'" in page
-    import pyarrow.parquet as pq
-
     assert pq.read_table(tmp_path / "summary.parquet").column("seconds").to_pylist() == [99.0, 99.0]
     assert as_csv([]).startswith("clip,status,trust,contacts,seconds_in,folder,sentence")
     assert "%FF" in as_page(rows(), tmp_path)
@@ -314,3 +316,52 @@ def test_nobody_elsewhere_can_talk_to_a_local_cluster() -> None:
         assert sum(client.nthreads().values()) == 2
         open_to = {place.laddr.ip for place in psutil.Process().net_connections("inet") if place.status == "LISTEN"}
         assert open_to <= {"127.0.0.1"}
+
+
+def test_a_watched_batch_runs_what_comes_and_ends_when_nothing_does(tmp_path: Path) -> None:
+    film(tmp_path / "in" / "a.mp4")
+    status, said, err = batch(tmp_path, "--watch", "--idle", "6")
+    assert (status, err, set(said)) == (1, "", {"a.mp4"})
+
+
+@pytest.mark.parametrize("arguments", [(), ("--jobs", "2")])
+def test_an_interrupted_batch_leaves_no_process_and_nothing_half_written(
+    tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    for k in range(4):
+        film(tmp_path / "in" / f"{k}.mp4", count=30 + k)
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    command = [sys.executable, "-c", f"{program}from pipeline.cli import main; main()", "batch", "in", "-o", "out"]
+    process = subprocess.Popen(
+        [*command, "--cache", "cache", *arguments], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    end = time.monotonic() + 60
+    while not (family := psutil.Process(process.pid).children(recursive=True)):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, "trueroll: interrupted; nothing half-written is left\n")
+    assert not psutil.wait_procs(family, timeout=10)[1]
+    assert not list(tmp_path.rglob("*.part*"))
+
+
+def test_the_display_shows_all_clips_in_one_line_and_each_that_runs() -> None:
+    told = io.StringIO()
+    console = Console(file=told, force_terminal=True, width=120)
+    with BatchDisplay(console, 2) as display:
+        display.heard("a [bold]" + "x" * 50, {"stage": "detect", "share": 0.4})
+        display.heard("b.mp4", {"shot": [2, 17]})
+        display.done(rows()[1], 2)
+        display._bars.refresh()
+    text = told.getvalue()
+    assert "detect" in text
+    assert "shot 2 of 17" in text
+    assert "1/2" in text
+    assert "1 failed" in text
+    with BatchDisplay(Console(file=told), None) as silent:
+        length = len(told.getvalue())
+        silent.heard("a", {"stage": "detect", "share": 0.4})
+        silent.done(rows()[0], 1)
+    assert len(told.getvalue()) == length
