@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import TrackError
 from models.events import Events
 from models.forecast.foresight import Foresight, Foresights
-from models.forecast.prediction import predict
+from models.forecast.prediction import drawn_courses
 from models.forecast.present import outlook_at
 from models.scene import Scene
 from models.tracks import Tracks
@@ -29,9 +31,11 @@ PICTURES = 3
 """that must show a ball after it was touched."""
 APART = 0.3
 """s between fans."""
-MOST_FANS = 4
-MOST_CONTACTS = 10
-"""before a fan: what was seen until then is fitted anew, and that takes its time."""
+MOST_FANS = 3
+PAST = 0.6
+"""s before a fan from which places are taken: balls show where they go in less, and a long past is long to fit."""
+MOST_CONTACTS = 4
+"""in that past: in a burst no fan is promised."""
 LIKELY = 0.5
 
 
@@ -54,7 +58,7 @@ def viewpoints(events: Events, shown: Floats) -> list[float]:
         wait = min(AFTER, SHARE * float(later[0] - start)) if len(later) else AFTER
         row = int(np.searchsorted(shown, start + wait + 1e-9, side="right")) - 1
         seen = row - int(np.searchsorted(shown, start, side="right")) + 1
-        contacts = int(np.sum(sure <= start))
+        contacts = int(np.sum((sure <= start) & (sure > start - PAST)))
         if seen < PICTURES or contacts > MOST_CONTACTS or (found and shown[row] - found[-1] < APART):
             continue
         found.append(float(shown[row]))
@@ -63,9 +67,18 @@ def viewpoints(events: Events, shown: Floats) -> list[float]:
 
 def _fan(tracks: Tracks, scene: Scene, t: float) -> Foresight | None:
     try:
-        look = outlook_at(tracks, scene, t)
+        look = outlook_at(_since(tracks, t - PAST), scene, t)
     except TrackError:  # too little was seen until then: nothing is promised
         return None
     times = np.asarray(t + STEP * np.arange(round(AHEAD / STEP) + 1), np.float64)
-    found = predict(look, times, draws=COURSES)
-    return Foresight(t, look.ids, times, found.courses)
+    return Foresight(t, look.ids, times, drawn_courses(look, times, 0, COURSES))
+
+
+def _since(tracks: Tracks, t: float) -> Tracks:
+    """What was seen from t (s) on."""
+    rows = tracks.t >= t
+    return replace(
+        tracks, frame=tracks.frame[rows], t=tracks.t[rows], xy=tracks.xy[rows], px=tracks.px[rows],
+        sigma=tracks.sigma[rows], sigma_along=tracks.sigma_along[rows], streak=tracks.streak[rows],
+        radius_px=tracks.radius_px[rows], lay=None if tracks.lay is None else tracks.lay[rows],
+    )  # fmt: skip

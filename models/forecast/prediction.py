@@ -113,6 +113,14 @@ def predict(look: Outlook, t: Floats, seed: int = 0, draws: int = DRAWS) -> Pred
     )  # fmt: skip
 
 
+def drawn_courses(look: Outlook, t: Floats, seed: int, draws: int) -> Floats:
+    """Places (M, T, N, 2) m of courses drawn from all that is uncertain, NaN once a ball is potted; no derivatives are
+    needed for them."""
+    after = np.maximum(t - look.t, 0.0)
+    runs = _drawn(look, float(max(after[-1], 1e-3)) + 1e-6, np.random.default_rng(seed), draws)
+    return np.stack([run.at(after)[..., :2] for run in runs])
+
+
 def _drawn(look: Outlook, seconds: float, rng: np.random.Generator, draws: int) -> list[Run]:
     """Courses from draws of all that is uncertain, the cushion law among it."""
     value, vectors = np.linalg.eigh(look.covariance)
