@@ -1,0 +1,185 @@
+"""What recording.rrd costs: seconds and bytes beside the clip, for 10 s of 1920 x 1080 at 60 pictures a second.
+
+    python benchmarks/recording.py [--balls 16]
+
+All balls roll for the whole clip and rebound from the cushions, which is more than any shot has. Asked: at most 5 s
+beyond the rest of the chain, and 1.3 times the size of the clip plus 10 MB. Prints one table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.detections import Detections
+from models.events import Events
+from models.fit import Fit, Parameter, Trust
+from models.forecast.foresight import Foresight, Foresights
+from models.scene import Camera, Scene, Table
+from models.tracks import Tracks
+from models.trajectory import Trajectory
+from pipeline.recording.write import write_recording
+from video.clip import Clip, open_clip
+from video.writer import VideoWriter
+
+Floats = NDArray[np.float64]
+
+SECONDS, RATE, WIDTH, HEIGHT = 10, 60, 1920, 1080
+PX_PER_M = 680.0
+EDGE_PX = np.array([96.0, 108.0])
+MOST_SECONDS, MOST_TIMES, MOST_BYTES = 5.0, 1.3, 10e6
+FANS, COURSES = 4, 48
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--balls", type=int, default=16)
+    balls = parser.parse_args().balls
+    scene = table_from_above()
+    motion, bounces = rolling(scene.table, balls, np.random.default_rng(8))
+    with tempfile.TemporaryDirectory() as folder:
+        clip = film(Path(folder) / "clip.mp4", scene, motion)
+        tracks = seen(clip, scene, motion)
+        fit = fitted(motion, bounces, tracks)
+        target = Path(folder) / "recording.rrd"
+        start, cpu = time.perf_counter(), time.process_time()
+        write_recording(clip, scene, detected(tracks), tracks, fit, foretold(motion), target, "benchmark")
+        wall, cpu = time.perf_counter() - start, time.process_time() - cpu
+        own, written = clip.path.stat().st_size, target.stat().st_size
+    allowed = MOST_TIMES * own + MOST_BYTES
+    print("| balls | events | clip MB | recording MB | allowed MB | CPU s | wall s | asked s |\n" + 8 * "|---" + "|")
+    print(
+        f"| {balls} | {len(fit.events)} | {own / 1e6:.1f} | {written / 1e6:.1f} | {allowed / 1e6:.1f} "
+        f"| {cpu:.1f} | {wall:.1f} | {MOST_SECONDS:.0f} |"
+    )
+    return int(written > allowed or wall > MOST_SECONDS)
+
+
+def table_from_above() -> Scene:
+    """A pool table that nearly fills the picture."""
+    table = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, True)
+    matrix = np.array([[PX_PER_M, 0, 0, EDGE_PX[0]], [0, PX_PER_M, 0, EDGE_PX[1]], [0, 0, 0, 1.0]])
+    corners = PX_PER_M * table.corners + EDGE_PX
+    camera = Camera(matrix, WIDTH, HEIGHT, corners, np.eye(8), "noses", 3.0, 0.5)
+    return Scene(table, camera, np.array([40.0, -20.0, 10.0]), ("A drawn table.",))
+
+
+def rolling(table: Table, balls: int, rng: np.random.Generator) -> tuple[Trajectory, list[tuple[float, int, str]]]:
+    """Balls that slow down evenly and leave the cushions as they came, and when they do."""
+    pieces: list[tuple[int, float, float, Floats]] = []
+    bounces: list[tuple[float, int, str]] = []
+    low, high = np.full(2, table.ball_radius), np.array([table.length, table.width]) - table.ball_radius
+    for ball in range(balls):
+        t, x = 0.0, rng.uniform(low, high)
+        v = rng.uniform(0.8, 2.0) * np.array([np.cos(a := rng.uniform(0, 2 * np.pi)), np.sin(a)])
+        while t < SECONDS:
+            brake = -0.05 * v / np.linalg.norm(v)
+            way, axis = reach(x, v, brake, low, high)
+            end = min(t + way, float(SECONDS))
+            pieces.append((ball, t, end, np.array([x, v, brake / 2, np.zeros(2)])))
+            x, v, t = x + v * (end - t) + brake / 2 * (end - t) ** 2, v + brake * (end - t), end
+            if end < SECONDS:
+                bounces.append((end, ball, (("left", "right"), ("top", "bottom"))[axis][int(v[axis] > 0)]))
+                v[axis] = -v[axis]
+    index, start, end, position = (list(column) for column in zip(*pieces, strict=True))
+    count = len(pieces)
+    names = tuple(f"ball-{k}" for k in range(balls))
+    return Trajectory(
+        names, np.array(index), np.array(start), np.array(end), np.array(position), np.zeros((count, 2, 3)),
+        ("roll",) * count, np.tile(1e-8 * np.eye(4), (count, 1, 1)),
+    ), sorted(bounces)  # fmt: skip
+
+
+def reach(x: Floats, v: Floats, brake: Floats, low: Floats, high: Floats) -> tuple[float, int]:
+    """How long (s) a ball rolls until a nose stops it, and along which axis."""
+    times = []
+    for axis in (0, 1):
+        way = (high if v[axis] > 0 else low)[axis] - x[axis]
+        roots = np.roots([brake[axis] / 2, v[axis], -way])
+        ahead = [float(r.real) for r in roots if abs(r.imag) < 1e-9 and r.real > 1e-6]
+        times.append(min(ahead, default=np.inf))
+    return max(min(times), 1e-3), int(np.argmin(times))
+
+
+def film(path: Path, scene: Scene, motion: Trajectory) -> Clip:
+    """Discs on a cloth with some grain, so that the clip is about as large as a camera's."""
+    rng = np.random.default_rng(1)
+    cloth = np.full((HEIGHT, WIDTH, 3), (30, 110, 70), np.int16) + rng.integers(-12, 12, (HEIGHT, WIDTH, 1))
+    cloth = cloth.clip(0, 255).astype(np.uint8)
+    colours = rng.integers(60, 255, (len(motion.ids), 3)).tolist()
+    t = np.arange(SECONDS * RATE) / RATE
+    radius = PX_PER_M * scene.table.ball_radius
+    with VideoWriter(path, WIDTH, HEIGHT, Fraction(RATE)) as writer:
+        for places in scene.camera.to_pixels(motion.at(t).xy, scene.table.ball_radius):
+            picture = cloth.copy()
+            for (x, y), colour in zip(places, colours, strict=True):
+                cv2.circle(picture, (round(16 * x), round(16 * y)), round(16 * radius), colour, -1, cv2.LINE_AA, 4)
+            writer.write(picture)
+    return open_clip(path)
+
+
+def seen(clip: Clip, scene: Scene, motion: Trajectory) -> Tracks:
+    """Every ball in every picture, 0.3 px off."""
+    frames = np.arange(clip.frame_count)
+    xy = motion.at(clip.t).xy
+    noise = np.random.default_rng(2).normal(0, 0.3 / PX_PER_M, xy.shape)
+    one = np.ones(xy.shape[:2])
+    px = scene.camera.to_pixels(xy + noise, scene.table.ball_radius)
+    colour = np.tile([60.0, 40.0, 20.0], (len(motion.ids), 1))
+    radius = PX_PER_M * scene.table.ball_radius * one
+    sigma = 0.3 / PX_PER_M * one
+    return Tracks(
+        frames, clip.t, motion.ids, ("ball",) * len(motion.ids), xy + noise, px, sigma, sigma, np.zeros_like(xy),
+        radius, colour,
+    )  # fmt: skip
+
+
+def detected(tracks: Tracks) -> Detections:
+    """The same as detections."""
+    count, balls = tracks.px.shape[:2]
+    one = np.ones(count * balls)
+    return Detections(
+        np.repeat(tracks.frame, balls), tracks.px.reshape(-1, 2), tracks.radius_px.ravel(), np.zeros((len(one), 2)),
+        np.tile(tracks.colour, (count, 1)), 0 * one, one, 0.3 * one, 0.3 * one,
+    )  # fmt: skip
+
+
+def fitted(motion: Trajectory, bounces: list[tuple[float, int, str]], tracks: Tracks) -> Fit:
+    """The motion itself, with what the noise leaves."""
+    t = np.array([when for when, _, _ in bounces])
+    one = np.ones(len(t))
+    balls = [ball for _, ball, _ in bounces]
+    places = motion.at(t).xy[np.arange(len(t)), balls]
+    events = Events(
+        ("cushion",) * len(t), t, 1e-3 * one, RATE * t, tuple(motion.ids[k] for k in balls),
+        tuple(side for _, _, side in bounces), places, one, -0.05 * one, 1e-3 * one, one,
+    )  # fmt: skip
+    everywhere = np.ones(tracks.xy.shape[:2], bool)
+    friction = Parameter("rolling_resistance.mu", 0.005, 1e-4, "1", False)
+    residual = tracks.xy - motion.at(tracks.t).xy
+    trust = Trust("green", ("It is drawn.",))
+    return Fit(events, motion, (friction,), 4e-4, 1.0, residual, everywhere, everywhere, trust)
+
+
+def foretold(motion: Trajectory) -> Foresights:
+    """Fans about what comes."""
+    rng = np.random.default_rng(3)
+    fans = []
+    for start in np.linspace(1, 7, FANS):
+        times = start + 0.03 * np.arange(51)
+        xy = motion.at(times).xy
+        spread = rng.normal(0, 0.05, (COURSES, 1, xy.shape[1], 2)) * (times - start)[:, None, None]
+        fans.append(Foresight(float(start), motion.ids, times, xy + spread))
+    return Foresights(tuple(fans))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,72 @@
+"""Fans: from where one looks ahead, and that what comes lies among what was foretold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from models.events import Events
+from models.forecast.foresee import APART, MOST_FANS, foresee, viewpoints
+from models.scene import Camera, Scene, Table
+from models.tracks import Tracks
+
+R = 0.028575
+TABLE = Table("pool-9ft", "pool", 2.54, 1.27, R, 0.17, False)
+SHOWN = np.arange(0, 3, 1 / 60)
+
+
+def events_at(*told: tuple[str, float, float]) -> Events:
+    """Kinds, times and probabilities of what happens to one ball."""
+    kinds, t, probability = (list(column) for column in zip(*told, strict=True))
+    one = np.ones(len(t))
+    return Events(
+        tuple(kinds), np.array(t), 1e-3 * one, 60 * np.array(t), ("cue",) * len(t),
+        tuple("" if kind in ("strike", "rest") else "red" for kind in kinds), np.zeros((len(t), 2)),
+        np.array(probability), one, one, one,
+    )  # fmt: skip
+
+
+def test_one_looks_ahead_a_little_after_strikes_and_contacts_of_balls() -> None:
+    found = viewpoints(events_at(("strike", 0.5, 1.0), ("cushion", 1.2, 1.0), ("ball", 2.0, 1.0)), SHOWN)
+    assert found == pytest.approx([0.7, 2.2], abs=1 / 60)
+
+
+def test_one_looks_ahead_before_the_next_thing_happens() -> None:
+    found = viewpoints(events_at(("strike", 0.5, 1.0), ("ball", 0.6, 1.0)), SHOWN)
+    assert 0.5 < found[0] < 0.6
+
+
+def test_what_no_picture_shows_or_is_not_likely_gives_no_fan() -> None:
+    assert viewpoints(events_at(("strike", 0.5, 1.0), ("ball", 0.51, 0.3)), SHOWN) == pytest.approx([0.7], abs=1 / 60)
+    burst = [("ball", 1.0 + 0.01 * k, 1.0) for k in range(12)]
+    assert viewpoints(events_at(*burst), SHOWN) == []
+
+
+def test_fans_are_few_and_apart() -> None:
+    found = viewpoints(events_at(*[("ball", 0.3 * k + 0.05, 1.0) for k in range(1, 9)]), SHOWN)
+    assert 0 < len(found) <= MOST_FANS
+    assert np.diff(found).min() >= APART - 1e-9
+
+
+def test_what_comes_lies_among_the_courses_and_nothing_seen_later_is_used() -> None:
+    """A ball that rolls at 1 m/s, slower by mu g: where it is a second later, the courses are."""
+    t = SHOWN[SHOWN < 1.6]
+    way = np.where(t < 0.5, 0.0, 1.0 * (t - 0.5) - 0.5 * 0.01 * 9.81 * (t - 0.5) ** 2)
+    xy = np.stack([0.3 + way, np.full_like(t, 0.6)], axis=-1)[:, None]
+    xy = xy + np.random.default_rng(4).normal(0, 3e-4, xy.shape)
+    sigma = np.full((len(t), 1), 3e-4)
+    tracks = Tracks(
+        np.arange(len(t)), t, ("cue",), ("cue",), xy, 350 * xy + 30, sigma, sigma, np.zeros_like(xy),
+        np.full((len(t), 1), 10.0), np.zeros((1, 3)),
+    )  # fmt: skip
+    matrix = np.array([[350.0, 0, 0, 30], [0, 350.0, 0, 30], [0, 0, 0, 1]])
+    camera = Camera(matrix, 950, 505, 350 * TABLE.corners + 30, np.eye(8), "noses", 3.0, 0.5)
+    scene = Scene(TABLE, camera, np.zeros(3), ())
+    fan = foresee(tracks, scene, events_at(("strike", 0.5, 1.0))).fans[0]
+    ends = fan.courses[:, -1, 0]
+    truth = 0.3 + (fan.times[-1] - 0.5) - 0.5 * 0.01 * 9.81 * (fan.times[-1] - 0.5) ** 2
+    assert abs(np.median(ends[:, 0]) - truth) < 3 * ends[:, 0].std() + 0.01
+    assert ends[:, 0].std() < 0.1
+    cut = tracks.until(fan.t)
+    again = foresee(cut, scene, events_at(("strike", 0.5, 1.0))).fans[0]
+    np.testing.assert_array_equal(again.courses, fan.courses)
