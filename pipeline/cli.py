@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -22,6 +23,8 @@ def main() -> NoReturn:
     """The program: 0 all went well, 1 some of it failed, 2 wrong usage, 130 interrupted."""
     signal.signal(signal.SIGINT, _drop)
     spare_threads()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a file's name may be no text
     from pipeline.execute import execute  # heavy: a second or more
 
     signal.signal(signal.SIGTERM, _leave)

@@ -58,14 +58,16 @@ def by_workers(client: Client, jobs: Jobs, heard: Heard) -> Iterator[Row]:
         while more or running:
             more = more and _hand_out(client, jobs, running, topic, number)
             number += 1
-            done = _done(client, running)
-            if not running:
-                time.sleep(IDLE_S if more else 0)
-            for future in done:
+            for future in _done(client, running):
                 yield _row(future, running.pop(future))
+            if more and not running:
+                time.sleep(IDLE_S)
+    except OSError as error:  # of a connection: no file is touched here
+        raise SchedulerLost("The Dask scheduler is gone; run again once it is back: what is done is kept") from error
     finally:
-        client.cancel(list(running)) if running and client.status == "running" else None
-        client.unsubscribe_topic(topic)
+        if client.status == "running":
+            client.cancel(list(running))
+            client.unsubscribe_topic(topic)
 
 
 def _hand_out(client: Client, jobs: Jobs, running: dict[Future, Job], topic: str, number: int) -> bool:

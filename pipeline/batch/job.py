@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from pipeline.options import RunOptions, collect, run_settings
+from pipeline.sentences import told
 
 TRIES = 3
 """How often a clip is begun whose process dies without having been told to: once is bad luck, thrice is the clip."""
@@ -107,7 +108,7 @@ class Row:
 
 def failed(name: str, sentence: str, **facts: Any) -> Row:
     """The row of a clip that could not be used."""
-    return replace(Row(name, "failed", "", 0, 0.0, "", sentence, shots=0), **facts)
+    return replace(Row(name, "failed", "", 0, 0.0, "", told(sentence), shots=0), **facts)
 
 
 def seconds_told(seconds: float) -> str:

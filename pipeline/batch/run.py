@@ -41,6 +41,8 @@ class Batch:
     settings: dict[str, Any]
     limits: Limits
     folders: dict[Path, Path] = field(default_factory=dict)
+    names: dict[str, Path] = field(default_factory=dict)
+    """Which clip is told by which name."""
     rows: dict[str, Row] = field(default_factory=dict)
 
     def jobs(self, clips: Iterable[Path | None]) -> Jobs:
@@ -55,7 +57,10 @@ class Batch:
         self.folders = folders_of(clips, self.root, self.out)
 
     def _job(self, clip: Path) -> Job:
-        name, folder = told(clip.relative_to(self.root)), str(self.folders[clip].absolute())
+        folder = str(self.folders[clip].absolute())
+        name = told(clip.relative_to(self.root))
+        while self.names.setdefault(name, clip) != clip:  # two that are told alike
+            name += "\N{PRIME}"
         cache = str(self.cache.root.absolute())
         return Job(str(clip.absolute()), name, folder, cache, self.cache.mark, self.settings, self.limits)
 

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -286,11 +287,13 @@ def batch(folder: Path, *arguments: str) -> tuple[int, dict[str, str], str]:
 def test_one_process_many_and_a_cluster_say_the_same(tmp_path: Path, scheduler: str) -> None:
     for name in ("a.mp4", "deep/b.mkv", "-c.mov"):
         film(tmp_path / "in" / name, suffix=Path(name).suffix)
+    for odd in (b"\xff.mp4", b"\xfe.mp4"):
+        shutil.copy(tmp_path / "in" / "a.mp4", Path(os.fsdecode(os.fsencode(tmp_path / "in") + b"/" + odd)))
     (tmp_path / "in" / "broken.mp4").write_text("no film")
     said = [batch(tmp_path, *arguments) for arguments in ((), ("--jobs", "2"), ("--cluster", scheduler))]
     assert [(status, err) for status, _, err in said] == [(1, "")] * 3
     assert said[0][1] == said[1][1] == said[2][1]
-    assert set(said[0][1]) == {"a.mp4", "deep/b.mkv", "-c.mov", "broken.mp4"}
+    assert set(said[0][1]) == {"a.mp4", "deep/b.mkv", "-c.mov", "broken.mp4", "\ufffd.mp4", "\ufffd.mp4\u2032"}
     assert not list((tmp_path / "cache" / "building").iterdir())
 
 
