@@ -25,7 +25,7 @@ from pathlib import Path
 import av
 import numpy as np
 import psutil
-from fault_runs import Place
+from fault_runs import ROOT, Place
 from small_clips import SAMPLES, write_clips, write_small
 
 BAD_SHARE = 0.05
@@ -143,9 +143,12 @@ class Stopwatch:
 
 def cost(folder: Path, clip: Path) -> tuple[Line, list[tuple[str, float, float]]]:
     """The chain against decoding once and encoding its slow motion once, in CPU seconds of this process."""
+    sys.path.insert(0, str(ROOT))  # before the scripts here, one of which is called as a package is
     from pipeline.cache import Cache
     from pipeline.chain import run_clip
     from pipeline.options import RunOptions
+    from video.clip import open_clip
+    from video.shots import find_shots
 
     watch, out = Stopwatch(), folder / f"out {clip.stem}"
     run_clip(clip, out, RunOptions(), Cache(folder / f"cache {clip.stem}"), watch)
@@ -153,11 +156,22 @@ def cost(folder: Path, clip: Path) -> tuple[Line, list[tuple[str, float, float]]
     encode = _cpu(lambda: _encode(out / "slow.mp4", folder / "again.mp4")) - _cpu(lambda: _decode(out / "slow.mp4"))
     least, whole = decode + encode, sum(watch.cost.values())
     stages = [(stage, spent, spent / least) for stage, spent in watch.cost.items()]
+    seen = open_clip(clip)
+    survey = _cpu(lambda: find_shots(seen) and None)
+    stages.append(("(shots, of long recordings only)", survey, survey / least))
     with av.open(str(clip)) as film:
         stream = film.streams.video[0]
         size, seconds = f"{stream.width} x {stream.height}", float(film.duration or 0) / 1e6
-    told = f"{whole / least:.1f}x ({whole:.1f} against {decode:.1f} + {encode:.1f} CPU s)"
+    kept, given = _megabytes(folder / f"cache {clip.stem}"), _megabytes(out)
+    told = (
+        f"{whole / least:.1f}x ({whole:.1f} against {decode:.1f} + {encode:.1f} CPU s); {kept:.1f} MB of cache, "
+        f"{given:.1f} MB of results"
+    )
     return (f"chain of {clip.name}, {size}, {seconds:.1f} s", "<= 4x", told, whole <= 4 * least), stages
+
+
+def _megabytes(folder: Path) -> float:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6
 
 
 def _cpu(work: Callable[[], None]) -> float:
