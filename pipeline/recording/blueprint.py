@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import rerun.blueprint as rrb
+from rerun.blueprint.components import LinkAxis
 from rerun.blueprint.encodings import TextLogColumn
 
 from models.scene import Table
@@ -61,4 +62,5 @@ def _words() -> rrb.Tabs:
 
 def _plot(what: str, name: str) -> rrb.TimeSeriesView:
     legend = rrb.PlotLegend(rrb.Corner2D.RightTop)  # most is fast and uncertain at the beginning
-    return rrb.TimeSeriesView(origin=f"plots/{what}", name=name, plot_legend=legend)
+    together = rrb.TimeAxis(link=LinkAxis.LinkToGlobal)  # the same moment stands at the same place in all of them
+    return rrb.TimeSeriesView(origin=f"plots/{what}", name=name, plot_legend=legend, axis_x=together)

@@ -14,7 +14,17 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
+from diagnosis.close import Ahead, Closing
+from diagnosis.verdict import Candidate, Gap, Place, Report, Strength
+from models.gap_scene import Recording
+from pipeline.batch.job import Row
+from pipeline.batch.summary import as_page
+from pipeline.gap_page import write_gap_page
 from pipeline.report import ReportFiles, write_report
+from pipeline.thesis.page import write_results
+from pipeline.thesis.plan import Plan
+from pipeline.thesis.series import Case
+from pipeline.thesis.trials import Trial
 
 SLOWER = 2.0
 WIDTHS = (1280, 390)
@@ -94,3 +104,58 @@ def test_figures_are_drawn_and_tell_what_is_pointed_at(report: Path, browser: we
 def test_a_hostile_name_is_only_text(report: Path, browser: webdriver.Chrome) -> None:
     page_of(report, browser)
     assert browser.find_element(By.TAG_NAME, "h1").text == "<b>shot</b>&\"'.mp4"
+
+
+def made_up_diagnosis() -> Report:
+    """Two shots of a body whose drag the simulator lacks."""
+    t = np.arange(20) / 30
+    windows, before, after = [], [], []
+    for number in (3, 5):
+        places = np.stack([t, number * t - t**2], axis=-1)[:, None]
+        piece = Recording(number, np.arange(20), t, ("cube",), places, np.full((20, 1), 1e-3))
+        windows.append(Ahead(piece, 8))
+        before.append(places + 0.05 * t[:, None, None])
+        after.append(places + 0.001)
+    drag = Strength("k", "1/s", 0.8, 0.02, 0.05)
+    none = Strength("k", "1/m", 0.0, 0.1, float("inf"))
+    return Report(
+        "slide", ("sliding_friction",), "effects", ("viscous_drag",),
+        (Candidate("viscous_drag", 0.9, ("viscous_drag",), (drag,)),
+         Candidate("air_drag", 0.1, ("air_drag",), (none,))),
+        (Place("free_roll", 1.0, "cube", 3, (0.0, 0.6), None, "speed"),), "",
+        Gap("rms_m", 0.5, (3, 5), Closing(0.03, 0.001, 0.001, 1.0, (0.98, 1.0), True), tuple(windows), tuple(before),
+            tuple(after)),
+        (), (drag,), (), ("frame_rate",), ("lens_distortion",), "Film faster shots.", 1e-9, (),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Every other page, by its name."""
+    folder = tmp_path_factory.mktemp("others")
+    write_gap_page(made_up_diagnosis(), "<i>shots</i>", folder / "gap.html")
+    Image.fromarray(np.full((90, 160, 3), 90, np.uint8)).save(folder / "poster.png")
+    rows = [
+        Row("a & b.mp4", "done", "amber", 4, 3.5, str(folder), "", seconds=1.0, peak_mb=300.0),
+        Row("<c>.mp4", "failed", "", 0, 0.0, "", "No table was found in <c>.mp4", shots=0),
+    ]
+    (folder / "summary.html").write_text(as_page(rows, folder), encoding="utf-8")
+    case = Case("double-pendulum", "stiff", 30.0, 0.0, 0)
+    trials = [
+        Trial(case, name, mse, 1.0, 1.0, 1.0, 0, "", np.linspace(0, 1, 4), np.full(4, mse), np.zeros(0))
+        for name, mse in (("linear", 4.0), ("cubic", 1.0))
+    ]
+    write_results(Plan(("double-pendulum",), (0,), True), trials, 2, folder)
+    return {name: folder / f"{name}.html" for name in ("gap", "summary", "reproduce")}
+
+
+@pytest.mark.parametrize("name", ["gap", "summary", "reproduce"])
+def test_no_other_page_complains_keeps_anybody_out_or_is_too_wide(
+    name: str, others: dict[str, Path], browser: webdriver.Chrome
+) -> None:
+    page_of(others[name], browser)
+    assert barriers(browser) == []
+    assert complaints(browser) == []
+    wide, screen = browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
+    assert wide <= screen
+    assert "trueroll" in browser.title

@@ -1,0 +1,119 @@
+"""The five answers of a shot: who, when, how fast, what then, how sure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import made_up_shot as shot
+import numpy as np
+import pytest
+
+from models.events import Events
+from models.fit import Fit
+from models.tracks import Tracks
+from models.trajectory import Trajectory
+from pipeline.story import tell
+
+T = np.linspace(0, 2, 61)
+TOUCH = 0.8
+
+
+def played(after: tuple[float, float], cushion: float | None = None) -> tuple[Tracks, Fit]:
+    """White is struck at 0.2 s, goes along x at 1 m/s, touches red at 0.8 s and goes on with velocity `after` (m/s)."""
+    place = np.array([1.0, 0.5])
+    rows = [
+        (0, 0.0, 0.2, [0.4, 0.5], [0.0, 0.0]),
+        (0, 0.2, TOUCH, [0.4, 0.5], [1.0, 0.0]),
+        (0, TOUCH, 2.0, place, after),
+        (1, 0.0, TOUCH, [1.06, 0.5], [0.0, 0.0]),
+        (1, TOUCH, 2.0, [1.06, 0.5], [0.7, 0.0]),
+    ]
+    ball, start, end, x, v = (list(column) for column in zip(*rows, strict=True))
+    position = np.zeros((5, 4, 2))
+    position[:, 0], position[:, 1] = x, v
+    motion = Trajectory(
+        ("white", "red"), np.array(ball), np.array(start), np.array(end), position, np.zeros((5, 2, 3)),
+        ("rest", "roll", "roll", "rest", "roll"), np.tile(1e-6 * np.eye(4), (5, 1, 1)),
+    )  # fmt: skip
+    told = [("strike", 0.2, "white", "", 1.0), ("ball", TOUCH, "red", "white", 0.97)]
+    told += [] if cushion is None else [("cushion", cushion, "white", "top", 0.8)]
+    told.sort(key=lambda one: one[1])
+    kinds, t, a, b, probability = (list(column) for column in zip(*told, strict=True))
+    one = np.ones(len(t))
+    events = Events(
+        tuple(kinds), np.array(t), 1e-3 * one, 30 * np.array(t), tuple(a), tuple(b), np.tile(place, (len(t), 1)),
+        np.array(probability), -0.01 * one, 1e-3 * one, 1.0 * one,
+    )  # fmt: skip
+    fit = replace(shot.made_up_fit(T), trajectory=motion, events=events)
+    xy = motion.at(T).xy
+    ones = np.ones(xy.shape[:2])
+    colour = np.array([[95.0, 0.0, 3.0], [45.0, 60.0, 40.0]])
+    tracks = Tracks(
+        np.arange(len(T)), T, ("white", "red"), ("white", "red"), xy, 100 * xy, 1e-3 * ones, 1e-3 * ones,
+        np.zeros_like(xy), 3 * ones, colour,
+    )  # fmt: skip
+    return tracks, fit
+
+
+def test_the_first_contact_is_told_with_its_time_speeds_and_probability() -> None:
+    (story,) = tell(*played((0.0, 0.5)))
+    assert story.first.startswith("white hit red first. It was struck at 0.2000 s ± 1.0 ms and left at 1.00 m/s")
+    assert story.when.startswith("0.8000 s ± 1.0 ms (picture 24.00), 0.600 s after the stroke")
+    assert "closed at 1.00 m/s" in story.speed
+    assert "white came at 1.00 ± 0.00" in story.speed
+    assert "red left at 0.70 m/s" in story.speed
+    assert story.sure.startswith("The first contact is 97.0 % sure")
+    assert "trust light is green" in story.sure
+
+
+@pytest.mark.parametrize(
+    ("after", "told"),
+    [
+        ((0.3, 0.05), "went on in its old direction (9° to the right), at 0.30 m/s"),
+        ((0.0, 0.5), "went off 90° to the right of its old way, at 0.50 m/s"),
+        ((0.0, -0.5), "went off 90° to the left of its old way, at 0.50 m/s"),
+        ((-0.4, 0.0), "came back, at 0.40 m/s"),
+        ((0.01, 0.0), "stopped where it was"),
+    ],
+)
+def test_what_the_ball_did_then_is_said_as_seen_from_above(after: tuple[float, float], told: str) -> None:
+    """y runs down: a ball that goes along x and then along y has turned to its right."""
+    (story,) = tell(*played(after))
+    assert told in story.after
+
+
+def test_cushions_before_and_after_the_contact_are_told_in_their_place() -> None:
+    (before,) = tell(*played((0.0, 0.5), cushion=0.5))
+    assert "white hit red first, by way of the top cushion." in before.first
+    assert "It met nothing more" in before.after
+    (after,) = tell(*played((0.0, 0.5), cushion=1.5))
+    assert "Then it met the top cushion at 1.500 s." in after.after
+    assert "the least sure is 80.0 % sure (white hits the top cushion at 1.00 m/s)" in after.sure
+
+
+def test_a_clip_that_ends_too_early_says_how_fast_the_ball_still_is() -> None:
+    (story,) = tell(*played((0.0, 0.3)))
+    assert "When the clip ends, at 2.00 s, it still rolls at 0.30 m/s, at (1.000, 0.860) m." in story.after
+
+
+def test_what_is_not_likely_is_not_told() -> None:
+    tracks, fit = played((0.0, 0.3))
+    doubtful = replace(fit, events=replace(fit.events, probability=np.array([1.0, 0.2])))
+    (story,) = tell(tracks, doubtful)
+    assert story.first.startswith("white touched no other ball.")
+
+
+def test_a_clip_that_begins_after_the_stroke_tells_of_the_cue_ball_that_moves() -> None:
+    tracks, fit = played((0.0, 0.3))
+    events = fit.events
+    late = Events(*(getattr(events, name)[1:] for name in ("kind", "t", "t_sigma", "frame", "a", "b", "xy",
+                    "probability", "gap", "gap_sigma", "speed")))  # fmt: skip
+    (story,) = tell(tracks, replace(fit, events=late))
+    assert story.first == "white hit red first."
+    assert "after the stroke" not in story.when
+
+
+def test_where_nothing_moves_there_is_no_story() -> None:
+    tracks, fit = played((0.0, 0.3))
+    none = Events((), np.empty(0), np.empty(0), np.empty(0), (), (), np.empty((0, 2)), *(np.empty(0),) * 4)
+    assert tell(tracks, replace(fit, events=none, moving=np.zeros_like(tracks.observed))) == []
