@@ -45,7 +45,7 @@ def clear_left(folder: Path, name: str | None = None) -> None:
     for left in folder.glob(".*.part" if name is None else f".{glob.escape(name)}.*.part"):
         with suppress(OSError):  # another may be quicker
             if _is_dead(left.name) or time.time() - left.stat().st_mtime > LEFT_S:
-                left.unlink()
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
 def _is_dead(name: str) -> bool:
@@ -73,6 +73,20 @@ def machine() -> str:
         facts.append(Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii"))
         facts.append(str(Path("/proc/self/ns/pid").stat().st_ino))
     return hashlib.sha256(" ".join(facts).encode("utf-8", "replace")).hexdigest()[:8]
+
+
+@contextmanager
+def new_folder(target: Path) -> Iterator[Path]:
+    """A fresh folder beside `target` to fill, named as `aside` names files; at the end it takes the place of `target`,
+    which is not there or is empty."""
+    path = target.with_name(f".{target.name}.{machine()}-{os.getpid()}.part")
+    clear_left(target.parent, target.name)
+    path.mkdir()
+    try:
+        yield path
+        path.rename(target)
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 
@@ -13,7 +14,8 @@ from models.fit import Fit
 from models.scene import Scene
 from models.tracks import Tracks
 from video.clip import Clip, read_frames
-from video.inbetween import Scenery, open_interval, scenery_of
+from video.flow import Interpolator
+from video.inbetween import OPTICAL_FLOW, Scenery, open_interval, scenery_of
 from video.sightings import sight
 from video.slowmotion import balls_at
 
@@ -22,6 +24,18 @@ Picture = NDArray[np.uint8]
 
 EVEN_S = 1e-3
 """s by which timestamps may wander and still be those of a constant rate: some containers count milliseconds."""
+SNAP = 0.02
+"""Share of the step between pictures within which a real picture is shown as it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Making:
+    """How pictures are made."""
+
+    elsewhere: Interpolator = OPTICAL_FLOW
+    """Of all that is no ball."""
+    exposure: float | None = None
+    """s for which the shutter is open; None: as it was filmed."""
 
 
 def between(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, factor: int) -> Iterator[Picture]:
@@ -29,36 +43,62 @@ def between(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, factor: int) -> 
 
     Every factor-th is the decoded picture itself. ValueError for a factor below 1.
     """
-    if factor < 1:
-        raise ValueError(f"a factor is 1 or more; got {factor}")
-    scenery = scenery_of(sight(scene, tracks, fit), clip)
+    times = times_between(clip, factor)
+    yield from pictures_at(clip, scenery_of(sight(scene, tracks, fit), clip), times)
+
+
+def pictures_at(clip: Clip, scenery: Scenery, times: Floats, making: Making | None = None) -> Iterator[Picture]:
+    """The pictures (H, W, 3) at ascending times (K,) s within the clip; a decoded one itself at its time.
+
+    Two decoded pictures are held at a time.
+    """
+    making = Making() if making is None else making
+    t = scenery.sightings.t
+    rows = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
     before: Picture | None = None
     for row, (_, after) in enumerate(read_frames(clip, indices=scenery.sightings.frame), start=-1):
-        if before is not None:
-            yield before
-            yield from _inside(scenery, row, before, after, factor)
+        wanted = times[rows == row]
+        if before is not None and len(wanted):
+            yield from _inside(scenery, row, before, after, wanted, making)
         before = after
-    if before is not None:
-        yield before
 
 
-def _inside(scenery: Scenery, row: int, first: Picture, second: Picture, factor: int) -> Iterator[Picture]:
-    """The new pictures between those of `row` and `row + 1`."""
+def _inside(
+    scenery: Scenery, row: int, first: Picture, second: Picture, times: Floats, making: Making
+) -> Iterator[Picture]:
+    """The pictures from that of `row` to that of `row + 1`."""
     sightings = scenery.sightings
-    times = _inner_times(float(sightings.t[row]), float(sightings.t[row + 1]), factor)
-    if not len(times):
+    ends = {float(sightings.t[row]): first, float(sightings.t[row + 1]): second}
+    if all(float(t) in ends for t in times):
+        yield from (ends[float(t)] for t in times)
         return
-    interval = open_interval(sightings, scenery.plate, row, first, second, sharp=scenery.sharp)
-    state, ways = sightings.state(times), sightings.ways(times, sightings.exposure)
+    anew = making.exposure is not None
+    interval = open_interval(sightings, scenery.plate, row, first, second, making.elsewhere, scenery.sharp, anew=anew)
+    exposure = sightings.exposure if making.exposure is None else making.exposure
+    state, ways = sightings.state(times), sightings.ways(times, exposure)
     for k, t in enumerate(times):
-        yield interval.at(float(t), balls_at(sightings, state, k, float(t)).centre, ways[k])
+        if float(t) in ends:
+            yield ends[float(t)]
+        else:
+            yield interval.at(float(t), balls_at(sightings, state, k, float(t)).centre, ways[k])
 
 
 def times_between(clip: Clip, factor: int) -> Floats:
-    """Times ((D - 1) factor + 1,) s of those pictures, by the source's clock."""
+    """Times ((D - 1) factor + 1,) s that divide every gap evenly, by the source's clock; ValueError below 1."""
+    if factor < 1:
+        raise ValueError(f"a factor is 1 or more; got {factor}")
     t = clip.t[clip.distinct]
     inner = [np.array([a, *_inner_times(a, b, factor)]) for a, b in pairwise(t)]
     return np.concatenate([*inner, t[-1:]])
+
+
+def even_times(clip: Clip, rate: float) -> Floats:
+    """Times (K,) s, `rate` of them a second of the clip; those of real pictures where they fall on them."""
+    real = clip.t[clip.distinct]
+    times = real[0] + np.arange(int((real[-1] - real[0]) * rate + SNAP) + 1) / rate
+    after = np.clip(np.searchsorted(real, times), 1, len(real) - 1)
+    nearest = np.where(times - real[after - 1] < real[after] - times, real[after - 1], real[after])
+    return np.asarray(np.where(np.abs(nearest - times) * rate < SNAP, nearest, times), dtype=np.float64)
 
 
 def even_rate(clip: Clip, factor: int) -> Fraction | None:

@@ -208,14 +208,19 @@ def open_interval(
     second: Picture,
     interpolator: Interpolator = OPTICAL_FLOW,
     sharp: SharpBalls = NO_SHARP,
+    *,
+    anew: bool = False,
 ) -> Interval:
-    """Take the pictures of `row` and `row + 1` apart, to make any picture between them."""
+    """Take the pictures of `row` and `row + 1` apart, to make any picture between them.
+
+    `anew` where streaks are to be made as no picture shows them.
+    """
     balls = tuple(int(ball) for ball in np.flatnonzero(sightings.moves[row]))
     sides = []
     for side, picture in ((row, first), (row + 1, second)):
         shown = _shown(sightings, plate, side, picture)
         sides.append(_part(sightings, plate, side, picture, balls, shown))
-    seen = [_seen(sightings, sharp, row, ball, pair) for ball, pair in zip(balls, _pairs(sides), strict=True)]
+    seen = [_seen(sightings, sharp, row, ball, pair, anew) for ball, pair in zip(balls, _pairs(sides), strict=True)]
     regions = open_regions(sides[0].behind, sides[1].behind, interpolator)
     behind = (sides[0].behind, sides[1].behind)
     return Interval(sightings, row, first, second, behind, tuple(seen), _still(sightings, row, balls), regions)
@@ -226,12 +231,17 @@ def _pairs(sides: list[Peeled]) -> list[tuple[Sprite | None, Sprite | None]]:
 
 
 def _seen(
-    sightings: Sightings, sharp: SharpBalls, row: int, ball: int, sides: tuple[Sprite | None, Sprite | None]
+    sightings: Sightings,
+    sharp: SharpBalls,
+    row: int,
+    ball: int,
+    sides: tuple[Sprite | None, Sprite | None],
+    anew: bool,
 ) -> Seen:
     """A ball on both pictures: sharp where it was streaked, else with what turns on it."""
     radius = float(np.nanmean(sightings.radius[row : row + 2, ball]))
     longest = max((sprite.streak for sprite in sides if sprite is not None), default=0.0)
-    if longest > STREAKED_RADII * radius:
+    if anew or longest > STREAKED_RADII * radius:
         t = float(sightings.t[row])
         return Seen(ball, radius, sides, sharp_pair(sharp, ball, t, radius, sides), None)
     first, second = sides

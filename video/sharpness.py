@@ -55,8 +55,8 @@ def sharpened(sprite: Sprite, radius: float) -> Sprite:
     level = np.maximum(seen.sum(axis=(0, 1)), 1e-3) / np.float32(max(float(disc.sum()), 1.0))
     guess: Singles = disc * level.astype(np.float32)
     for _ in range(ROUNDS):
-        ratio = seen / np.maximum(streaked(guess, taps), 1e-3)
-        guess = guess * np.clip(streaked(ratio, -taps), 0.2, 5.0)
+        ratio = np.asarray(seen / np.maximum(streaked(guess, taps), 1e-3), dtype=np.float32)
+        guess = np.asarray(guess * np.clip(streaked(ratio, -taps), 0.2, 5.0), dtype=np.float32)
     guess[..., 3] = np.minimum(disc[..., 0], 1)
     mask, ceiling = guess[..., 3:], 255 * guess[..., 3:]
     cover = np.concatenate([np.clip(guess[..., :3], 0, ceiling), mask], axis=2).astype(np.float32)

@@ -22,7 +22,8 @@ class VideoWriter:
     H.264 in yuv420p, BT.709 limited range, tagged so. Picture k is shown at exactly k / rate: the stream's time base is
     1 / rate, and without B-frames there is no edit list. Pictures that come unevenly are written with a `time_base`
     (s) and the time of each; `rate` is then what it is on average. `force-cfr` keeps the rerun 0.41 viewer from
-    hanging. An odd width or height is made even by repeating the last column or row, so pixel coordinates stay.
+    hanging. With `direct` it is written under its name at once: the caller then sees to it that the name is not yet
+    the final one. An odd width or height is made even by repeating the last column or row, so pixel coordinates stay.
     """
 
     def __init__(
@@ -36,13 +37,14 @@ class VideoWriter:
         preset: str = "veryfast",
         threads: int = 2,
         time_base: Fraction | None = None,
+        direct: bool = False,
     ) -> None:
         if width < 2 or height < 2 or rate <= 0:
             raise ValueError(
                 f"VideoWriter wants at least 2 x 2 px and a positive rate; got {width} x {height} at {rate}"
             )
         self._path = path
-        self._aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+        self._aside = path if direct else path.with_name(f".{path.name}.{os.getpid()}.part")
         self._shape = (height, width, 3)
         self._pad = ((0, height % 2), (0, width % 2), (0, 0))
         self._count = 0
@@ -91,7 +93,8 @@ class VideoWriter:
                 self._finish()
         finally:
             self._container.close()
-            self._aside.unlink(missing_ok=True)
+            if kind is not None or self._aside != self._path:
+                self._aside.unlink(missing_ok=True)
 
     def _finish(self) -> None:
         if self._count == 0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -23,6 +23,9 @@ from pipeline.command_line import (
 )
 from pipeline.options import RunOptions
 
+if TYPE_CHECKING:
+    from pipeline.interpolate import InterpolateOptions
+
 MOST = 100
 VIDEOS = (".mp4", ".m4v", ".mov")
 
@@ -30,15 +33,35 @@ VIDEOS = (".mp4", ".m4v", ".mov")
 @app.command("interpolate")
 @with_settings
 def interpolate(
+    context: typer.Context,
     source: Annotated[
         Path, typer.Argument(metavar="CLIP|tracks.csv", help="A clip of a shot, or particles: columns id, x, y (z), t.")
     ],
     options: RunOptions,
-    factor: Annotated[int, typer.Option("--factor", min=1, max=MOST, help="Steps from picture to picture.")],
     out: Annotated[
         Path,
         typer.Option("-o", "--out", parser=named, metavar="PATH", help="The video or .csv, or a folder for it."),
     ],
+    factor: Annotated[
+        int | None, typer.Option("--factor", min=1, max=MOST, help="Steps from picture to picture.")
+    ] = None,
+    rate: Annotated[
+        str | None,
+        typer.Option(
+            "--rate", help="Pictures per second of the video, 24 to 240, such as 60 or 60000/1001; no factor."
+        ),
+    ] = None,
+    shutter: Annotated[
+        float | None,
+        typer.Option(
+            "--shutter", help="Motion blur: degrees, 0 to 360, of the step between pictures. Default: as it was filmed."
+        ),
+    ] = None,
+    upright: Annotated[bool, typer.Option("--upright", help="A window of 9:16 that follows the action.")] = False,
+    elsewhere: Annotated[
+        str,
+        typer.Option("--elsewhere", help="Where no ball is: flow, blend, or an ONNX network for frame interpolation."),
+    ] = "flow",
     frames: Annotated[
         Path | None, typer.Option("--frames", help="A new folder for every picture as 000000.png and so on.")
     ] = None,
@@ -53,21 +76,47 @@ def interpolate(
     if source.suffix.lower() == ".csv" or (source / "tracks.csv").is_file():
         from pipeline.particle_interpolation import interpolate_particles
 
+        if factor is None:
+            raise OptionError("--factor says how many steps lie between two samples; give it")
         fps = options.read.fps
         interpolate_particles(source, factor, out, None if fps is None else float(Fraction(fps)), as_json)
         return
-    _interpolate_clip(source, _video(source, out, factor), frames, factor, options, cache, as_json)
+    from pipeline.interpolate import InterpolateOptions
+
+    # slow motion is eightfold elsewhere; here the pictures are asked for, and are shown in time unless told otherwise
+    slow = options.render.slow if _given(context, "slow") else 1.0
+    wanted = InterpolateOptions(factor, None if rate is None else _rate(rate), slow, shutter, upright, elsewhere)
+    _interpolate_clip(source, _video(source, out, wanted), frames, wanted, options, cache, as_json)
+
+
+def _given(context: typer.Context, name: str) -> bool:
+    """Whether an option was written on the command line."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def _rate(text: str) -> Fraction:
+    try:
+        return Fraction(text)
+    except (ValueError, ZeroDivisionError) as error:
+        raise OptionError(f"--rate is a number such as 60, 59.94 or 60000/1001; got {text}") from error
 
 
 def _interpolate_clip(
-    clip: Path, video: Path, frames: Path | None, factor: int, options: RunOptions, cache: Path | None, as_json: bool
+    clip: Path,
+    video: Path,
+    frames: Path | None,
+    wanted: InterpolateOptions,
+    options: RunOptions,
+    cache: Path | None,
+    as_json: bool,
 ) -> None:
     from pipeline.display import StageDisplay
     from pipeline.interpolate import interpolate_clip
     from pipeline.verdict import trust_facts, trust_line
 
     with StageDisplay(console, str(clip)) as display:
-        made = interpolate_clip(clip, video, frames, factor, options, open_cache(cache), display)
+        made = interpolate_clip(clip, video, frames, wanted, options, open_cache(cache), display)
     for note in made.notes:
         console.print(f"Note: {note}", markup=False, soft_wrap=True)
     if as_json:
@@ -79,10 +128,11 @@ def _interpolate_clip(
     print(f"{made.pictures} pictures, {made.originals} of them original, {made.rate:.3f} a second: {video}")
 
 
-def _video(clip: Path, out: Path, factor: int) -> Path:
+def _video(clip: Path, out: Path, wanted: InterpolateOptions) -> Path:
     """Where the video goes; OptionError for a name of another kind."""
     if out.is_dir() or not out.suffix:
-        return out / f"{clip.stem}-x{factor}.mp4"
+        ending = f"x{wanted.factor}" if wanted.factor is not None else f"{float(wanted.rate or 0):g}fps"
+        return out / f"{clip.stem}-{ending}.mp4"
     if out.suffix.lower() not in VIDEOS:
         raise OptionError(f"-o is a video ({', '.join(VIDEOS)}) or a folder; got {out}")
     return out
