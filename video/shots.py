@@ -118,9 +118,9 @@ def _reduced(picture: Grey) -> Grey:
     height, width = picture.shape[:2]
     if height <= HEIGHT:
         return picture
-    return cv2.resize(picture, (max(width * HEIGHT // height, 1), HEIGHT), interpolation=cv2.INTER_AREA).astype(
-        np.uint8
-    )
+    size = (max(width * HEIGHT // height, 1), HEIGHT)
+    small: Grey = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+    return small
 
 
 def _cloth(picture: Grey) -> Grey | None:

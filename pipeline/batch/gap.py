@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from diagnosis.diagnose import diagnose
 from pipeline.batch.job import Row
 from pipeline.gap_files import write_gap
-from pipeline.gap_page import gap_sentence, write_gap_page
+from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene
+from pipeline.gap_words import gap_sentence
 from pipeline.sentences import one_sentence
 from pipeline.track_folder import read_track_folders
 
