@@ -19,8 +19,8 @@ from models.shooting.windows import Model
 Floats = NDArray[np.float64]
 
 USUAL = ShootingOptions(iterations=25, settling=10)
-GLANCE = ShootingOptions(iterations=4, settling=3)
-"""of what is refuted already."""
+GLANCE = ShootingOptions(iterations=5, settling=3)
+"""of what is hardly worth it."""
 _AT_MOST = 1.15
 """cost per observation that noise explains: its variance is known to some per cent."""
 _WIDER = 3.0

@@ -33,7 +33,8 @@ def grown(question: Question, fitted: Fitted) -> Fitted:
     while True:
         pairs = _pairs(question, fitted, ends)
         if not len(pairs):
-            return fitted
+            mean = np.divide(*_costs(question, fitted).sum(axis=0))
+            return _sought_again(question, fitted, np.ones(len(fitted.pieces), bool)) if mean < _SURE else fitted
         found = again(question, *_joined(fitted, pairs, fitted.starts))
         lost = _lost(question, found, pairs, usual)
         if lost.any():
@@ -105,8 +106,13 @@ def sought_anew(question: Question, fitted: Fitted) -> Fitted:
     mean = {shot: costs[shots == shot].sum(axis=0) for shot in np.unique(shots)}
     mean = {shot: float(cost / max(numbers, 1.0)) for shot, (cost, numbers) in mean.items()}
     odd = np.array([mean[shot] > _ODD * max(float(np.median(list(mean.values()))), 1.0) for shot in shots])
-    if not odd.any():
-        return fitted
+    return _sought_again(question, fitted, odd) if odd.any() else fitted
+
+
+def _sought_again(question: Question, fitted: Fitted, odd: Mask) -> Fitted:
+    """Windows of whole shots begun from what was seen alone, numbers kept: hidden spin has several ways to be nearly
+    right, and what one of them leaves would be taken for an effect."""
+    costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])
     places = np.flatnonzero(odd)
     fresh = follow(question, tuple(fitted.pieces[k] for k in places), fitted)
     now, starts = _costs(question, fresh), list(fitted.starts)

@@ -30,6 +30,8 @@ MOST = 3
 """effects missing at once."""
 _ONLY_TOGETHER = 1.5
 """times what the best single effect promises, from which two are tried at once; 20 more are beyond chance."""
+_HOPELESS = 0.25
+"""share of what the best hypothesis explains that another one must explain at a glance to be fitted to the end."""
 _REFUTED = 40.0
 """log evidence from which a hypothesis stays refuted on longer windows, which tell more."""
 _WORTH = 6.0
@@ -255,8 +257,13 @@ def _starting_from(
     guess = near.fitted.shared.copy()
     if fresh.any():
         guess[fresh] += _signatures(state, near).step(fresh)
+    best = min(one.fitted.cost for one in state.tried.values())
     for forms in _forms(question, names):
-        found = fit(question, near.fitted.pieces, effects, forms, guess, near.fitted.starts)
+        found = fit(question, near.fitted.pieces, effects, forms, guess, near.fitted.starts, GLANCE)
+        yield found
+        if near.fitted.cost - found.cost < _HOPELESS * (near.fitted.cost - best):
+            continue
+        found = fit(question, found.pieces, effects, forms, found.shared, found.starts)
         yield found
         if found.cost > near.fitted.cost:  # a long step took some windows to wrong paths
             yield sought_anew(question, found)
