@@ -29,8 +29,8 @@ from video.palette import ball_colour
 
 EMBED_LIMIT_BYTES = 48_000_000
 """A larger slow.mp4 is linked beside the page instead of carried in it."""
-SLOW_MARK = "slow-motion-carried-here"
-"""Where the video goes in the page."""
+SLOW_MARK = "slow-motion/carried-here"
+"""No clip can bear this name. Where the video goes in the page."""
 LEAD_IN = 0.15
 """s of the clip before a moment, from which the video plays."""
 PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")

@@ -27,6 +27,12 @@ FEWEST_PICTURES = 5
 SIDES = (32, 16384)
 """px: no table is recognised in a smaller picture, and no camera makes a larger one."""
 
+RATES = (1, 1000)
+"""Pictures per second of a film of moving balls."""
+
+LONGEST_GAP_S = 60.0
+"""s between two pictures; a recording of a screen skips what is still, a spoilt timestamp skips years."""
+
 INCOMPLETE = ("it breaks off", "it is damaged")
 """How a note begins that says that pictures are missing."""
 
@@ -110,6 +116,7 @@ def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = s
     notes = tuple(_notes(seen, t, note if fps is None else ""))
     rate = nominal_rate(t, seen.rate) if fps is None else Fraction(fps)
     t = t if fps is None else even_times(len(t), rate)
+    _check_times(path, t, rate)
     return Clip(path, clip_digest(path), *seen.size, rate, t, repeat, seen.has_audio, notes)
 
 
@@ -143,6 +150,20 @@ def _pictures(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> Iterator[tup
             if frame == last:
                 return
     raise ClipError(f"{clip.path.name} has changed since it was opened: frame {last} is gone; open it again")
+
+
+def _check_times(path: Path, t: Floats, rate: Fraction) -> None:
+    """ClipError for times at which nobody films: motion would be computed over hours, or over nothing."""
+    if not RATES[0] <= rate <= RATES[1]:
+        raise ClipError(
+            f"{path.name} says that it shows {float(rate):.4g} pictures per second; {RATES[0]} to {RATES[1]} were "
+            "expected; give the right number with --fps"
+        )
+    longest = int(np.argmax(np.diff(t)))
+    if t[longest + 1] - t[longest] > LONGEST_GAP_S:
+        raise ClipError(
+            f"{path.name} shows nothing new for {t[longest + 1] - t[longest]:.4g} s after frame {longest}; cut it there"
+        )
 
 
 @dataclass(slots=True)

@@ -9,10 +9,7 @@ from pathlib import Path
 
 from models.progress import Progress
 from pipeline.stage import Inputs, Stage
-from video.clip import Clip, open_clip
-
-FEWEST, MOST = 1, 1000
-"""Pictures per second of a film of moving balls."""
+from video.clip import RATES, Clip, open_clip
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +23,11 @@ class ReadOptions:
         if self.fps is None:
             return
         try:
-            positive = FEWEST <= Fraction(self.fps) <= MOST
+            positive = RATES[0] <= Fraction(self.fps) <= RATES[1]
         except (ValueError, ZeroDivisionError) as error:
             raise ValueError("a number such as 29.97 or 30000/1001 was expected") from error
         if not positive:
-            raise ValueError(f"{FEWEST} to {MOST} pictures per second were expected")
+            raise ValueError(f"{RATES[0]} to {RATES[1]} pictures per second were expected")
 
 
 def read_stage(path: Path, digest: str, options: ReadOptions) -> Stage:

@@ -20,14 +20,14 @@ from pipeline.values import load_value
 from video.clip import open_clip
 
 
-def film(path: Path, **metadata: str) -> Path:
+def film(path: Path, rate: Fraction = Fraction(25), gap: int = 0, **metadata: str) -> Path:
     with av.open(str(path), "w") as container:
         container.metadata.update(metadata)
-        stream = container.add_stream("libx264", rate=25)
+        stream = container.add_stream("libx264", rate=rate)
         stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
         for k in range(10):
             picture = av.VideoFrame.from_ndarray(np.full((64, 96, 3), 20 * k, np.uint8))
-            picture.pts, picture.time_base = k, Fraction(1, 25)
+            picture.pts, picture.time_base = k + gap * (k > 5), 1 / rate
             container.mux(stream.encode(picture))
         container.mux(stream.encode(None))
     return path
@@ -39,6 +39,20 @@ def test_metadata_that_is_no_text_is_no_fault(tmp_path: Path) -> None:
     assert b"xxxxxxxx" in data
     clip.write_bytes(data.replace(b"xxxxxxxx", b"\x80\xff\xfe\x81\xc3(\xa0\xa1"))
     assert open_clip(clip).frame_count == 10
+
+
+@pytest.mark.parametrize("rate", [Fraction(1, 100), Fraction(100_000)])
+def test_a_rate_at_which_nobody_films_is_refused_unless_another_is_given(tmp_path: Path, rate: Fraction) -> None:
+    clip = film(tmp_path / "a.mov", rate=rate)
+    with pytest.raises(ClipError, match="--fps"):
+        open_clip(clip)
+    assert open_clip(clip, fps=Fraction(30)).t[-1] == pytest.approx(0.3)
+
+
+def test_a_timestamp_years_ahead_is_refused(tmp_path: Path) -> None:
+    assert open_clip(film(tmp_path / "a.mkv", gap=100)).t[-1] == pytest.approx(4.36)
+    with pytest.raises(ClipError, match="after frame 5"):
+        open_clip(film(tmp_path / "b.mkv", gap=10_000_000))
 
 
 @pytest.mark.parametrize(
