@@ -14,8 +14,10 @@ from rich.table import Table as Grid
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdict import Report
+from models.billiards.gap import BilliardsScene
 from pipeline.chain import refuse_closed
 from pipeline.command_line import DebugOption, JsonOption, app, named
+from pipeline.gap_cure import write_cure
 from pipeline.gap_files import as_json, write_gap
 from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene
@@ -41,8 +43,11 @@ def diagnose_folders(
     folder = out if out is not None else inputs[0] / "gap"
     refuse_closed(folder)
     read = read_track_folders(inputs)
-    report = diagnose(open_scene(read), read.recordings)
+    scene = open_scene(read)
+    report = diagnose(scene, read.recordings)
     write_gap(report, folder)
+    if isinstance(scene, BilliardsScene):
+        write_cure(report, scene.table, folder)
     write_gap_page(report, inputs[0].resolve().name, folder / "gap.html")
     os.environ.setdefault("RUST_LOG", "off")  # rerun would print what it raises; it reads this when it is imported
     from pipeline.recording.gap import write_gap_recording  # slow to import

@@ -1,0 +1,71 @@
+"""The files of the cure: a profile of the table, and pooltool's parameters."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from diagnosis.close import Closing
+from diagnosis.verdict import Gap, Report, Strength
+from models.billiards.tables import PRESETS
+from pipeline.gap_cure import write_cure
+
+TABLE = PRESETS["pool-9ft"]
+
+
+def told(*fitted: Strength, forms: tuple[str, str] = ("mirror", "inelastic")) -> Report:
+    nothing = Closing(0.0, 0.0, 0.0, float("nan"), (-1.0, 1.0), False)
+    return Report(
+        "billiards", ("sliding_friction",), "effects", ("slope",), (), (), "",
+        Gap("rms_m", 0.85, (), nothing, (), (), ()),
+        (), fitted, forms, (), (), "", 1.0, (),
+    )  # fmt: skip
+
+
+def of(name: str, value: float, sigma: float = 0.1, unit: str = "1") -> Strength:
+    return Strength(name, unit, value, sigma, 0.0)
+
+
+def test_side_spin_decays_in_pooltool_as_it_was_found(tmp_path: Path) -> None:
+    write_cure(told(of("spin_decay.rate", 9.0, 0.5, "rad/s2"), of("sliding_friction.mu", 0.21)), TABLE, tmp_path)
+    found = json.loads((tmp_path / "pooltool.json").read_text())
+    ball = found["ball_params"]
+    u_sp = ball["u_sp_proportionality"] * ball["R"]
+    assert 5 * u_sp * ball["g"] / (2 * ball["R"]) == pytest.approx(9.0)
+    assert ball["u_s"] == 0.21
+    assert found["sigma"]["u_sp_proportionality"] / ball["u_sp_proportionality"] == pytest.approx(0.5 / 9.0)
+
+
+def test_what_was_not_fitted_is_absent_in_pooltool_not_usual(tmp_path: Path) -> None:
+    write_cure(told(of("rolling_resistance.mu", 0.01)), TABLE, tmp_path)
+    ball = json.loads((tmp_path / "pooltool.json").read_text())["ball_params"]
+    assert (ball["u_b"], ball["f_c"], ball["e_b"], ball["e_c"]) == (0.0, 0.0, 1.0, 1.0)
+
+
+def test_what_pooltool_cannot_hold_is_named(tmp_path: Path) -> None:
+    report = told(
+        of("slope.slope_x", 1.5, 0.1, "mm/m"), of("ball_restitution.e", 0.94), forms=("mathavan_2010", "alciatore")
+    )
+    write_cure(report, TABLE, tmp_path)
+    found = json.loads((tmp_path / "pooltool.json").read_text())
+    assert found["not_held"] == ["ball_law alciatore", "slope"]
+    assert found["ball_cushion"] == "mathavan_2010"
+    assert found["ball_ball"] is None
+
+
+def test_the_profile_holds_effects_with_sigmas_and_laws(tmp_path: Path) -> None:
+    write_cure(
+        told(of("slope.slope_x", 1.5, 0.1, "mm/m"), of("slope.slope_y", 0.0, float("inf"), "mm/m")), TABLE, tmp_path
+    )
+    found = json.loads((tmp_path / "profile.json").read_text())
+    assert found["effects"]["slope"]["slope_x"] == {"value": 1.5, "sigma": 0.1, "unit": "mm/m"}
+    assert found["effects"]["slope"]["slope_y"]["sigma"] is None
+    assert found["laws"] == {"cushion": "mirror", "ball": "inelastic"}
+    assert found["table"] == {"length": TABLE.length, "width": TABLE.width}
+
+
+def test_nothing_fitted_writes_nothing(tmp_path: Path) -> None:
+    write_cure(told(), TABLE, tmp_path)
+    assert list(tmp_path.iterdir()) == []
