@@ -168,8 +168,11 @@ def predict(
         question.scene.predict(one.piece, start, like.shared, like.forms)
         for one, start in zip(windows, states.starts, strict=True)
     )
-    squares = [_squares(one, path - one.piece.places) for one, path in zip(windows, paths, strict=True)]
-    return Predicted(states.starts, paths, np.array(squares), _floor(question, windows, like, states, paths))
+    squares = np.array([_squares(one, path - one.piece.places) for one, path in zip(windows, paths, strict=True)])
+    floor = _floor(question, windows, like, states, paths)
+    # the right model leaves no more than this one did
+    floor *= min(1.0, float(squares.sum()) / max(float(floor.sum()), 1e-300))
+    return Predicted(states.starts, paths, squares, floor)
 
 
 def _squares(one: Ahead, miss: Floats) -> float:
