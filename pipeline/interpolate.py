@@ -112,7 +112,7 @@ def interpolate_clip(
     video.parent.mkdir(parents=True, exist_ok=True)
     base = None if even else TICK
     with aside(video) as place, _folder(frames) as folder:
-        silent = place.with_name(f"{place.name.removesuffix('.part')}.silent.part")
+        silent = place.with_name(f".{video.name}.silent{place.name.removeprefix('.' + video.name)}")
         try:
             with VideoWriter(silent, window.width, seen.height, rate, crf=16, time_base=base, direct=True) as writer:
                 for k, picture in enumerate(pictures_at(seen, scenery, times, making)):

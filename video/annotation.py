@@ -14,7 +14,7 @@ from models.tracks import Tracks
 from video.inset import Inset, plan_of
 from video.layout import Rect, Side, covered_share, place_label, place_panel
 from video.motion_marks import Mark, Path, marks_of, path_of
-from video.options import RenderOptions
+from video.options import RenderOptions, Style
 from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, unit
 from video.palette import Colour, apart_from, ball_colour, lab_to_rgb
 from video.sightings import Sightings
@@ -78,10 +78,15 @@ class Annotation:
     """Where the label of a mark is."""
     crowded: set[int] = field(default_factory=set)
     """Marks for whose label there was no room."""
+    style: Style = "coach"
 
     def draw(self, picture: Picture, t: float, balls: Balls, xy: Floats) -> None:
         """Draw on `picture` (H, W, 3), in place; `xy` (N, 2) m are the places of the balls."""
-        for ball, path in enumerate(self.paths):
+        if self.style == "clean":
+            if self.clock.light != "green":
+                self.clock.draw(picture, self.clock_place, t, self.scale)
+            return
+        for ball, path in enumerate(self.paths) if self.style == "coach" else ():
             self._trail(picture, t, ball, path, balls)
         draw_measured(picture, balls, self.colours, self.scale)
         for mark in self.marks:
@@ -93,7 +98,8 @@ class Annotation:
         taken = [self.inset_place, self.clock_place, *balls.boxes(0.6)]
         things = len(taken)
         self._times(picture, t, balls, taken)
-        self._names(picture, t, balls, taken, things)
+        if self.style == "coach":
+            self._names(picture, t, balls, taken, things)
 
     def _trail(self, picture: Picture, t: float, ball: int, path: Path, balls: Balls) -> None:
         first, last = np.searchsorted(path.t, [t - TRAIL_SECONDS, t])
@@ -187,7 +193,9 @@ def _put(picture: Picture, label: Label, corner: Floats, scale: float, opacity: 
     taken.append((float(left), float(top), float(size[0]), float(size[1])))
 
 
-def annotate(sightings: Sightings, tracks: Tracks, fit: Fit, first: Picture, slow: float) -> Annotation:
+def annotate(
+    sightings: Sightings, tracks: Tracks, fit: Fit, first: Picture, slow: float, style: Style = "coach"
+) -> Annotation:
     """Prepare the drawing of a shot that is shown `slow` times slower; `first` (H, W, 3) is its first picture."""
     height, width = first.shape[:2]
     scale = unit(height)
@@ -203,6 +211,7 @@ def annotate(sightings: Sightings, tracks: Tracks, fit: Fit, first: Picture, slo
         sightings=sightings, names=tracks.ids, paths=paths, marks=marks_of(sightings, fit), inset=inset,
         colours=colours, halos=tuple(apart_from(colour, cloth) for colour in colours),
         inset_place=inset_place, clock=clock, clock_place=clock_place, scale=scale, reading=READING_SECONDS / slow,
+        style=style,
     )  # fmt: skip
 
 

@@ -14,10 +14,10 @@ from models.fit import Fit
 from models.scene import Scene
 from models.tracks import Tracks
 from video.clip import Clip, read_frames
+from video.drawn_balls import balls_at
 from video.flow import Interpolator
 from video.inbetween import OPTICAL_FLOW, Scenery, open_interval, scenery_of
 from video.sightings import sight
-from video.slowmotion import balls_at
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
+
+Style = Literal["clean", "coach", "umpire"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,9 @@ class RenderOptions:
     """Encode fast and coarse."""
     trim_still: bool = False
     """Leave out what lies more than half a second before the first and after the last motion."""
+    style: Style = "coach"
+    """What is drawn: clean (nothing, while the fit is trusted), coach (trails, speeds, contacts, a plan), or umpire
+    (contacts and their times; each once more at the end, close up and slower)."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.slow <= 1000:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +14,14 @@ from models.fit import Fit
 from models.progress import Progress, silent
 from models.scene import Scene
 from models.tracks import Tracks
-from models.trajectory import State
 from video.annotation import EIGHTFOLD, Annotation, annotate
 from video.clip import Clip, read_frames
+from video.drawn_balls import balls_at
 from video.inbetween import Scenery, open_interval, scenery_of
-from video.motion_marks import LEAST_SPEED
+from video.motion_marks import marks_of
 from video.options import RenderOptions
-from video.overlay import Balls
 from video.poster import render_poster
+from video.replays import chosen_marks, replay_times, replays
 from video.sightings import Sightings, sight
 from video.writer import VideoWriter
 
@@ -48,18 +49,20 @@ def render_slow_motion(
 ) -> float:
     """Write the annotated slow motion to `path` as H.264, at the clip's rate held within 25 to 60 pictures a second.
 
-    Returns the time of the clip, s, that its first picture shows.
+    An umpire sees every contact once more afterwards. Returns the time of the clip, s, that its first picture shows.
     """
     scenery = scenery_of(sight(scene, tracks, fit), clip)
     rate = min(max(clip.rate, LEAST_RATE), MOST_RATE)
     times = _times(scenery.sightings, rate, options)
     preset, crf = ("ultrafast", 26) if options.quick else ("veryfast", 20)
-    done = 0
+    marks = chosen_marks(marks_of(scenery.sightings, fit)) if options.style == "umpire" else []
+    again = sum(len(replay_times(scenery.sightings, mark, float(rate), options.slow)) for mark in marks)
     with VideoWriter(path, clip.width, clip.height, rate, crf=crf, preset=preset) as writer:
-        for picture in _pictures(clip, scenery, tracks, fit, times, options.slow):
+        shot = _pictures(clip, scenery, tracks, fit, times, options)
+        closer = replays(clip, scenery, marks, float(rate), options.slow) if marks else iter(())
+        for done, picture in enumerate(chain(shot, closer), start=1):
             writer.write(picture)
-            done += 1
-            progress(done / len(times))
+            progress(done / (len(times) + again))
     return float(times[0])
 
 
@@ -84,7 +87,7 @@ def _pictures(
     tracks: Tracks,
     fit: Fit,
     times: Floats,
-    slow: float,
+    options: RenderOptions,
 ) -> Iterator[Picture]:
     """The finished pictures in order, two real ones held at a time."""
     sightings = scenery.sightings
@@ -92,7 +95,7 @@ def _pictures(
     annotation: Annotation | None = None
     before: Picture | None = None
     for row, (_, after) in enumerate(read_frames(clip, indices=sightings.frame), start=-1):
-        annotation = annotation or annotate(sightings, tracks, fit, after, slow)
+        annotation = annotation or annotate(sightings, tracks, fit, after, options.slow, options.style)
         wanted = times[rows == row]
         if before is not None and len(wanted):
             interval = open_interval(sightings, scenery.plate, row, before, after, sharp=scenery.sharp)
@@ -104,23 +107,3 @@ def _pictures(
                 annotation.draw(picture, float(t), balls, plan[k])
                 yield picture
         before = after
-
-
-def balls_at(sightings: Sightings, state: State, k: int, t: float) -> Balls:
-    """The balls on the picture of time `t`, from the k-th of the times of `state`."""
-    row, share = sightings.place(t)
-    after = min(row + 1, len(sightings.t) - 1)
-    centre = sightings.centres(t, state.xy[k])
-    seen = np.isfinite(sightings.centre[row, :, 0])
-    still = sightings.centre[row] * (1 - share) + sightings.centre[after] * share
-    centre = np.where(np.isfinite(centre), centre, np.where(seen[:, None], still, np.nan))
-    speed = np.linalg.norm(state.v[k], axis=1)
-    moving = (np.nan_to_num(speed) > LEAST_SPEED) & sightings.moves[min(row, len(sightings.moves) - 1)]
-    sure = ~state.measured[k] | sightings.observed[row] | sightings.observed[after]
-    ahead = sightings.project(state.xy[k] + 0.01 * state.v[k], t) - sightings.project(state.xy[k], t)
-    length = np.linalg.norm(ahead, axis=1, keepdims=True)
-    heading = np.where(moving[:, None] & (length > 1e-6), ahead / np.maximum(length, 1e-6), 0.0)
-    near = row if share < 0.5 else after
-    radius = np.where(np.isfinite(sightings.radius[near]), sightings.radius[near], sightings.radius[row])
-    told = np.where(moving | ~np.isfinite(speed), speed, 0.0)  # NaN where it is not known, as in a pocket
-    return Balls(centre, radius, told, np.nan_to_num(heading), moving, state.measured[k], sure)

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from models.events import Events
 from models.fit import Trust
 from models.trajectory import Trajectory
+from video.drawn_balls import balls_at
 from video.options import RenderOptions
 from video.sightings import sight
-from video.slowmotion import balls_at, render_poster, render_slow_motion
+from video.slowmotion import render_poster, render_slow_motion
 
 Picture = NDArray[np.uint8]
 
