@@ -1,0 +1,63 @@
+"""A law that the library lacks is unknown; a law whose strength differs from shot to shot is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.diagnose import diagnose
+from diagnosis.unknown import Doubt
+from models.flight.gap import flight_scene
+from models.gap_scene import Recording, neutral_values
+
+NOISE = 0.003
+"""m"""
+FLIGHT = flight_scene(2)
+NAMES = [f"{effect.name}.{prior.name}" for effect in FLIGHT.effects for prior in effect.parameters]
+ROWS = 40
+"""at 30 pictures a second"""
+
+
+def throws(strength: str, values: np.ndarray, seed: int = 0) -> tuple[Recording, ...]:
+    """One throw per value of a parameter."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for shot, value in enumerate(values):
+        shared = neutral_values(FLIGHT)
+        shared[NAMES.index(strength)] = value
+        speed, angle = rng.uniform(6, 12), np.radians(rng.uniform(35, 80))
+        blank = Recording(
+            shot, np.arange(ROWS), np.arange(ROWS) / 30, ("ball",), np.zeros((ROWS, 1, 2)), np.full((ROWS, 1), NOISE)
+        )
+        path = FLIGHT.predict(blank, np.array([0, 1, speed * np.cos(angle), speed * np.sin(angle)]), shared, ())
+        found.append(replace(blank, places=path + NOISE * rng.standard_normal(path.shape)))
+    return tuple(found)
+
+
+def test_a_drag_that_differs_from_shot_to_shot_is_still_named() -> None:
+    report = diagnose(FLIGHT, throws("air_drag.k", np.random.default_rng(1).uniform(0.16, 0.24, 8)))
+    assert report.effects == ("air_drag",)
+
+
+def test_a_drag_of_a_law_that_the_library_lacks_is_unknown() -> None:
+    """A brake that falls with speed is neither of the two drags."""
+    report = diagnose(FLIGHT, throws("brake_over_speed.c0", np.full(8, 2.0)))
+    assert report.verdict == "unknown"
+
+
+def test_a_weak_drag_is_named_or_grouped_with_its_twin() -> None:
+    """Six standard deviations."""
+    report = diagnose(FLIGHT, throws("air_drag.k", np.full(12, 0.0025)))
+    assert report.verdict in ("effects", "group")
+    assert "air_drag" in report.candidates[0].group
+
+
+@pytest.mark.parametrize(
+    ("explained", "lawful", "missing"),
+    [(0.8, 0.0, True), (0.95, 0.0, False), (0.95, 0.6, True), (0.999, 0.6, False),
+     (0.97, np.nan, True), (0.99, np.nan, False)],
+)  # fmt: skip
+def test_what_is_left_speaks_for_a_missing_law(explained: float, lawful: float, missing: bool) -> None:
+    assert Doubt(1e-9, 1.0, explained, True, lawful).unknown is missing
