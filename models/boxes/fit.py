@@ -22,7 +22,7 @@ Ints = NDArray[np.int64]
 
 ROUNDS = 2
 """over all numbers, with steps that are halved each time."""
-BUSY = 0.9
+BUSY = 0.8
 """share of all bending of paths that the samples hold on which numbers are sought."""
 KNOWN = 0.01
 """relative error of a gravity that is seen well enough not to be sought."""

@@ -93,7 +93,7 @@ class ConstraintNet:
         seen = torch.as_tensor(scale.coordinates(x), dtype=self.dtype)
         network, curve = self._chosen(seen, torch.as_tensor(t, dtype=self.dtype), seed, budget or Budget())
         lines = spline(t, x, 1)
-        motion = self._motion(network, lines, scale)
+        motion = self.motion(network, lines, scale)
         return Fitted(motion, curve, count_parameters(network), time.process_time() - began)
 
     def _chosen(self, seen: Tensor, t: Tensor, seed: int, budget: Budget) -> tuple[Constraint, Floats]:
@@ -103,13 +103,14 @@ class ConstraintNet:
         short = Budget(budget.effort * CHOOSING, budget.seconds * CHOOSING)
         tried = []
         for start, kind in enumerate(KINDS * STARTS):
-            network = self._fresh(middles.right, 1000 * seed + start)
+            network = self.fresh(middles.right, 1000 * seed + start)
             curve = self._train(network, kind(middles.kept(~held), seed), short)
             tried.append((float(missed(network, test).detach()), start, network, curve, kind))
         _, _, network, curve, kind = min(tried)
         return network, np.concatenate([curve, self._train(network, kind(middles, seed), budget)])
 
-    def _fresh(self, seen: Tensor, seed: int) -> Constraint:
+    def fresh(self, seen: Tensor, seed: int) -> Constraint:
+        """An untrained network of coordinates like those that were seen (T, C)."""
         layers = Perceptron(seen.shape[1], 1, self.widths, self.activation, seeded(seed), self.dtype)
         with torch.no_grad():  # a first C that vanishes near the samples, or the first projections go anywhere
             layers.last.bias.sub_(layers(seen).mean())
@@ -118,9 +119,11 @@ class ConstraintNet:
     def _train(self, network: Constraint, pairs: Pairs, budget: Budget) -> Floats:
         return train(network, lambda: missed(network, pairs), self.schedule, budget)
 
-    def _motion(
+    def motion(
         self, network: Constraint, lines: Callable[[Floats], Floats], scale: Scaling
     ) -> Callable[[Floats], Floats]:
+        """Lines through samples, projected."""
+
         def at(times: Floats) -> Floats:
             guess = torch.as_tensor(scale.coordinates(lines(times)), dtype=self.dtype)
             with one_thread(), torch.no_grad():

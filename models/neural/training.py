@@ -38,6 +38,8 @@ class Schedule:
     """steps of Adam without a gain of `GAIN` after which it ends."""
     clip: float = float("inf")
     """the longest gradient that a step of Adam follows."""
+    sampled: bool = False
+    """every step sees other samples: the last state is kept, since the least loss is luck."""
 
 
 GAIN = 0.01
@@ -87,14 +89,16 @@ class Best:
 
 
 def train(network: nn.Module, loss: Loss, schedule: Schedule, budget: Budget) -> Floats:
-    """Leave the network in its state of least loss; the losses (L,) on the way there.
+    """Leave the network in its state of least loss, or in the last one where every step sees other samples; the losses
+    (L,) on the way there.
 
     Raises `LostMotion` where no state has a finite loss.
     """
     best = Best(network, time.process_time())
     with one_thread():
         _adam(network, loss, schedule, budget, best)
-        best.restore()
+        if not schedule.sampled:
+            best.restore()
         if schedule.lbfgs:
             _lbfgs(network, loss, budget.steps(schedule.lbfgs), budget, best)
             best.restore()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from models.errors import OptionError
 from pipeline.chain import refuse_closed
@@ -20,6 +22,10 @@ if TYPE_CHECKING:
     from pipeline.thesis.trials import Trial
 
 
+BAR = (
+    TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
+    TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
+)  # fmt: skip
 USUAL_DATA = Path("../shared/data/physics")
 """Where the recorded pendulum is looked for if nothing is said."""
 
@@ -40,7 +46,10 @@ def reproduce(
         Path, typer.Option("-o", "--out", parser=named, metavar="PATH", help="Folder of the results.")
     ] = Path("out/reproduce"),
     quick: Annotated[
-        bool, typer.Option("--quick", help="The settings of the thesis, one seed, short training.")
+        bool, typer.Option("--quick", help="The settings of the thesis, one seed, one method of each kind.")
+    ] = False,
+    whole: Annotated[
+        bool, typer.Option("--whole", help="All settings crossed with all methods, trained to the end: hours.")
     ] = False,
     seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="How many; 3, one with --quick.")] = None,
     first_seed: Annotated[int, typer.Option("--first-seed", min=0, help="The number of the first.")] = 0,
@@ -50,20 +59,25 @@ def reproduce(
     run: Annotated[
         Path | None, typer.Option("--run", metavar="DIR", help="Folder of `trueroll run`: the pool scene.")
     ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Processes at a time.")] = 2,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", min=1, help="Processes at a time; as many as there are cores.")
+    ] = None,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
     """The thesis' experiments with every method side by side: a table, plots, a page; run again, it resumes."""
     from pipeline.thesis.pendulum import recording_in
-    from pipeline.thesis.plan import SCENES, Plan
+    from pipeline.thesis.plan import SCENES, Depth, Plan
 
+    if quick and whole:
+        raise OptionError("--quick and --whole ask for opposite things; give one of them")
     refuse_closed(out)
+    depth = Depth.QUICK if quick else Depth.WHOLE if whole else Depth.USUAL
     count = seeds if seeds is not None else 1 if quick else 3
     recorded = recording_in(data if data is not None else USUAL_DATA)
-    plan = Plan((scene.value,) if scene else SCENES, tuple(range(first_seed, first_seed + count)), quick, recorded, run)
-    trials = _carry_out(plan, open_cache(cache).root, out, jobs)
+    plan = Plan((scene.value,) if scene else SCENES, tuple(range(first_seed, first_seed + count)), depth, recorded, run)
+    trials = _carry_out(plan, open_cache(cache).root, out, jobs or len(os.sched_getaffinity(0)))
     if as_json:
         print(json.dumps([trial.row for trial in trials], allow_nan=False))
     else:
@@ -80,10 +94,11 @@ def _carry_out(plan: Plan, cache: Path, out: Path, jobs: int) -> list[Trial]:
         raise OptionError(" ".join(left_out(plan)))
     out.mkdir(parents=True, exist_ok=True)
     trials: list[Trial] = []
-    with console.status("") as status:
+    with Progress(*BAR, console=console, disable=not console.is_terminal) as bars:
+        bar = bars.add_task("trials", total=len(planned), note="")
         for trial in carried_out(plan, planned, cache, jobs):
             trials.append(trial)
-            status.update(f"{len(trials)} of {len(planned)}: {trial.case.scene} {trial.case.variant}, {trial.method}")
+            bars.update(bar, advance=1, note=f"{trial.case.scene} {trial.case.variant}, {trial.method}")
             if trial.case.seed != trials[0].case.seed and trial.case.seed != trials[-2].case.seed:
                 write_results(plan, trials, len(planned), out)
     write_results(plan, trials, len(planned), out)
@@ -91,8 +106,9 @@ def _carry_out(plan: Plan, cache: Path, out: Path, jobs: int) -> list[Trial]:
 
 
 def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
+    from pipeline.thesis.methods import GIVEN
     from pipeline.thesis.page import TITLES
-    from pipeline.thesis.plan import QUICK_EFFORT, left_out
+    from pipeline.thesis.plan import left_out
     from pipeline.thesis.tables import grids
     from pipeline.thesis.words import cells, sentences
 
@@ -104,8 +120,9 @@ def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
             screen.print(escape(sentence), soft_wrap=True)
         for grid in grids(scene, found):
             screen.print(grid)
-    if plan.quick:
-        screen.print(f"\nQuick: networks had {QUICK_EFFORT:.0%} of their training, and can be better than this.")
+        screen.print(escape(GIVEN[scene]), soft_wrap=True)
+    if plan.budget.effort < 1:
+        screen.print(f"\nNetworks had {plan.budget.effort:.0%} of their training, and can be better than this.")
     for sentence in left_out(plan):
         screen.print(escape(sentence), soft_wrap=True)
     print(f"Look at {out / 'reproduce.html'}; {out / 'trials.csv'} has every number.")

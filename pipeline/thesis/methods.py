@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from models.curves import CURVES
 from models.neural.method import Method
+from pipeline.thesis.lessons import SWINGS, THROWS, swings, throws
 from pipeline.thesis.physics import ArmsFit, BoxesFit, SpringsFit
 from pipeline.thesis.pool import number_of
 from pipeline.thesis.pool_fit import BilliardsFit
@@ -18,17 +20,35 @@ SPLINES = tuple(method.name for method in CURVES[1:])
 THESIS_NET = "RK net"
 """The network of Chen 2022 with its times mended (`models.neural.simulator`)."""
 THESIS_NETS = (THESIS_NET, "Euler net", "RK net as printed", "RK net, end miss", "extrapolation net")
-CONSTRAINT_NET = "ConstraintNet"
+CONSTRAINT_NET, TAUGHT = "ConstraintNet", "ConstraintNet, taught"
+EACH_KIND = (
+    "linear", *SPLINES, THESIS_NET, "RK net, tanh, L-BFGS", "net(x, v)", "Hamiltonian net", "interaction net",
+    CONSTRAINT_NET, PHYSICS_NAME,
+)  # fmt: skip
+"""One method of each kind: what is compared in all settings; the others in the setting of the thesis alone."""
+GIVEN = {
+    "double-pendulum": f"{TAUGHT}: learnt from {SWINGS} simulated swings of the same pendulum, let go at other angles, "
+    "without noise. The physics fit is told nothing.",
+    "real": "The physics fit is told that the points are joined by two stiff arms.",
+    "boxes": f"{TAUGHT}: learnt from {THROWS} other throws of the same speed, without noise. The physics fit is told "
+    "which corners are of one box.",
+    "pool": "The physics fit is told the table and the camera, as the run found them.",
+}
+"""What some methods were given beside the visible samples, by scene."""
 
 
 def methods_for(scene: str, variant: str = "", run: Path | None = None) -> list[Method]:
     """The methods that can be run on a variant of a scene, pool being that of a run's folder."""
     from models.neural.catalogue import METHODS  # torch takes seconds to import
     from models.neural.constraint import CONSTRAINT_NET as NARROW
+    from models.neural.taught import TaughtConstraintNet
 
     # four layers of 512 and ten projections where bodies collide: Yang, He, Zhu 2020
-    wide = replace(NARROW, widths=(512, 512, 512, 512), iterations=10)
-    networks = [wide if scene == "boxes" and method is NARROW else method for method in METHODS]
+    net = replace(NARROW, widths=(512, 512, 512, 512), iterations=10) if scene == "boxes" else NARROW
+    methods = [net if method is NARROW else method for method in METHODS]
+    if scene in ("double-pendulum", "boxes"):
+        lessons = partial(throws if scene == "boxes" else swings, variant)
+        methods.append(TaughtConstraintNet(lessons, TAUGHT, net))
     if scene == "pool" and run is not None:
-        return [*networks, BilliardsFit(run, number_of(variant))]
-    return [*networks, *([PHYSICS[scene]] if scene in PHYSICS else [])]
+        return [*methods, BilliardsFit(run, number_of(variant))]
+    return [*methods, *([PHYSICS[scene]] if scene in PHYSICS else [])]

@@ -16,7 +16,8 @@ from pipeline.page import render
 from pipeline.publish import aside
 from pipeline.thesis.boxes import bodies
 from pipeline.thesis.figures import Drawn, boxes_series, error_over_time, errors_by_method, pendulum_series
-from pipeline.thesis.plan import QUICK_EFFORT, SCENES, Plan, left_out, series_of
+from pipeline.thesis.methods import GIVEN
+from pipeline.thesis.plan import SCENES, Plan, left_out, series_of
 from pipeline.thesis.trials import Trial
 from pipeline.thesis.words import Cell, best, cells, sentences, times
 
@@ -134,6 +135,7 @@ def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], 
         {
             "title": TITLES[scene],
             "said": sentences(scene, found, plan.budget.effort),
+            "given": GIVEN[scene],
             "tables": sheets(scene, found),
             "figures": [{"title": one.title, "data": b64encode(one.png).decode()} for one in figures[scene]],
         }
@@ -142,8 +144,8 @@ def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], 
     ]
     return render(
         "reproduce.html",
-        seeds=len({trial.case.seed for trial in trials}), quick=plan.quick, effort=f"{QUICK_EFFORT:.0%}",
-        seconds=f"{plan.budget.seconds:.0f}",
+        seeds=len({trial.case.seed for trial in trials}), short=plan.budget.effort < 1,
+        effort=f"{plan.budget.effort:.0%}", seconds=f"{plan.budget.seconds:.0f}",
         done=len(trials), planned=planned, left_out=left_out(plan), scenes=scenes, notes=_notes(trials),
     )  # fmt: skip
 

@@ -15,10 +15,11 @@ from models.neural.method import Budget, Fitted, Floats, Method
 from pipeline.cache import Cache
 from pipeline.execute import execute
 from pipeline.thesis.boxes import bodies
-from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAME, THESIS_NETS, methods_for
+from pipeline.thesis.lessons import swings
+from pipeline.thesis.methods import EACH_KIND, PHYSICS_NAME, TAUGHT, THESIS_NETS, methods_for
 from pipeline.thesis.page import sheets
 from pipeline.thesis.pendulum import GRAVITY, LENGTH, RECORDING, as_angles, as_points, recording_in, swung
-from pipeline.thesis.plan import Plan, cases, left_out
+from pipeline.thesis.plan import Depth, Plan, cases, left_out, tasks
 from pipeline.thesis.pool import pool, shots_of
 from pipeline.thesis.series import Case, Series, filmed
 from pipeline.thesis.trials import LOST, Trial, tried
@@ -135,11 +136,12 @@ def test_the_methods_that_sentences_speak_of_exist() -> None:
     for scene in ("double-pendulum", "real", "boxes"):
         names = [method.name for method in methods_for(scene)]
         assert len(names) == len(set(names))
-        assert {*THESIS_NETS, CONSTRAINT_NET, PHYSICS_NAME} <= set(names)
+        assert {*THESIS_NETS, *EACH_KIND} <= set(names)
+        assert (TAUGHT in names) == (scene != "real")
 
 
 def test_the_plan_has_what_was_asked_for_and_says_what_is_left_out(tmp_path: Path) -> None:
-    whole = cases(Plan())
+    whole = cases(Plan(depth=Depth.WHOLE))
     assert {case.scene for case in whole} == {"double-pendulum", "boxes"}
     assert len(whole) == 3 * 2 * 27
     assert {case.seed for case in whole[: len(whole) // 3]} == {0}
@@ -148,6 +150,42 @@ def test_the_plan_has_what_was_asked_for_and_says_what_is_left_out(tmp_path: Pat
     (tmp_path / "below").mkdir()
     (tmp_path / "below" / RECORDING).touch()
     assert recording_in(tmp_path) == tmp_path / "below"
+
+
+def test_the_usual_plan_has_every_variant_rate_noise_and_method_though_not_all_crossed() -> None:
+    plan = Plan()
+    there = [case for case in cases(plan) if case.seed == 0]
+    for scene, variants in (("double-pendulum", {"soft", "medium", "stiff"}), ("boxes", {"400", "800", "1600"})):
+        here = [case for case in there if case.scene == scene]
+        assert here[0].fps == 30
+        assert here[0].noise == 0
+        assert {case.variant for case in here} == variants
+        assert {case.fps for case in here} == {15, 30, 60}
+        assert {case.noise for case in here} == {0, 0.1, 0.5}
+        assert len(here) < 27
+        assert {task.method for task in tasks(plan) if task.case == here[0]} == {
+            method.name for method in methods_for(scene)
+        }
+    quick, usual, whole = (len(tasks(Plan(depth=depth, seeds=(0,)))) for depth in Depth)
+    assert 5 * quick < usual < whole / 4
+
+
+def test_lessons_are_other_swings_of_the_same_pendulum_with_the_true_middle() -> None:
+    lessons = swings("stiff", 1 / 15, 0)
+    assert lessons.shape[1:] == (3, 3, 2)
+    assert len(lessons) > 2000
+    arms = np.linalg.norm(np.diff(lessons, axis=2), axis=3)
+    assert np.abs(arms - LENGTH).max() < 0.5
+    lines = (lessons[:, 0] + lessons[:, 2]) / 2
+    assert np.sqrt(np.mean((lines - lessons[:, 1]) ** 2)) > 0.2
+    own = swung("stiff", tuple(np.arange(0, 2.5, 1 / 30)))
+    assert np.abs(lessons[:, 1, None] - own).max(axis=(2, 3)).min() > 0.1
+    assert not np.array_equal(lessons, swings("stiff", 1 / 15, 1))
+
+
+def test_opposite_depths_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["reproduce", "--quick", "--whole", "-o", str(tmp_path / "out")]) == 2
+    assert "opposite" in capsys.readouterr().err
 
 
 def test_every_corner_belongs_to_a_box_and_the_ball_to_none() -> None:

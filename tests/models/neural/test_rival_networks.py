@@ -17,6 +17,7 @@ from models.neural.hamiltonian import HAMILTONIAN, SEPARABLE, HamiltonianLaw, Se
 from models.neural.interaction import INTERACTION, InteractionLaw, nearest
 from models.neural.method import Budget, Floats
 from models.neural.second_order import PLAIN_FLOW, SECOND_ORDER, FirstOrder
+from models.neural.taught import TAUGHT_SCHEDULE, TaughtConstraintNet
 from models.neural.training import Schedule
 
 SHORT = Schedule(adam=200, rate=5e-3)
@@ -110,6 +111,22 @@ def test_a_constraint_network_finds_the_length_of_a_rigid_pendulum() -> None:
     fitted = method.fit(t, circle(t))
     assert short(fitted.at(middles)) < 0.6 * short(LINEAR.fit(t, circle(t)).at(middles))
     assert fitted.parameters == 3 * 128 + 129 * 128 + 129
+
+
+def test_a_taught_constraint_network_halves_what_lines_miss_of_a_rigid_pendulum() -> None:
+    """Lessons are stretches of other swings of the same length. Measured: see the last line."""
+
+    def lessons(seconds: float, seed: int) -> Floats:
+        begin = np.random.default_rng(seed).uniform(0, 1, 512)[:, None]
+        return np.stack([circle(begin[:, 0] + seconds * share) for share in (0.0, 0.5, 1.0)], axis=1)
+
+    t = np.linspace(0, 1, 13)
+    middles = (t[1:] + t[:-1]) / 2
+    net = replace(CONSTRAINT_NET, widths=(64, 64), iterations=5)
+    fitted = TaughtConstraintNet(lessons, net=net, schedule=replace(TAUGHT_SCHEDULE, adam=400)).fit(t, circle(t))
+    straight = mse(LINEAR.fit(t, circle(t)).at(middles), circle(middles))
+    assert mse(fitted.at(middles), circle(middles)) < straight / 4
+    assert fitted.parameters == 3 * 64 + 65 * 64 + 65
 
 
 def test_equal_seeds_give_equal_bits() -> None:
