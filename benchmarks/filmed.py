@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 from run_folder import FOOTAGE, ROOT, RunFolder, read_run, run_clip
 
-from models.noise import estimate_noise, with_noise
+from models.clock import Clock
+from models.fitting.exposures import clock_of
+from models.noise import FLOOR, estimate_noise, with_noise
 from models.scene import Camera, Scene, Table
 from models.time_jumps import TimeJump, time_jumps, with_pauses
 from models.tracks import Tracks
@@ -20,16 +22,14 @@ _UNCERTAIN = np.empty(0)
 
 @dataclass(frozen=True)
 class Filmed:
-    """One clip: its tracks at the times at which pictures were taken, its table, and what was lost on the way."""
+    """One clip: its tracks at the times at which pictures were taken, its table, and its clock."""
 
     name: str
     tracks: Tracks
     scene: Scene
+    clock: Clock
     lost: tuple[TimeJump, ...]
-    interval: float
-    """s between pictures."""
-    clock: np.ndarray
-    """(T,) s, as the container says."""
+    """more pictures at once than a clock may lose."""
 
 
 def asked_clips(description: str | None) -> argparse.Namespace:
@@ -52,12 +52,14 @@ def filmed_clips(game: str, folder: Path, reuse: bool) -> Iterator[Filmed]:
 
 
 def filmed(run: RunFolder) -> Filmed:
-    """Tracks of a run with pictures that the recording lost put back into its times."""
-    tracks = _tracks(run)
-    interval = float(np.median(np.diff(tracks.t)))
-    lost = time_jumps(tracks, interval)
-    taken = replace(tracks, t=with_pauses(tracks.t, lost, interval))
-    return Filmed(run.path.name, taken, _scene(run), lost, interval, tracks.t)
+    """Tracks of a run at the times at which its balls say that pictures were taken: the clock tells of single pictures
+    that were dropped, held or late, jumps of all that moves tell of whole stretches that are missing."""
+    tracks, scene = _tracks(run), _scene(run)
+    clock = clock_of(tracks, FLOOR * scene.table.ball_radius)
+    taken, interval = replace(tracks, t=clock.taken), float(np.median(np.diff(tracks.t)))
+    lost = time_jumps(taken, interval)
+    taken = replace(taken, t=with_pauses(taken.t, lost, interval))
+    return Filmed(run.path.name, taken, scene, replace(clock, taken=taken.t), lost)
 
 
 def with_measured_noise(tracks: Tracks, radius: float) -> Tracks:

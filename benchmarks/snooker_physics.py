@@ -70,6 +70,10 @@ def short(shot: Shot) -> str:
     return shot.clip.name.removeprefix("snooker_").replace("gleitreibungskoeffizient", "gleit")
 
 
+def _off(shot: Shot) -> str:
+    return f"{short(shot)} {1000 * np.ptp(shot.clip.clock.taken - shot.clip.clock.shown):.0f} ms"
+
+
 def told(value: float, sigma: float, prior_only: bool, digits: int) -> str:
     return f"{value:.{digits}f} +- {sigma:.{digits}f}" + (" (prior)" if prior_only else "")
 
@@ -91,14 +95,21 @@ def print_friction(shots: list[Shot]) -> FreePaths:
     for name, (cloth, fit) in cloths.items():
         row(f"all, {name}", fit, len(cloth.paths))
     level = cloths["level table"][0]
+    ways = []
     for name, sign in (("towards -x, level", -1), ("towards +x, level", 1)):
         chosen = tuple(p for p in paths if sign * (p.xy[-1] - p.xy[0])[0] > 0.5 * np.linalg.norm(p.xy[-1] - p.xy[0]))
-        row(name, shoot(replace(level, paths=chosen)), len(chosen))
+        ways.append(shoot(replace(level, paths=chosen)))
+        row(name, ways[-1], len(chosen))
+    singles = []
     for shot in shots:
         for path in shot.paths:
             way = (path.xy[-1] - path.xy[0]) * 1000
             name = f"{short(shot)} {path.ball} ({way[0]:+.0f}, {way[1]:+.0f}) mm"
-            row(name, shoot(replace(level, paths=(path,))), 1)
+            singles.append(shoot(replace(level, paths=(path,))))
+            row(name, singles[-1], 1)
+    apart, error = ways[1].shared[1] - ways[0].shared[1], float(np.hypot(ways[0].sigma[1], ways[1].sigma[1]))
+    print(f"\nrolling friction towards +x less that towards -x (slope, nap, a bad path): {apart:+.4f} +- {error:.4f}")
+    print_scatter([(fit.shared[1], fit.sigma[1]) for fit in singles if not fit.prior_only[1]])
     gain = cloths["table that leans"][1].log_evidence - cloths["level table"][1].log_evidence
     same = cloths["table that leans"][0].noise == level.noise
     print(f"\nlog evidence of a table that leans over a level one: {gain:+.1f}" + ("" if same else " (other noise)"))
@@ -106,8 +117,21 @@ def print_friction(shots: list[Shot]) -> FreePaths:
         print(
             f"{name}: unevenness {cloth.unevenness:g} m/s^2 per {PIECE:g} s, noise {cloth.noise:g} of the tracks' sigma"
         )
-    print(f"pictures lost: {sum(jump.lost for shot in shots for jump in shot.clip.lost)}, found by the jumps of balls")
+    print("pictures show moments off an even time by up to " + ", ".join(_off(shot) for shot in shots))
     return cloths["table that leans"][0] if gain > 0 else level
+
+
+def print_scatter(single: list[tuple[float, float]]) -> None:
+    """Whether single paths agree about rolling friction: scatter beyond their own errors, and the mean that holds it
+    (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2)."""
+    mu, sigma = np.array(single).T
+    weight = 1 / sigma**2
+    chi2, free = float(weight @ (mu - np.average(mu, weights=weight)) ** 2), len(mu) - 1
+    beyond = max(chi2 - free, 0.0) / (weight.sum() - (weight**2).sum() / weight.sum())
+    weight = 1 / (sigma**2 + beyond)
+    mean, sigma_of_mean = np.average(mu, weights=weight), weight.sum() ** -0.5
+    print(f"rolling friction of the {len(mu)} paths that tell one: {mean:.4f} +- {sigma_of_mean:.4f}, "
+          f"scatter beyond their errors {beyond**0.5:.4f} (chi2 {chi2:.0f} of {free})")  # fmt: skip
 
 
 def straight_line(path: FreePath) -> np.ndarray:
