@@ -30,5 +30,7 @@ class FitOptions:
     laws: bool = False
     """explain whole shots by published laws as well: spin, friction of the cushions, the size of the balls. Takes up
     to a minute, and the first time on a machine two more to compile."""
+    profile: str = ""
+    """a table profile that trueroll diagnose wrote (FILE): laws and numbers to start from, as with --laws."""
     moving_speed: float = 0.02
     """m/s above which a ball counts as moving."""

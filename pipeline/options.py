@@ -8,6 +8,7 @@ import math
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any, get_type_hints
 
 import typer
@@ -114,14 +115,24 @@ def collect(values: dict[str, Any]) -> RunOptions:
     """Options of all stages from values by setting name."""
     options = RunOptions()
     for name, setting in run_settings().items():
-        _check_range(setting, values[name])
+        value = _read(name, values[name])
+        _check_range(setting, value)
         for part in setting.parts:
             try:
-                changed = replace(getattr(options, part), **{name: values[name]})
+                changed = replace(getattr(options, part), **{name: value})
             except ValueError as error:
-                raise OptionError(f"{setting.flag} {values[name]} cannot be used: {error}") from error
+                raise OptionError(f"{setting.flag} {value} cannot be used: {error}") from error
             options = replace(options, **{part: changed})
     return options
+
+
+def _read(name: str, value: Any) -> Any:
+    """The content of a file where a setting names one and its content is what counts."""
+    if name != "profile" or not value or value.startswith("{"):
+        return value
+    from pipeline.profile import profile_text  # pydantic is slow to import
+
+    return profile_text(Path(value))
 
 
 def _check_range(setting: Setting, value: Any) -> None:
@@ -138,5 +149,6 @@ def told_apart(options: RunOptions) -> tuple[str, ...]:
     for name, setting in run_settings().items():
         value = getattr(getattr(options, setting.parts[0]), name)
         if value != setting.default:
-            words.append(setting.flag if value is True else f"{setting.flag} {value}")
+            alone = value is True or name == "profile"  # which holds the content of its file
+            words.append(setting.flag if alone else f"{setting.flag} {value}")
     return tuple(words)

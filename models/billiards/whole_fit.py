@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from models.billiards.cushion_chains import NOSE_SIGMA
 from models.billiards.growth import grown, grown_if_lawful
+from models.billiards.known_table import KnownTable
 from models.billiards.parameters import NAMES, USES
 from models.billiards.playing import ABSENT, MOVING, NUMBERS, Laws, sizes, unpacked
 from models.billiards.shots import Shots
@@ -90,17 +91,35 @@ def fit_table(
     """
     if not stretches or not candidates:
         raise ValueError(f"a fit needs shots and laws; got {len(stretches)} stretches and {len(candidates)} laws")
+    models = {laws: Shots(stretches, table, unknowns_of(laws), laws) for laws in candidates}
+    return _compared(models, options, rng)
+
+
+def fit_known(stretches: tuple[Stretch, ...], table: Table, known: KnownTable) -> TableFit:
+    """Fit whole shots on a table that is known: by its laws, from its numbers, and with its further effects.
+
+    ValueError where there is nothing to fit.
+    """
+    if not stretches:
+        raise ValueError("a fit needs shots; got none")
+    return _compared(
+        {known.laws: Shots(stretches, table, known.among(unknowns_of(known.laws)), known.laws)}, None, None
+    )
+
+
+def _compared(models: dict[Laws, Shots], options: ShootingOptions | None, rng: np.random.Generator | None) -> TableFit:
+    """The fit of greatest evidence."""
     asked = ShootingOptions() if options is None else options
     chance = np.random.default_rng(_SEED) if rng is None else rng
-    models = {laws: Shots(stretches, table, unknowns_of(laws), laws) for laws in candidates}
+    stretches = next(iter(models.values())).stretches
     tried = _lawful(models, asked, chance) if len(models) > 1 else []
-    for laws in (one for one in candidates if one not in [other for other, _ in tried]):
+    for laws in (one for one in models if one not in [other for other, _ in tried]):
         tried.append((laws, _under(models[laws], tried, asked, chance)))
     least = max(1.0, min(found.chi2_per_dof for _, found in tried))
     ranked = sorted(tried, key=lambda one: -one[1].log_evidence)
     laws, best = ranked[0]
     return TableFit(
-        laws, parameters_of(unknowns_of(laws), best), best.chi2_per_dof, best.converged,
+        laws, parameters_of(models[laws].unknowns, best), best.chi2_per_dof, best.converged,
         tuple(unpacked(start, one.moving) for start, one in zip(best.starts, stretches, strict=True)),
         tuple(_by_ball(all_of, one.moving) for all_of, one in zip(best.start_covariances, stretches, strict=True)),
         tuple((one, found.log_evidence / least) for one, found in ranked),

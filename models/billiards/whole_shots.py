@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.billiards.beginnings import beginning
+from models.billiards.known_table import KnownTable
 from models.billiards.playing import slips, spins
 from models.billiards.stretches import Stretch
-from models.billiards.whole_fit import TableFit, fit_table
+from models.billiards.whole_fit import TableFit, fit_known, fit_table
 from models.fit import Fit, Laws
 from models.noise import estimate_noise, with_noise
 from models.options import FitOptions
@@ -39,8 +40,9 @@ FEWEST = 10
 """pictures of a shot."""
 
 
-def with_laws(fit: Fit, tracks: Tracks, table: Table, options: FitOptions) -> Fit:
-    """The fit with the laws that explain its whole shots, or with the reason why there are none."""
+def with_laws(fit: Fit, tracks: Tracks, table: Table, options: FitOptions, known: KnownTable | None = None) -> Fit:
+    """The fit with the laws that explain its whole shots, or with the reason why there are none; those of the table
+    where it is `known`."""
     why = _hopeless(fit, tracks)
     if why:
         return replace(fit, lawless=why)
@@ -50,7 +52,7 @@ def with_laws(fit: Fit, tracks: Tracks, table: Table, options: FitOptions) -> Fi
     if not stretches:
         return replace(fit, lawless="No shot was seen from its strike on.")
     try:
-        found = fit_table(stretches, table)
+        found = fit_table(stretches, table) if known is None else fit_known(stretches, table, known)
     except np.linalg.LinAlgError as failure:
         return replace(fit, lawless=f"The fit of whole shots failed: {failure}.")
     if not (found.converged and found.chi2_per_dof < ACCEPTED):

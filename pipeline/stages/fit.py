@@ -20,8 +20,9 @@ def _run(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) 
 
     tracks, scene = inputs["track"], inputs["calibrate"]
     fit = fit_shot(tracks, scene, options, progress)
-    if not options.laws:
+    if not (options.laws or options.profile):
         return replace(fit, lawless="It was not asked for: --laws.")
     from models.billiards.whole_shots import with_laws
+    from pipeline.profile import table_of
 
-    return with_laws(fit, tracks, scene.table, options)
+    return with_laws(fit, tracks, scene.table, options, table_of(options.profile) if options.profile else None)
