@@ -25,7 +25,8 @@ SHARP = 1.0
 
 def streaked(patch: Singles, taps: Floats) -> Singles:
     """A patch (h, w, C) averaged over places (K, 2) px, of the same size."""
-    return np.asarray(cv2.filter2D(patch, cv2.CV_32F, _kernel(taps), borderType=cv2.BORDER_CONSTANT), dtype=np.float32)
+    made = cv2.filter2D(patch, cv2.CV_32F, _kernel(taps), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(made, dtype=np.float32).reshape(patch.shape)
 
 
 def _kernel(taps: Floats) -> Singles:
