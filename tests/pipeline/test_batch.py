@@ -284,6 +284,7 @@ def batch(folder: Path, *arguments: str) -> tuple[int, dict[str, str], str]:
     return done.returncode, {row["clip"]: row["sentence"] for row in rows}, done.stderr
 
 
+@pytest.mark.slow
 def test_one_process_many_and_a_cluster_say_the_same(tmp_path: Path, scheduler: str) -> None:
     for name in ("a.mp4", "deep/b.mkv", "-c.mov"):
         film(tmp_path / "in" / name, suffix=Path(name).suffix)
