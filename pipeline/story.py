@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,8 @@ class Story:
     speed: str
     after: str
     sure: str
+    potted: str = ""
+    """What fell, and where; empty where nothing did."""
 
 
 def tell(tracks: Tracks, fit: Fit) -> list[Story]:
@@ -49,12 +51,21 @@ def tell(tracks: Tracks, fit: Fit) -> list[Story]:
     strikes = [k for k in likely if events.kind[k] == "strike" and events.a[k] in fit.trajectory.ids]
     if strikes:
         ends = [*(float(events.t[k]) for k in strikes[1:]), np.inf]
-        return [
-            _story(fit, tracks, events.a[k], float(events.t[k]), end, likely, k)
+        told = [
+            (_story(fit, tracks, events.a[k], float(events.t[k]), end, likely, k), end)
             for k, end in zip(strikes, ends, strict=True)
         ]
-    begins = _first_mover(tracks, fit)
-    return [] if begins is None else [_story(fit, tracks, begins, float(tracks.t[0]), np.inf, likely, None)]
+    else:
+        begins = _first_mover(tracks, fit)
+        first = float(tracks.t[0])
+        told = [] if begins is None else [(_story(fit, tracks, begins, first, np.inf, likely, None), np.inf)]
+    return [replace(story, potted=_potted(events, likely, story.start, end)) for story, end in told]
+
+
+def _potted(events: Events, likely: list[int], start: float, end: float) -> str:
+    fallen = [k for k in likely if events.kind[k] == "pocket" and start <= events.t[k] < end]
+    told = _list([f"{events.a[k]} into the {events.b[k]} pocket at {event_time(events, k)}" for k in fallen])
+    return told + "." if told else ""
 
 
 def _first_mover(tracks: Tracks, fit: Fit) -> str | None:

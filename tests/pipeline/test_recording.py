@@ -8,9 +8,12 @@ from pathlib import Path
 import made_up_shot as shot
 import numpy as np
 import pytest
+import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 
 from models.forecast.foresight import Foresight, Foresights
+from models.progress import Progress
+from pipeline.recording.live import LiveRecording, LiveWatcher
 from pipeline.recording.plan import magnification
 from pipeline.recording.shot import shot_of
 from pipeline.recording.stream import finish
@@ -206,3 +209,47 @@ def test_few_points_keep_a_line_within_the_tolerance() -> None:
     assert 1 - np.linalg.norm(drawn, axis=1).min() < 1.01e-3
     assert few_points(np.zeros((5, 2)), 1e-3).tolist() == [0, 4]
     assert few_points(np.empty((0, 2)), 1e-3).tolist() == []
+
+
+def test_a_run_that_is_watched_shows_what_its_recording_will_hold(
+    chunks: dict[str, list[Chunk]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent = tmp_path / "sent.rrd"
+    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda self, url, **_: self.save(sent))
+    clip = shot.made_up_clip(tmp_path / "clip.mp4")
+    scene = shot.made_up_scene()
+    tracks = shot.made_up_tracks(clip, scene)
+    live = LiveRecording("nowhere", "made up")
+    heard: list[float] = []
+    watcher = LiveWatcher(Heard(heard), live)
+    for stage, value in (
+        ("read", clip),
+        ("calibrate", scene),
+        ("detect", shot.made_up_detections(tracks)),
+        ("track", tracks),
+        ("fit", shot.made_up_fit(tracks.t)),
+        ("forecast", made_up_fans()),
+    ):
+        progress = watcher.started(stage)
+        for share in (0.05, 0.5, float("nan"), 0.55, 1.0):
+            progress(share)
+        watcher.finished(stage, 1.5, cached=False)
+        live.made(stage, value)
+    live.close()
+    shown = {chunk.entity_path: chunk for chunk in RrdReader(sent).stream()}
+    assert {entity for entity in chunks if not entity.startswith("/__")} <= set(shown)
+    assert "/log/chain/progress/fit" in shown
+    assert len(heard) == 6 * 5, "whoever watched before still hears everything"
+
+
+class Heard:
+    """A watcher that notes all progress."""
+
+    def __init__(self, heard: list[float]) -> None:
+        self._heard = heard
+
+    def started(self, stage: str) -> Progress:
+        return self._heard.append
+
+    def finished(self, stage: str, seconds: float, cached: bool) -> None:
+        pass

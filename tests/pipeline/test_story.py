@@ -117,3 +117,12 @@ def test_where_nothing_moves_there_is_no_story() -> None:
     tracks, fit = played((0.0, 0.3))
     none = Events((), np.empty(0), np.empty(0), np.empty(0), (), (), np.empty((0, 2)), *(np.empty(0),) * 4)
     assert tell(tracks, replace(fit, events=none, moving=np.zeros_like(tracks.observed))) == []
+
+
+def test_what_falls_is_told_of_every_ball() -> None:
+    tracks, fit = played((0.0, 0.5), cushion=1.5)
+    events = fit.events
+    fallen = replace(events, kind=("strike", "ball", "pocket"), a=("white", "red", "red"), b=("", "white", "top-right"))
+    (story,) = tell(tracks, replace(fit, events=fallen))
+    assert story.potted == "red into the top-right pocket at 1.5000 s ± 1.0 ms."
+    assert tell(tracks, fit)[0].potted == ""
