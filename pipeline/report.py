@@ -150,14 +150,15 @@ def _close_calls(record: Record) -> list[tuple[str, Call]]:
     events = record.events
     met = {frozenset((events.a[k], events.b[k])) for k in range(len(events)) if events.kind[k] == "ball"}
     reach = 2 * record.table.ball_radius + CLOSE
-    found = []
+    near = []
     for a, b in combinations(range(len(record.ids)), 2):
         apart = np.linalg.norm(record.path[:, a] - record.path[:, b], axis=1)
         known = apart[np.isfinite(apart)]
         pair = (record.ids[a], record.ids[b])
         if len(known) and known.min() < reach and np.ptp(known) > CLOSE and frozenset(pair) not in met:
-            found.append((f"contact {pair[0]} {pair[1]}", answers.contact(record, *pair)))
-    return sorted(found, key=lambda one: abs(one[1].margin))[:MOST_CLOSE]
+            near.append((float(known.min()), pair))
+    called = [pair for _, pair in sorted(near)[:MOST_CLOSE]]
+    return [(f"contact {a} {b}", answers.contact(record, a, b)) for a, b in called]
 
 
 def flags_of(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Flag]:
