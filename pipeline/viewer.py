@@ -107,6 +107,8 @@ def free_port(wanted: int) -> int:
 def show_recordings(recordings: Sequence[Path], *, web: bool) -> int:
     """Run the viewer on recordings until it is closed; its exit status."""
     with open_viewer(recordings, web=web) as viewer:
+        if len(recordings) > 1:
+            print(f"{len(recordings)} recordings: the panel on the left (top right button) lists them", flush=True)
         if viewer.address:
             print(f"Look at {viewer.address} (end with Ctrl-C)", flush=True)
         return viewer.process.wait()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import rerun.blueprint as rrb
-from rerun.blueprint.components import LinkAxis
 from rerun.blueprint.encodings import TextLogColumn
 
 from models.scene import Table
@@ -25,9 +24,9 @@ def blueprint(clip: Clip, table: Table | None) -> rrb.Blueprint:
                 column_shares=[3, 2],
             ),
             rrb.Horizontal(
-                _plot("speed", "Speed (m/s)"),
-                _plot("energy", "Energy (mJ)"),
-                _plot("residual", "Measured minus fitted (mm)"),
+                _plot(clip, "speed", "Speed (m/s)"),
+                _plot(clip, "energy", "Energy (mJ)"),
+                _plot(clip, "residual", "Measured minus fitted (mm)"),
             ),
             row_shares=[5, 2],
         ),
@@ -60,7 +59,8 @@ def _words() -> rrb.Tabs:
     return rrb.Tabs(events, rrb.TextDocumentView(origin="about", name="What was fitted"), chain, active_tab=0)
 
 
-def _plot(what: str, name: str) -> rrb.TimeSeriesView:
+def _plot(clip: Clip, what: str, name: str) -> rrb.TimeSeriesView:
     legend = rrb.PlotLegend(rrb.Corner2D.RightTop)  # most is fast and uncertain at the beginning
-    together = rrb.TimeAxis(link=LinkAxis.LinkToGlobal)  # the same moment stands at the same place in all of them
-    return rrb.TimeSeriesView(origin=f"plots/{what}", name=name, plot_legend=legend, axis_x=together)
+    first, last = (rrb.TimeRangeBoundary.absolute(seconds=float(clip.t[k])) for k in (0, -1))
+    whole = rrb.TimeAxis(view_range=rrb.TimeRange(start=first, end=last))  # alike in all: moments stand over each other
+    return rrb.TimeSeriesView(origin=f"plots/{what}", name=name, plot_legend=legend, axis_x=whole)
