@@ -12,10 +12,10 @@ from pipeline.recording.stream import Floats, timeline
 
 POCKET_RADII = 1.6
 """Ball radii of a drawn pocket."""
-ARROW_RADII = 1.5
-"""Ball radii that a large residual is drawn long."""
-LARGE = 0.9
-"""Share of the residuals that are smaller than a large one."""
+ARROW_RADII = 1.0
+"""Ball radii that a usual residual is drawn long."""
+ABOVE = 50.0
+"""Order in which arrows are drawn: over the balls that they begin in."""
 
 
 def log_table(stream: rr.RecordingStream, table: Table) -> None:
@@ -60,20 +60,20 @@ def log_residuals(stream: rr.RecordingStream, shot: Shot) -> None:
             continue
         arrows = rr.Arrows2D.columns(origins=fitted[seen, k], vectors=factor * fit.residual[seen, k])
         stream.send_columns(entity, timeline(tracks.t, shot.clip.t), arrows.partition(seen.astype(np.int64)))
-        look = {"colors": [255, 96, 160], "radii": rr.Radius.ui_points(1.0)}
+        look = {"colors": [255, 96, 160], "radii": rr.Radius.ui_points(1.0), "draw_order": ABOVE}
         stream.log(entity, rr.Arrows2D.from_fields(**look), static=True)
 
 
 def magnification(shot: Shot) -> float:
     """1, 2 or 5 times a power of ten by which residuals are drawn longer than they are; at least 1."""
-    large = _large(np.linalg.norm(shot.fit.residual[shot.fit.moving], axis=-1))
-    if not large > 0:
+    usual = _usual(np.linalg.norm(shot.fit.residual[shot.fit.moving], axis=-1))
+    if not usual > 0:
         return 1.0
-    wanted = max(ARROW_RADII * shot.scene.table.ball_radius / large, 1.0)
+    wanted = max(ARROW_RADII * shot.scene.table.ball_radius / usual, 1.0)
     step = 10.0 ** np.floor(np.log10(wanted))
     return float(step * max(n for n in (1, 2, 5) if n * step <= wanted * (1 + 1e-12)))
 
 
-def _large(sizes: Floats) -> float:
+def _usual(sizes: Floats) -> float:
     known = sizes[np.isfinite(sizes)]
-    return float(np.quantile(known, LARGE)) if len(known) else 0.0
+    return float(np.median(known)) if len(known) else 0.0

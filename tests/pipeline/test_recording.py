@@ -184,7 +184,7 @@ def test_residuals_are_magnified_by_a_round_number_until_they_are_seen(tmp_path:
     scene, tracks = shot.made_up_scene(), shot.made_up_tracks(clip, shot.made_up_scene())
     fit = shot.made_up_fit(tracks.t)
     noisy = replace(fit, residual=np.full_like(fit.residual, 0.0003))
-    assert magnification(shot_of(clip, scene, tracks, noisy)) == 100.0
+    assert magnification(shot_of(clip, scene, tracks, noisy)) == 50.0
     assert magnification(shot_of(clip, scene, tracks, fit)) == 1.0
 
 
