@@ -97,9 +97,18 @@ class Toll:
 
 
 def disturbed(
-    folder: Path, kills: int, rng: np.random.Generator, whole: dict[str, str], stages: dict[str, int], cluster: bool
+    folder: Path,
+    kills: int,
+    rng: np.random.Generator,
+    whole: dict[str, str],
+    stages: dict[str, int],
+    pace: float,
+    cluster: bool,
 ) -> Toll:
-    """A batch that is killed so many times, begun again as often, and at last left alone once."""
+    """A batch that is killed so many times, begun again as often, and at last left alone once.
+
+    `pace` is how long a clip takes on this machine today, s: moments are drawn from that.
+    """
     place, toll, began = Place(folder, "killed-tcp" if cluster else "killed"), Toll(), time.monotonic()
     with _cluster() if cluster else _alone() as crew:
         seen: dict[str, int] = {}
@@ -108,7 +117,7 @@ def disturbed(
                 _judge(toll, place, whole, seen)
                 shutil.rmtree(place.folder / place.name)
                 seen, toll.rounds = {}, toll.rounds + 1
-            _one_batch(place, kills, rng, toll, crew)
+            _one_batch(place, kills, rng, pace, toll, crew)
             _judge(toll, place, whole, seen)
         toll.status, _, _ = place.run(*crew.arguments())
     _judge(toll, place, whole, seen)
@@ -118,12 +127,12 @@ def disturbed(
     return toll
 
 
-def _one_batch(place: Place, kills: int, rng: np.random.Generator, toll: Toll, crew: Crew) -> None:
+def _one_batch(place: Place, kills: int, rng: np.random.Generator, pace: float, toll: Toll, crew: Crew) -> None:
     """Run until the main process is gone, by a kill or at its end."""
     process = place.start(*crew.arguments())
     while process.poll() is None and sum(toll.killed.values()) < kills:
         with suppress(subprocess.TimeoutExpired):
-            process.wait(float(rng.uniform(0.3, 10.0)))
+            process.wait(float(rng.uniform(0.0, pace)))
             break
         family = tree(process)
         victims = [(one, "main" if one.pid == process.pid else "its process") for one in family]

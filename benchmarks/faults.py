@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -45,18 +46,21 @@ def _told(names: list[str]) -> str:
 
 def checked(folder: Path, only: list[str], kills: int, inputs: int, seed: int) -> list[Line]:
     """All lines."""
-    rng, lines = np.random.default_rng(seed), list[Line]()
+    rng, lines, pace = np.random.default_rng(seed), list[Line](), 0.0
     undisturbed = Place(folder, "whole")
     if {"kills", "tcp", "places"} & set(only):
         write_clips(undisturbed.clips, CLIPS)
         status, _, err = undisturbed.run("--jobs", "2")
         if status:
             raise SystemExit(f"the undisturbed run failed: {err}")
+        began = time.monotonic()
+        Place(folder, "timed").run("--jobs", "2")
+        pace = (time.monotonic() - began) / CLIPS
     whole, stages = contents(undisturbed), entries(undisturbed.cache)
     if "kills" in only:
-        lines += kill_lines("one machine", disturbed(folder, kills, rng, whole, stages, False))
+        lines += kill_lines("one machine", disturbed(folder, kills, rng, whole, stages, pace, False))
     if "tcp" in only:
-        lines += kill_lines("scheduler and two workers", disturbed(folder, kills, rng, whole, stages, True))
+        lines += kill_lines("scheduler and two workers", disturbed(folder, kills, rng, whole, stages, pace, True))
     if "places" in only:
         lines += places(folder, whole)
     if "fuzz" in only:
