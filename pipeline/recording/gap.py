@@ -39,7 +39,7 @@ class Missed:
     since: Floats
     """(K,) s since the prediction began."""
     seen: Floats
-    """(K, 2) as drawn: the first and the last coordinate, or time and the only one."""
+    """(K, 2) as drawn, the second axis down: the first and the last coordinate, or time and the only one."""
     before: Floats
     """(K, 2)"""
     after: Floats
@@ -58,7 +58,7 @@ def write_gap_recording(report: Report, inputs: Sequence[Path], path: Path) -> N
     stream = open_stream(digest or own, f"gap: {inputs[0].resolve().name}")
     with aside(path) as fresh:
         stream.save(fresh, default_blueprint=None if joins else _blueprint(report))
-        _log_misses(stream, missed(report.gap), report.gap)
+        _log_misses(stream, missed(report.gap, down=report.scene == "billiards"), report.gap)
         _log_words(stream, report)
         finish(stream, path)
 
@@ -72,9 +72,13 @@ def clip_of(folder: Path) -> str | None:
     return digest if isinstance(digest, str) and (folder / "recording.rrd").is_file() else None
 
 
-def missed(gap: Gap) -> list[Missed]:
-    """By window: what was held out, and how far predictions miss it."""
+def missed(gap: Gap, *, down: bool) -> list[Missed]:
+    """By window: what was held out, and how far predictions miss it.
+
+    The viewer's second axis runs down, as y of a table does; of other scenes it is turned over.
+    """
     found = []
+    turn = np.array([1.0, 1.0 if down else -1.0])
     for one, before, after in zip(gap.windows, gap.before, gap.after, strict=True):
         seen = one.piece.seen.copy()
         seen[: one.known] = False
@@ -83,7 +87,7 @@ def missed(gap: Gap) -> list[Missed]:
             continue
         t = one.piece.t[rows]
         places = [values[seen] for values in (one.piece.places, before, after)]
-        drawn = [np.stack([t if part.shape[1] == 1 else part[:, 0], part[:, -1]], axis=1) for part in places]
+        drawn = [np.stack([t if part.shape[1] == 1 else part[:, 0], part[:, -1]], axis=1) * turn for part in places]
         misses = [np.linalg.norm(part - places[0], axis=1) for part in places[1:]]
         found.append(Missed(one.piece.shot, t, t - one.piece.t[one.known - 1], *drawn, *misses))
     return found
@@ -150,7 +154,11 @@ def _blueprint(report: Report) -> rrb.Blueprint:
             rrb.Spatial2DView(origin="plan", name="Where predictions go wrong"),
             rrb.Vertical(
                 rrb.TextDocumentView(origin="gap", name="The gap"),
-                rrb.TimeSeriesView(origin="plots/gap", name=f"Error of predictions ({unit})"),
+                rrb.TimeSeriesView(
+                    origin="plots/gap",
+                    name=f"Error of predictions ({unit})",
+                    plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+                ),
             ),
             column_shares=[3, 2],
         ),

@@ -46,7 +46,7 @@ def check_layers(recording: Path, rows: list[dict[str, str]]) -> None:
     layers = {chunk.entity_path: chunk.to_record_batch() for chunk in RrdReader(recording).stream()}
     places = layers["/plan/gap/places"]
     drawn = sorted(map(tuple, places.column("Points2D:positions").to_pylist()[0]))
-    seen = sorted((float(row["x"]), float(row["y"])) for row in rows)
+    seen = sorted((float(row["x"]), -float(row["y"])) for row in rows)  # y is up here, and down in the viewer
     assert drawn == [pytest.approx(place, abs=1e-5) for place in seen]
     misses = places.column("miss_mm").to_pylist()[0]
     assert math.isclose(math.sqrt(sum(m * m for m in misses) / len(misses)), 1000 * rms(rows, "_before"), rel_tol=1e-3)
