@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -24,8 +25,10 @@ MARGIN = 28
 """px around what moves that the interpolator sees: a share of the longest ways of cue and hands."""
 FEATHER = 10
 """px over which its picture goes over into the one around."""
-MOST_BOXES = 6
-"""Boxes; more are joined to one."""
+MOST_BOXES, MOST_JOINED = 6, 24
+"""Boxes that are opened, and that are looked at, the largest ones."""
+LEAST_CELLS = 4
+"""Cells side by side: fewer are a glint or noise, and dissolve."""
 NOT_WORTH = 0.5
 """Share of the picture from which all of it is handed over at once."""
 
@@ -37,14 +40,13 @@ class Region:
     box: Box
     between: Between
     weight: Singles
-    """(h, w, 1) 0 to 1; 0 at borders inside the picture."""
+    """(h, w) 0 to 1; 0 at borders inside the picture."""
 
     def lay(self, picture: Picture, share: float) -> None:
         """Put the picture of a share of the time over `picture` (H, W, 3), in place."""
         x0, y0, x1, y1 = self.box
         ground = picture[y0:y1, x0:x1]
-        made = self.between(share).astype(np.float32)
-        ground[:] = np.rint(ground + (made - ground) * self.weight)
+        ground[:] = cv2.blendLinear(np.ascontiguousarray(ground), self.between(share), 1 - self.weight, self.weight)
 
 
 def open_regions(first: Picture, second: Picture, interpolator: Interpolator) -> tuple[Region, ...]:
@@ -64,9 +66,13 @@ def find_stirred(first: Picture, second: Picture) -> Mask:
     height, width = first.shape[:2]
     size = (max(1, width // COARSE), max(1, height // COARSE))
     small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in (first, second)]
-    change = cv2.absdiff(*small).max(axis=2).astype(np.float32)
+    change = np.asarray(cv2.absdiff(*small)).max(axis=2).astype(np.float32)
     usual = float(np.median(change))
-    return np.asarray(change > LEAST_CHANGE + NOISE_TIMES * usual)
+    stirred = (change > LEAST_CHANGE + NOISE_TIMES * usual).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(stirred, connectivity=8)
+    large = stats[:, cv2.CC_STAT_AREA] >= LEAST_CELLS
+    large[0] = False
+    return np.asarray(large[labels])
 
 
 def _boxes(stirred: Mask, shape: tuple[int, ...]) -> list[Box]:
@@ -90,18 +96,15 @@ def _scaled(cells: NDArray[np.int32], shape: tuple[int, ...]) -> Box:
 
 
 def _joined(boxes: list[Box]) -> list[Box]:
-    """Boxes that overlap become one, until none do; so do all where there are too many."""
-    if len(boxes) > MOST_BOXES:
-        boxes = sorted(boxes, key=_area)
-        boxes = [*boxes[len(boxes) - MOST_BOXES + 1 :], _hull(boxes[: len(boxes) - MOST_BOXES + 1])]
-    done: list[Box] = []
-    for box in boxes:
-        meets = [other for other in done if _overlap(box, other)]
-        if meets:
-            rest = [other for other in done if other not in meets]
-            return _joined([*rest, _hull([box, *meets]), *boxes[boxes.index(box) + 1 :]])
-        done.append(box)
-    return done
+    """Boxes that overlap become one, until none do; and where there are too many, those that waste least."""
+    boxes = sorted(boxes, key=_area)[-MOST_JOINED:]
+    while True:
+        pairs = [(_area(_hull([a, b])) - _area(a) - _area(b), a, b) for a, b in combinations(boxes, 2)]
+        meeting = [pair for pair in pairs if _overlap(*pair[1:])]
+        if not meeting and len(boxes) <= MOST_BOXES:
+            return boxes
+        _, a, b = min(meeting or pairs)
+        boxes = [box for box in boxes if box not in (a, b)] + [_hull([a, b])]
 
 
 def _hull(boxes: list[Box]) -> Box:
@@ -120,7 +123,7 @@ def _area(box: Box) -> int:
 
 
 def _weight(stirred: Mask, box: Box, shape: tuple[int, ...]) -> Singles:
-    """(h, w, 1): 1 around what moves, falling to 0 before the borders of the box that are no borders of the picture."""
+    """(h, w): 1 around what moves, falling to 0 before the borders of the box that are no borders of the picture."""
     x0, y0, x1, y1 = box
     width, height = x1 - x0, y1 - y0
     reach = 2 * (MARGIN // 2 // COARSE) + 1
@@ -129,7 +132,7 @@ def _weight(stirred: Mask, box: Box, shape: tuple[int, ...]) -> Singles:
     wide = cv2.blur(cv2.resize(cells, (width, height), interpolation=cv2.INTER_LINEAR), (FEATHER, FEATHER))
     across, down = _ramp(x0, x1, shape[1]), _ramp(y0, y1, shape[0])
     wide = wide * across[None] * down[:, None]
-    return np.asarray(wide[..., None], dtype=np.float32)
+    return np.ascontiguousarray(wide, dtype=np.float32)
 
 
 def _ramp(low: int, high: int, end: int) -> Singles:

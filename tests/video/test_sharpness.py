@@ -32,7 +32,7 @@ def exposed(way: Floats) -> Picture:
 
 
 def line(dx: float, dy: float, count: int = 41) -> Floats:
-    return np.linspace(-0.5, 0.5, count)[:, None] * np.array([[dx, dy]])
+    return np.asarray(np.linspace(-0.5, 0.5, count)[:, None] * np.array([[dx, dy]]), dtype=np.float64)
 
 
 def cut(picture: Picture, way: Floats) -> tuple[Picture, Sprite]:
