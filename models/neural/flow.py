@@ -23,6 +23,8 @@ from models.neural.scaling import Scaling, scaling
 from models.neural.steps import Step, march, settled
 from models.neural.training import Schedule, one_thread, train
 
+FINEST = 16
+"""steps from sample to sample of the finished motion, at most: what needs more was not learnt."""
 FLOW_SCHEDULE = Schedule(adam=600, rate=3e-3, lbfgs=1200)
 
 
@@ -118,8 +120,8 @@ class LearntFlow:
         k = (torch.searchsorted(steps[:, 0], t[:, 0], right=True) - 1).clamp(0, len(steps) - 2)
         begin, end = steps[k], steps[k + 1]
         until = torch.minimum(t, end)
-        ahead = settled(self.step, network.slope, z[k], begin, until - begin, self.tolerance)
-        back = settled(self.step, network.slope, z[k + 1], end, until - end, self.tolerance)
+        ahead = settled(self.step, network.slope, z[k], begin, until - begin, self.tolerance, FINEST)
+        back = settled(self.step, network.slope, z[k + 1], end, until - end, self.tolerance, FINEST)
         share = ((t - begin) / (end - begin)).clamp(0.0, 1.0)
         weight = share**2 * (3 - 2 * share)
         return (1 - weight) * ahead + weight * back
@@ -130,10 +132,12 @@ class LearntFlow:
         ahead = ((t - steps[-1]) / h).clamp(min=0)
         path = [network.states()[-1:]]
         for _ in range(int(ahead.max()) if len(t) else 0):
-            path.append(settled(self.step, network.slope, path[-1], h, h, self.tolerance))
+            path.append(settled(self.step, network.slope, path[-1], h, h, self.tolerance, FINEST))
         whole = ahead.floor().clamp(max=len(path) - 1)
         rest = (ahead - whole) * h
-        return settled(self.step, network.slope, torch.cat(path)[whole[:, 0].long()], rest, rest, self.tolerance)
+        return settled(
+            self.step, network.slope, torch.cat(path)[whole[:, 0].long()], rest, rest, self.tolerance, FINEST
+        )
 
 
 def _network(law: Law, scale: Scaling, t: Floats, x: Floats, pace: float, seed: int) -> Shooting:

@@ -44,6 +44,8 @@ class Schedule:
 
 GAIN = 0.01
 """share by which the least loss must fall to count as better."""
+LOOKS = 20
+"""evaluations by L-BFGS between two looks at the clock, at most."""
 MEMORY = 50
 """steps that L-BFGS remembers."""
 
@@ -132,10 +134,9 @@ def _rate(schedule: Schedule, done: float) -> float:
 
 
 def _lbfgs(network: nn.Module, loss: Loss, steps: int, budget: Budget, best: Best) -> None:
-    at_once = min(20, steps)  # evaluations between two looks at the clock
     optimiser = torch.optim.LBFGS(
-        network.parameters(), max_iter=at_once, max_eval=at_once, tolerance_grad=0.0, tolerance_change=0.0,
-        history_size=MEMORY, line_search_fn="strong_wolfe",
+        network.parameters(), tolerance_grad=0.0, tolerance_change=0.0, history_size=MEMORY,
+        line_search_fn="strong_wolfe",
     )  # fmt: skip
 
     def closure() -> Tensor:
@@ -148,7 +149,17 @@ def _lbfgs(network: nn.Module, loss: Loss, steps: int, budget: Budget, best: Bes
     end = len(best.curve) + steps
     while len(best.curve) < end and best.spent() < budget.seconds:
         before = len(best.curve), best.least
+        at_once = min(LOOKS, steps, _affordable(budget, best))
+        optimiser.param_groups[0].update(max_iter=at_once, max_eval=at_once)
         optimiser.step(closure)  # type: ignore[no-untyped-call]
         stuck = not best.least < before[1] or not math.isfinite(best.curve[-1])
         if len(best.curve) == before[0] or stuck:
             return
+
+
+def _affordable(budget: Budget, best: Best) -> int:
+    """Evaluations for which there is time, going by those that were made; one at least."""
+    if not math.isfinite(budget.seconds):
+        return LOOKS
+    each = best.spent() / max(len(best.curve), 1)
+    return max(1, int((budget.seconds - best.spent()) / max(each, 1e-9)))
