@@ -98,14 +98,23 @@ def windows_ahead(question: Question, recordings: tuple[Recording, ...]) -> tupl
                 break
             found.append(Ahead(piece.rows(first, end), known))
             first += max((end - first) // 2, known)
-    return tuple(one for one in found if one.piece.seen[: one.known].any(axis=0).all() and _moves(one.piece))
+    seen = [one for one in found if one.piece.seen[: one.known].any(axis=0).all() and _moves(one.piece)]
+    return tuple(one for one in seen if _begins_alike(question, one))
+
+
+def _begins_alike(question: Question, one: Ahead) -> bool:
+    """Whether a start that the first rows tell is one of the whole window too: a body may lie by them alone, and move
+    by later ones."""
+    pieces = (one.piece.rows(0, one.known), one.piece)
+    told, whole = (question.scene.model((piece,), question.assumed_forms).windows[0].start for piece in pieces)
+    return bool(told.shape == whole.shape)
 
 
 def _first_rows(question: Question, piece: Recording) -> int:
     """How many pictures tell a state: half a second of them where much happens, for hidden spin shows slowly."""
     if not isinstance(question.scene, Eventful):
         return START
-    return int(np.searchsorted(piece.t, piece.t[0] + question.scene.calm))
+    return max(START, int(np.searchsorted(piece.t, piece.t[0] + question.scene.calm)))
 
 
 def _moves(piece: Recording) -> bool:

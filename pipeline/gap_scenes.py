@@ -48,8 +48,15 @@ def _billiards(folder: TrackFolder) -> GapScene:
     radius = entry.ball_radius or sold.ball_radius
     mass = sold.ball_mass * (radius / sold.ball_radius) ** 3
     table = Table(f"{length:g}x{width:g}", sold.game, length, width, radius, mass, False)
-    assumed = USUAL_MODEL if entry.model is None else tuple(entry.model)
-    return billiards_scene(table, folder.recordings, _picture(entry), assumed)
+    return billiards_scene(table, folder.recordings, _picture(entry), _assumed(entry))
+
+
+def _assumed(entry: SceneEntry) -> tuple[str, ...]:
+    """What the simulator has: of a run, whose fit of single paths asks for no law of contacts, the usual at least."""
+    if entry.model is None:
+        return USUAL_MODEL
+    ran = "calibration" in (entry.model_extra or {})
+    return tuple(dict.fromkeys((*USUAL_MODEL, *entry.model) if ran else entry.model))
 
 
 def _picture(entry: SceneEntry) -> Picture | None:
