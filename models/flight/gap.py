@@ -44,6 +44,8 @@ def effects(coordinates: int) -> tuple[SceneEffect, ...]:
 
 LEAST_DRAG = 0.1
 """1/s by which wind pulls at a body that has no drag."""
+FAINT = 0.02
+"""1/s of drag from which that is all of the wind."""
 
 
 @cache
@@ -58,9 +60,11 @@ def force_of(coordinates: int, gravity: float) -> Force:
             blown = p[3 + k] if k < last else 0.0 * p[0]
             square += (velocity[k] - blown) * (velocity[k] - blown)
         speed = np.sqrt(square)
+        drag = p[0] * speed + p[1]
+        least = LEAST_DRAG * np.exp(-drag * drag / FAINT**2)
         for k in range(coordinates):
             blown = p[3 + k] if k < last else 0.0 * p[0]
-            out[k] = -(p[0] * speed + p[1]) * (velocity[k] - blown) + LEAST_DRAG * blown
+            out[k] = -drag * (velocity[k] - blown) + least * blown
         out[last] -= gravity
         if coordinates > 1:
             out[0] -= p[2] * velocity[last]

@@ -70,6 +70,16 @@ def test_a_brake_of_any_law_is_what_its_powers_are_called_elsewhere() -> None:
         assert not np.allclose(paths[0], scene.predict(recording(2, 60), np.array(start), neutral_values(scene), ()))
 
 
+def test_wind_carries_a_body_as_its_drag_lets_it() -> None:
+    """With a = -k (v - w) along x: x = w t + (v - w) (1 - exp(-k t)) / k."""
+    scene, k, wind, piece = flight_scene(2), 0.5, -2.0, recording(2, 60)
+    names = [f"{effect.name}.{prior.name}" for effect in scene.effects for prior in effect.parameters]
+    shared = neutral_values(scene)
+    shared[[names.index("viscous_drag.k"), names.index("wind.wind_x")]] = k, wind
+    found = scene.predict(piece, np.array([0.0, 1.0, 3.0, 4.0]), shared, ())[:, 0, 0]
+    assert np.allclose(found, wind * piece.t + (3.0 - wind) * (1 - np.exp(-k * piece.t)) / k, atol=1e-6)
+
+
 def test_a_throw_is_a_parabola() -> None:
     t, places = path(flight_scene(2), 2, [0.0, 1.0, 3.0, 4.0])
     assert np.allclose(places, np.stack([3 * t, 1 + 4 * t - 9.81 / 2 * t**2], axis=1), atol=1e-9)
