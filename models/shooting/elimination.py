@@ -75,7 +75,12 @@ def solved(normal: Floats, right: Floats, damping: float) -> Floats:
     scaled = normal * scale * scale[:, None]
     scaled[np.diag_indices_from(scaled)] += damping + RIDGE
     column = scale.reshape(-1, *[1] * (right.ndim - 1))
-    return np.asarray(cho_solve(cho_factor(scaled), right * column) * column, dtype=np.float64)
+    try:
+        return np.asarray(cho_solve(cho_factor(scaled), right * column) * column, dtype=np.float64)
+    except np.linalg.LinAlgError:  # what elimination left of numbers that states nearly replace: rounding, below zero
+        sizes, axes = np.linalg.eigh((scaled + scaled.T) / 2)
+        turned = axes.T @ (right * column).reshape(len(normal), -1) / np.maximum(sizes, damping + RIDGE)[:, None]
+        return np.asarray((axes @ turned).reshape(right.shape) * column, dtype=np.float64)
 
 
 def eliminate(

@@ -102,3 +102,11 @@ def test_states_follow_a_step_that_is_cut_short() -> None:
     states = whole[:, :10]
     expected = np.linalg.solve(states.T @ states, -states.T @ (residual + whole[:, 10:] @ step))
     assert np.allclose(np.concatenate(inner), expected, rtol=1e-6)
+
+
+def test_rounding_below_zero_leaves_the_rest_solved() -> None:
+    """Two numbers that nothing tells apart, their difference a little below zero: their sum is still known."""
+    normal = np.array([[1.0, 1.0 + 1e-9, 0.0], [1.0 + 1e-9, 1.0, 0.0], [0.0, 0.0, 4.0]])
+    found = solved(normal, np.array([1.0, 1.0, 8.0]), 0.0)
+    assert np.allclose([found[0] + found[1], found[2]], [1.0, 2.0], atol=1e-6)
+    assert solved(normal, np.eye(3), 0.0).shape == (3, 3)
