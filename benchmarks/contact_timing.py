@@ -6,7 +6,7 @@ Truth: worlds/billiards.py, run as a process (fixed steps, Alciatore's ball fric
 the line of centres, 1 mm noise per axis, pictures within 0.3 s of the contact. The bound is computed for every contact
 from the exact Fisher information of the samples, all of these being unknown: both paths, restitution, friction
 between the balls, sliding and rolling friction, the spin of balls that slide; known are the balls' size, that they are
-equally heavy and that momentum is kept. Beside it: the bound if only time, place, direction and velocities were unknown.
+equally heavy and that momentum is kept. Beside it: the bound if time, place, direction and velocities alone were not.
 """
 
 from __future__ import annotations
