@@ -29,7 +29,8 @@ HORIZON = 0.85
 _SHORTEST = 6
 """pictures that a state can be told from, in shots too short for START."""
 _BEYOND = 1.15
-"""times the floor's squares, from which an error is more than the noise: how well the size of the noise is known."""
+"""times the floor's squares, from which an error is more than the noise: how well the size of the noise is known, by
+two standard deviations."""
 _STARTS = 24
 """starts that are drawn to see what can be foreseen."""
 _OPEN = 4.0
@@ -244,6 +245,7 @@ def closing(
     if not resolved:
         return Closing(*_roots(b, a, f), float("nan"), (-1.0, 1.0), False)
     closed = float(np.clip((b - a) / (b - f), -limit, limit))
+    excess = excess + (drawn @ floor) * (_BEYOND - 1) / 2 * rng.standard_normal(len(drawn))
     ratios = np.clip(drawn @ (before - after) / np.maximum(excess, 1e-300), -limit, limit)
     low, high = np.quantile(ratios, _INTERVAL)
     interval = (min(float(low), closed), max(float(high), closed))
