@@ -61,7 +61,8 @@ def diagnose(scene: GapScene, recordings: tuple[Recording, ...], seed: int = 0) 
 
 
 def _too_little(scene: GapScene, split: Split) -> str:
-    rows = sum(int(piece.seen.sum()) for one in split.fit for piece in scene.stretches(one))
+    pieces = [piece.seen for one in split.fit for piece in scene.stretches(one)]
+    rows = sum(int(seen.sum()) for seen in pieces if seen.any(axis=1).sum() >= LEAST)
     if rows < 2 * LEAST:
         return f"{rows} observations are too few to test anything; at least {2 * LEAST} are needed"
     moving = any(_moves(one) for one in split.fit)

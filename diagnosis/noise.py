@@ -29,6 +29,10 @@ _CALM = 2.5
 """times the usual size of what a polynomial leaves, up to which a piece counts as smooth."""
 _MOST = 0.95
 """largest correlation of neighbours that so short pieces can tell from smooth motion."""
+_WAY = 20.0
+"""standard deviations that a body gets on in a piece, from which it moves."""
+_UNLIKE = 1.5
+"""times the noise of all pieces, from which that of moving bodies counts: a camera sees what lies ever the same way."""
 _FEW = 8
 """pieces below which the stated sigmas are believed."""
 _SIDE = 5
@@ -54,7 +58,15 @@ def estimate_noise(recordings: tuple[Recording, ...]) -> Noise:
     left = [found for recording in recordings for found in _left_over(recording)]
     if not left:
         return Noise(1.0, 0.0, 0)
-    rows = np.concatenate(left)
+    rows, moving = (np.concatenate([one[k] for one in left]) for k in range(2))
+    found, on_the_way = _of_pieces(rows), _of_pieces(rows[moving])
+    return on_the_way if on_the_way.pieces >= _FEW and on_the_way.scale > _UNLIKE * found.scale else found
+
+
+def _of_pieces(rows: Floats) -> Noise:
+    """Of what polynomials left of pieces (M, SPAN)."""
+    if not len(rows):
+        return Noise(1.0, 0.0, 0)
     size = np.square(rows).sum(axis=1)
     calm = rows[size < _CALM * np.median(size)]
     if len(calm) < _FEW:
@@ -67,8 +79,9 @@ def estimate_noise(recordings: tuple[Recording, ...]) -> Noise:
     return Noise(float(np.sqrt(np.square(calm).sum(axis=1).mean() / share / kept)), correlation, len(calm))
 
 
-def _left_over(recording: Recording) -> list[Floats]:
-    """(pieces, SPAN) per body and coordinate, in stated sigmas, where SPAN pictures follow each other evenly."""
+def _left_over(recording: Recording) -> list[tuple[Floats, Mask]]:
+    """(pieces, SPAN) per body and coordinate, in stated sigmas, where SPAN pictures follow each other evenly; and in
+    which of them the body moves (pieces,)."""
     found = []
     seen = recording.seen
     for body in range(len(recording.bodies)):
@@ -77,9 +90,11 @@ def _left_over(recording: Recording) -> list[Floats]:
             continue
         frames = np.lib.stride_tricks.sliding_window_view(recording.frame[rows], SPAN)
         even = np.flatnonzero(frames[:, -1] - frames[:, 0] == SPAN - 1)[:: SPAN // 2]
-        for values in (recording.places[rows, body] / recording.sigma[rows, body, None]).T:
+        # one sigma for a piece: a place over sigmas that differ from row to row is not smooth
+        sigma = np.sqrt(np.lib.stride_tricks.sliding_window_view(recording.sigma[rows, body] ** 2, SPAN).mean(axis=1))
+        for values in recording.places[rows, body].T:
             pieces = np.lib.stride_tricks.sliding_window_view(values, SPAN)[even]
-            found.append(pieces @ _projector())
+            found.append((pieces @ _projector() / sigma[even, None], np.ptp(pieces, axis=1) > _WAY * sigma[even]))
     return found
 
 
