@@ -18,6 +18,7 @@ from models.scene import Table
 from pipeline.sentences import told
 from pipeline.values import load_value
 from video.clip import open_clip
+from video.timestamps import nominal_rate
 
 
 def film(path: Path, rate: Fraction = Fraction(25), gap: int = 0, **metadata: str) -> Path:
@@ -47,6 +48,12 @@ def test_a_rate_at_which_nobody_films_is_refused_unless_another_is_given(tmp_pat
     with pytest.raises(ClipError, match="--fps"):
         open_clip(clip)
     assert open_clip(clip, fps=Fraction(30)).t[-1] == pytest.approx(0.3)
+
+
+def test_times_without_a_common_step_have_a_rate_all_the_same() -> None:
+    t = np.cumsum([0.0, 0.04, 0.04, 0.04, 1.0, 1.0, 1.0])
+    assert nominal_rate(t, None) in (1, 25)
+    assert nominal_rate(np.arange(7) / 30, None) == 30
 
 
 def test_a_timestamp_years_ahead_is_refused(tmp_path: Path) -> None:
