@@ -76,4 +76,5 @@ def main(seeds: int = 1, first: int = 0, *names: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]), *sys.argv[3:])
+    asked = [int(word) for word in sys.argv[1:3]]
+    main(asked[0] if asked else 1, asked[1] if len(asked) > 1 else 0, *sys.argv[3:])

@@ -63,7 +63,7 @@ def _pairs(question: Question, fitted: Fitted, ends: set[tuple[int, int]]) -> np
     pairs = np.array(found, dtype=np.int64)
     windows = model_of(question, _joined(fitted, pairs, fitted.starts)[0], fitted.forms, fitted.free).windows
     alike = [windows[k - place].start.shape == fitted.starts[k].shape for place, k in enumerate(found)]
-    return pairs[np.array(alike, dtype=bool)]
+    return np.asarray(pairs[np.array(alike, dtype=bool)])
 
 
 def _joined(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from diagnosis.verdict import Candidate, Report
@@ -26,7 +28,14 @@ def closed_sentence(report: Report) -> str:
     gap, told = report.gap, report.gap.closing
     if not gap.windows:
         return "No shot was left over to measure how far the gap shrinks."
+    if not math.isfinite(told.before):
+        return "Nothing could be predicted on the shots that were left over: they begin too uncertainly, or lie still."
     before, after, floor = (length(value, gap.metric) for value in (told.before, told.after, told.floor))
+    if report.verdict == "unknown" and told.after == told.before:
+        return (
+            f"Predicted {gap.horizon:.2f} s ahead on shots that chose nothing, the simulator is off by {before}, where"
+            f" {floor} could be reached; no effect of the library takes that error away."
+        )
     if not told.resolved:
         return f"Predicted {gap.horizon:.2f} s ahead, the simulator is off by {before}; of that, {floor} is noise."
     return (
