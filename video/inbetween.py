@@ -107,11 +107,15 @@ class Seen:
     """The ball without its streak, in the light of either side; None where neither is streaked."""
     bends: tuple[Singles, Singles] | None
     """How what is on the ball goes round, there and back."""
+    covered: bool = False
+    """It is missing from one picture because another ball hides it there: it does not fade."""
 
     def layers(self, centre: Floats, way: Floats, share: float) -> list[Layer]:
         """What to lay for the ball at `centre` (2,) px that goes `way` (P, 2) px around it."""
         if not np.isfinite(centre).all():
             return []
+        if self.covered:
+            share = float(self.sides[0] is None)
         bends = (None, None) if self.bends is None else (share * self.bends[0], (1 - share) * self.bends[1])
         if self.sharp is None:
             return self._mixed(self.sides, centre[None], share, bends)
@@ -246,7 +250,18 @@ def _seen(
         return Seen(ball, radius, sides, sharp_pair(sharp, ball, t, radius, sides), None)
     first, second = sides
     bends = None if first is None or second is None else bends_between(first, second, radius)
-    return Seen(ball, radius, sides, None, bends)
+    return Seen(ball, radius, sides, None, bends, _covered(sightings, row, ball, sides))
+
+
+def _covered(sightings: Sightings, row: int, ball: int, sides: tuple[Sprite | None, Sprite | None]) -> bool:
+    """Whether a ball is missing from one picture, and another one stands in front of it there."""
+    if (sides[0] is None) == (sides[1] is None):
+        return False
+    side = row + int(sides[1] is None)
+    away = sightings.centre[side] - sightings.centre[side, ball]
+    near = np.hypot(away[:, 0], away[:, 1]) < 1.2 * sightings.radius[side]
+    near[ball] = False
+    return bool((near & (away[:, 1] > 0) & sightings.observed[side]).any())
 
 
 def _still(sightings: Sightings, row: int, balls: tuple[int, ...]) -> tuple[Outline, ...]:

@@ -144,7 +144,8 @@ def peel(
     layers = []
     for index, (outline, box) in enumerate(zip(outlines, boxes, strict=True)):
         near = [other for k, other in enumerate(everyone) if k != index and _meet(outline, other)]
-        layers.append(None if box is None else _erase(behind, picture, outline, near, box, plate, motion))
+        stay = [other for other in others if _meet(outline, other)]
+        layers.append(None if box is None else _erase(behind, picture, outline, near, stay, box, plate, motion))
     sprites = [
         None if layer is None or box is None else _cut(picture, behind, outline, *layer, box)
         for outline, box, layer in zip(outlines, boxes, layers, strict=True)
@@ -172,22 +173,27 @@ def _erase(
     picture: Picture,
     outline: Outline,
     near: Sequence[Outline],
+    stay: Sequence[Outline],
     box: tuple[int, int, int, int],
     plate: Plate,
     motion: Floats | None,
 ) -> tuple[Singles, Singles, Singles]:
     """Paint the table over one ball in `behind`.
 
-    Returns (h, w): the mask of the ball, what of it no other ball hides, and all that it touches.
+    Of the balls that are `near`, those that `stay` keep their pixels. Returns (h, w): the mask of the ball, what of it
+    no other ball hides, and all that it touches.
     """
     x, y, width, height = box
     distance = outline.distance(*box)
     radius, edge = outline.radius, outline.edge
-    mine = np.ones_like(distance)
+    mine, left = np.ones_like(distance), np.ones_like(distance)
     clear = np.ones(distance.shape, dtype=bool)
     for other in near:
         theirs = other.distance(*box) - other.radius
-        mine *= _share(distance - radius, theirs, outline.centre[1] > other.centre[1])
+        share = _share(distance - radius, theirs, outline.centre[1] > other.centre[1])
+        mine *= share
+        if any(other is one for one in stay):
+            left *= share
         clear &= theirs > other.edge + 1
     ball = np.clip((radius + 2 * edge - distance) / edge, 0, 1)
     shadow = np.clip((SHADOW_RADII * radius + edge - distance) / (FADE_RADII * radius), 0, 1) * mine
@@ -196,10 +202,11 @@ def _erase(
     ring = clear & known & (distance > SHADOW_RADII * radius + edge)
     ground = fill_behind(picture[here], around, ring)
     shadow *= _shaded(picture[here], ground, distance < HALO_RADII * radius + HALO_PX)
-    touched = np.where(known, np.maximum(ball * mine, np.where(clear, shadow, 0)), 0)
+    touched = np.where(known, np.maximum(ball * left, np.where(clear, shadow, 0)), 0)
     patch = behind[here].astype(np.float32)
     behind[here] = np.rint(patch + (ground - patch) * touched[..., None]).astype(np.uint8)
-    return ball, mine, touched
+    # what lies around the ball's own disc is another's where that is nearer; within it, another may hide the ball
+    return np.where(distance > radius, ball * mine, ball), mine, touched
 
 
 def _share(own: Singles, theirs: Singles, in_front: bool) -> Singles:
