@@ -69,7 +69,7 @@ def _potted(events: Events, likely: list[int], start: float, end: float) -> str:
 
 
 def _first_mover(tracks: Tracks, fit: Fit) -> str | None:
-    """The ball that moves when the clip begins; a cue ball before others, then the fastest."""
+    """The ball that moves first; of several a cue ball before others."""
     moving = np.flatnonzero(fit.moving.any(axis=0))
     if not len(moving):
         return None
@@ -84,28 +84,33 @@ def _story(
 ) -> Story:
     events = fit.events
     own = [k for k in likely if start <= events.t[k] < end and ball in (events.a[k], events.b[k]) and k != strike]
-    touches = [k for k in own if events.kind[k] == "ball"]
-    struck = "" if strike is None else f" It was struck at {event_time(events, strike)}" + _left_at(events, strike)
-    if not touches:
-        begun = f"{ball} touched no other ball." + (f"{struck}." if struck else "")
-        when = event_time(events, strike) + " (the stroke)" if strike is not None else "-"
-        speed = _stroke_speed(events, strike)
-        return Story(
-            start, begun, when, speed, _told_after(fit, tracks, ball, own, start, end), _sure(fit, own, strike)
-        )
-    touch = touches[0]
+    touch = next((k for k in own if events.kind[k] == "ball"), None)
+    struck = "" if strike is None else f" It was struck at {event_time(events, strike)}{_left_at(events, strike)}."
+    if touch is None:
+        then = _told_after(fit, tracks, ball, own, start, end)
+        when = "-" if strike is None else f"{event_time(events, strike)} (the stroke)"
+        first = f"{ball} touched no other ball.{struck}"
+        return Story(start, first, when, _stroke_speed(events, strike), then, _sure(fit, own, strike))
+    t = float(events.t[touch])
     other = events.b[touch] if events.a[touch] == ball else events.a[touch]
-    cushions = [events.b[k] for k in own if events.kind[k] == "cushion" and events.t[k] < events.t[touch]]
-    by = f", by way of the {_list(cushions)} cushion{'s' if len(cushions) > 1 else ''}" if cushions else ""
-    first = f"{ball} hit {other} first{by}.{struck}{'.' if struck else ''}"
-    when = f"{event_time(events, touch)} (picture {events.frame[touch]:.2f})"
-    if strike is not None:
-        when += f", {events.t[touch] - events.t[strike]:.3f} s after the stroke"
-    later = [k for k in own if events.t[k] > events.t[touch]]
-    after = (
-        _way_on(fit, ball, touch, own, end) + " " + _told_after(fit, tracks, ball, later, float(events.t[touch]), end)
+    then = _told_after(fit, tracks, ball, [k for k in own if events.t[k] > t], t, end)
+    return Story(
+        start,
+        f"{ball} hit {other} first{_by_way_of(events, own, t)}.{struck}",
+        f"{event_time(events, touch)} (picture {events.frame[touch]:.2f}){_since(events, strike, t)}",
+        _speeds(fit, ball, other, touch),
+        f"{_way_on(fit, ball, touch, own, end)} {then}",
+        _sure(fit, own, touch),
     )
-    return Story(start, first, when, _speeds(fit, ball, other, touch), after, _sure(fit, own, touch))
+
+
+def _by_way_of(events: Events, own: list[int], t: float) -> str:
+    cushions = [events.b[k] for k in own if events.kind[k] == "cushion" and events.t[k] < t]
+    return f", by way of the {_list(cushions)} cushion{'s' if len(cushions) > 1 else ''}" if cushions else ""
+
+
+def _since(events: Events, strike: int | None, t: float) -> str:
+    return "" if strike is None else f", {t - events.t[strike]:.3f} s after the stroke"
 
 
 def _left_at(events: Events, k: int) -> str:

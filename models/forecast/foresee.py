@@ -66,12 +66,14 @@ def viewpoints(events: Events, shown: Floats) -> list[float]:
 
 
 def _fan(tracks: Tracks, scene: Scene, t: float) -> Foresight | None:
+    """None where so little was seen, or so much would happen, that nothing can be played on: a fan is an extra."""
+    times = np.asarray(t + STEP * np.arange(round(AHEAD / STEP) + 1), np.float64)
     try:
         look = outlook_at(_since(tracks, t - PAST), scene, t)
-    except TrackError:  # too little was seen until then: nothing is promised
+        courses = drawn_courses(look, times, 0, COURSES) if look.ids else None
+    except (TrackError, ArithmeticError, ValueError):
         return None
-    times = np.asarray(t + STEP * np.arange(round(AHEAD / STEP) + 1), np.float64)
-    return Foresight(t, look.ids, times, drawn_courses(look, times, 0, COURSES))
+    return None if courses is None else Foresight(t, look.ids, times, courses)
 
 
 def _since(tracks: Tracks, t: float) -> Tracks:
