@@ -31,6 +31,13 @@ def probabilities(state: Search, best: Hypothesis, doubt: Doubt) -> dict[str, fl
     return {name: value / total for name, value in found.items()}
 
 
+def leading(chances: dict[str, float], named: frozenset[str]) -> dict[str, float]:
+    """With the likeliest of what is named first: effects that look alike have spoken together for something missing,
+    each alone may be less likely than nothing."""
+    first, most = max(sorted(named), key=chances.__getitem__), max(chances, key=chances.__getitem__)
+    return chances | {first: chances[most], most: chances[first]}
+
+
 def group_of(state: Search, best: Hypothesis, name: str, without: Signatures) -> tuple[str, ...]:
     """An effect and its rivals: alike as signatures once `without` it everything else is adjusted, and not refuted."""
     question = state.question

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.blocks import Structure, structure
-from diagnosis.candidates import group_of, probabilities, ranked, strengths
+from diagnosis.candidates import group_of, leading, probabilities, ranked, strengths
 from diagnosis.close import HORIZON, Ahead, Closing, closing, foreseeable, predict, shares, windows_ahead
 from diagnosis.film_next import film_next
 from diagnosis.fitting import Fitted, Question, Seen, again, fit, follow, look, question_of
@@ -194,7 +194,7 @@ def _reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Ge
         model=scene.assumed,
         verdict=verdict,
         effects=tuple(sorted(best.names)) if verdict == "effects" else (),
-        candidates=_candidates(study, groups, detectable),
+        candidates=_candidates(study, groups, detectable, verdict in ("effects", "group")),
         where=places(study.left_before, study.base.pieces, phases) if verdict != "none" else (),
         shape=shape(study.after) if verdict == "unknown" else "",
         gap=gap,
@@ -234,10 +234,13 @@ def _phases(scene: GapScene, name: str) -> tuple[str, ...]:
     return by_name.get(name, ()) or {choice.name: choice.phases for choice in scene.alternatives}.get(name, ())
 
 
-def _candidates(study: Study, groups: dict[str, tuple[str, ...]], detectable: Floats) -> tuple[Candidate, ...]:
+def _candidates(
+    study: Study, groups: dict[str, tuple[str, ...]], detectable: Floats, named: bool
+) -> tuple[Candidate, ...]:
     question = study.question
     told = {name: strengths(question, _with(study, name), detectable, (name,)) for name in question.candidates}
-    return ranked(probabilities(study.state, study.best, study.doubt), groups, told)
+    chances = probabilities(study.state, study.best, study.doubt)
+    return ranked(leading(chances, study.best.names) if named else chances, groups, told)
 
 
 def _detectable(study: Study) -> Floats:

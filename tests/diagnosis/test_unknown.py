@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis.candidates import leading
 from diagnosis.diagnose import diagnose
 from diagnosis.unknown import Doubt
 from models.flight.gap import flight_scene
@@ -52,6 +53,12 @@ def test_a_weak_drag_is_named_or_grouped_with_its_twin() -> None:
     report = diagnose(FLIGHT, throws("air_drag.k", np.full(12, 0.0025)))
     assert report.verdict in ("effects", "group")
     assert "air_drag" in report.candidates[0].group
+
+
+def test_what_is_named_comes_first_though_each_of_two_twins_is_less_likely_than_nothing() -> None:
+    chances = {"none": 0.36, "air_drag": 0.34, "viscous_drag": 0.3}
+    assert leading(chances, frozenset({"air_drag"})) == {"none": 0.34, "air_drag": 0.36, "viscous_drag": 0.3}
+    assert leading(chances | {"none": 0.1}, frozenset({"air_drag"})) == chances | {"none": 0.1}
 
 
 @pytest.mark.parametrize(
