@@ -106,7 +106,7 @@ def _carry_out(plan: Plan, cache: Path, out: Path, jobs: int) -> list[Trial]:
 
 
 def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
-    from pipeline.thesis.methods import GIVEN
+    from pipeline.thesis.methods import given
     from pipeline.thesis.page import TITLES
     from pipeline.thesis.plan import left_out
     from pipeline.thesis.tables import grids
@@ -120,7 +120,7 @@ def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
             screen.print(escape(sentence), soft_wrap=True)
         for grid in grids(scene, found):
             screen.print(grid)
-        screen.print(escape(GIVEN[scene]), soft_wrap=True)
+        screen.print(escape(given(scene, {trial.method for trial in trials})), soft_wrap=True)
     if plan.budget.effort < 1:
         screen.print(f"\nNetworks had {plan.budget.effort:.0%} of their training, and can be better than this.")
     for sentence in left_out(plan):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,15 +27,24 @@ EACH_KIND = (
     CONSTRAINT_NET, PHYSICS_NAME,
 )  # fmt: skip
 """One method of each kind: what is compared in all settings; the others in the setting of the thesis alone."""
-GIVEN = {
-    "double-pendulum": f"{TAUGHT}: learnt from {SWINGS} simulated swings of the same pendulum, let go at other angles, "
-    "without noise. The physics fit is told nothing.",
-    "real": "The physics fit is told that the points are joined by two stiff arms.",
-    "boxes": f"{TAUGHT}: learnt from {THROWS} other throws of the same speed, without noise. The physics fit is told "
-    "which corners are of one box.",
-    "pool": "The physics fit is told the table and the camera, as the run found them.",
+GIVEN: dict[str, dict[str, str]] = {
+    "double-pendulum": {
+        TAUGHT: f"learnt from {SWINGS} simulated swings of the same pendulum, let go at other angles, without noise.",
+        PHYSICS_NAME: "told nothing.",
+    },
+    "real": {PHYSICS_NAME: "told that the points are joined by two stiff arms."},
+    "boxes": {
+        TAUGHT: f"learnt from {THROWS} other throws of the same speed, without noise.",
+        PHYSICS_NAME: "told which corners are of one box.",
+    },
+    "pool": {PHYSICS_NAME: "told the table and the camera, as the run found them."},
 }
-"""What some methods were given beside the visible samples, by scene."""
+"""What methods had beside the visible samples, by scene."""
+
+
+def given(scene: str, methods: Container[str]) -> str:
+    """A sentence for each of some methods that had more than the visible samples."""
+    return " ".join(f"{name}: {text}" for name, text in GIVEN[scene].items() if name in methods)
 
 
 def methods_for(scene: str, variant: str = "", run: Path | None = None) -> list[Method]:

@@ -16,7 +16,7 @@ from pipeline.page import render
 from pipeline.publish import aside
 from pipeline.thesis.boxes import bodies
 from pipeline.thesis.figures import Drawn, boxes_series, error_over_time, errors_by_method, pendulum_series
-from pipeline.thesis.methods import GIVEN
+from pipeline.thesis.methods import given
 from pipeline.thesis.plan import SCENES, Plan, left_out, series_of
 from pipeline.thesis.trials import Trial
 from pipeline.thesis.words import Cell, best, cells, sentences, times
@@ -27,6 +27,8 @@ TITLES = {
     "boxes": "Scene II: a ball into fifty boxes",
     "pool": "Scene III: pool, from a real clip",
 }
+UNITS = {"double-pendulum": "{} springs", "real": "From {} on", "boxes": "A ball of {} px/s", "pool": "{}"}
+"""What a variant of a scene is."""
 MOST_PANELS = 9
 """of a figure."""
 
@@ -92,7 +94,8 @@ def _sheet(variant: str, here: list[Cell]) -> Sheet:
     heads = [f"{cell.fps:.3g} Hz, {cell.noise:g} px" for cell in here]
     first = Line("linear: mse, px²", [Number(f"{cell.mse['linear']:.3g}", "worse") for cell in here])
     rest = [Line(name, [_number(cell, name) for cell in here]) for name in methods if name != "linear"]
-    return Sheet(f"{variant}: how many times lower than linear", heads, [first, *rest])
+    name = UNITS[here[0].scene].format(variant)
+    return Sheet(f"{name}: how many times lower than linear", heads, [first, *rest])
 
 
 def _number(cell: Cell, name: str) -> Number:
@@ -111,9 +114,8 @@ def _figures(scene: str, found: list[Cell], trials: Sequence[Trial], plan: Plan)
     settings = [cell for cell in found if cell.scene == scene][:MOST_PANELS]
     number = {"double-pendulum": "6", "boxes": "8"}.get(scene)
     name = f"figure-{number}-{scene}-errors" if number else f"{scene}-errors"
-    title = (
-        f"Figure {number}: " if number else ""
-    ) + "error of every method; bars are medians over seeds, dots are seeds"
+    kind = f"Figure {number}: error" if number else "Error"
+    title = f"{kind} of every method; bars are medians over seeds, dots are seeds"
     middle = settings[len(settings) // 2]
     return [
         *_series(here[0], plan),
@@ -135,7 +137,7 @@ def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], 
         {
             "title": TITLES[scene],
             "said": sentences(scene, found, plan.budget.effort),
-            "given": GIVEN[scene],
+            "given": given(scene, {trial.method for trial in trials if trial.case.scene == scene}),
             "tables": sheets(scene, found),
             "figures": [{"title": one.title, "data": b64encode(one.png).decode()} for one in figures[scene]],
         }

@@ -14,6 +14,10 @@ from pipeline.thesis.trials import Trial
 
 CLAIMED = 100.0
 """times lower than linear and than ConstraintNet: the abstract of Chen 2022, figure 6."""
+MOST_TOLD = 1e6
+"""a factor above which only rounding is compared."""
+EVEN = 0.95
+"""within this factor an error is another one's."""
 ALIKE = 2.0
 """within this factor two errors are called the same."""
 
@@ -63,12 +67,19 @@ def sentences(scene: str, found: list[Cell], trained: float = 1.0) -> list[str]:
 
 def times(gain: float) -> str:
     """A factor with two or three digits that are worth reading."""
+    if gain >= MOST_TOLD:
+        return f"over {MOST_TOLD:,.0f}"
     return f"{gain:,.0f}" if gain >= 100 else f"{gain:.2g}"
 
 
-def compared(gain: float) -> str:
-    """A factor as how many times lower an error is, or higher."""
+def factor(gain: float) -> str:
+    """How many times lower an error is, or higher."""
     return f"{times(gain)} times lower" if gain >= 1 else f"{times(1 / max(gain, 1e-300))} times higher"
+
+
+def compared(gain: float, rival: str) -> str:
+    """An error beside a rival's."""
+    return f"that of {rival}" if EVEN < gain < 1 / EVEN else f"{factor(gain)} than {rival}"
 
 
 def best(cell: Cell, names: Iterable[str]) -> tuple[str, float] | None:
@@ -141,6 +152,6 @@ def _all(found: list[tuple[Cell, float]], rival: str) -> str:
     """The gains over a rival of all settings as words."""
     values = [gain for _, gain in found]
     if len(values) == 1:
-        return f"{compared(values[0])} than {rival}"
-    span = f"from {compared(min(values))} to {compared(max(values))}"
-    return f"{compared(median(values))} than {rival} in the median setting ({span})"
+        return compared(values[0], rival)
+    span = f"from {factor(min(values))} to {factor(max(values))}"
+    return f"{compared(median(values), rival)} in the median setting ({span})"

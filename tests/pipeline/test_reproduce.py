@@ -16,14 +16,14 @@ from pipeline.cache import Cache
 from pipeline.execute import execute
 from pipeline.thesis.boxes import bodies
 from pipeline.thesis.lessons import swings
-from pipeline.thesis.methods import EACH_KIND, PHYSICS_NAME, TAUGHT, THESIS_NETS, methods_for
+from pipeline.thesis.methods import EACH_KIND, PHYSICS_NAME, TAUGHT, THESIS_NETS, given, methods_for
 from pipeline.thesis.page import sheets
 from pipeline.thesis.pendulum import GRAVITY, LENGTH, RECORDING, as_angles, as_points, recording_in, swung
 from pipeline.thesis.plan import Depth, Plan, cases, left_out, tasks
 from pipeline.thesis.pool import pool, shots_of
 from pipeline.thesis.series import Case, Series, filmed
 from pipeline.thesis.trials import LOST, Trial, tried
-from pipeline.thesis.words import cells, sentences
+from pipeline.thesis.words import cells, compared, sentences
 
 CASE = Case("double-pendulum", "soft", 30.0, 0.1, 0)
 
@@ -122,6 +122,18 @@ def test_the_words_count_where_the_claim_holds_and_where_a_spline_does_as_well()
     assert "holds in 1 of 2 settings (stiff, 30 Hz, noise 0 px)" in said
     assert "at least as well as that network in 1 of 2" in said
     assert "best of all methods in 2 of 2" in said
+
+
+def test_an_error_like_the_rivals_is_not_called_one_time_lower() -> None:
+    assert compared(1.02, "linear") == "that of linear"
+    assert compared(0.5, "linear") == "2 times higher than linear"
+    assert compared(250.0, "cubic") == "250 times lower than cubic"
+    assert compared(1e20, "cubic") == "over 1,000,000 times lower than cubic"
+
+
+def test_what_a_method_was_given_is_said_where_it_stands() -> None:
+    assert "other throws" in given("boxes", {TAUGHT, PHYSICS_NAME})
+    assert given("boxes", {"linear"}) == ""
 
 
 def test_tables_show_medians_over_seeds_and_mark_the_best() -> None:
