@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import av
@@ -11,6 +13,7 @@ import pytest
 from PIL import Image
 
 from pipeline.execute import execute
+from pipeline.publish import aside, machine, new_folder
 
 SAMPLE = Path(__file__).parents[2] / "sample_videos" / "overhead_pool.mp4"
 
@@ -50,3 +53,69 @@ def test_a_clip_becomes_a_video_and_pngs_with_the_originals_among_them(
 def test_a_video_of_another_kind_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(["interpolate", str(SAMPLE), "--factor", "4", "-o", "pictures.gif"]) == 2
     assert "-o is a video" in capsys.readouterr().err
+
+
+def test_either_a_factor_or_a_rate_says_which_pictures(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in ([], ["--factor", "2", "--rate", "60"]):
+        assert execute(["interpolate", str(SAMPLE), *words, "-o", "out.mp4"]) == 2
+        assert "Either --factor or --rate" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--rate", "12"], "--rate is 24 to 240"),
+        (["--rate", "fast"], "--rate is a number"),
+        (["--factor", "2", "--shutter", "400"], "--shutter is 0 to 360"),
+        (["--factor", "2", "--elsewhere", "nothing.onnx"], "--elsewhere is flow, blend"),
+    ],
+)
+def test_what_cannot_be_made_is_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], told: str
+) -> None:
+    assert execute(["interpolate", str(SAMPLE), *words, "-o", str(tmp_path / "out.mp4")]) == 2
+    assert told in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_rate_a_slowness_and_a_window_give_the_video_they_say(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip, video = cut_short(tmp_path / "cut.mp4"), tmp_path / "out.mp4"
+    words = ["interpolate", str(clip), "--rate", "50", "--slow", "2", "--upright", "--shutter", "180", "-o", str(video)]
+    assert execute([*words, "--json", "--cache", str(tmp_path / "cache")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    with av.open(str(clip)) as container:
+        times = [float(picture.time) for picture in container.decode(video=0)]
+        height = container.streams.video[0].height
+    with av.open(str(video)) as container:
+        shown = [(float(p.time), p.width, p.height) for p in container.decode(video=0)]
+    assert len(shown) == told["pictures"]
+    assert len(shown) == pytest.approx(100 * (times[-1] - times[0]) + 1, abs=1)
+    np.testing.assert_allclose([t for t, *_ in shown], np.arange(len(shown)) / 50, atol=1e-4)
+    assert {(width, tall) for _, width, tall in shown} == {(2 * round(height * 9 / 32), height)}
+
+
+def test_what_killed_runs_left_beside_the_output_is_cleared(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", "pass"])
+    dead.wait()
+    left = [tmp_path / f".v.mp4.{machine()}-{dead.pid}.part", tmp_path / f".v.mp4.silent.{machine()}-{dead.pid}.part"]
+    for path in left:
+        path.write_bytes(b"half")
+    pictures = tmp_path / f".fr.{machine()}-{dead.pid}.part"
+    pictures.mkdir()
+    (pictures / "000000.png").write_bytes(b"half")
+    with aside(tmp_path / "v.mp4") as place, new_folder(tmp_path / "fr") as folder:
+        place.write_bytes(b"whole")
+        (folder / "000000.png").write_bytes(b"whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["fr", "v.mp4"]
+
+    def broken() -> None:
+        with new_folder(tmp_path / "broken") as folder:
+            (folder / "000000.png").write_bytes(b"half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        broken()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["fr", "v.mp4"]
