@@ -77,7 +77,7 @@ def _write_kinds(folder: Path) -> None:
         ("plain.mp4", "libx264", "yuv420p", (96, 64), 25), ("plain.mov", "libx264", "yuv420p", (96, 64), 25),
         ("plain.mkv", "libx264", "yuv420p", (96, 64), 25), ("plain.avi", "mpeg4", "yuv420p", (96, 64), 25),
         ("plain.webm", "libvpx", "yuv420p", (96, 64), 25), ("plain.ts", "mpeg2video", "yuv420p", (96, 64), 25),
-        ("mjpeg.avi", "mjpeg", "yuvj420p", (96, 64), 25), ("million.mp4", "libx264", "yuv420p", (96, 64), 1_000_000),
+        ("mjpeg.avi", "mjpeg", "yuvj420p", (96, 64), 25), ("million.mov", "mjpeg", "yuvj420p", (96, 64), 1_000_000),
         ("slowest.mkv", "libx264", "yuv420p", (96, 64), Fraction(1, 1000)),
         ("hdr.mkv", "libx265", "yuv420p10le", (96, 64), 25),
         ("alpha.webm", "libvpx-vp9", "yuva420p", (96, 64), 25),
