@@ -72,7 +72,13 @@ def outlook_at(tracks: Tracks, scene: Scene, t: float) -> Outlook:
 
 
 def lack_of_fit(solution: Solution, data: Data) -> float:
-    """>= 1: factor on variances for residuals of moving balls that are larger than the noise, or alike for a while."""
+    """>= 1: factor on variances for residuals of moving balls that are larger than the noise, or alike for a while.
+
+    Balls that were seen too seldom to be in the story say nothing.
+    """
+    told = [ball for ball in np.unique(data.ball) if solution.story.of_ball(int(ball))]
+    rows = np.isin(data.ball, told)
+    data = Data(data.ball[rows], data.t[rows], data.xy[rows], data.whiten[rows])
     owner, miss = owners(solution.story, data), residuals(solution, data)
     whitened = np.einsum("kij,kj->ki", data.whiten, miss)
     size = np.linalg.norm(whitened, axis=1, keepdims=True)

@@ -88,3 +88,16 @@ def test_what_cannot_be_played_on_has_no_fan_and_stops_no_run(
 
     monkeypatch.setattr("models.forecast.foresee.drawn_courses", refuse)
     assert foresee(*rolling(), events_at(("strike", 0.5, 1.0))).fans == ()
+
+
+def test_a_ball_that_comes_into_view_just_then_stops_nothing() -> None:
+    tracks, scene = rolling()
+    glimpsed = np.full_like(tracks.xy, np.nan)
+    glimpsed[(tracks.t > 0.66) & (tracks.t < 0.7)] = [2.0, 0.3]
+    both = np.concatenate([tracks.xy, glimpsed], axis=1)
+    there = np.where(np.isfinite(both[..., 0]), 3e-4, np.nan)
+    more = Tracks(
+        tracks.frame, tracks.t, ("cue", "red"), ("cue", "red"), both, 350 * both + 30, there, there,
+        np.where(np.isfinite(both), 0.0, np.nan), np.where(np.isfinite(there), 10.0, np.nan), np.zeros((2, 3)),
+    )  # fmt: skip
+    assert len(foresee(more, scene, events_at(("strike", 0.5, 1.0))).fans) == 1
