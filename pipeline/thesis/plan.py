@@ -111,7 +111,7 @@ def _grid(scene: str, variants: tuple[str, ...], depth: Depth) -> Iterator[tuple
 
 def _led_by(first: Value, values: tuple[Value, ...]) -> tuple[Value, ...]:
     """The values, one of them before all others."""
-    return (first, *(value for value in values if value != first))
+    return tuple(sorted(values, key=lambda value: value != first))
 
 
 def tasks(plan: Plan) -> list[Task]:
