@@ -15,7 +15,7 @@ from pipeline.sentences import event_sentence, event_time
 Floats = NDArray[np.float64]
 
 JUST = 1e-3
-"""s before and after a contact at which a ball's velocity is told."""
+"""s before and after a contact, beyond twice its error, at which a ball's velocity is told."""
 SETTLED = 0.4
 """s after a contact at which most balls roll again, and the eye has seen where they go."""
 STANDS = 0.03
@@ -25,6 +25,7 @@ ON, BACK = 25.0, 140.0
 LIKELY = 0.5
 """Probability from which an event is told."""
 CUE_KINDS = ("cue", "white", "yellow")
+UNSEEN = "No stroke is seen in this clip: what came before it is not told."
 AFTERWARDS = 6
 """Events of the ball after the contact that are told one by one."""
 
@@ -56,7 +57,7 @@ def tell(tracks: Tracks, fit: Fit) -> list[Story]:
             for k, end in zip(strikes, ends, strict=True)
         ]
     else:
-        begins = _first_mover(tracks, fit)
+        begins = _first_mover(tracks, fit, likely)
         first = float(tracks.t[0])
         told = [] if begins is None else [(_story(fit, tracks, begins, first, np.inf, likely, None), np.inf)]
     return [replace(story, potted=_potted(events, likely, story.start, end)) for story, end in told]
@@ -68,15 +69,23 @@ def _potted(events: Events, likely: list[int], start: float, end: float) -> str:
     return told + "." if told else ""
 
 
-def _first_mover(tracks: Tracks, fit: Fit) -> str | None:
-    """The ball that moves first; of several a cue ball before others."""
+def _first_mover(tracks: Tracks, fit: Fit, likely: list[int]) -> str | None:
+    """Who came, at the first contact of balls: the faster one, or the one that was too fast to be seen before.
+
+    Without a contact the ball that moves first, of several a cue ball before others.
+    """
+    events, ids = fit.events, fit.trajectory.ids
+    for k in likely:
+        if events.kind[k] == "ball" and {events.a[k], events.b[k]} <= set(ids):
+            pair = [events.a[k], events.b[k]]
+            v = fit.trajectory.at(float(events.t[k] + _beside(events, k)[0])).v
+            speed = [float(np.nan_to_num(np.linalg.norm(v[ids.index(ball)]), nan=np.inf)) for ball in pair]
+            return pair[int(np.argmax(speed))]
     moving = np.flatnonzero(fit.moving.any(axis=0))
-    if not len(moving):
-        return None
     started = [int(np.argmax(fit.moving[:, k])) for k in moving]
     first = [int(k) for k, row in zip(moving, started, strict=True) if row == min(started)]
     cue = [k for k in first if tracks.kinds[k] in CUE_KINDS]
-    return tracks.ids[(cue or first)[0]]
+    return tracks.ids[(cue or first)[0]] if first else None
 
 
 def _story(
@@ -85,7 +94,9 @@ def _story(
     events = fit.events
     own = [k for k in likely if start <= events.t[k] < end and ball in (events.a[k], events.b[k]) and k != strike]
     touch = next((k for k in own if events.kind[k] == "ball"), None)
-    struck = "" if strike is None else f" It was struck at {event_time(events, strike)}{_left_at(events, strike)}."
+    struck = (
+        f" {UNSEEN}" if strike is None else f" It was struck at {event_time(events, strike)}{_left_at(events, strike)}."
+    )
     if touch is None:
         then = _told_after(fit, tracks, ball, own, start, end)
         when = "-" if strike is None else f"{event_time(events, strike)} (the stroke)"
@@ -126,11 +137,10 @@ def _stroke_speed(events: Events, k: int | None) -> str:
 def _speeds(fit: Fit, ball: str, other: str, touch: int) -> str:
     """How fast they closed, and how fast the ball came and the other left."""
     events, ids = fit.events, fit.trajectory.ids
-    t = float(events.t[touch])
-    before, after = fit.trajectory.at(np.array([t - JUST, t + JUST])).v, fit.trajectory.at(t - JUST).sigma_v
-    came = float(np.linalg.norm(before[0, ids.index(ball)]))
-    sigma = float(after[ids.index(ball)])
-    left = float(np.linalg.norm(before[1, ids.index(other)])) if other in ids else float("nan")
+    before, after = (fit.trajectory.at(float(t)) for t in events.t[touch] + _beside(events, touch))
+    came = float(np.linalg.norm(before.v[ids.index(ball)]))
+    sigma = float(before.sigma_v[ids.index(ball)])
+    left = float(np.linalg.norm(after.v[ids.index(other)])) if other in ids else float("nan")
     parts = []
     if np.isfinite(events.speed[touch]):
         parts.append(f"They closed at {events.speed[touch]:.2f} m/s along the line of their centres")
@@ -141,17 +151,26 @@ def _speeds(fit: Fit, ball: str, other: str, touch: int) -> str:
     return "; ".join(parts) + "." if parts else "not known"
 
 
+def _beside(events: Events, k: int) -> Floats:
+    """s before and after event k at which it is sure that it is still to come, and over."""
+    return np.asarray(np.array([-1.0, 1.0]) * (JUST + 2 * events.t_sigma[k]), np.float64)
+
+
 def _way_on(fit: Fit, ball: str, touch: int, own: list[int], end: float) -> str:
     """Where the ball went, once it rolled or met the next thing."""
     events, ids = fit.events, fit.trajectory.ids
     t, k = float(events.t[touch]), ids.index(ball)
     ahead = [float(events.t[j]) for j in own if events.t[j] > t + JUST]
     look = min(t + SETTLED, *(ahead[:1] or [np.inf]), end) - JUST
-    known = fit.trajectory.at(np.array([t - JUST, t + JUST, look])).v[:, k]
+    before_and_after = t + _beside(events, touch)
+    look = max(look, float(before_and_after[1]))
+    known = fit.trajectory.at(np.append(before_and_after, look)).v[:, k]
     before, later = known[0], known[2]
-    if not np.isfinite(known).all():
-        return f"Where {ball} went is not known."
     speeds = np.linalg.norm(known, axis=1)
+    if not np.isfinite(speeds[1:]).all():
+        return f"Where {ball} went is not known."
+    if not speeds[0] > STANDS:
+        return f"{ball} went at {speeds[2]:.2f} m/s {look - t:.2f} s later; from where it came was not seen."
     if speeds[2] < STANDS:
         return f"{ball} stopped where it was ({speeds[2]:.2f} m/s {look - t:.2f} s later)."
     angle = _turn(before, later)

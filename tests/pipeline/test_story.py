@@ -109,8 +109,25 @@ def test_a_clip_that_begins_after_the_stroke_tells_of_the_cue_ball_that_moves() 
     late = Events(*(getattr(events, name)[1:] for name in ("kind", "t", "t_sigma", "frame", "a", "b", "xy",
                     "probability", "gap", "gap_sigma", "speed")))  # fmt: skip
     (story,) = tell(tracks, replace(fit, events=late))
-    assert story.first == "white hit red first."
+    assert story.first == "white hit red first. No stroke is seen in this clip: what came before it is not told."
     assert "after the stroke" not in story.when
+
+
+def test_of_two_that_meet_the_one_that_was_not_seen_before_is_the_one_that_came() -> None:
+    tracks, fit = played((0.0, 0.5))
+    motion = fit.trajectory
+    kept = [2, 3, 4]
+    unseen = Trajectory(
+        motion.ids, motion.ball[kept], motion.start[kept], motion.end[kept], motion.position[kept], motion.spin[kept],
+        tuple(motion.phase[k] for k in kept), motion.covariance[kept],
+    )  # fmt: skip
+    events = fit.events
+    late = Events(*(getattr(events, name)[1:] for name in ("kind", "t", "t_sigma", "frame", "a", "b", "xy",
+                    "probability", "gap", "gap_sigma", "speed")))  # fmt: skip
+    (story,) = tell(tracks, replace(fit, events=late, trajectory=unseen))
+    assert story.first.startswith("white hit red first.")
+    assert "white came at" not in story.speed
+    assert "white went at 0.50 m/s 0.40 s later; from where it came was not seen." in story.after
 
 
 def test_where_nothing_moves_there_is_no_story() -> None:
