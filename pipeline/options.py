@@ -8,6 +8,7 @@ import math
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -82,6 +83,7 @@ def run_settings() -> dict[str, Setting]:
     return settings
 
 
+@cache
 def field_docstrings(kind: type) -> dict[str, str]:
     """The string under each field of a dataclass: what it means and its unit."""
     body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
