@@ -114,7 +114,7 @@ def test_a_constraint_network_finds_the_length_of_a_rigid_pendulum() -> None:
 
 
 def test_a_taught_constraint_network_halves_what_lines_miss_of_a_rigid_pendulum() -> None:
-    """Lessons are stretches of other swings of the same length. Measured: see the last line."""
+    """Lessons are other parts of the same circle. Measured: 79 times lower here, 3.6 and 214 with other starts."""
 
     def lessons(seconds: float, seed: int) -> Floats:
         begin = np.random.default_rng(seed).uniform(0, 1, 512)[:, None]
