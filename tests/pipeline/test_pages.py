@@ -22,7 +22,7 @@ from pipeline.batch.summary import as_page
 from pipeline.gap_page import write_gap_page
 from pipeline.report import ReportFiles, write_report
 from pipeline.thesis.page import write_results
-from pipeline.thesis.plan import Plan
+from pipeline.thesis.plan import Depth, Plan
 from pipeline.thesis.series import Case
 from pipeline.thesis.trials import Trial
 
@@ -145,7 +145,7 @@ def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         Trial(case, name, mse, 1.0, 1.0, 1.0, 0, "", np.linspace(0, 1, 4), np.full(4, mse), np.zeros(0))
         for name, mse in (("linear", 4.0), ("cubic", 1.0))
     ]
-    write_results(Plan(("double-pendulum",), (0,), True), trials, 2, folder)
+    write_results(Plan(("double-pendulum",), (0,), Depth.QUICK), trials, 2, folder)
     return {name: folder / f"{name}.html" for name in ("gap", "summary", "reproduce")}
 
 
