@@ -67,6 +67,7 @@ class Setting:
         return "--" + self.name.replace("_", "-")
 
 
+@cache
 def run_settings() -> dict[str, Setting]:
     """Every field of every stage's options by name; a name that several stages share is one setting."""
     settings: dict[str, Setting] = {}
@@ -83,7 +84,6 @@ def run_settings() -> dict[str, Setting]:
     return settings
 
 
-@cache
 def field_docstrings(kind: type) -> dict[str, str]:
     """The string under each field of a dataclass: what it means and its unit."""
     body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
