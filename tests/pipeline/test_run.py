@@ -221,7 +221,7 @@ def test_one_bad_clip_stops_no_batch_and_a_second_batch_resumes(home: Home) -> N
     for name in ("deeper/same.mov", "start.mp4"):
         assert {path.name for path in (home.folder / rows[name]["folder"]).iterdir()} == FILES
     left = {path.name for path in (home.folder / "many").iterdir()}
-    assert left == {"summary.csv", "deeper", "start"}
+    assert left == {"summary.csv", "summary.parquet", "summary.html", "deeper", "start"}
 
 
 @pytest.mark.parametrize(
