@@ -30,6 +30,8 @@ MOST = 3
 """effects missing at once."""
 _ONLY_TOGETHER = 1.5
 """times what the best single effect promises, from which two are tried at once; 20 more are beyond chance."""
+_CLEAR = 50.0
+"""chi2 from which a hypothesis explains something."""
 _HOPELESS = 0.25
 """share of what the best hypothesis explains that another one must explain at a glance to be fitted to the end."""
 _REFUTED = 40.0
@@ -161,14 +163,16 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
 
 
 def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
-    """The best hypothesis of one effect more, where that one is needed."""
+    """The best hypothesis of one effect more, where that one is needed; else the best pair tried: of two effects that
+    do as much, neither alone explains more than it leaves."""
     for names in _proposals(state, now):
         _try(state, names, now)
-    more = [one for one in state.tried.values() if one.size == now.size + 1]
-    better = max(more, key=state.weigh, default=now)
-    if not more or state.total(now.size + 1) <= state.total(now.size) or not needed(state, better):
-        return None
-    return better
+    for size in (now.size + 1, now.size + 2):
+        more = [one for one in state.tried.values() if one.size == size]
+        better = max(more, key=state.weigh, default=now)
+        if more and state.total(size) > state.total(now.size) and needed(state, better):
+            return better
+    return None
 
 
 def adopted(state: Search) -> Hypothesis:
@@ -185,19 +189,19 @@ def needed(state: Search, one: Hypothesis) -> bool:
     """Whether leaving out any of its effects costs more than chance among as many choices explains, and not less than
     what stays unexplained: a small effect beside a large misfit only stands in for it."""
     return all(
-        chance(state, one, name) < SIGNIFICANT
-        and _without(state, one, name).cost - one.fitted.cost >= one.fitted.excess
+        chance(state, one, name) < SIGNIFICANT and lacking(state, one, name).cost - one.fitted.cost >= one.fitted.excess
         for name in one.names
     )
 
 
-def _without(state: Search, one: Hypothesis, name: str) -> Fitted:
+def lacking(state: Search, one: Hypothesis, name: str) -> Fitted:
+    """The fit of a hypothesis that lacks one of its effects."""
     return _try(state, one.names - {name}, one).fitted
 
 
 def chance(state: Search, one: Hypothesis, name: str) -> float:
     """Probability that adding the best of all choices to the others gains as much without cause (Sidak 1967)."""
-    without = _without(state, one, name)
+    without = lacking(state, one, name)
     gain = (without.cost - one.fitted.cost) / max(one.fitted.lack, 1.0)
     more = max(int(one.fitted.free.sum() - without.free.sum()), 1)
     single = float(chi2.sf(max(gain, 0.0), more))
@@ -260,15 +264,17 @@ def _starting_from(
     best = min(one.fitted.cost for one in state.tried.values())
     for forms in _forms(question, names):
         found = fit(question, near.fitted.pieces, effects, forms, guess, near.fitted.starts, GLANCE)
+        holds = near.names <= names and forms == near.fitted.forms
+        if holds and found.cost > near.fitted.cost:  # a long step took some windows to wrong paths
+            found = fit(question, found.pieces, effects, forms, near.fitted.shared, near.fitted.starts, GLANCE)
         yield found
-        if near.fitted.cost - found.cost < _HOPELESS * (near.fitted.cost - best):
+        explained = near.fitted.cost - best
+        if explained > _CLEAR and near.fitted.cost - found.cost < _HOPELESS * explained:
             continue
         found = fit(question, found.pieces, effects, forms, found.shared, found.starts)
         yield found
-        if found.cost > near.fitted.cost:  # a long step took some windows to wrong paths
+        if found.cost > near.fitted.cost:
             yield sought_anew(question, found)
-            if near.names <= names and forms == near.fitted.forms:
-                yield fit(question, near.fitted.pieces, effects, forms, near.fitted.shared, near.fitted.starts)
 
 
 def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
