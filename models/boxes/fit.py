@@ -114,18 +114,24 @@ def fit_boxes(t: Floats, x: Floats, body: Ints | None = None, sigma: float | Non
 def _least_surprise(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> tuple[World, float]:
     """The world that surprises least, number after number: down a parabola through three tries."""
     worlds = guessed(bodies, t, places, sigma)
-    part = _busy(places, bodies)
-    steps = steps_for(bodies, worlds[0], t[part], places[part])
+    busy = _busy(places, bodies)
+    steps = steps_for(bodies, worlds[0], t[busy], places[busy])
     known: dict[tuple[float, ...], float] = {}
+
+    def surprise(world: World, part: slice) -> float:
+        course = follow(Follower(bodies, world, steps), t[part], places[part], sigma, SEARCH_PASSES)
+        # the first interval has no velocities from before
+        return _mean_length(course.surprise[1:], bodies)
+
+    # over a short time drag looks like falling: which of them it is, all samples tell
+    world = min(worlds, key=lambda one: surprise(one, slice(None))) if len(worlds) > 1 else worlds[0]
+    part = busy if world.gravity.any() else slice(None)  # what slows bodies seen from above acts all the time
 
     def cost(world: World) -> float:
         if (key := world.key) not in known:
-            course = follow(Follower(bodies, world, steps), t[part], places[part], sigma, SEARCH_PASSES)
-            # the first interval has no velocities from before
-            known[key] = _mean_length(course.surprise[1:], bodies)
+            known[key] = surprise(world, part)
         return known[key]
 
-    world = min(worlds, key=cost)
     least = cost(world)
     seen = float(np.linalg.norm(world.gravity)) * KNOWN > bend_error(t, sigma)
     for number in range(ROUNDS):
