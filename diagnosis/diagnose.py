@@ -19,7 +19,7 @@ from diagnosis.split import Split, split_shots
 from diagnosis.unknown import MOSTLY, Doubt, doubt, lawful
 from diagnosis.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
 from diagnosis.where import places, shape
-from diagnosis.which import Hypothesis, Search, adopted, search
+from diagnosis.which import Hypothesis, Search, adopted, lacking, search
 from models.gap_scene import Floats, GapScene, Recording
 
 _MIDDLING = 0.674
@@ -161,9 +161,7 @@ def _confirmed(
     while second and best.size > 1:
         whole = _alone(question, first, best.fitted)
         gains = {
-            name: _gain(
-                question, best.fitted, second, _alone(question, first, state.tried[best.names - {name}].fitted), whole
-            )
+            name: _gain(question, best.fitted, second, _alone(question, first, lacking(state, best, name)), whole)
             for name in best.names
         }
         least = min(sorted(gains), key=lambda name: gains[name])
@@ -214,13 +212,13 @@ def _verdict(study: Study) -> tuple[Verdict, dict[str, tuple[str, ...]], str]:
     question, best = study.question, study.best
     groups, film = {}, ""
     for name in best.names:
-        without = study.state.tried[best.names - {name}]
-        told = look(question, without.fitted).told
-        found = signatures(question, told, without.fitted.free, best.fitted.lack)
+        without = lacking(study.state, best, name)
+        told = look(question, without).told
+        found = signatures(question, told, without.free, best.fitted.lack)
         groups[name] = group_of(study.state, best, name, found)
         if len(groups[name]) > 1 and not film:
-            rest = residuals(question, without.fitted, look(question, without.fitted), np.random.default_rng(0))
-            film = film_next(question, told, rest, without.fitted.free, groups[name])
+            rest = residuals(question, without, look(question, without), np.random.default_rng(0))
+            film = film_next(question, told, rest, without.free, groups[name])
     if study.doubt.unknown:
         return "unknown", groups, film
     if not best.names:
