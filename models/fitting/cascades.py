@@ -99,7 +99,7 @@ def with_hits(story: Story, friction: Friction, data: Data, owner: Ints, hits: l
     for ball in sorted({hit.a for hit in hits} | {hit.b for hit in hits}):
         mine = [hit for hit in hits if ball in (hit.a, hit.b)]
         loose = loose_break(story, ball, mine[-1].t, slack)
-        k = _span_before(story, ball, mine[0].t) if loose is None else story.contacts[loose].before[0]
+        k = span_before(story, ball, mine[0].t) if loose is None else story.contacts[loose].before[0]
         cuts = mine if loose is None else mine[:-1]
         end = story.finish(k) if loose is None else mine[-1].t  # a loose change of velocity moves to where it belongs
         if any(not story.begin(k) + SHORTEST < hit.t < end for hit in cuts):
@@ -143,7 +143,8 @@ def loose_break(story: Story, ball: int, t: float, slack: float) -> int | None:
     return min(near)[1] if near else None
 
 
-def _span_before(story: Story, ball: int, t: float) -> int:
+def span_before(story: Story, ball: int, t: float) -> int:
+    """The span of a ball that runs at t, s, or the first one."""
     spans = story.of_ball(ball)
     return next((k for k in reversed(spans) if story.begin(k) <= t), spans[0])
 
@@ -151,7 +152,7 @@ def _span_before(story: Story, ball: int, t: float) -> int:
 def _coming(story: Story, ball: int, t: float, slack: float) -> int:
     """The span in which a ball comes to a meeting at t, s."""
     loose = loose_break(story, ball, t, slack)
-    return _span_before(story, ball, t) if loose is None else story.contacts[loose].before[0]
+    return span_before(story, ball, t) if loose is None else story.contacts[loose].before[0]
 
 
 def _shortened(story: Story, data: Data, owner: Ints, k: int, t: float) -> Story:

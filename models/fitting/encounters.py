@@ -8,13 +8,13 @@ or another one, becomes part of the contact.
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.billiards.motion import kinematics
-from models.fitting.cascades import SLOW, Hit, cascade, loose_break, with_hits
+from models.fitting.cascades import SHORTEST, SLOW, Hit, cascade, loose_break, with_hits
 from models.fitting.contacts import INWARD, NEAR_BALL
 from models.fitting.refinement import refine
 from models.fitting.solution import Data, Solution, end_state, owners, residuals
@@ -29,8 +29,16 @@ STEP = 2e-3
 NEAR_IN_TIME = 1.2
 """picture intervals: a change of velocity so near to a touch may be its effect."""
 ITERATIONS = 12
-Answers = dict[tuple[Hashable, ...], float]
-"""What is known already: chi2 gained, by what was asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """What is known already, by what was asked."""
+
+    gains: dict[tuple[Hashable, ...], float] = field(default_factory=dict)
+    """chi2 that contacts of a story improve."""
+    trials: dict[tuple[Hashable, ...], tuple[float, Story]] = field(default_factory=dict)
+    """chi2 that contacts more would gain, all prices paid, and the spans that they change, refined by themselves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,25 +51,27 @@ class Pass:
 
 
 @dataclass(frozen=True, slots=True)
-class _Trial:
+class Encounter:
     """Contacts more, and how much the spans that they change gain in chi2, all prices paid."""
 
     hits: list[Hit]
     gain: float
     spans: frozenset[int]
+    """Which of the story they change."""
+    part: Story
+    """These, in order, and the new ones, refined by themselves."""
 
 
-def with_encounters(
+def encounters(
     solution: Solution, data: Data, table: Table, tolls: tuple[float, float], asked: Answers,
     fresh: frozenset[int] | None = None,
-) -> tuple[Story, frozenset[int]]:  # fmt: skip
-    """The story with the contacts of balls that pay for themselves, and the spans that changed.
+) -> list[Encounter]:  # fmt: skip
+    """Contacts of balls that pay for themselves where they happen, the best first.
 
     `tolls` are the prices of contacts with a cause and without; `asked` keeps what was tried, so that it is not tried
     again while nothing changes. Only passes of `fresh` spans are tried where these are given.
     """
-    interval = float(np.median(np.diff(np.unique(data.t))))
-    owner = owners(solution.story, data)
+    interval, owner = interval_of(data), owners(solution.story, data)
     alone: dict[frozenset[int], float] = {}
     trials = []
     slack = NEAR_IN_TIME * interval
@@ -71,20 +81,43 @@ def with_encounters(
             trial = None if met is None else _tried(solution, data, owner, table, met, hits, tolls, alone, asked, fresh)
             if trial is not None and trial.gain > 0:
                 trials.append(trial)
-    story, touched = solution.story, frozenset[int]()
-    for trial in sorted(trials, key=lambda trial: -trial.gain):
-        if trial.spans & touched:
+    return sorted(trials, key=lambda trial: -trial.gain)
+
+
+def with_encounters(
+    solution: Solution, data: Data, chosen: list[Encounter], slack: float
+) -> tuple[Story, frozenset[int]]:
+    """The story with these contacts, as far as none disturbs a better one, and the spans that changed."""
+    story, touched, owner = solution.story, frozenset[int](), owners(solution.story, data)
+    for one in chosen:
+        if one.spans & touched:
             continue
-        met = with_hits(story, solution.friction, data, owner, trial.hits, slack)
+        met = with_hits(story, solution.friction, data, owner, one.hits, slack)
         if met is not None:
-            touched |= trial.spans | frozenset(range(len(story.spans), len(met.spans)))
-            story = met
+            new = range(len(story.spans), len(met.spans))
+            touched |= one.spans | frozenset(new)
+            story = _as_refined(met, one.part, [*sorted(one.spans), *new])
     return story.with_pushes(), touched
+
+
+def _as_refined(story: Story, part: Story, spans: list[int]) -> Story:
+    """The story with states and times of a refined part of it, which are its `spans`; as it is if they do not fit."""
+    states, contacts = list(story.spans), list(story.contacts)
+    for k, refined in zip(spans, part.spans, strict=True):
+        if states[k].static == refined.static:
+            states[k] = replace(states[k], state=refined.state)
+    for contact in part.contacts:
+        number = states[spans[contact.before[0]]].end
+        if number is not None:
+            contacts[number] = replace(contacts[number], t=contact.t)
+    fresh = Story(tuple(states), tuple(contacts))
+    lasts = all(fresh.finish(k) > fresh.begin(k) + SHORTEST for k in range(len(states)))
+    return fresh if lasts else story
 
 
 def near_passes(solution: Solution, data: Data, table: Table) -> list[Pass]:
     """Where two balls, one of them in motion, come within reach and no contact of the two is told."""
-    story, interval = solution.story, float(np.median(np.diff(np.unique(data.t))))
+    story, interval = solution.story, interval_of(data)
     balls = np.unique(data.ball)
     t = np.arange(float(data.t.min()), float(data.t.max()), STEP)
     miss = residuals(solution, data)
@@ -140,7 +173,7 @@ def closing_speed(solution: Solution, contact: Contact) -> float:
 def _tried(
     solution: Solution, data: Data, owner: Ints, table: Table, met: Story, hits: list[Hit],
     tolls: tuple[float, float], alone: dict[frozenset[int], float], asked: Answers, fresh: frozenset[int] | None,
-) -> _Trial | None:  # fmt: skip
+) -> Encounter | None:  # fmt: skip
     """What a story gains over that of the solution where they differ; None where only old spans are concerned."""
     story = solution.story
     new = frozenset(range(len(story.spans), len(met.spans)))
@@ -151,21 +184,29 @@ def _tried(
     if not rows.any() or (fresh is not None and not region & fresh):
         return None
     question = (len(hits), *met.told(sorted(region | new)))
-    if question not in asked:
+    if question not in asked.trials:
         local = Data(data.ball[rows], data.t[rows], data.xy[rows], data.whiten[rows])
         if region not in alone:
-            alone[region] = _cost(solution, story, sorted(region), local, table, tolls)
-        asked[question] = alone[region] - _cost(solution, met, sorted(region | new), local, table, tolls)
-    return _Trial(hits, asked[question], region)
+            alone[region] = total_cost(_refined(solution, story, sorted(region), local, table), tolls)
+        part = _refined(solution, met, sorted(region | new), local, table)
+        asked.trials[question] = alone[region] - total_cost(part, tolls), part.story
+    return Encounter(hits, asked.trials[question][0], region, asked.trials[question][1])
 
 
-def _cost(
-    solution: Solution, story: Story, spans: list[int], local: Data, table: Table, tolls: tuple[float, float]
-) -> float:
-    """chi2 of some spans, refined by themselves, and the prices of the contacts among them."""
-    part = refine(story.part(spans), local, table, iterations=ITERATIONS, start=solution)
-    dear = sum(doubtful(part, c) for c in part.story.contacts)
-    return part.chi2 + dear * tolls[1] + (len(part.story.contacts) - dear) * tolls[0]
+def _refined(solution: Solution, story: Story, spans: list[int], local: Data, table: Table) -> Solution:
+    """Some spans of a story and the contacts among them, refined by themselves."""
+    return refine(story.part(spans), local, table, iterations=ITERATIONS, start=solution)
+
+
+def total_cost(solution: Solution, tolls: tuple[float, float]) -> float:
+    """chi2 of a solution and the prices of its contacts."""
+    dear = sum(doubtful(solution, c) for c in solution.story.contacts)
+    return solution.chi2 + dear * tolls[1] + (len(solution.story.contacts) - dear) * tolls[0]
+
+
+def interval_of(data: Data) -> float:
+    """s between two pictures."""
+    return float(np.median(np.diff(np.unique(data.t))))
 
 
 def _path(solution: Solution, data: Data, miss: Floats, ball: int, t: Floats) -> tuple[Floats, NDArray[np.bool_]]:

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from models.billiards.motion import STATE, Friction, kinematics, rest_time, slide_time
 from models.events import Events
-from models.fitting.contacts import CUE_KINDS, INWARD, cushion_distances
+from models.fitting.cascades import span_before, state_at
+from models.fitting.contacts import CUE_KINDS, INWARD, NEAR_BALL, cushion_distances
 from models.fitting.paths import state_covariance
 from models.fitting.solution import Layout, Solution, end_state, layout
-from models.fitting.story import Contact
+from models.fitting.story import Contact, Story
 from models.scene import CUSHIONS, POCKETS, Table
 from models.tracks import Tracks
 
@@ -31,6 +32,10 @@ _LONGEST = 0.5
 """s: a rest less certain is no event."""
 _SHORTEST = 0.01
 """m: a ball that rested, and moved less by itself, has not come to rest: it jittered."""
+_CLEAR = 0.3
+"""m/s: so fast a ball comes to one that it surely meets where it turns."""
+_MET_SIGMA = 0.01
+"""m: how well the place of such a contact is known."""
 _NUDGE = 0.5
 """ball radii: an object ball that seems to move less by itself was only seen badly."""
 _BLIND = 0.02
@@ -179,7 +184,7 @@ def _contact(
     if contact.kind == "jump":
         return []
     if contact.kind == "free":
-        return _stopped(solution, plan, number, contact, ids)
+        return _met(solution, plan, number, contact, tracks, table) + _stopped(solution, plan, number, contact, ids)
     spans = solution.story.spans
     balls = [spans[k].ball for k in contact.before]
     around = chi2[[*contact.before, *contact.after]]
@@ -222,6 +227,36 @@ def _contact(
         Happening("ball", contact.t, sigma, ids[balls[0]], ids[balls[1]], after[0][:2], likely, gap, gap_sigma, speed)
     ]
     return found + _stopped(solution, plan, number, contact, ids)
+
+
+def _met(
+    solution: Solution, plan: Layout, number: int, contact: Contact, tracks: Tracks, table: Table
+) -> list[Happening]:
+    """The contact with a ball that lies where another one turns, though no law explains how the two share it.
+
+    So a cue ball meets a rack: what it gives has gone on to the next ones before a picture shows it.
+    """
+    story, ids = solution.story, tracks.ids
+    ball, coming = story.spans[contact.before[0]].ball, end_state(solution, contact.before[0])
+    found: list[tuple[float, int, float]] = []
+    for other in {span.ball for span in story.spans} - {ball}:
+        there = state_at(story, solution.friction, span_before(story, other, contact.t), contact.t)
+        apart = there[:2] - coming[:2]
+        distance = float(np.hypot(*apart))
+        closing = float((coming[2:4] - there[2:4]) @ apart) / max(distance, 1e-9)
+        miss = abs(distance / table.ball_radius - 2)
+        if miss < NEAR_BALL and closing > _CLEAR:
+            found.append((miss, other, closing))
+    if not found or any(c.kind == "ball" and _of(story, c) == {ball, min(found)[1]} for c in story.contacts
+                        if abs(c.t - contact.t) < float(np.median(np.diff(tracks.t)))):  # fmt: skip
+        return []
+    _, other, closing = min(found)
+    sigma = max(float(np.sqrt(solution.covariance[(plan.contact + number,) * 2])), _MET_SIGMA / closing)
+    return [Happening("ball", contact.t, sigma, ids[ball], ids[other], coming[:2], 0.7, speed=closing)]
+
+
+def _of(story: Story, contact: Contact) -> set[int]:
+    return {story.spans[k].ball for k in contact.before}
 
 
 def _hitter(solution: Solution, contact: Contact, tracks: Tracks, table: Table) -> int | None:

@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 
 from models.billiards.motion import kinematics
 from models.fitting.cascades import SLOW
-from models.fitting.encounters import Answers, doubtful, with_encounters
+from models.fitting.encounters import (
+    NEAR_IN_TIME,
+    Answers,
+    Encounter,
+    doubtful,
+    encounters,
+    interval_of,
+    total_cost,
+    with_encounters,
+)
 from models.fitting.rebounds import doubled, inserted, renamed
 from models.fitting.refinement import refine
 from models.fitting.solution import Data, Solution, end_state, owners
@@ -24,13 +33,15 @@ NEAR_THE_END = 0.03
 """s: a touch so shortly before a change of velocity is its cause."""
 CERTAIN = 3000.0
 """chi2: a contact that improves so much is not questioned again."""
+GRACE = 3.0
+"""prices that the whole clip may lose by second thoughts about single contacts, until needless ones are removed."""
 MOST_ENCOUNTERS = 6
 """in a row: one contact often shows the next."""
 
 
 def revise(solution: Solution, data: Data, table: Table, price: float, dear: float, rounds: int = 3) -> Solution:
     """The solution after misnamed contacts are renamed, missed ones inserted and needless ones removed."""
-    asked: Answers = {}
+    asked = Answers()
     for _ in range(rounds):
         solution = _acquainted(solution, data, table, price, dear, asked)
         story = renamed(solution, table)
@@ -38,52 +49,106 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
         story = _vanished(solution, story, data, table)
         story = doubled(solution, story, table)
         story = inserted(solution, story, data, table)
-        changed = story is not solution.story
-        if changed:
-            solution = refine(story, data, table, start=solution)
+        before, solution = solution, _reconsidered(solution, story, data, table, (price, dear))
+        changed = solution is not before
         gains = _gains(solution, data, table, asked)
-        pruned = prune(solution, gains, price, dear)
-        if len(pruned.contacts) < len(gains):
-            solution = refine(pruned, data, table, start=solution)
-        else:
-            solution = replace(solution, story=pruned)
-            if not changed:
-                break
+        fewer = _pruned(solution, gains, data, table, (price, dear))
+        done = len(fewer.story.contacts) == len(gains) and not changed
+        solution = fewer
+        if done:
+            break
     return solution
+
+
+def _reconsidered(solution: Solution, story: Story, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
+    """The solution of a changed story; the old one where the whole clip contradicts."""
+    if story is solution.story:
+        return solution
+    tried = refine(story, data, table, start=solution)
+    pays = total_cost(tried, tolls) < total_cost(solution, tolls) + GRACE * tolls[0]
+    return tried if pays else solution
 
 
 def _acquainted(solution: Solution, data: Data, table: Table, price: float, dear: float, asked: Answers) -> Solution:
     """The solution with the contacts of passing balls, as long as new ones come up."""
     fresh: frozenset[int] | None = None
     for _ in range(MOST_ENCOUNTERS):
-        story, fresh = with_encounters(solution, data, table, (price, dear), asked, fresh)
+        found = encounters(solution, data, table, (price, dear), asked, fresh)
+        solution, fresh = _with_those_that_pay(solution, found, data, table, (price, dear))
         if not fresh:
             break
-        solution = refine(story, data, table, start=solution)
     return solution
+
+
+def _with_those_that_pay(
+    solution: Solution, found: list[Encounter], data: Data, table: Table, tolls: tuple[float, float]
+) -> tuple[Solution, frozenset[int]]:
+    """The solution with those encounters that the whole clip pays for, and the spans that changed.
+
+    Where all together do not pay, half of them are tried, then the others: what is right around a contact alone may
+    be wrong for what comes before or after.
+    """
+    if not found:
+        return solution, frozenset()
+    story, touched = with_encounters(solution, data, found, NEAR_IN_TIME * interval_of(data))
+    if not touched:
+        return solution, touched
+    tried = refine(story, data, table, start=solution)
+    if total_cost(tried, tolls) < total_cost(solution, tolls):
+        return tried, touched
+    if len(found) == 1:
+        return solution, frozenset()
+    half = len(found) // 2
+    solution, one = _with_those_that_pay(solution, found[:half], data, table, tolls)
+    rest = [other for other in found[half:] if not other.spans & one]
+    solution, two = _with_those_that_pay(solution, rest, data, table, tolls)
+    return solution, one | two
 
 
 def without_doubts(solution: Solution, data: Data, table: Table, dear: float) -> Solution:
     """The solution without contacts that have no cause and improve less than `dear`; nothing else is reconsidered."""
-    story = prune(solution, _gains(solution, data, table, {}), 0.0, dear)
+    gains = _gains(solution, data, table, Answers())
+    story = _without(_with_gains(solution.story, gains), _needless(solution, gains, (0.0, dear)))
     return refine(story, data, table, iterations=10, start=solution)
 
 
-def prune(solution: Solution, gains: Floats, price: float, dear: float) -> Story:
-    """The story without contacts that the samples do not ask for; `gains` (C,) are kept in the others."""
-    story = solution.story
-    tolls = np.array([dear if doubtful(solution, c) else price for c in story.contacts])
-    revised = Story(story.spans, tuple(replace(c, gain=float(g)) for c, g in zip(story.contacts, gains, strict=True)))
+def _pruned(solution: Solution, gains: Floats, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
+    """The solution without contacts that the samples do not ask for; `gains` (C,) are kept in the others.
+
+    Where the whole clip misses them, the more needed half of them stays, and so on.
+    """
+    gone = _needless(solution, gains, tolls)
+    kept = replace(solution, story=_with_gains(solution.story, gains).with_pushes())
+    while gone:
+        fewer = refine(_without(kept.story, gone), data, table, start=solution)
+        if total_cost(fewer, tolls) < total_cost(solution, tolls):
+            return fewer
+        gone = gone[: len(gone) // 2]
+    return kept
+
+
+def _needless(solution: Solution, gains: Floats, tolls: tuple[float, float]) -> list[int]:
+    """Contacts that gain less than they cost, the most needless first; no two of the same span."""
+    contacts = solution.story.contacts
+    price = np.array([tolls[doubtful(solution, c)] for c in contacts])
     touched: set[int] = set()
     gone = []
-    for k in (int(k) for k in np.argsort(gains) if gains[k] < tolls[k]):
-        around = {*story.contacts[k].before, *story.contacts[k].after}
+    for k in (int(k) for k in np.argsort(gains) if gains[k] < price[k]):
+        around = {*contacts[k].before, *contacts[k].after}
         if not touched & around:  # neighbours wait: without this one they may be needed
             touched |= around
             gone.append(k)
-    for k in sorted(gone, reverse=True):
-        revised = revised.without(k)
-    return revised.with_pushes()
+    return gone
+
+
+def _with_gains(story: Story, gains: Floats) -> Story:
+    return Story(story.spans, tuple(replace(c, gain=float(g)) for c, g in zip(story.contacts, gains, strict=True)))
+
+
+def _without(story: Story, contacts: list[int]) -> Story:
+    for k in sorted(contacts, reverse=True):
+        story = story.without(k)
+    return story.with_pushes()
 
 
 def _gains(solution: Solution, data: Data, table: Table, asked: Answers) -> Floats:
@@ -91,9 +156,9 @@ def _gains(solution: Solution, data: Data, table: Table, asked: Answers) -> Floa
     owner, story, gains = owners(solution.story, data), solution.story, []
     for number, contact in enumerate(story.contacts):
         question = (contact.kind, contact.cushion, *story.told((*contact.before, *contact.after)))
-        if question not in asked:
-            asked[question] = _gain(solution, data, owner, table, number)
-        gains.append(asked[question])
+        if question not in asked.gains:
+            asked.gains[question] = _gain(solution, data, owner, table, number)
+        gains.append(asked.gains[question])
     return np.array(gains)
 
 
@@ -137,7 +202,7 @@ def _paired(solution: Solution, story: Story, data: Data, table: Table) -> Story
     """Balls that start or turn without a cause while another one passes: they met."""
     if story is not solution.story:
         return story
-    interval = float(np.median(np.diff(np.unique(data.t))))
+    interval = interval_of(data)
     for number, contact in enumerate(story.contacts):
         if contact.kind == "strike":
             shorter = _without_double_start(story, data, number, interval) or _one_strike(
