@@ -34,3 +34,12 @@ class FitOptions:
     """a table profile that trueroll diagnose wrote (FILE): laws and numbers to start from, as with --laws."""
     moving_speed: float = 0.02
     """m/s above which a ball counts as moving."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForecastOptions:
+    """What is foretold beside what happened."""
+
+    fans: bool = False
+    """show in the recording where balls could have gone, foretold from a few moments of the shot. The first time on
+    a machine it takes a minute to compile."""

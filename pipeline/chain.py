@@ -69,7 +69,7 @@ def run_graph(clip: Path, options: RunOptions, shot: Shot | None = None) -> Grap
         *_stages_to_fit(clip, digest, options, shot),
         export_stage(options.detect),
         render_stage(options.render),
-        forecast_stage(),
+        forecast_stage(options.forecast),
         record_stage(RecordOptions(title)),
         report_stage(ReportOptions(title, options.render.slow, settings, options.detect)),
     )

@@ -16,15 +16,15 @@ import typer
 
 from detectors.options import DetectOptions
 from models.errors import OptionError
-from models.options import FitOptions, TrackOptions
+from models.options import FitOptions, ForecastOptions, TrackOptions
 from pipeline.stages.read import ReadOptions
 from video.options import CalibrateOptions, RenderOptions
 
 SMALLEST = math.ulp(0.0)
 """The least number above 0."""
 
-PARTS = ("read", "calibrate", "detect", "track", "fit", "render")
-EXPERT_PARTS = ("track", "fit")
+PARTS = ("read", "calibrate", "detect", "track", "fit", "render", "forecast")
+EXPERT_PARTS = ("track", "fit", "forecast")
 """Their options are for researchers: shown in a panel of their own."""
 
 
@@ -50,6 +50,7 @@ class RunOptions:
     track: TrackOptions = field(default_factory=TrackOptions)
     fit: FitOptions = field(default_factory=FitOptions)
     render: RenderOptions = field(default_factory=RenderOptions)
+    forecast: ForecastOptions = field(default_factory=ForecastOptions)
 
 
 @dataclass(frozen=True, slots=True)
