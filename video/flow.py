@@ -24,8 +24,8 @@ WINDOW = 5
 """px, of pictures half as large, over which the two ends of a way are compared."""
 PATCH_STRIDE, DESCENTS, REFINEMENTS = 4, 16, 1
 """Of the dense inverse search: half the work of OpenCV's medium preset, and as good on hands and cues."""
-LEAST_HALVED = 96
-"""px of the shorter side below which a picture is taken as it is."""
+SHRUNK_FROM = ((4, 288), (2, 96))
+"""By what the sides of a picture are divided, and from how many px of the shorter one on."""
 ALL_COLOURS = np.array([[0.5, 0.5, 0.5]], dtype=np.float32)
 """Differences of the three colours to one number: their mean is less than what the eye sees in one of them."""
 
@@ -67,13 +67,13 @@ class OpticalFlow:
     """
 
     def open(self, first: Picture, second: Picture) -> Between:
-        """Find both flows, once for all shares, in half the size: its fields are smooth."""
+        """Find both flows, once for all shares, in half the size or a quarter: its fields are smooth."""
         height, width = first.shape[:2]
-        shrink = 2 if min(height, width) >= LEAST_HALVED else 1
+        shrink = next((by for by, least in SHRUNK_FROM if min(height, width) >= least), 1)
         size = (-(-width // shrink), -(-height // shrink))
         small = tuple(_resized(picture, size) for picture in (first, second))
         grey = [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for picture in small]
-        there, back = (flow_between(a, b, finest=2 - shrink) for a, b in (grey, grey[::-1]))
+        there, back = (flow_between(a, b, finest=max(2 - shrink, 0)) for a, b in (grey, grey[::-1]))
         return _Opened(
             (first, second), (small[0], small[1]), there, back, _grid(height, width), _grid(*grey[0].shape)
         ).at

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
@@ -14,12 +15,14 @@ from models.fit import Fit
 from models.progress import Progress, silent
 from models.scene import Scene
 from models.tracks import Tracks
+from video.ahead import ahead
 from video.annotation import EIGHTFOLD, Annotation, annotate
 from video.clip import Clip, read_frames
 from video.drawn_balls import balls_at
 from video.inbetween import Scenery, open_interval, scenery_of
 from video.motion_marks import marks_of
 from video.options import RenderOptions
+from video.overlay import Balls
 from video.poster import render_poster
 from video.replays import chosen_marks, replay_times, replays
 from video.sightings import Sightings, sight
@@ -34,8 +37,21 @@ LEAST_RATE, MOST_RATE = Fraction(25), Fraction(60)
 """1/s, pictures per second of the finished video."""
 LEAD = 0.5
 """s of the shot kept before the first and after the last motion when still parts are trimmed."""
+AHEAD = 8
+"""Pictures that may wait to be drawn upon."""
 SNAP = 0.05
 """Share of the step between finished pictures within which a real picture is shown as it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """A picture of the slow motion before anything is drawn upon it, and the balls on it."""
+
+    t: float
+    picture: Picture
+    balls: Balls
+    plan: Floats
+    """(N, 2) m"""
 
 
 def render_slow_motion(
@@ -46,12 +62,14 @@ def render_slow_motion(
     path: Path,
     options: RenderOptions = EIGHTFOLD,
     progress: Progress = silent,
+    scenery: Scenery | None = None,
 ) -> float:
     """Write the annotated slow motion to `path` as H.264, at the clip's rate held within 25 to 60 pictures a second.
 
-    An umpire sees every contact once more afterwards. Returns the time of the clip, s, that its first picture shows.
+    An umpire sees every contact once more afterwards. `scenery` spares learning the table again where it is known.
+    Returns the time of the clip, s, that its first picture shows.
     """
-    scenery = scenery_of(sight(scene, tracks, fit), clip)
+    scenery = scenery or scenery_of(sight(scene, tracks, fit), clip)
     rate = min(max(clip.rate, LEAST_RATE), MOST_RATE)
     times = _times(scenery.sightings, rate, options)
     preset, crf = ("ultrafast", 26) if options.quick else ("veryfast", 20)
@@ -89,13 +107,20 @@ def _pictures(
     times: Floats,
     options: RenderOptions,
 ) -> Iterator[Picture]:
-    """The finished pictures in order, two real ones held at a time."""
+    """The finished pictures in order: made on one core, drawn upon on another."""
+    annotation: Annotation | None = None
+    for made in ahead(_made(clip, scenery, fit, times), AHEAD):
+        annotation = annotation or annotate(scenery.sightings, tracks, fit, made.picture, options.slow, options.style)
+        annotation.draw(made.picture, made.t, made.balls, made.plan)
+        yield made.picture
+
+
+def _made(clip: Clip, scenery: Scenery, fit: Fit, times: Floats) -> Iterator[_Made]:
+    """The pictures in order, two real ones held at a time."""
     sightings = scenery.sightings
     rows = np.minimum(np.searchsorted(sightings.t, times, side="right") - 1, max(len(sightings.t) - 2, 0))
-    annotation: Annotation | None = None
     before: Picture | None = None
     for row, (_, after) in enumerate(read_frames(clip, indices=sightings.frame), start=-1):
-        annotation = annotation or annotate(sightings, tracks, fit, after, options.slow, options.style)
         wanted = times[rows == row]
         if before is not None and len(wanted):
             interval = open_interval(sightings, scenery.plate, row, before, after, sharp=scenery.sharp)
@@ -103,7 +128,5 @@ def _pictures(
             ways = sightings.ways(wanted, sightings.exposure)
             for k, t in enumerate(wanted):
                 balls = balls_at(sightings, state, k, float(t))
-                picture = interval.at(float(t), balls.centre, ways[k])
-                annotation.draw(picture, float(t), balls, plan[k])
-                yield picture
+                yield _Made(float(t), interval.at(float(t), balls.centre, ways[k]), balls, plan[k])
         before = after

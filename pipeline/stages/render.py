@@ -18,10 +18,13 @@ def render_stage(options: RenderOptions) -> Stage:
 
 
 def _run(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
-    from video.poster import render_poster  # slow to import, and not needed while cached
+    from video.inbetween import scenery_of  # slow to import, and not needed while cached
+    from video.poster import render_poster
+    from video.sightings import sight
     from video.slowmotion import render_slow_motion
 
     shot = (inputs["read"], inputs["calibrate"], inputs["track"], inputs["fit"])
-    render_poster(*shot, folder / "poster.png", options)
-    start = render_slow_motion(*shot, folder / "slow.mp4", options, progress)
+    scenery = scenery_of(sight(*shot[1:]), inputs["read"])
+    render_poster(*shot, folder / "poster.png", options, scenery)
+    start = render_slow_motion(*shot, folder / "slow.mp4", options, progress, scenery)
     (folder / START).write_text(json.dumps(start), encoding="utf-8")

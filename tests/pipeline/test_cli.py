@@ -111,7 +111,7 @@ def test_a_bad_clip_is_one_line_and_leaves_nothing(trueroll: Terminal, name: str
         (("run", "x.mp4", "--detector", "magic"), "--detector"),
         (("batch", "nowhere"), "nowhere"),
         (("batch", "."), "holds none"),
-        (("view", "."), "recording.rrd"),
+        (("view", "."), "holds none"),
         (("view", "missing.rrd"), "missing.rrd"),
         (("graph", "-o", "graph.gif"), "svg"),
         (("cache", "--prune"), "--older-than"),
