@@ -102,7 +102,7 @@ def test_a_ball_that_reaches_a_pocket_falls(tmp_path: Path) -> None:
 
 def test_a_parameter_that_the_world_does_not_know_is_refused(tmp_path: Path) -> None:
     with pytest.raises(subprocess.CalledProcessError):
-        play(tmp_path, [{"x": 0.4, "y": 0.4, "vx": 1.0}], 0.1, {"air_drag": {"k": 1.0}})
+        play(tmp_path, [{"x": 0.4, "y": 0.4, "vx": 1.0}], 0.1, {"gravity_waves": {"k": 1.0}})
 
 
 def test_worlds_import_nothing_of_the_project() -> None:
