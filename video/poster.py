@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 
 from models.errors import ClipError
 from models.fit import Fit
-from models.scene import Scene
 from models.tracks import Tracks
 from video.annotation import EIGHTFOLD, MOST_WORDS, Annotation, annotate
 from video.clip import Clip, read_frames
-from video.inbetween import Scenery, plate_of
+from video.inbetween import Scenery
 from video.layout import Rect, covered_share, place_label
 from video.options import RenderOptions
 from video.overlay import Balls, Label, draw_disc, draw_ring, draw_trail
 from video.palette import FLASH, INK, WHITE
 from video.pasting import Layer, paste
 from video.plate import Plate
-from video.sightings import Sightings, sight
+from video.sightings import Sightings
 from video.sprites import Sprite, peel
 
 Floats = NDArray[np.float64]
@@ -39,20 +38,10 @@ MOST_TIMES = 8
 
 
 def render_poster(
-    clip: Clip,
-    scene: Scene,
-    tracks: Tracks,
-    fit: Fit,
-    path: Path,
-    options: RenderOptions = EIGHTFOLD,
-    scenery: Scenery | None = None,
+    clip: Clip, scenery: Scenery, tracks: Tracks, fit: Fit, path: Path, options: RenderOptions = EIGHTFOLD
 ) -> None:
-    """Write a PNG: the last picture with every ball along its way, as a stroboscope sees it, and its contacts.
-
-    `scenery` spares learning the table again where it is known.
-    """
-    sightings = sight(scene, tracks, fit) if scenery is None else scenery.sightings
-    plate = plate_of(sightings, clip) if scenery is None else scenery.plate
+    """Write a PNG: the last picture with every ball along its way, as a stroboscope sees it, and its contacts."""
+    sightings, plate = scenery.sightings, scenery.plate
     flashes = _flashes(sightings)
     rows = sorted({0, len(sightings.t) - 1, *(row for row, _ in flashes)})
     ghosts: list[tuple[Sprite, Floats]] = []

@@ -13,19 +13,18 @@ from numpy.typing import NDArray
 
 from models.fit import Fit
 from models.progress import Progress, silent
-from models.scene import Scene
 from models.tracks import Tracks
 from video.ahead import ahead
 from video.annotation import EIGHTFOLD, Annotation, annotate
 from video.clip import Clip, read_frames
 from video.drawn_balls import balls_at
-from video.inbetween import Scenery, open_interval, scenery_of
+from video.inbetween import Scenery, open_interval
 from video.motion_marks import marks_of
 from video.options import RenderOptions
 from video.overlay import Balls
 from video.poster import render_poster
 from video.replays import chosen_marks, replay_times, replays
-from video.sightings import Sightings, sight
+from video.sightings import Sightings
 from video.writer import VideoWriter
 
 __all__ = ["RenderOptions", "render_poster", "render_slow_motion"]
@@ -56,20 +55,17 @@ class _Made:
 
 def render_slow_motion(
     clip: Clip,
-    scene: Scene,
+    scenery: Scenery,
     tracks: Tracks,
     fit: Fit,
     path: Path,
     options: RenderOptions = EIGHTFOLD,
     progress: Progress = silent,
-    scenery: Scenery | None = None,
 ) -> float:
     """Write the annotated slow motion to `path` as H.264, at the clip's rate held within 25 to 60 pictures a second.
 
-    An umpire sees every contact once more afterwards. `scenery` spares learning the table again where it is known.
-    Returns the time of the clip, s, that its first picture shows.
+    An umpire sees every contact once more afterwards. Returns the time of the clip, s, that its first picture shows.
     """
-    scenery = scenery or scenery_of(sight(scene, tracks, fit), clip)
     rate = min(max(clip.rate, LEAST_RATE), MOST_RATE)
     times = _times(scenery.sightings, rate, options)
     preset, crf = ("ultrafast", 26) if options.quick else ("veryfast", 20)

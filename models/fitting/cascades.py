@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from models.billiards.motion import Friction, kinematics
 from models.fitting.solution import Data
-from models.fitting.story import Contact, Story
+from models.fitting.story import Contact, Story, after_merging
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -125,13 +125,8 @@ def with_hits(story: Story, friction: Friction, data: Data, owner: Ints, hits: l
             return None
         joined = Contact("ball", hit.t, (*first.before, *second.before), (*first.after, *second.after))
         story = story.merged(keep, drop, replace(joined, gain=first.gain + second.gain))
-        ends = {place: _moved(number, keep, drop) for place, number in ends.items()}
+        ends = {place: after_merging(number, keep, drop) for place, number in ends.items()}
     return story
-
-
-def _moved(number: int, keep: int, drop: int) -> int:
-    """Where a contact stands after `drop` became `keep`, which is before it."""
-    return keep if number == drop else number - (number > drop)
 
 
 def loose_break(story: Story, ball: int, t: float, slack: float) -> int | None:

@@ -130,7 +130,7 @@ def near_passes(solution: Solution, data: Data, table: Table) -> list[Pass]:
             moving = paths[a][1] | paths[b][1]
             apart = np.linalg.norm(paths[a][0] - paths[b][0], axis=1)
             within = np.nan_to_num(apart, nan=np.inf) < reach
-            told = [c.t for c in story.contacts if c.kind == "ball" and _balls(story, c) == {a, b}]
+            told = [c.t for c in story.contacts if c.kind == "ball" and story.balls_at(c) == {a, b}]
             for first, end in _runs(within):
                 rows = np.arange(first, end)[moving[first:end]]
                 moments = [float(t[rows[np.argmin(apart[rows])]])] if len(rows) else []
@@ -232,10 +232,6 @@ def _path(solution: Solution, data: Data, miss: Floats, ball: int, t: Floats) ->
 def _changes(story: Story, ball: int) -> list[float]:
     """s: when a ball changes its velocity for no cause that is another ball or a cushion."""
     return [c.t for c in story.contacts if c.kind in ("free", "strike") and story.spans[c.before[0]].ball == ball]
-
-
-def _balls(story: Story, contact: Contact) -> set[int]:
-    return {story.spans[k].ball for k in contact.before}
 
 
 def _runs(within: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -13,7 +13,7 @@ from models.fitting.cascades import span_before, state_at
 from models.fitting.contacts import CUE_KINDS, INWARD, NEAR_BALL, cushion_distances
 from models.fitting.paths import state_covariance
 from models.fitting.solution import Layout, Solution, end_state, layout
-from models.fitting.story import Contact, Story
+from models.fitting.story import Contact
 from models.scene import CUSHIONS, POCKETS, Table
 from models.tracks import Tracks
 
@@ -247,16 +247,15 @@ def _met(
         miss = abs(distance / table.ball_radius - 2)
         if miss < NEAR_BALL and closing > _CLEAR:
             found.append((miss, other, closing))
-    if not found or any(c.kind == "ball" and _of(story, c) == {ball, min(found)[1]} for c in story.contacts
-                        if abs(c.t - contact.t) < float(np.median(np.diff(tracks.t)))):  # fmt: skip
+    if not found:
         return []
     _, other, closing = min(found)
+    interval = float(np.median(np.diff(tracks.t)))
+    near = [c for c in story.contacts if c.kind == "ball" and abs(c.t - contact.t) < interval]
+    if any(story.balls_at(c) == {ball, other} for c in near):  # it is told already
+        return []
     sigma = max(float(np.sqrt(solution.covariance[(plan.contact + number,) * 2])), _MET_SIGMA / closing)
     return [Happening("ball", contact.t, sigma, ids[ball], ids[other], coming[:2], 0.7, speed=closing)]
-
-
-def _of(story: Story, contact: Contact) -> set[int]:
-    return {story.spans[k].ball for k in contact.before}
 
 
 def _hitter(solution: Solution, contact: Contact, tracks: Tracks, table: Table) -> int | None:

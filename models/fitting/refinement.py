@@ -25,11 +25,10 @@ from models.fitting.skeleton import (
     begins,
     finishes,
     numbers_of,
-    owners_among,
     skeleton_of,
     solution_with,
 )
-from models.fitting.solution import Data, Solution
+from models.fitting.solution import Data, Solution, owners_among
 from models.fitting.story import Story
 from models.scene import Table
 
@@ -245,7 +244,7 @@ def _linearise(bones: Skeleton, now: Numbers, data: Data, table: Table, frame: N
 def _observations(bones, now, ball, t, xy, whiten):  # type: ignore[no-untyped-def]
     """Whitened residuals (2K,), their derivatives (K, 2, 11) and their columns (K, 11), NONE where there is none."""
     begin = begins(bones, now.t)
-    owner = owners_among(bones, begin, ball, t)
+    owner = owners_among(bones.ball, begin, ball, t)
     residual, slope = np.empty(2 * len(t)), np.zeros((len(t), 2, STATE + 3))
     columns = np.full((len(t), STATE + 3), NONE)
     slid, ds, value, d = np.empty(7), np.empty((7, STATE + 3)), np.empty(6), np.zeros((6, STATE + 3))

@@ -256,7 +256,7 @@ def _hit_away(solution: Solution, resting: int, met: tuple[int, float]) -> Story
         )
         one, two = grown.contacts[-1], grown.contacts[end]
         hit = Contact("ball", t, (*one.before, *two.before), (*one.after, *two.after), gain=max(100.0, two.gain))
-        return _replaced(grown, end, len(grown.contacts) - 1, hit)
+        return grown.merged(end, len(grown.contacts) - 1, hit)
     states = (np.concatenate([place[:2], given, given, np.zeros(2)]), np.concatenate([moving, np.zeros(2)]))
     states[1][2:6] -= np.tile(given, 2)
     return story.split(Contact("ball", t, (resting, k), (), gain=100.0), states)
@@ -338,7 +338,7 @@ def _joined_contact(solution: Solution, number: int, met: tuple[int, float], tab
         if partner.kind not in ("free", "strike") or other == number:
             return story
         joined = Contact("ball", contact.t, (*contact.before, *partner.before), (*contact.after, *partner.after))
-        return _replaced(story, number, other, replace(joined, gain=contact.gain + partner.gain))
+        return story.merged(number, other, replace(joined, gain=contact.gain + partner.gain))
     at = kinematics(span.state[None], np.array([t - story.begin(k)]), solution.friction)[0]
     change = story.spans[contact.after[0]].state[2:4] - end_state(solution, contact.before[0])[2:4]
     after = np.concatenate([at, np.zeros(2)])
@@ -348,21 +348,4 @@ def _joined_contact(solution: Solution, number: int, met: tuple[int, float], tab
     last = len(grown.contacts) - 1
     fresh = grown.contacts[last]
     joined = Contact("ball", t, (*contact.before, *fresh.before), (*contact.after, *fresh.after), gain=contact.gain)
-    return _replaced(grown, number, last, joined)
-
-
-def _replaced(story: Story, keep: int, drop: int, contact: Contact) -> Story:
-    """Contact `keep` becomes `contact`, which also stands for `drop`."""
-    spans = [
-        replace(span, start=_moved(span.start, keep, drop), end=_moved(span.end, keep, drop)) for span in story.spans
-    ]
-    contacts = [contact if k == keep else c for k, c in enumerate(story.contacts) if k != drop]
-    return Story(tuple(spans), tuple(contacts))
-
-
-def _moved(index: int | None, keep: int, drop: int) -> int | None:
-    """Number of a contact after `drop` has become `keep`."""
-    if index is None:
-        return None
-    target = keep if index == drop else index
-    return target - 1 if target > drop else target
+    return grown.merged(number, last, joined)

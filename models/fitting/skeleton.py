@@ -123,31 +123,6 @@ def finishes(bones, t):  # type: ignore[no-untyped-def]
     return at
 
 
-@compiled
-def owners_among(bones, begin, ball, t):  # type: ignore[no-untyped-def]
-    """Which span each observation (K,) belongs to, by time; observations are sorted by ball and time."""
-    owner = np.zeros(len(t), np.int64)
-    mine = np.empty(len(begin), np.int64)
-    row = 0
-    while row < len(t):
-        count = 0
-        for k in range(len(begin)):  # the spans of this ball, put in order as they come
-            if bones.ball[k] == ball[row]:
-                place = count
-                while place > 0 and begin[mine[place - 1]] > begin[k]:
-                    mine[place] = mine[place - 1]
-                    place -= 1
-                mine[place] = k
-                count += 1
-        this, now = ball[row], 0
-        while row < len(t) and ball[row] == this:
-            while now + 1 < count and begin[mine[now + 1]] <= t[row] + 1e-12:
-                now += 1
-            owner[row] = mine[now]
-            row += 1
-    return owner
-
-
 def _numbered(numbers: list[int | None]) -> Ints:
     return np.array([NONE if number is None else number for number in numbers], np.int64)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.billiards.compiled import compiled
 from models.billiards.motion import STATE, Friction, kinematics
 from models.fitting.story import Story
 from models.tracks import Tracks
@@ -84,13 +85,33 @@ def layout(story: Story) -> Layout:
 
 def owners(story: Story, data: Data) -> Ints:
     """Which span each observation belongs to, by time (K,)."""
-    owner = np.zeros(len(data.t), np.int64)
-    for ball in np.unique(data.ball):
-        rows = np.flatnonzero(data.ball == ball)
-        spans = story.of_ball(int(ball))
-        begins = np.array([story.begin(k) for k in spans])
-        place = np.clip(np.searchsorted(begins, data.t[rows] + 1e-12, side="right") - 1, 0, None)
-        owner[rows] = np.array(spans)[place]
+    begins = np.array([story.begin(k) for k in range(len(story.spans))], np.float64)
+    owner: Ints = owners_among(np.array([span.ball for span in story.spans], np.int64), begins, data.ball, data.t)
+    return owner
+
+
+@compiled
+def owners_among(span_ball, begin, ball, t):  # type: ignore[no-untyped-def]
+    """The same of the balls (S,) and beginnings (S,) s of spans; observations (K,) are sorted by ball and time."""
+    owner = np.zeros(len(t), np.int64)
+    mine = np.empty(len(begin), np.int64)
+    row = 0
+    while row < len(t):
+        count = 0
+        for k in range(len(begin)):  # the spans of this ball, put in order as they come
+            if span_ball[k] == ball[row]:
+                place = count
+                while place > 0 and begin[mine[place - 1]] > begin[k]:
+                    mine[place] = mine[place - 1]
+                    place -= 1
+                mine[place] = k
+                count += 1
+        this, now = ball[row], 0
+        while row < len(t) and ball[row] == this:
+            while now + 1 < count and begin[mine[now + 1]] <= t[row] + 1e-12:
+                now += 1
+            owner[row] = mine[now]
+            row += 1
     return owner
 
 

@@ -63,6 +63,10 @@ class Story:
         rows = [k for k, span in enumerate(self.spans) if span.ball == ball]
         return sorted(rows, key=self.begin)
 
+    def balls_at(self, contact: Contact) -> set[int]:
+        """Who takes part in a contact."""
+        return {self.spans[k].ball for k in contact.before}
+
     def begin(self, span: int) -> float:
         """s."""
         start = self.spans[span].start
@@ -140,10 +144,7 @@ class Story:
         """The story in which `contact` stands for the contacts `keep` and `drop`; later ones move up by one."""
 
         def place(index: int | None) -> int | None:
-            if index is None:
-                return None
-            target = keep if index == drop else index
-            return target - 1 if target > drop else target
+            return None if index is None else after_merging(index, keep, drop)
 
         spans = tuple(replace(span, start=place(span.start), end=place(span.end)) for span in self.spans)
         contacts = [contact if k == keep else c for k, c in enumerate(self.contacts) if k != drop]
@@ -182,3 +183,9 @@ class Story:
         count = len(one.before)
         local = replace(one, before=tuple(range(count)), after=tuple(range(count, 2 * count)))
         return Story(tuple(spans), (local,)), chosen
+
+
+def after_merging(contact: int, keep: int, drop: int) -> int:
+    """Number of a contact once `keep` stands for `drop` as well, and later ones have moved up."""
+    target = keep if contact == drop else contact
+    return target - 1 if target > drop else target

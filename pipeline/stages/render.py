@@ -23,8 +23,8 @@ def _run(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progres
     from video.sightings import sight
     from video.slowmotion import render_slow_motion
 
-    shot = (inputs["read"], inputs["calibrate"], inputs["track"], inputs["fit"])
-    scenery = scenery_of(sight(*shot[1:]), inputs["read"])
-    render_poster(*shot, folder / "poster.png", options, scenery)
-    start = render_slow_motion(*shot, folder / "slow.mp4", options, progress, scenery)
+    clip, tracks, fit = (inputs[name] for name in ("read", "track", "fit"))
+    scenery = scenery_of(sight(inputs["calibrate"], tracks, fit), clip)
+    render_poster(clip, scenery, tracks, fit, folder / "poster.png", options)
+    start = render_slow_motion(clip, scenery, tracks, fit, folder / "slow.mp4", options, progress)
     (folder / START).write_text(json.dumps(start), encoding="utf-8")

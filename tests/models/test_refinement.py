@@ -11,8 +11,8 @@ from filmed_shots import RADIUS, scene
 from models.billiards.motion import Friction
 from models.fitting.knowledge import RUBBER, Rows, known
 from models.fitting.refinement import _in_order, _linearise, _moved
-from models.fitting.skeleton import begins, numbers_of, owners_among, skeleton_of, solution_with
-from models.fitting.solution import Data, Solution, owners
+from models.fitting.skeleton import begins, numbers_of, skeleton_of, solution_with
+from models.fitting.solution import Data, Solution, owners_among
 from models.fitting.story import Contact, Span, Story
 
 
@@ -106,7 +106,12 @@ def test_samples_belong_to_the_spans_in_which_they_were_taken() -> None:
     told, data = story(), samples()
     bones = skeleton_of(told)
     now = numbers_of(solution(told), told)
-    assert owners_among(bones, begins(bones, now.t), data.ball, data.t).tolist() == owners(told, data).tolist()
+    spans = {ball: told.of_ball(ball) for ball in (0, 1)}
+    expected = [
+        max((k for k in spans[ball] if told.begin(k) <= t), key=told.begin, default=spans[ball][0])
+        for ball, t in zip(data.ball.tolist(), data.t.tolist(), strict=True)
+    ]
+    assert owners_among(bones.ball, begins(bones, now.t), data.ball, data.t).tolist() == expected
 
 
 def test_steps_keep_contacts_of_a_ball_in_order() -> None:

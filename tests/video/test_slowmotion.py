@@ -14,14 +14,22 @@ import staged_shot as shot
 from numpy.typing import NDArray
 
 from models.events import Events
-from models.fit import Trust
+from models.fit import Fit, Trust
+from models.tracks import Tracks
 from models.trajectory import Trajectory
+from video.clip import Clip
 from video.drawn_balls import balls_at
+from video.inbetween import Scenery, scenery_of
 from video.options import RenderOptions
 from video.sightings import sight
 from video.slowmotion import render_poster, render_slow_motion
 
 Picture = NDArray[np.uint8]
+
+
+def scenery(clip: Clip, tracks: Tracks | None = None, fit: Fit | None = None) -> Scenery:
+    """What the table and the balls of the staged shot look like; of other tracks or another fit where given."""
+    return scenery_of(sight(shot.scene(), tracks or shot.tracks(clip.t), fit or shot.fit(clip.t)), clip)
 
 
 def rendered(
@@ -30,7 +38,7 @@ def rendered(
     """The slow motion of the staged shot: pictures, rate, file."""
     clip = shot.clip_in(folder, pictures, rate)
     path = folder / "slow.mp4"
-    render_slow_motion(clip, shot.scene(), shot.tracks(clip.t), shot.fit(clip.t), path, options)
+    render_slow_motion(clip, scenery(clip), shot.tracks(clip.t), shot.fit(clip.t), path, options)
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         made = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
@@ -96,7 +104,8 @@ def test_still_ends_are_cut_only_when_asked(tmp_path: Path) -> None:
         path = tmp_path / f"{trim}.mp4"
         moved = replace(fit.trajectory, end=np.array([0.1, 0.5, clip.t[-1]]))
         options = RenderOptions(slow=1.0, trim_still=trim)
-        render_slow_motion(clip, shot.scene(), still, replace(fit, trajectory=moved), path, options)
+        fitted = replace(fit, trajectory=moved)
+        render_slow_motion(clip, scenery(clip, still, fitted), still, fitted, path, options)
         with av.open(str(path)) as container:
             lengths.append(sum(1 for _ in container.decode(video=0)))
     assert lengths[0] == 50
@@ -112,7 +121,7 @@ def test_it_says_at_what_time_of_the_clip_it_begins(tmp_path: Path) -> None:
     begins = []
     for trim in (False, True):
         options = RenderOptions(slow=1.0, trim_still=trim)
-        begins.append(render_slow_motion(clip, shot.scene(), still, fit, tmp_path / "slow.mp4", options))
+        begins.append(render_slow_motion(clip, scenery(clip, still, fit), still, fit, tmp_path / "slow.mp4", options))
     assert begins[0] == 0
     assert begins[1] == pytest.approx(0.5, abs=0.05)
 
@@ -122,7 +131,9 @@ def test_progress_goes_to_one(tmp_path: Path) -> None:
     seen: list[float] = []
     tell: Callable[[float], None] = seen.append
     fit = shot.fit(clip.t)
-    render_slow_motion(clip, shot.scene(), shot.tracks(clip.t), fit, tmp_path / "s.mp4", RenderOptions(slow=2.0), tell)
+    render_slow_motion(
+        clip, scenery(clip, None, fit), shot.tracks(clip.t), fit, tmp_path / "s.mp4", RenderOptions(slow=2.0), tell
+    )
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
 
@@ -135,7 +146,7 @@ def test_a_speed_up_is_refused() -> None:
 def test_the_poster_shows_the_ball_all_along_its_way(tmp_path: Path) -> None:
     clip = shot.clip_in(tmp_path, 31)
     path = tmp_path / "poster.png"
-    render_poster(clip, shot.scene(), shot.tracks(clip.t), shot.fit(clip.t), path)
+    render_poster(clip, scenery(clip), shot.tracks(clip.t), shot.fit(clip.t), path)
     still = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
     assert still.shape == (shot.HEIGHT, shot.WIDTH, 3)
     last = shot.film(30 / shot.RATE)
@@ -157,8 +168,9 @@ def test_a_shot_without_any_fit_is_shown_as_it_was_filmed(tmp_path: Path) -> Non
     quiet = Events((), none, none, none, (), (), np.empty((0, 2)), none, none, none, none)
     path = tmp_path / "slow.mp4"
     empty = replace(fit, trajectory=nothing, events=quiet, trust=Trust("red", ("nothing fits",)))
-    render_slow_motion(clip, shot.scene(), shot.tracks(clip.t), empty, path, RenderOptions(slow=2.0))
-    render_poster(clip, shot.scene(), shot.tracks(clip.t), empty, tmp_path / "poster.png")
+    bare = scenery(clip, None, empty)
+    render_slow_motion(clip, bare, shot.tracks(clip.t), empty, path, RenderOptions(slow=2.0))
+    render_poster(clip, bare, shot.tracks(clip.t), empty, tmp_path / "poster.png")
     with av.open(str(path)) as container:
         assert sum(1 for _ in container.decode(video=0)) == 15
 
@@ -188,8 +200,8 @@ def test_balls_never_seen_again_after_a_pocket_leave_the_picture(tmp_path: Path)
         np.nan * one, one,
     )  # fmt: skip
     path = tmp_path / "slow.mp4"
-    render_slow_motion(
-        clip, shot.scene(), tracks, replace(fit, trajectory=ends, events=pocket), path, RenderOptions(slow=4.0)
-    )
-    render_poster(clip, shot.scene(), tracks, replace(fit, trajectory=ends, events=pocket), tmp_path / "poster.png")
+    potted = replace(fit, trajectory=ends, events=pocket)
+    seen = scenery(clip, tracks, potted)
+    render_slow_motion(clip, seen, tracks, potted, path, RenderOptions(slow=4.0))
+    render_poster(clip, seen, tracks, potted, tmp_path / "poster.png")
     assert path.stat().st_size > 1000
