@@ -22,7 +22,7 @@ IGNORED_RADII = 1.0
 """About a ball that may be found or not, the score is free within this."""
 SHARP_PX = 1.0
 """A shorter streak has no direction."""
-STREAK_WORTH = 40.0
+STREAK_WORTH = 10.0
 """What the streak of a moving ball counts beyond that of a ball at rest, of which there are many more."""
 HUBER = 2.5
 """Standard deviations from which a miss counts linearly (Huber 1964, doi:10.1214/aoms/1177703732)."""
