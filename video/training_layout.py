@@ -18,7 +18,7 @@ MOST_STREAK_RADII, MOST_STREAK_PX = 7.0, 62.0
 RACK_SHARE, PAIR_SHARE, MOVING_SHARE = 0.15, 0.3, 0.6
 """Share of pictures with balls that touch in a triangle, with touching pairs, with balls in motion."""
 MOVING_BALLS = 2.5
-"""How many of the balls of such a picture move, on average: far more than in a clip, where streaks are too rare to learn."""
+"""How many balls of such a picture move, on average: far more than in a clip, where streaks are too rare to learn."""
 TURN_SHARE = 0.7
 """Share of moving balls that roll; the others slide without turning."""
 
@@ -71,7 +71,8 @@ def random_layout(rng: np.random.Generator, hall: Hall, magnify: int = 1) -> Lay
     start = _rack(rng, hall) if rng.random() < RACK_SHARE else np.empty((0, 2))
     place = _filled(rng, hall, start, max(wanted, len(start)))[:MOST_BALLS]
     n = len(place)
-    moving = np.flatnonzero(rng.random(n) < MOVING_BALLS / max(n, 1)) if rng.random() < MOVING_SHARE else np.empty(0, np.int64)
+    share = MOVING_BALLS / max(n, 1) if rng.random() < MOVING_SHARE else 0.0
+    moving = np.flatnonzero(rng.random(n) < share)
     way = np.zeros((n, 2))
     for ball in moving:
         way[ball] = _way(rng, hall, place[ball], magnify)

@@ -223,7 +223,7 @@ def test_an_interrupted_training_goes_on_to_the_same_network(tmp_path: Path, pic
 
 def test_training_learns_what_it_is_shown(tmp_path: Path, pictures: list[TrainingPicture]) -> None:
     losses: list[float] = []
-    options = TrainOptions(steps=40, hours=100.0, batch=6, files=1)
+    options = TrainOptions(steps=100, hours=100.0, batch=6, files=1)
     train(filled(tmp_path / "work", pictures), options, lambda step, done, parts: losses.append(sum(parts.values())))
     assert np.mean(losses[-5:]) < 0.5 * np.mean(losses[:5])
 
