@@ -15,7 +15,7 @@ from video.inset import Inset, plan_of
 from video.layout import Rect, Side, covered_share, place_label, place_panel
 from video.motion_marks import Mark, Path, marks_of, path_of
 from video.options import RenderOptions, Style
-from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, unit
+from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, uncovered, unit
 from video.palette import Colour, apart_from, ball_colour, lab_to_rgb
 from video.sightings import Sightings
 
@@ -79,6 +79,10 @@ class Annotation:
     crowded: set[int] = field(default_factory=set)
     """Marks for whose label there was no room."""
     style: Style = "coach"
+    plan: Picture | None = None
+    """The plan with the paths so far."""
+    planned: dict[int, int] = field(default_factory=dict)
+    """The last point of a ball's path on it."""
 
     def draw(self, picture: Picture, t: float, balls: Balls, xy: Floats) -> None:
         """Draw on `picture` (H, W, 3), in place; `xy` (N, 2) m are the places of the balls."""
@@ -86,8 +90,10 @@ class Annotation:
             if self.clock.light != "green":
                 self.clock.draw(picture, self.clock_place, t, self.scale)
             return
-        for ball, path in enumerate(self.paths) if self.style == "coach" else ():
-            self._trail(picture, t, ball, path, balls)
+        if self.style == "coach":
+            free = uncovered(picture.shape, balls)
+            for ball, path in enumerate(self.paths):
+                self._trail(picture, t, path, balls.centre[ball], self.halos[ball], free)
         draw_measured(picture, balls, self.colours, self.scale)
         for mark in self.marks:
             if 0 <= t - mark.t < FLASH_SECONDS:
@@ -101,25 +107,29 @@ class Annotation:
         if self.style == "coach":
             self._names(picture, t, balls, taken, things)
 
-    def _trail(self, picture: Picture, t: float, ball: int, path: Path, balls: Balls) -> None:
+    def _trail(self, picture: Picture, t: float, path: Path, centre: Floats, colour: Colour, free: Picture) -> None:
         first, last = np.searchsorted(path.t, [t - TRAIL_SECONDS, t])
         if last - first < 1:
             return
         points = path.drawn[np.searchsorted(path.drawn, first) : np.searchsorted(path.drawn, last)]
         way = self.sightings.project(path.xy[points], t)
         age = (t - path.t[points]) / TRAIL_SECONDS
-        if np.isfinite(balls.centre[ball]).all():
-            way, age = (
-                np.concatenate([way, balls.centre[ball][None]]),
-                np.append(age, 0.0),
-            )
+        if np.isfinite(centre).all():
+            way, age = np.concatenate([way, centre[None]]), np.append(age, 0.0)
         fade = np.clip(1 - age, 0, 1) ** 1.3
         width = float(np.clip(0.42 * path.radius, 2.2, 9 * self.scale))
-        draw_trail(picture, way, fade, self.halos[ball], width, balls)
+        draw_trail(picture, way, fade, colour, width, free)
 
     def _panels(self, picture: Picture, t: float, xy: Floats) -> None:
-        so_far = [path.xy[: np.searchsorted(path.t, t) : PLAN_STEP] for path in self.paths]
-        self.inset.draw(picture, round(self.inset_place[0]), round(self.inset_place[1]), xy, so_far, self.colours)
+        if self.plan is None:
+            self.plan = self.inset.ground.copy()
+        for ball, path in enumerate(self.paths):
+            points = np.arange(self.planned.get(ball, 0), np.searchsorted(path.t, t), PLAN_STEP)
+            if len(points) > 1:
+                self.inset.add_path(self.plan, path.xy[points], self.colours[ball])
+                self.planned[ball] = int(points[-1])
+        left, top = (round(v) for v in self.inset_place[:2])
+        self.inset.lay(picture, left, top, self.plan, xy, self.colours)
         self.clock.draw(picture, self.clock_place, t, self.scale)
 
     def _times(self, picture: Picture, t: float, balls: Balls, taken: list[Rect]) -> None:

@@ -154,13 +154,13 @@ class Interval:
     row: int
     first: Picture
     second: Picture
-    behind: tuple[Picture, Picture]
-    """The same without moving balls."""
+    sides: tuple[Peeled, Peeled]
+    """The same, their moving balls taken out."""
     balls: tuple[Seen, ...]
     still: tuple[Outline, ...]
     """Balls that rest near moving ones."""
     regions: tuple[Region, ...] = ()
-    """Where something other than balls moves."""
+    """Where something other than balls moves; none are looked for where the camera itself moves."""
 
     def at(self, t: float, centres: Floats, ways: Floats | None = None) -> Picture:
         """The picture (H, W, 3) at time t with balls at `centres` (N, 2) px; a real one where it falls on one.
@@ -171,18 +171,11 @@ class Interval:
         if share in (0.0, 1.0):
             return (self.first if share == 0 else self.second).copy()
         picture = self._behind(t, share)
-        self._lay_regions(picture, t, share)
+        for region in self.regions:
+            region.lay(picture, share)
         ways = np.zeros((1, *centres.shape)) if ways is None else ways
         paste(picture, [seen.layers(centres[seen.ball], ways[:, seen.ball], share) for seen in self.balls], self.still)
         return picture
-
-    def _lay_regions(self, picture: Picture, t: float, share: float) -> None:
-        """Put what moves by itself over the picture, in place."""
-        motion = self.sightings.motion(t)
-        own = self.sightings.motion(float(self.sightings.t[self.row]))
-        if own is None or motion is None:
-            for region in self.regions:
-                region.lay(picture, share)
 
     def _behind(self, t: float, share: float) -> Picture:
         """The two pictures without moving balls, one passing into the other."""
@@ -196,7 +189,7 @@ class Interval:
 
     def _carried(self, side: int, motion: Floats | None) -> Picture:
         """A copy of one side without moving balls, as a drifting camera sees it with another motion."""
-        picture = self.behind[side]
+        picture = self.sides[side].behind
         own = self.sightings.motion(float(self.sightings.t[self.row + side]))
         if own is None or motion is None:
             return picture.copy()
@@ -214,23 +207,30 @@ def open_interval(
     sharp: SharpBalls = NO_SHARP,
     *,
     anew: bool = False,
+    before: Interval | None = None,
 ) -> Interval:
     """Take the pictures of `row` and `row + 1` apart, to make any picture between them.
 
-    `anew` where streaks are to be made as no picture shows them.
+    `anew` where streaks are to be made as no picture shows them. What was taken apart for the interval `before` serves
+    again where the same balls moved in it.
     """
-    balls = tuple(int(ball) for ball in np.flatnonzero(sightings.moves[row]))
-    sides = []
-    for side, picture in ((row, first), (row + 1, second)):
-        shown = _shown(sightings, plate, side, picture)
-        sides.append(_part(sightings, plate, side, picture, balls, shown))
+    balls = _moving(sightings, row)
+    if before is not None and before.row == row - 1 and _moving(sightings, row - 1) == balls:
+        known = before.sides[1]
+    else:
+        known = _part(sightings, plate, row, first, balls)
+    sides = (known, _part(sightings, plate, row + 1, second, balls))
     seen = [_seen(sightings, sharp, row, ball, pair, anew) for ball, pair in zip(balls, _pairs(sides), strict=True)]
-    regions = open_regions(sides[0].behind, sides[1].behind, interpolator)
-    behind = (sides[0].behind, sides[1].behind)
-    return Interval(sightings, row, first, second, behind, tuple(seen), _still(sightings, row, balls), regions)
+    steady = sightings.motion(float(sightings.t[row])) is None
+    regions = open_regions(sides[0].behind, sides[1].behind, interpolator) if steady else ()
+    return Interval(sightings, row, first, second, sides, tuple(seen), _still(sightings, row, balls), regions)
 
 
-def _pairs(sides: list[Peeled]) -> list[tuple[Sprite | None, Sprite | None]]:
+def _moving(sightings: Sightings, row: int) -> tuple[int, ...]:
+    return tuple(int(ball) for ball in np.flatnonzero(sightings.moves[row]))
+
+
+def _pairs(sides: tuple[Peeled, Peeled]) -> list[tuple[Sprite | None, Sprite | None]]:
     return list(zip(sides[0].sprites, sides[1].sprites, strict=True))
 
 
@@ -270,10 +270,9 @@ def _still(sightings: Sightings, row: int, balls: tuple[int, ...]) -> tuple[Outl
     return tuple(sightings.outline(row, int(ball)) for ball in resting)
 
 
-def _part(
-    sightings: Sightings, plate: Plate, row: int, picture: Picture, balls: tuple[int, ...], shown: Mask
-) -> Peeled:
-    """Peel the shown ones of `balls` out of a picture."""
+def _part(sightings: Sightings, plate: Plate, row: int, picture: Picture, balls: tuple[int, ...]) -> Peeled:
+    """Peel those of `balls` that the picture shows out of it."""
+    shown = _shown(sightings, plate, row, picture)
     mine = [ball for ball in balls if shown[ball]]
     if not mine:
         return Peeled(picture, (None,) * len(balls))

@@ -54,9 +54,18 @@ class Inset:
         """Lay the plan over `picture` at (x, y): balls at `xy` (N, 2) m, NaN if absent, their paths (n, 2) m so far."""
         tile = self.ground.copy()
         for path, colour in zip(paths, colours, strict=True):
-            if len(path) > 1:
-                line = self.plan(path).reshape(-1, 1, 2)
-                cv2.polylines(tile, [line], False, mix(colour, WHITE, 0.35), SUPERSAMPLE + 1, cv2.LINE_AA, SHIFT)
+            self.add_path(tile, path, colour)
+        self.lay(picture, x, y, tile, xy, colours)
+
+    def add_path(self, tile: Picture, path: Floats, colour: Colour) -> None:
+        """Draw a path (n, 2) m on a copy of `ground`, in place."""
+        if len(path) > 1:
+            line = self.plan(path).reshape(-1, 1, 2)
+            cv2.polylines(tile, [line], False, mix(colour, WHITE, 0.35), SUPERSAMPLE + 1, cv2.LINE_AA, SHIFT)
+
+    def lay(self, picture: Picture, x: int, y: int, tile: Picture, xy: Floats, colours: Sequence[Colour]) -> None:
+        """Lay a copy of `ground` with paths on it over `picture` at (x, y), with balls at `xy` (N, 2) m."""
+        tile = tile.copy()
         radius = round(self.ball_radius * (1 << SHIFT))
         for place, colour in zip(xy, colours, strict=True):
             if np.isfinite(place).all():

@@ -77,8 +77,17 @@ def fixed(px: Floats) -> NDArray[np.int32]:
     return np.asarray(np.rint(px * (1 << SHIFT)), dtype=np.int32)
 
 
-def draw_trail(picture: Picture, way: Floats, fade: Floats, colour: Colour, width: float, balls: Balls) -> None:
-    """A line along `way` (n, 2) px with opacity `fade` (n,) 0 to 1, its core white, under the balls."""
+def uncovered(shape: tuple[int, ...], balls: Balls) -> Picture:
+    """(H, W) 255 where no ball lies on a picture of that shape, 0 on the balls."""
+    free = np.full(shape[:2], 255, dtype=np.uint8)
+    for ball in balls.present:
+        centre, radius = fixed(balls.centre[ball]).tolist(), float(balls.radius[ball]) + 0.5
+        cv2.circle(free, centre, round(radius * (1 << SHIFT)), 0, -1, cv2.LINE_AA, SHIFT)
+    return free
+
+
+def draw_trail(picture: Picture, way: Floats, fade: Floats, colour: Colour, width: float, free: Picture) -> None:
+    """A line along `way` (n, 2) px with opacity `fade` (n,) 0 to 1, its core white, where it is `free` (H, W)."""
     if len(way) < 2:
         return
     margin = width + 3
@@ -86,15 +95,15 @@ def draw_trail(picture: Picture, way: Floats, fade: Floats, colour: Colour, widt
     x1, y1 = (int(v) for v in np.minimum(np.ceil(way.max(axis=0) + margin), [picture.shape[1], picture.shape[0]]))
     if x1 <= x0 or y1 <= y0:
         return
-    inside = np.all((balls.centre > [x0 - 64, y0 - 64]) & (balls.centre < [x1 + 64, y1 + 64]), axis=1)
-    layers = ((colour, width, TRAIL_OPACITY), (mix(WHITE, colour, 0.12), width * 0.3, CORE_OPACITY))
-    for ink, thickness, opacity in layers:
+    layers = []
+    for ink, thickness, opacity in (
+        (colour, width, TRAIL_OPACITY),
+        (mix(WHITE, colour, 0.12), width * 0.3, CORE_OPACITY),
+    ):
         mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
         _strokes(mask, way - [x0, y0], fade * opacity, max(1, round(thickness)))
-        for ball in balls.present[inside[balls.present]]:
-            centre, radius = fixed(balls.centre[ball] - [x0, y0]).tolist(), float(balls.radius[ball]) + 0.5
-            cv2.circle(mask, centre, round(radius * (1 << SHIFT)), 0, -1, cv2.LINE_AA, SHIFT)
-        lay_sparse(picture, mask, x0, y0, ink)
+        layers.append((mask, ink))
+    lay_sparse(picture, layers, x0, y0, free)
 
 
 def _strokes(mask: Picture, way: Floats, opacity: Floats, thickness: int) -> None:

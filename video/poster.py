@@ -17,7 +17,7 @@ from video.clip import Clip, read_frames
 from video.inbetween import Scenery
 from video.layout import Rect, covered_share, place_label
 from video.options import RenderOptions
-from video.overlay import Balls, Label, draw_disc, draw_ring, draw_trail
+from video.overlay import Balls, Label, draw_disc, draw_ring, draw_trail, uncovered
 from video.palette import FLASH, INK, WHITE
 from video.pasting import Layer, paste
 from video.plate import Plate
@@ -102,11 +102,12 @@ def _draw(
     centre = sightings.centre[-1]
     none = np.zeros(count, dtype=bool)
     balls = Balls(centre, sightings.radius[-1], np.zeros(count), np.zeros((count, 2)), none, none, ~none)
+    free = uncovered(still.shape, balls)
     for ball, path in enumerate(annotation.paths):
         if len(path.t):
             way = sightings.project(path.xy, end)
             width = float(np.clip(0.3 * path.radius, 2.0, 6 * annotation.scale))
-            draw_trail(still, way, np.full(len(way), 0.9), annotation.halos[ball], width, balls)
+            draw_trail(still, way, np.full(len(way), 0.9), annotation.halos[ball], width, free)
     left, top = (round(v) for v in annotation.inset_place[:2])
     paths = [path.xy for path in annotation.paths]
     annotation.inset.draw(still, left, top, fit.trajectory.at(end).xy, paths, annotation.colours)

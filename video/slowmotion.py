@@ -18,7 +18,7 @@ from video.ahead import ahead
 from video.annotation import EIGHTFOLD, Annotation, annotate
 from video.clip import Clip, read_frames
 from video.drawn_balls import balls_at
-from video.inbetween import Scenery, open_interval
+from video.inbetween import Interval, Scenery, open_interval
 from video.motion_marks import marks_of
 from video.options import RenderOptions
 from video.overlay import Balls
@@ -37,7 +37,7 @@ LEAST_RATE, MOST_RATE = Fraction(25), Fraction(60)
 LEAD = 0.5
 """s of the shot kept before the first and after the last motion when still parts are trimmed."""
 AHEAD = 8
-"""Pictures that may wait to be drawn upon."""
+"""Pictures that may wait to be drawn upon, and as many to be written."""
 SNAP = 0.05
 """Share of the step between finished pictures within which a real picture is shown as it is."""
 
@@ -74,7 +74,7 @@ def render_slow_motion(
     with VideoWriter(path, clip.width, clip.height, rate, crf=crf, preset=preset) as writer:
         shot = _pictures(clip, scenery, tracks, fit, times, options)
         closer = replays(clip, scenery, marks, float(rate), options.slow) if marks else iter(())
-        for done, picture in enumerate(chain(shot, closer), start=1):
+        for done, picture in enumerate(ahead(chain(shot, closer), AHEAD), start=1):
             writer.write(picture)
             progress(done / (len(times) + again))
     return float(times[0])
@@ -103,7 +103,7 @@ def _pictures(
     times: Floats,
     options: RenderOptions,
 ) -> Iterator[Picture]:
-    """The finished pictures in order: made on one core, drawn upon on another."""
+    """The finished pictures in order: drawn upon while those after them are made."""
     annotation: Annotation | None = None
     for made in ahead(_made(clip, scenery, fit, times), AHEAD):
         annotation = annotation or annotate(scenery.sightings, tracks, fit, made.picture, options.slow, options.style)
@@ -116,10 +116,11 @@ def _made(clip: Clip, scenery: Scenery, fit: Fit, times: Floats) -> Iterator[_Ma
     sightings = scenery.sightings
     rows = np.minimum(np.searchsorted(sightings.t, times, side="right") - 1, max(len(sightings.t) - 2, 0))
     before: Picture | None = None
+    interval: Interval | None = None
     for row, (_, after) in enumerate(read_frames(clip, indices=sightings.frame), start=-1):
         wanted = times[rows == row]
         if before is not None and len(wanted):
-            interval = open_interval(sightings, scenery.plate, row, before, after, sharp=scenery.sharp)
+            interval = open_interval(sightings, scenery.plate, row, before, after, sharp=scenery.sharp, before=interval)
             state, plan = sightings.state(wanted), fit.trajectory.at(wanted).xy
             ways = sightings.ways(wanted, sightings.exposure)
             for k, t in enumerate(wanted):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -60,17 +61,20 @@ def lay(picture: Picture, mask: Mask, x: int, y: int, colour: Colour, opacity: f
     ground += np.rint((np.asarray(colour, dtype=np.float32) - ground) * cover).astype(np.int16).astype(np.uint8)
 
 
-def lay_sparse(picture: Picture, mask: Mask, x: int, y: int, colour: Colour) -> None:
-    """As `lay`, for a large mask that is mostly empty and lies inside the picture: touches only its covered pixels."""
-    found = cv2.findNonZero(mask)
+def lay_sparse(picture: Picture, layers: Sequence[tuple[Mask, Colour]], x: int, y: int, free: Mask) -> None:
+    """As `lay`, one layer upon the other where the picture is `free` (H, W; 0 to 255), touching covered pixels alone.
+
+    For large masks that are mostly empty, lie inside the picture, and cover no more than the first of them.
+    """
+    found = cv2.findNonZero(layers[0][0])
     if found is None:
         return
     columns, rows = found.reshape(-1, 2).T
-    cover = mask[rows, columns].astype(np.float32)[:, None] / 255
-    rows, columns = rows + y, columns + x
-    ground = picture[rows, columns].astype(np.float32)
-    ground += (np.asarray(colour, dtype=np.float32) - ground) * cover
-    picture[rows, columns] = np.rint(ground).astype(np.uint8)
+    there = (rows + y, columns + x)
+    ground, share = picture[there].astype(np.float32), free[there].astype(np.float32) / (255 * 255)
+    for mask, colour in layers:
+        ground += (np.asarray(colour, dtype=np.float32) - ground) * (mask[rows, columns] * share)[:, None]
+    picture[there] = np.rint(ground).astype(np.uint8)
 
 
 def write(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from detectors.centres import read_maps
+from detectors.centres import STREAK_UNIT_PX, read_maps
 from detectors.export import Calibration, ShippedNetwork, disagreement, export
 from detectors.network import BallNetwork
 from detectors.onnx_model import CentreModel, model_facts, open_model
@@ -221,11 +221,31 @@ def test_an_interrupted_training_goes_on_to_the_same_network(tmp_path: Path, pic
         assert torch.allclose(mine.float(), theirs.float(), atol=1e-5)
 
 
-def test_training_learns_what_it_is_shown(tmp_path: Path, pictures: list[TrainingPicture]) -> None:
+def test_training_finds_the_balls_it_is_shown(tmp_path: Path, pictures: list[TrainingPicture]) -> None:
     losses: list[float] = []
-    options = TrainOptions(steps=100, hours=100.0, batch=6, files=1)
-    train(filled(tmp_path / "work", pictures), options, lambda step, done, parts: losses.append(sum(parts.values())))
+
+    def note(step: int, done: float, parts: dict[str, float]) -> None:
+        losses.append(parts["score"] + parts["centre"])
+
+    train(filled(tmp_path / "work", pictures), TrainOptions(steps=40, hours=100.0, batch=6, files=1), note)
     assert np.mean(losses[-5:]) < 0.5 * np.mean(losses[:5])
+
+
+@pytest.mark.slow
+def test_lengths_of_streaks_are_learnt(tmp_path: Path) -> None:
+    held = list(practice_pictures(np.random.default_rng(5), 96))
+    network = train(filled(tmp_path / "work", held), TrainOptions(steps=700, hours=100.0, files=1), lambda *_: None)
+    data = stacked(held)
+    targets = targets_of(torch.from_numpy(data.balls), SIZE_PX)
+    with torch.no_grad():
+        flat = network(as_input(data.rgb)).flatten(2).transpose(1, 2)  # (B, cells, channels)
+    nearest = targets.cell.gather(2, targets.weight.argmax(dim=2, keepdim=True))[..., 0]
+    told = flat[:, :, 4:6].gather(1, nearest[..., None].expand(-1, -1, 2))
+    true = doubled(targets.balls[..., 3:5])
+    long = (true.norm(dim=-1) * STREAK_UNIT_PX > 10) & (targets.weight.sum(dim=2) > 0.9)
+    assert long.sum() > 20
+    ratio = told[long].norm(dim=-1) / true[long].norm(dim=-1)
+    assert float(ratio.median()) == pytest.approx(1, abs=0.3)
 
 
 def test_files_of_pictures_are_read_as_they_were_written(tmp_path: Path, pictures: list[TrainingPicture]) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from models.scene import Camera, Scene
 from video.inset import plan_of
 from video.layout import Side, overlap, place_label, place_panel
-from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_ring, draw_trail, error_text
+from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_ring, draw_trail, error_text, uncovered
 from video.palette import BRIGHT, KIND_COLOURS, LUMA, apart_from, ball_colour, lab_to_rgb, legible
 from video.text import lay, lay_sparse, text_mask, write
 
@@ -60,7 +60,7 @@ def test_both_ways_of_painting_through_a_mask_agree() -> None:
     mask = rng.integers(0, 256, (20, 30), dtype=np.uint8)
     first, second = ground.copy(), ground.copy()
     lay(first, mask, 11, 7, (250, 10, 90))
-    lay_sparse(second, mask, 11, 7, (250, 10, 90))
+    lay_sparse(second, [(mask, (250, 10, 90))], 11, 7, np.full((60, 80), 255, np.uint8))
     assert np.abs(first.astype(int) - second).max() <= 1
     exact = ground[7:27, 11:41] + (np.array([250, 10, 90]) - ground[7:27, 11:41]) * (mask[..., None] / 255)
     assert np.abs(first[7:27, 11:41] - exact).max() <= 1
@@ -69,7 +69,8 @@ def test_both_ways_of_painting_through_a_mask_agree() -> None:
 def test_a_trail_goes_under_the_balls_and_fades() -> None:
     picture = black()
     way = np.column_stack([np.linspace(20, 180, 50), np.full(50, 60.0)])
-    draw_trail(picture, way, np.linspace(0, 1, 50), (255, 0, 0), 4.0, balls((100.0, 60.0)))
+    free = uncovered(picture.shape, balls((100.0, 60.0)))
+    draw_trail(picture, way, np.linspace(0, 1, 50), (255, 0, 0), 4.0, free)
     assert not picture[54:67, 94:107].any()
     assert 0 < picture[60, 50].max() < picture[60, 85].max() < picture[60, 170].max()
 
