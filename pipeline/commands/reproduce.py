@@ -108,7 +108,7 @@ def _carry_out(plan: Plan, cache: Path, out: Path, jobs: int) -> list[Trial]:
 def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
     from pipeline.thesis.methods import given
     from pipeline.thesis.page import TITLES
-    from pipeline.thesis.plan import left_out
+    from pipeline.thesis.plan import left_out, trained
     from pipeline.thesis.tables import grids
     from pipeline.thesis.words import cells, sentences
 
@@ -116,13 +116,12 @@ def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
     found = cells(trials)
     for scene in dict.fromkeys(cell.scene for cell in found):
         screen.print(f"\n[bold]{escape(TITLES[scene])}[/]")
-        for sentence in sentences(scene, found, plan.budget.effort):
+        for sentence in sentences(scene, found, plan.budget(scene).effort):
             screen.print(escape(sentence), soft_wrap=True)
         for grid in grids(scene, found):
             screen.print(grid)
         screen.print(escape(given(scene, {trial.method for trial in trials})), soft_wrap=True)
-    if plan.budget.effort < 1:
-        screen.print(f"\nNetworks had {plan.budget.effort:.0%} of their training, and can be better than this.")
+    screen.print(f"\n{trained(plan)}", soft_wrap=True)
     for sentence in left_out(plan):
         screen.print(escape(sentence), soft_wrap=True)
     print(f"Look at {out / 'reproduce.html'}; {out / 'trials.csv'} has every number.")

@@ -27,6 +27,12 @@ EACH_KIND = (
     CONSTRAINT_NET, PHYSICS_NAME,
 )  # fmt: skip
 """One method of each kind: what is compared in all settings; the others in the setting of the thesis alone."""
+QUICK_NETS = ("RK net, tanh, L-BFGS", "net(x, v)", "Hamiltonian net", "interaction net")
+"""Those of `EACH_KIND` that learn three coordinates within seconds."""
+SLOW_NETS = {
+    "double-pendulum": (THESIS_NET, CONSTRAINT_NET), "boxes": (THESIS_NET, CONSTRAINT_NET, *QUICK_NETS),
+}  # fmt: skip
+"""Networks that have one seed outside the thesis' own setting, if nothing else is asked for."""
 GIVEN: dict[str, dict[str, str]] = {
     "double-pendulum": {
         TAUGHT: f"learnt from {SWINGS} simulated swings of the same pendulum, let go at other angles, without noise.",

@@ -17,7 +17,7 @@ from pipeline.publish import aside
 from pipeline.thesis.boxes import bodies
 from pipeline.thesis.figures import Drawn, boxes_series, error_over_time, errors_by_method, pendulum_series
 from pipeline.thesis.methods import given
-from pipeline.thesis.plan import SCENES, Plan, left_out, series_of
+from pipeline.thesis.plan import SCENES, Plan, left_out, series_of, trained
 from pipeline.thesis.trials import Trial
 from pipeline.thesis.words import Cell, best, cells, sentences, times
 
@@ -136,7 +136,7 @@ def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], 
     scenes = [
         {
             "title": TITLES[scene],
-            "said": sentences(scene, found, plan.budget.effort),
+            "said": sentences(scene, found, plan.budget(scene).effort),
             "given": given(scene, {trial.method for trial in trials if trial.case.scene == scene}),
             "tables": sheets(scene, found),
             "figures": [{"title": one.title, "data": b64encode(one.png).decode()} for one in figures[scene]],
@@ -146,8 +146,7 @@ def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], 
     ]
     return render(
         "reproduce.html",
-        seeds=len({trial.case.seed for trial in trials}), short=plan.budget.effort < 1,
-        effort=f"{plan.budget.effort:.0%}", seconds=f"{plan.budget.seconds:.0f}",
+        seeds=len({trial.case.seed for trial in trials}), trained=trained(plan),
         done=len(trials), planned=planned, left_out=left_out(plan), scenes=scenes, notes=_notes(trials),
     )  # fmt: skip
 

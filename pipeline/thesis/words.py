@@ -6,9 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from statistics import median
 
-import numpy as np
-
-from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAME, SPLINES, THESIS_NET
+from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAME, SPLINES, TAUGHT, THESIS_NET
+from pipeline.thesis.plan import BASE, FIRST_VARIANT
 from pipeline.thesis.series import Case
 from pipeline.thesis.trials import Trial
 
@@ -31,26 +30,36 @@ class Cell:
     fps: float
     noise: float
     mse: dict[str, float]
-    """px^2 by method, the median over the seeds."""
+    """px^2 by method: linear's median over the seeds, times the median of a method's shares of linear's with the same
+    seed, so that methods with fewer seeds are judged by those that they had."""
     seeds: int
 
     @property
     def setting(self) -> str:
         return f"{self.variant}, {self.fps:.3g} Hz, noise {self.noise:g} px"
 
+    @property
+    def is_own(self) -> bool:
+        """Whether this is the setting of the thesis."""
+        return FIRST_VARIANT.get(self.scene) == self.variant and (self.fps, self.noise) == BASE
+
 
 def cells(trials: Iterable[Trial]) -> list[Cell]:
     """Medians over seeds, in the order in which settings first come."""
-    found: dict[tuple[str, str, float, float], dict[str, list[float]]] = {}
+    found: dict[tuple[str, str, float, float], dict[str, dict[int, float]]] = {}
     for trial in trials:
         case: Case = trial.case
         setting = (case.scene, case.variant, case.fps, case.noise)
-        found.setdefault(setting, {}).setdefault(trial.method, []).append(trial.mse)
-    return [
-        Cell(*setting, {name: float(median(values)) for name, values in methods.items()},
-             max(map(len, methods.values())))
-        for setting, methods in found.items()
-    ]  # fmt: skip
+        found.setdefault(setting, {}).setdefault(trial.method, {})[case.seed] = trial.mse
+    return [Cell(*setting, _medians(methods), max(map(len, methods.values()))) for setting, methods in found.items()]
+
+
+def _medians(methods: dict[str, dict[int, float]]) -> dict[str, float]:
+    linear = methods["linear"]
+    usual = median(linear.values())
+    return {
+        name: usual * median(mse / linear[seed] for seed, mse in by_seed.items()) for name, by_seed in methods.items()
+    }
 
 
 def sentences(scene: str, found: list[Cell], trained: float = 1.0) -> list[str]:
@@ -58,9 +67,7 @@ def sentences(scene: str, found: list[Cell], trained: float = 1.0) -> list[str]:
     here = [cell for cell in found if cell.scene == scene]
     if not here:
         return []
-    claim = _thesis(scene, here)
-    if claim and trained < 1:
-        claim += f" With {trained:.0%} of its training that decides nothing about the claim."
+    claim = _likeness(here) if scene == "boxes" else _thesis(here, trained)
     said = [claim, _splines(here), _constraint(here), _physics(here)]
     return [sentence for sentence in said if sentence]
 
@@ -95,35 +102,58 @@ def gains(here: list[Cell], names: Iterable[str], rival: str) -> list[tuple[Cell
     return [(cell, cell.mse[rival] / max(one[1], 1e-300)) for cell, one in pairs if one is not None]
 
 
-def _thesis(scene: str, here: list[Cell]) -> str:
+def _likeness(here: list[Cell]) -> str:
+    """What the thesis claims of boxes."""
     found = gains(here, (THESIS_NET,), "linear")
     if not found:
         return ""
-    values = np.array([gain for _, gain in found])
-    own = f"Its network's is {_all(found, 'linear')}"
-    if scene == "boxes":
-        alike = int(np.sum((values > 1 / ALIKE) & (values < ALIKE)))
-        return (
-            f"The thesis claims an error comparable to linear. {own}: within a factor of {ALIKE:g} of linear in "
-            f"{alike} of {len(values)} settings."
-        )
-    holds = int(np.sum(values >= CLAIMED))
-    where = "; ".join(cell.setting for cell, gain in found if gain >= CLAIMED)
+    alike = sum(1 / ALIKE < gain < ALIKE for _, gain in found)
     return (
-        f"The thesis claims an error {CLAIMED:g} times lower than linear. {own}; the claim holds in {holds} of "
-        f"{len(values)} settings{f' ({where})' if 0 < holds < len(values) else ''}."
+        f"The thesis claims an error comparable to linear. Its network's is {_all(found, 'linear')}: within a factor "
+        f"of {ALIKE:g} of linear in {alike} of {_count(len(found), 'setting')}."
     )
+
+
+def _thesis(here: list[Cell], trained: float) -> str:
+    """What the thesis claims of pendulums."""
+    found = gains(here, (THESIS_NET,), "linear")
+    if not found:
+        return ""
+    said = [f"The thesis claims an error {CLAIMED:g} times lower than linear."]
+    said += [_own_claim(cell, gain, trained) for cell, gain in found if cell.is_own]
+    others = [(cell, gain) for cell, gain in found if not cell.is_own]
+    if others:
+        holds = sum(gain >= CLAIMED for _, gain in others)
+        named = "; ".join(cell.setting for cell, gain in others if gain >= CLAIMED)
+        where = f" ({named})" if 0 < holds < len(others) else ""
+        said.append(
+            f"In {_count(len(others), 'other setting' if len(others) < len(found) else 'setting')} its network's is "
+            f"{_all(others, 'linear')}; the claim holds in {holds}{where}."
+        )
+    return " ".join(said)
+
+
+def _own_claim(cell: Cell, gain: float, trained: float) -> str:
+    """Whether the claim holds in the setting in which it is made."""
+    share = f" with {trained:.0%} of its training" if trained < 1 else ""
+    holds = "the claim holds" if gain >= CLAIMED else "that decides nothing" if trained < 1 else "the claim fails"
+    return f"In the thesis' own setting ({cell.setting}) its network's{share} is {compared(gain, 'linear')}: {holds}."
 
 
 def _splines(here: list[Cell]) -> str:
-    pairs = [(best(cell, (THESIS_NET,)), best(cell, SPLINES)) for cell in here]
-    there = [(net, spline) for net, spline in pairs if net and spline]
-    if not there:
+    found = gains(here, (THESIS_NET,), "linear")
+    splines = gains(here, SPLINES, "linear")
+    if not found or not splines:
         return ""
-    better = sum(spline[1] <= net[1] for net, spline in there)
-    return (
-        f"A spline, which learns nothing, does at least as well as that network in {better} of {len(there)} settings."
-    )
+    better = {cell.setting: gain for cell, gain in splines}
+    beaten = [cell.setting for cell, gain in found if gain > better.get(cell.setting, 0.0)]
+    text = f"A spline, which learns nothing, does at least as well as that network in {len(found) - len(beaten)} of "
+    but = f", but not with {'; '.join(beaten)}" if beaten else ""
+    return f"{text}{_count(len(found), 'setting')}{but}."
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _constraint(here: list[Cell]) -> str:
@@ -134,6 +164,9 @@ def _constraint(here: list[Cell]) -> str:
     text = f"ConstraintNet's error is {_all(own, 'linear')}"
     if found:
         text += f"; that of the thesis' network is {_all(found, CONSTRAINT_NET)}"
+    taught = gains(here, (TAUGHT,), "linear")
+    if taught:
+        text += f"; taught from simulated scenes as its authors do, its own is {_all(taught, 'linear')}"
     return text + "."
 
 

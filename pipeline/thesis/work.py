@@ -16,7 +16,9 @@ def carried_out(plan: Plan, tasks: Sequence[Task], root: Path, jobs: int) -> Ite
     """Every trial of `tasks`, in their order."""
     cache = Cache(root)
     missing = [
-        task for task in tasks if not is_known(method_of(task, plan), series_of(task.case, plan), plan.budget, cache)
+        task
+        for task in tasks
+        if not is_known(method_of(task, plan), series_of(task.case, plan), plan.budget(task.case.scene), cache)
     ]
     if jobs == 1 or len(missing) <= 1:
         yield from (_trial(plan, task, cache) for task in tasks)
@@ -39,4 +41,4 @@ def _prepare(plan: Plan, task: Task, root: Path) -> None:
 
 
 def _trial(plan: Plan, task: Task, cache: Cache) -> Trial:
-    return tried(method_of(task, plan), series_of(task.case, plan), plan.budget, cache)
+    return tried(method_of(task, plan), series_of(task.case, plan), plan.budget(task.case.scene), cache)

@@ -16,10 +16,10 @@ from pipeline.cache import Cache
 from pipeline.execute import execute
 from pipeline.thesis.boxes import bodies
 from pipeline.thesis.lessons import swings
-from pipeline.thesis.methods import EACH_KIND, PHYSICS_NAME, TAUGHT, THESIS_NETS, given, methods_for
+from pipeline.thesis.methods import EACH_KIND, PHYSICS_NAME, SLOW_NETS, TAUGHT, THESIS_NETS, given, methods_for
 from pipeline.thesis.page import sheets
 from pipeline.thesis.pendulum import GRAVITY, LENGTH, RECORDING, as_angles, as_points, recording_in, swung
-from pipeline.thesis.plan import Depth, Plan, cases, left_out, tasks
+from pipeline.thesis.plan import BASE, FIRST_VARIANT, Depth, Plan, cases, left_out, tasks, trained
 from pipeline.thesis.pool import pool, shots_of
 from pipeline.thesis.series import Case, Series, filmed
 from pipeline.thesis.trials import LOST, Trial, tried
@@ -119,9 +119,27 @@ def test_the_words_count_where_the_claim_holds_and_where_a_spline_does_as_well()
         trial("linear", 1.0, 0.1), trial("cubic", 0.5, 0.1), trial("RK net", 0.1, 0.1), trial(PHYSICS_NAME, 0.01, 0.1),
     ]  # fmt: skip
     said = " ".join(sentences("double-pendulum", cells(trials)))
-    assert "holds in 1 of 2 settings (stiff, 30 Hz, noise 0 px)" in said
-    assert "at least as well as that network in 1 of 2" in said
+    assert "In the thesis' own setting (stiff, 30 Hz, noise 0 px) its network's is 500 times lower than linear" in said
+    assert "500 times lower than linear: the claim holds." in said
+    assert "In 1 other setting its network's is 10 times lower than linear; the claim holds in 0." in said
+    assert "at least as well as that network in 1 of 2 settings, but not with stiff, 30 Hz, noise 0.1 px." in said
     assert "best of all methods in 2 of 2" in said
+
+
+def test_a_network_that_was_hardly_trained_can_hold_a_claim_but_not_break_it() -> None:
+    def said(mse: float) -> str:
+        trials = [trial("linear", 1.0), trial("RK net", mse)]
+        return " ".join(sentences("double-pendulum", cells(trials), 0.25))
+
+    assert "with 25% of its training is 200 times lower than linear: the claim holds." in said(0.005)
+    assert "with 25% of its training is 50 times lower than linear: that decides nothing." in said(0.02)
+
+
+def test_a_method_with_fewer_seeds_is_compared_with_linear_on_those() -> None:
+    trials = [trial("linear", mse, seed=seed) for seed, mse in enumerate((1.0, 100.0, 10_000.0))]
+    trials += [trial("cubic", mse / 4, seed=seed) for seed, mse in enumerate((1.0, 100.0, 10_000.0))]
+    (cell,) = cells([*trials, trial("RK net", 0.5)])
+    assert cell.mse == pytest.approx({"linear": 100.0, "cubic": 25.0, "RK net": 50.0})
 
 
 def test_an_error_like_the_rivals_is_not_called_one_time_lower() -> None:
@@ -180,6 +198,31 @@ def test_the_usual_plan_has_every_variant_rate_noise_and_method_though_not_all_c
         }
     quick, usual, whole = (len(tasks(Plan(depth=depth, seeds=(0,)))) for depth in Depth)
     assert 5 * quick < usual < whole / 4
+
+
+def test_slow_networks_have_every_seed_in_the_thesis_own_setting_and_one_in_the_others() -> None:
+    there = tasks(Plan(seeds=(5, 6, 7)))
+    for scene in ("double-pendulum", "boxes"):
+        for method in methods_for(scene):
+            seeds: dict[tuple[str, float, float], list[int]] = {}
+            for task in there:
+                if task.case.scene == scene and task.method == method.name:
+                    seeds.setdefault((task.case.variant, task.case.fps, task.case.noise), []).append(task.case.seed)
+            own = seeds.pop((FIRST_VARIANT[scene], *BASE))
+            assert own == [5, 6, 7]
+            every = method.name in EACH_KIND and method.name not in SLOW_NETS[scene]
+            assert all(some == ([5, 6, 7] if every else [5]) for some in seeds.values())
+    slow = {task.method for task in tasks(Plan(seeds=(5,), depth=Depth.QUICK))}
+    assert slow == set(EACH_KIND)
+
+
+def test_networks_on_boxes_have_less_time_in_a_usual_run_and_the_page_says_so() -> None:
+    assert Plan().budget("boxes").seconds < Plan().budget("double-pendulum").seconds
+    assert Plan(depth=Depth.WHOLE).budget("boxes") == Plan(depth=Depth.WHOLE).budget("real")
+    assert "25% of their training, at most 20 CPU s; 5 s on boxes" in trained(Plan())
+    assert "first seed alone" in trained(Plan())
+    assert "first seed" not in trained(Plan(seeds=(0,)))
+    assert "end of their training" in trained(Plan(depth=Depth.WHOLE))
 
 
 def test_lessons_are_other_swings_of_the_same_pendulum_with_the_true_middle() -> None:
