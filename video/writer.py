@@ -14,6 +14,7 @@ from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTr
 from numpy.typing import NDArray
 
 from models.errors import ClipError
+from video.planes import FORMAT, planes_of
 
 
 class VideoWriter:
@@ -57,7 +58,7 @@ class VideoWriter:
     def _set_up(self, crf: int, preset: str, threads: int, rate: Fraction, time_base: Fraction) -> None:
         context = self._stream.codec_context
         context.width, context.height = self._shape[1] + self._pad[1][1], self._shape[0] + self._pad[0][1]
-        context.pix_fmt = "yuv420p"
+        context.pix_fmt = FORMAT
         context.time_base = time_base
         context.thread_count = threads
         context.gop_size = max(1, round(rate))  # a key frame each second, for scrubbing
@@ -73,9 +74,7 @@ class VideoWriter:
         if rgb.shape != self._shape or rgb.dtype != np.uint8:
             raise ValueError(f"a picture of {self._shape} uint8 is wanted; got {rgb.shape} {rgb.dtype}")
         even = np.pad(rgb, self._pad, mode="edge") if self._pad != ((0, 0), (0, 0), (0, 0)) else rgb
-        picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24").reformat(
-            format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
-        )
+        picture = planes_of(np.ascontiguousarray(even))
         base = Fraction(self._stream.codec_context.time_base)
         self._last = self._count if at is None else max(round(at / base), self._last + 1)
         picture.pts, picture.time_base = self._last, base
