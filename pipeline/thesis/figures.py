@@ -14,7 +14,7 @@ from models.errors import OptionError
 from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAME, SPLINES, THESIS_NET, THESIS_NETS
 from pipeline.thesis.series import Series
 from pipeline.thesis.trials import Trial
-from pipeline.thesis.words import Cell
+from pipeline.thesis.words import Cell, setting_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -152,6 +152,26 @@ def error_over_time(trials: Sequence[Trial], cell: Cell, name: str, title: str) 
         return finished(figure, name, f"{title} ({cell.setting})")
 
 
+def loss_curves(trials: Sequence[Trial], name: str, title: str) -> Drawn:
+    """The least loss so far beside the first one: every network has a loss of its own."""
+    columns = min(len(trials), 4)
+    rows = -(-len(trials) // columns)
+    with drawing(1.0 + 2.3 * columns, 0.4 + 1.5 * rows, rows, columns) as (figure, axes):
+        for panel in axes.ravel()[len(trials) :]:
+            panel.set_visible(False)
+        for panel, trial in zip(axes.ravel(), trials, strict=False):
+            share = trial.loss / trial.loss[0]
+            panel.plot(share, color=LINE, lw=1)
+            panel.plot(np.fmin.accumulate(share), color=colour_of(trial.method), lw=1.5)
+            panel.set(yscale="log")
+            panel.set_title(trial.method, color=SOFT, fontsize=9)
+        for panel in axes[-1]:
+            panel.set_xlabel("step")
+        for panel in axes[:, 0]:
+            panel.set_ylabel("loss, first = 1")
+        return finished(figure, name, title)
+
+
 def _telling(trials: list[Trial]) -> list[tuple[Trial, tuple[str, str]]]:
     """Few enough to tell apart, the worst first: the simplest splines, the thesis' network, ConstraintNet, the best of
     the other networks, the physics."""
@@ -165,8 +185,7 @@ def _telling(trials: list[Trial]) -> list[tuple[Trial, tuple[str, str]]]:
 
 
 def _belongs(trial: Trial, cell: Cell) -> bool:
-    case = trial.case
-    return (case.scene, case.variant, case.fps, case.noise) == (cell.scene, cell.variant, cell.fps, cell.noise)
+    return setting_of(trial) == (cell.scene, cell.variant, cell.fps, cell.noise)
 
 
 def _upright(panel: Axes) -> None:

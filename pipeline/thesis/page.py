@@ -9,17 +9,18 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 
 from pipeline.page import render
 from pipeline.publish import aside
 from pipeline.thesis.boxes import bodies
-from pipeline.thesis.figures import Drawn, boxes_series, error_over_time, errors_by_method, pendulum_series
+from pipeline.thesis.figures import Drawn, boxes_series, error_over_time, errors_by_method, loss_curves, pendulum_series
 from pipeline.thesis.methods import given
 from pipeline.thesis.plan import SCENES, Plan, left_out, series_of, trained
 from pipeline.thesis.trials import Trial
-from pipeline.thesis.words import Cell, best, cells, sentences, times
+from pipeline.thesis.words import Cell, best, cells, sentences, setting_of, times
 
 TITLES = {
     "double-pendulum": "Scene I: the double pendulum",
@@ -107,6 +108,28 @@ def _number(cell: Cell, name: str) -> Number:
     return Number(times(gain) if gain >= 1e-3 else "lost", look)
 
 
+def learning(scene: str, trials: Sequence[Trial]) -> Sheet | None:
+    """What methods took in the first setting of a scene, where all of them are run: medians over the seeds."""
+    here = [trial for trial in trials if trial.case.scene == scene]
+    setting = setting_of(here[0]) if here else None
+    by_method: dict[str, list[Trial]] = {}
+    for trial in here:
+        if setting_of(trial) == setting and trial.parameters:
+            by_method.setdefault(trial.method, []).append(trial)
+    if not by_method:
+        return None
+    rows = [Line(method, [Number(text, "") for text in _cost(some)]) for method, some in by_method.items()]
+    return Sheet("What methods took to learn, in the first setting", ["numbers learnt", "steps", "CPU s"], rows)
+
+
+def _cost(trials: list[Trial]) -> tuple[str, str, str]:
+    numbers, steps = (int(median(values)) for values in (
+        [trial.parameters for trial in trials], [len(trial.loss) for trial in trials]
+    ))  # fmt: skip
+    seconds = median(trial.seconds for trial in trials)
+    return f"{numbers:,}", f"{steps:,}" if steps else "-", f"{seconds:.1f}"
+
+
 def _figures(scene: str, found: list[Cell], trials: Sequence[Trial], plan: Plan) -> list[Drawn]:
     here = [trial for trial in trials if trial.case.scene == scene]
     if not here:
@@ -121,7 +144,17 @@ def _figures(scene: str, found: list[Cell], trials: Sequence[Trial], plan: Plan)
         *_series(here[0], plan),
         errors_by_method(settings, here, name, title),
         error_over_time(here, middle, f"{scene}-error-over-time", "Error over time"),
+        *_losses(scene, here),
     ]
+
+
+def _losses(scene: str, here: Sequence[Trial]) -> list[Drawn]:
+    case = here[0].case
+    taught = [trial for trial in here if trial.case == case and len(trial.loss) > 1]
+    title = (
+        f"Loss of every network while it learns, the first seed ({case.variant}, {case.fps:.3g} Hz, {case.noise:g} px)"
+    )
+    return [loss_curves(taught, f"{scene}-loss", title)] if taught else []
 
 
 def _series(trial: Trial, plan: Plan) -> list[Drawn]:
@@ -138,7 +171,7 @@ def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], 
             "title": TITLES[scene],
             "said": sentences(scene, found, plan.budget(scene).effort),
             "given": given(scene, {trial.method for trial in trials if trial.case.scene == scene}),
-            "tables": sheets(scene, found),
+            "tables": [*sheets(scene, found), *filter(None, [learning(scene, trials)])],
             "figures": [{"title": one.title, "data": b64encode(one.png).decode()} for one in figures[scene]],
         }
         for scene in SCENES

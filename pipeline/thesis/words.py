@@ -8,7 +8,6 @@ from statistics import median
 
 from pipeline.thesis.methods import CONSTRAINT_NET, PHYSICS_NAME, SPLINES, TAUGHT, THESIS_NET
 from pipeline.thesis.plan import BASE, FIRST_VARIANT
-from pipeline.thesis.series import Case
 from pipeline.thesis.trials import Trial
 
 CLAIMED = 100.0
@@ -44,13 +43,18 @@ class Cell:
         return FIRST_VARIANT.get(self.scene) == self.variant and (self.fps, self.noise) == BASE
 
 
+def setting_of(trial: Trial) -> tuple[str, str, float, float]:
+    """What trials of a cell have in common."""
+    case = trial.case
+    return case.scene, case.variant, case.fps, case.noise
+
+
 def cells(trials: Iterable[Trial]) -> list[Cell]:
     """Medians over seeds, in the order in which settings first come."""
     found: dict[tuple[str, str, float, float], dict[str, dict[int, float]]] = {}
     for trial in trials:
-        case: Case = trial.case
-        setting = (case.scene, case.variant, case.fps, case.noise)
-        found.setdefault(setting, {}).setdefault(trial.method, {})[case.seed] = trial.mse
+        by_method = found.setdefault(setting_of(trial), {})
+        by_method.setdefault(trial.method, {})[trial.case.seed] = trial.mse
     return [Cell(*setting, _medians(methods), max(map(len, methods.values()))) for setting, methods in found.items()]
 
 

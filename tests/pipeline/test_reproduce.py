@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,10 @@ from models.neural.method import Budget, Fitted, Floats, Method
 from pipeline.cache import Cache
 from pipeline.execute import execute
 from pipeline.thesis.boxes import bodies
+from pipeline.thesis.figures import loss_curves
 from pipeline.thesis.lessons import swings
 from pipeline.thesis.methods import EACH_KIND, PHYSICS_NAME, SLOW_NETS, TAUGHT, THESIS_NETS, given, methods_for
-from pipeline.thesis.page import sheets
+from pipeline.thesis.page import learning, sheets
 from pipeline.thesis.pendulum import GRAVITY, LENGTH, RECORDING, as_angles, as_points, recording_in, swung
 from pipeline.thesis.plan import BASE, FIRST_VARIANT, Depth, Plan, cases, left_out, tasks, trained
 from pipeline.thesis.pool import pool, shots_of
@@ -160,6 +161,21 @@ def test_tables_show_medians_over_seeds_and_mark_the_best() -> None:
     (sheet,) = sheets("double-pendulum", cells(trials))
     assert [line.method for line in sheet.rows] == ["linear: mse, px²", "cubic"]
     assert (sheet.rows[1].cells[0].text, sheet.rows[1].cells[0].look) == ("4", "best")
+
+
+def test_what_a_network_took_to_learn_stands_in_a_table_and_its_loss_in_a_figure() -> None:
+    def learnt(seed: int, seconds: float) -> Trial:
+        loss = np.geomspace(1.0, 1e-4, 750)
+        return replace(trial("RK net", 0.1, seed=seed), parameters=532_486, seconds=seconds, loss=loss)
+
+    trials = [trial("linear", 1.0), *(learnt(seed, seconds) for seed, seconds in enumerate((18.0, 20.0, 40.0)))]
+    sheet = learning("double-pendulum", trials)
+    assert sheet is not None
+    (row,) = sheet.rows
+    assert (row.method, [cell.text for cell in row.cells]) == ("RK net", ["532,486", "750", "20.0"])
+    assert learning("boxes", trials) is None
+    drawn = loss_curves(trials[1:2], "loss", "Loss")
+    assert drawn.png[:4] == b"\x89PNG"
 
 
 def test_the_methods_that_sentences_speak_of_exist() -> None:
