@@ -26,6 +26,7 @@ from pipeline.story import tell
 from pipeline.verdict import run_trust
 from video.clip import Clip
 from video.palette import ball_colour
+from video.table_preset import COULD_BE
 
 EMBED_LIMIT_BYTES = 48_000_000
 """A larger slow.mp4 is linked beside the page instead of carried in it."""
@@ -80,7 +81,8 @@ def write_report(
         "report.html",
         name=title,
         trust=run_trust(clip, fit),
-        stories=tell(tracks, fit),
+        stories=tell(tracks, fit, [doubt for doubt in scene.doubts if doubt.startswith(COULD_BE)]),
+        balls=balls_of(tracks),
         poster=data_uri(files.poster, "image/png"),
         video=SLOW_MARK if carried else files.slow.name,
         slow=files.slow_factor,
@@ -103,6 +105,12 @@ def write_report(
     )
     with aside(path) as fresh:
         write_page(html, carried, fresh)
+
+
+def balls_of(tracks: Tracks) -> list[tuple[str, str]]:
+    """Every ball and its colour: a name such as stripe-4 is the program's, and no number that is printed on a ball."""
+    seen = zip(tracks.ids, tracks.kinds, tracks.colour, strict=True)
+    return [(ball, "rgb({},{},{})".format(*ball_colour(kind, colour))) for ball, kind, colour in seen]
 
 
 def _parameter_plot(fit: Fit) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +28,11 @@ LIKELY = 0.5
 CUE_KINDS = ("cue", "white", "yellow")
 UNSEEN = "No stroke is seen in this clip: what came before it is not told."
 AFTERWARDS = 6
-"""Events of the ball after the contact that are told one by one."""
+"""Events of the ball after the contact that are told one by one; balls before cushions."""
+SURE = 0.9985
+"""Probability from which a fit's word is "at least 99.9 %": no fit knows more."""
+UNTOLD = "-"
+"""An answer where there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +50,11 @@ class Story:
     """What fell, and where; empty where nothing did."""
 
 
-def tell(tracks: Tracks, fit: Fit) -> list[Story]:
-    """A story for every stroke; of a clip that begins after it, for the ball that moves first."""
+def tell(tracks: Tracks, fit: Fit, scale_doubts: Sequence[str] = ()) -> list[Story]:
+    """A story for every stroke; of a clip that begins after it, for the ball that moves first.
+
+    `scale_doubts`: sentences that say by how much all speeds may be wrong; told beside them.
+    """
     events = fit.events
     likely = [k for k in range(len(events)) if events.probability[k] >= LIKELY]
     strikes = [k for k in likely if events.kind[k] == "strike" and events.a[k] in fit.trajectory.ids]
@@ -60,7 +68,14 @@ def tell(tracks: Tracks, fit: Fit) -> list[Story]:
         begins = _first_mover(tracks, fit, likely)
         first = float(tracks.t[0])
         told = [] if begins is None else [(_story(fit, tracks, begins, first, np.inf, likely, None), np.inf)]
-    return [replace(story, potted=_potted(events, likely, story.start, end)) for story, end in told]
+    return [
+        replace(
+            story,
+            potted=_potted(events, likely, story.start, end),
+            speed=" ".join([story.speed, *(scale_doubts if story.speed != UNTOLD else ())]),
+        )
+        for story, end in told
+    ]
 
 
 def _potted(events: Events, likely: list[int], start: float, end: float) -> str:
@@ -99,7 +114,7 @@ def _story(
     )
     if touch is None:
         then = _told_after(fit, tracks, ball, own, start, end)
-        when = "-" if strike is None else f"{event_time(events, strike)} (the stroke)"
+        when = UNTOLD if strike is None else f"{event_time(events, strike)} (the stroke)"
         first = f"{ball} touched no other ball.{struck}"
         return Story(start, first, when, _stroke_speed(events, strike), then, _sure(fit, own, strike))
     t = float(events.t[touch])
@@ -130,7 +145,7 @@ def _left_at(events: Events, k: int) -> str:
 
 def _stroke_speed(events: Events, k: int | None) -> str:
     if k is None or not np.isfinite(events.speed[k]):
-        return "-"
+        return UNTOLD
     return f"{events.speed[k]:.2f} m/s after the stroke"
 
 
@@ -146,6 +161,8 @@ def _speeds(fit: Fit, ball: str, other: str, touch: int) -> str:
         parts.append(f"They closed at {events.speed[touch]:.2f} m/s along the line of their centres")
     if np.isfinite(came):
         parts.append(f"{ball} came at {came:.2f} ± {sigma:.3f} m/s")
+    elif parts:
+        parts.append(f"how fast {ball} came was not seen")
     if np.isfinite(left):
         parts.append(f"{other} left at {left:.2f} m/s")
     return "; ".join(parts) + "." if parts else "not known"
@@ -160,29 +177,31 @@ def _way_on(fit: Fit, ball: str, touch: int, own: list[int], end: float) -> str:
     """Where the ball went, once it rolled or met the next thing."""
     events, ids = fit.events, fit.trajectory.ids
     t, k = float(events.t[touch]), ids.index(ball)
-    ahead = [float(events.t[j]) for j in own if events.t[j] > t + JUST]
-    look = min(t + SETTLED, *(ahead[:1] or [np.inf]), end) - JUST
+    ahead = [float(events.t[j] + _beside(events, j)[0]) for j in own if events.t[j] > t + JUST]
     before_and_after = t + _beside(events, touch)
-    look = max(look, float(before_and_after[1]))
+    look = max(min(t + SETTLED, *(ahead[:1] or [np.inf]), end - JUST), float(before_and_after[1]))
     known = fit.trajectory.at(np.append(before_and_after, look)).v[:, k]
     before, later = known[0], known[2]
     speeds = np.linalg.norm(known, axis=1)
-    if not np.isfinite(speeds[1:]).all():
+    if not np.isfinite(speeds[2]):
         return f"Where {ball} went is not known."
     if not speeds[0] > STANDS:
         return f"{ball} went at {speeds[2]:.2f} m/s {look - t:.2f} s later; from where it came was not seen."
     if speeds[2] < STANDS:
         return f"{ball} stopped where it was ({speeds[2]:.2f} m/s {look - t:.2f} s later)."
+    slow = f"all but stopped ({speeds[1]:.2f} m/s), then " if speeds[1] < 0.5 * speeds[2] else ""
+    return f"{ball} {slow}{_course(before, later)}, at {speeds[2]:.2f} m/s {look - t:.2f} s later."
+
+
+def _course(before: Floats, later: Floats) -> str:
+    """How a ball turned from one velocity (2,) to another, as a player says it."""
     angle = _turn(before, later)
     side = "right" if angle > 0 else "left"  # y runs down: a positive angle turns clockwise as seen from above
     if abs(angle) < ON:
-        course = f"went on in its old direction ({abs(angle):.0f}° to the {side})"
-    elif abs(angle) > BACK:
-        course = "came back"
-    else:
-        course = f"went off {abs(angle):.0f}° to the {side} of its old way"
-    slow = f"all but stopped ({speeds[1]:.2f} m/s), then " if speeds[1] < 0.5 * speeds[2] else ""
-    return f"{ball} {slow}{course}, at {speeds[2]:.2f} m/s {look - t:.2f} s later."
+        return f"went on in its old direction ({abs(angle):.0f}° to the {side})"
+    if abs(angle) > BACK:
+        return "came back"
+    return f"went off {abs(angle):.0f}° to the {side} of its old way"
 
 
 def _turn(before: Floats, later: Floats) -> float:
@@ -195,13 +214,20 @@ def _told_after(fit: Fit, tracks: Tracks, ball: str, later: list[int], start: fl
     """What the ball met then, and where it ended."""
     events = fit.events
     met = [k for k in later if events.kind[k] in ("ball", "cushion")]
-    told = [f"{_met(events, k, ball)} at {events.t[k]:.3f} s" for k in met[:AFTERWARDS]]
-    more = f" and {len(met) - AFTERWARDS} more" if len(met) > AFTERWARDS else ""
-    then = f"Then it met {_list(told)}{more}. " if told else "It met nothing more. " if start > 0 else ""
+    told = _chosen(events, met)
+    more = f" and {len(met) - len(told)} more" if len(met) > len(told) else ""
+    words = [f"{_met(events, k, ball)} at {events.t[k]:.3f} s" for k in told]
+    then = f"Then it met {_list(words)}{more}. " if words else "It met nothing more. " if start > 0 else ""
     for k in later:
         if events.kind[k] == "pocket":
             return then + f"It fell into the {events.b[k]} pocket at {event_time(events, k)}."
     return then + _end(fit, tracks, ball, min(end, float(tracks.t[-1])), later)
+
+
+def _chosen(events: Events, met: list[int]) -> list[int]:
+    """As many as are told, in their order: balls first, for they decide a stroke, then the first cushions."""
+    wanted = sorted(met, key=lambda k: (events.kind[k] != "ball", events.t[k]))[:AFTERWARDS]
+    return sorted(wanted, key=lambda k: float(events.t[k]))
 
 
 def _end(fit: Fit, tracks: Tracks, ball: str, t: float, later: list[int]) -> str:
@@ -234,8 +260,10 @@ def _sure(fit: Fit, own: list[int], main: int | None) -> str:
         what = "first contact" if events.kind[main] == "ball" else "stroke"
         parts.append(f"The {what} is {_probably(float(events.probability[main]))}")
     others = [k for k in own if k != main]
-    if others:
-        worst = min(others, key=lambda k: events.probability[k])
+    worst = min(others, key=lambda k: events.probability[k], default=None)
+    if worst is not None and events.probability[worst] > SURE:
+        parts.append("all that this ball met besides is at least 99.9 % sure")
+    elif worst is not None:
         parts.append(
             f"of what this ball met besides, the least sure is {_probably(float(events.probability[worst]))} "
             f"({event_sentence(events, worst)})"
@@ -247,7 +275,7 @@ def _sure(fit: Fit, own: list[int], main: int | None) -> str:
 
 def _probably(probability: float) -> str:
     """A probability in words; no fit knows more than that something is more than 99.9 % sure."""
-    return "at least 99.9 % sure" if probability > 0.9985 else f"{100 * probability:.1f} % sure"
+    return "at least 99.9 % sure" if probability > SURE else f"{100 * probability:.1f} % sure"
 
 
 def _list(names: list[str]) -> str:

@@ -92,6 +92,37 @@ def test_the_report_is_no_wider_than_the_screen(report: Path, browser: webdriver
     assert wide <= screen
 
 
+OVERHANG = """
+return [...document.querySelectorAll('.figure')].map((figure) => Math.max(...[...figure.querySelectorAll('.main-svg')]
+  .map((drawn) => drawn.getBoundingClientRect().right)) - figure.getBoundingClientRect().right)"""
+"""By how many px the drawing of each figure is wider than its place."""
+
+
+def test_no_figure_lies_over_its_neighbour(report: Path, browser: webdriver.Chrome) -> None:
+    over = page_of(report, browser).execute_script(OVERHANG)
+    assert len(over) == 4
+    assert max(over) <= 1
+
+
+def test_on_paper_all_figures_and_tables_fit_and_the_still_stands_for_the_video(report: Path) -> None:
+    with chromium() as browser:
+        page_of(report, browser)
+        browser.set_window_size(700, 900)  # A4 upright is about so wide
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+        browser.execute_script("dispatchEvent(new Event('beforeprint'))")
+        assert max(browser.execute_script(OVERHANG)) <= 1
+        drawn = "return [...document.querySelectorAll('.main-svg')].map((d) => d.getBoundingClientRect().width)"
+        assert max(browser.execute_script(drawn)) <= 660
+        tables = "return [...document.querySelectorAll('.scroll')].map((s) => s.scrollWidth - s.clientWidth)"
+        assert max(browser.execute_script(tables)) <= 0
+        assert not browser.find_element(By.ID, "slow").is_displayed()
+        assert browser.find_element(By.ID, "still").size["height"] > 100
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+        browser.set_window_size(1280, 900)
+        browser.execute_script("dispatchEvent(new Event('afterprint'))")
+        WebDriverWait(browser, 10).until(lambda b: max(b.execute_script(drawn)) > 1000)
+
+
 def test_figures_are_drawn_and_tell_what_is_pointed_at(report: Path, browser: webdriver.Chrome) -> None:
     page_of(report, browser)
     for name in ("plan", "speeds", "energies", "parameters"):
