@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
 from models.errors import OptionError, TruerollError
 
@@ -31,7 +32,7 @@ class Viewer:
 
     process: subprocess.Popen[bytes]
     address: str
-    """of its page; empty where it is no page."""
+    """of its page, dark as recordings are coloured for; empty where it is no page."""
     listens: str
     """where it takes recordings from."""
 
@@ -86,7 +87,7 @@ def start_viewer(recordings: Sequence[Path], *, web: bool) -> Viewer:
     command = [str(program), *map(str, recordings), "--bind", HERE, "--port", str(port)]
     if web:
         command += ["--web-viewer", "--web-viewer-port", str(page)]
-        address = f"http://{HERE}:{page}?url={listens.replace('+', '%2B').replace(':', '%3A').replace('/', '%2F')}"
+        address = f"http://{HERE}:{page}?theme=dark&url={quote(listens, safe='')}"
     process = subprocess.Popen(command, env=os.environ | {"RERUN_ANALYTICS": "0"}, start_new_session=True)
     return Viewer(process, address, listens)
 

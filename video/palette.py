@@ -33,6 +33,9 @@ BRIGHT = 150.0
 """Levels of 255 from which ground is bright."""
 LEAST_CONTRAST = 60.0
 """Levels of 255 of brightness by which a trail must differ from the cloth."""
+SEEN_ON_INK, SEEN_ON_WHITE = 105.0, 148.0
+"""Levels of 255 of brightness between which a grey line has 3 to 1 of contrast on dark ground and on white (WCAG 2.1,
+1.4.11)."""
 GREY_CHROMA = 10.0
 """C* below which a seen colour is grey and stays so."""
 
@@ -70,6 +73,14 @@ def legible(colour: Colour) -> Colour:
     """`colour`, lightened as far as letters in it need to be read on `INK`."""
     bright = float(np.array(colour) @ LUMA)
     return colour if bright >= BRIGHT else mix(colour, WHITE, (BRIGHT - bright) / (255 - bright))
+
+
+def on_any_ground(colour: Colour) -> Colour:
+    """`colour`, lightened or darkened as far as it needs to be seen on `INK` and on `WHITE`."""
+    bright = float(np.array(colour) @ LUMA)
+    if bright > SEEN_ON_WHITE:
+        return mix(colour, (0, 0, 0), 1 - SEEN_ON_WHITE / bright)
+    return mix(colour, WHITE, max(SEEN_ON_INK - bright, 0.0) / (255 - bright))
 
 
 def mix(first: Colour, second: Colour, share: float) -> Colour:

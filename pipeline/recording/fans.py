@@ -41,10 +41,10 @@ def _log_fan(stream: rr.RecordingStream, shot: Shot, fan: Foresight, until: floa
         _log_ways(stream, shot, f"plan/fan/{ball}", [ways], frames[:1], until)
         pixels = [_to_pixels(shot, ways, int(frame)) for frame in _told(shot, frames)]
         _log_ways(stream, shot, f"picture/fan/{ball}", pixels, _told(shot, frames), until)
-        red, green, blue = (int(part) for part in shot.lines[shot.ids.index(ball)])
-        colour = mix((red, green, blue), (0, 0, 0), FAINT)
-        faint = {"colors": colour, "radii": rr.Radius.ui_points(0.4)}
-        for view in ("plan", "picture"):
+        for view, colours in (("plan", shot.plotted), ("picture", shot.lines)):
+            red, green, blue = (int(part) for part in colours[shot.ids.index(ball)])
+            colour = mix((red, green, blue), (0, 0, 0), FAINT)
+            faint = {"colors": colour, "radii": rr.Radius.ui_points(0.4)}
             stream.log(f"{view}/fan/{ball}", rr.LineStrips2D.from_fields(**faint), static=True)
 
 

@@ -95,7 +95,8 @@ def log_past(
     if in_picture:
         camera, radius = shot.scene.camera, shot.scene.table.ball_radius
         ways = [camera.to_pixels(way, radius, int(k)) for k, way in zip(there, ways, strict=True)]
-    look = {"colors": shot.lines[ball], "radii": rr.Radius.ui_points(1.5)}
+    colour = (shot.lines if in_picture else shot.plotted)[ball]
+    look = {"colors": colour, "radii": rr.Radius.ui_points(1.5)}
     stream.log(entity, rr.LineStrips2D.from_fields(**look), static=True)
     if len(there):
         strips = rr.LineStrips2D.columns(strips=[way.astype(np.float32) for way in ways])

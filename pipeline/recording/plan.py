@@ -43,7 +43,7 @@ def log_ways(stream: rr.RecordingStream, shot: Shot) -> None:
     """The whole fitted path of each ball that moves, faint; over it what lies before now, bright."""
     for k in np.flatnonzero(shot.moves):
         t, xy = shot.way(int(k))
-        faint = {"colors": [*shot.lines[k], 90], "radii": rr.Radius.ui_points(0.75)}
+        faint = {"colors": [*shot.plotted[k], 90], "radii": rr.Radius.ui_points(0.75)}
         stream.log(f"plan/paths/{shot.ids[k]}", rr.LineStrips2D([xy], **faint), static=True)
         log_past(stream, f"plan/past/{shot.ids[k]}", shot, t, xy, int(k), in_picture=False)
 

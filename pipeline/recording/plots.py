@@ -19,7 +19,7 @@ def log_plots(stream: rr.RecordingStream, shot: Shot) -> None:
     energy = 1000 * kinetic_energy(shot.state, shot.scene.table)
     residual = 1000 * np.linalg.norm(shot.fit.residual, axis=-1)
     for k in np.flatnonzero(shot.moves):
-        ball, colour = shot.ids[k], tuple(int(part) for part in shot.lines[k])
+        ball, colour = shot.ids[k], tuple(int(part) for part in shot.plotted[k])
         _log_line(stream, shot, f"plots/speed/{ball}", ball, colour, shot.t, speed[:, k])
         _log_line(stream, shot, f"plots/energy/{ball}", ball, colour, shot.t, energy[:, k])
         left = np.where(shot.fit.moving[:, k], residual[:, k], np.nan)

@@ -13,7 +13,7 @@ from models.tracks import Tracks
 from models.trajectory import State
 from pipeline.sampling import ever_moves, few_points, moments
 from video.clip import Clip
-from video.palette import INK, apart_from, ball_colour, legible
+from video.palette import INK, apart_from, ball_colour, on_any_ground
 
 Floats = NDArray[np.float64]
 Colours = NDArray[np.uint8]
@@ -38,10 +38,10 @@ class Shot:
     """of all balls at t."""
     moves: NDArray[np.bool_]
     """(N,) which balls get somewhere."""
-    names: Colours
-    """(N, 3) of letters."""
     lines: Colours
-    """(N, 3) of what is drawn on dark ground."""
+    """(N, 3) of what is drawn over the picture."""
+    plotted: Colours
+    """(N, 3) of what is drawn on the viewer's own ground, which is dark or light as its user has it."""
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -65,8 +65,8 @@ class Shot:
 def shot_of(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> Shot:
     """What the layers of a recording are drawn from."""
     seen = [ball_colour(*ball) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
-    names = np.array([legible(colour) for colour in seen], dtype=np.uint8).reshape(-1, 3)
     lines = np.array([apart_from(colour, INK) for colour in seen], dtype=np.uint8).reshape(-1, 3)
+    plotted = np.array([on_any_ground(colour) for colour in seen], dtype=np.uint8).reshape(-1, 3)
     t = moments(fit.trajectory, PATH_HZ)
     state = fit.trajectory.at(t)
-    return Shot(clip, scene, tracks, fit, t, state, ever_moves(state.xy, scene.table.ball_radius), names, lines)
+    return Shot(clip, scene, tracks, fit, t, state, ever_moves(state.xy, scene.table.ball_radius), lines, plotted)

@@ -17,13 +17,14 @@ RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"
 
 
 @contextmanager
-def chromium(width: int = 1280) -> Iterator[webdriver.Chrome]:
-    """A browser with a window of this width, px; below 600 it is a phone."""
+def chromium(width: int = 1280, *, draws: bool = False) -> Iterator[webdriver.Chrome]:
+    """A browser with a window of this width, px; below 600 it is a phone. One that `draws` has WebGL, in software."""
     driver = shutil.which(DRIVER)
     if driver is None:
         pytest.skip("chromedriver is not installed; apt-get install chromium-driver")
     options = webdriver.ChromeOptions()
-    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", f"--window-size={width},900"):
+    graphics = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader") if draws else ("--disable-gpu",)
+    for argument in ("--headless=new", "--no-sandbox", *graphics, f"--window-size={width},900"):
         options.add_argument(argument)
     if width < 600:
         options.add_experimental_option("mobileEmulation", {"deviceMetrics": {"width": width, "height": 800}})

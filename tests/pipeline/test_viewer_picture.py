@@ -11,11 +11,13 @@ from pathlib import Path
 import made_up_shot as shot
 import numpy as np
 import pytest
+from browser import chromium
 from PIL import Image
 from test_recording import made_up_fans
 
 from pipeline.recording.write import write_recording
-from pipeline.viewer import free_port
+from pipeline.viewer import free_port, open_viewer
+from video.palette import KIND_COLOURS, on_any_ground
 
 PATIENCE = 90.0
 """s that a viewer on a busy machine without a graphics card may take."""
@@ -47,27 +49,25 @@ def seen_when(client: object, picture: Path, told: Callable[[np.ndarray], bool])
         time.sleep(1.0)
 
 
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Of a made-up shot, fans and all."""
+    clip = shot.made_up_clip(tmp_path / "clip.mp4")
+    scene, tracks = shot.made_up_scene(), shot.made_up_tracks(clip, shot.made_up_scene())
+    detections, fit = shot.made_up_detections(tracks), shot.made_up_fit(tracks.t)
+    path = tmp_path / "recording.rrd"
+    write_recording(clip, scene, detections, tracks, fit, made_up_fans(), path, "made up")
+    return path
+
+
 @pytest.mark.slow
 def test_the_viewer_shows_the_table_beside_the_picture_and_the_paths_on_both(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if why := headless_viewer_is_missing():
         pytest.skip(why)
     from rerun.experimental import ViewerClient
 
-    clip = shot.made_up_clip(tmp_path / "clip.mp4")
-    scene, tracks = shot.made_up_scene(), shot.made_up_tracks(clip, shot.made_up_scene())
-    recording = tmp_path / "recording.rrd"
-    write_recording(
-        clip,
-        scene,
-        shot.made_up_detections(tracks),
-        tracks,
-        shot.made_up_fit(tracks.t),
-        made_up_fans(),
-        recording,
-        "made up",
-    )
     monkeypatch.setenv("RERUN_ANALYTICS", "0")
     program = str(Path(sys.executable).with_name("rerun"))
     client = ViewerClient.spawn(headless=True, port=free_port(0), hide_welcome_screen=True, executable_path=program)
@@ -81,5 +81,17 @@ def test_the_viewer_shows_the_table_beside_the_picture_and_the_paths_on_both(
     left, right = np.split(picture, [3 * picture.shape[1] // 5], axis=1)
     assert share_of(left, CLOTH) > 0.05, "the clip on the left"
     assert share_of(right, OUTLINE) > 1e-3, "the table on the right"
-    for part in (left, right):
-        assert share_of(part, (240, 240, 235), off=20) > 2e-4, "the white ball and its way"
+    assert share_of(left, (240, 240, 235), off=20) > 2e-4, "the white ball and its way"
+    assert share_of(right, on_any_ground(KIND_COLOURS["white"])) > 2e-4, "the white ball's way on any ground"
+
+
+@pytest.mark.slow
+def test_the_viewer_in_the_browser_shows_them_too(recording: Path, tmp_path: Path) -> None:
+    with open_viewer([recording], web=True) as viewer, chromium(960, draws=True) as browser:
+        browser.get(viewer.address + "&renderer=webgl")
+
+        def both(picture: np.ndarray) -> bool:
+            left, right = np.split(picture, [3 * picture.shape[1] // 5], axis=1)
+            return share_of(left, CLOTH) > 0.05 and share_of(right, OUTLINE) > 1e-3
+
+        assert both(seen_when(browser, tmp_path / "seen.png", both)), "the clip on the left, the table on the right"

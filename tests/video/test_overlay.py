@@ -9,7 +9,18 @@ from models.scene import Camera, Scene
 from video.inset import plan_of
 from video.layout import Side, overlap, place_label, place_panel
 from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_ring, draw_trail, error_text, uncovered
-from video.palette import BRIGHT, KIND_COLOURS, LUMA, apart_from, ball_colour, lab_to_rgb, legible
+from video.palette import (
+    BRIGHT,
+    INK,
+    KIND_COLOURS,
+    LUMA,
+    WHITE,
+    apart_from,
+    ball_colour,
+    lab_to_rgb,
+    legible,
+    on_any_ground,
+)
 from video.text import lay, lay_sparse, text_mask, write
 
 Picture = NDArray[np.uint8]
@@ -143,6 +154,22 @@ def test_letters_in_the_colour_of_a_ball_can_be_read() -> None:
         assert np.array(light) @ LUMA > BRIGHT - 2
         assert int(np.argmax(light)) == int(np.argmax(colour))
     assert legible(KIND_COLOURS["cue"]) == KIND_COLOURS["cue"]
+
+
+def contrast(one: tuple[int, int, int], other: tuple[int, int, int]) -> float:
+    """Of two sRGB colours, WCAG 2.1."""
+    levels = np.array([one, other]) / 255
+    linear = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
+    dark, light = np.sort(linear @ (0.2126, 0.7152, 0.0722))
+    return float((light + 0.05) / (dark + 0.05))
+
+
+@pytest.mark.parametrize("kind", sorted(KIND_COLOURS))
+def test_a_line_for_any_ground_is_seen_on_dark_and_on_white_and_keeps_its_hue(kind: str) -> None:
+    line = on_any_ground(KIND_COLOURS[kind])
+    assert contrast(line, INK) >= 2.5
+    assert contrast(line, WHITE) >= 2.5
+    assert int(np.argmax(line)) == int(np.argmax(KIND_COLOURS[kind]))
 
 
 def test_the_bar_of_a_black_balls_label_is_seen() -> None:
