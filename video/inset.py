@@ -74,9 +74,9 @@ class Inset:
                 cv2.circle(tile, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
         width, height = self.size
         small = cv2.resize(tile, (width, height), interpolation=cv2.INTER_AREA)
-        cover = rounded_mask(width, height, max(3, height // 24)).astype(np.float32)[..., None] / 255
+        cover = rounded_mask(width, height, max(3, height // 24)) * np.float32(1 / 255)
         ground = picture[y : y + height, x : x + width]
-        ground[:] = np.rint(ground + (small.astype(np.float32) - ground) * cover).astype(np.uint8)
+        ground[:] = cv2.blendLinear(small, ground, cover, 1 - cover)
 
 
 def plan_of(scene: Scene, longest: int) -> Inset:

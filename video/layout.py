@@ -19,6 +19,9 @@ GAPS = (0.7, 2.2)
 WAY_COST, STAY_COST, FAR_COST, RANK_COST = 0.5, 0.5, 0.15, 0.02
 """Of a label on its ball's way, of going to the other side, of the larger gap, of each less liked direction; a label
 that is covered wholly costs 2, one that is outside the picture 8."""
+SIDES = np.column_stack([np.tile(ANGLES, len(GAPS)), np.repeat(GAPS, len(ANGLES))])
+RANKS = RANK_COST * np.tile(np.arange(len(ANGLES)), len(GAPS))
+"""All sides, (16, 2) rad and radii, and what their rank costs."""
 PANEL_PLACES = ((0, 1), (1, 1), (0, 0), (1, 0), (0.5, 1), (0.5, 0), (0, 0.5), (1, 0.5))
 """Shares of the way from left to right and from top to bottom."""
 MIDDLE_COST = 0.2
@@ -76,14 +79,15 @@ def place_label(
 
     `heading` (2,) is the direction of motion, zero at rest; `bounds` the picture's (w, h); `previous` where it was.
     """
-    angles, gaps = np.tile(ANGLES, len(GAPS)), np.repeat(GAPS, len(ANGLES))
+    angles, gaps = SIDES.T
     corners = _corners(angles, gaps, size, radius)
-    rects = np.column_stack([corners + centre, np.broadcast_to(np.array(size, dtype=np.float64), corners.shape)])
+    rects = np.empty((len(corners), 4))
+    rects[:, :2], rects[:, 2:] = corners + centre, size
     area = float(size[0] * size[1])
     outside = area - overlaps(rects, np.array([[0.0, 0.0, *bounds]]))[:, 0]
     covered = overlaps(rects, np.array(taken, dtype=np.float64).reshape(-1, 4)).sum(axis=1)
     cost = (8 * outside + 2 * covered) / area + FAR_COST * (gaps > GAPS[0])
-    cost += RANK_COST * np.tile(np.arange(len(ANGLES)), len(GAPS))
+    cost += RANKS
     cost += WAY_COST * (np.cos(angles) * heading[0] + np.sin(angles) * heading[1]) ** 2
     if previous is not None:
         cost += STAY_COST * np.abs((angles - previous.angle + np.pi) % (2 * np.pi) - np.pi) / np.pi

@@ -95,27 +95,32 @@ def draw_trail(picture: Picture, way: Floats, fade: Floats, colour: Colour, widt
     x1, y1 = (int(v) for v in np.minimum(np.ceil(way.max(axis=0) + margin), [picture.shape[1], picture.shape[0]]))
     if x1 <= x0 or y1 <= y0:
         return
+    pieces = _pieces(way - [x0, y0], fade)
     layers = []
     for ink, thickness, opacity in (
         (colour, width, TRAIL_OPACITY),
         (mix(WHITE, colour, 0.12), width * 0.3, CORE_OPACITY),
     ):
         mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
-        _strokes(mask, way - [x0, y0], fade * opacity, max(1, round(thickness)))
+        _strokes(mask, pieces, opacity, max(1, round(thickness)))
         layers.append((mask, ink))
     lay_sparse(picture, layers, x0, y0, free)
 
 
-def _strokes(mask: Picture, way: Floats, opacity: Floats, thickness: int) -> None:
-    """Draw a polyline in pieces of even opacity, the oldest first."""
-    points = fixed(way)
-    length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-    pieces = int(np.clip(length / TRAIL_PIECE, 2, min(MOST_PIECES, len(points) - 1)))
-    cuts = np.unique(np.linspace(0, len(points) - 1, pieces + 1).astype(int))
-    for start, end in pairwise(cuts):
-        level = round(float(opacity[end]) * 255)
+def _pieces(way: Floats, fade: Floats) -> list[tuple[NDArray[np.int32], float]]:
+    """A polyline (n, 2) px cut into lines of even opacity, the oldest first."""
+    points = fixed(way).reshape(-1, 1, 2)
+    length = float(np.hypot(*np.diff(way, axis=0).T).sum())
+    count = int(min(max(length / TRAIL_PIECE, 2), MOST_PIECES, len(points) - 1))
+    cuts = [k * (len(points) - 1) // count for k in range(count + 1)]
+    return [(points[start : end + 1], float(fade[end])) for start, end in pairwise(cuts)]
+
+
+def _strokes(mask: Picture, pieces: Sequence[tuple[NDArray[np.int32], float]], opacity: float, thickness: int) -> None:
+    """Draw the pieces of a polyline, each with its own opacity."""
+    for line, fade in pieces:
+        level = round(fade * opacity * 255)
         if level > 2:
-            line = points[start : end + 1].reshape(-1, 1, 2)
             cv2.polylines(mask, [line], False, level, thickness, cv2.LINE_AA, SHIFT)
 
 

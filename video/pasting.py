@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -61,9 +62,11 @@ def _paste_shade(picture: Picture, layers: Sequence[Layer], still: Sequence[Outl
         places = _thinned(layer.places)
         for place in places:
             moved = _moved(layer.sprite.shade, corner + place, box, cv2.INTER_LINEAR)
-            total += moved * np.float32(layer.weight / len(places))
+            total = cv2.scaleAdd(moved, layer.weight / len(places), total)
+    free = _free(still, box)
+    total = total + 1 if free is None else total * free + 1
     ground = picture[box[1] : box[3], box[0] : box[2]]
-    ground[:] = np.rint(np.clip(ground * (1 + total * _free(still, box)), 0, 255))
+    ground[:] = cv2.multiply(ground, total, dtype=cv2.CV_8U)
 
 
 def _paste_cover(picture: Picture, layers: Sequence[Layer], in_front: Sequence[Outline]) -> None:
@@ -71,57 +74,71 @@ def _paste_cover(picture: Picture, layers: Sequence[Layer], in_front: Sequence[O
     box = _hull(picture, _parts([layer.sprite.cover for layer in layers], corners, layers))
     if box is None:
         return
-    size = (box[3] - box[1], box[2] - box[0])
-    total, weights = np.zeros((*size, 4), dtype=np.float32), np.zeros((*size, 1), dtype=np.float32)
-    for layer, corner in zip(layers, corners, strict=True):
-        cover, seen = _looked_up(layer, corner, box)
-        total += cover * (seen * np.float32(layer.weight))[..., None]
-        weights += (seen * np.float32(layer.weight))[..., None]
-    total *= (
-        np.float32(min(1.0, sum(layer.weight for layer in layers))) / np.maximum(weights, 1e-6) * _free(in_front, box)
-    )
+    total = _averaged(layers, [_looked_up(layer, corner, box) for layer, corner in zip(layers, corners, strict=True)])
+    free = _free(in_front, box)
+    total = total if free is None else total * free
     ground = picture[box[1] : box[3], box[0] : box[2]]
     ground[:] = np.rint(np.clip(ground * (1 - np.clip(total[..., 3:], 0, 1)) + total[..., :3], 0, 255))
 
 
-def _free(balls: Sequence[Outline], box: Box) -> Singles:
-    """(h, w, 1) 0 on balls, 1 elsewhere."""
+def _averaged(layers: Sequence[Layer], looked: Sequence[tuple[Singles, Singles | None]]) -> Singles:
+    """(h, w, 4) The colours and masks of layers, each by its weight and by how well it was seen."""
+    whole = min(1.0, sum(layer.weight for layer in layers))
+    shares = [layer.weight if seen is None else layer.weight * seen[..., None]
+              for layer, (_, seen) in zip(layers, looked, strict=True)]  # fmt: skip
+    times = whole / np.maximum(sum(shares), 1e-6)
+    total = sum(cover * share for (cover, _), share in zip(looked, shares, strict=True)) * times
+    return np.asarray(total, dtype=np.float32)
+
+
+def _free(balls: Sequence[Outline], box: Box) -> Singles | None:
+    """(h, w, 1) 0 on balls, 1 elsewhere; None where there are none."""
     x0, y0, x1, y1 = box
-    free = np.ones((y1 - y0, x1 - x0, 1), dtype=np.float32)
+    free: Singles | None = None
     for ball in balls:
-        if np.all(ball.centre > [x0 - ball.reach, y0 - ball.reach]) and np.all(
-            ball.centre < np.add(ball.reach, [x1, y1])
-        ):
+        (x, y), reach = ball.centre, ball.reach
+        if x0 - reach < x < x1 + reach and y0 - reach < y < y1 + reach:
             apart = ball.distance(x0, y0, x1 - x0, y1 - y0) - ball.radius
-            free *= np.clip(apart / ball.edge, 0, 1)[..., None]
+            mine: Singles = np.clip(apart / ball.edge, 0, 1)[..., None]
+            free = mine if free is None else free * mine
     return free
 
 
-def _looked_up(layer: Layer, corner: Floats, box: Box) -> tuple[Singles, Singles]:
-    """Colours and mask (h, w, 4), and how well they were seen (h, w), of a layer in a box."""
-    sprite = layer.sprite
+def _looked_up(layer: Layer, corner: Floats, box: Box) -> tuple[Singles, Singles | None]:
+    """Colours and mask (h, w, 4), and how well they were seen (h, w), of a layer in a box; None: wholly."""
     if layer.bend is not None:
-        return _bent(layer, corner, box)
-    cover = np.zeros((box[3] - box[1], box[2] - box[0], 4), dtype=np.float32)
-    for place in layer.places:
-        cover += _moved(sprite.cover, corner + place, box, cv2.INTER_CUBIC)
-    hidden = _moved(1 - sprite.seen, corner + layer.places.mean(axis=0), box, cv2.INTER_LINEAR)
-    return cover / np.float32(len(layer.places)), np.asarray(1 - hidden, dtype=np.float32)
+        return _bent(layer, layer.bend, corner, box)
+    cover = _moved(layer.sprite.cover, corner + layer.places[0], box, cv2.INTER_CUBIC)
+    for place in layer.places[1:]:
+        cover += _moved(layer.sprite.cover, corner + place, box, cv2.INTER_CUBIC)
+    if len(layer.places) > 1:
+        cover /= np.float32(len(layer.places))
+    hidden = layer.sprite.hidden
+    if hidden is None:
+        return cover, None
+    return cover, 1 - _moved(hidden, corner + layer.places.mean(axis=0), box, cv2.INTER_LINEAR)
 
 
-def _bent(layer: Layer, corner: Floats, box: Box) -> tuple[Singles, Singles]:
+def _bent(layer: Layer, bend: Singles, corner: Floats, box: Box) -> tuple[Singles, Singles | None]:
     """The same where what is on the ball goes round with it."""
-    assert layer.bend is not None
     place = layer.places.mean(axis=0)
-    across, down = (np.arange(low, high, dtype=np.float32) for low, high in ((box[0], box[2]), (box[1], box[3])))
-    own = np.stack(np.meshgrid(across, down), axis=-1)
-    half = (layer.bend.shape[0] - 1) / 2
-    relative = own - place.astype(np.float32) + np.float32(half)
-    bend = cv2.remap(layer.bend, relative, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    where = own - (corner + place).astype(np.float32) - bend
+    shift = (np.array(box[:2]) - corner - place).astype(np.float32)
+    turned = _moved(bend, place - (bend.shape[0] - 1) / 2, box, cv2.INTER_LINEAR)
+    where = _grid(box[2] - box[0], box[3] - box[1]) + shift - turned
     cover = cv2.remap(layer.sprite.cover, where, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
-    hidden = cv2.remap(1 - layer.sprite.seen, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    return np.asarray(cover), np.asarray(1 - hidden)
+    hidden = layer.sprite.hidden
+    if hidden is None:
+        return np.asarray(cover, dtype=np.float32), None
+    seen = 1 - cv2.remap(hidden, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(cover, dtype=np.float32), np.asarray(seen, dtype=np.float32)
+
+
+@lru_cache(maxsize=512)
+def _grid(width: int, height: int) -> Singles:
+    """(h, w, 2) px, every pixel's own place; shared, not to be written into."""
+    places = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
+    places.setflags(write=False)
+    return places
 
 
 def _corner(layer: Layer) -> Floats:

@@ -119,6 +119,11 @@ class Sprite:
         """px, how far it went."""
         return float(np.hypot(*np.ptp(self.way, axis=0)))
 
+    @property
+    def hidden(self) -> Singles | None:
+        """(k, l) 1 less `seen`; None where no other ball hid any of it, as is usual."""
+        return None if self.seen.min() == 1 else 1 - self.seen
+
 
 @dataclass(frozen=True, slots=True)
 class Peeled:

@@ -57,8 +57,9 @@ def lay(picture: Picture, mask: Mask, x: int, y: int, colour: Colour, opacity: f
     if part.size == 0 or opacity <= 0:
         return
     ground = picture[y + top : y + top + part.shape[0], x + left : x + left + part.shape[1]]
-    cover = part.astype(np.float32)[..., None] * (opacity / 255)
-    ground += np.rint((np.asarray(colour, dtype=np.float32) - ground) * cover).astype(np.int16).astype(np.uint8)
+    cover, solid = part * np.float32(opacity / 255), np.empty_like(ground)
+    solid[:] = colour
+    ground[:] = cv2.blendLinear(solid, ground, cover, 1 - cover)
 
 
 def lay_sparse(picture: Picture, layers: Sequence[tuple[Mask, Colour]], x: int, y: int, free: Mask) -> None:
