@@ -64,13 +64,12 @@ class Predicted:
 
     starts: tuple[Floats, ...]
     """per window (S,), as its first rows tell them."""
-
+    covariances: tuple[Floats, ...]
+    """per window (S, S), of the starts."""
     paths: tuple[Floats, ...]
     """per window (T, N, D)."""
     squares: Floats
     """(W,) sum of squared errors over the predicted observations of a window."""
-    floor: Floats
-    """(W,) the same, as a right model would be expected to leave."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,17 +171,14 @@ def predict(
 ) -> Predicted:
     """Predictions by the model and the parameters of a fit; states are sought from `starts` where given."""
     if not windows:
-        return Predicted((), (), np.zeros(0), np.zeros(0))
+        return Predicted((), (), (), np.zeros(0))
     states = _told(question, windows, like, starts)
     paths = tuple(
         question.scene.predict(one.piece, start, like.shared, like.forms)
         for one, start in zip(windows, states.starts, strict=True)
     )
     squares = np.array([_squares(one, path - one.piece.places) for one, path in zip(windows, paths, strict=True)])
-    floor = _floor(question, windows, like, states, paths)
-    # the right model leaves no more than this one did
-    floor *= min(1.0, float(squares.sum()) / max(float(floor.sum()), 1e-300))
-    return Predicted(states.starts, paths, squares, floor)
+    return Predicted(states.starts, states.shooting.start_covariances, paths, squares)
 
 
 def _squares(one: Ahead, miss: Floats) -> float:
@@ -192,29 +188,32 @@ def _squares(one: Ahead, miss: Floats) -> float:
     return float(np.square(miss[later]).sum())
 
 
-def _floor(
-    question: Question, windows: tuple[Ahead, ...], like: Fitted, states: Fitted, paths: tuple[Floats, ...]
-) -> Floats:
-    """(W,) squares that the right model would leave from the same starts: noise, and how far the starts were off.
+def floor(question: Question, windows: tuple[Ahead, ...], like: Fitted, found: Predicted) -> Floats:
+    """(W,) squares that the right model would leave from the starts of the better one: noise, and how far the starts
+    were off.
 
     How far a start was off is seen from the whole window, later than it was told; a wrong model mistakes its own error
     for that, so that no more is granted altogether than chance allows.
     """
-    whole = follow(question, tuple(one.piece for one in windows), like, states.starts)
+    if not windows:
+        return np.zeros(0)
+    whole = follow(question, tuple(one.piece for one in windows), like, found.starts)
     off, surprise, free = np.zeros(len(windows)), 0.0, 0
     for k, one in enumerate(windows):
         path = question.scene.predict(one.piece, whole.starts[k], like.shared, like.forms)
-        off[k] = _squares(one, paths[k] - path)
-        step = whole.starts[k] - states.starts[k]
-        spread = states.shooting.start_covariances[k] - whole.shooting.start_covariances[k]
+        off[k] = _squares(one, found.paths[k] - path)
+        step = whole.starts[k] - found.starts[k]
+        spread = found.covariances[k] - whole.shooting.start_covariances[k]
         sizes, axes = np.linalg.eigh((spread + spread.T) / 2)
         known = (sizes > 1e-6 * sizes[-1]) & (sizes > 0)
         surprise += float((np.square(axes[:, known].T @ step) / sizes[known]).sum())
         free += int(known.sum())
     granted = min(1.0, float(chi2.ppf(_GRANTED, free)) / surprise) if surprise > 0 else 1.0
-    coordinates = paths[0].shape[2]
+    coordinates = found.paths[0].shape[2]
     noise = [coordinates * float(np.square(w.piece.sigma[w.known :][w.piece.seen[w.known :]]).sum()) for w in windows]
-    return np.asarray(granted * off + np.array(noise))
+    least = granted * off + np.array(noise)
+    # the right model leaves no more than this one did
+    return np.asarray(least * min(1.0, float(found.squares.sum()) / max(float(least.sum()), 1e-300)))
 
 
 def counts(windows: tuple[Ahead, ...]) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 
 from diagnosis.blocks import Structure, structure
 from diagnosis.candidates import group_of, leading, probabilities, ranked, strengths
-from diagnosis.close import HORIZON, Ahead, Closing, closing, foreseeable, predict, shares, windows_ahead
+from diagnosis.close import HORIZON, Closing, Foreseen, closing, floor, foreseeable, predict, shares, windows_ahead
 from diagnosis.film_next import film_next
 from diagnosis.fitting import Fitted, Question, Seen, again, fit, follow, look, question_of
 from diagnosis.noise import Noise, estimate_noise, with_noise
@@ -136,7 +136,7 @@ def _ahead(
     foreseen = foreseeable(question, windows_ahead(question, recordings), best, rng)
     windows = foreseen.windows
     before, after = (predict(question, windows, one, foreseen.starts) for one in (base, best))
-    return closing(windows, before.squares, after.squares, after.floor, rng)
+    return closing(windows, before.squares, after.squares, floor(question, windows, best, after), rng)
 
 
 def _alone(question: Question, recordings: tuple[Recording, ...], like: Fitted) -> Fitted:
@@ -285,21 +285,22 @@ def _gap(
     foreseen = foreseeable(question, windows_ahead(question, recordings) if recordings else (), full, rng)
     windows = foreseen.windows
     before, after = (predict(question, windows, one, foreseen.starts) for one in (study.base, full))
-    told = closing(windows, before.squares, after.squares, after.floor, rng)
+    least = floor(question, windows, full, after)
+    told = closing(windows, before.squares, after.squares, least, rng)
     if not study.best.names and not study.doubt.something_left:
         told = replace(told, closed=float("nan"), interval=(-1.0, 1.0), resolved=False)
     shots = tuple(sorted({one.piece.shot for one in windows}))
     horizon = max((float(one.piece.t[-1] - one.piece.t[one.known - 1]) for one in windows), default=HORIZON)
     gap = Gap(f"rms_{question.scene.unit}", min(horizon, HORIZON), shots, told, windows, before.paths, after.paths)
-    return gap, _per_effect(study, windows, before.squares, after.squares, after.floor, told, rng)
+    return gap, _per_effect(study, foreseen, before.squares, after.squares, least, told, rng)
 
 
 def _per_effect(
     study: Study,
-    windows: tuple[Ahead, ...],
+    foreseen: Foreseen,
     before: Floats,
     after: Floats,
-    floor: Floats,
+    least: Floats,
     told: Closing,
     rng: np.random.Generator,
 ) -> tuple[EffectShare, ...]:
@@ -308,17 +309,17 @@ def _per_effect(
         return ()
     if len(names) == 1:
         return (EffectShare(names[0], told.closed, told.interval),)
-    known = {frozenset[str](): before, frozenset(names): after}
+    known, windows, starts = {frozenset[str](): before, frozenset(names): after}, foreseen.windows, foreseen.starts
 
     def squares_with(chosen: frozenset[str]) -> Floats:
         if chosen not in known:
             one = study.state.tried.get(chosen)
-            known[chosen] = before if one is None else predict(study.question, windows, one.fitted).squares
+            known[chosen] = before if one is None else predict(study.question, windows, one.fitted, starts).squares
         return known[chosen]
 
     found = []
     for name, part in shares(names, squares_with).items():
-        one = closing(windows, before, before - part, floor, rng, limit=float("inf"))
+        one = closing(windows, before, before - part, least, rng, limit=float("inf"))
         found.append(EffectShare(name, one.closed, one.interval))
     return tuple(found)
 

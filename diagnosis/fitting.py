@@ -139,19 +139,28 @@ def fit(
 
 
 def follow(
-    question: Question, pieces: tuple[Recording, ...], like: Fitted, starts: tuple[Floats, ...] | None = None
+    question: Question,
+    pieces: tuple[Recording, ...],
+    like: Fitted,
+    starts: tuple[Floats, ...] | None = None,
+    anew: bool = False,
 ) -> Fitted:
     """Only the starts of other pieces fitted, all parameters kept."""
     fixed = replace(like, free=np.zeros(len(question.priors), bool))
-    return again(question, pieces, fixed, starts)
+    return again(question, pieces, fixed, starts, anew)
 
 
 def again(
-    question: Question, pieces: tuple[Recording, ...], like: Fitted, starts: tuple[Floats, ...] | None = None
+    question: Question,
+    pieces: tuple[Recording, ...],
+    like: Fitted,
+    starts: tuple[Floats, ...] | None = None,
+    anew: bool = False,
 ) -> Fitted:
-    """The same hypothesis on other pieces, from its parameters and from `starts` where given."""
+    """The same hypothesis on other pieces, from its parameters and from `starts` where given; `anew` also from what was
+    seen there alone."""
     held = Held(model_of(question, pieces, like.forms, like.free), like.shared, like.free, question.priors)
-    found = shoot(held, like.shared[like.free], USUAL, starts)
+    found = shoot(held, like.shared[like.free], USUAL, starts, anew)
     return Fitted(pieces, like.names, like.forms, like.free, held.whole(found.shared), found)
 
 

@@ -110,11 +110,12 @@ def sought_anew(question: Question, fitted: Fitted) -> Fitted:
 
 
 def _sought_again(question: Question, fitted: Fitted, odd: Mask) -> Fitted:
-    """Windows of whole shots begun from what was seen alone, numbers kept: hidden spin has several ways to be nearly
-    right, and what one of them leaves would be taken for an effect."""
+    """Windows of whole shots begun also from what was seen alone, numbers kept: hidden spin has several ways to be
+    nearly right, and what one of them leaves would be taken for an effect."""
     costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])
     places = np.flatnonzero(odd)
-    fresh = follow(question, tuple(fitted.pieces[k] for k in places), fitted)
+    chosen = tuple(fitted.pieces[k] for k in places)
+    fresh = follow(question, chosen, fitted, tuple(fitted.starts[k] for k in places), anew=True)
     now, starts = _costs(question, fresh), list(fitted.starts)
     for shot in np.unique(shots[odd]):
         here = shots[places] == shot

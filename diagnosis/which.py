@@ -130,12 +130,11 @@ def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted])
         larger = _larger(state, now)
         if larger is None:
             break
-        now = larger
+        now = _exchanged(state, larger)
         further = longer(now.fitted)
         if len(further.pieces) < len(now.fitted.pieces):
             now = Hypothesis(now.names, further)
             state = _taken_up(state, now)
-        _exchange(state, now)
     return state
 
 
@@ -178,11 +177,14 @@ def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
 def adopted(state: Search) -> Hypothesis:
     """Of the most probable number of effects, the hypothesis of greatest evidence in which every effect is needed; of
     fewer effects where there is none."""
-    for size in range(state.most(), 0, -1):
-        for one in sorted((one for one in state.tried.values() if one.size == size), key=state.weigh, reverse=True):
-            if needed(state, one):
-                return one
-    return state.base
+    chosen = (_best_needed(state, size) for size in range(state.most(), 0, -1))
+    return next((one for one in chosen if one is not None), state.base)
+
+
+def _best_needed(state: Search, size: int) -> Hypothesis | None:
+    """Of so many effects, the hypothesis of greatest evidence in which every one is needed."""
+    alike = sorted((one for one in state.tried.values() if one.size == size), key=state.weigh, reverse=True)
+    return next((one for one in alike if needed(state, one)), None)
 
 
 def needed(state: Search, one: Hypothesis) -> bool:
@@ -286,14 +288,17 @@ def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
     return found
 
 
-def _exchange(state: Search, now: Hypothesis) -> None:
-    """Try each effect of a hypothesis against its nearest rivals, and the hypothesis without it."""
-    if now.size < 2:
-        return
-    for name in now.names:
+def _exchanged(state: Search, now: Hypothesis) -> Hypothesis:
+    """The best of a hypothesis and those in which one of its effects gave way to a near rival.
+
+    Rivals are fitted on windows that the smaller hypotheses allow too: on those that only the right one allows, a wrong
+    one follows wrong paths, at great cost, and nothing is learnt from how much it leaves.
+    """
+    for name in now.names if now.size > 1 else ():
         rest = _try(state, now.names - {name}, now)
         found = _signatures(state, rest)
         rivals = [other for other in state.question.candidates if other not in now.names]
         rivals.sort(key=lambda other: _promise(state, found, (other,)), reverse=True)
         for other in rivals[:2]:
             _try(state, rest.names | {other}, rest)
+    return _best_needed(state, now.size) or now

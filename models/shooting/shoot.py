@@ -44,6 +44,10 @@ _JUMP = 4.0
 """rise of the cost of a shot, in a step that should lower it, from which its own states are sought anew."""
 _EXPLAINED = 4.0
 """robust chi2 per observation up to which the states of a shot count as found."""
+_EARLY, _LATER = (0.2, 0.35, 0.5), (0.7, 0.85)
+"""shares of the windows that states are fitted to, one after another."""
+_HOPEFUL = 2
+"""first guesses that are followed further than `_EARLY`: what begins better ends better, and each costs as much."""
 _STRIDE = 1.0
 """standard deviations of its prior that a shared number may move in one step."""
 _DAMPINGS = 10
@@ -98,19 +102,22 @@ def shoot(
     shared: Floats | None = None,
     options: ShootingOptions = ShootingOptions(),
     starts: tuple[Floats, ...] | None = None,
+    anew: bool = False,
 ) -> Shooting:
     """Fit a model, from the guesses of its windows and from `shared` (P,), the priors' values where not given.
 
-    `starts`, (S,) per window, continue an earlier fit: other first guesses are then not tried.
+    `starts`, (S,) per window, continue an earlier fit: other first guesses are then tried only where they are sought
+    `anew`, and the better ones kept.
     """
     windows = model.windows
     numbers = sorted({window.shot for window in windows})
     shots = tuple(tuple(k for k, w in enumerate(windows) if w.shot == number) for number in numbers)
     problem = Problem(model, windows, shots)
     first = np.array([prior.value for prior in model.unknowns]) if shared is None else np.array(shared, float)
-    now = glanced(problem, tuple(w.start.copy() for w in windows) if starts is None else starts, first)
-    for shot in range(len(shots) if starts is None else 0):
-        now = _begun(problem, now, shot, options)
+    seen = tuple(w.start.copy() for w in windows)
+    now = glanced(problem, seen if starts is None else starts, first)
+    for shot in range(len(shots) if starts is None or anew else 0):
+        now = _begun(problem, now, shot, options, () if starts is None else (seen,))
     now, converged = _descend(problem, now, options)
     return _result(problem, now, converged)
 
@@ -187,9 +194,11 @@ def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: 
     return now
 
 
-def _begun(problem: Problem, now: Attempt, shot: int, options: ShootingOptions) -> Attempt:
-    """The states of one shot from the best of its first guesses."""
-    guesses = [now.starts] + [
+def _begun(
+    problem: Problem, now: Attempt, shot: int, options: ShootingOptions, more: tuple[tuple[Floats, ...], ...] = ()
+) -> Attempt:
+    """The states of one shot from the best of its first guesses, those of all windows in `more` among them."""
+    guesses = [now.starts, *more] + [
         (*now.starts[:k], other, *now.starts[k + 1 :])
         for k in problem.shots[shot]
         for other in problem.windows[k].others
@@ -199,7 +208,9 @@ def _begun(problem: Problem, now: Attempt, shot: int, options: ShootingOptions) 
     seen = sum(len(problem.windows[k].t) for k in problem.shots[shot])
     if best.costs[shot] <= _EXPLAINED * seen:
         return best
-    slow = [_grown(problem, _guessed(problem, now, shot, starts), shot, options) for starts in guesses]
+    early = [_grown(problem, _guessed(problem, now, shot, starts), shot, options, _EARLY) for starts in guesses]
+    early.sort(key=lambda one: shot_cost(problem, one, shot, _EARLY[-1]))
+    slow = [_grown(problem, one, shot, options, (*_LATER, 1.0)) for one in early[:_HOPEFUL]]
     return min([best, *slow], key=lambda one: one.cost)
 
 
@@ -213,11 +224,11 @@ def _guessed(problem: Problem, now: Attempt, shot: int, starts: tuple[Floats, ..
     return guess
 
 
-def _grown(problem: Problem, now: Attempt, shot: int, options: ShootingOptions) -> Attempt:
+def _grown(problem: Problem, now: Attempt, shot: int, options: ShootingOptions, seen: tuple[float, ...]) -> Attempt:
     """States fitted to more and more of a shot's windows, so that contacts come into view one after another."""
-    for share in (0.2, 0.35, 0.5, 0.7, 0.85):
-        now = _settled(problem, now, shot, options.settling // 3 + 1, share)
-    return _settled(problem, now, shot, options.settling)
+    for share in seen:
+        now = _settled(problem, now, shot, options.settling if share == 1.0 else options.settling // 3 + 1, share)
+    return now
 
 
 def _stepped(problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: float) -> Attempt:

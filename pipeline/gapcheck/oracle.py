@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.close import Closing, closing, foreseeable, predict, windows_ahead
+from diagnosis.close import Closing, closing, floor, foreseeable, predict, windows_ahead
 from diagnosis.fitting import Fitted, Question, fit, look, question_of
 from diagnosis.noise import Noise, estimate_noise, with_noise
 from diagnosis.pieces import fit_adaptively
@@ -39,7 +39,8 @@ class Oracle:
         windows = windows_ahead(self.question, with_noise(shots, self.noise))
         foreseen = foreseeable(self.question, windows, better, rng)
         before, after = (predict(self.question, foreseen.windows, one, foreseen.starts) for one in (self.base, better))
-        return closing(foreseen.windows, before.squares, after.squares, after.floor, rng)
+        least = floor(self.question, foreseen.windows, better, after)
+        return closing(foreseen.windows, before.squares, after.squares, least, rng)
 
     def tells(self, truth: Fitted, other: frozenset[str]) -> bool:
         """Whether other effects explain the same shots worse than the true ones do."""

@@ -175,3 +175,16 @@ def test_what_one_fit_found_is_known_to_the_next() -> None:
     assert [(one.name, one.unit, one.prior_only) for one in told] == [
         ("gravity", "m/s^2", False), ("restitution", "1", False),
     ]  # fmt: skip
+
+
+def test_starts_sought_anew_are_never_worse_and_find_the_way_from_a_wrong_one() -> None:
+    better = 0
+    for seed in range(12):
+        model = filmed(np.random.default_rng(seed), 1, 0.002, guess=0.0)
+        wrong = (np.array([0.3, -1.0]),)
+        kept = shoot(model, TRUTH, starts=wrong)
+        anew = shoot(model, TRUTH, starts=wrong, anew=True)
+        assert anew.cost <= kept.cost + 1e-6
+        assert anew.chi2_per_dof < 2
+        better += anew.cost < kept.cost - 10
+    assert better > 0
