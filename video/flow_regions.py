@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.scene import apply_homography
 from video.flow import Between, Interpolator
 
+Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Singles = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -21,6 +23,8 @@ COARSE = 4
 """px of the picture per cell of the map of what moves."""
 LEAST_CHANGE, NOISE_TIMES = 7.0, 5.0
 """Levels of 255, and times the usual change of a cell (coding, sensor), from which something moves in it."""
+SLACK = 2
+"""px by which an edge may be off where the camera moves: even."""
 MARGIN = 28
 """px around what moves that the interpolator sees: a share of the longest ways of cue and hands."""
 FEATHER = 10
@@ -42,16 +46,51 @@ class Region:
     weight: Singles
     """(h, w) 0 to 1; 0 at borders inside the picture."""
 
-    def lay(self, picture: Picture, share: float) -> None:
-        """Put the picture of a share of the time over `picture` (H, W, 3), in place."""
-        x0, y0, x1, y1 = self.box
-        ground = picture[y0:y1, x0:x1]
-        ground[:] = cv2.blendLinear(np.ascontiguousarray(ground), self.between(share), 1 - self.weight, self.weight)
+    def lay(self, picture: Picture, share: float, moved: Floats | None = None) -> None:
+        """Put the picture of a share of the time over `picture` (H, W, 3), in place.
+
+        `moved` (3, 3) takes pixels in which the box is meant to those of `picture`, where the camera moves.
+        """
+        box, patch, weight = self.box, self.between(share), self.weight
+        if moved is not None:
+            box, patch, weight = _carried(box, patch, weight, moved, picture.shape)
+        x0, y0, x1, y1 = box
+        if x1 > x0 and y1 > y0:
+            ground = picture[y0:y1, x0:x1]
+            ground[:] = cv2.blendLinear(np.ascontiguousarray(ground), patch, 1 - weight, weight)
 
 
-def open_regions(first: Picture, second: Picture, interpolator: Interpolator) -> tuple[Region, ...]:
-    """Find what moves between two pictures (H, W, 3) without moving balls, and open it."""
-    stirred = find_stirred(first, second)
+def _carried(
+    box: Box, patch: Picture, weight: Singles, moved: Floats, shape: tuple[int, ...]
+) -> tuple[Box, Picture, Singles]:
+    """A patch (h, w, 3) in a box and its weight (h, w) as another picture has them, cut at its borders."""
+    x0, y0, x1, y1 = box
+    corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], dtype=np.float64)
+    there = apply_homography(moved, corners)
+    left, top = (int(v) for v in np.maximum(np.floor(there.min(axis=0)), 0))
+    right, bottom = (int(v) for v in np.minimum(np.ceil(there.max(axis=0)) + 1, [shape[1], shape[0]]))
+    size = (max(right - left, 0), max(bottom - top, 0))
+    if 0 in size:
+        return (0, 0, 0, 0), patch, weight
+    step = _shift(-left, -top) @ moved @ _shift(x0, y0)
+    seen = cv2.warpPerspective(patch, step, size, borderMode=cv2.BORDER_REPLICATE)
+    counts = cv2.warpPerspective(weight, step, size, borderMode=cv2.BORDER_CONSTANT)
+    return (left, top, right, bottom), np.asarray(seen, dtype=np.uint8), np.asarray(counts, dtype=np.float32)
+
+
+def _shift(x: float, y: float) -> Floats:
+    return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
+
+
+def open_regions(
+    first: Picture, second: Picture, interpolator: Interpolator, steady: bool = True
+) -> tuple[Region, ...]:
+    """Find what moves between two pictures (H, W, 3) without moving balls, and open it.
+
+    Where the camera is not `steady` and the second was brought over the first, edges are off by a pixel here and there:
+    what lies above or below the table moves otherwise. That alone is no motion.
+    """
+    stirred = find_stirred(first, second, steady)
     regions = []
     for box in _boxes(stirred, first.shape):
         x0, y0, x1, y1 = box
@@ -61,18 +100,30 @@ def open_regions(first: Picture, second: Picture, interpolator: Interpolator) ->
     return tuple(regions)
 
 
-def find_stirred(first: Picture, second: Picture) -> Mask:
+def find_stirred(first: Picture, second: Picture, steady: bool = True) -> Mask:
     """(H / COARSE, W / COARSE) cells in which more than noise tells the two pictures apart."""
     height, width = first.shape[:2]
     size = (max(1, width // COARSE), max(1, height // COARSE))
-    small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in (first, second)]
-    change = np.asarray(cv2.absdiff(*small)).max(axis=2).astype(np.float32)
+    if steady:
+        small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in (first, second)]
+        change = np.asarray(cv2.absdiff(*small)).max(axis=2).astype(np.float32)
+    else:
+        change = cv2.resize(_beyond_edges(first, second), size, interpolation=cv2.INTER_AREA).astype(np.float32)
     usual = float(np.median(change))
     stirred = (change > LEAST_CHANGE + NOISE_TIMES * usual).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(stirred, connectivity=8)
     large = stats[:, cv2.CC_STAT_AREA] >= LEAST_CELLS
     large[0] = False
     return np.asarray(large[labels])
+
+
+def _beyond_edges(first: Picture, second: Picture) -> Picture:
+    """(H / 2, W / 2) levels by which no colour within SLACK px of the one picture is that of the other."""
+    halves = [cv2.resize(p, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for p in (first, second)]
+    around = np.ones((SLACK + 1, SLACK + 1), np.uint8)
+    low, high = cv2.erode(halves[0], around), cv2.dilate(halves[0], around)
+    apart = cv2.max(cv2.subtract(halves[1], high), cv2.subtract(low, halves[1]))
+    return np.asarray(apart.max(axis=2), dtype=np.uint8)
 
 
 def _boxes(stirred: Mask, shape: tuple[int, ...]) -> list[Box]:

@@ -160,7 +160,7 @@ class Interval:
     still: tuple[Outline, ...]
     """Balls that rest near moving ones."""
     regions: tuple[Region, ...] = ()
-    """Where something other than balls moves; none are looked for where the camera itself moves."""
+    """Where something other than balls moves, in pixels of the first picture."""
 
     def at(self, t: float, centres: Floats, ways: Floats | None = None) -> Picture:
         """The picture (H, W, 3) at time t with balls at `centres` (N, 2) px; a real one where it falls on one.
@@ -171,8 +171,9 @@ class Interval:
         if share in (0.0, 1.0):
             return (self.first if share == 0 else self.second).copy()
         picture = self._behind(t, share)
+        moved = self.sightings.carry(float(self.sightings.t[self.row]), t) if self.regions else None
         for region in self.regions:
-            region.lay(picture, share)
+            region.lay(picture, share, moved)
         ways = np.zeros((1, *centres.shape)) if ways is None else ways
         paste(picture, [seen.layers(centres[seen.ball], ways[:, seen.ball], share) for seen in self.balls], self.still)
         return picture
@@ -181,20 +182,22 @@ class Interval:
         """The two pictures without moving balls, one passing into the other."""
         x = float(np.clip((share - DISSOLVE[0]) / (DISSOLVE[1] - DISSOLVE[0]), 0, 1))
         weight = x * x * (3 - 2 * x)
-        motion = self.sightings.motion(t)
         if weight in (0.0, 1.0):
-            return self._carried(0 if weight == 0 else 1, motion)
-        mixed: Picture = cv2.addWeighted(self._carried(0, motion), 1 - weight, self._carried(1, motion), weight, 0)
+            return self._carried(0 if weight == 0 else 1, t)
+        mixed: Picture = cv2.addWeighted(self._carried(0, t), 1 - weight, self._carried(1, t), weight, 0)
         return mixed
 
-    def _carried(self, side: int, motion: Floats | None) -> Picture:
-        """A copy of one side without moving balls, as a drifting camera sees it with another motion."""
+    def _carried(self, side: int, t: float) -> Picture:
+        """A copy of one side without moving balls, as a drifting camera sees it at another time."""
         picture = self.sides[side].behind
-        own = self.sightings.motion(float(self.sightings.t[self.row + side]))
-        if own is None or motion is None:
-            return picture.copy()
-        step, size = motion @ np.linalg.inv(own), (picture.shape[1], picture.shape[0])
-        return np.asarray(cv2.warpPerspective(picture, step, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
+        step = self.sightings.carry(float(self.sightings.t[self.row + side]), t)
+        return picture.copy() if step is None else _warped(picture, step)
+
+
+def _warped(picture: Picture, step: Floats) -> Picture:
+    """A picture (H, W, 3) as a camera sees it that has moved by a homography (3, 3)."""
+    size = (picture.shape[1], picture.shape[0])
+    return np.asarray(cv2.warpPerspective(picture, step, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
 
 
 def open_interval(
@@ -221,8 +224,9 @@ def open_interval(
         known = _part(sightings, plate, row, first, balls)
     sides = (known, _part(sightings, plate, row + 1, second, balls))
     seen = [_seen(sightings, sharp, row, ball, pair, anew) for ball, pair in zip(balls, _pairs(sides), strict=True)]
-    steady = sightings.motion(float(sightings.t[row])) is None
-    regions = open_regions(sides[0].behind, sides[1].behind, interpolator) if steady else ()
+    step = sightings.carry(float(sightings.t[row + 1]), float(sightings.t[row]))
+    later = sides[1].behind if step is None else _warped(sides[1].behind, step)
+    regions = open_regions(sides[0].behind, later, interpolator, steady=step is None)
     return Interval(sightings, row, first, second, sides, tuple(seen), _still(sightings, row, balls), regions)
 
 

@@ -78,6 +78,11 @@ class Sightings:
         mean: Floats = here / here[2, 2] * (1 - share) + there / there[2, 2] * share
         return mean
 
+    def carry(self, start: float, end: float) -> Floats | None:
+        """Pixels of the picture at one time to those of another (3, 3); None where the camera stands still."""
+        here, there = self.motion(start), self.motion(end)
+        return None if here is None or there is None else np.asarray(there @ np.linalg.inv(here), dtype=np.float64)
+
     def place(self, t: float) -> tuple[int, float]:
         """Row of the picture before time t, and the share of the way to the next."""
         row = int(np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, max(len(self.t) - 2, 0)))

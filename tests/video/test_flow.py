@@ -70,6 +70,38 @@ def test_the_rest_of_the_picture_stays_bit_for_bit_and_there_is_no_seam() -> Non
             np.testing.assert_allclose(ground[y0:y1, line], first[y0:y1, line], atol=26)
 
 
+def drifted(picture: Picture, x: float, y: float) -> Picture:
+    """What a camera sees that has moved by (x, y) px."""
+    shift = np.array([[1, 0, x], [0, 1, y]], dtype=float)
+    return np.asarray(cv2.warpAffine(picture, shift, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
+
+
+def test_edges_that_are_a_pixel_off_do_not_move_where_the_camera_does() -> None:
+    sharp = np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8)
+    sharp[:, 60:180] = 220
+    assert find_stirred(sharp, drifted(sharp, 1.5, 0.7)).any()
+    assert not find_stirred(sharp, drifted(sharp, 1.5, 0.7), steady=False).any()
+    assert find_stirred(hand(80), hand(96), steady=False).any()
+
+
+def test_a_region_is_laid_where_a_moving_camera_has_it() -> None:
+    first, second = hand(80), hand(96)
+    moved = np.array([[1, 0, 3.0], [0, 1, -2.0], [0, 0, 1]])
+    ground, truth = drifted(first, 3, -2), drifted(hand(88), 3, -2)
+    plain = square(ground, truth)
+    for region in open_regions(first, second, OpticalFlow(), steady=False):
+        region.lay(ground, 0.5, moved)
+    assert square(ground, truth) < 0.15 * plain
+
+
+def test_a_region_outside_the_picture_is_not_laid() -> None:
+    ground = hand(80)
+    before = ground.copy()
+    for region in open_regions(hand(80), hand(96), OpticalFlow()):
+        region.lay(ground, 0.5, np.array([[1, 0, 2.0 * WIDTH], [0, 1, 0], [0, 0, 1]]))
+    np.testing.assert_array_equal(ground, before)
+
+
 def test_any_function_of_two_pictures_and_a_share_can_stand_in() -> None:
     asked: list[float] = []
 
