@@ -9,7 +9,7 @@ import numpy as np
 from diagnosis.blocks import Structure, structure
 from diagnosis.candidates import group_of, leading, probabilities, ranked, strengths
 from diagnosis.close import HORIZON, Closing, Foreseen, closing, floor, foreseeable, predict, shares, windows_ahead
-from diagnosis.film_next import film_next
+from diagnosis.film_next import film_next, film_to_see, film_what_is_left
 from diagnosis.fitting import Fitted, Question, Seen, again, fit, follow, look, question_of
 from diagnosis.noise import Noise, estimate_noise, with_noise
 from diagnosis.pieces import LEAST, fit_adaptively, lengthened
@@ -201,7 +201,7 @@ def _reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Ge
         forms=study.full.forms,
         unidentifiable=(*scene.gauges, *_hidden(study.question, detectable, best.names)),
         not_tested=scene.not_tested,
-        film_next=film,
+        film_next=film or _film(study, verdict),
         p_value=study.before.p_value,
         notes=(),
     )
@@ -225,6 +225,21 @@ def _verdict(study: Study) -> tuple[Verdict, dict[str, tuple[str, ...]], str]:
         return ("unknown" if study.doubt.something_left else "none"), groups, film
     alone = len(best.names) == 1 and any(len(group) > 1 for group in groups.values())
     return ("group" if alone else "effects"), groups, film
+
+
+def _film(study: Study, verdict: Verdict) -> str:
+    """What to film where no group is to be separated."""
+    if verdict == "unknown":
+        return film_what_is_left(study.left_after)
+    question = study.question
+    names = tuple(name for name in question.candidates if name not in study.best.names)
+    told, found, lack = study.seen.told, study.left_after, study.full.lack
+    return film_to_see(question, told, found, study.full.free, _usual(question), names, lack)
+
+
+def _usual(question: Question) -> Floats:
+    """(P,) strength that half of all tables exceed."""
+    return _MIDDLING * np.array([prior.sigma for prior in question.priors])
 
 
 def _phases(scene: GapScene, name: str) -> tuple[str, ...]:
@@ -273,7 +288,7 @@ def _all_strengths(study: Study) -> tuple[Strength, ...]:
 def _hidden(question: Question, detectable: Floats, named: frozenset[str]) -> tuple[str, ...]:
     """Effects not `named` that in some direction would more often than not be missed at usual strength: what the
     simulator has takes them up."""
-    usual = _MIDDLING * np.array([prior.sigma for prior in question.priors])
+    usual = _usual(question)
     masks = {name: question.mask((name,)) for name in question.candidates if name not in named}
     return tuple(name for name, mask in masks.items() if np.any(detectable[mask] > usual[mask]))
 

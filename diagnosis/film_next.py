@@ -6,7 +6,12 @@ import numpy as np
 
 from diagnosis.fitting import Question, Told
 from diagnosis.residuals import Residuals
-from diagnosis.signatures import signatures
+from diagnosis.signatures import Mask, signatures
+from diagnosis.where import excess
+from models.gap_scene import Floats
+
+_MORE = (1, 2, 3, 5, 8, 12, 20, 30, 50)
+"""further shots of one kind that are thought of."""
 
 
 def film_next(question: Question, told: Told, found: Residuals, free: np.ndarray, group: tuple[str, ...]) -> str:
@@ -29,12 +34,59 @@ def film_next(question: Question, told: Told, found: Residuals, free: np.ndarray
     return f"To tell {names}, film {max(more, 1)} more like shot {shot} ({what})."
 
 
+def film_to_see(
+    question: Question, told: Told, found: Residuals, free: Mask, usual: Floats, names: tuple[str, ...], lack: float
+) -> str:
+    """One sentence: of the effects that these shots would miss at `usual` strength (P,), the one nearest to be seen,
+    and how many more shots of which kind would show it; empty where none would be missed."""
+    missed = {name: _weakness(question, told, free, usual, name, lack) for name in names}
+    missed = {name: times for name, times in missed.items() if times > 1}
+    if not missed:
+        return ""
+    name = min(missed, key=lambda one: missed[one])
+    words = name.replace("_", " ")
+    for more in _MORE:
+        left = [_weakness(question, _with_more(told, k, more), free, usual, name, lack) for k in range(len(told.shots))]
+        if min(left) <= 1:
+            shot = int(told.shots[int(np.argmin(left))])
+            what = _described(found, shot)
+            return f"To see or rule out {words} of usual strength, film {more} more like shot {shot} ({what})."
+    return f"These shots would miss {words} of usual strength, and so would more of them: film other speeds and places."
+
+
+def film_what_is_left(found: Residuals) -> str:
+    """One sentence: where most of what no effect explains is, and what of it a second film would tell apart."""
+    left = excess(found)
+    sums = {
+        (str(phase), int(shot)): float(left[(found.phase == phase) & (found.shot == shot)].sum())
+        for phase in np.unique(found.phase)
+        for shot in np.unique(found.shot)
+    }
+    phase, shot = max(sums, key=lambda one: sums[one])
+    return (
+        f"Most of what is left is at {phase.replace('_', ' ')} in shot {shot} ({_described(found, shot)}): film it"
+        " again at half the speed, and once in another place; what stays with the place is the table or the camera."
+    )
+
+
+def _weakness(question: Question, told: Told, free: Mask, usual: Floats, name: str, lack: float) -> float:
+    """How many times stronger than usual an effect would have to be to be seen, in its worst direction."""
+    mask = question.mask((name,))
+    seen_from = signatures(question, told, free & ~mask, lack).detectable(mask)
+    return float(np.max(seen_from[mask] / usual[mask], initial=0.0))
+
+
+def _with_more(told: Told, k: int, more: int) -> Told:
+    """What would be told if shot number k had been played `more` times more."""
+    times = 1.0 + more * (told.shots == told.shots[k])
+    return Told(told.shots, told.information * times[:, None, None], told.score)
+
+
 def _separation(
     question: Question, told: Told, free: np.ndarray, one: np.ndarray, step: np.ndarray, shot: int
 ) -> float:
     """chi2 that a further shot like this one adds between the two."""
-    again = Told(told.shots, told.information * (1 + (told.shots == told.shots[shot]))[:, None, None], told.score)
-    more, now = signatures(question, again, free), signatures(question, told, free)
+    more, now = signatures(question, _with_more(told, shot, 1), free), signatures(question, told, free)
     return float(step @ (more.information - now.information)[np.ix_(one, one)] @ step)
 
 

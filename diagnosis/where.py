@@ -19,50 +19,51 @@ _BINS = 8
 
 def places(found: Residuals, pieces: tuple[Recording, ...], phases: frozenset[str]) -> tuple[Place, ...]:
     """By phase, largest first, shares adding to 1; only `phases` where it is known in which the cause acts."""
-    excess = _excess(found)
+    left = excess(found)
     allowed = (
         np.isin(found.phase, sorted(phases & set(found.phase))) if phases & set(found.phase) else found.phase != ""
     )
     names = np.unique(found.phase[allowed])
-    totals = np.array([max(float(excess[allowed & (found.phase == name)].sum()), 0.0) for name in names])
+    totals = np.array([max(float(left[allowed & (found.phase == name)].sum()), 0.0) for name in names])
     if not len(names):
         return ()
     if totals.sum() == 0:
         totals = np.array([float((found.phase == name).sum()) for name in names])
     order = np.argsort(-totals)
-    return tuple(_place(found, excess, pieces, str(names[k]), float(totals[k] / totals.sum())) for k in order)
+    return tuple(_place(found, left, pieces, str(names[k]), float(totals[k] / totals.sum())) for k in order)
 
 
-def _excess(found: Residuals) -> Floats:
+def excess(found: Residuals) -> Floats:
     """(K,) squares beyond what noise leaves after the same fit."""
     return np.asarray(np.square(found.left * found.size).sum(axis=1) - np.square(found.drawn).mean(axis=2).sum(axis=1))
 
 
-def _place(found: Residuals, excess: Floats, pieces: tuple[Recording, ...], phase: str, share: float) -> Place:
+def _place(found: Residuals, left: Floats, pieces: tuple[Recording, ...], phase: str, share: float) -> Place:
     here = found.phase == phase
-    ball, shot = _mostly(excess, found.body, here), _mostly(excess, found.shot, here)
-    names = pieces[0].bodies
+    # by name: recordings of several films do not hold the same bodies in the same order
+    bodies = np.array([pieces[k].bodies[body] for k, body in zip(found.window, found.body, strict=True)])
+    ball, shot = _mostly(left, bodies, here), _mostly(left, found.shot, here)
     return Place(
         phase=phase,
         share=share,
-        ball=None if ball is None or len(names) <= ball else names[ball],
-        shot=shot,
+        ball=None if ball is None else str(ball),
+        shot=None if shot is None else int(shot),
         span=None,
         region=None,
-        grows_with=_grows_with(found, excess, here),
+        grows_with=_grows_with(found, left, here),
     )
 
 
-def _mostly(excess: Floats, values: np.ndarray, here: np.ndarray) -> int | None:
+def _mostly(left: Floats, values: np.ndarray, here: np.ndarray) -> np.generic | None:
     """The one value, of at least three, that holds most of the gap in these observations."""
-    numbers = np.unique(values[here])
-    sums = np.array([max(float(excess[here & (values == n)].sum()), 0.0) for n in numbers])
-    if len(numbers) < 3 or sums.sum() <= 0 or sums.max() < _MOSTLY * sums.sum():
+    known = np.unique(values[here])
+    sums = np.array([max(float(left[here & (values == n)].sum()), 0.0) for n in known])
+    if len(known) < 3 or sums.sum() <= 0 or sums.max() < _MOSTLY * sums.sum():
         return None
-    return int(numbers[np.argmax(sums)])
+    return np.asarray(known)[int(np.argmax(sums))]  # type: ignore[no-any-return]
 
 
-def _grows_with(found: Residuals, excess: Floats, here: np.ndarray) -> str | None:
+def _grows_with(found: Residuals, left: Floats, here: np.ndarray) -> str | None:
     """The number with which the gap grows most evenly."""
     numbers = {"time": found.t, "speed": found.speed, "time since contact": found.since_contact}
     if found.image is not None:
@@ -73,7 +74,7 @@ def _grows_with(found: Residuals, excess: Floats, here: np.ndarray) -> str | Non
         if known.sum() < 10 * _BINS or np.ptp(values[known]) == 0:
             continue
         order = np.flatnonzero(known)[np.argsort(values[known], kind="stable")]
-        means = [float(excess[part].mean()) for part in np.array_split(order, _BINS)]
+        means = [float(left[part].mean()) for part in np.array_split(order, _BINS)]
         rank = float(spearmanr(np.arange(_BINS), means).statistic) if np.ptp(means) > 0 else 0.0
         if rank > best:
             best, name = rank, label

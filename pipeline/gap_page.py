@@ -56,13 +56,26 @@ def _plots(gap: Gap) -> list[tuple[str, str]]:
     """Titles and figures: a held-out path, the error as it grows, and where it is made."""
     if not gap.windows:
         return []
+    both = "before and after, " if _differ(gap) else ""
     figures = [
-        ("Seen, and predicted before and after, on a held-out shot", _path(gap)),
+        (f"Seen, and predicted {both}on a held-out shot", _path(gap)),
         ("How the error of a prediction grows", _growth(gap)),
     ]
     if gap.before[0].shape[2] >= 2:
         figures.append(("Where predictions go wrong", _map(gap)))
     return [(title, embedded(figure, f"plot-{k}", 420)) for k, (title, figure) in enumerate(figures)]
+
+
+def _differ(gap: Gap) -> bool:
+    """Whether anything was added to the simulator."""
+    return any(not np.array_equal(a, b, equal_nan=True) for a, b in zip(gap.before, gap.after, strict=True))
+
+
+def _predictions(gap: Gap) -> list[tuple[str, tuple[Floats, ...], str]]:
+    """Label, paths and colour of what there is to draw."""
+    if not _differ(gap):
+        return [("predicted", gap.before, BEFORE)]
+    return [("predicted before", gap.before, BEFORE), ("predicted after", gap.after, AFTER)]
 
 
 def _worst(gap: Gap) -> int:
@@ -85,11 +98,8 @@ def _path(gap: Gap) -> go.Figure:
     one = gap.windows[number]
     figure = go.Figure()
     for body in range(len(one.piece.bodies)):
-        for label, values, colour in (
-            ("seen", one.piece.places, SEEN),
-            ("predicted before", gap.before[number], BEFORE),
-            ("predicted after", gap.after[number], AFTER),
-        ):
+        predicted = [(label, paths[number], colour) for label, paths, colour in _predictions(gap)]
+        for label, values, colour in (("seen", one.piece.places, SEEN), *predicted):
             part = values[:, body]
             across, up = (part[:, 0], part[:, 1]) if part.shape[1] > 1 else (one.piece.t, part[:, 0])
             mode = "markers" if label == "seen" else "lines"
@@ -107,13 +117,13 @@ def _path(gap: Gap) -> go.Figure:
 
 def _growth(gap: Gap) -> go.Figure:
     figure = go.Figure()
-    for label, paths, colour in (("before", gap.before, BEFORE), ("after", gap.after, AFTER)):
+    for label, paths, colour in _predictions(gap):
         found = [_misses(gap, k, paths) for k in range(len(gap.windows))]
         t, miss = np.concatenate([one[0] for one in found]), np.concatenate([one[1] for one in found])
         edges = np.linspace(0, gap.horizon, 13)
         here = [(t > low) & (t <= high) for low, high in pairwise(edges)]
         rms = [float(1000 * np.sqrt(np.mean(np.square(miss[part])))) if part.any() else None for part in here]
-        figure.add_scatter(x=(edges[1:] + edges[:-1]) / 2, y=rms, name=label, line={"color": colour})
+        figure.add_scatter(x=(edges[1:] + edges[:-1]) / 2, y=rms, name=label, line={"color": colour}, connectgaps=True)
     figure.update_xaxes(title="s since the prediction began")
     return figure.update_yaxes(
         title="rms error, mrad" if gap.metric.endswith("rad") else "rms error, mm", rangemode="tozero"

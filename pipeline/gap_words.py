@@ -19,8 +19,17 @@ def gap_sentence(report: Report) -> str:
     if report.verdict == "none":
         return "These shots show nothing that your simulator lacks."
     if report.verdict == "unknown":
-        return f"Something is there that the library does not hold{': ' + report.shape if report.shape else ''}."
+        return f"Something is there that the library does not hold{_mostly_at(report)}."
     return f"These shots decide nothing: {' '.join(report.notes)}."
+
+
+def _mostly_at(report: Report) -> str:
+    """Where most of it shows; empty where nothing says it."""
+    if not report.where:
+        return ""
+    most = report.where[0]
+    grows = f", growing with {most.grows_with}" if most.grows_with else ""
+    return f": {most.share:.0%} of it shows at {plain(most.phase)}{grows}"
 
 
 def closed_sentence(report: Report) -> str:

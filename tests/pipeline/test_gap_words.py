@@ -1,0 +1,47 @@
+"""The sentences of a diagnosis say what its numbers say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from diagnosis.close import Ahead, Closing
+from diagnosis.verdict import Candidate, Gap, Place, Report
+from models.gap_scene import Recording
+from pipeline.gap_page import _plots
+from pipeline.gap_words import gap_sentence
+
+NOTHING = Closing(0.02, 0.02, 0.01, float("nan"), (-1.0, 1.0), False)
+
+
+def report(verdict: str, *where: Place) -> Report:
+    unknown = Candidate("unknown", 1.0, ("unknown",), ())
+    return Report(
+        "billiards", (), verdict, (), (unknown,), where, "along the motion everywhere (21 sigma)",  # type: ignore[arg-type]
+        Gap("rms_m", 0.85, (), NOTHING, (), (), ()), (), (), ("mirror", "inelastic"), (), (), "", 1e-9, (),
+    )  # fmt: skip
+
+
+def at(phase: str, share: float, grows: str | None = None) -> Place:
+    return Place(phase, share, None, None, None, None, grows)
+
+
+def test_what_is_unknown_is_told_by_where_most_of_it_shows_not_in_sigmas() -> None:
+    said = gap_sentence(report("unknown", at("cushion_contact", 0.86), at("rest", 0.14)))
+    assert "86%" in said
+    assert "cushion contact" in said
+    assert "sigma" not in said
+    assert "growing with time" in gap_sentence(report("unknown", at("free_roll", 1.0, "time")))
+    assert gap_sentence(report("unknown")).endswith("does not hold.")
+
+
+def test_predictions_after_are_drawn_only_where_something_was_added() -> None:
+    t = np.arange(20) / 30
+    places = np.stack([t, t], axis=-1)[:, None]
+    window = Ahead(Recording(0, np.arange(20), t, ("a",), places, np.full((20, 1), 1e-3)), 8)
+    alone = Gap("rms_m", 0.4, (0,), NOTHING, (window,), (places + 0.01,), (places + 0.01,))
+    titles = [title for title, _ in _plots(alone)]
+    assert not any("before and after" in title for title in titles)
+    better = replace(alone, after=(places + 0.001,))
+    assert any("before and after" in title for title, _ in _plots(better))
