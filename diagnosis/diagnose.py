@@ -199,7 +199,7 @@ def _reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Ge
         per_effect=per_effect,
         fitted=_all_strengths(study),
         forms=study.full.forms,
-        unidentifiable=(*scene.gauges, *_hidden(study.question, detectable, best.names)),
+        unidentifiable=(*scene.gauges, *_hidden(study.question, detectable, frozenset(study.full.names))),
         not_tested=scene.not_tested,
         film_next=film or _film(study, verdict),
         p_value=study.before.p_value,
@@ -232,7 +232,7 @@ def _film(study: Study, verdict: Verdict) -> str:
     if verdict == "unknown":
         return film_what_is_left(study.left_after)
     question = study.question
-    names = tuple(name for name in question.candidates if name not in study.best.names)
+    names = tuple(name for name in question.candidates if name not in study.full.names)
     told, found, lack = study.seen.told, study.left_after, study.full.lack
     return film_to_see(question, told, found, study.full.free, _usual(question), names, lack)
 

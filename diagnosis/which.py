@@ -248,10 +248,16 @@ def _try(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
     if known is not None:
         return known
     question = state.question
-    effects = tuple(name for name in question.candidates if name in names)
+    effects = effects_of(question, names)
     found = min(_starting_from(state, names, effects, near), key=lambda fitted: fitted.cost)
     state.tried[names] = Hypothesis(names, found)
     return state.tried[names]
+
+
+def effects_of(question: Question, names: frozenset[str]) -> tuple[str, ...]:
+    """The effects that a hypothesis adds: those it names, and those that another published form brings."""
+    brought = {name for one in question.scene.alternatives if one.name in names for name in one.brings}
+    return tuple(name for name in question.candidates if name in names | brought)
 
 
 def _starting_from(

@@ -65,6 +65,8 @@ class Alternatives:
     assumed: str
     """What the user's simulator has; one of `forms`."""
     phases: tuple[str, ...]
+    brings: tuple[str, ...] = ()
+    """Effects that belong to another form: it is not itself where the simulator lacks them."""
 
 
 @dataclass(frozen=True, slots=True)

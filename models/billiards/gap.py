@@ -73,8 +73,8 @@ class BilliardsScene:
         cushion, ball = BILLIARDS_LAWS
         of_balls = tuple(form for form in ball.forms if form != "elastic" or self.laws.ball == "elastic")
         return (
-            Alternatives(cushion.name, cushion.forms, self.laws.cushion, cushion.phases),
-            Alternatives(ball.name, of_balls, self.laws.ball, ball.phases),
+            Alternatives(cushion.name, cushion.forms, self.laws.cushion, cushion.phases, cushion.brings),
+            Alternatives(ball.name, of_balls, self.laws.ball, ball.phases, ball.brings),
         )
 
     def stretches(self, recording: Recording) -> tuple[Recording, ...]:

@@ -17,4 +17,6 @@ class BallLaw:
     phases: tuple[Phase, ...] = ("ball_contact",)
     forms: tuple[str, ...] = ("elastic", "inelastic", "alciatore")
     partners: tuple[str, ...] = ("ball_friction",)
+    brings: tuple[str, ...] = ()
+    """Effects without which a published law is not itself: the other one has a friction of its own."""
     reference: str = "docs/laws.md"

@@ -84,4 +84,9 @@ class Choice(Protocol):
     def partners(self) -> tuple[str, ...]: ...
 
     @property
+    def brings(self) -> tuple[str, ...]:
+        """Effects that belong to another form: it is not itself without them."""
+        ...
+
+    @property
     def reference(self) -> str: ...

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from played_shots import SIGMA, TABLE, numbers, opening
 
-from diagnosis.fitting import question_of
+from diagnosis.fitting import fit, question_of
 from diagnosis.pieces import fit_adaptively, stretches
+from diagnosis.which import effects_of
 from models.billiards.beginnings import beginning, strikes
 from models.billiards.gap import billiards_scene
 from models.billiards.playing import NUMBERS, Laws, packed, played
@@ -18,12 +19,12 @@ WAIT = 20
 """pictures before the strike"""
 
 
-def recorded(seed: int, values: np.ndarray, seconds: float = 1.0) -> Recording:
+def recorded(seed: int, values: np.ndarray, seconds: float = 1.0, laws: Laws | None = None) -> Recording:
     """A shot of the engine that is filmed from before the strike."""
     rng = np.random.default_rng(seed)
     start, moving = opening(rng)
     t = np.arange(WAIT + round(60 * seconds)) / 60
-    run = played(packed(start, moving), moving, TABLE, values, Laws(), seconds)
+    run = played(packed(start, moving), moving, TABLE, values, laws or Laws(), seconds)
     since = t - t[WAIT] + 0.007
     xy = np.where((since > 0)[:, None, None], run.at(np.maximum(since, 0.0))[..., :2], start[:, :2])
     xy += SIGMA * rng.normal(size=xy.shape)
@@ -143,3 +144,16 @@ def test_windows_stay_short_where_a_law_is_wrong() -> None:
     assert sum(len(piece.t) for piece in found.pieces) == sum(
         len(one.t) for one in stretches(question_of(scene, 0.0), recordings)
     )
+
+
+def test_a_published_cushion_brings_the_friction_that_makes_it_one() -> None:
+    truth = numbers(ball_friction__mu=0.0)
+    recordings = tuple(replace(recorded(seed, truth, 1.0, Laws("han_2005")), shot=seed) for seed in (5, 4))
+    question = question_of(billiards_scene(TABLE, recordings), 0.0)
+    pieces = stretches(question, recordings)
+    with_friction = effects_of(question, frozenset({"cushion_law"}))
+    assert with_friction == ("cushion_friction",)
+    assert effects_of(question, frozenset({"slope"})) == ("slope",)
+    bare, whole = (fit(question, pieces, names, ("han_2005", "inelastic")) for names in ((), with_friction))
+    assert whole.cost < 1.3 * whole.observations
+    assert bare.cost > whole.cost + 100
