@@ -113,13 +113,31 @@ def sample_side(picture: Picture, outer: Floats, side: int, depths: Floats = DEP
 
 def side_peaks(side: Side) -> tuple[Floats, Floats]:
     """Depths and strengths of lines that run along the whole side, in the range of cushion widths."""
-    from scipy.signal import find_peaks  # slow to import, and every start of the program would wait
-
-    index, properties = find_peaks(side.strength, height=LEAST_STEP, prominence=LEAST_STEP / 2)
+    index, prominence = peaks(side.strength, LEAST_STEP, LEAST_STEP / 2)
     depth = DEPTHS[index]
-    sharp = properties["prominences"] > 0.3 * properties["peak_heights"]
+    sharp = prominence > 0.3 * side.strength[index]
     inside = (depth > CUSHION_RANGE[0]) & (depth < CUSHION_RANGE[1]) & sharp
     return depth[inside], side.strength[index][inside]
+
+
+def peaks(levels: Floats, least: float, least_prominence: float) -> tuple[NDArray[np.intp], Floats]:
+    """Indices (n,) of the maxima inside levels (D,) that are high enough, a plateau's its middle; their prominences.
+
+    The prominence is the height over the higher of the two lowest levels on the way to something higher, or to the end.
+    """
+    bounds = np.concatenate([[0], 1 + np.flatnonzero(np.diff(levels)), [len(levels)]])  # runs of one level
+    height = levels[bounds[:-1]]
+    top = 1 + np.flatnonzero((height[1:-1] > height[:-2]) & (height[1:-1] > height[2:]))
+    top = top[height[top] >= least]
+    prominence = np.array([height[run] - max(_lowest(height[run::-1]), _lowest(height[run:])) for run in top])
+    enough = prominence >= least_prominence
+    return ((bounds[top] + bounds[top + 1] - 1) // 2)[enough], prominence[enough]
+
+
+def _lowest(levels: Floats) -> float:
+    """The least of levels (n,) before one is higher than the first."""
+    higher = np.flatnonzero(levels > levels[0])
+    return float(levels[: higher[0] if len(higher) else None].min())
 
 
 def fit_line(side: Side, depth: float, cushion: float) -> Line:
