@@ -100,9 +100,13 @@ def _over_time(scene: Scene, fit: Fit, colours: Sequence[str], t: Floats, values
     for k, ball in enumerate(fit.trajectory.ids):
         if moves[k]:
             figure.add_scatter(x=t, y=values[:, k], mode="lines", name=ball, line_color=colours[k])
-    for k, when in enumerate(fit.events.t):
-        if fit.events.kind[k] in ("strike", "ball", "cushion"):
-            figure.add_vline(x=float(when), line_width=1, line_dash="dot", line_color="#9ca3af")
+    line = {"width": 1, "dash": "dot", "color": "#9ca3af"}
+    marks = [
+        {"type": "line", "xref": "x", "yref": "y domain", "x0": when, "x1": when, "y0": 0, "y1": 1, "line": line}
+        for when, kind in zip(fit.events.t.tolist(), fit.events.kind, strict=True)
+        if kind in ("strike", "ball", "cushion")
+    ]
+    figure.update_layout(shapes=marks)  # all at once: each that is added alone has all others checked again
     return figure.update_xaxes(title="time of the clip (s)")
 
 
