@@ -1,9 +1,9 @@
 """The cure of a billiards gap, as files: a table profile, and the same numbers as pooltool counts them.
 
 pooltool (Kiefl 2024, doi:10.21105/joss.07301) has a ball (`BallParams`) with sliding friction u_s, rolling friction
-u_r, spinning friction u_sp = u_sp_proportionality R, ball friction u_b, ball restitution e_b, cushion restitution e_c and
-cushion friction f_c; side spin decays at 5 u_sp g / (2 R). In later versions u_b and e_b belong to the law of two balls
-and are no longer the ball's. What it cannot hold is named, not dropped.
+u_r, spinning friction u_sp = u_sp_proportionality R, ball friction u_b, ball restitution e_b, cushion restitution e_c
+and cushion friction f_c; side spin decays at 5 u_sp g / (2 R). In later versions u_b and e_b belong to the law of two
+balls and are no longer the ball's. What it cannot hold is named, not dropped.
 """
 
 from __future__ import annotations
