@@ -10,7 +10,7 @@ import numpy as np
 
 from models.particles.explain import Explained, Floats, explain
 from pipeline.chain import refuse_closed
-from pipeline.particles import Shot, read_particles, tracks_file, write_places
+from pipeline.particles import Shot, described, physics, read_particles, tracks_file, write_places
 from pipeline.publish import aside
 
 
@@ -30,6 +30,8 @@ def interpolate_particles(source: Path, factor: int, out: Path, fps: float | Non
         return
     for shot in told:
         print(f"shot {shot['shot']}: {shot['particles']} particles, {shot['samples']} samples: {shot['motion']}")
+        for line in described(shot):
+            print(line)
     print(f"Look at {target}")
 
 
@@ -54,5 +56,5 @@ def _told(shot: Shot, found: Explained) -> dict[str, Any]:
     sigma = float(np.sqrt(np.mean(found.sigma**2)))
     return {
         "shot": shot.number, "particles": len(shot.ids), "samples": len(shot.particles.t), "motion": found.kind,
-        "sigma": sigma if np.isfinite(sigma) else None, "numbers": found.numbers,
+        "sigma": sigma if np.isfinite(sigma) else None, **physics(found),
     }  # fmt: skip

@@ -11,7 +11,7 @@ from models.errors import OptionError
 from models.particles.explain import Floats, Particles
 from models.particles.foretell import Foretold, foretell
 from pipeline.chain import refuse_closed
-from pipeline.particles import Shot, read_particles, tracks_file, write_places
+from pipeline.particles import Shot, described, physics, read_particles, tracks_file, write_places
 from pipeline.publish import aside
 
 STEP = 0.02
@@ -19,11 +19,17 @@ STEP = 0.02
 
 
 def predict_particles(
-    source: Path, seconds: float, at: float | None, out: Path | None, number: int | None, as_json: bool
+    source: Path,
+    seconds: float,
+    at: float | None,
+    out: Path | None,
+    number: int | None,
+    fps: float | None,
+    as_json: bool,
 ) -> None:
     """Write prediction.csv (shot, frame, t, id, x, y, sigma) and say what the motion was taken to be."""
     path = tracks_file(source)
-    shot = _chosen(list(read_particles(path)), number, path)
+    shot = _chosen(list(read_particles(path, fps)), number, path)
     past = _until(shot.particles, at)
     steps = max(round(seconds / STEP), 1)
     found = foretell(past, past.t[-1] + np.arange(1, steps + 1) * (seconds / steps))
@@ -35,10 +41,12 @@ def predict_particles(
         write_places(fresh, [shot], [_rows(found)])
     if as_json:
         told = {"prediction": str(target), "shot": shot.number, "from": float(past.t[-1]), "motion": found.kind,
-                "sigma_at_end": float(found.sigma[-1]), "numbers": found.numbers}  # fmt: skip
+                "sigma_at_end": float(found.sigma[-1]), **physics(found)}  # fmt: skip
         print(json.dumps(told, allow_nan=False))
         return
     print(f"From {past.t[-1]:.3f} s, {found.kind}: after {seconds:g} s a coordinate is known to {found.sigma[-1]:.3g}.")
+    for line in described(physics(found)):
+        print(line)
     print(f"Look at {target}")
 
 

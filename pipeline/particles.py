@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from models.errors import OptionError
 from models.particles.bodies_by_name import named_bodies
-from models.particles.explain import Particles
+from models.particles.explain import Explained, Particles
+from models.particles.foretell import Foretold
 from pipeline.run_folder import Columns, read_table
 from pipeline.tables import write_columns
 
@@ -102,6 +103,20 @@ def _shot(number: int, axes: tuple[str, ...], columns: Columns, path: Path) -> S
     except ValueError as error:
         raise OptionError(f"{path}, shot {number}: {error}") from error
     return Shot(number, ids, axes, particles)
+
+
+def physics(found: Explained | Foretold) -> dict[str, Any]:
+    """What was found of the physics behind particles, for --json: a sigma that is not finite is None."""
+    known = {name: sigma if np.isfinite(sigma) else None for name, sigma in found.errors.items()}
+    return {"numbers": found.numbers, "numbers_sigma": known, "not_told": list(found.untold)}
+
+
+def described(told: dict[str, Any]) -> Iterator[str]:
+    """Lines that say what `physics` holds."""
+    for name, value in told["numbers"].items():
+        sigma = told["numbers_sigma"].get(name)
+        yield f"  {name} {value:.5g}{'' if sigma is None else f' ± {sigma:.2g}'}"
+    yield from (f"  {sentence}" for sentence in told["not_told"])
 
 
 def write_places(path: Path, shots: list[Shot], rows: list[dict[str, Floats]]) -> None:

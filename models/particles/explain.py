@@ -8,7 +8,7 @@ places between samples. It is what is left at twice the spacing, so that it is a
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,12 +62,16 @@ class Explained:
     """A motion of particles, and what it is taken to be."""
 
     kind: str
-    """springs, free flight, rigid bodies, or the name of a curve."""
+    """springs, collisions, free flight, rigid bodies, or the name of a curve."""
     motion: Motion
     sigma: Floats
     """(N,) standard deviation of a coordinate between two samples."""
     numbers: dict[str, float]
     """What was found of the physics, by name; empty for a curve."""
+    errors: dict[str, float] = field(default_factory=dict)
+    """Their standard deviations, where these are known."""
+    untold: tuple[str, ...] = ()
+    """What such coordinates cannot tell of the physics."""
 
 
 Fit = Callable[[Particles], tuple[Motion, dict[str, float]]]
@@ -92,9 +96,10 @@ def sprung(particles: Particles) -> Explained | None:
     latent = infer(particles.t, particles.x)
     if not latent.accepted:
         return None
-    numbers = dict(zip(latent.names, latent.values.tolist(), strict=True))
-    kind = "springs" if len(latent.graph.pairs) else "free flight"
-    return Explained(kind, lambda t: latent.at(t)[:, 0], np.full(count, latent.noise), numbers)
+    numbers, errors = (dict(zip(latent.names, each.tolist(), strict=True)) for each in (latent.values, latent.sigma))
+    kind = "springs" if len(latent.graph.pairs) else "collisions" if len(latent.graph.touching) else "free flight"
+    sigma = np.full(count, latent.noise)
+    return Explained(kind, lambda t: latent.at(t)[:, 0], sigma, numbers, errors, latent.untold)
 
 
 def _meet(x: Floats) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,7 +24,7 @@ class Foretold:
     """Places of N particles at times to come."""
 
     kind: str
-    """springs, free flight, rigid bodies, falling or straight on."""
+    """springs, collisions, free flight, rigid bodies, falling or straight on."""
     t: Floats
     """(M,) s"""
     x: Floats
@@ -33,6 +33,10 @@ class Foretold:
     """(M,) standard deviation of a coordinate."""
     numbers: dict[str, float]
     """What was found of the physics, by name."""
+    errors: dict[str, float] = field(default_factory=dict)
+    """Their standard deviations, where these are known."""
+    untold: tuple[str, ...] = ()
+    """What such coordinates cannot tell of the physics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +57,8 @@ def foretell(past: Particles, t: Floats) -> Foretold:
     springs = sprung(past)
     if springs is not None:
         growth = growth_of(*misses(past, _again), past)
-        return Foretold(springs.kind, t, springs.motion(t), growth.at(t - past.t[-1]), springs.numbers)
+        sigma = growth.at(t - past.t[-1])
+        return Foretold(springs.kind, t, springs.motion(t), sigma, springs.numbers, springs.errors, springs.untold)
     ways: dict[str, Fit] = {"straight on": going_on(1), "falling": going_on(2)}
     ways |= {name: fit for name, fit in fits(past).items() if name == "rigid bodies"}
     wrong = {name: misses(past, fit) for name, fit in ways.items()}

@@ -2,7 +2,8 @@
 
 Chen 2022 names it in the abstract; here the mass-spring-damper model itself (eqs 1 to 9) is fitted. How stiff springs
 are is searched on a ladder from soft to rods; springs that are too stiff to be seen stretching become rods, with a
-bound on their stiffness. A fit that leaves more than noise is refused, and says so.
+bound on their stiffness; particles that turn round at a jolt are tried as surfaces that collide. A fit that leaves more
+than noise is refused, and says so; so is what the coordinates cannot tell.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.springs.colliding import colliding
 from models.springs.coordinates import Coordinates, held, noise
 from models.springs.fit import SpringFit, covariance
 from models.springs.parsimony import simplified
 from models.springs.search import searched
 from models.springs.system import Springs, flow, motion, steps_for
+from models.springs.untold import hidden_depth, sentences
 from models.springs.verdict import doubts, least_stiffness
 
 Floats = NDArray[np.float64]
@@ -44,6 +47,8 @@ class Latent:
     """standard deviation of a coordinate."""
     simplifications: tuple[str, ...]
     """what was taken to be simpler than it could be, because the data do not contradict it."""
+    untold: tuple[str, ...]
+    """what such coordinates cannot tell."""
     doubts: tuple[str, ...]
     """why the fit is refused; empty where it is accepted."""
 
@@ -76,6 +81,8 @@ def infer(t: Floats, x: Floats, sigma: float | None = None) -> Latent:
     still = held(seen)
     told = noise(seen, still)
     fit = searched(seen, still, told)
+    if doubts(fit, told is not None):
+        fit = colliding(seen, fit, told)
     found = doubts(fit, told is not None)
     fit, simpler = simplified(seen, fit) if not found else (fit, ())
     return _latent(seen, fit, simpler, doubts(fit, told is not None))
@@ -83,8 +90,11 @@ def infer(t: Floats, x: Floats, sigma: float | None = None) -> Latent:
 
 def _latent(seen: Coordinates, fit: SpringFit, simpler: tuple[str, ...], found: tuple[str, ...]) -> Latent:
     sought = fit.model.layout
-    slope = sought.slope(fit.chain.shared)
+    names, values = sought.names, sought.values(fit.chain.shared)
+    sigma = np.sqrt(np.diag(covariance(fit)).clip(0)) * sought.slope(fit.chain.shared)
+    least, depth = least_stiffness(seen, fit), hidden_depth(fit)
+    sigma = np.hypot(sigma, np.where(np.array(names) == "radius", depth / 2, 0.0))
     return Latent(
-        seen.t, fit.states, fit.graph, sought.names, sought.values(fit.chain.shared),
-        np.sqrt(np.diag(covariance(fit)).clip(0)) * slope, least_stiffness(seen, fit), fit.noise, simpler, found,
+        seen.t, fit.states, fit.graph, names, values, sigma, least, fit.noise, simpler,
+        sentences(fit.graph, names, values, sigma, least, depth), found,
     )  # fmt: skip

@@ -141,10 +141,10 @@ def _pairs(seen: Coordinates, still: Bools, change: float) -> tuple[list[Pair], 
 
 def _whole(seen: Coordinates, glance: SpringFit, noise: float | None) -> SpringFit:
     """The fit to all samples."""
-    return _settled(fit_graph(seen, glance.graph, noise, start=glance), noise)
+    return settled(fit_graph(seen, glance.graph, noise, start=glance), noise)
 
 
-def _settled(fit: SpringFit, noise: float | None) -> SpringFit:
+def settled(fit: SpringFit, noise: float | None) -> SpringFit:
     """The fit; where the noise is not known, the residuals tell it."""
     for _ in range(SETTLING if noise is None else 0):
         ratio = float(np.sqrt(fit.chain.cost / max(fit.freedom, 1)))
@@ -175,7 +175,7 @@ def _stretching(seen: Coordinates, rigid: SpringFit, noise: float | None) -> Spr
     damping[stretching] = LOSS * np.sqrt(stiffness[stretching])
     graph = replace(rigid.graph, stiffness=stiffness, damping=damping)
     left = float(np.sqrt(np.nanmean(residuals(rigid) ** 2)))
-    return _settled(descended(fit_graph(seen, graph, noise, START, start=rigid), left, NEAR), noise)
+    return settled(descended(fit_graph(seen, graph, noise, START, start=rigid), left, NEAR), noise)
 
 
 def _guess(seen: Coordinates, still: Bools, pairs: list[Pair], swing: float) -> Springs:

@@ -43,6 +43,10 @@ def predict_shot(
         Path | None, typer.Option("-o", "--out", parser=named, metavar="PATH", help="Folder of the results; DIR.")
     ] = None,
     shot: Annotated[int | None, typer.Option("--shot", help="Which shot of the folder; the first.")] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option("--fps", metavar="F", help="Of a tracks.csv of particles without t: frames a second."),
+    ] = None,
     draws: Annotated[int, typer.Option("--draws", min=DRAWS, help="Courses of the ensemble.")] = DRAWS,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the ensemble.")] = 0,
     as_json: JsonOption = False,
@@ -55,7 +59,7 @@ def predict_shot(
     if not 0 < seconds <= 60:
         raise OptionError(f"--seconds is above 0 and at most 60; got {seconds:g}")
     if is_particles(source):
-        predict_particles(source, seconds, at, out, shot, as_json)
+        predict_particles(source, seconds, at, out, shot, fps, as_json)
         return
     tracks, scene, number = read_seen_shot(source, shot)
     folder = out if out is not None else source if source.is_dir() else source.parent

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from models.springs.colliding import nearest_jolt
+from models.springs.coordinates import Coordinates
 from models.springs.latent import Latent, infer
 from models.springs.parsimony import REST_AT_START
 from models.springs.system import Springs, motion, rate, springs
+from models.springs.untold import sentences
 
 Floats = NDArray[np.float64]
 
@@ -122,6 +127,57 @@ def test_masses_without_a_pin_and_with_gaps_come_back() -> None:
     assert np.allclose(latent.graph.mass, graph.mass, rtol=0.02)
     assert np.allclose(latent.graph.stiffness, graph.stiffness, rtol=0.05)
     assert np.sqrt(np.mean((latent.states[:, 0] - true) ** 2)) < NOISE / 2
+
+
+def discs(stiffness: float, radius: float = 20.0) -> tuple[Springs, Floats]:
+    """Two of unequal mass that meet a little off their middles, while they fall."""
+    mass, none = np.array([1.0, 1.5]), np.empty(0)
+    graph = springs(mass, [], none, none, none, np.array([0.0, 100.0]), radius=radius, contact=(stiffness, 3.0))
+    return graph, np.array([[[0, 0], [110, 8]], [[150, 0], [-105, 0]]], np.float64)
+
+
+def test_the_radius_of_particles_that_collide_comes_back() -> None:
+    graph, start = discs(4e3)
+    t = np.arange(0, 1, 1 / 60)
+    _, seen = filmed(graph, start, t, 0.05, 2)
+    latent = infer(t, seen)
+    assert latent.accepted
+    found, sigma = values(latent), dict(zip(latent.names, latent.sigma.tolist(), strict=True))
+    assert len(latent.graph.pairs) == 0
+    assert abs(found["radius"] - 20) < min(4 * sigma["radius"], 1.0)
+    assert abs(found["mass 1"] - 1.5) < 0.02
+    middle = (t[1:] + t[:-1]) / 2
+    off = latent.at(middle)[:, 0] - motion(graph, start, np.concatenate([t[:1], middle]))[1:, 0]
+    assert np.sqrt(np.mean(off**2)) < 0.1
+
+
+def test_only_a_distance_that_turns_round_at_a_jolt_is_a_collision() -> None:
+    graph, start = discs(4e3)
+    t = np.arange(0, 1, 1 / 60)
+    true, _ = filmed(graph, start, t, 0.0, 0)
+    near = nearest_jolt(Coordinates(t, true), graph)
+    assert near == pytest.approx(np.linalg.norm(true[:, 0] - true[:, 1], axis=1).min())
+    passing, _ = filmed(replace(graph, radius=np.zeros(2)), start, t, 0.0, 0)
+    assert nearest_jolt(Coordinates(t, passing), graph) == np.inf
+    one = np.ones(1)
+    joined = replace(graph, pairs=np.array([[0, 1]]), stiffness=one, damping=one, rest=one)
+    assert nearest_jolt(Coordinates(t, true), joined) == np.inf
+
+
+def test_what_coordinates_cannot_tell_is_said() -> None:
+    graph = replace(
+        pendulum(1.0, 0.0)[0], stiffness=np.array([np.inf, 300.0]), damping=np.array([0.0, 0.1])
+    )  # fmt: skip
+    names = ("mass 2", "stiffness 1-2", "damping 1-2", "gravity x")
+    said = sentences(
+        graph, names, np.array([1.0, 300.0, 0.1, 0.0]), np.array([1e140, 1.0, 0.2, 1.0]), np.array([5e4, np.nan]), 0.0
+    )
+    assert said[0] == "Masses are told only as multiples of that of particle 1, where forces join them."
+    assert "rod 0-1" in said[1]
+    assert "above 5e+04" in said[1]
+    assert [sentence.split(" is ")[0] for sentence in said[2:]] == ["mass 2", "damping 1-2"]
+    (_, brief) = sentences(graph, (), np.empty(0), np.empty(0), np.full(2, np.nan), 3.0)[1:]
+    assert "smaller by up to 1.5" in brief
 
 
 @pytest.mark.slow

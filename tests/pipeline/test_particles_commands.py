@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from models.particles.explain import Explained
 from pipeline.execute import execute
+from pipeline.particles import described, physics
 
 RATE, SAMPLES = 20.0, 31
 
@@ -46,6 +48,14 @@ def test_between_two_samples_come_the_places_of_the_motion(tmp_path: Path, capsy
     assert {row["observed"] for row in found if int(row["frame"]) % 4} == {"0"}
 
 
+def test_numbers_of_the_physics_have_their_errors_and_what_is_not_told_is_said() -> None:
+    numbers, errors = {"rest": 80.0, "mass 2": 1.0}, {"rest": 0.005, "mass 2": np.inf}
+    found = Explained("springs", lambda t: t, np.zeros(1), numbers, errors, ("mass 2 is hardly told.",))
+    told = json.loads(json.dumps(physics(found), allow_nan=False))
+    assert told["numbers_sigma"] == {"rest": 0.005, "mass 2": None}
+    assert list(described(told)) == ["  rest 80 ± 0.005", "  mass 2 1", "  mass 2 is hardly told."]
+
+
 def test_samples_stay_as_they_were_and_gaps_are_filled(tmp_path: Path) -> None:
     source = falling(tmp_path, missing=(10, 11))
     assert execute(["interpolate", str(source), "--factor", "2", "-o", str(tmp_path / "out")]) == 0
@@ -69,6 +79,14 @@ def test_a_file_without_times_needs_the_rate(tmp_path: Path, capsys: pytest.Capt
     assert "--fps" in capsys.readouterr().err
     assert execute([*command, "--fps", str(RATE)]) == 0
     assert float(rows(tmp_path / "out" / "tracks.csv")[-1]["t"]) == pytest.approx((SAMPLES - 1) / RATE)
+
+
+def test_the_future_of_particles_without_times_needs_the_rate(tmp_path: Path) -> None:
+    command = ["predict", str(falling(tmp_path, "frame")), "--seconds", "0.5", "-o", str(tmp_path / "out")]
+    assert execute(command) == 2
+    assert execute([*command, "--fps", str(RATE)]) == 0
+    last = rows(tmp_path / "out" / "prediction.csv")[-1]
+    assert float(last["t"]) == pytest.approx((SAMPLES - 1) / RATE + 0.5)
 
 
 def test_the_future_of_particles_is_told_with_its_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
