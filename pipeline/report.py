@@ -83,6 +83,7 @@ def write_report(
         trust=run_trust(clip, fit),
         stories=tell(tracks, fit, [doubt for doubt in scene.doubts if doubt.startswith(COULD_BE)]),
         balls=balls_of(tracks),
+        numbered=any(ball[-1:].isdigit() for ball in tracks.ids),
         poster=data_uri(files.poster, "image/png"),
         video=SLOW_MARK if carried else files.slow.name,
         slow=files.slow_factor,
