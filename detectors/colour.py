@@ -14,10 +14,18 @@ REACH = 0.75
 """Part of the radius that is sampled: further out there is the dark rim."""
 HIGHLIGHT_SHARE = 0.12
 """Brightest share of the samples that is left out."""
-WHITE_LIGHTNESS = 55.0
-"""L* from which a grey is a white."""
-WHITE_CHROMA = 0.42
-"""Chroma over lightness below which a light colour is white, under yellow light too."""
+WHITE_REACH = 0.9
+"""Part of the radius in which white is looked for: of a stripe it is often the rim alone."""
+PALEST_SHARE, FEWEST_PALE = 0.03, 12
+"""Share of all samples of a picture, the palest, that show what white looks like in its light; at least so many."""
+PALE_CHROMA = 0.8
+"""What chroma takes from lightness in the order of paleness."""
+WHITE_TINT, WHITE_LIGHTNESS = 0.5, 45.0
+"""Chroma over lightness up to which the palest is a white in tinted light, and L* from which; else white is plain."""
+PLAIN_WHITE = np.array([80.0, 0.0, 0.0])
+"""CIE L*a*b* of a white ball under white light."""
+TINT_APART, DARKER = 0.35, 0.5
+"""Difference of chroma over lightness up to which a colour is that white in shade, and the deepest such shade."""
 
 _TURN = np.pi * (3 - np.sqrt(5.0))
 _N = np.arange(SAMPLES) + 0.5
@@ -33,12 +41,46 @@ def disc_samples(rgb: Bytes, centre: Floats, radius: Floats, reach: float = REAC
 
 
 def ball_colours(rgb: Bytes, centre: Floats, radius: Floats) -> tuple[Floats, Floats]:
-    """Mean CIE L*a*b* (K, 3) without the highlight and share of white (K,) of balls at (K, 2) px."""
+    """Mean CIE L*a*b* (K, 3) without the highlight and share of white (K,) of balls at (K, 2) px.
+
+    White is what is as white as the palest of the picture: light is yellow in one hall and green in another.
+    """
     if not len(centre):
         return np.empty((0, 3)), np.empty(0)
-    lab = cv2.cvtColor(disc_samples(rgb, centre, radius) / np.float32(255), cv2.COLOR_RGB2LAB).astype(np.float64)
-    lightness, chroma = lab[..., 0], np.hypot(lab[..., 1], lab[..., 2])
-    white = (lightness > WHITE_LIGHTNESS) & (chroma < WHITE_CHROMA * lightness)
-    bright = np.quantile(lightness, 1 - HIGHLIGHT_SHARE, axis=1, keepdims=True)
-    keep = (lightness <= bright)[..., None]
-    return (lab * keep).sum(axis=1) / keep.sum(axis=1), white.mean(axis=1)
+    lab = _lab(disc_samples(rgb, centre, radius))
+    keep = _without_highlight(lab)[..., None]
+    return (lab * keep).sum(axis=1) / keep.sum(axis=1), _white_share(
+        _lab(disc_samples(rgb, centre, radius, WHITE_REACH))
+    )
+
+
+def _lab(rgb: NDArray[np.float32]) -> Floats:
+    """CIE L*a*b* (K, n, 3) of RGB (K, n, 3) of 0 to 255."""
+    return cv2.cvtColor(rgb / np.float32(255), cv2.COLOR_RGB2LAB).astype(np.float64)
+
+
+def _without_highlight(lab: Floats) -> NDArray[np.bool_]:
+    """Which samples (K, n) are not among the brightest of their ball."""
+    lightness = lab[..., 0]
+    dim: NDArray[np.bool_] = lightness <= np.quantile(lightness, 1 - HIGHLIGHT_SHARE, axis=1, keepdims=True)
+    return dim
+
+
+def _white_share(lab: Floats) -> Floats:
+    """Share (K,) of the samples (K, n, 3) of each ball that is white in the light of this picture."""
+    white = _white_of(lab)
+    tint = lab[..., 1:] / np.maximum(lab[..., :1], 1.0) - white[1:] / white[0]
+    share: Floats = ((np.hypot(tint[..., 0], tint[..., 1]) < TINT_APART) & (lab[..., 0] > DARKER * white[0])).mean(
+        axis=1
+    )
+    return share
+
+
+def _white_of(lab: Floats) -> Floats:
+    """CIE L*a*b* (3,) of white in a picture, from the samples (K, n, 3) of its balls."""
+    chroma = np.hypot(lab[..., 1], lab[..., 2])
+    pale = np.where(_without_highlight(lab), lab[..., 0] - PALE_CHROMA * chroma, -np.inf).ravel()
+    palest = np.argsort(-pale, kind="stable")[: max(FEWEST_PALE, round(PALEST_SHARE * len(pale)))]
+    seen = np.median(lab.reshape(-1, 3)[palest], axis=0)
+    tinted = np.hypot(seen[1], seen[2]) > WHITE_TINT * seen[0]
+    return PLAIN_WHITE if tinted or seen[0] < WHITE_LIGHTNESS else seen

@@ -25,6 +25,9 @@ PALE, PALER = 0.5, 0.2
 """Paleness from which a struck ball is believed to be the cue ball, and by how much another may beat it."""
 ONE_COLOUR, LEAST_OF_A_COLOUR = 14.0, 3
 """Lab distance within which pool balls have one colour, and how many of each of two colours make an English set."""
+MOST_OF_A_SOLID, LEAST_OF_A_STRIPE, LEAST_OF_A_TURN = 0.18, 0.2, 0.4
+"""White share of a solid at most (the ring about its number, seen from the front, is about a fifth of a ball) and of a
+stripe at least, usually; and of a stripe now and then while it rolls."""
 NUMBERED = ("solid", "stripe", "ball")
 """Kinds of which there are always several: their ids count from 1."""
 
@@ -114,9 +117,8 @@ def _pool(look: Look, struck: int | None) -> tuple[str, ...]:
     """Cue and eight once; two many-fold plain colours are an English set, otherwise solids and stripes."""
     lightness, a, b = look.colour.T
     kinds = np.array(["ball"] * len(a), dtype=object)
-    solid = (look.white < 0.15) & (look.white_high < 0.3)
-    kinds[solid] = "solid"
-    kinds[(look.white >= 0.18) | (look.white_high >= 0.35)] = "stripe"
+    kinds[(look.white < MOST_OF_A_SOLID) & (look.white_high < LEAST_OF_A_TURN)] = "solid"
+    kinds[(look.white >= LEAST_OF_A_STRIPE) | (look.white_high >= LEAST_OF_A_TURN)] = "stripe"
     cue = _cue(look, struck)
     if cue is not None:
         kinds[cue] = "cue"
