@@ -27,7 +27,7 @@ class _Text:
     imports: tuple[tuple[int, str, tuple[str, ...]], ...]
     """Of every import: its leading dots, the module, the names taken from it."""
     words: str
-    """All its strings."""
+    """All its strings but docstrings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,12 +110,14 @@ def _read(source: bytes) -> _Text:
     """By content: an edit within the same tick of the clock counts too."""
     imports: list[tuple[int, str, tuple[str, ...]]] = []
     words = []
-    for node in ast.walk(ast.parse(source)):
+    nodes = list(ast.walk(ast.parse(source)))
+    said = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}  # docstrings speak of files, they open none
+    for node in nodes:
         if isinstance(node, ast.Import):
             imports.extend((0, alias.name, ()) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             imports.append((node.level, node.module or "", tuple(alias.name for alias in node.names)))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in said:
             words.append(node.value)
     return _Text(tuple(imports), " ".join(words))
 

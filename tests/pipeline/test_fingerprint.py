@@ -65,6 +65,11 @@ def test_a_font_counts_for_the_module_that_names_it(house: Path) -> None:
     assert "rooms/drawing/fonts/Plain.ttf" not in source_hashes("stages.fit", house)
 
 
+def test_a_docstring_that_speaks_of_files_opens_none(house: Path) -> None:
+    edit(house / "rooms/drawing/paper.py", '"""Fonts are in fonts/."""\nwhite = 255\n')
+    assert "rooms/drawing/fonts/Plain.ttf" not in source_hashes("rooms.drawing.paper", house)
+
+
 def test_a_new_effect_file_counts_before_the_catalogue_lists_it(house: Path) -> None:
     before = source_hashes("stages.fit", house)
     (house / "rooms/effects/nap.py").write_text("class Nap: ...\n")
