@@ -56,7 +56,7 @@ def ball_colours(rgb: Bytes, centre: Floats, radius: Floats) -> tuple[Floats, Fl
 
 def _lab(rgb: NDArray[np.float32]) -> Floats:
     """CIE L*a*b* (K, n, 3) of RGB (K, n, 3) of 0 to 255."""
-    return cv2.cvtColor(rgb / np.float32(255), cv2.COLOR_RGB2LAB).astype(np.float64)
+    return np.asarray(cv2.cvtColor(rgb / np.float32(255), cv2.COLOR_RGB2LAB), dtype=np.float64)
 
 
 def _without_highlight(lab: Floats) -> NDArray[np.bool_]:
