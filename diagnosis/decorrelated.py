@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from models.effects.effect import Prior
 from models.gap_scene import Recording
-from models.shooting.windows import Flow, Glance, Model, Window, glance
+from models.shooting.windows import Flow, Glance, Model, Window, glance, narrowed
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -69,6 +69,9 @@ class Decorrelated:
         if isinstance(found, Flow):
             return self._independent(window, found)
         return replace(found, misfit=self.chains[window].whitened(found.misfit))
+
+    def narrowed(self) -> Decorrelated:
+        return replace(self, model=narrowed(self.model))
 
     def _independent(self, window: int, flow: Flow) -> Flow:
         own = self.chains[window]

@@ -81,6 +81,10 @@ class Shots:
         """What was seen up to a time of one shot; stretches that begin later are left out."""
         return replace(self, stretches=tuple(one.until(t) for one in self.stretches if one.t[0] <= t))
 
+    def narrowed(self) -> Shots:
+        """The same, no slopes by unknowns."""
+        return replace(self, wanted=np.zeros(len(self.unknowns), bool))
+
     def run(self, window: int, start: Floats, shared: Floats) -> Run:
         """The shot of a window as it is played; ArithmeticError where balls meet without end."""
         stretch = self.stretches[window]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.shooting.elimination import ShotBlock
 from models.shooting.shared_numbers import prior_cost, slopes
-from models.shooting.windows import Flow, Glance, Model, Window, glance
+from models.shooting.windows import Flow, Glance, Model, Window, glance, narrowed
 
 Floats = NDArray[np.float64]
 
@@ -43,6 +43,11 @@ class Problem:
     windows: tuple[Window, ...]
     shots: tuple[tuple[int, ...], ...]
     """numbers of the windows of each shot."""
+    of_states: Model = field(init=False, repr=False)
+    """The model for steps of states alone."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "of_states", narrowed(self.model))
 
 
 def attempt(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Attempt:
@@ -63,12 +68,12 @@ def glanced(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Att
     return point
 
 
-def with_slopes(problem: Problem, point: Attempt, shot: int) -> Attempt:
-    """The same, the windows of one shot with their slopes."""
-    flows = list(point.flows)
+def with_slopes(problem: Problem, point: Attempt, shot: int, model: Model | None = None) -> Attempt:
+    """The same, the windows of one shot with their slopes, as `model` has them where it is given."""
+    flows, model = list(point.flows), problem.model if model is None else model
     for k in problem.shots[shot]:
         if isinstance(flows[k], Glance):
-            flows[k] = problem.model.flow(k, point.starts[k], point.shared)
+            flows[k] = model.flow(k, point.starts[k], point.shared)
     return replace(point, flows=tuple(flows))
 
 

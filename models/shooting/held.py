@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.effects.effect import Prior
-from models.shooting.windows import Flow, Glance, Model, Window, glance
+from models.shooting.windows import Flow, Glance, Model, Window, glance, narrowed
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -51,3 +51,6 @@ class Held:
         return replace(
             found, by_shared=found.by_shared[..., self.free], end_by_shared=found.end_by_shared[..., self.free]
         )
+
+    def narrowed(self) -> Held:
+        return replace(self, model=narrowed(self.model))

@@ -28,6 +28,7 @@ from models.shooting.attempt import (
     normal_blocks,
     shot_cost,
     sloped,
+    with_slopes,
 )
 from models.shooting.elimination import ShotBlock, eliminate, log_determinant, solved
 from models.shooting.lack_of_fit import correlation_factor
@@ -178,7 +179,7 @@ def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: 
     damping = 1e-3
     cost = shot_cost(problem, now, shot, share)
     for _ in range(iterations if np.isfinite(cost) else 0):
-        block = normal_block(problem, now, shot, share)
+        block = normal_block(problem, with_slopes(problem, now, shot, problem.of_states), shot, share)
         for _ in range(_DAMPINGS):
             step = -solved(block.states, block.gradient, damping)
             trial = _with_states(problem, now, shot, step)

@@ -14,6 +14,7 @@ from models.billiards.beginnings import beginning, strikes
 from models.billiards.gap import billiards_scene
 from models.billiards.playing import NUMBERS, Laws, packed, played
 from models.gap_scene import Recording, neutral_values
+from models.shooting.windows import narrowed
 
 WAIT = 20
 """pictures before the strike"""
@@ -157,3 +158,16 @@ def test_a_published_cushion_brings_the_friction_that_makes_it_one() -> None:
     bare, whole = (fit(question, pieces, names, ("han_2005", "inelastic")) for names in ((), with_friction))
     assert whole.cost < 1.3 * whole.observations
     assert bare.cost > whole.cost + 100
+
+
+def test_states_are_sought_without_the_slopes_that_they_do_not_need() -> None:
+    shot = recorded(5, numbers())
+    scene = billiards_scene(TABLE, (shot,))
+    model = scene.model(scene.stretches(shot), ("mirror", "inelastic"))
+    start = model.windows[0].start
+    shared = np.array([numbers()[NUMBERS.index(prior.name)] for prior in model.unknowns])
+    whole, narrow = model.flow(0, start, shared), narrowed(model).flow(0, start, shared)
+    np.testing.assert_allclose(narrow.misfit, whole.misfit, atol=1e-9)
+    np.testing.assert_allclose(narrow.by_start, whole.by_start, rtol=1e-12, atol=1e-9)
+    assert whole.by_shared.any()
+    assert not narrow.by_shared.any()
