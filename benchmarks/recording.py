@@ -9,7 +9,8 @@ frame each second, as phones write it, and one with a single key frame, as many 
 - read: CPU s of rerun's own reader for the whole recording; drawing is the graphics card's matter and not in it.
 - chunks: what a viewer holds in memory and asks for its rows.
 - farthest: pictures to decode before the worst placed one is shown, and the CPU ms that they take on one thread;
-  scrubbing is smooth up to about a quarter of a second. The film's own value stands beside it.
+  scrubbing is smooth up to about a quarter of a second. The recording carries the clip as it is. A copy with a key frame
+  each second of the second film was tried: 211 ms instead of seconds, but 14 CPU s and 21 MB where 13 are allowed.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def main() -> int:
     scene = table_from_above()
     motion, bounces = rolling(scene.table, balls, np.random.default_rng(8))
     head = ("key frames", "events", "clip MB", "recording MB", "allowed MB", "write CPU s", "wall s", "asked s",
-            "read CPU s", "chunks", "farthest: film", "recording", "CPU ms")  # fmt: skip
+            "read CPU s", "chunks", "farthest", "CPU ms")  # fmt: skip
     print(f"| {' | '.join(head)} |\n" + len(head) * "|---" + "|")
     over = [recorded(scene, motion, bounces, each) for each in (RATE, SECONDS * RATE)]
     return int(any(over))
@@ -71,11 +72,11 @@ def recorded(scene: Scene, motion: Trajectory, bounces: list[tuple[float, int, s
         own, written = clip.path.stat().st_size, target.stat().st_size
         read, chunks, film_inside = loaded(target)
         (Path(folder) / "inside.mp4").write_bytes(film_inside)
-        before, (after, spent) = farthest(clip.path)[0], farthest(Path(folder) / "inside.mp4")
+        pictures, spent = farthest(Path(folder) / "inside.mp4")
     allowed = MOST_TIMES * own + MOST_BYTES
     print(
         f"| each {key_frame_each} | {len(fit.events)} | {own / 1e6:.1f} | {written / 1e6:.1f} | {allowed / 1e6:.1f} "
-        f"| {cpu:.1f} | {wall:.1f} | {MOST_SECONDS:.0f} | {read:.2f} | {chunks} | {before} | {after} "
+        f"| {cpu:.1f} | {wall:.1f} | {MOST_SECONDS:.0f} | {read:.2f} | {chunks} | {pictures} "
         f"| {1000 * spent:.0f} |",
         flush=True,
     )

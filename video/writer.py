@@ -10,7 +10,6 @@ from typing import Self
 
 import av
 import numpy as np
-from av.video.frame import PictureType
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
 from numpy.typing import NDArray
 
@@ -75,23 +74,7 @@ class VideoWriter:
         if rgb.shape != self._shape or rgb.dtype != np.uint8:
             raise ValueError(f"a picture of {self._shape} uint8 is wanted; got {rgb.shape} {rgb.dtype}")
         even = np.pad(rgb, self._pad, mode="edge") if self._pad != ((0, 0), (0, 0), (0, 0)) else rgb
-        self._encode(planes_of(np.ascontiguousarray(even)), at)
-
-    def write_decoded(self, picture: av.VideoFrame) -> None:
-        """Append one picture of an even width and height as a decoder gave it, without a detour over red, green, blue.
-
-        It costs nothing but the coding where the picture already is in BT.709 limited range.
-        """
-        if not self._even or (picture.height, picture.width) != self._shape[:2] or any(p != (0, 0) for p in self._pad):
-            raise ValueError(
-                f"a decoded picture of {self._shape[:2]}, both even, without a time of its own is wanted; "
-                f"got {picture.height, picture.width}"
-            )
-        own = picture.reformat(format=FORMAT, dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG)
-        own.pict_type = PictureType.NONE  # the encoder chooses its key frames itself
-        self._encode(own, None)
-
-    def _encode(self, picture: av.VideoFrame, at: float | None) -> None:
+        picture = planes_of(np.ascontiguousarray(even))
         base = Fraction(self._stream.codec_context.time_base)
         self._last = self._count if at is None else max(round(at / base), self._last + 1)
         picture.pts, picture.time_base = self._last, base
