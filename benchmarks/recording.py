@@ -9,8 +9,8 @@ frame each second, as phones write it, and one with a single key frame, as many 
 - read: CPU s of rerun's own reader for the whole recording; drawing is the graphics card's matter and not in it.
 - chunks: what a viewer holds in memory and asks for its rows.
 - farthest: pictures to decode before the worst placed one is shown, and the CPU ms that they take on one thread;
-  scrubbing is smooth up to about a quarter of a second. The recording carries the clip as it is. A copy with a key frame
-  each second of the second film was tried: 211 ms instead of seconds, but 14 CPU s and 21 MB where 13 are allowed.
+  scrubbing is smooth up to about a quarter of a second. The recording carries the clip as it is: a copy of the second
+  film with a key frame each second needs 211 ms, but 14 CPU s and 21 MB where 13 are allowed.
 """
 
 from __future__ import annotations
