@@ -151,20 +151,25 @@ def _score_carom_events(run: RunFolder, listed: list[dict[str, Any]]) -> tuple[i
 # pool: boxes of the first and the last frame
 
 
+BOXED_KINDS = {1: "cue", 2: "eight", 3: "solid", 4: "stripe"}
+"""What the classes of the boxes mean."""
+
+
 def score_pool(stem: str, run: RunFolder, truth: dict[str, Any]) -> Score:
-    found, boxed, claimed, true = 0, 0, 0, 0
+    found, boxed, claimed, true, named = 0, 0, 0, 0, 0
     missed = []
     for name, frame in (("first", run.tracks["frame"].min()), ("last", run.tracks["frame"].max())):
         rows = np.flatnonzero((run.tracks["frame"] == frame) & np.isfinite(run.tracks["x_px"]))
         centres = np.stack([run.tracks["x_px"][rows], run.tracks["y_px"][rows]], axis=-1)
         used: set[int] = set()
-        for x, y, w, h, _ in truth["boxes"][name]:
+        for x, y, w, h, kind in truth["boxes"][name]:
             boxed += 1
             distance = np.linalg.norm(centres - (x + (w - 1) / 2, y + (h - 1) / 2), axis=1)
             order = [int(k) for k in np.argsort(distance) if int(k) not in used]
             if order and distance[order[0]] <= (w + h) / 8:
                 used.add(order[0])
                 found += 1
+                named += run.tracks["kind"][rows[order[0]]] == BOXED_KINDS[kind]
             else:
                 missed.append(f"{name} ({x},{y}) by {distance[order[0]]:.1f} px" if order else f"{name} ({x},{y})")
         claimed += len(rows)
@@ -172,6 +177,7 @@ def score_pool(stem: str, run: RunFolder, truth: dict[str, Any]) -> Score:
     cells = (
         f"{found}/{boxed} = {found / boxed:.0%}",
         f"{true}/{claimed} = {true / max(claimed, 1):.0%}",
+        f"{named}/{found} = {named / max(found, 1):.0%}",
         "; ".join(missed),
     )
     return Score(stem, cells, {"found": [found], "boxed": [boxed]})

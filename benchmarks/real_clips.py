@@ -82,7 +82,7 @@ def main() -> int:
         print(f"event within 3 frames: {np.mean(frames <= 3):.0%} of {len(frames)}")
     header = ("RMS px after one shift", "rows missing", "rows > 10 px off", "events found", "contacts listed")
     print_table("Carom", header, tables["carom"])
-    print_table("Pool boxes", ("recall", "precision", "missed"), tables["pool8"])
+    print_table("Pool boxes", ("recall", "precision", "kind right", "missed"), tables["pool8"])
     return 0
 
 
