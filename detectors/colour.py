@@ -20,7 +20,7 @@ PALEST_SHARE, FEWEST_PALE = 0.03, 12
 """Share of all samples of a picture, the palest, that show what white looks like in its light; at least so many."""
 PALE_CHROMA = 0.8
 """What chroma takes from lightness in the order of paleness."""
-WHITE_TINT, WHITE_LIGHTNESS = 0.45, 45.0
+WHITE_TINT, WHITE_LIGHTNESS = 0.5, 45.0
 """Chroma over lightness up to which the palest is a white in tinted light, and L* from which; else white is plain."""
 PLAIN_WHITE = np.array([80.0, 0.0, 0.0])
 """CIE L*a*b* of a white ball under white light."""
