@@ -96,7 +96,7 @@ def _sheet(variant: str, here: list[Cell]) -> Sheet:
     first = Line("linear: mse, px²", [Number(f"{cell.mse['linear']:.3g}", "worse") for cell in here])
     rest = [Line(name, [_number(cell, name) for cell in here]) for name in methods if name != "linear"]
     name = UNITS[here[0].scene].format(variant)
-    return Sheet(f"{name}: how many times lower than linear", heads, [first, *rest])
+    return Sheet(f"{name[0].upper()}{name[1:]}: how many times lower than linear", heads, [first, *rest])
 
 
 def _number(cell: Cell, name: str) -> Number:

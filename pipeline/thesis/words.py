@@ -72,7 +72,7 @@ def sentences(scene: str, found: list[Cell], trained: float = 1.0) -> list[str]:
     if not here:
         return []
     claim = _likeness(here) if scene == "boxes" else _thesis(here, trained)
-    said = [claim, _splines(here), _constraint(here), _physics(here)]
+    said = [claim + _short(trained) if claim else "", _splines(here), _constraint(here), _physics(here)]
     return [sentence for sentence in said if sentence]
 
 
@@ -91,6 +91,11 @@ def factor(gain: float) -> str:
 def compared(gain: float, rival: str) -> str:
     """An error beside a rival's."""
     return f"that of {rival}" if EVEN < gain < 1 / EVEN else f"{factor(gain)} than {rival}"
+
+
+def _span(gain: float) -> str:
+    """An end of a range of factors."""
+    return "as high" if EVEN < gain < 1 / EVEN else factor(gain)
 
 
 def best(cell: Cell, names: Iterable[str]) -> tuple[str, float] | None:
@@ -137,10 +142,17 @@ def _thesis(here: list[Cell], trained: float) -> str:
     return " ".join(said)
 
 
+def _short(trained: float) -> str:
+    """A reservation for networks that had a share of their training."""
+    return f" It had {trained:.0%} of its training at most: where the claim fails, that decides nothing." * (
+        trained < 1
+    )
+
+
 def _own_claim(cell: Cell, gain: float, trained: float) -> str:
     """Whether the claim holds in the setting in which it is made."""
     share = f" with {trained:.0%} of its training" if trained < 1 else ""
-    holds = "the claim holds" if gain >= CLAIMED else "that decides nothing" if trained < 1 else "the claim fails"
+    holds = "the claim holds" if gain >= CLAIMED else "the claim fails"
     return f"In the thesis' own setting ({cell.setting}) its network's{share} is {compared(gain, 'linear')}: {holds}."
 
 
@@ -190,5 +202,5 @@ def _all(found: list[tuple[Cell, float]], rival: str) -> str:
     values = [gain for _, gain in found]
     if len(values) == 1:
         return compared(values[0], rival)
-    span = f"from {factor(min(values))} to {factor(max(values))}"
+    span = f"from {_span(min(values))} to {_span(max(values))}"
     return f"{compared(median(values), rival)} in the median setting ({span})"
