@@ -13,6 +13,7 @@ import hashlib
 import json
 import os
 import shutil
+import stat
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
@@ -232,11 +233,10 @@ def _read_entry(folder: Path, *, check: bool = True) -> Entry | None:
         document = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         used = (folder / MANIFEST).stat().st_mtime
         files: dict[str, dict[str, Any]] = document["files"]
-        if document["key"] != folder.name or not all(_is_within(folder, name) for name in files):
+        if document["key"] != folder.name:
             return None
         for name, facts in files.items():
-            path = folder / name
-            if path.stat().st_size != facts["size"] or (check and _file_hash(path) != facts["sha256"]):
+            if _size_within(folder, name) != facts["size"] or (check and _file_hash(folder / name) != facts["sha256"]):
                 return None
         content = hashlib.sha256(json.dumps({n: f["sha256"] for n, f in files.items()}, sort_keys=True).encode())
         size = sum(int(facts["size"]) for facts in files.values())
@@ -245,11 +245,17 @@ def _read_entry(folder: Path, *, check: bool = True) -> Entry | None:
         return None
 
 
-def _is_within(folder: Path, name: str) -> bool:
-    """Whether this is an ordinary file of the entry: a manifest that others wrote may name a device, or a file of the
-    user's by way of a link or of dots."""
-    path = folder / name
-    return path.is_file() and path.resolve() == folder.resolve() / name and ".." not in path.parts
+def _size_within(folder: Path, name: str) -> int | None:
+    """bytes of an ordinary file of the entry, None of anything else: a manifest that others wrote may name a device, or
+    a file of the user's by way of a link, of dots or of the root."""
+    place, size = str(folder), None
+    for part in Path(name).parts:
+        place = f"{place}/{part}"
+        facts = os.lstat(place)
+        if part == ".." or part.startswith("/") or stat.S_ISLNK(facts.st_mode):
+            return None
+        size = facts.st_size if stat.S_ISREG(facts.st_mode) else None
+    return size
 
 
 def _file_hash(path: Path) -> str:

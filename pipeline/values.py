@@ -6,6 +6,7 @@ import dataclasses
 import json
 import types
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -54,14 +55,20 @@ def _encode(value: Any, path: str, arrays: dict[str, np.ndarray[Any, Any]]) -> A
     raise TypeError(f"{path or 'value'} is a {type(value).__name__}, which cannot be saved")
 
 
+@lru_cache(maxsize=256)
+def _hints(kind: Any) -> dict[str, Any]:
+    """By name, what the fields of a dataclass hold."""
+    hints = get_type_hints(kind)
+    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
+
+
 def _decode(kind: Any, data: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
     origin = get_origin(kind)
     if origin is np.ndarray or kind is np.ndarray:
         return arrays[data["array"]]
     if dataclasses.is_dataclass(kind):
-        hints = get_type_hints(kind)
-        names = [field.name for field in dataclasses.fields(kind)]
-        return kind(**{name: _decode(hints[name], data[name], arrays) for name in names})  # type: ignore[operator]
+        hints = _hints(kind).items()  # type: ignore[arg-type]
+        return kind(**{name: _decode(hint, data[name], arrays) for name, hint in hints})  # type: ignore[operator]
     if origin in (Union, types.UnionType):
         choices = [choice for choice in get_args(kind) if choice is not type(None)]
         return None if data is None else _decode(choices[0], data, arrays)

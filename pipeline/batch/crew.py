@@ -6,15 +6,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-from distributed import Client, Future, wait
-
 from models.errors import TruerollError
-from pipeline.batch import worker
 from pipeline.batch.job import Job, Row, failed
 from pipeline.batch.supervision import Supervised
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
 
 Jobs = Iterator[Job | None]
 """None: there may be more later."""
@@ -72,6 +72,8 @@ def by_workers(client: Client, jobs: Jobs, heard: Heard) -> Iterator[Row]:
 
 def _hand_out(client: Client, jobs: Jobs, running: dict[Future, Job], topic: str, number: int) -> bool:
     """Submit as many clips as the workers can take soon; False where there are no more."""
+    from pipeline.batch.worker import run_here  # Dask is slow to import, and not needed where no workers are
+
     room = AHEAD * max(sum(client.nthreads().values()), 1) - len(running)
     for k in range(room):
         try:
@@ -81,12 +83,14 @@ def _hand_out(client: Client, jobs: Jobs, running: dict[Future, Job], topic: str
         if job is None:
             return True
         key = f"{topic}-{number}-{k}"
-        running[client.submit(worker.run_here, job.as_text(), topic, key=key, pure=False)] = job
+        running[client.submit(run_here, job.as_text(), topic, key=key, pure=False)] = job
     return True
 
 
 def _done(client: Client, running: dict[Future, Job]) -> list[Future]:
     """Those that have ended, after a moment."""
+    from distributed import wait
+
     if running:
         with suppress(TimeoutError), client.as_current():
             wait(list(running), timeout=IDLE_S, return_when="FIRST_COMPLETED")
