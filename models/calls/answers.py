@@ -83,7 +83,7 @@ def first(record: Record, a: str) -> Call:
     best = min((m for m in moments if m.other == name and m.probability > 0.5 * probability), key=lambda m: m.t)
     others = ", ".join(f"{other} {p:.1%}" for other, p in ranked[1:4] if p >= NEVER)
     sentence = f"{_likely(probability)} {a} touched {name} first"
-    sentence = f"{sentence}; else {others}" if others else sentence
+    sentence = f"{sentence} (else {others})" if others else sentence
     return replace(_answer(record, best, probability, sentence, (a, name)), alternatives=ranked)
 
 
@@ -179,7 +179,7 @@ def _answer(record: Record, moment: Moment, probability: float, sentence: str, b
     when += f" ± {1e3 * moment.t_sigma:.1f} ms" if np.isfinite(moment.t_sigma) else ""
     frame = record.frame_at(moment.t)
     movers = f"{' and '.join(moved)} moved" if moved else "nobody moved"
-    full = f"{sentence}{when} (picture {frame:.2f}); before it {movers}."
+    full = f"{sentence}{when} (picture {frame:.2f}); just before, {movers}."
     return Call(probability, moment.t, moment.t_sigma, frame, moment.gap, moment.gap_sigma, full, moved, balls)
 
 
