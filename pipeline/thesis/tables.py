@@ -16,7 +16,7 @@ def grids(scene: str, found: list[Cell]) -> list[Grid]:
     made = []
     for sheet in sheets(scene, found):
         grid = Grid(title=escape(sheet.caption), box=None, pad_edge=False, title_justify="left")
-        grid.add_column("method")
+        grid.add_column("method", no_wrap=True)
         for head in sheet.heads:
             grid.add_column(head.replace(", ", "\n"), justify="right")
         for line in sheet.rows:
