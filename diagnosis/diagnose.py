@@ -185,7 +185,8 @@ def _reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Ge
     scene, best = study.question.scene, study.best
     verdict, groups, film = _verdict(study)
     gap, per_effect = _gap(study, recordings, rng)
-    phases = frozenset(phase for name in best.names for phase in _phases(scene, name))
+    named = best.names if verdict in ("effects", "group") else ()
+    phases = frozenset(phase for name in named for phase in _phases(scene, name))
     detectable = _detectable(study)
     return Report(
         scene=scene.name,
