@@ -57,11 +57,11 @@ def _plots(gap: Gap) -> list[tuple[str, str]]:
     if not gap.windows:
         return []
     both = "before and after, " if _differ(gap) else ""
-    figures = [
-        (f"Seen, and predicted {both}on a held-out shot", _path(gap)),
-        ("How the error of a prediction grows", _growth(gap)),
-    ]
-    if gap.before[0].shape[2] >= 2:
+    figures = [(f"Seen, and predicted {both}on a held-out shot", _path(gap))]
+    foreseen = any(len(_misses(gap, k, gap.before)[1]) for k in range(len(gap.windows)))
+    if foreseen:
+        figures.append(("How the error of a prediction grows", _growth(gap)))
+    if foreseen and gap.before[0].shape[2] >= 2:
         figures.append(("Where predictions go wrong", _map(gap)))
     return [(title, embedded(figure, f"plot-{k}", 420)) for k, (title, figure) in enumerate(figures)]
 

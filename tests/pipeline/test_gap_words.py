@@ -45,3 +45,11 @@ def test_predictions_after_are_drawn_only_where_something_was_added() -> None:
     assert not any("before and after" in title for title in titles)
     better = replace(alone, after=(places + 0.001,))
     assert any("before and after" in title for title, _ in _plots(better))
+
+
+def test_errors_are_drawn_only_where_something_could_be_foreseen() -> None:
+    t = np.arange(20) / 30
+    places = np.stack([t, t], axis=-1)[:, None]
+    piece = Recording(0, np.arange(20), t, ("a",), places, np.full((20, 1), 1e-3))
+    for known, drawn in ((8, 3), (20, 1)):
+        assert len(_plots(Gap("rms_m", 0.4, (0,), NOTHING, (Ahead(piece, known),), (places,), (places,)))) == drawn
