@@ -204,11 +204,13 @@ class Cache:
 
 
 def _marked(root: Path) -> str:
-    """The mark of a cache, made where there is none; of two processes that make it at once, one is obeyed."""
+    """The mark of a cache, made where there is none; of processes that come at once, the first one makes it for all."""
     mark = root / MARK
     if not mark.exists():
-        with aside(mark) as fresh:
-            fresh.write_text(uuid.uuid4().hex, encoding="ascii")
+        with FileLock(root / "locks" / f"{MARK}.lock"):
+            if not mark.exists():
+                with aside(mark) as fresh:
+                    fresh.write_text(uuid.uuid4().hex, encoding="ascii")
     return mark.read_text(encoding="ascii")
 
 

@@ -6,7 +6,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+import uuid
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -176,3 +179,21 @@ def test_entries_say_what_they_are(cache: Cache) -> None:
     put(cache, "x" * 1000)
     (entry,) = cache.entries()
     assert (entry.stage, entry.size, entry.key) == ("fit", 1000, KEY.digest)
+
+
+def test_all_who_begin_a_cache_at_once_find_the_same_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    together = threading.Barrier(6)
+    drawn = uuid.uuid4
+
+    def slowly() -> uuid.UUID:
+        time.sleep(0.05)
+        return drawn()
+
+    monkeypatch.setattr("pipeline.cache.uuid.uuid4", slowly)
+
+    def begin(_: int) -> str:
+        together.wait()
+        return Cache(tmp_path / "cache").mark
+
+    with ThreadPoolExecutor(6) as pool:
+        assert len(set(pool.map(begin, range(6)))) == 1
