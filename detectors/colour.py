@@ -49,9 +49,8 @@ def ball_colours(rgb: Bytes, centre: Floats, radius: Floats) -> tuple[Floats, Fl
         return np.empty((0, 3)), np.empty(0)
     lab = _lab(disc_samples(rgb, centre, radius))
     keep = _without_highlight(lab)[..., None]
-    return (lab * keep).sum(axis=1) / keep.sum(axis=1), _white_share(
-        _lab(disc_samples(rgb, centre, radius, WHITE_REACH))
-    )
+    white = _white_share(_lab(disc_samples(rgb, centre, radius, WHITE_REACH)))
+    return (lab * keep).sum(axis=1) / keep.sum(axis=1), white
 
 
 def _lab(rgb: NDArray[np.float32]) -> Floats:
@@ -70,10 +69,8 @@ def _white_share(lab: Floats) -> Floats:
     """Share (K,) of the samples (K, n, 3) of each ball that is white in the light of this picture."""
     white = _white_of(lab)
     tint = lab[..., 1:] / np.maximum(lab[..., :1], 1.0) - white[1:] / white[0]
-    share: Floats = ((np.hypot(tint[..., 0], tint[..., 1]) < TINT_APART) & (lab[..., 0] > DARKER * white[0])).mean(
-        axis=1
-    )
-    return share
+    alike = (np.hypot(tint[..., 0], tint[..., 1]) < TINT_APART) & (lab[..., 0] > DARKER * white[0])
+    return np.asarray(alike.mean(axis=1), dtype=np.float64)
 
 
 def _white_of(lab: Floats) -> Floats:

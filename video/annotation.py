@@ -63,6 +63,8 @@ class Annotation:
     marks: tuple[Mark, ...]
     inset: Inset
     inset_place: Rect
+    plan: Picture
+    """The ground of the inset with the paths so far."""
     clock: Clock
     clock_place: Rect
     scale: float
@@ -79,8 +81,6 @@ class Annotation:
     crowded: set[int] = field(default_factory=set)
     """Marks for whose label there was no room."""
     style: Style = "coach"
-    plan: Picture | None = None
-    """The plan with the paths so far."""
     planned: dict[int, int] = field(default_factory=dict)
     """The last point of a ball's path on it."""
 
@@ -121,8 +121,6 @@ class Annotation:
         draw_trail(picture, way, fade, colour, width, free)
 
     def _panels(self, picture: Picture, t: float, xy: Floats) -> None:
-        if self.plan is None:
-            self.plan = self.inset.ground.copy()
         for ball, path in enumerate(self.paths):
             points = np.arange(self.planned.get(ball, 0), np.searchsorted(path.t, t), PLAN_STEP)
             if len(points) > 1:
@@ -220,8 +218,8 @@ def annotate(
     return Annotation(
         sightings=sightings, names=tracks.ids, paths=paths, marks=marks_of(sightings, fit), inset=inset,
         colours=colours, halos=tuple(apart_from(colour, cloth) for colour in colours),
-        inset_place=inset_place, clock=clock, clock_place=clock_place, scale=scale, reading=READING_SECONDS / slow,
-        style=style,
+        inset_place=inset_place, plan=inset.ground.copy(), clock=clock, clock_place=clock_place, scale=scale,
+        reading=READING_SECONDS / slow, style=style,
     )  # fmt: skip
 
 
