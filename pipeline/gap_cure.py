@@ -1,9 +1,9 @@
 """The cure of a billiards gap, as files: a table profile, and the same numbers as pooltool counts them.
 
-pooltool (Kiefl 2024, doi:10.21105/joss.07301) has a ball (`BallParams`) with sliding friction u_s, rolling friction
-u_r, spinning friction u_sp = u_sp_proportionality R, ball friction u_b, ball restitution e_b, cushion restitution e_c
-and cushion friction f_c; side spin decays at 5 u_sp g / (2 R). In later versions u_b and e_b belong to the law of two
-balls and are no longer the ball's. What it cannot hold is named, not dropped.
+pooltool (Kiefl 2024, doi:10.21105/joss.07301; names and formulae as in version 0.6.0) has a ball (`BallParams`) with
+sliding friction u_s, rolling friction u_r, spinning friction u_sp = u_sp_proportionality R, ball friction u_b, ball
+restitution e_b, cushion restitution e_c and cushion friction f_c; side spin decays at 5 u_sp g / (2 R). u_b counts only
+where the friction of the ball's law is `average`. What it cannot hold is named, not dropped.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from diagnosis.verdict import Report, Strength
+from diagnosis.verdict import Report
+from models.billiards.cushions.nose import NOSE_HEIGHT
+from models.billiards.cushions.stronge import RATIO
 from models.billiards.parameters import GRAVITY
 from models.scene import Table
 from pipeline.publish import aside
@@ -25,16 +27,29 @@ _NAMES: Mapping[str, tuple[str, float]] = {
     "sliding_friction.mu": ("u_s", 1.0),
     "rolling_resistance.mu": ("u_r", 1.0),
     "spin_decay.rate": ("u_sp_proportionality", 2 / (5 * GRAVITY)),
-    "ball_friction.mu": ("u_b", 1.0),
+    "ball_friction.mu": ("u_b", 1.0),  # times (1 + e_b) / (2 e_b): its impulse is mu e v, ours mu (1 + e) v / 2
     "ball_restitution.e": ("e_b", 1.0),
     "cushion_friction.mu": ("f_c", 1.0),
     "cushion_restitution.e": ("e_c", 1.0),
 }
 """By parameter of ours: pooltool's name, and the factor from ours to it."""
-_ABSENT = {"u_s": 0.0, "u_r": 0.0, "u_sp_proportionality": 0.0, "u_b": 0.0, "e_b": 1.0, "f_c": 0.0, "e_c": 1.0}
-_CUSHIONS = {"han_2005": "han_2005", "mathavan_2010": "mathavan_2010", "stronge": "stronge_compliant"}
-"""pooltool's name of a cushion's law; its own mirror knows no friction and is called unrealistic."""
-_BALLS = {"elastic": "frictionless_elastic", "inelastic": "frictional_inelastic"}
+_HARDLY = 1e-6
+"""for a friction that is absent: pooltool refuses zero, and this takes 10 um/s from a ball in a second."""
+_ABSENT = dict.fromkeys(("u_s", "u_r", "u_sp_proportionality", "u_b", "f_c"), _HARDLY) | {"e_b": 1.0, "e_c": 1.0}
+_CUSHIONS: Mapping[str, tuple[str, dict[str, bool | float]]] = {
+    "mirror": ("unrealistic", {"restitution": True}),
+    "han_2005": ("han_2005", {}),
+    "mathavan_2010": ("mathavan_2010", {}),
+    "stronge": ("stronge_compliant", {"omega_ratio": RATIO}),
+}
+"""By law of ours: pooltool's name of it, and its options. A mirror with friction has none there: what comes nearest,
+`impulse_frictional_inelastic`, takes roll from a ball that meets the cushion head-on."""
+_BALLS = {
+    "elastic": ("frictionless_elastic", None),
+    "inelastic": ("frictional_inelastic", "average"),
+    "alciatore": ("frictional_inelastic", "alciatore"),
+}
+"""By law of ours: pooltool's name of it, and of its friction."""
 
 
 def write_cure(report: Report, table: Table, folder: Path) -> None:
@@ -67,23 +82,26 @@ def pooltool(report: Report, table: Table) -> dict[str, Any]:
     """Parameters of a ball, names of laws, and what pooltool cannot hold."""
     cushion, ball = report.forms
     known = [one for one in report.fitted if one.name in _NAMES]
-    values = _ABSENT | {_NAMES[one.name][0]: one.value * _NAMES[one.name][1] for one in known}
+    factors = {one.name: _NAMES[one.name][1] for one in known}
+    restitution = next((one.value for one in known if one.name == "ball_restitution.e"), 1.0)
+    if "ball_friction.mu" in factors:
+        factors["ball_friction.mu"] = (1 + restitution) / (2 * restitution)
+    law, law_options = _CUSHIONS[cushion]
+    met, friction = _BALLS[ball]
+    missing = {one.name.split(".")[0] for one in report.fitted if one.name not in _NAMES}
+    if cushion == "mirror" and "cushion_friction.mu" in factors:
+        missing |= {"cushion_friction of a mirror"}
     return {
-        "ball_params": {"m": table.ball_mass, "R": table.ball_radius, "g": GRAVITY, **values},
-        "sigma": {_NAMES[one.name][0]: _sigma(one) for one in known},
-        "table_specs": {"l": table.length, "w": table.width},
-        "ball_cushion": _CUSHIONS.get(cushion),
-        "ball_ball": _BALLS.get(ball),
-        "not_held": sorted(
-            {one.name.split(".")[0] for one in report.fitted if one.name not in _NAMES}
-            | ({f"cushion_law {cushion}"} if cushion not in _CUSHIONS else set())
-            | ({f"ball_law {ball}"} if ball not in _BALLS else set())
-        ),
+        "ball_params": {"m": table.ball_mass, "R": table.ball_radius, "g": GRAVITY, **_ABSENT}
+        | {_NAMES[one.name][0]: max(one.value * factors[one.name], _HARDLY) for one in known},
+        "sigma": {_NAMES[one.name][0]: _finite(one.sigma * factors[one.name]) for one in known},
+        "table_specs": {"l": table.length, "w": table.width, "cushion_height": NOSE_HEIGHT * table.ball_radius},
+        "ball_cushion": law,
+        "ball_cushion_options": law_options,
+        "ball_ball": met,
+        "ball_ball_friction": friction,
+        "not_held": sorted(missing),
     }
-
-
-def _sigma(one: Strength) -> float | None:
-    return _finite(one.sigma * _NAMES[one.name][1])
 
 
 def _finite(value: float) -> float | None:

@@ -38,10 +38,31 @@ def test_side_spin_decays_in_pooltool_as_it_was_found(tmp_path: Path) -> None:
     assert found["sigma"]["u_sp_proportionality"] / ball["u_sp_proportionality"] == pytest.approx(0.5 / 9.0)
 
 
-def test_what_was_not_fitted_is_absent_in_pooltool_not_usual(tmp_path: Path) -> None:
-    write_cure(told(of("rolling_resistance.mu", 0.01)), TABLE, tmp_path)
+def test_what_was_not_fitted_is_absent_in_pooltool_not_usual_and_not_refused(tmp_path: Path) -> None:
+    """pooltool takes no friction that is not positive."""
+    write_cure(told(of("rolling_resistance.mu", 0.01), of("sliding_friction.mu", 0.0)), TABLE, tmp_path)
     ball = json.loads((tmp_path / "pooltool.json").read_text())["ball_params"]
-    assert (ball["u_b"], ball["f_c"], ball["e_b"], ball["e_c"]) == (0.0, 0.0, 1.0, 1.0)
+    assert (ball["e_b"], ball["e_c"]) == (1.0, 1.0)
+    assert all(0 < ball[name] < 1e-5 for name in ("u_s", "u_b", "f_c", "u_sp_proportionality"))
+
+
+def test_balls_throw_each_other_in_pooltool_as_here(tmp_path: Path) -> None:
+    """Its impulse of friction between balls that slip is u_b e_b v per mass, ours mu (1 + e) v / 2."""
+    write_cure(told(of("ball_friction.mu", 0.06, 0.006), of("ball_restitution.e", 0.9)), TABLE, tmp_path)
+    found = json.loads((tmp_path / "pooltool.json").read_text())
+    ball = found["ball_params"]
+    assert ball["u_b"] * ball["e_b"] == pytest.approx(0.06 * (1 + 0.9) / 2)
+    assert found["sigma"]["u_b"] / ball["u_b"] == pytest.approx(0.1)
+    assert (found["ball_ball"], found["ball_ball_friction"]) == ("frictional_inelastic", "average")
+
+
+def test_a_mirror_is_held_by_pooltool_as_long_as_it_has_no_friction(tmp_path: Path) -> None:
+    write_cure(told(of("cushion_restitution.e", 0.8)), TABLE, tmp_path)
+    found = json.loads((tmp_path / "pooltool.json").read_text())
+    assert (found["ball_cushion"], found["ball_cushion_options"]) == ("unrealistic", {"restitution": True})
+    assert found["not_held"] == []
+    write_cure(told(of("cushion_restitution.e", 0.8), of("cushion_friction.mu", 0.2)), TABLE, tmp_path)
+    assert json.loads((tmp_path / "pooltool.json").read_text())["not_held"] == ["cushion_friction of a mirror"]
 
 
 def test_what_pooltool_cannot_hold_is_named(tmp_path: Path) -> None:
@@ -50,9 +71,9 @@ def test_what_pooltool_cannot_hold_is_named(tmp_path: Path) -> None:
     )
     write_cure(report, TABLE, tmp_path)
     found = json.loads((tmp_path / "pooltool.json").read_text())
-    assert found["not_held"] == ["ball_law alciatore", "slope"]
+    assert found["not_held"] == ["slope"]
     assert found["ball_cushion"] == "mathavan_2010"
-    assert found["ball_ball"] is None
+    assert (found["ball_ball"], found["ball_ball_friction"]) == ("frictional_inelastic", "alciatore")
 
 
 def test_the_profile_holds_effects_with_sigmas_and_laws(tmp_path: Path) -> None:
