@@ -282,11 +282,11 @@ def _with_strikes(story: Story, samples: list[Samples], table: Table, kinds: tup
         gap = float(np.hypot(*way)) - 2 * table.ball_radius
         v = spans[contact.after[0]].state[2:4] + spans[contact.after[1]].state[2:4]
         speed = max(float(v @ way) / float(np.hypot(*way)), 0.1)
-        if gap < 0.15 * table.ball_radius:
+        if gap < 0.15 * table.ball_radius or _while_others_move(story, contact):
             contacts[number] = Contact("ball", contact.t, contact.before, contact.after, driven=True, gain=contact.gain)
             continue
-        t = contact.t - gap / speed
         old = contact.before[cue]
+        t = max(contact.t - gap / speed, (spans[old].t0 + contact.t) / 2)
         state = np.concatenate([rest, v, np.zeros(4)])
         spans.append(Span(spans[old].ball, False, len(contacts), number, t, state))
         still = np.concatenate([rest, np.zeros(6)])
@@ -302,6 +302,15 @@ def _with_strikes(story: Story, samples: list[Samples], table: Table, kinds: tup
         contacts[number] = Contact("ball", contact.t, before, contact.after, gain=contact.gain)
         contacts.append(Contact("strike", t, (old,), (len(spans) - 1,), gain=contact.gain))
     return Story(tuple(spans), tuple(contacts))
+
+
+def _while_others_move(story: Story, contact: Contact) -> bool:
+    """Whether a third ball moves when two part from each other: then it sent them off, for no cue strikes meanwhile."""
+    pair = story.balls_at(contact)
+    return any(
+        not span.static and span.ball not in pair and story.begin(k) < contact.t < story.finish(k)
+        for k, span in enumerate(story.spans)
+    )
 
 
 def _waits(spans: list[Span], samples: list[Samples], contact: Contact, side: int, table: Table) -> bool:

@@ -17,6 +17,7 @@ from models.fitting.happenings import events_of, frame_at, pocketed
 from models.fitting.knowledge import ROLLING_PRIOR, SLIDING_PRIOR
 from models.fitting.paths import measured_pieces, pack, pieces_of
 from models.fitting.reappraisal import reappraised
+from models.fitting.rebounds import with_rebounds_retold
 from models.fitting.refinement import refine, with_covariance
 from models.fitting.revision import revise, without_doubts
 from models.fitting.segmentation import Samples, segment
@@ -88,6 +89,7 @@ def _fitted(
     story = _first_story(kept, table, options)
     progress(0.4)
     solution = refine(story, data, table, iterations=10 if options.quick else 30)
+    solution = with_rebounds_retold(solution, data, table)
     progress(0.6)
     rounds = 1 if options.quick else 3
     solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
@@ -97,6 +99,7 @@ def _fitted(
         data = replace(data, whiten=gather(kept).whiten)
         solution = refine(solution.story, data, table, start=solution)
         solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
+    solution = with_rebounds_retold(solution, data, table)
     excess = _excess(solution, data)
     if np.any(excess > 1.5):  # what the model misses is no smaller for being systematic
         data = replace(data, whiten=data.whiten / np.sqrt(excess)[:, None, None])

@@ -110,7 +110,7 @@ def _extent(
     seen = data.t[data.ball == span.ball]
     begin = story.begin(k)
     if span.start is None:
-        begin = t0 if span.static else float(seen[0])
+        begin = t0 if span.static else span.t0
     end = story.finish(k)
     if span.start is not None and story.contacts[span.start].kind == "jump":
         begin = float(seen[min(np.searchsorted(seen, begin), len(seen) - 1)])
