@@ -149,5 +149,6 @@ def film(shown: Break, fps: float, seed: int, pockets: bool, noise_px: float = 1
     one, sharp = np.ones(count), np.zeros((count, 2))
     colour = np.array([60.0, 0.0, 10.0]) + rng.normal(0, 3, (count, 3))
     sigma = noise_px * one
-    detections = Detections(picture, px, R * PX_PER_M * one, sharp, colour, 0.1 * one, one, sigma, sigma)
+    coat = (colour, 0.1 * one, 0.1 * one, 0.5 * one)
+    detections = Detections(picture, px, R * PX_PER_M * one, sharp, *coat, one, sigma, sigma)
     return Filmed(detections, np.arange(len(t)), t, ball, xy, REST)

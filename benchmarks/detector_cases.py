@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from detectors.options import DetectOptions
+from detectors.still import balls_in_still
 from models.scene import Scene
 from video.clip import open_clip, read_frames
 from video.options import CalibrateOptions
@@ -89,6 +91,22 @@ def still_cases() -> Iterator[Case]:
         scene = scene_in_picture(rgb, CalibrateOptions(), entry["image"])
         centre = np.array([[ball["x_px"], ball["y_px"]] for ball in entry["balls"]]) - MARK_OFFSET
         yield Case(scene, [(0, rgb)], rgb, 0, centre, *_sharp(len(centre), 15.0))
+
+
+KIND_OF_LABEL = {"WHITE": "cue"}
+"""Kinds of the labelled colours of the stills, where not the colour's own name."""
+
+
+def named_in_stills(reach_px: float = 8.0) -> Iterator[tuple[str, str]]:
+    """Labelled and found kind of every ball of the stills that has a colour and is found, as `trueroll detect` does."""
+    folder = DATA / "images"
+    for entry in json.loads((folder / "labels.json").read_text())["images"]:
+        rgb = cv2.cvtColor(cv2.imread(str(folder / entry["image"])), cv2.COLOR_BGR2RGB)
+        found = balls_in_still(rgb, entry["image"], DetectOptions(), CalibrateOptions())
+        for ball in entry["balls"]:
+            gap = np.linalg.norm(found.centre + MARK_OFFSET - [ball["x_px"], ball["y_px"]], axis=1)
+            if ball.get("colour") and gap.min() < reach_px:
+                yield KIND_OF_LABEL.get(ball["colour"], ball["colour"].lower()), found.kind[int(np.argmin(gap))]
 
 
 def _sharp(count: int, radius: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:

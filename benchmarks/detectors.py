@@ -11,13 +11,14 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 # A script's own folder comes first, and there this file hides the package of the same name.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import cv2
-from detector_cases import DATA, Case, carom_cases, drawn_cases, pool_cases, still_cases
+from detector_cases import DATA, Case, carom_cases, drawn_cases, named_in_stills, pool_cases, still_cases
 from detector_scores import HEADER, Tally, line, score
 
 from detectors.ball_size import with_seen_size
@@ -53,6 +54,11 @@ def main() -> None:
                 _run(case, detector, model, tally, finders)
         for detector, tally in tallies.items():
             print(line(f"{name} {detector}", tally), flush=True)
+        if name == "stills":
+            pairs = Counter(named_in_stills())
+            right = sum(count for (said, found), count in pairs.items() if said == found)
+            wrong = ", ".join(f"{said} as {found} {n}" for (said, found), n in sorted(pairs.items()) if said != found)
+            print(f"kinds of the stills: {right} of {pairs.total()} right; {wrong or 'none wrong'}", flush=True)
 
 
 def _run(case: Case, detector: str, model: BallModel, tally: Tally, finders: dict[tuple[str, int], object]) -> None:

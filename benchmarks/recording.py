@@ -198,7 +198,7 @@ def detected(tracks: Tracks) -> Detections:
     one = np.ones(count * balls)
     return Detections(
         np.repeat(tracks.frame, balls), tracks.px.reshape(-1, 2), tracks.radius_px.ravel(), np.zeros((len(one), 2)),
-        np.tile(tracks.colour, (count, 1)), 0 * one, one, 0.3 * one, 0.3 * one,
+        np.tile(tracks.colour, (count, 1)), 0 * one, 0 * one, 0.5 * one, one, 0.3 * one, 0.3 * one,
     )  # fmt: skip
 
 

@@ -1,6 +1,8 @@
-"""The colour of a ball without its highlight, and how much of it is white."""
+"""The colour of a ball without its highlight, how much of it is white, and how dark the rest is."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -16,6 +18,8 @@ HIGHLIGHT_SHARE = 0.12
 """Brightest share of the samples that is left out."""
 WHITE_REACH = 0.9
 """Part of the radius in which white is looked for: of a stripe it is often the rim alone."""
+RIM_REACH = 0.5
+"""Part of the radius from which white counts as the rim's: the spot of a number seen from the front ends there."""
 PALEST_SHARE, FEWEST_PALE = 0.03, 12
 """Share of all samples of a picture, the palest, that show what white looks like in its light; at least so many."""
 PALE_CHROMA = 0.8
@@ -33,6 +37,16 @@ PLACES = np.sqrt(_N / SAMPLES)[:, None] * np.column_stack([np.cos(_N * _TURN), n
 """(SAMPLES, 2) even cover of the unit disc (sunflower, Vogel 1979, doi:10.1016/0025-5564(79)90080-4)."""
 
 
+@dataclass(frozen=True, slots=True)
+class Coats:
+    """How K balls are painted; as the columns of `Detections`."""
+
+    colour: Floats
+    white: Floats
+    white_rim: Floats
+    value: Floats
+
+
 def disc_samples(rgb: Bytes, centre: Floats, radius: Floats, reach: float = REACH) -> NDArray[np.float32]:
     """RGB (K, SAMPLES, 3) inside discs."""
     at = (centre[:, None] + reach * radius[:, None, None] * PLACES).astype(np.float32)
@@ -40,17 +54,24 @@ def disc_samples(rgb: Bytes, centre: Floats, radius: Floats, reach: float = REAC
     return np.asarray(found.reshape(len(centre), SAMPLES, 3), dtype=np.float32)
 
 
-def ball_colours(rgb: Bytes, centre: Floats, radius: Floats) -> tuple[Floats, Floats]:
-    """Mean CIE L*a*b* (K, 3) without the highlight and share of white (K,) of balls at (K, 2) px.
+def ball_coats(rgb: Bytes, centre: Floats, radius: Floats) -> Coats:
+    """How balls at (K, 2) px with radii (K,) px are painted.
 
     White is what is as white as the palest of the picture: light is yellow in one hall and green in another.
     """
     if not len(centre):
-        return np.empty((0, 3)), np.empty(0)
-    lab = _lab(disc_samples(rgb, centre, radius))
-    keep = _without_highlight(lab)[..., None]
-    white = _white_share(_lab(disc_samples(rgb, centre, radius, WHITE_REACH)))
-    return (lab * keep).sum(axis=1) / keep.sum(axis=1), white
+        return Coats(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
+    inner = disc_samples(rgb, centre, radius)
+    lab = _lab(inner)
+    keep = _without_highlight(lab)
+    colour = (lab * keep[..., None]).sum(axis=1) / keep.sum(axis=1, keepdims=True)
+    wide = _lab(disc_samples(rgb, centre, radius, WHITE_REACH))
+    white = _white_of(wide)
+    pale = _is_white(wide, white)
+    rim = np.linalg.norm(PLACES, axis=1) * WHITE_REACH > RIM_REACH
+    painted = keep & ~_is_white(lab, white)
+    counted = np.where(painted.any(axis=1, keepdims=True), painted, keep)
+    return Coats(colour, pale.mean(axis=1), pale[:, rim].mean(axis=1), _value(inner, counted))
 
 
 def _lab(rgb: NDArray[np.float32]) -> Floats:
@@ -65,12 +86,17 @@ def _without_highlight(lab: Floats) -> NDArray[np.bool_]:
     return dim
 
 
-def _white_share(lab: Floats) -> Floats:
-    """Share (K,) of the samples (K, n, 3) of each ball that is white in the light of this picture."""
-    white = _white_of(lab)
+def _value(rgb: NDArray[np.float32], counted: NDArray[np.bool_]) -> Floats:
+    """Median (K,) of the brightest channel, 0 to 1, of the samples (K, n, 3) that count, (K, n)."""
+    brightest = np.where(counted, rgb.max(axis=2), np.nan)
+    return np.asarray(np.nanmedian(brightest, axis=1) / 255, dtype=np.float64)
+
+
+def _is_white(lab: Floats, white: Floats) -> NDArray[np.bool_]:
+    """Which of the samples (K, n, 3) are `white` (3,), in the light or in shade."""
     tint = lab[..., 1:] / np.maximum(lab[..., :1], 1.0) - white[1:] / white[0]
     alike = (np.hypot(tint[..., 0], tint[..., 1]) < TINT_APART) & (lab[..., 0] > DARKER * white[0])
-    return np.asarray(alike.mean(axis=1), dtype=np.float64)
+    return np.asarray(alike, dtype=np.bool_)
 
 
 def _white_of(lab: Floats) -> Floats:

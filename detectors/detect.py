@@ -107,6 +107,18 @@ def joined(parts: list[Detections]) -> Detections:
     """Detections one after another; they must come in the order of their frames."""
     if not parts:
         none, pairs, triples = np.empty(0), np.empty((0, 2)), np.empty((0, 3))
-        return Detections(np.empty(0, dtype=np.int64), pairs, none, pairs, triples, none, none, none, none)
-    names = ("frame", "centre", "radius", "streak", "colour", "white", "score", "sigma", "sigma_along")
+        return Detections(np.empty(0, dtype=np.int64), pairs, none, pairs, triples, *[none] * 6)
+    names = (
+        "frame",
+        "centre",
+        "radius",
+        "streak",
+        "colour",
+        "white",
+        "white_rim",
+        "value",
+        "score",
+        "sigma",
+        "sigma_along",
+    )
     return Detections(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from detectors.candidates import candidate_centres
 from detectors.cloth import Cloth, disc_kernel, learn_cloth, size
-from detectors.colour import PLACES, ball_colours
+from detectors.colour import PLACES, ball_coats
 from detectors.found import NO_BALLS, Found, chained, inside, joined, without_overlaps
 from detectors.memory import Memory, Scan, touched_places, windows
 from detectors.refine import DIRECTIONS, Circles, fit_circles, measure_again, second_chances, softened
@@ -263,9 +263,10 @@ def _of_circles(circles: Circles, cover: Floats) -> Found:
 
 
 def _as_detections(rgb: Bytes, found: Found, frame: int) -> Detections:
-    colour, white = ball_colours(rgb, found.centre, found.radius)
+    coats = ball_coats(rgb, found.centre, found.radius)
     frames = np.full(len(found.score), frame, dtype=np.int64)
     score = np.clip(found.score, 0, 1)
     return Detections(
-        frames, found.centre, found.radius, found.streak, colour, white, score, found.sigma, found.sigma_along
-    )
+        frames, found.centre, found.radius, found.streak, coats.colour, coats.white, coats.white_rim, coats.value,
+        score, found.sigma, found.sigma_along,
+    )  # fmt: skip

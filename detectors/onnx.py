@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from detectors.centres import COARSE_STRIDE, Centres, chained, not_echoes
 from detectors.cloth import Cloth, learn_cloth
-from detectors.colour import ball_colours
+from detectors.colour import ball_coats
 from detectors.found import Found, without_overlaps
 from detectors.found import chained as found_chained
 from detectors.memory import CHANGED_SHARE, REACH_RADII, RENEWED_PICTURES, around, windows
@@ -157,12 +157,13 @@ class NetworkFinder:
         sharp, clear = self._refined(rgb, seen.take(~streaked), there.take(~streaked))
         swept = _swept(there.take(streaked))
         found = without_overlaps(found_chained(swept, sharp), self.view.scene, frame)
-        colour, white = ball_colours(rgb, found.centre, found.radius)
+        coats = ball_coats(rgb, found.centre, found.radius)
         frames = np.full(len(found.score), frame, dtype=np.int64)
         unclear = np.concatenate([seen.centre[streaked], seen.centre[~streaked][~clear]])
         return Detections(
-            frames, found.centre, found.radius, found.streak, colour, white, found.score, found.sigma, found.sigma_along
-        ), unclear
+            frames, found.centre, found.radius, found.streak, coats.colour, coats.white, coats.white_rim, coats.value,
+            found.score, found.sigma, found.sigma_along,
+        ), unclear  # fmt: skip
 
     def _refined(self, rgb: Bytes, home: Centres, there: Centres) -> tuple[Found, Bools]:
         """Sharp balls: circles through their edges, weighed with what the network says; which of them have a circle."""

@@ -13,7 +13,8 @@ from detectors.choice import why_chosen
 from detectors.detect import detect_in_picture, model_file
 from detectors.onnx_model import open_model
 from detectors.options import DetectOptions
-from models.association.kinds import Look, name_kinds
+from models.association.kinds import name_kinds
+from models.association.look import Look
 from models.errors import TableNotFound
 from video.options import CalibrateOptions
 from video.table_finder import scene_in_picture
@@ -53,7 +54,7 @@ def balls_in_still(rgb: Bytes, name: str, detect: DetectOptions, calibrate: Cali
             raise
         return _anywhere(rgb, detect, f"{missing}; balls were looked for in the whole picture")
     seen = detect_in_picture(rgb, scene, detect)
-    kinds = name_kinds(Look(seen.colour, seen.white, seen.white), scene.table.game)
+    kinds = name_kinds(Look(seen.colour, seen.white, seen.white, seen.white_rim, seen.value), scene.table.game)
     made_by = why_chosen(detect, scene)
     return _sorted(StillBalls(seen.centre, seen.radius, kinds, seen.score, seen.sigma, made_by=made_by))
 

@@ -29,6 +29,10 @@ class Detections:
     """(K, 3) CIE L*a*b* of the ball without its highlight."""
     white: Floats
     """(K,) share of the disc that is white: near 1 cue ball, 0.2 to 0.7 a stripe."""
+    white_rim: Floats
+    """(K,) the same of its outer ring, where a stripe is white and hardly any number."""
+    value: Floats
+    """(K,) in [0, 1]: brightest of the colour channels where it is not white (HSV); only black is dark in all."""
     score: Floats
     """(K,) in [0, 1]."""
     sigma: Floats
@@ -41,7 +45,7 @@ class Detections:
         for name, width in (("centre", 2), ("streak", 2), ("colour", 3)):
             if getattr(self, name).shape != (k, width):
                 raise ValueError(f"Detections.{name} must be ({k}, {width}); got {getattr(self, name).shape}")
-        for name in ("radius", "white", "score", "sigma", "sigma_along"):
+        for name in ("radius", "white", "white_rim", "value", "score", "sigma", "sigma_along"):
             if getattr(self, name).shape != (k,):
                 raise ValueError(f"Detections.{name} must be ({k},); got {getattr(self, name).shape}")
         if k and np.any(np.diff(self.frame) < 0):

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.association.hypotheses import follow
-from models.association.kinds import Look, name_ids, name_kinds
+from models.association.kinds import name_ids, name_kinds
+from models.association.look import look_of
 from models.association.selection import is_ball, looks_like_ball, moves_like_ball
 from models.association.sightings import Sightings, sight
 from models.association.stitching import Tracklet, cut, stitch
@@ -80,11 +81,7 @@ def _gather(
 ) -> Tracks:
     """Columns of `Tracks`, balls ordered by kind name and place."""
     rows = [sightings.row[ball.row] for ball in balls]
-    look = Look(
-        np.array([ball.colour for ball in balls]),
-        np.array([np.median(detections.white[row]) for row in rows]),
-        np.array([np.percentile(detections.white[row], 90) for row in rows]),
-    )
+    look = look_of([ball.colour for ball in balls], rows, detections)
     struck = struck_ball([(ball.picture, sightings.xy[ball.row]) for ball in balls], scene.table.ball_radius)
     kinds = name_kinds(look, scene.table.game, struck)
     ids = name_ids(kinds, np.array([sightings.xy[ball.row[0]] for ball in balls]))

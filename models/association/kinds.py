@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from models.association.look import Look
 from models.scene import Game
 
 Floats = NDArray[np.float64]
@@ -19,34 +18,24 @@ SNOOKER_COLOURS = {
 """CIE L*a*b* under even, warm white light; read off photographs of sets, good to about 15."""
 MOST_SATURATED = 55.0
 """CIE chroma beyond which colours are not told apart by it."""
-UNSURE_COLOUR = 45.0
+UNSURE_COLOUR = 60.0
 """Lab distance beyond which a snooker ball has no name."""
+UNLIKE_REDS, UNLIKE_NEXT, LEAST_UNLIKE = 2.5, 1.2, 8.0
+"""The brown among balls that all look red is as many times as far from their middle as they usually are, and farther
+than any other one by such a factor and such a Lab distance: reds are many and alike, in any light."""
 PALE, PALER = 0.5, 0.2
 """Paleness from which a struck ball is believed to be the cue ball, and by how much another may beat it."""
 ONE_COLOUR, LEAST_OF_A_COLOUR = 14.0, 3
 """Lab distance within which pool balls have one colour, and how many of each of two colours make an English set."""
-MOST_OF_A_SOLID, LEAST_OF_A_STRIPE, LEAST_OF_A_TURN = 0.18, 0.2, 0.4
-"""White share of a solid at most (the ring about its number, seen from the front, is about a fifth of a ball) and of a
-stripe at least, usually; and of a stripe now and then while it rolls."""
+LEAST_OF_A_STRIPE, LEAST_OF_A_TURN = 0.25, 0.4
+"""White of the outer ring and half of that of the disc, together: of a stripe at least (by its geometry from 0.3; the
+spot of a solid's number, a third of the ball's diameter, gives 0.2 at most); and share of the disc that is white on a
+stripe now and then while it rolls."""
+BLACK, MOST_OF_AN_EIGHT = 0.4, 0.35
+"""The eight is the ball that is darkest in its brightest channel, where that is darker than this share of the lightest
+ball and less of it is white: a dark blue or maroon ball has one bright channel."""
 NUMBERED = ("solid", "stripe", "ball")
 """Kinds of which there are always several: their ids count from 1."""
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """How N balls look over many pictures."""
-
-    colour: Floats
-    """(N, 3) median CIE L*a*b*."""
-    white: Floats
-    """(N,) median white share."""
-    white_high: Floats
-    """(N,) 90th percentile of the white share: a stripe shows it while it rolls."""
-
-    @property
-    def chroma(self) -> Floats:
-        """(N,) distance from grey."""
-        return np.hypot(self.colour[:, 1], self.colour[:, 2])
 
 
 def name_kinds(look: Look, game: Game, struck: int | None = None) -> tuple[str, ...]:
@@ -80,7 +69,29 @@ def _snooker(look: Look, struck: int | None) -> tuple[str, ...]:
     distance[look.white >= 0.7, names.index("cue")] *= 0.5
     if struck is not None:
         distance[struck, names.index("cue")] *= 0.5
-    balls = len(look.white)
+    reddish = np.flatnonzero(np.isin(np.argmin(distance, axis=1), [names.index("red"), names.index("brown")]))
+    brown = _brown_among(look, reddish)
+    if brown is not None:
+        distance[reddish, names.index("brown")] = UNSURE_COLOUR
+        distance[brown, [names.index("red"), names.index("brown")]] = UNSURE_COLOUR, 0.0
+    return _cheapest(distance, names)
+
+
+def _brown_among(look: Look, reddish: NDArray[np.int64]) -> int | None:
+    """Which of the balls (n,) that seem red is the brown, where one is not like the others."""
+    if len(reddish) <= LEAST_OF_A_COLOUR:
+        return None
+    off = np.hypot.reduce(look.colour[reddish] - np.median(look.colour[reddish], axis=0), axis=1)
+    order = np.argsort(off)
+    brown, usual = int(reddish[order[-1]]), float(np.median(off))
+    duller = look.chroma[brown] < np.median(look.chroma[reddish])
+    apart = off[order[-1]] > max(UNLIKE_REDS * usual, UNLIKE_NEXT * off[order[-2]], LEAST_UNLIKE)
+    return brown if apart and duller else None
+
+
+def _cheapest(distance: Floats, names: list[str]) -> tuple[str, ...]:
+    """A name for each of N balls, each of the M names once and "red" any number of times, from distances (N, M)."""
+    balls = len(distance)
     column = names + ["red"] * (balls - 1) + ["ball"] * balls
     reds = np.repeat(distance[:, [names.index("red")]], balls - 1, axis=1)
     cost = np.concatenate([distance, reds, np.full((balls, balls), UNSURE_COLOUR)], axis=1)
@@ -116,15 +127,18 @@ def _pick(cost: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def _pool(look: Look, struck: int | None) -> tuple[str, ...]:
     """Cue and eight once; two many-fold plain colours are an English set, otherwise solids and stripes."""
     lightness, a, b = look.colour.T
-    kinds = np.array(["ball"] * len(a), dtype=object)
-    kinds[(look.white < MOST_OF_A_SOLID) & (look.white_high < LEAST_OF_A_TURN)] = "solid"
-    kinds[(look.white >= LEAST_OF_A_STRIPE) | (look.white_high >= LEAST_OF_A_TURN)] = "stripe"
+    striped = look.white_rim + 0.5 * look.white
+    shows = (striped >= LEAST_OF_A_STRIPE) | (look.white_high >= LEAST_OF_A_TURN)
+    kinds = np.where(shows, "stripe", "solid").astype(object)
     cue = _cue(look, struck)
     if cue is not None:
         kinds[cue] = "cue"
-    darkness = np.where(kinds == "cue", np.inf, lightness + 0.5 * look.chroma + 60 * look.white)
-    eight = int(np.argmin(darkness))
-    if lightness[eight] < 40 and look.chroma[eight] < 25 and look.white[eight] < 0.35:
+    eight = int(np.argmin(np.where((kinds == "cue") | (look.white > MOST_OF_AN_EIGHT), np.inf, look.value)))
+    if (
+        kinds[eight] != "cue"
+        and look.value[eight] < BLACK * lightness.max() / 100
+        and look.white[eight] < MOST_OF_AN_EIGHT
+    ):
         kinds[eight] = "eight"
     rest = (kinds != "cue") & (kinds != "eight")
     red = rest & (a > 25) & (a > 0.6 * b)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from detectors.colour import ball_colours
+from detectors.colour import ball_coats
 
 Floats = NDArray[np.float64]
 RADIUS = 14
@@ -37,20 +37,31 @@ def test_white_is_told_from_colour_in_any_light(light: str) -> None:
     colours = ((200, 30, 40), (30, 60, 170), (230, 180, 20))
     balls = [("plain", (245, 245, 245))]
     balls += [(kind, colour) for kind in ("plain", "number", "caps") for colour in colours]
-    white = ball_colours(*table(balls, light))[1]
-    assert white[0] > 0.75
-    plain, number, caps = white[1:4], white[4:7], white[7:]
+    coats = ball_coats(*table(balls, light))
+    assert coats.white[0] > 0.75
+    plain, number, caps = coats.white[1:4], coats.white[4:7], coats.white[7:]
     assert plain.max() < 0.05
     assert number.max() < 0.2
     assert caps.min() > 0.22
+    assert coats.white_rim[4:7].max() < 0.5 * number.min()
+    assert coats.white_rim[7:].min() > 0.22
+
+
+@pytest.mark.parametrize("light", LIGHTS)
+@pytest.mark.parametrize("kind", ["plain", "number"])
+def test_only_black_is_dark_in_every_channel(light: str, kind: str) -> None:
+    colours = ((18, 18, 20), (30, 30, 110), (110, 20, 40), (15, 80, 50))
+    white = ("plain", (245, 245, 245))
+    value = ball_coats(*table([white, *[(kind, colour) for colour in colours]], light)).value
+    assert value[1] < 0.6 * value[2:].min()
 
 
 def test_a_lone_coloured_ball_is_not_white() -> None:
     for colour in ((200, 30, 40), (240, 200, 30), (240, 130, 160)):
-        assert ball_colours(*table([("plain", colour)], "white"))[1][0] < 0.1
+        assert ball_coats(*table([("plain", colour)], "white")).white[0] < 0.1
 
 
 def test_nothing_has_no_colour() -> None:
-    colour, white = ball_colours(np.zeros((10, 10, 3), np.uint8), np.empty((0, 2)), np.empty(0))
-    assert colour.shape == (0, 3)
-    assert white.shape == (0,)
+    coats = ball_coats(np.zeros((10, 10, 3), np.uint8), np.empty((0, 2)), np.empty(0))
+    assert coats.colour.shape == (0, 3)
+    assert coats.white.shape == coats.white_rim.shape == coats.value.shape == (0,)

@@ -118,7 +118,7 @@ def observe(
     count = np.ones(len(table))
     detections = Detections(
         table[:, 0].astype(np.int64), table[:, 2:4], R * 400 * count, table[:, 4:6], table[:, 6:9],
-        0.1 * count, count, table[:, 9], table[:, 10],
+        0.1 * count, 0.1 * count, 0.5 * count, count, table[:, 9], table[:, 10],
     )  # fmt: skip
     frame = np.arange(len(px))
     return Seen(detections, frame, frame / fps, table[:, 1].astype(np.int64), px)

@@ -173,7 +173,7 @@ def test_two_balls_that_leave_unseen_keep_their_identity() -> None:
     px = scene.camera.to_pixels(table[:, 2:4], R) + rng.normal(0, 0.2, (len(table), 2))
     streak = np.stack([0 * one, 400.0 * table[:, 4]], axis=1)
     detections = Detections(
-        table[:, 0].astype(np.int64), px, 11.0 * one, streak, colour, 0.1 * one, one, 0.3 * one,
+        table[:, 0].astype(np.int64), px, 11.0 * one, streak, colour, 0.1 * one, 0.1 * one, 0.5 * one, one, 0.3 * one,
         np.where(streaked, 1.5, 0.3),
     )  # fmt: skip
     tracks = associate(detections, np.arange(60), np.arange(60) / 30, scene)
@@ -262,7 +262,7 @@ def test_marked_carom_balls_keep_their_identity(footage: Path, clip: str, colour
     colour += rng.normal(0, 3, colour.shape)
     detections = Detections(
         table[:, 0].astype(np.int64), table[:, 2:], 6.5 * one, np.zeros((len(one), 2)), colour,
-        0.1 * one, one, 0.4 * one, 0.4 * one,
+        0.1 * one, 0.1 * one, 0.5 * one, one, 0.4 * one, 0.4 * one,
     )  # fmt: skip
     frame = np.unique(detections.frame)
     tracks = associate(detections, frame, frame / 15.0, scene)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.association.kinds import SNOOKER_COLOURS, Look, name_ids, name_kinds
+from models.association.kinds import SNOOKER_COLOURS, name_ids, name_kinds
+from models.association.look import Look, look_of
+from models.detections import Detections
 
 
 def _look(colours: list[tuple[float, float, float]], white: list[float]) -> Look:
-    return Look(np.array(colours, float), np.array(white, float), np.array(white, float))
+    """Balls painted in one colour, as white at the rim as elsewhere."""
+    lab, share = np.array(colours, float), np.array(white, float)
+    value = (lab[:, 0] + 0.3 * np.hypot(lab[:, 1], lab[:, 2])) / 100
+    return Look(lab, share, share, share, value)
 
 
 def test_snooker_colours_are_told_in_warm_and_dim_light() -> None:
@@ -18,6 +23,15 @@ def test_snooker_colours_are_told_in_warm_and_dim_light() -> None:
     for light in ([1.0, 1.0, 1.0], [0.8, 0.9, 0.9], [1.05, 1.1, 1.0]):
         tinted = colours * light + [0.0, 2.0, 6.0]
         assert name_kinds(_look(list(map(tuple, tinted)), white), "snooker") == tuple(kinds)
+
+
+def test_brown_is_told_from_reds_where_the_camera_makes_both_red() -> None:
+    rng = np.random.default_rng(0)
+    reds = np.array([51.0, 78, 62]) + rng.normal(0, 1.5, (8, 3))
+    look = _look([(97, -1, 10), *map(tuple, reds), (47, 65, 53)], [0.95] + [0.0] * 9)
+    assert name_kinds(look, "snooker") == ("cue", *["red"] * 8, "brown")
+    alone = _look([(97, -1, 10), *map(tuple, reds)], [0.95] + [0.0] * 8)
+    assert name_kinds(alone, "snooker") == ("cue", *["red"] * 8)
 
 
 def test_carom_balls_are_told_from_each_other() -> None:
@@ -53,7 +67,50 @@ def test_english_pool_has_reds_and_yellows() -> None:
 
 def test_a_table_without_balls_has_no_names() -> None:
     for game in ("pool", "snooker", "carom"):
-        assert name_kinds(Look(np.empty((0, 3)), np.empty(0), np.empty(0)), game) == ()
+        assert name_kinds(Look(np.empty((0, 3)), *[np.empty(0)] * 4), game) == ()
+
+
+def test_the_spot_of_a_number_makes_no_stripe() -> None:
+    look = Look(
+        np.array([[88.0, 0, 8], [40, 55, 35], [40, 55, 35]]), np.array([0.95, 0.24, 0.24]), np.array([0.95, 0.3, 0.3]),
+        np.array([0.95, 0.05, 0.28]), np.array([0.9, 0.6, 0.6]),
+    )  # fmt: skip
+    assert name_kinds(look, "pool") == ("cue", "solid", "stripe")
+
+
+def test_the_eight_is_dark_in_every_channel_not_the_ball_of_least_lightness() -> None:
+    look = Look(
+        np.array([[82.0, -17, 14], [27, -14, 4], [24, -4, -14], [28, 2, 2]]), np.array([0.7, 0.19, 0.02, 0.09]),
+        np.array([0.7, 0.2, 0.2, 0.2]), np.array([0.57, 0.07, 0.02, 0.0]), np.array([0.8, 0.22, 0.34, 0.38]),
+    )  # fmt: skip
+    assert name_kinds(look, "pool") == ("cue", "eight", "solid", "solid")
+
+
+def test_a_ball_half_behind_another_is_looked_at_where_it_stands_clear() -> None:
+    frame = np.repeat(np.arange(40), 2)
+    x = np.where(frame < 10, 200.0, 115.0)
+    x[::2] = 100.0
+    one, other = np.ones(80), (np.arange(80) % 2).astype(bool)
+    white = np.where(other, 0.95, np.where(frame < 10, 0.02, 0.5))
+    seen = Detections(
+        frame, np.column_stack([x, 50 * one]), 10 * one, np.zeros((80, 2)), np.tile([40.0, 50, 30], (80, 1)),
+        white, white, 0.5 * one, one, 0.3 * one, 0.3 * one,
+    )  # fmt: skip
+    look = look_of([np.array([40.0, 50, 30])] * 2, [np.flatnonzero(~other), np.flatnonzero(other)], seen)
+    np.testing.assert_allclose(look.white, [0.02, 0.95])
+    np.testing.assert_allclose(look.white_high, [0.02, 0.95])
+
+
+def test_only_a_ball_that_rolls_can_show_the_white_of_a_stripe_now_and_then() -> None:
+    one, frame = np.ones(60), np.arange(60)
+    white = np.where(frame > 50, 0.6, 0.05)  # something pale before it, or its stripe
+    for way, high in ((0.0, 0.05), (2.0, 0.6)):
+        centre = np.column_stack([100 + way * frame, 50 * one])
+        seen = Detections(
+            frame, centre, 10 * one, np.zeros((60, 2)), np.tile([40.0, 50, 30], (60, 1)), white, white, 0.5 * one, one,
+            0.3 * one, 0.3 * one,
+        )  # fmt: skip
+        assert look_of([np.array([40.0, 50, 30])], [frame], seen).white_high == [high]
 
 
 def test_ids_count_from_the_left() -> None:

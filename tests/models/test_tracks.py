@@ -38,7 +38,7 @@ def seen_at_rest() -> tuple[Tracks, np.ndarray]:
     one, frame = np.ones(PICTURES), np.arange(PICTURES)
     colour = np.tile([80.0, 0.0, 10.0], (PICTURES, 1))
     seen = Detections(
-        frame, centre, 8 * one, np.zeros((PICTURES, 2)), colour, one, one, SIGMA_PX * one, SIGMA_PX * one
+        frame, centre, 8 * one, np.zeros((PICTURES, 2)), colour, one, one, one, one, SIGMA_PX * one, SIGMA_PX * one
     )  # fmt: skip
     tracks = associate(seen, frame, frame / 30, scene)
     return tracks, tracks.xy[:, 0] - PLACE

@@ -97,5 +97,6 @@ def made_up_detections(tracks: Tracks) -> Detections:
     return Detections(
         frame=np.repeat(tracks.frame, balls), centre=tracks.px.reshape(-1, 2), radius=3 * one,
         streak=np.zeros((len(one), 2)), colour=np.tile(tracks.colour, (times, 1)), white=0 * one,
+        white_rim=0 * one, value=0.5 * one,
         score=one, sigma=0.2 * one, sigma_along=0.2 * one,
     )  # fmt: skip
