@@ -23,7 +23,7 @@ from models.fitting.revision import revise, without_doubts
 from models.fitting.segmentation import Samples, segment
 from models.fitting.solution import Data, Solution, gather, layout, owners, residuals
 from models.fitting.story import Story
-from models.fitting.tidying import tidy
+from models.fitting.tidying import resting_until_hit, tidy
 from models.fitting.timing import retimed
 from models.fitting.trust import accepted_spans, light, span_chi2, with_doubts
 from models.noise import FLOOR, Noise, estimate_noise, outliers, seldom_seen, with_noise
@@ -134,6 +134,7 @@ def _first_story(tracks: Tracks, table: Table, options: FitOptions) -> Story:
         allowed = near_something(seen, samples[:ball] + samples[ball + 1 :], table)
         parts = segment(seen, allowed, options.break_price, options.free_price)
         segments.append(tidy(seen, parts, table.ball_radius) if parts else [])
+    segments = resting_until_hit(samples, segments)
     return tell(samples, segments, table, tracks.kinds).with_pushes()
 
 

@@ -19,6 +19,12 @@ MOST_NUDGED = 3
 """parts of a track in which a ball rests, is nudged, and rests again."""
 PROGRESS = 2.5
 """times its own scatter: a ball that stays within one radius must get on by so much to have moved."""
+SET_OFF = 0.3
+"""m/s: a ball that leaves its rest so fast was hit, by a cue or by a ball that had been."""
+MOVES_OF_ITSELF = 6.0
+"""chi2 by which a ball may rest worse than it would roll, before another one could have sent it off."""
+BREAK = 20.0
+"""chi2 that a break of a track pays, as `models.options.FitOptions.break_price`."""
 
 
 def tidy(samples: Samples, segments: list[Segment], radius: float) -> list[Segment]:
@@ -40,6 +46,48 @@ def tidy(samples: Samples, segments: list[Segment], radius: float) -> list[Segme
         else:
             joined.append(part)
     return joined
+
+
+def resting_until_hit(samples: list[Samples], segments: list[list[Segment]]) -> list[list[Segment]]:
+    """Segments of balls that were told to move before any ball set off, cut where one did.
+
+    A ball of a rack that rolls a few centimetres after a break is told well enough as one that rolls from the
+    beginning of the clip on; but nothing moves before the cue comes.
+    """
+    moments = sorted(
+        float(seen.t[parts[0].last])
+        for seen, parts in zip(samples, segments, strict=True)
+        if len(parts) > 1 and parts[0].static and not parts[1].static and _start_speed(seen, parts[1]) > SET_OFF
+    )
+    if not moments:
+        return segments
+    return [
+        _rested(seen, parts, moments) if parts and (not parts[0].static or seen.t[parts[0].last] < moments[0]) else parts
+        for seen, parts in zip(samples, segments, strict=True)
+    ]
+
+
+def _rested(samples: Samples, parts: list[Segment], moments: list[float]) -> list[Segment]:
+    """Parts of a track, at rest until one of the moments (s) if that tells it as well."""
+    best, cost = parts, 0.0
+    for first in sorted({int(np.searchsorted(samples.t, moment, side="right")) for moment in moments}):
+        cut = next((k for k, part in enumerate(parts) if part.first < first <= part.last), None)
+        if cut is None or first < 2 or (cut == 0 and parts[0].static):
+            continue
+        told = sum(curve_of(samples, part).chi2 for part in parts[: cut + 1]) + cut * BREAK
+        rest, gone = Segment(0, first - 1, True), Segment(first, parts[cut].last, parts[cut].static)
+        worse = curve_of(samples, rest).chi2 + curve_of(samples, gone).chi2 - told - MOVES_OF_ITSELF
+        if worse < cost:
+            best, cost = [rest, gone, *parts[cut + 1 :]], worse
+    return best
+
+
+def _start_speed(samples: Samples, part: Segment) -> float:
+    """m/s; of a single sample, by the way to it."""
+    if part.last > part.first:
+        return float(np.hypot(*curve_of(samples, part).velocity(float(samples.t[part.first]))))
+    way = samples.xy[part.first] - samples.xy[part.first - 1]
+    return float(np.hypot(*way) / (samples.t[part.first] - samples.t[part.first - 1]))
 
 
 def part_of(samples: Samples, segment: Segment) -> Samples:
