@@ -96,11 +96,11 @@ def with_encounters(
         if met is not None:
             new = range(len(story.spans), len(met.spans))
             touched |= one.spans | frozenset(new)
-            story = _as_refined(met, one.part, [*sorted(one.spans), *new])
+            story = as_refined(met, one.part, [*sorted(one.spans), *new])
     return story.with_pushes(), touched
 
 
-def _as_refined(story: Story, part: Story, spans: list[int]) -> Story:
+def as_refined(story: Story, part: Story, spans: list[int]) -> Story:
     """The story with states and times of a refined part of it, which are its `spans`; as it is if they do not fit."""
     states, contacts = list(story.spans), list(story.contacts)
     for k, refined in zip(spans, part.spans, strict=True):
@@ -187,13 +187,13 @@ def _tried(
     if question not in asked.trials:
         local = Data(data.ball[rows], data.t[rows], data.xy[rows], data.whiten[rows])
         if region not in alone:
-            alone[region] = total_cost(_refined(solution, story, sorted(region), local, table), tolls)
-        part = _refined(solution, met, sorted(region | new), local, table)
+            alone[region] = total_cost(refined_part(solution, story, sorted(region), local, table), tolls)
+        part = refined_part(solution, met, sorted(region | new), local, table)
         asked.trials[question] = alone[region] - total_cost(part, tolls), part.story
     return Encounter(hits, asked.trials[question][0], region, asked.trials[question][1])
 
 
-def _refined(solution: Solution, story: Story, spans: list[int], local: Data, table: Table) -> Solution:
+def refined_part(solution: Solution, story: Story, spans: list[int], local: Data, table: Table) -> Solution:
     """Some spans of a story and the contacts among them, refined by themselves."""
     return refine(story.part(spans), local, table, iterations=ITERATIONS, start=solution)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from models.billiards.motion import kinematics
 from models.fitting.cascades import SLOW
+from models.fitting.corners import with_corners
 from models.fitting.encounters import (
     NEAR_IN_TIME,
     Answers,
@@ -21,6 +22,7 @@ from models.fitting.encounters import (
 )
 from models.fitting.rebounds import doubled, inserted, renamed
 from models.fitting.refinement import refine
+from models.fitting.releases import released
 from models.fitting.solution import Data, Solution, end_state, owners
 from models.fitting.story import Contact, Story
 from models.scene import Table
@@ -50,6 +52,8 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
         story = doubled(solution, story, table)
         story = inserted(solution, story, data, table)
         before, solution = solution, _reconsidered(solution, story, data, table, (price, dear))
+        solution = with_corners(solution, data, table, (price, dear))
+        solution = released(solution, data, table, (price, dear))
         changed = solution is not before
         gains = _gains(solution, data, table, asked)
         fewer = _pruned(solution, gains, data, table, (price, dear))

@@ -61,15 +61,14 @@ def resting_until_hit(samples: list[Samples], segments: list[list[Segment]]) -> 
     )
     if not moments:
         return segments
-    return [
-        _rested(seen, parts, moments) if parts and (not parts[0].static or seen.t[parts[0].last] < moments[0]) else parts
-        for seen, parts in zip(samples, segments, strict=True)
-    ]
+    return [_rested(seen, parts, moments) for seen, parts in zip(samples, segments, strict=True)]
 
 
 def _rested(samples: Samples, parts: list[Segment], moments: list[float]) -> list[Segment]:
     """Parts of a track, at rest until one of the moments (s) if that tells it as well."""
     best, cost = parts, 0.0
+    if not parts or (parts[0].static and samples.t[parts[0].last] >= moments[0]):
+        return parts
     for first in sorted({int(np.searchsorted(samples.t, moment, side="right")) for moment in moments}):
         cut = next((k for k, part in enumerate(parts) if part.first < first <= part.last), None)
         if cut is None or first < 2 or (cut == 0 and parts[0].static):
