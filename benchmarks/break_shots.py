@@ -35,6 +35,8 @@ class Break:
     """(T, N, 2) m."""
     v: Floats
     """(T, N, 2) m/s."""
+    slip: Floats
+    """(T, N, 2) m/s of the point that touches the cloth."""
     on_table: NDArray[np.bool_]
     """(T, N) not fallen into a pocket."""
     kind: NDArray[np.str_]
@@ -118,7 +120,9 @@ def happened(seed: int, folder: Path, pockets: bool = False, seconds: float = 4.
 def read(out: Path) -> Break:
     """The files of the world as arrays."""
     rows = pyarrow.csv.read_csv(out / "trajectory.csv")
-    x, y, z, vx, vy = (rows[name].to_numpy().reshape(-1, BALLS) for name in ("x", "y", "z", "vx", "vy"))
+    x, y, z, vx, vy, wx, wy = (
+        rows[name].to_numpy().reshape(-1, BALLS) for name in ("x", "y", "z", "vx", "vy", "wx", "wy")
+    )
     events = pyarrow.csv.read_csv(
         out / "events.csv",
         convert_options=pyarrow.csv.ConvertOptions(column_types={"a": pyarrow.string(), "b": pyarrow.string()}),
@@ -129,7 +133,7 @@ def read(out: Path) -> Break:
     t, speed = (events[name].to_numpy() for name in ("t", "speed"))
     on_table = z > 0.9 * R
     return Break(
-        np.stack([x, y], axis=2), np.stack([vx, vy], axis=2), on_table,
+        np.stack([x, y], axis=2), np.stack([vx, vy], axis=2), np.stack([vx - R * wy, vy + R * wx], axis=2), on_table,
         kind[chosen], t[chosen], a[chosen], b[chosen], speed[chosen],
     )  # fmt: skip
 

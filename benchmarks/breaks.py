@@ -1,13 +1,14 @@
 """Breaks of sixteen equal balls, filmed: which ball is which, what met what and when, and how well places are known.
 
-    python benchmarks/breaks.py [--seeds 20] [--first 0] [--fps 30] [--pockets] [--truth DIR] [--jobs 2]
+    python benchmarks/breaks.py [--seeds 20] [--first 0] [--fps 30] [--oracle] [--pockets] [--truth DIR] [--jobs 2]
 
 The truth is `worlds/billiards.py`, run as a process. A contact counts where it closes faster than 60 mm/s; it is found
 where one of the same balls (and cushion) is told within half a picture. A told one is false where no contact faster
 than 30 mm/s is there, so that the threshold itself condemns none. The burst is the first 50 ms after the first contact:
 there a picture or two hold twenty contacts. Contacts later than two pictures before the end are left out. Places are
 compared between pictures, every millisecond while a ball moves faster than 20 mm/s, with the Akima spline through the
-same noisy detections, rightly named.
+same noisy detections, rightly named. `--oracle` adds what the same pictures hold at best, see `break_oracle.py`. The
+peers' switches were measured on breaks of ten equal balls, with the same noise and share of missed balls.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TypeVar
 
+import break_oracle
 import numpy as np
 from break_rivals import constant_velocity, nearest
 from break_shots import HZ, Break, Filmed, film, happened, scene
@@ -42,6 +45,16 @@ NEAR = 0.02
 """s around a contact of a ball that count as near it."""
 MOVING = 0.02
 """m/s."""
+
+PEERS = {
+    30.0: "norfair 58 (gate 2R) or 7 (80 px), ByteTrack 3 (14 % unassigned), OC-SORT 3, constant velocity 5",
+    60.0: "norfair 32 (gate 2R) or 2 (80 px), ByteTrack 5 (14 % unassigned), OC-SORT 1, constant velocity 2",
+}
+"""Switches of the kits by pictures a second, ten balls."""
+NORMAL_MEDIAN = 0.6745
+"""Of the absolute value of a standard normal number."""
+SILENT = 1e-3
+"""px: noise that is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,20 +81,47 @@ class Score:
     fit_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class OracleScore:
+    """Of our model told the true story, with the noise of the pictures and with none; errors in ms and mm."""
+
+    seed: int
+    contacts: int
+    found: int
+    time_ms: float
+    stated_ms: float
+    """Median error of times that its own sigmas promise."""
+    near_mm: float
+    near_akima_mm: float
+    else_mm: float
+    else_akima_mm: float
+    silent_time_ms: float
+    silent_near_mm: float
+    silent_else_mm: float
+
+
+_Row = TypeVar("_Row", Score, OracleScore)
+
+
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--seeds", type=int, default=20, help="how many breaks")
     options.add_argument("--first", type=int, default=0, help="the first seed")
     options.add_argument("--fps", type=float, default=30.0)
+    options.add_argument("--oracle", action="store_true", help="what the same pictures hold at best")
     options.add_argument("--pockets", action="store_true", help="balls may be potted")
     options.add_argument("--truth", type=Path, default=Path("/tmp/trueroll-breaks"), help="where the worlds are kept")
     options.add_argument("--jobs", type=int, default=2)
     given = options.parse_args()
     work = [(seed, given.fps, given.pockets, given.truth) for seed in range(given.first, given.first + given.seeds)]
-    names = [field.name for field in fields(Score)]
-    print("| " + " | ".join(names) + " |\n|" + "---|" * len(names), flush=True)
     with ProcessPoolExecutor(given.jobs) as pool:
+        print_head(Score)
         print_medians([printed(score) for score in pool.map(score_break, *zip(*work, strict=True))])
+        if given.fps in PEERS:
+            print(f"switches of kits, ten balls: {PEERS[given.fps]}")
+        if given.oracle and not given.pockets:
+            print_head(OracleScore)
+            print_oracle([printed(score) for score in pool.map(score_oracle, *zip(*work, strict=True))])
 
 
 def score_break(seed: int, fps: float, pockets: bool, truth: Path) -> Score:
@@ -100,6 +140,25 @@ def score_break(seed: int, fps: float, pockets: bool, truth: Path) -> Score:
     return Score(
         seed, *contacts, switches(owner), *rivals, *places, tracked - start, fitted - tracked
     )  # fmt: skip
+
+
+def score_oracle(seed: int, fps: float, pockets: bool, truth: Path) -> OracleScore:
+    """Fit the true story of one break to the same sightings, and to the same without noise."""
+    shown = happened(seed, truth, pockets)
+    found = []
+    for noise in (1.0, SILENT):
+        filmed = film(shown, fps, seed, pockets, noise)
+        fit, tracks = break_oracle.oracle(shown, filmed, BURST)
+        owner = break_oracle.owners(filmed)
+        contacts, places = (
+            score_contacts(fit, tracks, owner, shown, filmed),
+            score_places(fit, tracks, owner, shown, filmed),
+        )
+        told = np.isin(fit.events.kind, ("ball", "cushion"))
+        promised = 1e3 * NORMAL_MEDIAN * float(np.median(fit.events.t_sigma[told]))
+        found.append((contacts, places, promised))
+    (contacts, places, promised), (silent, still, _) = found
+    return OracleScore(seed, *contacts[:2], contacts[6], promised, *places, silent[6], still[0], still[2])
 
 
 def owners(tracks: Tracks, filmed: Filmed) -> Ints:
@@ -226,10 +285,38 @@ def _followed_paths(state: Floats, t: Floats, tracks: Tracks, mine: NDArray[np.b
     return state[np.arange(len(t)), track[nearest_row]]
 
 
-def printed(score: Score) -> Score:
+def print_head(kind: type[Score] | type[OracleScore]) -> None:
+    names = [field.name for field in fields(kind)]
+    print("\n| " + " | ".join(names) + " |\n|" + "---|" * len(names), flush=True)
+
+
+def printed(score: _Row) -> _Row:
     """Print one row as soon as it is known."""
-    print("| " + " | ".join(_cell(getattr(score, field.name)) for field in fields(Score)) + " |", flush=True)
+    print("| " + " | ".join(_cell(getattr(score, field.name)) for field in fields(score)) + " |", flush=True)
     return score
+
+
+def print_oracle(scores: list[OracleScore]) -> None:
+    names = [field.name for field in fields(OracleScore)]
+    column = {name: np.array([getattr(score, name) for score in scores], dtype=np.float64) for name in names}
+    print(f"\nthe oracle: medians of {len(scores)} breaks; pooled in brackets")
+    for name, values, pooled in (
+        ("told within half a picture", column["found"] / np.maximum(column["contacts"], 1),
+         column["found"].sum() / column["contacts"].sum()),
+        ("time error, ms", column["time_ms"], np.nanmean(column["time_ms"])),
+        ("time error that its sigmas promise, ms", column["stated_ms"], np.nanmean(column["stated_ms"])),
+        ("time error without noise, ms", column["silent_time_ms"], np.nanmean(column["silent_time_ms"])),
+        ("near contacts over Akima", *_over(column["near_mm"], column["near_akima_mm"])),
+        ("elsewhere over Akima", *_over(column["else_mm"], column["else_akima_mm"])),
+        ("near contacts without noise over Akima with it", *_over(column["silent_near_mm"], column["near_akima_mm"])),
+        ("elsewhere without noise over Akima with it", *_over(column["silent_else_mm"], column["else_akima_mm"])),
+    ):  # fmt: skip
+        print(f"{name}: {np.nanmedian(values):.3g} ({pooled:.3g})")
+
+
+def _over(ours: Floats, theirs: Floats) -> tuple[Floats, float]:
+    """Ratios of two root mean squares (S,), and of those of all."""
+    return ours / theirs, float(np.sqrt(np.nanmean(ours**2) / np.nanmean(theirs**2)))
 
 
 def print_medians(scores: list[Score]) -> None:
@@ -244,10 +331,8 @@ def print_medians(scores: list[Score]) -> None:
         ("recall in the burst", column["burst_found"] / column["burst"],
          column["burst_found"].sum() / column["burst"].sum()),
         ("time error, ms", column["time_ms"], np.nanmean(column["time_ms"])),
-        ("near contacts over Akima", column["near_mm"] / column["near_akima_mm"],
-         np.sqrt(np.nanmean(column["near_mm"] ** 2) / np.nanmean(column["near_akima_mm"] ** 2))),
-        ("elsewhere over Akima", column["else_mm"] / column["else_akima_mm"],
-         np.sqrt(np.nanmean(column["else_mm"] ** 2) / np.nanmean(column["else_akima_mm"] ** 2))),
+        ("near contacts over Akima", *_over(column["near_mm"], column["near_akima_mm"])),
+        ("elsewhere over Akima", *_over(column["else_mm"], column["else_akima_mm"])),
         ("switches", column["switches"], column["switches"].mean()),
         ("switches, nearest", column["nearest"], column["nearest"].mean()),
         ("switches, constant velocity", column["velocity"], column["velocity"].mean()),

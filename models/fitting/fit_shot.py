@@ -62,6 +62,17 @@ def fit_and_solution(
     return _as_shown(replace(fit, events=timed, trust=with_doubts(fit.trust, scene.doubts)), tracks, clock), solution
 
 
+def fit_story(story: Story, tracks: Tracks, scene: Scene, options: FitOptions = FitOptions()) -> Fit:
+    """The fit of a story that is known: its states, times and coefficients are sought, its contacts are not doubted.
+
+    Tracks are believed as they are; what was seen before the story of a ball begins has to be left out of them.
+    """
+    data = gather(tracks)
+    solution = refine(story, data, scene.table, iterations=60)
+    fit = _report(with_covariance(solution, data, scene.table), tracks, tracks, data, scene.table, options)
+    return replace(fit, events=retimed(record_of(tracks, fit.events, fit.trajectory, scene.table, scene.camera)))
+
+
 def _as_shown(fit: Fit, tracks: Tracks, clock: Clock) -> Fit:
     """A fit in the time in which pictures were taken, told in that in which they are shown."""
     if clock.taken is clock.shown:
