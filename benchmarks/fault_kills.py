@@ -17,7 +17,8 @@ import numpy as np
 import psutil
 from fault_runs import Place, contents, entries, environment, gone, leftovers, torn, tree
 
-START_S = 60.0
+START_S = 300.0
+"""s for a scheduler to start: a machine that is full of other work lets it wait."""
 
 
 class Crew:
