@@ -18,6 +18,8 @@ Singles = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Box = tuple[int, int, int, int]
 """x0, y0, x1, y1"""
+Part = tuple[Box, tuple[int, ...]]
+"""A box and the labels of what moves in it."""
 
 COARSE = 4
 """px of the picture per cell of the map of what moves."""
@@ -31,6 +33,8 @@ FEATHER = 10
 """px over which its picture goes over into the one around."""
 MOST_BOXES, MOST_JOINED = 6, 24
 """Boxes that are opened, and that are looked at, the largest ones."""
+WASTED = 0.2
+"""Share by which the box around two boxes may be larger than both: then they are one."""
 LEAST_CELLS = 4
 """Cells side by side: fewer are a glint or noise, and dissolve."""
 NOT_WORTH = 0.5
@@ -92,11 +96,11 @@ def open_regions(
     """
     stirred = find_stirred(first, second, steady)
     regions = []
-    for box in _boxes(stirred, first.shape):
+    for box, cells in _boxes(stirred, first.shape):
         x0, y0, x1, y1 = box
         here = np.s_[y0:y1, x0:x1]
         between = interpolator.open(np.ascontiguousarray(first[here]), np.ascontiguousarray(second[here]))
-        regions.append(Region(box, between, _weight(stirred, box, first.shape)))
+        regions.append(Region(box, between, _weight(cells, box, first.shape)))
     return tuple(regions)
 
 
@@ -126,18 +130,18 @@ def _beyond_edges(first: Picture, second: Picture) -> Picture:
     return np.asarray(apart.max(axis=2), dtype=np.uint8)
 
 
-def _boxes(stirred: Mask, shape: tuple[int, ...]) -> list[Box]:
-    """Boxes around what moves, with their margins, apart from each other."""
+def _boxes(stirred: Mask, shape: tuple[int, ...]) -> list[tuple[Box, Mask]]:
+    """Boxes around what moves, with their margins, and the cells that move in each; they may overlap."""
     if not stirred.any():
         return []
     reach = 2 * (MARGIN // COARSE) + 1
     grown = cv2.dilate(stirred.astype(np.uint8), np.ones((reach, reach), np.uint8))
-    _, _, stats, _ = cv2.connectedComponentsWithStats(grown, connectivity=8)
-    boxes = _joined([_scaled(row, shape) for row in stats[1:, :4]])
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(grown, connectivity=8)
+    parts = _joined([(_scaled(row, shape), (label,)) for label, row in enumerate(stats[1:, :4], start=1)])
     everything = (0, 0, shape[1], shape[0])
-    if sum(_area(box) for box in boxes) > NOT_WORTH * _area(everything):
-        return [everything]
-    return boxes
+    if sum(_area(box) for box, _ in parts) > NOT_WORTH * _area(everything):
+        return [(everything, stirred)]
+    return [(box, stirred & np.isin(labels, mine)) for box, mine in parts]
 
 
 def _scaled(cells: NDArray[np.int32], shape: tuple[int, ...]) -> Box:
@@ -146,27 +150,28 @@ def _scaled(cells: NDArray[np.int32], shape: tuple[int, ...]) -> Box:
     return x, y, min(right, shape[1]), min(bottom, shape[0])
 
 
-def _joined(boxes: list[Box]) -> list[Box]:
-    """Boxes that overlap become one, until none do; and where there are too many, those that waste least."""
-    boxes = sorted(boxes, key=_area)[-MOST_JOINED:]
-    while True:
-        pairs = [(_area(_hull([a, b])) - _area(a) - _area(b), a, b) for a, b in combinations(boxes, 2)]
-        meeting = [pair for pair in pairs if _overlap(*pair[1:])]
-        if not meeting and len(boxes) <= MOST_BOXES:
-            return boxes
-        _, a, b = min(meeting or pairs)
-        boxes = [box for box in boxes if box not in (a, b)] + [_hull([a, b])]
+def _joined(parts: list[Part]) -> list[Part]:
+    """Boxes with what lies in them; two become one where that wastes little, and while there are too many.
+
+    Boxes that overlap stay apart otherwise: what crawls along two sides of a picture is not all of it.
+    """
+    parts = sorted(parts, key=lambda part: _area(part[0]))[-MOST_JOINED:]
+    while len(parts) > 1:
+        pairs = [(_wasted(a[0], b[0]), a, b) for a, b in combinations(parts, 2)]
+        wasted, a, b = min(pairs)
+        if wasted > WASTED * (_area(a[0]) + _area(b[0])) and len(parts) <= MOST_BOXES:
+            break
+        parts = [part for part in parts if part not in (a, b)] + [(_hull(a[0], b[0]), a[1] + b[1])]
+    return parts
 
 
-def _hull(boxes: list[Box]) -> Box:
-    corners = np.array(boxes)
-    x0, y0 = (int(v) for v in corners[:, :2].min(axis=0))
-    x1, y1 = (int(v) for v in corners[:, 2:].max(axis=0))
-    return x0, y0, x1, y1
+def _wasted(a: Box, b: Box) -> int:
+    """px of the box around two boxes beyond the px of both; below 0 where they overlap."""
+    return _area(_hull(a, b)) - _area(a) - _area(b)
 
 
-def _overlap(a: Box, b: Box) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+def _hull(a: Box, b: Box) -> Box:
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
 
 
 def _area(box: Box) -> int:

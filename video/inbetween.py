@@ -8,17 +8,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.scene import apply_homography
-from video.clip import Clip, read_frames
+from video.clip import Clip
+from video.empty_table import plate_of
 from video.exposure import with_exposure
 from video.flow import Interpolator, OpticalFlow
 from video.flow_regions import Region, open_regions
 from video.pasting import Layer, paste
-from video.plate import Plate, learn_plate
+from video.plate import Plate
 from video.sharp_balls import SharpBalls, learn_sharp, sharp_pair
 from video.sightings import Sightings
-from video.sprites import SHADOW_RADII, STREAKED_RADII, Outline, Peeled, Sprite, peel, taps_along
+from video.sprites import STREAKED_RADII, Outline, Peeled, Sprite, peel, taps_along
 from video.turning import bends_between
+from video.visible_balls import shown_balls
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -26,10 +27,6 @@ Mask = NDArray[np.bool_]
 Picture = NDArray[np.uint8]
 
 OPTICAL_FLOW, NO_SHARP = OpticalFlow(), SharpBalls({})
-MOST_SAMPLES, FEWEST_SAMPLES = 32, 13
-"""Pictures, spread over the clip, that the plate is learnt from."""
-PLATE_BYTES = 64_000_000
-"""Memory for the swept pixels of those pictures; larger areas are learnt from fewer."""
 ALIKE_RADII = 0.4
 """Radii by which the ends of two streaks may differ and look alike."""
 DISSOLVE = (0.3, 0.7)
@@ -51,47 +48,6 @@ def scenery_of(sightings: Sightings, clip: Clip) -> Scenery:
     plate = plate_of(sightings, clip)
     sharp = learn_sharp(sightings, clip, plate)
     return Scenery(with_exposure(sightings, clip, plate, sharp), plate, sharp)
-
-
-def plate_of(sightings: Sightings, clip: Clip) -> Plate:
-    """Learn what moving balls hide from pictures spread evenly over the clip."""
-    swept = swept_by(sightings)
-    count = int(np.clip(PLATE_BYTES // (4 * max(1, int(swept.sum()))), FEWEST_SAMPLES, MOST_SAMPLES))
-    rows = np.unique(np.linspace(0, len(sightings.t) - 1, count).round().astype(np.int64))
-    pictures = read_frames(clip, indices=sightings.frame[rows])
-    return learn_plate(swept, (_sample(sightings, int(row), rgb) for row, (_, rgb) in zip(rows, pictures, strict=True)))
-
-
-def swept_by(sightings: Sightings) -> Mask:
-    """(H, W) reference pixels that a moving ball with its surroundings ever touches."""
-    camera = sightings.scene.camera
-    swept = np.zeros((camera.height_px, camera.width_px), dtype=np.uint8)
-    for row, ball in zip(*np.nonzero(sightings.moves), strict=True):
-        for side in (row, row + 1):
-            if np.isfinite(sightings.centre[side, ball]).all():
-                _stamp(swept, sightings.outline(side, ball), sightings.motion(float(sightings.t[side])))
-    return swept > 0
-
-
-def _stamp(mask: Picture, outline: Outline, motion: Floats | None) -> None:
-    """Mark in reference pixels all that a ball can touch."""
-    back = np.eye(3) if motion is None else np.linalg.inv(motion)
-    way = apply_homography(np.asarray(back, dtype=np.float64), outline.way)
-    thickness = int(np.ceil(2 * outline.reach)) + 8
-    points = np.rint(np.concatenate([way, way[-1:]])).astype(np.int32)
-    cv2.polylines(mask, [points.reshape(-1, 1, 2)], isClosed=False, color=255, thickness=thickness)
-    cv2.circle(mask, points[0].tolist(), thickness // 2, 255, -1)
-
-
-def _sample(sightings: Sightings, row: int, picture: Picture) -> tuple[Picture, Mask, Floats | None]:
-    """A picture with the mask of its balls and their shadows, and its motion."""
-    covered = np.zeros(picture.shape[:2], dtype=np.uint8)
-    for ball in np.flatnonzero(np.isfinite(sightings.centre[row, :, 0])):
-        outline = sightings.outline(row, int(ball))
-        radius = int(np.ceil(SHADOW_RADII * outline.radius + outline.edge))
-        for point in np.rint(outline.way).astype(int):
-            cv2.circle(covered, point.tolist(), radius, 255, -1)
-    return picture, covered > 0, sightings.motion(float(sightings.t[row]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,8 +173,8 @@ def open_interval(
     `anew` where streaks are to be made as no picture shows them. What was taken apart for the interval `before` serves
     again where the same balls moved in it.
     """
-    balls = _moving(sightings, row)
-    if before is not None and before.row == row - 1 and _moving(sightings, row - 1) == balls:
+    balls = sightings.taken_out(row)
+    if before is not None and before.row == row - 1 and sightings.taken_out(row - 1) == balls:
         known = before.sides[1]
     else:
         known = _part(sightings, plate, row, first, balls)
@@ -228,10 +184,6 @@ def open_interval(
     later = sides[1].behind if step is None else _warped(sides[1].behind, step)
     regions = open_regions(sides[0].behind, later, interpolator, steady=step is None)
     return Interval(sightings, row, first, second, sides, tuple(seen), _still(sightings, row, balls), regions)
-
-
-def _moving(sightings: Sightings, row: int) -> tuple[int, ...]:
-    return tuple(int(ball) for ball in np.flatnonzero(sightings.moves[row]))
 
 
 def _pairs(sides: tuple[Peeled, Peeled]) -> list[tuple[Sprite | None, Sprite | None]]:
@@ -276,7 +228,7 @@ def _still(sightings: Sightings, row: int, balls: tuple[int, ...]) -> tuple[Outl
 
 def _part(sightings: Sightings, plate: Plate, row: int, picture: Picture, balls: tuple[int, ...]) -> Peeled:
     """Peel those of `balls` that the picture shows out of it."""
-    shown = _shown(sightings, plate, row, picture)
+    shown = shown_balls(sightings, plate, row, picture)
     mine = [ball for ball in balls if shown[ball]]
     if not mine:
         return Peeled(picture, (None,) * len(balls))
@@ -285,22 +237,3 @@ def _part(sightings: Sightings, plate: Plate, row: int, picture: Picture, balls:
     peeled = peel(picture, [sightings.outline(row, ball) for ball in mine], others, plate, motion)
     found = dict(zip(mine, peeled.sprites, strict=True))
     return Peeled(peeled.behind, tuple(found.get(ball) for ball in balls))
-
-
-def _shown(sightings: Sightings, plate: Plate, row: int, picture: Picture) -> Mask:
-    """(N,) balls in the picture: the observed, and where its colour is nearer to the ball's than to the plate's."""
-    shown: Mask = sightings.observed[row].copy()
-    for ball in np.flatnonzero(~shown & np.isfinite(sightings.centre[row, :, 0])):
-        x, y = np.rint(sightings.centre[row, ball]).astype(int)
-        half = max(1, int(sightings.radius[row, ball] / 2))
-        height, width = picture.shape[:2]
-        if not (half <= x < width - half and half <= y < height - half):
-            continue
-        box = (x - half, y - half, 2 * half + 1, 2 * half + 1)
-        around, known = plate.patch(*box, sightings.motion(float(sightings.t[row])))
-        if not known.all():
-            continue
-        seen = picture[box[1] : box[1] + box[3], box[0] : box[0] + box[2]].reshape(-1, 3).mean(axis=0)
-        empty = around.reshape(-1, 3).mean(axis=0)
-        shown[ball] = np.linalg.norm(seen - sightings.colour[ball]) < np.linalg.norm(seen - empty)
-    return shown

@@ -18,6 +18,14 @@ RING_TOLERANCE = 14.0
 are hands, cues and other balls; within are light, shadow and coding."""
 RING_PIXELS = 500
 """Pixels of the ring that are looked at: enough for three numbers."""
+SHADED, UNDER = 100, 255
+"""What covers a pixel: the shadow of a ball, in which the colour can still be told, or the ball."""
+SAME_CLOTH, LEAST_ALIKE, LEAST_SEEN_FREE = 12, 2, 0.1
+"""Levels of 255 within which a sample has the colour of the cloth around; samples that say so before the median is not
+believed; and the share of a thing of which this must be so."""
+AROUND_SHRINK, AROUND_CELLS = 8, 9
+"""By what pictures are made smaller to tell the colour around a pixel, and over how many of their pixels: a cue, a
+line or a ball fills less than half of that."""
 SORTED_AT_ONCE = 65536
 """Pixels of the plate whose samples are sorted together: bounds memory."""
 
@@ -43,41 +51,60 @@ class Plate:
         return picture, known == 255
 
 
-def learn_plate(swept: Mask, samples: Iterable[tuple[Picture, Mask, Floats | None]]) -> Plate:
+def learn_plate(swept: Mask, samples: Iterable[tuple[Picture, Picture, Floats | None]]) -> Plate:
     """Median over time of every swept pixel, over the samples in which no ball lies there.
 
-    `swept` (H, W) says where a plate is needed. Each sample is a picture (H, W, 3), the mask (H, W) of all balls in
-    it with their shadows, and the camera's motion (3, 3) from the reference picture to it. Pixels that are never
-    free take the colour of their surroundings.
+    `swept` (H, W) says where a plate is needed. Each sample is a picture (H, W, 3), (H, W) what covers it (`UNDER` a
+    ball, `SHADED` by one, 0 elsewhere), and the camera's motion (3, 3) from the reference picture to it. A cue that
+    lies there for longer than not is no table: where the samples differ, those that look like the cloth around are
+    believed. Pixels that are never free take the colour of their surroundings.
     """
     rows, columns = np.nonzero(swept)
     seen: list[Picture] = []
+    small: list[Picture] = []
     for picture, covered, motion in samples:
-        seen.append(_free_pixels(picture, covered, motion, rows, columns))
-    plate = np.zeros((*swept.shape, 3), dtype=np.uint8)
-    known = np.zeros(swept.shape, dtype=bool)
+        picture, covered = _in_reference(picture, covered, motion)
+        seen.append(np.concatenate([picture[rows, columns], covered[rows, columns, None]], axis=1))
+        small.append(_made_small(picture))
+    plate, known = np.zeros((*swept.shape, 3), dtype=np.uint8), np.zeros(swept.shape, dtype=bool)
     if not seen or not len(rows):
         return Plate(plate, known)
+    cloth, evidence = plate.copy(), np.zeros((*swept.shape, 2), dtype=np.uint8)
+    around = _colours_around(small, swept.shape)[rows, columns]
     for start in range(0, len(rows), SORTED_AT_ONCE):
         part = slice(start, start + SORTED_AT_ONCE)
-        values, free = _masked_median(np.stack([sample[part] for sample in seen]))
-        plate[rows[part], columns[part]] = values
-        known[rows[part], columns[part]] = free
+        here, stack = (rows[part], columns[part]), np.stack([sample[part] for sample in seen])
+        plate[here], known[here] = _masked_median(stack)
+        cloth[here], evidence[here] = _like(stack, around[part])
+    apart = np.zeros(swept.shape, dtype=np.uint8)
+    apart[rows, columns] = cv2.absdiff(plate[rows, columns], around).max(axis=1)
+    strange = _lies_on_cloth(np.where(known, apart, 0), evidence)
+    told = strange & (evidence[..., 0] > 0)
+    plate[told] = cloth[told]
+    known &= ~strange | told
     return Plate(_grow_into(plate, swept & ~known, known), known | swept)
 
 
-def _free_pixels(
-    picture: Picture, covered: Mask, motion: Floats | None, rows: NDArray[np.intp], columns: NDArray[np.intp]
-) -> Picture:
-    """Colours (n, 4) of the swept pixels in one sample; the fourth value is 255 where something covers them."""
-    if motion is not None:
-        size = (picture.shape[1], picture.shape[0])
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        inside = cv2.warpPerspective((~covered).astype(np.uint8) * 255, motion, size, flags=flags)
-        picture = cv2.warpPerspective(picture, motion, size, flags=flags)
-        covered = inside < 255
-    hidden = covered[rows, columns].astype(np.uint8) * 255
-    return np.concatenate([picture[rows, columns], hidden[:, None]], axis=1)
+def _in_reference(picture: Picture, covered: Picture, motion: Floats | None) -> tuple[Picture, Picture]:
+    """A sample (H, W, 3) as the camera sees it at the reference picture, and (H, W) what covers it."""
+    if motion is None:
+        return picture, covered
+    size = (picture.shape[1], picture.shape[0])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    free = cv2.warpPerspective(255 - covered, motion, size, flags=flags)
+    moved = cv2.warpPerspective(picture, motion, size, flags=flags)
+    return np.asarray(moved, dtype=np.uint8), np.asarray(255 - free, dtype=np.uint8)
+
+
+def _made_small(picture: Picture) -> Picture:
+    size = (-(-picture.shape[1] // AROUND_SHRINK), -(-picture.shape[0] // AROUND_SHRINK))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _colours_around(small: list[Picture], shape: tuple[int, ...]) -> Picture:
+    """(H, W, 3) The usual colour of what surrounds each pixel: of cloth, but near cushions."""
+    usual = cv2.medianBlur(np.median(np.stack(small), axis=0).astype(np.uint8), AROUND_CELLS)
+    return np.asarray(cv2.resize(usual, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
 
 
 def _masked_median(samples: Picture) -> tuple[Picture, Mask]:
@@ -91,18 +118,60 @@ def _masked_median(samples: Picture) -> tuple[Picture, Mask]:
     return values, count > 0
 
 
+def _like(samples: Picture, around: Picture) -> tuple[Picture, Picture]:
+    """Mean (n, 3) of those samples (S, n, 4) under no ball that have the colour of what is `around` (n, 3).
+
+    And (n, 2) how many they are, and how many lie under a ball.
+    """
+    under = samples[..., 3] > SHADED
+    apart = cv2.absdiff(samples[..., :3], np.broadcast_to(around, samples[..., :3].shape)).max(axis=-1)
+    alike = (apart < SAME_CLOTH) & ~under
+    total = np.einsum("snc,sn->nc", samples[..., :3], alike, dtype=np.float32)
+    counts = np.stack([alike.sum(axis=0), under.sum(axis=0)], axis=-1)
+    return np.rint(total / np.maximum(counts[:, :1], 1)).astype(np.uint8), counts.astype(np.uint8)
+
+
+def _lies_on_cloth(apart: Picture, evidence: Picture) -> Mask:
+    """(H, W) where the plate shows what is not always there, by how far it is `apart` from the colour around.
+
+    A cue is seen to come or go beside a ball, if not under it: what hangs together with a part that was cloth once,
+    and was under a ball at times, goes with it. Lines of one pixel are edges that wander, and stay.
+    """
+    seen_free = (apart > 2 * SAME_CLOTH) & (evidence[..., 0] >= LEAST_ALIKE)
+    core = cv2.morphologyEx(seen_free.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    if not core.any():
+        return np.zeros(apart.shape, dtype=bool)
+    may_go = (apart > SAME_CLOTH) & (evidence >= LEAST_ALIKE).any(axis=-1)
+    count, labels = cv2.connectedComponents(may_go.astype(np.uint8), connectivity=8)
+    whole, part = (np.bincount(labels[mask], minlength=count) for mask in (may_go, core > 0))
+    goes = part >= LEAST_SEEN_FREE * np.maximum(whole, 1)
+    goes[0] = False
+    strange = cv2.dilate(goes[labels].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    return np.asarray(strange & (apart > 0))
+
+
 def _grow_into(picture: Picture, hole: Mask, known: Mask) -> Picture:
-    """Fill `hole` with the mean of the known pixels around it, from near to far."""
-    picture, known = picture.copy(), known.copy()
-    size = 9
-    while (hole & ~known).any() and known.any() and size < 2 * max(picture.shape):
-        weight = cv2.blur(known.astype(np.float32), (size, size))
-        total = cv2.blur(np.where(known[..., None], picture, 0).astype(np.float32), (size, size))
-        grown = hole & ~known & (weight > 1e-6)
-        picture[grown] = np.rint(total[grown] / weight[grown][:, None]).astype(np.uint8)
-        known = known | grown
-        size = 2 * size + 1
-    return picture
+    """Fill `hole` smoothly from the known pixels around it.
+
+    A pyramid of pictures in which only what is known counts (Gortler et al. 1996, doi:10.1145/237170.237200, the
+    pull-push of section 3.4): each hole takes the colours of the finest level that knows any.
+    """
+    if not (hole & ~known).any() or not known.any():
+        return picture
+    rows, columns = (np.flatnonzero((hole | known).any(axis=axis)) for axis in (1, 0))
+    box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    weight = known[box].astype(np.float32)
+    levels = [(picture[box].astype(np.float32) * weight[..., None], weight)]
+    while levels[-1][1].min() == 0 and min(levels[-1][1].shape) > 1:
+        levels.append(tuple(cv2.pyrDown(level) for level in levels[-1]))
+    filled = levels[-1][0] / np.maximum(levels[-1][1], 1e-6)[..., None]
+    for colour, weight in levels[-2::-1]:
+        filled = cv2.pyrUp(filled, dstsize=weight.shape[::-1])
+        sure = np.minimum(1, weight)[..., None]
+        filled = np.where(sure > 0, colour / np.maximum(weight, 1e-6)[..., None], 0) * sure + filled * (1 - sure)
+    grown, unknown = picture.copy(), (hole & ~known)[box]
+    grown[box][unknown] = np.clip(np.rint(filled[unknown]), 0, 255).astype(np.uint8)
+    return grown
 
 
 def fill_behind(patch: Picture, behind: Picture, ring: Mask) -> NDArray[np.float32]:

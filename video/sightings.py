@@ -118,6 +118,18 @@ class Sightings:
         sharp = not np.isfinite(way).all() or np.ptp(way, axis=0).max() < 1
         return Outline(centre[None] if sharp else way + centre, centre, float(self.radius[row, ball]))
 
+    def taken_out(self, row: int) -> tuple[int, ...]:
+        """The balls that move between two pictures, and those at rest of which they hide or uncover a part."""
+        moves, centre, radius = self.moves[row], self.centre[row], self.radius[row]
+        behind = np.zeros_like(moves)
+        for ball in np.flatnonzero(moves):
+            start, end = self.centre[row : row + 2, ball]
+            along, to = end - start, centre - start
+            share = np.clip(to @ along / max(float(along @ along), 1e-6), 0, 1)
+            apart = np.hypot(*(to - share[:, None] * along).T)
+            behind |= (apart < radius + radius[ball]) & (centre[:, 1] < max(start[1], end[1]))
+        return tuple(int(ball) for ball in np.flatnonzero(moves | behind))
+
 
 def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:
     """Bring tracks and motion together in the pictures."""
@@ -136,13 +148,35 @@ def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:
     offset[~(observed & np.isfinite(put[..., 0]))] = 0
     exposure = _exposure(tracks, modelled.v)
     radius = _radii(scene, tracks, np.where(np.isfinite(xy), xy, tracks.xy))
+    moves = _moves(scene, tracks, fit.trajectory, radius)
+    if camera.motion is None:
+        offset, centre = _steadied(offset, centre, put, observed, moves)
     return Sightings(
         scene=scene, trajectory=fit.trajectory, span=_spans(fit.trajectory), frame=tracks.frame, t=tracks.t,
         centre=centre, offset=offset, radius=radius, observed=observed,
-        moves=_moves(scene, tracks, fit.trajectory, radius),
+        moves=moves,
         way=_ways(scene, tracks, fit.trajectory, exposure), exposure=exposure,
         colour=np.array([lab_to_rgb(lab) for lab in tracks.colour], dtype=np.uint8).reshape(-1, 3),
     )  # fmt: skip
+
+
+def _steadied(offset: Floats, centre: Floats, put: Floats, observed: Mask, moves: Mask) -> tuple[Floats, Floats]:
+    """Offsets and centres (T, N, 2) px where a ball that rests has one place for as long as it rests.
+
+    The circle of a ball that another one half hides jumps; the median over its rest does not.
+    """
+    offset, centre = offset.copy(), centre.copy()
+    edge = np.ones((1, moves.shape[1]), dtype=np.bool_)
+    rests = ~(np.concatenate([~edge, moves]) | np.concatenate([moves, ~edge]))
+    for ball in range(rests.shape[1]):
+        turns = np.flatnonzero(np.diff(np.concatenate([[False], rests[:, ball], [False]])))
+        for start, end in turns.reshape(-1, 2):
+            run = np.arange(start, end)
+            seen = run[observed[run, ball] & np.isfinite(put[run, ball, 0])]
+            if len(seen):
+                offset[run, ball] = np.median(offset[seen, ball], axis=0)
+                centre[run, ball] = put[run, ball] + offset[run, ball]
+    return offset, centre
 
 
 def _radii(scene: Scene, tracks: Tracks, xy: Floats) -> Floats:

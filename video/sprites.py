@@ -106,7 +106,8 @@ class Sprite:
     shade: Singles
     """(h, w, 3) brightness around the ball with it over without it, minus 1; 0 far away."""
     cover: Singles
-    """(k, l, 4) colour times mask, and mask 0 to 1: the part that is not empty."""
+    """(k, l, 4) colour times mask, and mask 0 to 1: the part that is not empty. Around the mask what is left of a
+    fringe: light that no shade of the ground accounts for."""
     seen: Singles
     """(k, l) 1 where the colour was seen, near 0 where another ball hid it and the mean of the rest stands in."""
     inset: tuple[int, int]
@@ -182,11 +183,11 @@ def _erase(
     box: tuple[int, int, int, int],
     plate: Plate,
     motion: Floats | None,
-) -> tuple[Singles, Singles, Singles]:
+) -> tuple[Singles, Singles, Singles, Singles]:
     """Paint the table over one ball in `behind`.
 
     Of the balls that are `near`, those that `stay` keep their pixels. Returns (h, w): the mask of the ball, what of it
-    no other ball hides, and all that it touches.
+    no other ball hides, all that it touches, and the part of that which lens and coding fringe with its colours.
     """
     x, y, width, height = box
     distance = outline.distance(*box)
@@ -206,12 +207,13 @@ def _erase(
     around, known = plate.patch(x, y, width, height, motion)
     ring = clear & known & (distance > SHADOW_RADII * radius + edge)
     ground = fill_behind(picture[here], around, ring)
-    shadow *= _shaded(picture[here], ground, distance < HALO_RADII * radius + HALO_PX)
+    halo = distance < HALO_RADII * radius + HALO_PX
+    shadow *= _shaded(picture[here], ground, halo)
     touched = np.where(known, np.maximum(ball * left, np.where(clear, shadow, 0)), 0)
     patch = behind[here].astype(np.float32)
     behind[here] = np.rint(patch + (ground - patch) * touched[..., None]).astype(np.uint8)
     # what lies around the ball's own disc is another's where that is nearer; within it, another may hide the ball
-    return np.where(distance > radius, ball * mine, ball), mine, touched
+    return np.where(distance > radius, ball * mine, ball), mine, touched, np.where(halo & (mine >= 1), touched, 0)
 
 
 def _share(own: Singles, theirs: Singles, in_front: bool) -> Singles:
@@ -240,6 +242,7 @@ def _cut(
     ball: Singles,
     mine: Singles,
     touched: Singles,
+    halo: Singles,
     box: tuple[int, int, int, int],
 ) -> Sprite | None:
     """The sprite of one ball, from the picture with and without it; None where nothing of it shows."""
@@ -247,8 +250,8 @@ def _cut(
     here = np.s_[y : y + height, x : x + width]
     seen, empty = picture[here].astype(np.float32), behind[here].astype(np.float32)
     mask = np.where((touched > 0) | (mine < 1), ball, 0)[..., None]
-    rows, columns = (np.flatnonzero(mask[..., 0].any(axis=axis)) for axis in (1, 0))
-    if not len(rows) or not touched.any():
+    rows, columns = (np.flatnonzero(((mask[..., 0] > 0) | (halo > 0)).any(axis=axis)) for axis in (1, 0))
+    if not mask.any() or not touched.any():
         return None
     tight = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     shade = np.clip((seen + 2) / (empty + 2), *SHADE_LIMITS) - 1
@@ -258,7 +261,8 @@ def _cut(
     sure = (mine[..., None] * mask)[tight]
     usual = (seen[tight] * sure).sum(axis=(0, 1)) / max(float(sure.sum()), 1e-3)
     colour = usual + (seen - usual) * mine[..., None]
-    cover = np.concatenate([colour * mask, mask], axis=2)[tight].astype(np.float32)
+    fringe = (seen - empty * (1 + shade)) * (1 - mask) * halo[..., None]
+    cover = np.concatenate([colour * mask + fringe, mask], axis=2)[tight].astype(np.float32)
     inset = (int(columns[0]), int(rows[0]))
     shown = np.maximum(mine[tight], LEAST_SEEN)
     return Sprite(x, y, outline.centre, shade.astype(np.float32), cover, shown, inset, outline.way - outline.centre)

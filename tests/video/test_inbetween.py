@@ -17,9 +17,10 @@ from models.scene import Camera, Scene, Table
 from models.tracks import Tracks
 from models.trajectory import Trajectory
 from video.clip import Clip, open_clip, read_frames
-from video.inbetween import open_interval, plate_of, swept_by
+from video.empty_table import plate_of, swept_by
+from video.inbetween import open_interval
 from video.pasting import Layer, paste
-from video.plate import Plate, learn_plate
+from video.plate import UNDER, Plate, learn_plate
 from video.sightings import Sightings, sight
 from video.sprites import Outline, peel
 
@@ -60,6 +61,41 @@ def test_a_ball_pasted_where_it_was_gives_the_picture_back() -> None:
     assert peeled.sprites[0] is not None
     paste(again, [[Layer(peeled.sprites[0], outline(0.5).centre[None], 1.0)]])
     assert difference(again, picture).max() <= 3
+
+
+def test_the_bright_fringe_of_a_ball_goes_with_it() -> None:
+    def fringed(t: float) -> Picture:
+        y, x = np.mgrid[0 : shot.HEIGHT, 0 : shot.WIDTH]
+        away = np.hypot(x - outline(t).centre[0], y - outline(t).centre[1]) - outline(t).radius
+        glow = 90 * np.clip(1 - np.abs(away - 1.5) / 2, 0, 1)[..., None] * (1.0, 0.2, 0.3)
+        return np.clip(shot.film(t) + glow, 0, 255).astype(np.uint8)
+
+    peeled = peel(fringed(0.5), [outline(0.5)], [outline(0.5, 1)], perfect_plate(), None)
+    moved = peeled.behind.copy()
+    assert peeled.sprites[0] is not None
+    paste(moved, [[Layer(peeled.sprites[0], outline(0.6).centre[None], 1.0)]])
+    ring = np.abs(outline(0.6).distance(0, 0, shot.WIDTH, shot.HEIGHT) - outline(0.6).radius - 1.5) < 1.5
+    assert difference(moved, fringed(0.6))[ring].mean() < 5
+    assert difference(moved, shot.film(0.6))[ring].mean() > 15, "a fringe that nobody would miss tells nothing"
+
+
+def test_a_resting_ball_is_taken_out_where_another_goes_by_in_front_of_it() -> None:
+    sightings, row = seen(), 20
+    way, radius = sightings.centre[row : row + 2, 0], shot.RADIUS * shot.SCALE
+    for above, taken in ((-1.2, (0, 1)), (1.2, (0,)), (-2.5, (0,))):
+        centre = sightings.centre.copy()
+        centre[:, 1] = way.mean(axis=0) + np.array([0, above * radius])
+        assert replace(sightings, centre=centre).taken_out(row) == taken
+
+
+def test_a_ball_at_rest_has_one_place_though_it_was_measured_at_many() -> None:
+    rng, tracks = np.random.default_rng(8), shot.tracks(TIMES)
+    measured = tracks.px + rng.normal(0, 1.5, tracks.px.shape)
+    sightings = sight(shot.scene(), replace(tracks, px=measured), shot.fit(TIMES))
+    assert np.ptp(sightings.centre[:, 1], axis=0).max() < 1e-6
+    assert np.abs(sightings.centre[0, 1] - np.median(measured[:, 1], axis=0)).max() < 1e-6
+    moving = slice(5, None)
+    np.testing.assert_array_equal(sightings.centre[moving, 0], measured[moving, 0])
 
 
 def test_behind_a_peeled_ball_is_the_cloth_without_its_shadow() -> None:
@@ -147,10 +183,10 @@ def test_the_plate_is_the_median_of_what_is_free_and_grows_where_nothing_is() ->
     samples = []
     for k in range(9):
         picture = np.clip(100 + rng.normal(0, 3, (40, 40, 3)), 0, 255).astype(np.uint8)
-        covered = np.zeros((40, 40), dtype=bool)
-        covered[10:30, 10 + 2 * k : 14 + 2 * k] = True
-        covered[14:18, 14:18] = True
-        picture[covered] = 255
+        covered = np.zeros((40, 40), dtype=np.uint8)
+        covered[10:30, 10 + 2 * k : 14 + 2 * k] = UNDER
+        covered[14:18, 14:18] = UNDER
+        picture[covered > 0] = 255
         samples.append((picture, covered, None))
     plate = learn_plate(swept, samples)
     assert np.array_equal(plate.known, swept)
