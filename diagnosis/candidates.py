@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from diagnosis.fitting import Fitted, Question
+from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.signatures import TWINS, Signatures, explained_direction
 from diagnosis.unknown import Doubt
 from diagnosis.verdict import Candidate, Strength
-from diagnosis.which import Hypothesis, Search
 
 _CLOSE = 3.0
 """log evidence within which a rival is not refuted."""

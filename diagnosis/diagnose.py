@@ -11,6 +11,7 @@ from diagnosis.candidates import group_of, leading, probabilities, ranked, stren
 from diagnosis.close import HORIZON, Closing, Foreseen, closing, floor, foreseeable, predict, shares, windows_ahead
 from diagnosis.film_next import film_next, film_to_see, film_what_is_left
 from diagnosis.fitting import Fitted, Question, Seen, again, fit, follow, look, question_of
+from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.noise import Noise, estimate_noise, with_noise
 from diagnosis.pieces import LEAST, fit_adaptively, lengthened
 from diagnosis.residuals import Residuals, residuals
@@ -19,7 +20,7 @@ from diagnosis.split import Split, split_shots
 from diagnosis.unknown import MOSTLY, Doubt, doubt, lawful
 from diagnosis.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
 from diagnosis.where import places, shape
-from diagnosis.which import Hypothesis, Search, adopted, lacking, search
+from diagnosis.which import adopted, lacking, search
 from models.gap_scene import Floats, GapScene, Recording
 
 _MIDDLING = 0.674
@@ -95,8 +96,12 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
 
 def _searched(question: Question, recordings: tuple[Recording, ...]) -> Search:
     """Search on windows as long as the simulator allows, and again on those that the best hypothesis allows."""
+
+    def afresh(like: Fitted) -> Fitted:
+        return fit_adaptively(question, recordings, like.names, like.forms, like.shared)
+
     base = fit_adaptively(question, recordings)
-    return search(question, base, lambda fitted: lengthened(question, recordings, fitted))
+    return search(question, base, lambda fitted: lengthened(question, recordings, fitted), afresh)
 
 
 def _doubt(

@@ -14,7 +14,7 @@ from models.shooting.attempt import Attempt, Problem, attempt, normal_blocks
 from models.shooting.elimination import solved
 from models.shooting.held import Held
 from models.shooting.shoot import Shooting, ShootingOptions, shoot
-from models.shooting.windows import Model
+from models.shooting.windows import Model, glance
 
 Floats = NDArray[np.float64]
 
@@ -36,6 +36,8 @@ class Question:
     """(P,) of all parameters, none of them relative, so that an effect may be absent."""
     neutral: Floats
     """(P,)"""
+    natural: Floats
+    """(P,) what the books say; neutral where an effect may be of either sign or of any size."""
     correlation: float
     """of the noise of neighbouring pictures."""
 
@@ -69,7 +71,8 @@ def question_of(scene: GapScene, correlation: float) -> Question:
             value = prior.value if known else neutral
             sigma = spread * _WIDER if known else float(np.hypot(spread, prior.value - neutral))
             priors.append(Prior(f"{effect.name}.{prior.name}", prior.unit, value, sigma, False, (low, high)))
-    return Question(scene, tuple(priors), neutral_values(scene), correlation)
+    natural = np.array([prior.value for effect in scene.effects for prior in effect.parameters])
+    return Question(scene, tuple(priors), neutral_values(scene), natural, correlation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +139,13 @@ def fit(
     held = Held(model_of(question, pieces, forms, free), values, free, question.priors)
     found = shoot(held, values[free], options, starts)
     return Fitted(pieces, names, forms, free, held.whole(found.shared), found)
+
+
+def allowed(question: Question, like: Fitted, forms: tuple[str, ...], shared: Floats) -> bool:
+    """Whether the windows of a fit can be simulated with these numbers (P,): nature forbids some together."""
+    model = model_of(question, like.pieces, forms, np.zeros(len(shared), bool))
+    misfits = (glance(model, k, start, shared).misfit for k, start in enumerate(like.starts))
+    return all(bool(np.isfinite(misfit).all()) for misfit in misfits)
 
 
 def follow(

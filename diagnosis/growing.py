@@ -34,7 +34,7 @@ def grown(question: Question, fitted: Fitted) -> Fitted:
         pairs = _pairs(question, fitted, ends)
         if not len(pairs):
             mean = np.divide(*_costs(question, fitted).sum(axis=0))
-            return _sought_again(question, fitted, np.ones(len(fitted.pieces), bool)) if mean < _SURE else fitted
+            return begun_anew(question, fitted) if mean < _SURE else fitted
         found = again(question, *_joined(fitted, pairs, fitted.starts))
         lost = _lost(question, found, pairs, usual)
         if lost.any():
@@ -112,16 +112,35 @@ def sought_anew(question: Question, fitted: Fitted) -> Fitted:
 def _sought_again(question: Question, fitted: Fitted, odd: Mask) -> Fitted:
     """Windows of whole shots begun also from what was seen alone, numbers kept: hidden spin has several ways to be
     nearly right, and what one of them leaves would be taken for an effect."""
+    return _with_the_better(question, fitted, np.flatnonzero(odd), fitted.starts, anew=True)
+
+
+def begun_anew(question: Question, fitted: Fitted) -> Fitted:
+    """The same hypothesis, all windows begun also from what was seen alone."""
+    return _sought_again(question, fitted, np.ones(len(fitted.pieces), bool))
+
+
+def begun_like(question: Question, fitted: Fitted, starts: tuple[Floats, ...]) -> Fitted:
+    """The same hypothesis, shots that fit better from other starts (per window) begun from these."""
+    return _with_the_better(question, fitted, np.arange(len(fitted.pieces)), starts, anew=False)
+
+
+def _with_the_better(
+    question: Question, fitted: Fitted, places: np.ndarray, others: tuple[Floats, ...], anew: bool
+) -> Fitted:
+    """With the states that windows at `places` find from `others`, numbers kept, in shots that are better for it."""
     costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])
-    places = np.flatnonzero(odd)
     chosen = tuple(fitted.pieces[k] for k in places)
-    fresh = follow(question, chosen, fitted, tuple(fitted.starts[k] for k in places), anew=True)
-    now, starts = _costs(question, fresh), list(fitted.starts)
-    for shot in np.unique(shots[odd]):
+    fresh = follow(question, chosen, fitted, tuple(others[k] for k in places), anew=anew)
+    now, starts, better = _costs(question, fresh), list(fitted.starts), False
+    for shot in np.unique(shots[places]):
         here = shots[places] == shot
         if now[here, 0].sum() < costs[places[here], 0].sum():
+            better = True
             for k, start in zip(places[here], np.array(fresh.starts, dtype=object)[here], strict=True):
                 starts[k] = np.asarray(start, dtype=np.float64)
+    if not better:
+        return fitted
     found = again(question, fitted.pieces, fitted, tuple(starts))
     return found if found.cost < fitted.cost else fitted
 

@@ -7,18 +7,17 @@ its evidence (Laplace's approximation, divided by the lack of fit), from which p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from itertools import combinations
-from math import comb, log
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, Told, fit, look
-from diagnosis.growing import sought_anew
-from diagnosis.signatures import Signatures, signatures
+from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, fit
+from diagnosis.hypotheses import Hypothesis, Search, signatures_of
+from diagnosis.signatures import Signatures
+from diagnosis.trying import CLEAR, LEFT, from_the_larger, tried
 
 Floats = NDArray[np.float64]
 
@@ -28,106 +27,31 @@ TRIED = 4
 """hypotheses that are refitted at every step."""
 MOST = 3
 """effects missing at once."""
+AFRESH = 2
+"""hypotheses that are fitted from their own beginning where none is needed."""
 _ONLY_TOGETHER = 1.5
 """times what the best single effect promises, from which two are tried at once; 20 more are beyond chance."""
-_CLEAR = 50.0
-"""chi2 from which a hypothesis explains something."""
-_HOPELESS = 0.25
-"""share of what the best hypothesis explains that another one must explain at a glance to be fitted to the end."""
 _REFUTED = 40.0
 """log evidence from which a hypothesis stays refuted on longer windows, which tell more."""
 _WORTH = 6.0
 """chi2 that an effect beside others must promise to be refitted: half of what it would need to be adopted."""
-_ORDERS = float(np.log(1e4))
-"""a missing effect is as likely to be of any order of magnitude, from the natural strength to a ten-thousandth."""
 
 
-@dataclass(frozen=True, slots=True)
-class Hypothesis:
-    """A set of missing effects, changed forms among them, and the fit with them."""
-
-    names: frozenset[str]
-    fitted: Fitted
-
-    @property
-    def size(self) -> int:
-        return len(self.names)
-
-
-@dataclass(slots=True)
-class Search:
-    """What has been fitted so far, on the same pieces throughout."""
-
-    question: Question
-    base: Hypothesis
-    alone: Fitted
-    """what the simulator has, on windows as long as it allows by itself; those of `base` may be longer."""
-    tried: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
-    told: dict[frozenset[str], Told] = field(default_factory=dict)
-    """what the data say of all parameters at the fits looked at."""
-
-    def __post_init__(self) -> None:
-        self.tried[self.base.names] = self.base
-
-    @property
-    def choices(self) -> tuple[str, ...]:
-        """All effects and forms that may be missing."""
-        return (*self.question.candidates, *(choice.name for choice in self.question.scene.alternatives))
-
-    def lack(self) -> float:
-        """The least lack of fit that any hypothesis leaves: what the data scatter beyond the noise promised."""
-        return min(one.fitted.lack for one in self.tried.values())
-
-    def weigh(self, one: Hypothesis) -> float:
-        """Log of evidence times prior: one effect is as likely as none, each further one halves that, and sets of as
-        many effects share it alike."""
-        fitted = one.fitted
-        known, narrower = self._known(one)
-        posterior = fitted.shooting.covariance / known / known[:, None] * (self.lack() / fitted.lack)
-        width = float(np.linalg.slogdet(posterior)[1]) if len(known) else 0.0
-        chosen = log(comb(len(self.choices), one.size)) + max(one.size - 1, 0) * log(2)
-        return -0.5 * fitted.cost / self.lack() + 0.5 * width - narrower - chosen
-
-    def _known(self, one: Hypothesis) -> tuple[Floats, float]:
-        """Standard deviations of what was known of the free parameters, and what it costs to have chosen them.
-
-        A weak effect is no less likely than one of natural strength: the prior of each missing effect is as wide as the
-        strength that was found, which costs as much as there are orders of magnitude to choose from.
-        """
-        fitted, question = one.fitted, self.question
-        known = np.array([prior.sigma for prior in question.priors])
-        error = np.zeros(len(known))
-        error[fitted.free] = fitted.shooting.sigma
-        cost = 0.0
-        for name in fitted.names:
-            own = question.mask((name,)) & fitted.free
-            strength = (fitted.shared[own] - question.neutral[own]) / known[own]
-            scale = min(float(np.sqrt(np.mean(np.maximum(strength**2, (error[own] / known[own]) ** 2)))), 1.0)
-            cost += 0.5 * float(np.square(strength).sum()) * (1 / scale**2 - 1) + log(_ORDERS)
-            known[own] *= scale
-        return known[fitted.free], cost
-
-    def best(self) -> Hypothesis:
-        """The one of greatest evidence."""
-        return max(self.tried.values(), key=self.weigh)
-
-    def most(self) -> int:
-        """How many effects are missing, most probably: alike ones share the evidence that something is missing."""
-        sizes = {one.size for one in self.tried.values()}
-        return max(sizes, key=self.total)
-
-    def total(self, size: int) -> float:
-        """Log of evidence times prior of all sets of so many effects."""
-        return float(np.logaddexp.reduce([self.weigh(one) for one in self.tried.values() if one.size == size]))
-
-
-def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted]) -> Search:
+def search(
+    question: Question, base: Fitted, longer: Callable[[Fitted], Fitted], afresh: Callable[[Fitted], Fitted]
+) -> Search:
     """Try larger hypotheses, one effect more at a time, until nothing more is asked for; `longer` gives a fit windows
-    as long as its hypothesis allows, on which the search then goes on."""
+    as long as its hypothesis allows, on which the search then goes on; `afresh` fits a hypothesis as if no other had
+    been fitted before."""
     state = Search(question, Hypothesis(frozenset(), base), alone=base)
     now = state.base
     while now.size < MOST:
         larger = _larger(state, now)
+        if larger is None and state.tried[now.names] is not now:
+            now = state.tried[now.names]  # a larger one has shown it better starts
+            continue
+        if larger is None:
+            state, larger = _begun_afresh(state, now, afresh)
         if larger is None:
             break
         now = _exchanged(state, larger)
@@ -152,6 +76,7 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
 
     state = Search(question, longer(former.base), alone=former.alone)
     state.tried[best.names] = best
+    state.compared |= {(best.names, name) for name in best.names}
     rivals = sorted(former.tried.values(), key=former.weigh, reverse=True)[: TRIED + 1]
     near = [one for one in rivals if former.weigh(former.best()) - former.weigh(one) < _REFUTED]
     near = [one for one in near if not one.names > best.names]  # what more is missing is asked anew
@@ -165,13 +90,38 @@ def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
     """The best hypothesis of one effect more, where that one is needed; else the best pair tried: of two effects that
     do as much, neither alone explains more than it leaves."""
     for names in _proposals(state, now):
-        _try(state, names, now)
+        tried(state, names, now)
     for size in (now.size + 1, now.size + 2):
         more = [one for one in state.tried.values() if one.size == size]
         better = max(more, key=state.weigh, default=now)
         if more and state.total(size) > state.total(now.size) and needed(state, better):
             return better
     return None
+
+
+def _begun_afresh(
+    state: Search, now: Hypothesis, afresh: Callable[[Fitted], Fitted]
+) -> tuple[Search, Hypothesis | None]:
+    """The likeliest larger hypothesis that is needed once it is fitted from its own beginning, and the search on its
+    windows; where none is, the search as it was.
+
+    A simulator that lacks something finds hidden states that imitate it, and keeps to them when it is given what it
+    lacked: much is left either way.
+    """
+    if now.fitted.excess == 0:
+        return state, None
+    larger = [one for one in state.tried.values() if one.names > now.names and _gains(state, one, now)]
+    for one in sorted(larger, key=state.weigh, reverse=True)[:AFRESH]:
+        again = Hypothesis(one.names, afresh(one.fitted))
+        taken_up = _taken_up(state, again)
+        if needed(taken_up, again):
+            return taken_up, again
+    return state, None
+
+
+def _gains(state: Search, one: Hypothesis, now: Hypothesis) -> bool:
+    """Whether a larger hypothesis explains clearly more than a smaller one, and is likelier."""
+    return now.fitted.cost - one.fitted.cost > CLEAR and state.weigh(one) > state.weigh(now)
 
 
 def adopted(state: Search) -> Hypothesis:
@@ -197,8 +147,17 @@ def needed(state: Search, one: Hypothesis) -> bool:
 
 
 def lacking(state: Search, one: Hypothesis, name: str) -> Fitted:
-    """The fit of a hypothesis that lacks one of its effects."""
-    return _try(state, one.names - {name}, one).fitted
+    """The fit of a hypothesis that lacks one of its effects, at least as good as from the starts of the larger one:
+    what a window gains by another order of its contacts must not speak for an effect."""
+    smaller = tried(state, one.names - {name}, one)
+    if (one.names, name) in state.compared or smaller.fitted.pieces is not one.fitted.pieces:
+        return smaller.fitted
+    state.compared.add((one.names, name))
+    better = from_the_larger(state.question, smaller.fitted, one.fitted)
+    if better is not smaller.fitted:
+        state.tried[smaller.names] = Hypothesis(smaller.names, better)
+        state.told.pop(smaller.names, None)
+    return better
 
 
 def chance(state: Search, one: Hypothesis, name: str) -> float:
@@ -212,10 +171,12 @@ def chance(state: Search, one: Hypothesis, name: str) -> float:
 
 def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
     """The next larger hypotheses that signatures rank first, other published forms, and from nothing also a pair."""
-    found = _signatures(state, now)
+    found = signatures_of(state, now)
     gains = {name: _promise(state, found, (name,)) for name in state.question.candidates if name not in now.names}
     first = sorted(gains, key=lambda name: gains[name], reverse=True)[:TRIED]
     first = [name for name in first if gains[name] > _WORTH or not now.names]
+    if now.fitted.lack > LEFT:
+        first += [name for name in gains if name not in first and _strength_known(state.question, name)]
     forms = [choice.name for choice in state.question.scene.alternatives if choice.name not in now.names]
     forms = [] if now.names and now.fitted.excess == 0 else forms  # effects that leave noise alone stand for the form
     proposals = [now.names | {name} for name in (*first, *forms)]
@@ -225,73 +186,20 @@ def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
     return proposals
 
 
+def _strength_known(question: Question, name: str) -> bool:
+    mask = question.mask((name,))
+    return bool((question.natural != question.neutral)[mask].any())
+
+
 def _beats(state: Search, found: Signatures, two: tuple[str, ...], gains: dict[str, float]) -> bool:
     """Whether a pair promises so much more than the best single effect that neither would be found alone."""
     return _promise(state, found, two) > _ONLY_TOGETHER * max(gains.values()) + 20.0
-
-
-def _signatures(state: Search, now: Hypothesis) -> Signatures:
-    if now.names not in state.told:
-        state.told[now.names] = look(state.question, now.fitted).told
-    return signatures(state.question, state.told[now.names], now.fitted.free)
 
 
 def _promise(state: Search, found: Signatures, names: tuple[str, ...]) -> float:
     """chi2 that effects gain to first order, less what so many parameters gain by chance."""
     mask = state.question.mask(names)
     return found.gain(mask) - 2.0 * int(mask.sum())
-
-
-def _try(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
-    """Fit a hypothesis, from the fit of one that is near."""
-    known = state.tried.get(names)
-    if known is not None:
-        return known
-    question = state.question
-    effects = effects_of(question, names)
-    found = min(_starting_from(state, names, effects, near), key=lambda fitted: fitted.cost)
-    state.tried[names] = Hypothesis(names, found)
-    return state.tried[names]
-
-
-def effects_of(question: Question, names: frozenset[str]) -> tuple[str, ...]:
-    """The effects that a hypothesis adds: those it names, and those that another published form brings."""
-    brought = {name for one in question.scene.alternatives if one.name in names for name in one.brings}
-    return tuple(name for name in question.candidates if name in names | brought)
-
-
-def _starting_from(
-    state: Search, names: frozenset[str], effects: tuple[str, ...], near: Hypothesis
-) -> Iterator[Fitted]:
-    """The fit from the strengths that signatures promise; per form where forms may differ from the assumed ones."""
-    question = state.question
-    fresh = question.mask(effects) & ~near.fitted.free
-    guess = near.fitted.shared.copy()
-    if fresh.any():
-        guess[fresh] += _signatures(state, near).step(fresh)
-    best = min(one.fitted.cost for one in state.tried.values())
-    for forms in _forms(question, names):
-        found = fit(question, near.fitted.pieces, effects, forms, guess, near.fitted.starts, GLANCE)
-        holds = near.names <= names and forms == near.fitted.forms
-        if holds and found.cost > near.fitted.cost:  # a long step took some windows to wrong paths
-            found = fit(question, found.pieces, effects, forms, near.fitted.shared, near.fitted.starts, GLANCE)
-        yield found
-        explained = near.fitted.cost - best
-        if explained > _CLEAR and near.fitted.cost - found.cost < _HOPELESS * explained:
-            continue
-        found = fit(question, found.pieces, effects, forms, found.shared, found.starts)
-        yield found
-        if found.cost > near.fitted.cost:
-            yield sought_anew(question, found)
-
-
-def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
-    """The published forms to try: the assumed ones, but all others where the choice itself is under suspicion."""
-    found: list[tuple[str, ...]] = [()]
-    for choice in question.scene.alternatives:
-        others = [form for form in choice.forms if form != choice.assumed] if choice.name in names else [choice.assumed]
-        found = [(*forms, form) for forms in found for form in others]
-    return found
 
 
 def _exchanged(state: Search, now: Hypothesis) -> Hypothesis:
@@ -301,10 +209,10 @@ def _exchanged(state: Search, now: Hypothesis) -> Hypothesis:
     one follows wrong paths, at great cost, and nothing is learnt from how much it leaves.
     """
     for name in now.names if now.size > 1 else ():
-        rest = _try(state, now.names - {name}, now)
-        found = _signatures(state, rest)
+        rest = tried(state, now.names - {name}, now)
+        found = signatures_of(state, rest)
         rivals = [other for other in state.question.candidates if other not in now.names]
         rivals.sort(key=lambda other: _promise(state, found, (other,)), reverse=True)
         for other in rivals[:2]:
-            _try(state, rest.names | {other}, rest)
+            tried(state, rest.names | {other}, rest)
     return _best_needed(state, now.size) or now

@@ -198,9 +198,10 @@ def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: 
 def _begun(
     problem: Problem, now: Attempt, shot: int, options: ShootingOptions, more: tuple[tuple[Floats, ...], ...] = ()
 ) -> Attempt:
-    """The states of one shot from the best of its first guesses, those of all windows in `more` among them."""
+    """The states of one shot from the best of its first guesses, those of all windows in `more` among them; what the
+    others of a window guess differently stands beside what is known of the rest by now."""
     guesses = [now.starts, *more] + [
-        (*now.starts[:k], other, *now.starts[k + 1 :])
+        (*now.starts[:k], np.where(other == problem.windows[k].start, now.starts[k], other), *now.starts[k + 1 :])
         for k in problem.shots[shot]
         for other in problem.windows[k].others
     ]

@@ -9,7 +9,7 @@ from played_shots import SIGMA, TABLE, numbers, opening
 
 from diagnosis.fitting import fit, question_of
 from diagnosis.pieces import fit_adaptively, stretches
-from diagnosis.which import effects_of
+from diagnosis.trying import effects_of
 from models.billiards.beginnings import beginning, strikes
 from models.billiards.gap import billiards_scene
 from models.billiards.playing import NUMBERS, Laws, packed, played

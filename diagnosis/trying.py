@@ -1,0 +1,111 @@
+"""How a hypothesis is fitted: from one that is near, from the strengths that signatures promise, or from the books."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.fitting import GLANCE, Fitted, Question, allowed, fit
+from diagnosis.growing import begun_anew, begun_like, sought_anew
+from diagnosis.hypotheses import Hypothesis, Search, signatures_of
+
+Floats = NDArray[np.float64]
+
+CLEAR = 50.0
+"""chi2 from which a hypothesis explains something."""
+LEFT = 1.2
+"""lack of fit from which something is left."""
+_HOPELESS = 0.25
+"""share of what the best hypothesis explains that another one must explain at a glance to be fitted to the end."""
+_LITTLE = 0.5
+"""of its natural strength, up to which an effect may have been imitated by hidden states."""
+_PART = 0.2
+"""of its natural strength, from which the search for an effect begins that at first was imitated."""
+
+
+def tried(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
+    """Fit a hypothesis, from the fit of one that is near."""
+    known = state.tried.get(names)
+    if known is not None:
+        return known
+    question = state.question
+    effects = effects_of(question, names)
+    found = min(_starting_from(state, names, effects, near), key=lambda fitted: fitted.cost)
+    state.tried[names] = Hypothesis(names, found)
+    return state.tried[names]
+
+
+def effects_of(question: Question, names: frozenset[str]) -> tuple[str, ...]:
+    """The effects that a hypothesis adds: those it names, and those that another published form brings."""
+    brought = {name for one in question.scene.alternatives if one.name in names for name in one.brings}
+    return tuple(name for name in question.candidates if name in names | brought)
+
+
+def _starting_from(
+    state: Search, names: frozenset[str], effects: tuple[str, ...], near: Hypothesis
+) -> Iterator[Fitted]:
+    """The fit from the strengths that signatures promise; per form where forms may differ from the assumed ones."""
+    question = state.question
+    fresh = question.mask(effects) & ~near.fitted.free
+    linear, natural = near.fitted.shared.copy(), near.fitted.shared.copy()
+    natural[fresh] = question.natural[fresh]
+    if fresh.any():
+        linear[fresh] += signatures_of(state, near).step(fresh)
+    best = min(one.fitted.cost for one in state.tried.values())
+    for forms in _forms(question, names):
+        alike = forms == near.fitted.forms
+        guess = linear if alike else natural
+        guess = guess if allowed(question, near.fitted, forms, guess) else near.fitted.shared
+        found = fit(question, near.fitted.pieces, effects, forms, guess, near.fitted.starts, GLANCE)
+        if near.names <= names and alike and found.cost > near.fitted.cost:  # a long step led some windows astray
+            found = fit(question, found.pieces, effects, forms, near.fitted.shared, near.fitted.starts, GLANCE)
+        yield found
+        if alike and _imitated(question, found, fresh):
+            yield from _from_the_books(question, near.fitted, effects, natural)
+        explained = near.fitted.cost - best
+        if explained > CLEAR and near.fitted.cost - found.cost < _HOPELESS * explained:
+            continue
+        found = fit(question, found.pieces, effects, forms, found.shared, found.starts)
+        yield found
+        if found.cost > near.fitted.cost:
+            yield sought_anew(question, found)
+
+
+def _from_the_books(question: Question, near: Fitted, effects: tuple[str, ...], natural: Floats) -> Iterator[Fitted]:
+    """From a part of the strength that the books know, from which hidden states can follow; then from all of it, and
+    from what was seen."""
+    part = near.shared + _PART * (natural - near.shared)
+    if not allowed(question, near, near.forms, natural):
+        return
+    found = fit(question, near.pieces, effects, near.forms, part, near.starts)
+    yield found
+    if _imitated(question, found, natural != near.shared):
+        yield begun_anew(question, fit(question, near.pieces, effects, near.forms, natural, near.starts, GLANCE))
+
+
+def _imitated(question: Question, found: Fitted, fresh: NDArray[np.bool_]) -> bool:
+    """Whether hidden states may have taken the place of an effect: much is left, and of the effect's strength, which
+    the books know, little was found."""
+    known = fresh & (question.natural != question.neutral)
+    strength = np.abs(found.shared - question.neutral)[known] / np.abs(question.natural - question.neutral)[known]
+    return bool(len(strength) and strength.max() < _LITTLE and found.lack > LEFT)
+
+
+def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
+    """The published forms to try: the assumed ones, but all others where the choice itself is under suspicion."""
+    found: list[tuple[str, ...]] = [()]
+    for choice in question.scene.alternatives:
+        others = [form for form in choice.forms if form != choice.assumed] if choice.name in names else [choice.assumed]
+        found = [(*forms, form) for forms in found for form in others]
+    return found
+
+
+def from_the_larger(question: Question, smaller: Fitted, larger: Fitted) -> Fitted:
+    """A hypothesis begun also from the states of a larger one, with its own numbers and with those of that."""
+    begun = begun_like(question, smaller, larger.starts)
+    found = fit(question, begun.pieces, begun.names, begun.forms, larger.shared, larger.starts, GLANCE)
+    if found.cost >= begun.cost:
+        return begun
+    return fit(question, begun.pieces, begun.names, begun.forms, found.shared, found.starts)
