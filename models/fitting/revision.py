@@ -110,10 +110,9 @@ def _with_those_that_pay(
 
 
 def without_doubts(solution: Solution, data: Data, table: Table, dear: float) -> Solution:
-    """The solution without contacts that have no cause and improve less than `dear`; nothing else is reconsidered."""
-    gains = _gains(solution, data, table, Answers())
-    story = _without(_with_gains(solution.story, gains), _needless(solution, gains, (0.0, dear)))
-    return refine(story, data, table, iterations=10, start=solution)
+    """The solution without contacts that have no cause and improve less than `dear`, unless the whole clip misses them;
+    nothing else is reconsidered."""
+    return _pruned(solution, _gains(solution, data, table, Answers()), data, table, (0.0, dear))
 
 
 def _pruned(solution: Solution, gains: Floats, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
