@@ -139,15 +139,16 @@ class Interval:
         x = float(np.clip((share - DISSOLVE[0]) / (DISSOLVE[1] - DISSOLVE[0]), 0, 1))
         weight = x * x * (3 - 2 * x)
         if weight in (0.0, 1.0):
-            return self._carried(0 if weight == 0 else 1, t)
-        mixed: Picture = cv2.addWeighted(self._carried(0, t), 1 - weight, self._carried(1, t), weight, 0)
+            shown, behind = self._carried(0 if weight == 0 else 1, t)
+            return behind.copy() if shown else behind
+        mixed: Picture = cv2.addWeighted(self._carried(0, t)[1], 1 - weight, self._carried(1, t)[1], weight, 0)
         return mixed
 
-    def _carried(self, side: int, t: float) -> Picture:
-        """A copy of one side without moving balls, as a drifting camera sees it at another time."""
+    def _carried(self, side: int, t: float) -> tuple[bool, Picture]:
+        """One side without moving balls, as a drifting camera sees it at another time; whether it is the side's own."""
         picture = self.sides[side].behind
         step = self.sightings.carry(float(self.sightings.t[self.row + side]), t)
-        return picture.copy() if step is None else _warped(picture, step)
+        return (True, picture) if step is None else (False, _warped(picture, step))
 
 
 def _warped(picture: Picture, step: Floats) -> Picture:

@@ -38,11 +38,11 @@ def planes_of(rgb: Picture) -> Any:
     height, width = rgb.shape[:2]
     frame = av.VideoFrame(width, height, FORMAT)
     bright, blue, red = (_plane(plane) for plane in frame.planes)
-    whole = cv2.transform(rgb, TO_PLANES)
-    half = cv2.resize(whole, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
-    bright[:] = cv2.extractChannel(whole, 0)
-    blue[:] = cv2.extractChannel(half, 1)
-    red[:] = cv2.extractChannel(half, 2)
+    half = (width // 2, height // 2)
+    whole, cool, warm = cv2.split(cv2.transform(rgb, TO_PLANES))
+    bright[:] = whole
+    blue[:] = cv2.resize(cool, half, interpolation=cv2.INTER_AREA)
+    red[:] = cv2.resize(warm, half, interpolation=cv2.INTER_AREA)
     return frame
 
 
