@@ -39,6 +39,8 @@ class Answers:
     """chi2 that contacts of a story improve."""
     trials: dict[tuple[Hashable, ...], tuple[float, Story]] = field(default_factory=dict)
     """chi2 that contacts more would gain, all prices paid, and the spans that they change, refined by themselves."""
+    needed: set[tuple[Hashable, ...]] = field(default_factory=set)
+    """Contacts that the whole clip has not let go."""
 
 
 @dataclass(frozen=True, slots=True)

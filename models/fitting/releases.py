@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.fitting.encounters import total_cost
+from models.fitting.encounters import Answers, total_cost
 from models.fitting.refinement import refine
 from models.fitting.solution import Data, Solution
 from models.fitting.story import Contact, Story
@@ -23,10 +23,10 @@ MOST_RELEASED = 3
 """in one round, the most bent first."""
 
 
-def released(solution: Solution, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
+def released(solution: Solution, data: Data, table: Table, tolls: tuple[float, float], asked: Answers) -> Solution:
     """The solution without contacts of balls whose paths are bent, where two unknown causes cost less.
 
-    `tolls` are the prices of contacts with a cause and without.
+    `tolls` are the prices of contacts with a cause and without; `asked` keeps which are not to be asked for again.
     """
     chi2, _, _ = span_chi2(solution, data)
     bent = np.nan_to_num(chi2, nan=0.0)
@@ -36,11 +36,15 @@ def released(solution: Solution, data: Data, table: Table, tolls: tuple[float, f
         if contact.kind == "ball"
     }
     for number in sorted(worst, key=lambda number: -worst[number])[:MOST_RELEASED]:
-        if worst[number] < BENT:
-            break
+        contact = solution.story.contacts[number]
+        question = solution.story.told((*contact.before, *contact.after))
+        if worst[number] < BENT or question in asked.needed:
+            continue
         tried = refine(_apart(solution.story, number), data, table, start=solution)
         if total_cost(tried, tolls) < total_cost(solution, tolls):
             solution = tried
+        else:
+            asked.needed.add(question)
     return solution
 
 

@@ -23,6 +23,7 @@ from models.fitting.encounters import (
 from models.fitting.rebounds import doubled, inserted, renamed
 from models.fitting.refinement import refine
 from models.fitting.releases import released
+from models.fitting.rows import with_rows
 from models.fitting.solution import Data, Solution, end_state, owners
 from models.fitting.story import Contact, Story
 from models.scene import Table
@@ -53,7 +54,8 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
         story = inserted(solution, story, data, table)
         before, solution = solution, _reconsidered(solution, story, data, table, (price, dear))
         solution = with_corners(solution, data, table, (price, dear))
-        solution = released(solution, data, table, (price, dear))
+        solution = with_rows(solution, data, table, (price, dear), asked)
+        solution = released(solution, data, table, (price, dear), asked)
         changed = solution is not before
         gains = _gains(solution, data, table, asked)
         fewer = _pruned(solution, gains, data, table, (price, dear))
