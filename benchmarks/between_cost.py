@@ -48,8 +48,8 @@ def gap_costs(scenery: Scenery, row: int, first: np.ndarray, second: np.ndarray)
     times = begin + (end - begin) * np.arange(1, FACTOR) / FACTOR
     state, ways = sightings.state(times), sightings.ways(times, sightings.exposure)
     opened = time.process_time()
-    for k, t in enumerate(times):
-        interval.at(float(t), balls_at(sightings, state, k, float(t)).centre, ways[k])
+    for t, balls, way in zip(times.tolist(), balls_at(sightings, state, times), ways, strict=True):
+        interval.at(t, balls.centre, way)
     return opened - start, (time.process_time() - opened) / len(times)
 
 

@@ -76,11 +76,8 @@ def _inside(
     interval = open_interval(sightings, scenery.plate, row, first, second, making.elsewhere, scenery.sharp, anew=anew)
     exposure = sightings.exposure if making.exposure is None else making.exposure
     state, ways = sightings.state(times), sightings.ways(times, exposure)
-    for k, t in enumerate(times):
-        if float(t) in ends:
-            yield ends[float(t)]
-        else:
-            yield interval.at(float(t), balls_at(sightings, state, k, float(t)).centre, ways[k])
+    for t, balls, way in zip(times.tolist(), balls_at(sightings, state, times), ways, strict=True):
+        yield ends[t] if t in ends else interval.at(t, balls.centre, way)
 
 
 def times_between(clip: Clip, factor: int) -> Floats:

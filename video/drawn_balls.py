@@ -3,28 +3,37 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.trajectory import State
 from video.motion_marks import LEAST_SPEED
 from video.overlay import Balls
 from video.sightings import Sightings
 
+Floats = NDArray[np.float64]
 
-def balls_at(sightings: Sightings, state: State, k: int, t: float) -> Balls:
-    """The balls on the picture of time `t`, from the k-th of the times of `state`."""
-    row, share = sightings.place(t)
-    after = min(row + 1, len(sightings.t) - 1)
-    centre = sightings.centres(t, state.xy[k])
-    seen = np.isfinite(sightings.centre[row, :, 0])
-    still = sightings.centre[row] * (1 - share) + sightings.centre[after] * share
-    centre = np.where(np.isfinite(centre), centre, np.where(seen[:, None], still, np.nan))
-    speed = np.linalg.norm(state.v[k], axis=1)
-    moving = (np.nan_to_num(speed) > LEAST_SPEED) & sightings.moves[min(row, len(sightings.moves) - 1)]
-    sure = ~state.measured[k] | sightings.observed[row] | sightings.observed[after]
-    ahead = sightings.project(state.xy[k] + 0.01 * state.v[k], t) - sightings.project(state.xy[k], t)
-    length = np.linalg.norm(ahead, axis=1, keepdims=True)
-    heading = np.where(moving[:, None] & (length > 1e-6), ahead / np.maximum(length, 1e-6), 0.0)
-    near = row if share < 0.5 else after
-    radius = np.where(np.isfinite(sightings.radius[near]), sightings.radius[near], sightings.radius[row])
+
+def balls_at(sightings: Sightings, state: State, t: Floats) -> list[Balls]:
+    """The balls on the pictures of times (K,), of which `state` is the state: (K, N)."""
+    rows, share = sightings.places(t)
+    after, moved = np.minimum(rows + 1, len(sightings.t) - 1), share[:, None, None]
+    centre = sightings.centres(t, state.xy)
+    still = sightings.centre[rows] * (1 - moved) + sightings.centre[after] * moved
+    seen = np.isfinite(sightings.centre[rows, :, :1])
+    centre = np.where(np.isfinite(centre), centre, np.where(seen, still, np.nan))
+    speed = np.linalg.norm(state.v, axis=-1)
+    moving = (np.nan_to_num(speed) > LEAST_SPEED) & sightings.moves[np.minimum(rows, len(sightings.moves) - 1)]
+    sure = ~state.measured | sightings.observed[rows] | sightings.observed[after]
+    near = np.where(share < 0.5, rows, after)
+    radius = np.where(np.isfinite(sightings.radius[near]), sightings.radius[near], sightings.radius[rows])
     told = np.where(moving | ~np.isfinite(speed), speed, 0.0)  # NaN where it is not known, as in a pocket
-    return Balls(centre, radius, told, np.nan_to_num(heading), moving, state.measured[k], sure)
+    heading = _headings(sightings, state, t, moving)
+    columns = (centre, radius, told, heading, moving, state.measured, sure)
+    return [Balls(*row) for row in zip(*columns, strict=True)]
+
+
+def _headings(sightings: Sightings, state: State, t: Floats, moving: NDArray[np.bool_]) -> Floats:
+    """(K, N, 2) px, unit vectors of the motion; 0 at rest."""
+    ahead = sightings.project(state.xy + 0.01 * state.v, t) - sightings.project(state.xy, t)
+    length = np.linalg.norm(ahead, axis=-1, keepdims=True)
+    return np.nan_to_num(np.where(moving[..., None] & (length > 1e-6), ahead / np.maximum(length, 1e-6), 0.0))

@@ -64,10 +64,9 @@ def replays(clip: Clip, scenery: Scenery, marks: list[Mark], rate: float, slow: 
 def _replay(interval: Interval, mark: Mark, times: Floats, slow: float) -> Iterator[Picture]:
     sightings = interval.sightings
     state, ways = sightings.state(times), sightings.ways(times, sightings.exposure)
-    for k, t in enumerate(times):
-        balls = balls_at(sightings, state, k, float(t))
-        picture = interval.at(float(t), balls.centre, ways[k])
-        yield _close(picture, sightings, mark, float(t), balls, slow)
+    for t, balls, way in zip(times.tolist(), balls_at(sightings, state, times), ways, strict=True):
+        picture = interval.at(t, balls.centre, way)
+        yield _close(picture, sightings, mark, t, balls, slow)
 
 
 def _close(picture: Picture, sightings: Sightings, mark: Mark, t: float, balls: Balls, slow: float) -> Picture:

@@ -68,14 +68,15 @@ class Sightings:
                 state.xy[lost, ball] = self.trajectory.at(np.clip(t[lost], *self.span[ball])).xy[:, ball]
         return state
 
-    def motion(self, t: float) -> Floats | None:
-        """Reference pixels to the picture at time t (3, 3), between pictures their mean; None if it is still."""
+    def motion(self, t: float | Floats) -> Floats | None:
+        """Reference pixels to the pictures at times t (...): (..., 3, 3), between two the mean; None if it is still."""
         motion = self.scene.camera.motion
         if motion is None:
             return None
-        row, share = self.place(t)
-        here, there = motion[self.frame[row]], motion[self.frame[min(row + 1, len(self.t) - 1)]]
-        mean: Floats = here / here[2, 2] * (1 - share) + there / there[2, 2] * share
+        rows, share = self.places(t)
+        here, there = motion[self.frame[rows]], motion[self.frame[np.minimum(rows + 1, len(self.t) - 1)]]
+        share = share[..., None, None]
+        mean: Floats = here / here[..., 2:, 2:] * (1 - share) + there / there[..., 2:, 2:] * share
         return mean
 
     def carry(self, start: float, end: float) -> Floats | None:
@@ -85,22 +86,34 @@ class Sightings:
 
     def place(self, t: float) -> tuple[int, float]:
         """Row of the picture before time t, and the share of the way to the next."""
-        row = int(np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, max(len(self.t) - 2, 0)))
-        if len(self.t) < 2:
-            return 0, 0.0
-        return row, float(np.clip((t - self.t[row]) / (self.t[row + 1] - self.t[row]), 0, 1))
+        row, share = self.places(t)
+        return int(row), float(share)
 
-    def project(self, xy: Floats, t: float) -> Floats:
-        """Table points (..., 2) in the plane of the centres, m, to pixels (..., 2) of the picture at time t."""
+    def places(self, t: float | Floats) -> tuple[NDArray[np.intp], Floats]:
+        """The same of times (...)."""
+        rows = np.maximum(np.searchsorted(self.t, np.asarray(t), side="right") - 1, 0)
+        rows = np.asarray(np.minimum(rows, max(len(self.t) - 2, 0)))
+        if len(self.t) < 2:
+            return rows, np.zeros(rows.shape)
+        share = (t - self.t[rows]) / (self.t[rows + 1] - self.t[rows])
+        return rows, np.asarray(np.minimum(np.maximum(share, 0.0), 1.0))
+
+    def project(self, xy: Floats, t: float | Floats) -> Floats:
+        """Table points (..., 2) in the plane of the centres, m, to pixels (..., 2) of the picture at time t.
+
+        With times (K,) the points are (K, N, 2), those of each time.
+        """
         px = self.scene.camera.to_pixels(xy, self.scene.table.ball_radius)
         motion = self.motion(t)
-        return px if motion is None else apply_homography(motion, px)
+        if motion is None:
+            return px
+        return apply_homography(motion[:, None] if np.ndim(t) else motion, px)
 
-    def centres(self, t: float, xy: Floats) -> Floats:
-        """Pixels (N, 2) of balls at `xy` (N, 2) m at time t, carried by what was seen in the pictures around it."""
-        row, share = self.place(t)
-        after = min(row + 1, len(self.t) - 1)
-        drift = self.offset[row] * (1 - share) + self.offset[after] * share
+    def centres(self, t: float | Floats, xy: Floats) -> Floats:
+        """Pixels (..., N, 2) of balls at `xy` (..., N, 2) m at times (...), carried by what was seen around."""
+        rows, share = self.places(t)
+        share = share[..., None, None]
+        drift = self.offset[rows] * (1 - share) + self.offset[np.minimum(rows + 1, len(self.t) - 1)] * share
         return np.asarray(self.project(xy, t) + drift, dtype=np.float64)
 
     def ways(self, t: Floats, exposure: float) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +38,8 @@ LEAD = 0.5
 """s of the shot kept before the first and after the last motion when still parts are trimmed."""
 AHEAD = 8
 """Pictures that may wait to be drawn upon, and as many to be written."""
+AT_ONCE = 256
+"""Times for which the balls are looked up together: asked for one by one they take ten times as long."""
 SNAP = 0.05
 """Share of the step between finished pictures within which a real picture is shown as it is."""
 
@@ -114,16 +116,23 @@ def _pictures(
 def _made(clip: Clip, scenery: Scenery, fit: Fit, times: Floats) -> Iterator[_Made]:
     """The pictures in order, two real ones held at a time."""
     sightings = scenery.sightings
-    rows = np.minimum(np.searchsorted(sightings.t, times, side="right") - 1, max(len(sightings.t) - 2, 0))
+    rows, _ = sightings.places(times)
+    count = np.bincount(rows, minlength=len(sightings.t))
+    moments = _moments(sightings, fit, times)
     before: Picture | None = None
     interval: Interval | None = None
     for row, (_, after) in enumerate(read_frames(clip, indices=sightings.frame), start=-1):
-        wanted = times[rows == row]
-        if before is not None and len(wanted):
+        if before is not None and count[row]:
             interval = open_interval(sightings, scenery.plate, row, before, after, sharp=scenery.sharp, before=interval)
-            state, plan = sightings.state(wanted), fit.trajectory.at(wanted).xy
-            ways = sightings.ways(wanted, sightings.exposure)
-            for k, t in enumerate(wanted):
-                balls = balls_at(sightings, state, k, float(t))
-                yield _Made(float(t), interval.at(float(t), balls.centre, ways[k]), balls, plan[k])
+            for t, balls, way, plan in islice(moments, int(count[row])):
+                yield _Made(t, interval.at(t, balls.centre, way), balls, plan)
         before = after
+
+
+def _moments(sightings: Sightings, fit: Fit, times: Floats) -> Iterator[tuple[float, Balls, Floats, Floats]]:
+    """Time, balls, their ways (P, N, 2) px while the shutter is open, and their places (N, 2) m; many at a time."""
+    for start in range(0, len(times), AT_ONCE):
+        t = times[start : start + AT_ONCE]
+        balls = balls_at(sightings, sightings.state(t), t)
+        ways, plan = sightings.ways(t, sightings.exposure), fit.trajectory.at(t).xy
+        yield from zip(t.tolist(), balls, ways, plan, strict=True)

@@ -181,7 +181,7 @@ def test_a_ball_that_is_followed_no_longer_has_no_speed_and_one_that_rests_has_n
     ends = replace(fit, trajectory=replace(fit.trajectory, end=np.array([0.1, 0.5, times[-1]])))
     sightings = sight(shot.scene(), shot.tracks(times), ends)
     for t, cue in ((0.05, 0.0), (0.45, 0.9), (0.55, np.nan)):
-        speed = balls_at(sightings, sightings.state(np.array([t])), 0, t).speed
+        speed = balls_at(sightings, sightings.state(np.array([t])), np.array([t]))[0].speed
         assert speed == pytest.approx([cue, 0.0], nan_ok=True)
 
 
