@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import cv2
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from models.fit import Light
 from video.layout import Rect
 from video.palette import FLASH, INK, LIGHTS, MIST, WHITE, Colour, apart_from, mix
-from video.text import lay, lay_sparse, rounded_mask, text_mask, write
+from video.text import lay, lay_sparse, number_mask, rounded_mask, text_mask, write
+from video.tile import Ink, Tile, stacked
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -148,11 +150,17 @@ def draw_ring(
 
 def draw_disc(picture: Picture, centre: Floats, radius: float, colour: Colour, opacity: float = 1.0) -> None:
     """A filled circle, in place."""
+    mask, x, y = _disc(centre, radius)
+    lay(picture, mask, x, y, colour, opacity)
+
+
+def _disc(centre: Floats, radius: float) -> tuple[Picture, int, int]:
+    """The mask of a filled circle, and its top-left pixel."""
     half = int(np.ceil(radius + 2))
     x0, y0 = (int(v) for v in np.floor(centre) - half)
     mask = np.zeros((2 * half + 2, 2 * half + 2), dtype=np.uint8)
     cv2.circle(mask, fixed(centre - [x0, y0]).tolist(), round(radius * (1 << SHIFT)), 255, -1, cv2.LINE_AA, SHIFT)
-    lay(picture, mask, x0, y0, colour, opacity)
+    return mask, x0, y0
 
 
 def draw_measured(picture: Picture, balls: Balls, colours: Sequence[Colour], scale: float) -> None:
@@ -193,13 +201,24 @@ class Label:
         width, height = self.size(scale)
         letters = _letters(scale)
         x, y = round(float(corner[0])), round(float(corner[1]))
-        lay(picture, rounded_mask(width, height, max(2, height // 4)), x, y, INK, LABEL_OPACITY * opacity)
-        bar = rounded_mask(max(3, letters // 4), height - 2 * (height // 5), max(1, letters // 8))
-        lay(picture, bar, x + height // 5, y + height // 5, apart_from(self.colour, INK), opacity)
-        top = y + (height - text_mask(self.name, letters, True).shape[0]) / 2
-        left = x + 0.95 * letters
-        left += write(picture, self.name, left, top, letters, WHITE, bold=True, opacity=opacity) + 0.45 * letters
+        _name_tile(self.name, self.colour, width, height, letters).lay(picture, x, y, opacity)
+        name = text_mask(self.name, letters, True)
+        left = x + 1.4 * letters + name.shape[1]
+        top = y + (height - name.shape[0]) / 2
         write(picture, self.value, left, top, letters, mix(WHITE, MIST, 0.45), opacity=opacity)
+
+
+@lru_cache(maxsize=256)
+def _name_tile(name: str, colour: Colour, width: int, height: int, letters: int) -> Tile:
+    """A label without its value: the ground, the bar and the name."""
+    bar = rounded_mask(max(3, letters // 4), height - 2 * (height // 5), max(1, letters // 8))
+    mask = text_mask(name, letters, True)
+    inks = (
+        Ink(rounded_mask(width, height, max(2, height // 4)), 0, 0, INK, LABEL_OPACITY),
+        Ink(bar, height // 5, height // 5, apart_from(colour, INK)),
+        Ink(mask, round(0.95 * letters), round((height - mask.shape[0]) / 2), WHITE),
+    )
+    return stacked(width, height, inks)
 
 
 def _letters(scale: float) -> int:
@@ -224,17 +243,27 @@ class Clock:
     def draw(self, picture: Picture, rect: Rect, t: float, scale: float) -> None:
         """Draw into `rect`, in place."""
         x, y, width, height = (round(v) for v in rect)
-        lay(picture, rounded_mask(width, height, max(3, height // 7)), x, y, INK, 0.8)
-        big, small = round(27 * scale), round(13 * scale)
-        pad = round(12 * scale)
-        advance = write(picture, f"{t:06.3f}", x + pad, y + 5 * scale, big, WHITE, bold=True)
-        write(picture, "s", x + pad + advance + 0.2 * big, y + 5 * scale + 0.42 * big, round(17 * scale), MIST)
-        row = y + 39 * scale
-        slow = write(picture, self.slow, x + pad, row, small, MIST)
-        radius = 4.6 * scale
-        dot = np.array([x + pad + slow + 1.2 * small + radius, row + 0.62 * small])
-        draw_disc(picture, dot, radius, LIGHTS[self.light])
-        write(picture, self.word, dot[0] + radius + 0.45 * small, row, small, MIST)
+        seconds = number_mask(f"{t:06.3f}", round(27 * scale), bold=True)
+        _clock_tile(self, width, height, seconds.shape[1], scale).lay(picture, x, y)
+        lay(picture, seconds, x + round(12 * scale), y + round(5 * scale), WHITE)
+
+
+@lru_cache(maxsize=16)
+def _clock_tile(clock: Clock, width: int, height: int, advance: int, scale: float) -> Tile:
+    """A clock without its time, which is `advance` px wide: ground, unit, slowness, light and word."""
+    small, pad, row = round(13 * scale), round(12 * scale), round(39 * scale)
+    unit_left = round(pad + advance + 0.2 * round(27 * scale))
+    slow, word = text_mask(clock.slow, small), text_mask(clock.word, small)
+    radius = 4.6 * scale
+    dot = np.array([pad + slow.shape[1] + 1.2 * small + radius, 39 * scale + 0.62 * small])
+    inks = (
+        Ink(rounded_mask(width, height, max(3, height // 7)), 0, 0, INK, 0.8),
+        Ink(text_mask("s", round(17 * scale)), unit_left, round(5 * scale + 0.42 * round(27 * scale)), MIST),
+        Ink(slow, pad, row, MIST),
+        Ink(*_disc(dot, radius), LIGHTS[clock.light]),
+        Ink(word, round(float(dot[0]) + radius + 0.45 * small), row, MIST),
+    )
+    return stacked(width, height, inks)
 
 
 def error_text(sigma: float) -> str:

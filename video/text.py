@@ -39,6 +39,24 @@ def text_mask(text: str, size: int, bold: bool = False) -> Mask:
     return mask
 
 
+def number_mask(text: str, size: int, bold: bool = False) -> Mask:
+    """As `text_mask`, put together from its letters at whole pixels: for numbers that change with every picture."""
+    ends = np.cumsum([_advance(letter, size, bold) for letter in text])
+    masks = [text_mask(letter, size, bold) for letter in text]
+    starts = [0, *(round(float(end)) for end in ends[:-1])]
+    whole = np.zeros((masks[0].shape[0], starts[-1] + masks[-1].shape[1]), dtype=np.uint8)
+    for mask, start in zip(masks, starts, strict=True):
+        part = whole[:, start : start + mask.shape[1]]
+        np.maximum(part, mask[:, : part.shape[1]], out=part)
+    return whole
+
+
+@lru_cache(maxsize=256)
+def _advance(letter: str, size: int, bold: bool) -> float:
+    """px from a letter to the next."""
+    return float(_font(size, bold).getlength(letter))
+
+
 @lru_cache(maxsize=64)
 def rounded_mask(width: int, height: int, radius: int) -> Mask:
     """Coverage (h, w) of a rectangle with round corners, drawn at four times its size; do not write into it."""
