@@ -16,6 +16,7 @@ from models.association.selection import is_ball, looks_like_ball, moves_like_ba
 from models.association.sightings import Sightings, sight
 from models.association.stitching import Tracklet, cut, stitch
 from models.association.struck import struck_ball
+from models.association.uncrossing import uncrossed
 from models.detections import Detections
 from models.errors import TrackError
 from models.options import TrackOptions
@@ -66,6 +67,7 @@ def associate(
             f"Following balls needs some that are seen in several pictures; {len(detections)} detections held none: "
             "check the table that was found, or give --corners and --ball-radius."
         )
+    balls = uncrossed(balls, sightings, t, scene.table.ball_radius)
     return _gather(balls, sightings, detections, frame, t, scene)
 
 
