@@ -50,6 +50,7 @@ class Dask(Crew):
         while time.monotonic() < end:
             with suppress(OSError), socket.create_connection(("127.0.0.1", self.port), 1):
                 return ["--cluster", self.address]
+            self.mend()  # one that was killed may have died only now
             time.sleep(0.2)
         raise SystemExit("the scheduler did not start")
 
