@@ -139,14 +139,19 @@ def foreseeable(question: Question, windows: tuple[Ahead, ...], like: Fitted, rn
     states = _told(question, windows, like, None)
     if not isinstance(question.scene, Eventful):
         return Foreseen(windows, states.starts)
-    found = []
-    for k, one in enumerate(windows):
-        spread = _spread(question, one.piece, like, states, k, rng)
+    found, starts = [], []
+    for one, start in zip(windows, states.starts, strict=True):
+        # each by itself: what one window leaves unexplained says nothing of how well others are known
+        own = _told(question, (one,), like, (start,))
+        spread = _spread(question, one.piece, like, own, rng)
         lost = np.logical_or.accumulate(spread > _OPEN * np.median(one.piece.sigma), axis=0)
         lost |= _far(one.piece).sum(axis=0) < LEAST
         lost[: one.known] = False
-        found.append(replace(one, piece=replace(one.piece, places=np.where(lost[..., None], np.nan, one.piece.places))))
-    return Foreseen(tuple(found), states.starts)
+        left = replace(one, piece=replace(one.piece, places=np.where(lost[..., None], np.nan, one.piece.places)))
+        if left.piece.seen[left.known :].any():
+            found.append(left)
+            starts.append(own.starts[0])
+    return Foreseen(tuple(found), tuple(starts))
 
 
 def _told(question: Question, windows: tuple[Ahead, ...], like: Fitted, starts: tuple[Floats, ...] | None) -> Fitted:
@@ -154,11 +159,9 @@ def _told(question: Question, windows: tuple[Ahead, ...], like: Fitted, starts: 
     return follow(question, tuple(one.piece.rows(0, one.known) for one in windows), like, starts)
 
 
-def _spread(
-    question: Question, piece: Recording, like: Fitted, states: Fitted, window: int, rng: np.random.Generator
-) -> Floats:
-    """(T, N) m by which predictions differ that begin as a fit leaves their starts open."""
-    start, covariance = states.starts[window], states.shooting.start_covariances[window]
+def _spread(question: Question, piece: Recording, like: Fitted, told: Fitted, rng: np.random.Generator) -> Floats:
+    """(T, N) m by which predictions differ that begin as a fit of their first rows leaves their start open."""
+    start, covariance = told.starts[0], told.shooting.start_covariances[0]
     middle = question.scene.predict(piece, start, like.shared, like.forms)
     sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2)
     drawn = start + (rng.standard_normal((_STARTS, len(start))) * np.sqrt(np.maximum(sizes, 0.0))) @ axes.T

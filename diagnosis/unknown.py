@@ -18,11 +18,11 @@ from diagnosis.fitting import Fitted, Told
 
 SUSPICIOUS = 0.005
 """chance below which something is left."""
-EXPLAINED = 0.98
-"""share of what was systematic that effects must explain to be named although something is left: what a signature does
-that correlates with the true one by 0.99."""
+EXPLAINED = 0.95
+"""share of what was systematic that data must allow effects to explain, for these to be named although something is
+left: films of real tables leave a few per cent that no law makes."""
 MOSTLY = 0.9
-"""the same where generic laws show that what is left is none, but differs from shot to shot."""
+"""share that they must be found to explain."""
 NEARLY = 0.995
 """the same from which effects are named although a generic law would explain the rest: another form of the law."""
 LAWFUL = 0.3
@@ -40,6 +40,8 @@ class Doubt:
     """p-value of the parameters being the same in all shots."""
     explained: float
     """share of the systematic part of the simulator's misfit that the effects named explain; 1 where there was none."""
+    at_most: float
+    """share that these data still allow."""
     select_gains: bool
     """shots that chose nothing gained from the effects."""
     lawful: float
@@ -54,7 +56,7 @@ class Doubt:
     def law_missing(self) -> bool:
         """Of what is left."""
         if np.isnan(self.lawful):
-            return self.explained < EXPLAINED
+            return self.explained < MOSTLY or self.at_most < EXPLAINED
         return self.explained < MOSTLY or (self.lawful > LAWFUL and self.explained < NEARLY)
 
     @property
@@ -87,19 +89,20 @@ def agreement(told: Told, fitted: Fitted) -> float:
     return float(chi2.sf(total, free)) if free > 0 else 1.0
 
 
-def explained(base: Fitted, best: Fitted, ahead: Closing | None) -> float:
-    """Share of what is systematic that the better model takes away: of the error of predictions where that is more
-    than noise, else of the cost of the fit."""
+def explained(base: Fitted, best: Fitted, ahead: Closing | None) -> tuple[float, float]:
+    """Share of what is systematic that the better model takes away, and the most that it may be: of the error of
+    predictions where that is more than noise, else of the cost of the fit."""
     if ahead is not None and ahead.resolved:
-        return float(np.clip(ahead.closed, 0.0, 1.0))
+        return float(np.clip(ahead.closed, 0.0, 1.0)), ahead.interval[1]
     excess = base.cost - min(0.9 * best.observations, best.cost)  # Huber's loss of noise is a little below its count
-    return 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))
+    share = 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))
+    return share, share
 
 
 def doubt(left: Structure, told: Told, base: Fitted, best: Fitted, ahead: Closing | None, select_gains: bool) -> Doubt:
     """All three signs together, of the best hypothesis on all shots that may be used."""
-    share = explained(base, best, ahead) if best.names or best.forms != base.forms else 0.0
-    return Doubt(left.p_value, agreement(told, best), share, select_gains, float("nan"))
+    shares = explained(base, best, ahead) if best.names or best.forms != base.forms else (0.0, 0.0)
+    return Doubt(left.p_value, agreement(told, best), *shares, select_gains, float("nan"))
 
 
 def lawful(before: Fitted, after: Fitted) -> float:

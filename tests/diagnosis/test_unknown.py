@@ -63,8 +63,16 @@ def test_what_is_named_comes_first_though_each_of_two_twins_is_less_likely_than_
 
 @pytest.mark.parametrize(
     ("explained", "lawful", "missing"),
-    [(0.8, 0.0, True), (0.95, 0.0, False), (0.95, 0.6, True), (0.999, 0.6, False),
-     (0.97, np.nan, True), (0.99, np.nan, False)],
-)  # fmt: skip
+    [(0.8, 0.0, True), (0.95, 0.0, False), (0.95, 0.6, True), (0.999, 0.6, False)],
+)
 def test_what_is_left_speaks_for_a_missing_law(explained: float, lawful: float, missing: bool) -> None:
-    assert Doubt(1e-9, 1.0, explained, True, lawful).unknown is missing
+    assert Doubt(1e-9, 1.0, explained, explained, True, lawful).unknown is missing
+
+
+@pytest.mark.parametrize(
+    ("explained", "at_most", "missing"), [(0.92, 0.94, True), (0.92, 0.99, False), (0.85, 0.99, True)]
+)
+def test_without_generic_laws_the_data_must_allow_that_nearly_all_is_explained(
+    explained: float, at_most: float, missing: bool
+) -> None:
+    assert Doubt(1e-9, 1.0, explained, at_most, True, float("nan")).unknown is missing
