@@ -1,29 +1,34 @@
 """The diagnosis of foreign billiards: is nothing called nothing, is a missing effect named, how much of the gap closes?
 
-    PYTHONPATH=. python benchmarks/billiards_gap.py [SEEDS] [FIRST] [CASE...]
+    PYTHONPATH=. python benchmarks/billiards_gap.py [KIND...] [--seeds 1] [--first 0] [--rows FILE.csv] [--show]
 
 The truth is worlds/billiards.py, run as a process, filmed as `billiards_cases.py` says: twelve shots of two to five
 balls on a table of its own per seed, 2 s each, 62.5 pictures a second, noise of 0.3 px at 350 px to the metre. The
 simulator that is diagnosed has rolling resistance, sliding friction, spin decay and the restitution of cushions and
-balls, but what the case withholds. Printed per seed: whether the answer is right, the verdict, the effects or the
-group named, the p-value of what the simulator leaves, what acted, the strengths found, errors before and after with
-the floor, the closed part with its interval, CPU seconds; then how many are right per case. A group counts as right
-where the missing effect is in it, and is printed as a group.
+balls, but what the kind withholds. Every case is a row of FILE.csv, and is not tried again where it stands there
+already; the table is printed from all rows.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
+import tempfile
 import time
 from dataclasses import replace
+from pathlib import Path
 
-from billiards_cases import CASES, IN_WORLD, Case, recordings
+from billiards_cases import CASES, IN_WORLD, Case, Effects, recordings
+from billiards_table import Row, told
 from foreign_shots import TABLE
+from row_files import append, read_rows
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdict import Report
 from models.billiards.gap import BilliardsScene, billiards_scene
+from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS
 from models.gap_scene import Recording
+from pipeline.gapcheck.oracle import oracle_of
 
 
 def scene_of(case: Case, shots: tuple[Recording, ...]) -> BilliardsScene:
@@ -32,49 +37,94 @@ def scene_of(case: Case, shots: tuple[Recording, ...]) -> BilliardsScene:
     return replace(scene, effects=tuple(one for one in scene.effects if one.name not in case.without))
 
 
-def right(case: Case, report: Report) -> bool:
-    """Whether the answer is one that the case allows."""
-    if report.verdict == "group":
-        return len(case.lacks) == 1 and case.lacks[0] in report.candidates[0].group
+def right(case: Case, shots: tuple[Recording, ...], report: Report) -> bool:
+    """Whether the answer is one that the case allows. In a trap the right name is right only if it is no guess."""
     wanted = set(case.lacks)
     if not wanted:
         return report.verdict == "none"
     if case.without or wanted & {*IN_WORLD, "ageing"}:
         return report.verdict == "unknown"
     if case.along:
-        return report.verdict in ("none", "unknown") and not report.effects
+        return set(report.effects) == wanted and _no_guess(case, shots) if report.effects else True
     return report.verdict == "effects" and (
         set(report.effects) == wanted or (len(report.effects) == 1 and report.effects[0] in case.twins)
     )
 
 
-def run(case: Case, seed: int) -> bool:
-    """Whether the answer is right; prints it."""
+def _no_guess(case: Case, shots: tuple[Recording, ...]) -> bool:
+    """Whether somebody who knows what is missing can tell it from what is taken for it."""
+    scene = scene_of(case, shots)
+    partners = {name for one in scene.effects if one.name in case.lacks for name in one.partners}
+    oracle = oracle_of(scene, shots)
+    truth = oracle.knowing(frozenset(case.lacks))
+    return all(oracle.tells(truth, frozenset({name})) for name in sorted(partners - set(case.model)))
+
+
+def row_of(case: Case, seed: int, shots: tuple[Recording, ...], report: Report, acted: Effects, cpu: float) -> Row:
+    """What one case gave."""
+    told, first, named = report.gap.closing, report.candidates[0], " + ".join(report.effects)
+    group = " | ".join(first.group) if report.verdict == "group" else ""
+    phase = report.where[0].phase if report.where else ""
+    strengths = [f"{one.name} {one.value:.3g} +- {one.sigma:.2g}" for one in report.fitted[len(case.model) :]]
+    return Row(
+        kind=case.name, asked=_asked(case), seed=seed, said=named or group or report.verdict,
+        right=int(right(case, shots, report)), grouped=int(any(n in first.group for n in case.lacks)),
+        probability=first.probability, p_value=report.p_value, before=told.before, after=told.after,
+        floor=told.floor, closed=told.closed if told.resolved else float("nan"), low=told.interval[0],
+        high=told.interval[1], phase=phase, phase_right=_acts_in(case, phase), cpu=cpu,
+        truth=", ".join(f"{name}.{p} {v:.3g}" for name in case.lacks for p, v in acted.get(name, {}).items()),
+        found=", ".join(strengths),
+    )  # fmt: skip
+
+
+def _asked(case: Case) -> str:
+    if case.along or "said" in case.camera:
+        return "trap"
+    if not case.lacks:
+        return "none"
+    if case.without:
+        return "taken out"
+    if set(case.lacks) & {*IN_WORLD, "ageing"}:
+        return "foreign"
+    return "pair" if len(case.lacks) == 2 else "one"
+
+
+def _acts_in(case: Case, phase: str) -> int:
+    """1 where what is missing acts in a phase, 0 where it does not, -1 where nothing is missing."""
+    phases = {one.name: one.phases for one in (*BILLIARDS, *BILLIARDS_LAWS)}
+    phases |= dict.fromkeys((*IN_WORLD, "ageing"), ("free_roll",))
+    return int(any(phase in phases[name] for name in case.lacks)) if case.lacks else -1
+
+
+def trial(case: Case, seed: int) -> Row:
+    """Play, film, diagnose, judge."""
     shots, acted = recordings(case, seed)
     begun = time.process_time()
     report = diagnose(scene_of(case, shots), shots)
-    cost = time.process_time() - begun
-    good, gap = right(case, report), report.gap.closing
-    named = " ".join(report.effects) or (", ".join(report.candidates[0].group) if report.verdict == "group" else "")
-    strengths = [f"{one.name} {one.value:.3g} +- {one.sigma:.2g}" for one in report.fitted[len(case.model) :]]
-    truth = [f"{p} {v:.3g}" for name in case.lacks for p, v in acted.get(name, {}).items()]
-    print(
-        f"{'right' if good else 'WRONG'} {case.name:34} seed {seed:2} {report.verdict:8} {named:26}"
-        f" p {report.p_value:.2g}"
-        f" [{', '.join(truth)}] [{', '.join(strengths)}] {1e3 * gap.before:.2f} to {1e3 * gap.after:.2f} of"
-        f" {1e3 * gap.floor:.2f} mm, closed {gap.closed:.2f} ({gap.interval[0]:.2f} to {gap.interval[1]:.2f})"
-        f" {cost:.0f} CPU s",
-        flush=True,
-    )
-    return good
+    cpu = time.process_time() - begun
+    return row_of(case, seed, shots, report, acted, cpu)
 
 
-def main(seeds: int = 1, first: int = 0, *names: str) -> None:
-    for name in names or tuple(CASES):
-        good = sum(run(CASES[name], seed) for seed in range(first, first + seeds))
-        print(f"{name}: right {good} of {seeds}")
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"all if none is given: {', '.join(CASES)}")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--rows", type=Path, help="where rows are kept")
+    parser.add_argument("--show", action="store_true", help="only print the table of the rows there are")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        path = options.rows or Path(scratch) / "rows.csv"
+        rows = read_rows(path, Row)
+        done = {(row.kind, row.seed) for row in rows}
+        for seed in range(options.first, options.first + (0 if options.show else options.seeds)):
+            for name in options.kinds or CASES:
+                if (name, seed) not in done:
+                    rows.append(trial(CASES[name], seed))
+                    append(rows[-1], path)
+                    print(rows[-1].line(), file=sys.stderr, flush=True)
+        print(told(rows))
 
 
 if __name__ == "__main__":
-    asked = [int(word) for word in sys.argv[1:3]]
-    main(asked[0] if asked else 1, asked[1] if len(asked) > 1 else 0, *sys.argv[3:])
+    main()

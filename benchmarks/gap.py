@@ -11,37 +11,15 @@ a row of FILE.csv, and is not tried again where it stands there already; the tab
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import sys
 import tempfile
-from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
 
 from gap_cases import cases
 from gap_table import told
 from gap_trial import Row, trial
-
-_TYPES = {"int": int, "float": float, "str": str}
-
-
-def read_rows(path: Path) -> list[Row]:
-    """All rows so far; none where there is no file."""
-    if not path.exists():
-        return []
-    kinds: dict[str, Any] = {one.name: _TYPES[str(one.type)] for one in fields(Row)}
-    with path.open(newline="") as file:
-        return [Row(**{name: kinds[name](value) for name, value in row.items()}) for row in csv.DictReader(file)]
-
-
-def append(row: Row, path: Path) -> None:
-    fresh = not path.exists()
-    with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, [one.name for one in fields(Row)], lineterminator="\n")
-        if fresh:
-            writer.writeheader()
-        writer.writerow(asdict(row))
+from row_files import append, read_rows
 
 
 def main() -> None:
@@ -56,7 +34,7 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         path = options.rows or Path(scratch) / "rows.csv"
-        rows = read_rows(path)
+        rows = read_rows(path, Row)
         done = {(row.asked, row.kind, row.seed) for row in rows}
         wanted = [one for one in cases() if one.asked in options.asked and options.scene in one.kind.scene]
         for seed in range(options.first, options.first + (0 if options.show else options.seeds)):

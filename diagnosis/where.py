@@ -8,18 +8,23 @@ from scipy.stats import spearmanr
 from diagnosis.blocks import Structure
 from diagnosis.residuals import Residuals
 from diagnosis.verdict import Place
-from models.gap_scene import Floats, Recording
+from models.gap_scene import Floats, Mask, Recording
 
 _MOSTLY = 0.7
 """share of a phase's gap from which one ball or shot is named."""
 _GROWS = 0.7
 """rank correlation of the gap with a number, over bins of it."""
 _BINS = 8
+OF_CAMERA = frozenset({"image_region", "time_jump"})
+"""where causes act that are no motion's: whatever moves shows them."""
 
 
 def places(found: Residuals, pieces: tuple[Recording, ...], phases: frozenset[str]) -> tuple[Place, ...]:
     """By phase, largest first, shares adding to 1; only `phases` where it is known in which the cause acts."""
     left = excess(found)
+    if phases and phases <= OF_CAMERA:
+        everything = np.ones(len(left), bool)
+        return tuple(_place(found, left, pieces, name, 1 / len(phases), everything) for name in sorted(phases))
     allowed = (
         np.isin(found.phase, sorted(phases & set(found.phase))) if phases & set(found.phase) else found.phase != ""
     )
@@ -30,7 +35,8 @@ def places(found: Residuals, pieces: tuple[Recording, ...], phases: frozenset[st
     if totals.sum() == 0:
         totals = np.array([float((found.phase == name).sum()) for name in names])
     order = np.argsort(-totals)
-    return tuple(_place(found, left, pieces, str(names[k]), float(totals[k] / totals.sum())) for k in order)
+    shares = totals / totals.sum()
+    return tuple(_place(found, left, pieces, str(names[k]), float(shares[k]), found.phase == names[k]) for k in order)
 
 
 def excess(found: Residuals) -> Floats:
@@ -38,8 +44,9 @@ def excess(found: Residuals) -> Floats:
     return np.asarray(np.square(found.left * found.size).sum(axis=1) - np.square(found.drawn).mean(axis=2).sum(axis=1))
 
 
-def _place(found: Residuals, left: Floats, pieces: tuple[Recording, ...], phase: str, share: float) -> Place:
-    here = found.phase == phase
+def _place(
+    found: Residuals, left: Floats, pieces: tuple[Recording, ...], phase: str, share: float, here: Mask
+) -> Place:
     # by name: recordings of several films do not hold the same bodies in the same order
     bodies = np.array([pieces[k].bodies[body] for k, body in zip(found.window, found.body, strict=True)])
     ball, shot = _mostly(left, bodies, here), _mostly(left, found.shot, here)

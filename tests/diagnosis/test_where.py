@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,14 @@ def test_a_known_cause_is_shown_where_it_acts_alone() -> None:
 
 def test_a_cause_of_phases_that_were_not_seen_hides_none() -> None:
     assert {one.phase for one in places(left(EXCESS), pieces(), frozenset({"flight"}))} == set(PHASES)
+
+
+def test_a_cause_of_the_camera_is_shown_in_the_picture_and_with_what_it_grows() -> None:
+    found = replace(left(dict.fromkeys(PHASES, 0.0)), image=np.random.default_rng(1).normal(size=(ROWS, 2)))
+    radius = np.linalg.norm(found.image, axis=1)
+    found.left[:] *= (1 + 3 * radius / radius.max())[:, None]
+    told = places(found, pieces(), frozenset({"image_region"}))
+    assert [(one.phase, one.share, one.grows_with) for one in told] == [("image_region", 1.0, "radius")]
 
 
 def test_the_ball_that_holds_most_is_named_by_its_name_in_every_film() -> None:
