@@ -34,7 +34,7 @@ two standard deviations."""
 _STARTS = 24
 """starts that are drawn to see what can be foreseen."""
 _OPEN = 4.0
-"""standard deviations of the noise that predictions may differ by because of their starts."""
+"""times what the better model leaves anyway, noise and all, that predictions may differ by because of their starts."""
 _DRAWS = 2000
 _GRANTED = 0.9
 """chance up to which a start may have been off by accident."""
@@ -139,12 +139,12 @@ def foreseeable(question: Question, windows: tuple[Ahead, ...], like: Fitted, rn
     states = _told(question, windows, like, None)
     if not isinstance(question.scene, Eventful):
         return Foreseen(windows, states.starts)
-    found, starts = [], []
+    found, starts, error = [], [], float(np.sqrt(like.lack))
     for one, start in zip(windows, states.starts, strict=True):
         # each by itself: what one window leaves unexplained says nothing of how well others are known
         own = _told(question, (one,), like, (start,))
         spread = _spread(question, one.piece, like, own, rng)
-        lost = np.logical_or.accumulate(spread > _OPEN * np.median(one.piece.sigma), axis=0)
+        lost = np.logical_or.accumulate(spread > _OPEN * error * np.median(one.piece.sigma), axis=0)
         lost |= _far(one.piece).sum(axis=0) < LEAST
         lost[: one.known] = False
         left = replace(one, piece=replace(one.piece, places=np.where(lost[..., None], np.nan, one.piece.places)))

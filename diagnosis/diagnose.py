@@ -11,9 +11,10 @@ from diagnosis.candidates import group_of, leading, probabilities, ranked, stren
 from diagnosis.close import HORIZON, Closing, Foreseen, closing, floor, foreseeable, predict, shares, windows_ahead
 from diagnosis.film_next import film_next, film_to_see, film_what_is_left
 from diagnosis.fitting import Fitted, Question, Seen, again, fit, follow, look, question_of
+from diagnosis.growing import not_followed
 from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.noise import Noise, estimate_noise, with_noise
-from diagnosis.pieces import LEAST, fit_adaptively, lengthened
+from diagnosis.pieces import LEAST, fit_adaptively, lengthened, stretches
 from diagnosis.residuals import Residuals, residuals
 from diagnosis.signatures import signatures
 from diagnosis.split import Split, split_shots
@@ -43,6 +44,8 @@ class Study:
     """the best hypothesis, on the same."""
     seen: Seen
     """around `full`."""
+    chosen: tuple[int, ...]
+    """shots that might have been used."""
     left_before: Residuals
     left_after: Residuals
     before: Structure
@@ -91,7 +94,10 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
     left_after = residuals(question, full, seen_full, rng)
     before, after = structure(left_before), structure(left_after)
     doubts = _doubt(question, first, second, state, best, (base, full), after, seen_full, rng)
-    return Study(question, noise, state, best, base, full, seen_full, left_before, left_after, before, after, doubts)
+    chosen = tuple(sorted(one.shot for one in (*first, *second) if len(stretches(question, (one,)))))
+    return Study(
+        question, noise, state, best, base, full, seen_full, chosen, left_before, left_after, before, after, doubts
+    )
 
 
 def _searched(question: Question, recordings: tuple[Recording, ...]) -> Search:
@@ -101,6 +107,10 @@ def _searched(question: Question, recordings: tuple[Recording, ...]) -> Search:
         return fit_adaptively(question, recordings, like.names, like.forms, like.shared)
 
     base = fit_adaptively(question, recordings)
+    odd = not_followed(question, base)
+    if odd:
+        recordings = tuple(one for one in recordings if one.shot not in odd)
+        base = fit_adaptively(question, recordings)
     return search(question, base, lambda fitted: lengthened(question, recordings, fitted), afresh)
 
 
@@ -206,10 +216,20 @@ def _reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Ge
         fitted=_all_strengths(study),
         forms=study.full.forms,
         unidentifiable=(*scene.gauges, *_hidden(study.question, detectable, frozenset(study.full.names))),
-        not_tested=scene.not_tested,
+        not_tested=(*scene.not_tested, *_left_out(study)),
         film_next=film or _film(study, verdict),
         p_value=study.before.p_value,
         notes=(),
+    )
+
+
+def _left_out(study: Study) -> tuple[str, ...]:
+    """Which shots were left out of the search."""
+    used = {piece.shot for piece in study.state.first.fitted.pieces}
+    return tuple(
+        f"shot {shot} was left out: no path of the simulator comes near what was seen there"
+        for shot in study.chosen
+        if shot not in used
     )
 
 

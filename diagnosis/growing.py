@@ -17,6 +17,10 @@ from models.gap_scene import Floats, Mask, Recording
 from models.shooting.attempt import huber
 from models.shooting.windows import sensitive_from
 
+_NOWHERE, _UNLIKE = 25.0, 10.0
+"""cost per number, and times that of the usual shot, from which a simulation comes nowhere near."""
+_NEARLY_ALL = 0.25
+"""share of shots from which it is no longer the shots that are odd."""
 _ODD = 1.5
 """times the cost per number of noise, or of the usual shot, from which a shot is sought once more."""
 _SURE = 1.3
@@ -123,6 +127,16 @@ def begun_anew(question: Question, fitted: Fitted) -> Fitted:
 def begun_like(question: Question, fitted: Fitted, starts: tuple[Floats, ...]) -> Fitted:
     """The same hypothesis, shots that fit better from other starts (per window) begun from these."""
     return _with_the_better(question, fitted, np.arange(len(fitted.pieces)), starts, anew=False)
+
+
+def not_followed(question: Question, fitted: Fitted) -> tuple[int, ...]:
+    """Shots in which a simulation comes nowhere near what was seen, although it does in nearly all others: hands move
+    balls, balls leave the table, films are cut."""
+    costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])
+    numbers = np.unique(shots)
+    mean = np.array([np.divide(*costs[shots == shot].sum(axis=0)) for shot in numbers])
+    lost = (mean > _NOWHERE) & (mean > _UNLIKE * np.median(mean))
+    return tuple(int(shot) for shot in numbers[lost]) if lost.mean() < _NEARLY_ALL else ()
 
 
 def _with_the_better(

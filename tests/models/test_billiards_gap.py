@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from played_shots import SIGMA, TABLE, numbers, opening
 
-from diagnosis.fitting import fit, question_of
+from diagnosis.fitting import allowed, fit, question_of
 from diagnosis.pieces import fit_adaptively, stretches
 from diagnosis.trying import effects_of
 from models.billiards.beginnings import beginning, strikes
@@ -171,3 +171,16 @@ def test_states_are_sought_without_the_slopes_that_they_do_not_need() -> None:
     np.testing.assert_allclose(narrow.by_start, whole.by_start, rtol=1e-12, atol=1e-9)
     assert whole.by_shared.any()
     assert not narrow.by_shared.any()
+
+
+def test_a_nap_that_would_drive_balls_is_forbidden_by_nature() -> None:
+    """It may brake less one way than the other, never push."""
+    shot = recorded(5, numbers())
+    question = question_of(billiards_scene(TABLE, (shot,)), 0.0)
+    found = fit(question, stretches(question, (shot,)))
+    names = [prior.name for prior in question.priors]
+    resistance, nap = names.index("rolling_resistance.mu"), names.index("nap.mu")
+    gentle, driving = found.shared.copy(), found.shared.copy()
+    gentle[nap], driving[nap] = 0.5 * found.shared[resistance], 2.0 * found.shared[resistance]
+    assert allowed(question, found, found.forms, gentle)
+    assert not allowed(question, found, found.forms, driving)
