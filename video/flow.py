@@ -24,7 +24,8 @@ WINDOW = 5
 """px, of pictures half as large, over which the two ends of a way are compared."""
 PATCH_STRIDE, DESCENTS, REFINEMENTS = 4, 16, 1
 """Of the dense inverse search: half the work of OpenCV's medium preset, and as good on hands and cues."""
-SHRUNK_FROM = ((4, 288), (2, 96))
+WIDE = 4
+SHRUNK_FROM = ((WIDE, 288), (2, 96))
 """By what the sides of a picture are divided, and from how many px of the shorter one on."""
 ALL_COLOURS = np.array([[0.5, 0.5, 0.5]], dtype=np.float32)
 """Differences of the three colours to one number: their mean is less than what the eye sees in one of them."""
@@ -61,9 +62,10 @@ class OfFunction:
 class OpticalFlow:
     """Dense inverse search (Kroeger et al. 2016, doi:10.1007/978-3-319-46493-0_29) both ways.
 
-    A pixel of the new picture has three candidate ways: that of the flow forwards, backwards, and none. Of each, the
-    colours at both ends are compared over a small window; the way whose ends agree best is taken. Where none agrees,
-    something is covered or uncovered, and the side from which the pixel is reached and returned to is taken alone.
+    A pixel of the new picture has two candidate ways: that of the flow forwards and that backwards. Of each, the
+    colours at both ends are compared over a small window; the way whose ends agree better counts more. In wide boxes
+    it is taken alone: that costs half. Where none agrees, something is covered or uncovered, and the nearer picture
+    is taken.
     """
 
     def open(self, first: Picture, second: Picture) -> Between:
@@ -74,9 +76,8 @@ class OpticalFlow:
         small = tuple(_resized(picture, size) for picture in (first, second))
         grey = [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for picture in small]
         there, back = (flow_between(a, b, finest=max(2 - shrink, 0)) for a, b in (grey, grey[::-1]))
-        return _Opened(
-            (first, second), (small[0], small[1]), there, back, _grid(height, width), _grid(*grey[0].shape)
-        ).at
+        grids = _grid(height, width), _grid(*grey[0].shape)
+        return _Opened((first, second), (small[0], small[1]), there, back, *grids, wide=shrink == WIDE).at
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,15 +90,18 @@ class _Opened:
     back: Singles
     grid: Singles
     small_grid: Singles
+    wide: bool = False
 
     def at(self, share: float) -> Picture:
-        ways = (self._way(self.there, share), np.negative(self._way(self.back, 1 - share)), np.zeros_like(self.there))
-        way, cost = ways[0], self._cost(ways[0], share)
-        for other in ways[1:]:
-            other_cost = self._cost(other, share)
-            way = np.where((other_cost < cost)[..., None], other, way)
-            cost = np.minimum(cost, other_cost)
-        return self._mixed(way, cost, share)
+        there, back = self._way(self.there, share), np.negative(self._way(self.back, 1 - share))
+        costs = self._cost(there, share), self._cost(back, share)
+        if self.wide:
+            way = np.where((costs[1] < costs[0])[..., None], back, there)
+            return self._mixed(way, np.minimum(*costs), share)
+        first, second = self._mixed(there, costs[0], share), self._mixed(back, costs[1], share)
+        agree = [1 / (cost + 1) ** 2 for cost in costs]
+        weight = cv2.resize(agree[0] / (agree[0] + agree[1]), (self.grid.shape[1], self.grid.shape[0]))
+        return np.asarray(cv2.blendLinear(first, second, weight, 1 - weight), dtype=np.uint8)
 
     def _way(self, flow: Singles, share: float) -> Singles:
         """(h, w, 2) px over the whole gap of what passes each pixel at a share of it, from where the flow begins."""
