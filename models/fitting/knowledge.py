@@ -65,6 +65,10 @@ SLOWEST_HIT = 0.02
 """m/s: errors are not smaller for slower contacts."""
 TOUCH_SIGMA = 8e-4
 """m: scatter of the distance of touching balls."""
+RACK_GAP = 2e-3
+"""m: balls that lie beside each other are driven apart across what is between them, which says little of their size."""
+ODD_TOUCH = 2.5
+"""standard deviations beyond which a touch counts less: one pair that never met must not resize all balls."""
 RUBBER = np.array([CUSHION_RESTITUTION[0], 0.0, 0.5])
 RUBBER_SIGMA = np.array([CUSHION_RESTITUTION[1], 0.04, 0.5])
 """Restitution, its change with speed (s/m), grip: between a nose that slips and one that sticks. Mathavan 2010 has the
@@ -197,7 +201,8 @@ def _touch(bones, c, now, frame, frame_end, table, law, offset, row):  # type: i
     for axis in range(2):
         by_start[row, 1, axis], by_start[row, 0, axis] = line[axis], -line[axis]
     by_shared[row, DIAMETER] = -reach
-    offset[row], sigma[row] = -reach * now.shared[DIAMETER], TOUCH_SIGMA
+    offset[row] = -reach * now.shared[DIAMETER]
+    sigma[row] = RACK_GAP if bones.driven[c] else _touch_sigma(bones, c, frame, reach)
     row += 1
     if bones.driven[c]:
         return row
@@ -219,6 +224,15 @@ def _touch(bones, c, now, frame, frame_end, table, law, offset, row):  # type: i
         sigma[row] = 0.06 * hit + 0.01
         row = _spin_survives(law, row + 1, ball, hit)
     return row
+
+
+@compiled
+def _touch_sigma(bones, c, frame, reach):  # type: ignore[no-untyped-def]
+    """Standard deviation of the distance of two balls at a contact, m: as a linear loss has it where it is far off."""
+    x = frame.state[bones.after[c, 1], 0] - frame.state[bones.after[c, 0], 0]
+    y = frame.state[bones.after[c, 1], 1] - frame.state[bones.after[c, 0], 1]
+    off = abs(np.hypot(x, y) - reach * frame.shared[DIAMETER]) / (ODD_TOUCH * TOUCH_SIGMA)
+    return TOUCH_SIGMA * np.sqrt(max(off, 1.0))
 
 
 @compiled
