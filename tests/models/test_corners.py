@@ -1,0 +1,54 @@
+"""Two cushions within a picture or two are both told, and none that a ball never met."""
+
+from __future__ import annotations
+
+import fixed_step_table as truth
+import numpy as np
+import pytest
+from filmed_shots import DELAY, Filmed, film
+from told_stories import PRICES, moving, named, refined, resting
+
+from models.fitting.corners import with_corners
+from models.fitting.encounters import total_cost
+from models.fitting.solution import Data, Solution
+from models.fitting.story import Contact
+
+
+def into_a_corner(seed: int, beside: float, seconds: float = 2.5) -> tuple[Filmed, Solution, Data]:
+    """A ball runs to the right cushion and, `beside` m farther on, to the top one; only the first of them is told."""
+    start, v = np.array([[1.6, 0.6]]), np.array([[1.8, -1.2]])
+    reach = (2.54 - 0.028575 - start[0, 0]) / v[0, 0]
+    start[0, 1] = 0.028575 + beside - reach * v[0, 1]
+    shot = film(
+        start, v, np.zeros((1, 3)), np.random.default_rng(seed), noise_px=0.5, law=truth.MIRROR, seconds=seconds
+    )
+    t, place = DELAY + reach, (2.51, 0.028575 + beside)
+    spans = [
+        resting(0, tuple(start[0]), 0), moving(0, 0, 1, DELAY, tuple(start[0]), tuple(v[0])),
+        moving(0, 1, None, t, place, (-1.3, 0.9)),
+    ]  # fmt: skip
+    contacts = [Contact("strike", DELAY, (0,), (1,)), Contact("cushion", t, (1,), (2,), "right")]
+    return shot, *refined(shot, spans, contacts)
+
+
+@pytest.mark.parametrize("beside", [0.01, 0.03, 0.05])
+def test_the_other_cushion_of_a_corner_is_found_in_its_time(beside: float) -> None:
+    shot, solution, data = into_a_corner(1, beside)
+    found = with_corners(solution, data, shot.scene.table, PRICES)
+    assert named(found) == [("strike", "0"), ("cushion", "0", "right"), ("cushion", "0", "top")]
+    true = [t for t, kind, _, _ in shot.contacts if kind == "cushion"]
+    told = sorted(one.t for one in found.story.contacts if one.kind == "cushion")
+    assert told == pytest.approx(true[:2], abs=4e-3)
+
+
+def test_no_cushion_is_told_that_the_whole_clip_does_not_pay_for() -> None:
+    shot, solution, data = into_a_corner(2, 0.04)
+    found = with_corners(solution, data, shot.scene.table, PRICES)
+    again = with_corners(found, data, shot.scene.table, PRICES)
+    assert total_cost(found, PRICES) < total_cost(solution, PRICES)
+    assert named(again) == named(found)
+
+
+def test_a_ball_far_from_other_cushions_met_one_only() -> None:
+    shot, solution, data = into_a_corner(3, 0.6, 1.6)
+    assert with_corners(solution, data, shot.scene.table, PRICES) is solution
