@@ -110,7 +110,7 @@ def find_stirred(first: Picture, second: Picture, steady: bool = True) -> Mask:
     size = (max(1, width // COARSE), max(1, height // COARSE))
     if steady:
         small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in (first, second)]
-        change = np.asarray(cv2.absdiff(*small)).max(axis=2).astype(np.float32)
+        change = _largest(cv2.absdiff(*small)).astype(np.float32)
     else:
         change = cv2.resize(_beyond_edges(first, second), size, interpolation=cv2.INTER_AREA).astype(np.float32)
     usual = float(np.median(change))
@@ -121,13 +121,19 @@ def find_stirred(first: Picture, second: Picture, steady: bool = True) -> Mask:
     return np.asarray(large[labels])
 
 
+def _largest(levels: Picture) -> Picture:
+    """(h, w) of (h, w, 3), a tenth of the time of an array's own."""
+    red, green, blue = cv2.split(levels)
+    return np.asarray(cv2.max(cv2.max(red, green), blue), dtype=np.uint8)
+
+
 def _beyond_edges(first: Picture, second: Picture) -> Picture:
     """(H / 2, W / 2) levels by which no colour within SLACK px of the one picture is that of the other."""
     halves = [cv2.resize(p, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for p in (first, second)]
     around = np.ones((SLACK + 1, SLACK + 1), np.uint8)
     low, high = cv2.erode(halves[0], around), cv2.dilate(halves[0], around)
     apart = cv2.max(cv2.subtract(halves[1], high), cv2.subtract(low, halves[1]))
-    return np.asarray(apart.max(axis=2), dtype=np.uint8)
+    return _largest(apart)
 
 
 def _boxes(stirred: Mask, shape: tuple[int, ...]) -> list[tuple[Box, Mask]]:

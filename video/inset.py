@@ -74,9 +74,12 @@ class Inset:
                 cv2.circle(tile, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
         width, height = self.size
         small = cv2.resize(tile, (width, height), interpolation=cv2.INTER_AREA)
-        cover = rounded_mask(width, height, max(3, height // 24)) * np.float32(1 / 255)
+        corner = max(3, height // 24)
+        cover = rounded_mask(width, height, corner) * np.float32(1 / 255)
         ground = picture[y : y + height, x : x + width]
-        ground[:] = cv2.blendLinear(small, ground, cover, 1 - cover)
+        ground[corner:-corner] = small[corner:-corner]  # round corners alone let anything through
+        for rows in (slice(None, corner), slice(-corner, None)):
+            ground[rows] = cv2.blendLinear(small[rows], ground[rows], cover[rows], 1 - cover[rows])
 
 
 def plan_of(scene: Scene, longest: int) -> Inset:

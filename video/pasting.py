@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import itemgetter
 
 import cv2
 import numpy as np
@@ -44,51 +46,72 @@ def paste(picture: Picture, balls: Sequence[Sequence[Layer]], still: Sequence[Ou
     balls = [layers for layers in balls if layers]
     for layers in balls:
         _paste_shade(picture, layers, still)
-    for layers in sorted(balls, key=_low):
-        _paste_cover(picture, layers, [other for other in still if other.centre[1] > _low(layers)])
+    for low, layers in sorted(((_low(layers), layers) for layers in balls), key=itemgetter(0)):
+        _paste_cover(picture, layers, [other for other in still if other.centre[1] > low])
 
 
 def _low(layers: Sequence[Layer]) -> float:
-    return float(layers[0].places[:, 1].mean())
+    return float(_middle(layers[0].places)[1])
+
+
+def _middle(places: Floats) -> Floats:
+    """(2,) The mean; of one place, as is usual, without the work."""
+    return places[0] if len(places) == 1 else places.mean(axis=0)
 
 
 def _paste_shade(picture: Picture, layers: Sequence[Layer], still: Sequence[Outline]) -> None:
     corners = [_corner(layer) for layer in layers]
-    box = _hull(picture, _parts([layer.sprite.shade for layer in layers], corners, layers))
+    box = _hull(picture, [layer.sprite.shade for layer in layers], corners, layers)
     if box is None:
         return
-    total = np.zeros((box[3] - box[1], box[2] - box[0], 3), dtype=np.float32)
+    total: Singles | None = None
     for layer, corner in zip(layers, corners, strict=True):
         places = _thinned(layer.places)
         for place in places:
-            moved = _moved(layer.sprite.shade, corner + place, box, cv2.INTER_LINEAR)
-            total = cv2.scaleAdd(moved, layer.weight / len(places), total)
+            moved, weight = (
+                _moved(layer.sprite.shade, corner + place, box, cv2.INTER_LINEAR),
+                layer.weight / len(places),
+            )
+            total = moved * np.float32(weight) if total is None else _added(total, moved, weight)
+    assert total is not None
     free = _free(still, box)
     total = total + 1 if free is None else total * free + 1
     ground = picture[box[1] : box[3], box[0] : box[2]]
     ground[:] = cv2.multiply(ground, total, dtype=cv2.CV_8U)
 
 
+def _added(total: Singles, patch: Singles, weight: float) -> Singles:
+    return np.asarray(cv2.scaleAdd(patch, weight, total), dtype=np.float32)
+
+
 def _paste_cover(picture: Picture, layers: Sequence[Layer], in_front: Sequence[Outline]) -> None:
     corners = [_corner(layer) + layer.sprite.inset for layer in layers]
-    box = _hull(picture, _parts([layer.sprite.cover for layer in layers], corners, layers))
+    box = _hull(picture, [layer.sprite.cover for layer in layers], corners, layers)
     if box is None:
         return
     total = _averaged(layers, [_looked_up(layer, corner, box) for layer, corner in zip(layers, corners, strict=True)])
     free = _free(in_front, box)
     total = total if free is None else total * free
     ground = picture[box[1] : box[3], box[0] : box[2]]
-    ground[:] = np.rint(np.clip(ground * (1 - np.clip(total[..., 3:], 0, 1)) + total[..., :3], 0, 255))
+    through = 1 - np.minimum(np.maximum(total[..., 3:], 0), 1)
+    ground[:] = cv2.add(ground * through, np.ascontiguousarray(total[..., :3]), dtype=cv2.CV_8U)
 
 
 def _averaged(layers: Sequence[Layer], looked: Sequence[tuple[Singles, Singles | None]]) -> Singles:
     """(h, w, 4) The colours and masks of layers, each by its weight and by how well it was seen."""
-    whole = min(1.0, sum(layer.weight for layer in layers))
+    sum_of = sum(layer.weight for layer in layers)
+    whole = min(1.0, sum_of)
+    if all(seen is None for _, seen in looked):
+        times = whole / max(sum_of, 1e-6)
+        total = looked[0][0] * np.float32(layers[0].weight * times)
+        for layer, (cover, _) in zip(layers[1:], looked[1:], strict=True):
+            total = _added(total, cover, layer.weight * times)
+        return total
     shares = [layer.weight if seen is None else layer.weight * seen[..., None]
               for layer, (_, seen) in zip(layers, looked, strict=True)]  # fmt: skip
-    times = whole / np.maximum(sum(shares), 1e-6)
-    total = sum(cover * share for (cover, _), share in zip(looked, shares, strict=True)) * times
-    return np.asarray(total, dtype=np.float32)
+    by = whole / np.maximum(sum(shares), 1e-6)
+    mixed = sum(cover * share for (cover, _), share in zip(looked, shares, strict=True)) * by
+    return np.asarray(mixed, dtype=np.float32)
 
 
 def _free(balls: Sequence[Outline], box: Box) -> Singles | None:
@@ -116,12 +139,12 @@ def _looked_up(layer: Layer, corner: Floats, box: Box) -> tuple[Singles, Singles
     hidden = layer.sprite.hidden
     if hidden is None:
         return cover, None
-    return cover, 1 - _moved(hidden, corner + layer.places.mean(axis=0), box, cv2.INTER_LINEAR)
+    return cover, 1 - _moved(hidden, corner + _middle(layer.places), box, cv2.INTER_LINEAR)
 
 
 def _bent(layer: Layer, bend: Singles, corner: Floats, box: Box) -> tuple[Singles, Singles | None]:
     """The same where what is on the ball goes round with it."""
-    place = layer.places.mean(axis=0)
+    place = _middle(layer.places)
     shift = (np.array(box[:2]) - corner - place).astype(np.float32)
     turned = _moved(bend, place - (bend.shape[0] - 1) / 2, box, cv2.INTER_LINEAR)
     where = _grid(box[2] - box[0], box[3] - box[1]) + shift - turned
@@ -147,22 +170,24 @@ def _corner(layer: Layer) -> Floats:
 
 
 def _thinned(places: Floats) -> Floats:
-    chosen = np.linspace(0, len(places) - 1, min(len(places), MOST_SHADES)).round().astype(int)
+    if len(places) <= MOST_SHADES:
+        return places
+    chosen = np.linspace(0, len(places) - 1, MOST_SHADES).round().astype(int)
     return np.asarray(places[chosen], dtype=np.float64)
 
 
-def _parts(
-    patches: Sequence[Singles], corners: Sequence[Floats], layers: Sequence[Layer]
-) -> list[tuple[tuple[int, ...], Floats, Layer]]:
-    return [(patch.shape, corner, layer) for patch, corner, layer in zip(patches, corners, layers, strict=True)]
-
-
-def _hull(picture: Picture, parts: Sequence[tuple[tuple[int, ...], Floats, Layer]]) -> Box | None:
-    """The box around patches of (shape, corner) at the places of their layers, cut at the picture; None if empty."""
-    low = np.min([corner + layer.places.min(axis=0) for _, corner, layer in parts], axis=0)
-    high = np.max([corner + layer.places.max(axis=0) + shape[1::-1] for shape, corner, layer in parts], axis=0)
-    x0, y0 = (int(v) for v in np.maximum(np.floor(low), 0))
-    x1, y1 = (int(v) for v in np.minimum(np.ceil(high) + 1, picture.shape[1::-1]))
+def _hull(
+    picture: Picture, patches: Sequence[Singles], corners: Sequence[Floats], layers: Sequence[Layer]
+) -> Box | None:
+    """The box around patches with corners at the places of their layers, cut at the picture; None if it is empty."""
+    left, top, right, bottom = math.inf, math.inf, -math.inf, -math.inf
+    for patch, corner, layer in zip(patches, corners, layers, strict=True):
+        ends = layer.places if len(layer.places) == 1 else (layer.places.min(axis=0), layer.places.max(axis=0))
+        (low_x, low_y), (high_x, high_y) = (corner + ends[0]).tolist(), (corner + ends[-1]).tolist()
+        left, top = min(left, low_x), min(top, low_y)
+        right, bottom = max(right, high_x + patch.shape[1]), max(bottom, high_y + patch.shape[0])
+    x0, y0 = max(math.floor(left), 0), max(math.floor(top), 0)
+    x1, y1 = min(math.ceil(right) + 1, picture.shape[1]), min(math.ceil(bottom) + 1, picture.shape[0])
     return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
 
 
