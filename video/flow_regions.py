@@ -19,7 +19,7 @@ Mask = NDArray[np.bool_]
 Box = tuple[int, int, int, int]
 """x0, y0, x1, y1"""
 Part = tuple[Box, tuple[int, ...]]
-"""A box and the labels of what moves in it."""
+"""A box and the numbers of the things that move in it."""
 
 COARSE = 4
 """px of the picture per cell of the map of what moves."""
@@ -33,6 +33,8 @@ FEATHER = 10
 """px over which its picture goes over into the one around."""
 MOST_BOXES, MOST_JOINED = 6, 24
 """Boxes that are opened, and that are looked at, the largest ones."""
+WORTH_A_CUT = 0.7
+"""Share of one box that two may hold to be worth a cut."""
 WASTED = 0.2
 """Share by which the box around two boxes may be larger than both: then they are one."""
 LEAST_CELLS = 4
@@ -143,17 +145,47 @@ def _boxes(stirred: Mask, shape: tuple[int, ...]) -> list[tuple[Box, Mask]]:
     reach = 2 * (MARGIN // COARSE) + 1
     grown = cv2.dilate(stirred.astype(np.uint8), np.ones((reach, reach), np.uint8))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(grown, connectivity=8)
-    parts = _joined([(_scaled(row, shape), (label,)) for label, row in enumerate(stats[1:, :4], start=1)])
+    largest = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[:MOST_JOINED]
+    things = [piece for label in largest for piece in _pieces(stirred & (labels == label))]
+    parts = _joined([(_box_of(cells, shape), (k,)) for k, cells in enumerate(things)])
     everything = (0, 0, shape[1], shape[0])
     if sum(_area(box) for box, _ in parts) > NOT_WORTH * _area(everything):
         return [(everything, stirred)]
-    return [(box, stirred & np.isin(labels, mine)) for box, mine in parts]
+    return [(box, np.logical_or.reduce([things[k] for k in mine])) for box, mine in parts]
 
 
-def _scaled(cells: NDArray[np.int32], shape: tuple[int, ...]) -> Box:
-    x, y, width, height = (int(v) * COARSE for v in cells)
-    right, bottom = x + width + COARSE, y + height + COARSE
-    return x, y, min(right, shape[1]), min(bottom, shape[0])
+def _pieces(cells: Mask) -> list[Mask]:
+    """What hangs together, cut across where two boxes hold much less than one: a player beside a line of text."""
+    upper, lower = (_areas(cells), _areas(cells[::-1])[::-1])
+    left, right = (_areas(cells.T), _areas(cells.T[::-1])[::-1])
+    down, across = upper[:-1] + lower[1:], left[:-1] + right[1:]
+    if not len(down) or not len(across) or min(down.min(), across.min()) > WORTH_A_CUT * upper[-1]:
+        return [cells]
+    first = np.zeros_like(cells)
+    if down.min() <= across.min():
+        first[: int(down.argmin()) + 1] = True
+    else:
+        first[:, : int(across.argmin()) + 1] = True
+    return [*_pieces(cells & first), *_pieces(cells & ~first)]
+
+
+def _areas(cells: Mask) -> NDArray[np.int64]:
+    """(rows,) of the box, with its margins, around all cells down to each row."""
+    margin, rows = 2 * (MARGIN // COARSE), np.flatnonzero(cells.any(axis=1))
+    so_far = np.logical_or.accumulate(cells, axis=0)
+    wide = np.where(so_far.any(axis=1), cells.shape[1] - so_far[:, ::-1].argmax(axis=1) - so_far.argmax(axis=1), 0)
+    last = np.maximum.accumulate(np.where(cells.any(axis=1), np.arange(len(cells)), -1))
+    return np.where(last < 0, 0, (last - rows[0] + 1 + margin) * (wide + margin))
+
+
+def _box_of(cells: Mask, shape: tuple[int, ...]) -> Box:
+    rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
+    margin = MARGIN // COARSE
+    left, top = (max(int(line[0]) - margin, 0) * COARSE for line in (columns, rows))
+    right, bottom = ((int(line[-1]) + 1 + margin) * COARSE for line in (columns, rows))
+    # cells leave out what is left of a picture whose sides are no multiples of theirs
+    right, bottom = (end if whole - end >= COARSE else whole for end, whole in ((right, shape[1]), (bottom, shape[0])))
+    return left, top, min(right, shape[1]), min(bottom, shape[0])
 
 
 def _joined(parts: list[Part]) -> list[Part]:
