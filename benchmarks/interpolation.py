@@ -1,21 +1,24 @@
 """Withhold pictures of real clips, make them anew, and compare: trueroll beside its rivals and an oracle.
 
-    python benchmarks/interpolation.py [-o DIR] [--only WORD] [--step 2] [--gaps 40] [--reuse]
+    python benchmarks/interpolation.py [-o DIR] [--only WORD] [--step 2] [--gaps 40] [--reuse] [--rendered] [--anew N]
 
 Prints one table per clip and one over all: PSNR on the paths of the balls by class of gap (contact, fast: further than
 a radius, slow), distance from the ball's real place, balls missing or doubled, and what is elsewhere (`stirred`: where
-something moves there). The oracle is the best translated sprite on the real picture; it is blind elsewhere. DIR gets
-sheets of the worst, of seed-drawn and of all contact pictures.
+something moves there). The oracle is the best translated sprite on the real picture; it is blind elsewhere. Of
+rendered clips (the samples, and N shots drawn anew from each) it is the shot filmed again, with the true places and
+other noise. DIR gets sheets of the worst, of seed-drawn and of all contact pictures.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from between_rendered import film_of, samples_of
 from between_rivals import FlowBothWays, blended, minterpolated
 from between_scores import Scored, Tally, score_picture
 from between_sheets import write_sheet
@@ -68,36 +71,68 @@ def chosen(balls: dict[int, list[Passing]], most: int, rng: np.random.Generator)
     return sorted({*contacts, *rng.permutation(others)[: most - len(contacts)].tolist()})
 
 
-def score_clip(source: Path, arguments: argparse.Namespace) -> Tallies:
+@dataclass(frozen=True)
+class Case:
+    """A clip with pictures withheld, and what is true of them."""
+
+    held: Withheld
+    pictures: list[np.ndarray]
+    """D, visible and withheld."""
+    passings: list[Passing]
+    again: list[np.ndarray] | None = None
+    """D pictures of the same shot filmed again; None: the oracle is the best sprite."""
+
+
+def real_cases(arguments: argparse.Namespace) -> Iterator[Case]:
+    """Real clips, the balls' places as a run of the whole clip saw them."""
+    if not FOOTAGE.is_dir():
+        raise SystemExit(f"real footage is not at {FOOTAGE}")
+    word = arguments.only
+    for source in sorted(FOOTAGE.glob("*.mp4")):
+        if word not in source.stem if word else source.stem not in CLIPS:
+            continue
+        full = arguments.out / f"full_{source.stem}"
+        if not (full / "tracks.csv").is_file():
+            run_clip(source, full)
+        held = withhold(source, arguments.step, arguments.out)
+        yield Case(held, pictures_of(held), list(passings(held, read_run(full))))
+
+
+def rendered_cases(arguments: argparse.Namespace) -> Iterator[Case]:
+    """Films of the sample shots and of new ones."""
+    for sample in samples_of(arguments.only, arguments.anew, SEED):
+        film = film_of(sample, arguments.out)
+        yield Case(film.held, pictures_of(film.held), film.passings, film.again)
+
+
+def score_case(case: Case, arguments: argparse.Namespace) -> Tallies:
     """One clip: its table and its sheets."""
-    out, step = arguments.out, arguments.step
-    full = out / f"full_{source.stem}"
-    if not (full / "tracks.csv").is_file():
-        run_clip(source, full)
-    held = withhold(source, step, out)
-    pictures = pictures_of(held)
+    held, pictures, stem = case.held, case.pictures, arguments.out / case.held.source.stem
     balls: dict[int, list[Passing]] = defaultdict(list)
-    for passing in passings(held, read_run(full)):
+    for passing in case.passings:
         balls[passing.place].append(passing)
     places = chosen(balls, arguments.gaps, np.random.default_rng(SEED))
     ours = made_by_trueroll(held)
-    for k, real in enumerate(pictures[::step]):
-        if not np.array_equal(ours[k * step], real):
+    for k, real in enumerate(pictures[:: held.step]):
+        if not np.array_equal(ours[k * held.step], real):
             raise SystemExit(f"{held.name}: the original {k} is not untouched")
-    name = f"{source.stem}_{step}_{arguments.gaps}"
-    rivals = kept(out / name, arguments.reuse, lambda: rivals_of(held, pictures, places))
+    kept_at = stem.with_name(f"{stem.name}_{held.step}_{arguments.gaps}")
+    rivals = kept(kept_at, arguments.reuse, lambda: rivals_of(held, pictures, places))
     plate = plate_of(pictures)
     tallies: Tallies = defaultdict(lambda: defaultdict(Tally))
     shown = {}
     for place in places:
         around = _around(held, pictures, place)
         scored = Scored.of(balls[place], pictures[place], around, plate)
-        oracle = oracle_picture(balls[place], pictures[place], around, plate)
-        made = {"trueroll": ours[place], **{n: r[place] for n, r in rivals.items()}, "oracle": oracle}
+        made = {"trueroll": ours[place], **{n: r[place] for n, r in rivals.items()}}
+        if case.again is None:
+            made["oracle"] = oracle_picture(balls[place], pictures[place], around, plate)
+        else:
+            made["filmed again"] = case.again[place]
         for method, picture in made.items():
             score_picture(scored, picture, tallies[method])
         shown[place] = {"before": around[0], "real": pictures[place], **made, "after": around[1]}
-    _sheets(out / source.stem, balls, shown)
+    _sheets(stem, balls, shown)
     return tallies
 
 
@@ -162,20 +197,15 @@ def main() -> int:
     parser.add_argument("--step", type=int, default=2, help="one of so many pictures stays visible")
     parser.add_argument("--gaps", type=int, default=40, help="withheld pictures to score per clip")
     parser.add_argument("--reuse", action="store_true", help="take what the rivals made before")
+    parser.add_argument("--rendered", action="store_true", help="rendered films of the sample shots, not real clips")
+    parser.add_argument("--anew", type=int, default=1, help="shots drawn anew from each sample, with --rendered")
     arguments = parser.parse_args()
-    if not FOOTAGE.is_dir():
-        raise SystemExit(f"real footage is not at {FOOTAGE}")
     arguments.out.mkdir(parents=True, exist_ok=True)
-    clips = [
-        c
-        for c in sorted(FOOTAGE.glob("*.mp4"))
-        if (arguments.only and arguments.only in c.stem) or (not arguments.only and c.stem in CLIPS)
-    ]
     all_tallies = []
-    for clip in clips:
-        all_tallies.append(score_clip(clip, arguments))
-        print_table(f"{clip.stem}, 1 of {arguments.step} visible", all_tallies[-1])
-    if len(clips) > 1:
+    for case in rendered_cases(arguments) if arguments.rendered else real_cases(arguments):
+        all_tallies.append(score_case(case, arguments))
+        print_table(f"{case.held.source.stem}, 1 of {case.held.step} visible", all_tallies[-1])
+    if len(all_tallies) > 1:
         print_table("all clips", pooled(all_tallies))
     return 0
 
