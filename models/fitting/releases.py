@@ -21,6 +21,8 @@ BENT = 3.0
 """chi2 per degree of freedom of a path that its contacts bend."""
 MOST_RELEASED = 3
 """in one round, the most bent first."""
+TRIAL = 10
+"""iterations that show whether a story is worth more of them."""
 
 
 def released(solution: Solution, data: Data, table: Table, tolls: tuple[float, float], asked: Answers) -> Solution:
@@ -37,12 +39,12 @@ def released(solution: Solution, data: Data, table: Table, tolls: tuple[float, f
     }
     for number in sorted(worst, key=lambda number: -worst[number])[:MOST_RELEASED]:
         contact = solution.story.contacts[number]
-        question = solution.story.told((*contact.before, *contact.after))
+        question = (*sorted(solution.story.balls_at(contact)), round(contact.t, 2))
         if worst[number] < BENT or question in asked.needed:
             continue
-        tried = refine(_apart(solution.story, number), data, table, start=solution)
+        tried = refine(_apart(solution.story, number), data, table, TRIAL, solution)
         if total_cost(tried, tolls) < total_cost(solution, tolls):
-            solution = tried
+            solution = refine(tried.story, data, table, start=tried)
         else:
             asked.needed.add(question)
     return solution

@@ -25,6 +25,8 @@ BENT = 1.5
 """chi2 per degree of freedom of a path that a contact more may mend."""
 MOST_TRIED = 6
 """in one round."""
+TRIAL = 10
+"""iterations that show whether a story is worth more of them."""
 
 
 def with_rows(
@@ -40,14 +42,14 @@ def with_rows(
             number = next((k for k, one in enumerate(solution.story.contacts) if one == contact), None)
             if number is None or tries >= MOST_TRIED:
                 break
-            question = (horizon, *solution.story.told((*contact.before, *contact.after)))
+            question = (horizon, *sorted(solution.story.balls_at(contact)), round(contact.t, 2))
             story = None if question in asked.needed else _retold(solution, data, table, number, horizon)
             if story is None:
                 continue
             tries += 1
-            tried = refine(story, data, table, start=solution)
+            tried = refine(story, data, table, TRIAL, solution)
             if total_cost(tried, tolls) < total_cost(solution, tolls):
-                solution = tried
+                solution = refine(tried.story, data, table, start=tried)
             else:
                 asked.needed.add(question)
     return solution
