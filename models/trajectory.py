@@ -101,7 +101,8 @@ class Trajectory:
                 *(np.full(nothing, np.nan) for _ in range(2)),
                 np.zeros(nothing),
             )
-        row = rows[np.clip(np.searchsorted(self.start[rows], t, side="right") - 1, 0, None)]
+        place = np.clip(np.searchsorted(self.start[rows], t, side="right") - 1, 0, None)
+        row = rows[place]
         outside = (t < self.start[row] - 1e-12) | (t > self.end[row] + 1e-12)
         tau = self._elapsed(self.start[row], t)[:, None]
         c = self.position[row]
@@ -114,7 +115,7 @@ class Trajectory:
         sigma_v = np.sqrt(vv.mean(axis=1))
         for values in (xy, v, w, sigma, sigma_v):
             values[outside] = np.nan
-        measured = np.array([self.phase[m] == "measured" for m in row]) & ~outside
+        measured = np.array([self.phase[m] == "measured" for m in rows])[place] & ~outside
         return xy, v, w, sigma, sigma_v, measured.astype(np.float64)
 
     def _elapsed(self, start: Floats, t: Floats) -> Floats:

@@ -65,7 +65,7 @@ def _errors(
 ) -> Floats | None:
     """(S,) squared error around a ball of the picture made with each of `SHARES`; None where it cannot be told."""
     t, radius = float(sightings.t[row]), float(sightings.radius[row, ball])
-    ways = [sightings.ways(np.array([t]), share * step)[0, :, ball] for share in SHARES]
+    ways = sightings.ways(np.full(len(SHARES), t), SHARES * step)[:, :, ball]
     if not np.isfinite(ways[-1]).all():
         return None
     centre = sightings.centre[row, ball]

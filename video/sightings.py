@@ -116,10 +116,13 @@ class Sightings:
         drift = self.offset[rows] * (1 - share) + self.offset[np.minimum(rows + 1, len(self.t) - 1)] * share
         return np.asarray(self.project(xy, t) + drift, dtype=np.float64)
 
-    def ways(self, t: Floats, exposure: float) -> Floats:
-        """(K, P, N, 2) px, relative to the middle: every ball's way while a shutter is open for s around times (K,)."""
-        shares = np.linspace(-0.5, 0.5, STREAK_POINTS if exposure > 0 else 1)
-        times = np.clip(t[:, None] + exposure * shares, self.t[0], self.t[-1])
+    def ways(self, t: Floats, exposure: float | Floats) -> Floats:
+        """(K, P, N, 2) px, relative to the middle: every ball's way while a shutter is open for s around times (K,).
+
+        The shutter is open equally long at all times, or as long as `exposure` (K,) says of each.
+        """
+        shares = np.linspace(-0.5, 0.5, STREAK_POINTS if np.max(exposure) > 0 else 1)
+        times = np.clip(t[:, None] + np.reshape(exposure, (-1, 1)) * shares, self.t[0], self.t[-1])
         xy = self.trajectory.at(times).xy
         px = self.scene.camera.to_pixels(xy, self.scene.table.ball_radius)
         return np.asarray(px - px[:, [len(shares) // 2]], dtype=np.float64)
