@@ -38,7 +38,7 @@ def grown(question: Question, fitted: Fitted) -> Fitted:
         pairs = _pairs(question, fitted, ends)
         if not len(pairs):
             mean = np.divide(*_costs(question, fitted).sum(axis=0))
-            return begun_anew(question, fitted) if mean < _SURE else fitted
+            return _sought_again(question, fitted, np.ones(len(fitted.pieces), bool)) if mean < _SURE else fitted
         found = again(question, *_joined(fitted, pairs, fitted.starts))
         lost = _lost(question, found, pairs, usual)
         if lost.any():
@@ -117,11 +117,6 @@ def _sought_again(question: Question, fitted: Fitted, odd: Mask) -> Fitted:
     """Windows of whole shots begun also from what was seen alone, numbers kept: hidden spin has several ways to be
     nearly right, and what one of them leaves would be taken for an effect."""
     return _with_the_better(question, fitted, np.flatnonzero(odd), fitted.starts, anew=True)
-
-
-def begun_anew(question: Question, fitted: Fitted) -> Fitted:
-    """The same hypothesis, all windows begun also from what was seen alone."""
-    return _sought_again(question, fitted, np.ones(len(fitted.pieces), bool))
 
 
 def begun_like(question: Question, fitted: Fitted, starts: tuple[Floats, ...]) -> Fitted:

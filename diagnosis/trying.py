@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.fitting import GLANCE, Fitted, Question, allowed, fit
-from diagnosis.growing import begun_anew, begun_like, sought_anew
+from diagnosis.growing import begun_like, sought_anew
 from diagnosis.hypotheses import Hypothesis, Search, signatures_of
 
 Floats = NDArray[np.float64]
@@ -19,10 +19,13 @@ LEFT = 1.2
 """lack of fit from which something is left."""
 _HOPELESS = 0.25
 """share of what the best hypothesis explains that another one must explain at a glance to be fitted to the end."""
+_REFUTED = 3.0
+"""times the cost of a larger hypothesis, from which no other starts can save a smaller one."""
 _LITTLE = 0.5
 """of its natural strength, up to which an effect may have been imitated by hidden states."""
 _PART = 0.2
-"""of its natural strength, from which the search for an effect begins that at first was imitated."""
+"""of its natural strength, from which the search for an effect begins that at first was imitated: hidden states follow
+from there, and are lost from all of it."""
 
 
 def tried(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
@@ -62,8 +65,9 @@ def _starting_from(
         if near.names <= names and alike and found.cost > near.fitted.cost:  # a long step led some windows astray
             found = fit(question, found.pieces, effects, forms, near.fitted.shared, near.fitted.starts, GLANCE)
         yield found
-        if alike and _imitated(question, found, fresh):
-            yield from _from_the_books(question, near.fitted, effects, natural)
+        part = near.fitted.shared + _PART * (natural - near.fitted.shared)
+        if alike and _imitated(question, found, fresh) and allowed(question, near.fitted, forms, part):
+            yield fit(question, near.fitted.pieces, effects, forms, part, near.fitted.starts)
         explained = near.fitted.cost - best
         if explained > CLEAR and near.fitted.cost - found.cost < _HOPELESS * explained:
             continue
@@ -71,18 +75,6 @@ def _starting_from(
         yield found
         if found.cost > near.fitted.cost:
             yield sought_anew(question, found)
-
-
-def _from_the_books(question: Question, near: Fitted, effects: tuple[str, ...], natural: Floats) -> Iterator[Fitted]:
-    """From a part of the strength that the books know, from which hidden states can follow; then from all of it, and
-    from what was seen."""
-    part = near.shared + _PART * (natural - near.shared)
-    if not allowed(question, near, near.forms, natural):
-        return
-    found = fit(question, near.pieces, effects, near.forms, part, near.starts)
-    yield found
-    if _imitated(question, found, natural != near.shared):
-        yield begun_anew(question, fit(question, near.pieces, effects, near.forms, natural, near.starts, GLANCE))
 
 
 def _imitated(question: Question, found: Fitted, fresh: NDArray[np.bool_]) -> bool:
@@ -104,6 +96,8 @@ def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
 
 def from_the_larger(question: Question, smaller: Fitted, larger: Fitted) -> Fitted:
     """A hypothesis begun also from the states of a larger one, with its own numbers and with those of that."""
+    if smaller.cost > _REFUTED * larger.cost:
+        return smaller
     begun = begun_like(question, smaller, larger.starts)
     found = fit(question, begun.pieces, begun.names, begun.forms, larger.shared, larger.starts, GLANCE)
     if found.cost >= begun.cost:

@@ -27,8 +27,6 @@ TRIED = 4
 """hypotheses that are refitted at every step."""
 MOST = 3
 """effects missing at once."""
-AFRESH = 2
-"""hypotheses that are fitted from their own beginning where none is needed."""
 _ONLY_TOGETHER = 1.5
 """times what the best single effect promises, from which two are tried at once; 20 more are beyond chance."""
 _REFUTED = 40.0
@@ -102,8 +100,8 @@ def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
 def _begun_afresh(
     state: Search, now: Hypothesis, afresh: Callable[[Fitted], Fitted]
 ) -> tuple[Search, Hypothesis | None]:
-    """The likeliest larger hypothesis that is needed once it is fitted from its own beginning, and the search on its
-    windows; where none is, the search as it was.
+    """The likeliest larger hypothesis where it is needed once it is fitted from its own beginning, with the search on
+    its windows; where it is not, the search as it was.
 
     A simulator that lacks something finds hidden states that imitate it, and keeps to them when it is given what it
     lacked: much is left either way.
@@ -111,12 +109,12 @@ def _begun_afresh(
     if now.fitted.excess == 0:
         return state, None
     larger = [one for one in state.tried.values() if one.names > now.names and _gains(state, one, now)]
-    for one in sorted(larger, key=state.weigh, reverse=True)[:AFRESH]:
-        again = Hypothesis(one.names, afresh(one.fitted))
-        taken_up = _taken_up(state, again)
-        if needed(taken_up, again):
-            return taken_up, again
-    return state, None
+    if not larger:
+        return state, None
+    one = max(larger, key=state.weigh)
+    again = Hypothesis(one.names, afresh(one.fitted))
+    taken_up = _taken_up(state, again)
+    return (taken_up, again) if needed(taken_up, again) else (state, None)
 
 
 def _gains(state: Search, one: Hypothesis, now: Hypothesis) -> bool:
