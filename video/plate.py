@@ -70,15 +70,17 @@ def learn_plate(swept: Mask, samples: Iterable[tuple[Picture, Picture, Floats | 
     if not seen or not len(rows):
         return Plate(plate, known)
     cloth, evidence = plate.copy(), np.zeros((*swept.shape, 2), dtype=np.uint8)
-    around = _colours_around(small, swept.shape)[rows, columns]
+    apart, around = np.zeros(swept.shape, dtype=np.uint8), _colours_around(small, swept.shape)
     for start in range(0, len(rows), SORTED_AT_ONCE):
         part = slice(start, start + SORTED_AT_ONCE)
         here, stack = (rows[part], columns[part]), np.stack([sample[part] for sample in seen])
         plate[here], known[here] = _masked_median(stack)
-        cloth[here], evidence[here] = _like(stack, around[part])
-    apart = np.zeros(swept.shape, dtype=np.uint8)
-    apart[rows, columns] = cv2.absdiff(plate[rows, columns], around).max(axis=1)
-    strange = _lies_on_cloth(np.where(known, apart, 0), evidence)
+        apart[here] = np.where(known[here], cv2.absdiff(plate[here], around[here]).max(axis=1), 0)
+        doubtful = apart[here] > SAME_CLOTH
+        if doubtful.any():
+            there = (here[0][doubtful], here[1][doubtful])
+            cloth[there], evidence[there] = _like(stack[:, doubtful], around[there])
+    strange = _lies_on_cloth(apart, evidence)
     told = strange & (evidence[..., 0] > 0)
     plate[told] = cloth[told]
     known &= ~strange | told
@@ -147,7 +149,7 @@ def _lies_on_cloth(apart: Picture, evidence: Picture) -> Mask:
     goes = part >= LEAST_SEEN_FREE * np.maximum(whole, 1)
     goes[0] = False
     strange = cv2.dilate(goes[labels].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    return np.asarray(strange & (apart > 0))
+    return np.asarray(strange & (apart > SAME_CLOTH))
 
 
 def _grow_into(picture: Picture, hole: Mask, known: Mask) -> Picture:
