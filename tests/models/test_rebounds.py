@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import fixed_step_table as truth
 import numpy as np
-from filmed_shots import RADIUS, scene
+import pytest
+from filmed_shots import DELAY, RADIUS, Filmed, film, scene
+from told_stories import moving, refined, resting
 
 from models.billiards.motion import Friction
-from models.fitting.rebounds import doubled
-from models.fitting.solution import Solution
+from models.fitting.rebounds import doubled, with_rebounds_retold
+from models.fitting.solution import Data, Solution
 from models.fitting.story import Contact, Span, Story
 
 
@@ -40,3 +43,36 @@ def test_a_story_that_was_shortened_meanwhile_is_left_alone() -> None:
     assert doubled(solution, shorter, table) == shorter
     nothing = replace(shorter, contacts=())
     assert doubled(solution, nothing, table) == nothing
+
+
+def bounced(seed: int, slip: float) -> tuple[Filmed, Solution, Data]:
+    """A slow ball off a nose that grips, told to leave with `slip` times the slip that it has."""
+    start, v = np.array([[1.8, 0.4]]), np.array([[1.0, 0.25]])
+    rolling = np.array([[-v[0, 1] / RADIUS, v[0, 0] / RADIUS, 0.0]])
+    shot = film(start, v, rolling, np.random.default_rng(seed), noise_px=0.8, law=truth.GRIPPING, seconds=3.0)
+    t = next(t for t, kind, _, _ in shot.contacts if kind == "cushion")
+    spans = [
+        resting(0, (1.8, 0.4), 0), moving(0, 0, 1, DELAY, (1.8, 0.4), (1.0, 0.25)),
+        moving(0, 1, None, t, (2.51, 0.57), (-0.45, 0.2)),
+    ]  # fmt: skip
+    spans[2].state[4:6] = slip * np.array([-1.3, 0.0])
+    contacts = [Contact("strike", DELAY, (0,), (1,)), Contact("cushion", t, (1,), (2,), "right")]
+    return shot, *refined(shot, spans, contacts)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_rebound_retold_never_fits_worse_and_ends_alike_wherever_it_began(seed: int) -> None:
+    ends = []
+    for slip in (0.02, 1.0):
+        shot, solution, data = bounced(seed, slip)
+        best = with_rebounds_retold(solution, data, shot.scene.table)
+        assert best.chi2 <= solution.chi2
+        ends.append(best)
+    assert ends[0].chi2 == pytest.approx(ends[1].chi2, abs=0.5)
+    assert ends[0].story.contacts[1].t == pytest.approx(ends[1].story.contacts[1].t, abs=5e-4)
+
+
+def test_a_story_without_cushions_has_no_rebounds_to_retell() -> None:
+    shot, solution, data = bounced(4, 1.0)
+    without = replace(solution, story=solution.story.without(1))
+    assert with_rebounds_retold(without, data, shot.scene.table) is without
