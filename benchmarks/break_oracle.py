@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from models.fit import Fit
 from models.fitting.fit_shot import fit_story
-from models.fitting.story import Contact, Span, Story
+from models.fitting.story import Contact, ContactKind, Span, Story
 from models.tracks import Tracks
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,7 @@ class _Telling:
             self.last[ball] = len(self.spans)
             after.append(self.last[ball])
             self.spans.append(Span(ball, False, number, None, t, state))
-        told = "ball" if kind == "ball" else "cushion"
+        told: ContactKind = "ball" if kind == "ball" else "cushion"
         self.contacts.append(Contact(told, t, before, tuple(after), cushion, gain=100.0))
 
 
@@ -52,7 +52,7 @@ def oracle(shown: Break, filmed: Filmed, burst: float) -> tuple[Fit, Tracks]:
     """The fit of the true story from `burst` s after the first contact of balls on, and the tracks that it saw."""
     first = float(shown.t[shown.kind == "ball"].min()) + burst
     begin = np.full(BALLS, -np.inf)
-    for e in np.flatnonzero(shown.t <= first):
+    for e in np.flatnonzero(shown.t <= first).tolist():
         for ball in _balls(shown, e):
             begin[ball] = max(begin[ball], shown.t[e])
     tracks = true_tracks(filmed, begin + filmed.strike)
@@ -91,7 +91,7 @@ def true_story(shown: Break, filmed: Filmed, begin: Floats, first: float) -> Sto
         telling.spans.append(Span(ball, still, None, None, starts[ball] + filmed.strike, state))
     ends = float(filmed.t[-1]) - filmed.strike
     met = begin.copy()
-    for e in np.argsort(shown.t):
+    for e in np.argsort(shown.t).tolist():
         balls = _balls(shown, e)
         t = max(float(shown.t[e]), *(float(met[ball]) + APART for ball in balls))
         if shown.t[e] <= first or t > ends or shown.speed[e] < SLOWEST or t - shown.t[e] > LATEST:

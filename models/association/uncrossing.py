@@ -30,10 +30,11 @@ MOST = 20
 
 
 class _Gap(NamedTuple):
-    """Between two successive sightings of a ball: place (2,) m, velocity (2,) m/s and time s on either side."""
+    """Between two successive sightings of a ball, `row` and the next: place (2,) m, velocity (2,) m/s and time s on
+    either side."""
 
     ball: int
-    index: int
+    row: int
     x0: Floats
     v0: Floats
     t0: float
@@ -99,7 +100,7 @@ def _exchanged(balls: list[Tracklet], one: _Gap, two: _Gap, sightings: Sightings
     for mine, other in ((one, two), (two, one)):
         head, tail = balls[mine.ball], balls[other.ball]
         picture, row = (
-            np.concatenate([before[: mine.index + 1], after[other.index + 1 :]])
+            np.concatenate([before[: mine.row + 1], after[other.row + 1 :]])
             for before, after in ((head.picture, tail.picture), (head.row, tail.row))
         )
         fresh[mine.ball] = make_tracklet(picture, row, sightings, t)

@@ -13,7 +13,7 @@ import numpy as np
 from models.fitting.encounters import Answers, total_cost
 from models.fitting.refinement import refine
 from models.fitting.solution import Data, Solution
-from models.fitting.story import Contact, Story
+from models.fitting.story import Contact, ContactKind, Story
 from models.fitting.trust import span_chi2
 from models.scene import Table
 
@@ -55,7 +55,7 @@ def _apart(story: Story, number: int) -> Story:
     contact, spans, contacts = story.contacts[number], list(story.spans), list(story.contacts)
     for slot, place in ((0, number), (1, len(contacts))):
         before, after = contact.before[slot], contact.after[slot]
-        kind = "strike" if spans[before].static else "free"
+        kind: ContactKind = "strike" if spans[before].static else "free"
         alone = Contact(kind, contact.t, (before,), (after,), gain=contact.gain)
         spans[before], spans[after] = replace(spans[before], end=place), replace(spans[after], start=place)
         contacts[place : place + 1] = [alone]
