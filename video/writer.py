@@ -24,7 +24,8 @@ class VideoWriter:
     1 / rate, and without B-frames there is no edit list. Pictures that come unevenly are written with a `time_base`
     (s) and the time of each; `rate` is then what it is on average. `force-cfr` keeps the rerun 0.41 viewer from
     hanging. `tuning` holds parameters of x264 that differ from the preset's. With `direct` it is written under its name
-    at once: the caller then sees to it that the name is not yet the final one. An odd width or height is made even by repeating the last column or row, so pixel coordinates stay.
+    at once: the caller then sees to it that the name is not yet the final one. An odd width or height is made even by
+    repeating the last column or row, so pixel coordinates stay.
     """
 
     def __init__(
