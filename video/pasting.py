@@ -56,7 +56,7 @@ def _low(layers: Sequence[Layer]) -> float:
 
 def _middle(places: Floats) -> Floats:
     """(2,) The mean; of one place, as is usual, without the work."""
-    return places[0] if len(places) == 1 else places.mean(axis=0)
+    return np.asarray(places[0] if len(places) == 1 else places.mean(axis=0), dtype=np.float64)
 
 
 def _paste_shade(picture: Picture, layers: Sequence[Layer], still: Sequence[Outline]) -> None:
