@@ -67,8 +67,9 @@ TOUCH_SIGMA = 8e-4
 """m: scatter of the distance of touching balls."""
 RACK_GAP = 2e-3
 """m: balls that lie beside each other are driven apart across what is between them, which says little of their size."""
-ODD_TOUCH = 2.5
-"""standard deviations beyond which a touch counts less: one pair that never met must not resize all balls."""
+ODD_TOUCH, ODDEST_TOUCH = 2.5, 2.0
+"""standard deviations beyond which a touch counts less, and by how much its own one grows at most: a pair that never
+met must not resize all balls, nor be believed where it lies far apart."""
 RUBBER = np.array([CUSHION_RESTITUTION[0], 0.0, 0.5])
 RUBBER_SIGMA = np.array([CUSHION_RESTITUTION[1], 0.04, 0.5])
 """Restitution, its change with speed (s/m), grip: between a nose that slips and one that sticks. Mathavan 2010 has the
@@ -228,11 +229,11 @@ def _touch(bones, c, now, frame, frame_end, table, law, offset, row):  # type: i
 
 @compiled
 def _touch_sigma(bones, c, frame, reach):  # type: ignore[no-untyped-def]
-    """Standard deviation of the distance of two balls at a contact, m: as a linear loss has it where it is far off."""
+    """Standard deviation of the distance of two balls at a contact, m: as a linear loss has it where it is off."""
     x = frame.state[bones.after[c, 1], 0] - frame.state[bones.after[c, 0], 0]
     y = frame.state[bones.after[c, 1], 1] - frame.state[bones.after[c, 0], 1]
     off = abs(np.hypot(x, y) - reach * frame.shared[DIAMETER]) / (ODD_TOUCH * TOUCH_SIGMA)
-    return TOUCH_SIGMA * np.sqrt(max(off, 1.0))
+    return TOUCH_SIGMA * min(np.sqrt(max(off, 1.0)), ODDEST_TOUCH)
 
 
 @compiled
