@@ -26,6 +26,8 @@ LEAST_STREAKS = 2
 LEAST_GAIN = 0.4
 """Share of the error of sharp balls that may be left for a streak to be believed: balls that turn, or stand in another
 light, are a little more alike when blurred (0.5 to 0.8 on clips with a short exposure; 0.25 on one with a long one)."""
+LONG_RADII, LONG_GAIN = 1.0, 0.75
+"""Radii of streak from which less gain is enough, and that gain: a sharp ball smeared so far looks less like itself."""
 UNLIKE = 3.0
 """Times the usual least error from which a sighting shows something else: a hand, a wrong ball."""
 
@@ -33,31 +35,41 @@ UNLIKE = 3.0
 def with_exposure(sightings: Sightings, clip: Clip, plate: Plate, balls: SharpBalls) -> Sightings:
     """Sightings with the exposure that makes the sharp balls look most like the fast ones; as they were, if unclear."""
     chosen = _fastest(sightings, balls)
-    rows = sorted({row for row, _ in chosen})
+    rows = sorted({row for _, row, _ in chosen})
     step = float(np.median(np.diff(sightings.t))) if len(sightings.t) > 1 else 0.0
     measured = [
-        _errors(sightings, plate, balls, row, ball, picture, step)
+        (_errors(sightings, plate, balls, row, ball, picture, step), speed)
         for row, picture in pictures_at(sightings, clip, rows)
-        for ball in (ball for other, ball in chosen if other == row)
+        for speed, other, ball in chosen
+        if other == row
     ]
-    errors = [error for error in measured if error is not None]
-    if len(errors) < LEAST_STREAKS:
+    errors = [(error, speed) for error, speed in measured if error is not None]
+    share = believed_share(errors) if len(errors) >= LEAST_STREAKS else 0.0
+    if share == 0:
         return sightings
-    least = np.array([error.min() for error in errors])
-    total = np.sum([e for e, m in zip(errors, least, strict=True) if m <= UNLIKE * np.median(least)], axis=0)
-    if total.min() > LEAST_GAIN * total[0]:
-        return sightings
-    exposure = _least(total) * step
-    times = sightings.t
-    return replace(sightings, exposure=exposure, way=sightings.ways(times, exposure))
+    exposure = share * step
+    return replace(sightings, exposure=exposure, way=sightings.ways(sightings.t, exposure))
 
 
-def _fastest(sightings: Sightings, balls: SharpBalls) -> list[tuple[int, int]]:
-    """(row, ball) of the fastest balls seen alone, whose sharp look is known."""
+def believed_share(errors: list[tuple[Floats, float]]) -> float:
+    """The share of the time between two pictures for which the shutter was open; 0 where streaks do not tell.
+
+    For every sighting the errors (S,) with each of `SHARES`, and the radii that the ball goes between two pictures.
+    """
+    usual = np.median([error.min() for error, _ in errors])
+    used = [(error, speed) for error, speed in errors if error.min() <= UNLIKE * usual]
+    total = np.sum([error for error, _ in used], axis=0)
+    streak = SHARES[int(np.argmin(total))] * float(np.median([speed for _, speed in used]))
+    if total.min() > (LONG_GAIN if streak > LONG_RADII else LEAST_GAIN) * total[0]:
+        return 0.0
+    return _least(total)
+
+
+def _fastest(sightings: Sightings, balls: SharpBalls) -> list[tuple[float, int, int]]:
+    """(radii from picture to picture, row, ball) of the fastest balls seen alone, whose sharp look is known."""
     speed = shifts(sightings) / sightings.radius
     found = [(float(speed[row, ball]), int(row), ball) for ball in balls.sightings for row in alone(sightings, ball)]
-    fast = sorted((entry for entry in found if entry[0] > FAST_RADII), reverse=True)[:MOST_STREAKS]
-    return [(row, ball) for _, row, ball in fast]
+    return sorted((entry for entry in found if entry[0] > FAST_RADII), reverse=True)[:MOST_STREAKS]
 
 
 def _errors(
