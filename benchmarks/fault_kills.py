@@ -106,20 +106,21 @@ def disturbed(
     stages: dict[str, int],
     pace: float,
     cluster: bool,
+    longest: float,
 ) -> Toll:
-    """A batch that is killed so many times, begun again as often, and at last left alone once.
+    """A batch that is killed so many times, or for `longest` s, begun again as often, and at last left alone once.
 
     `pace` is how long a clip takes on this machine today, s: moments are drawn from that.
     """
     place, toll, began = Place(folder, "killed-tcp" if cluster else "killed"), Toll(), time.monotonic()
     with _cluster() if cluster else _alone() as crew:
         seen: dict[str, int] = {}
-        while sum(toll.killed.values()) < kills:
+        while sum(toll.killed.values()) < kills and time.monotonic() < began + longest:
             if _is_finished(place, stages):
                 _judge(toll, place, whole, seen)
                 shutil.rmtree(place.folder / place.name)
                 seen, toll.rounds = {}, toll.rounds + 1
-            _one_batch(place, kills, rng, pace, toll, crew)
+            _one_batch(place, kills, rng, pace, toll, crew, began + longest)
             _judge(toll, place, whole, seen)
         toll.status, _, _ = place.run(*crew.arguments())
     _judge(toll, place, whole, seen)
@@ -129,10 +130,12 @@ def disturbed(
     return toll
 
 
-def _one_batch(place: Place, kills: int, rng: np.random.Generator, pace: float, toll: Toll, crew: Crew) -> None:
-    """Run until the main process is gone, by a kill or at its end."""
+def _one_batch(
+    place: Place, kills: int, rng: np.random.Generator, pace: float, toll: Toll, crew: Crew, until: float
+) -> None:
+    """Run until the main process is gone, by a kill or at its end, or until enough was killed."""
     process = place.start(*crew.arguments())
-    while process.poll() is None and sum(toll.killed.values()) < kills:
+    while process.poll() is None and sum(toll.killed.values()) < kills and time.monotonic() < until:
         with suppress(subprocess.TimeoutExpired):
             process.wait(float(rng.uniform(0.0, pace)))
             break

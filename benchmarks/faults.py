@@ -1,6 +1,6 @@
 """What a batch withstands: kills, disks that are full, closed or gone, clips that change, hang or hold nonsense.
 
-    python benchmarks/faults.py [--kills 100] [--inputs 2000] [--only kills tcp places fuzz] [--seed 0]
+    python benchmarks/faults.py [--kills 100] [--inputs 2000] [--only kills tcp places fuzz] [--seed 0] [--minutes 60]
 
 Prints one table of goals and what was found. Byte for byte means the csv, json, npz, png and mp4 of results and cache.
 What needs a mount of its own is left out, and said so, where the user may not mount.
@@ -44,8 +44,8 @@ def _told(names: list[str]) -> str:
     return f"{len(names)}" + (f" ({names[0]})" if names else "")
 
 
-def checked(folder: Path, only: list[str], kills: int, inputs: int, seed: int) -> list[Line]:
-    """All lines."""
+def checked(folder: Path, only: list[str], kills: int, inputs: int, seed: int, longest: float) -> list[Line]:
+    """All lines; a machine that is full gets no further with its kills than it does in `longest` s."""
     rng, lines, pace = np.random.default_rng(seed), list[Line](), 0.0
     undisturbed = Place(folder, "whole")
     if {"kills", "tcp", "places"} & set(only):
@@ -58,9 +58,11 @@ def checked(folder: Path, only: list[str], kills: int, inputs: int, seed: int) -
         pace = (time.monotonic() - began) / CLIPS
     whole, stages = contents(undisturbed), entries(undisturbed.cache)
     if "kills" in only:
-        lines += kill_lines("one machine", disturbed(folder, kills, rng, whole, stages, pace, False))
+        lines += kill_lines("one machine", disturbed(folder, kills, rng, whole, stages, pace, False, longest))
     if "tcp" in only:
-        lines += kill_lines("scheduler and two workers", disturbed(folder, kills, rng, whole, stages, pace, True))
+        lines += kill_lines(
+            "scheduler and two workers", disturbed(folder, kills, rng, whole, stages, pace, True, longest)
+        )
     if "places" in only:
         lines += places(folder, whole)
     if "fuzz" in only:
@@ -73,10 +75,11 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--inputs", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--minutes", type=float, default=60.0, help="for the kills of one machine, or of a scheduler")
     parser.add_argument("--only", nargs="+", default=["kills", "tcp", "places", "fuzz"])
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        lines = checked(Path(folder), given.only, given.kills, given.inputs, given.seed)
+        lines = checked(Path(folder), given.only, given.kills, given.inputs, given.seed, 60 * given.minutes)
     print("| what | goal | found | met |\n|---|---|---|---|")
     for what, goal, found, met in lines:
         print(f"| {what} | {goal} | {found} | {'yes' if met else '**no**'} |")
