@@ -100,8 +100,8 @@ def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
 def _begun_afresh(
     state: Search, now: Hypothesis, afresh: Callable[[Fitted], Fitted]
 ) -> tuple[Search, Hypothesis | None]:
-    """The likeliest larger hypothesis where it is needed once it is fitted from its own beginning, with the search on
-    its windows; where it is not, the search as it was.
+    """The likeliest larger hypothesis where it is needed once it is fitted from its own beginning, or one with another
+    effect beside it, with the search on its windows; where none is, the search as it was.
 
     A simulator that lacks something finds hidden states that imitate it, and keeps to them when it is given what it
     lacked: much is left either way.
@@ -111,10 +111,13 @@ def _begun_afresh(
     larger = [one for one in state.tried.values() if one.names > now.names and _gains(state, one, now)]
     if not larger:
         return state, None
-    one = max(larger, key=state.weigh)
+    plain = [one for one in larger if one.fitted.forms == now.fitted.forms]  # what a form brings may be all it lacks
+    one = max(plain or larger, key=state.weigh)
     again = Hypothesis(one.names, afresh(one.fitted))
     taken_up = _taken_up(state, again)
-    return (taken_up, again) if needed(taken_up, again) else (state, None)
+    # of two effects that do as much, one alone is not needed, for it leaves as much as it explains
+    found = again if needed(taken_up, again) else _larger(taken_up, again)
+    return (state, None) if found is None else (taken_up, found)
 
 
 def _gains(state: Search, one: Hypothesis, now: Hypothesis) -> bool:
