@@ -1,0 +1,32 @@
+"""A story that is known is fitted as it is told, from where it begins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filmed_shots import DELAY, RADIUS, film
+
+from models.fitting.fit_shot import fit_shot, fit_story
+from models.fitting.story import Contact, Span, Story
+
+START, V = np.array([[1.2, 0.6]]), np.array([[1.6, 0.5]])
+
+
+def test_a_told_story_is_fitted_as_well_as_one_that_is_sought() -> None:
+    rolling = np.array([[-V[0, 1] / RADIUS, V[0, 0] / RADIUS, 0.0]])
+    shot = film(START, V, rolling, np.random.default_rng(5), noise_px=0.5, seconds=1.8)
+    (true,) = (t for t, kind, _, _ in shot.contacts if kind == "cushion")
+    begin = DELAY + 0.02  # between two pictures, as the oracle of breaks begins
+    early = np.where((shot.tracks.t < begin)[:, None, None], np.nan, shot.tracks.xy)
+    states = (np.array([1.23, 0.61, *V[0], *np.zeros(4)]), np.array([2.51, 1.0, -1.2, 0.5, *np.zeros(4)]))
+    spans = (Span(0, False, None, 0, begin, states[0]), Span(0, False, 0, None, true, states[1]))
+    story = Story(spans, (Contact("cushion", true + 2e-3, (0,), (1,), "right"),))
+    told = fit_story(story, replace(shot.tracks, xy=early), shot.scene)
+    sought = fit_shot(shot.tracks, shot.scene)
+    assert [name for name in told.events.kind if name != "rest"] == ["cushion"]
+    assert told.events.t[0] == pytest.approx(true, abs=3e-3)
+    assert abs(told.events.t[0] - true) < abs(sought.events.t[list(sought.events.kind).index("cushion")] - true) + 1e-3
+    first = told.trajectory.at(np.array([begin + 1e-4])).xy[0, 0]
+    np.testing.assert_allclose(first, START[0] + V[0] * 0.02, atol=4e-3)
