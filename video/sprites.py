@@ -38,6 +38,8 @@ LEAST_SEEN = 1e-3
 
 TAP, MOST_TAPS = 0.7, 48
 """px between the places over which a streak is averaged; and no more of them than this."""
+OVEREXPOSED = 4.0
+"""Times the sensor's range that a ball may be bright: after a quarter of the exposure it is white already."""
 STREAKED_RADII = 0.5
 """Radii that a ball goes during an exposure from which it is a streak."""
 
@@ -290,7 +292,7 @@ def _matted(seen: Singles, empty: Singles, shade: Singles, outline: Outline, box
     rows, columns = (np.flatnonzero((mask > 0).any(axis=axis)) for axis in (1, 0))
     tight = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     table = empty * (1 + shade) * (1 - mask[..., None])
-    colour = np.clip(seen - table, 0, 255 * mask[..., None])
+    colour = np.clip(seen - table, 0, 255 * np.minimum(OVEREXPOSED * mask[..., None], 1))
     cover = np.concatenate([colour, mask[..., None]], axis=2)[tight].astype(np.float32)
     inset = (int(columns[0]), int(rows[0]))
     return Sprite(x, y, outline.centre, shade, cover, np.ones_like(mask[tight]), inset, outline.way - outline.centre)

@@ -93,3 +93,13 @@ def test_a_ball_takes_the_light_and_the_size_of_another_sighting() -> None:
     large = grown(sharp, 1.3)
     assert large.cover[..., 3].sum() == pytest.approx(1.3**2 * sharp.cover[..., 3].sum(), rel=0.03)
     assert grown(sharp, 1.005) is sharp
+
+
+def test_an_overexposed_streak_keeps_its_bright_ends() -> None:
+    way = line(12, 5)
+    dim = exposed(way).astype(float)
+    picture = np.clip(dim + 3 * np.maximum(dim - CLOTH, 0), 0, 255).astype(np.uint8)
+    behind, blurred = cut(picture, way)
+    made = behind.copy()
+    paste(made, [[Layer(blurred, CENTRE[None], 1.0)]])
+    assert np.abs(made.astype(int) - picture).max() <= 8
