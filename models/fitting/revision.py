@@ -20,6 +20,7 @@ from models.fitting.encounters import (
     total_cost,
     with_encounters,
 )
+from models.fitting.openings import opened
 from models.fitting.rebounds import doubled, inserted, renamed
 from models.fitting.refinement import refine
 from models.fitting.releases import released
@@ -53,6 +54,7 @@ def revise(solution: Solution, data: Data, table: Table, price: float, dear: flo
         story = doubled(solution, story, table)
         story = inserted(solution, story, data, table)
         before, solution = solution, _reconsidered(solution, story, data, table, (price, dear))
+        solution = opened(solution, data, table, (price, dear))
         solution = with_corners(solution, data, table, (price, dear))
         solution = with_rows(solution, data, table, (price, dear), asked)
         solution = released(solution, data, table, (price, dear), asked)
