@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from between_truth import LEAST_WAY, Passing
+from between_truth import LEAST_WAY, Lying, Passing
 from rich.progress import Progress
 from run_folder import ROOT
 from withheld import Withheld, pictures_of, withhold
@@ -44,6 +44,7 @@ class Film:
     again: list[np.ndarray]
     """What a second camera of the same kind filmed of the same shot: D pictures."""
     passings: list[Passing]
+    lying: Lying
 
 
 def samples_of(word: str, seeds: int, seed: int) -> Iterator[shots.Sample]:
@@ -90,7 +91,20 @@ def film_of(sample: shots.Sample, folder: Path) -> Film:
             make.write_clip(path, view, noise, motion, bar, bar.add_task(path.stem))
     held = withhold(paths[0], STEP, folder)
     met = [(sample.strike_at + float(e["t"]), e["a"], e["b"]) for e in events if e["kind"] in MEETINGS]
-    return Film(held, pictures_of(replace(held, source=paths[1])), list(_passings(held, sample, view, motion, met)))
+    passings = list(_passings(held, sample, view, motion, met))
+    return Film(held, pictures_of(replace(held, source=paths[1])), passings, _lying_in(held, sample, view, motion))
+
+
+def _lying_in(held: Withheld, sample: shots.Sample, view: View, motion: Motion) -> Lying:
+    """Where balls truly lie."""
+
+    def lying(place: int) -> list[tuple[np.ndarray, float]]:
+        t = float(held.t[place])
+        seen, xyz = seen_centres(view, motion, t), motion(t).xyz
+        known = np.flatnonzero(np.isfinite(seen).all(axis=1))
+        return [(seen[k], float(view.camera.radius_px(xyz[k, :2], sample.table.ball_radius))) for k in known]
+
+    return lying
 
 
 def _passings(

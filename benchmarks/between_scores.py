@@ -9,8 +9,10 @@ import numpy as np
 from between_truth import Passing, path_masks
 
 MISSING, DOUBLED = 0.5, 0.35
-"""Share of a ball's contrast against the table: found nowhere with as much, it is missing; left where it is not, it
-is doubled."""
+"""Share of a ball's contrast against the table: where half of it shows less than that, it is missing; left where it is
+not, it is doubled."""
+TOLD = 0.5
+"""Times the mean contrast of a ball's pixels against the table that a pixel needs to tell a ball from none."""
 STIRRED = 12.0
 """Levels of 255 between the visible pictures around, averaged over a few pixels, from which something moves there."""
 
@@ -110,8 +112,18 @@ def find_ball(scored: Scored, ball: Passing, made: np.ndarray) -> tuple[float, f
     if power < disc.sum() * 3 * 100:  # a ball of the colour of the cloth tells nothing
         return None
     at = np.s_[y0 + row : y0 + row + 2 * half + 1, x0 + column : x0 + column + 2 * half + 1]
-    strength = float(((made[at] - scored.plate[at]) * contrast).sum()) / power
+    strength = _strength(made[at] - scored.plate[at], contrast)
     return float(np.hypot(*shift)), strength, _ghost(scored, ball, window, (x0, y0), contrast, power)
+
+
+def _strength(found: np.ndarray, contrast: np.ndarray) -> float:
+    """Median over a ball's pixels of the share of its contrast (h, w, 3) that is `found`.
+
+    The median, for a number that has turned is no missing ball, though it holds most of the contrast of a dark one.
+    """
+    power = (contrast**2).sum(axis=2)
+    tells = power > TOLD**2 * power[power > 0].mean()
+    return float(np.median((found * contrast).sum(axis=2)[tells] / power[tells]))
 
 
 def _between_pixels(error: np.ndarray, row: int, column: int) -> np.ndarray:

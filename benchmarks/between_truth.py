@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -12,15 +12,19 @@ from withheld import Withheld
 
 CLASSES = ("contact", "fast", "slow")
 """Of a ball in a gap: it meets something; it goes further than its radius; it goes less far."""
-LEAST_WAY = 0.3
-"""px within a gap below which a ball rests."""
+LEAST_WAY = 1.0
+"""px within a gap below which a ball rests: the measured places of resting balls wander by nearly as much."""
 PATH_RADII, AROUND_RADII = 1.25, 2.2
 """Radii around its way that are a ball's path, and beyond which the picture is `elsewhere`."""
-PLATE_PICTURES = 25
+PLATE_PICTURES, UNDER_RADII = 25, 1.5
+"""Pictures that the empty table is learnt from, and radii around a ball in which they do not show it."""
 SHIFTS = np.mgrid[-1:1.01:0.25, -1:1.01:0.25].reshape(2, -1).T
 """px around the seen place at which the oracle tries a ball."""
 CUTS = (1.1, 1.5, 1.9)
 """Radii of the disc that it takes along."""
+
+Lying = Callable[[int], list[tuple[np.ndarray, float]]]
+"""Centres (2,) px and radii px of all balls on the picture of a place."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +109,40 @@ def _stroke(mask: np.ndarray, ball: Passing, radii: float) -> None:
         cv2.circle(mask, np.rint(16 * point).astype(int).tolist(), round(16 * radii * ball.radius), 255, -1, 0, 4)
 
 
-def plate_of(pictures: list[np.ndarray]) -> np.ndarray:
-    """The median over pictures spread over the clip: the table without what moves."""
-    rows = np.unique(np.linspace(0, len(pictures) - 1, PLATE_PICTURES).round().astype(int))
-    return np.median(np.stack([pictures[k] for k in rows]), axis=0).astype(np.float32)
+def lying_in(held: Withheld, run: RunFolder) -> Lying:
+    """Where balls lie, by the run of the whole clip, seen or filled in."""
+    c = run.tracks
+
+    def lying(place: int) -> list[tuple[np.ndarray, float]]:
+        rows = np.flatnonzero((c["frame"] == held.frames[place]) & np.isfinite(c["x_px"]))
+        radii = {ball: float(np.nanmedian(c["radius_px"][c["id"] == ball])) for ball in c["id"][rows]}
+        return [(np.array([c["x_px"][row], c["y_px"][row]]), radii[c["id"][row]]) for row in rows]
+
+    return lying
+
+
+def plate_of(pictures: list[np.ndarray], lying: Lying) -> np.ndarray:
+    """The table without balls: the median over pictures spread over the clip, of those in which none lies there.
+
+    Where one always lies, what is around it goes on.
+    """
+    places = np.unique(np.linspace(0, len(pictures) - 1, PLATE_PICTURES).round().astype(int))
+    stack = np.stack([pictures[k] for k in places])
+    hidden = np.stack([_under(lying(int(k)), stack.shape[1:3]) for k in places])
+    plate = np.median(stack, axis=0).astype(np.float32)
+    some, never = hidden.any(axis=0), hidden.all(axis=0)
+    free = np.where(hidden[:, some & ~never, None], np.nan, stack[:, some & ~never].astype(np.float32))
+    plate[some & ~never] = np.nanmedian(free, axis=0)
+    filled = cv2.inpaint(plate.astype(np.uint8), never.astype(np.uint8), 3, cv2.INPAINT_TELEA)
+    return np.where(never[..., None], filled, plate).astype(np.float32)
+
+
+def _under(balls: list[tuple[np.ndarray, float]], shape: tuple[int, ...]) -> np.ndarray:
+    """(H, W) what lies under balls, or beside them."""
+    mask = np.zeros(shape, np.uint8)
+    for centre, radius in balls:
+        cv2.circle(mask, np.rint(centre).astype(int).tolist(), int(np.ceil(UNDER_RADII * radius)), 1, -1)
+    return mask > 0
 
 
 def oracle_picture(

@@ -22,7 +22,7 @@ from between_rendered import film_of, samples_of
 from between_rivals import FlowBothWays, blended, minterpolated
 from between_scores import Scored, Tally, score_picture
 from between_sheets import write_sheet
-from between_truth import CLASSES, Passing, oracle_picture, passings, plate_of
+from between_truth import CLASSES, Lying, Passing, lying_in, oracle_picture, passings, plate_of
 from run_folder import FOOTAGE, ROOT, read_run, run_clip
 from withheld import Withheld, made_by_trueroll, pictures_of, withhold
 
@@ -79,6 +79,7 @@ class Case:
     pictures: list[np.ndarray]
     """D, visible and withheld."""
     passings: list[Passing]
+    lying: Lying
     again: list[np.ndarray] | None = None
     """D pictures of the same shot filmed again; None: the oracle is the best sprite."""
 
@@ -94,15 +95,15 @@ def real_cases(arguments: argparse.Namespace) -> Iterator[Case]:
         full = arguments.out / f"full_{source.stem}"
         if not (full / "tracks.csv").is_file():
             run_clip(source, full)
-        held = withhold(source, arguments.step, arguments.out)
-        yield Case(held, pictures_of(held), list(passings(held, read_run(full))))
+        held, run = withhold(source, arguments.step, arguments.out), read_run(full)
+        yield Case(held, pictures_of(held), list(passings(held, run)), lying_in(held, run))
 
 
 def rendered_cases(arguments: argparse.Namespace) -> Iterator[Case]:
     """Films of the sample shots and of new ones."""
     for sample in samples_of(arguments.only, arguments.anew, SEED):
         film = film_of(sample, arguments.out)
-        yield Case(film.held, pictures_of(film.held), film.passings, film.again)
+        yield Case(film.held, pictures_of(film.held), film.passings, film.lying, film.again)
 
 
 def score_case(case: Case, arguments: argparse.Namespace) -> Tallies:
@@ -118,7 +119,7 @@ def score_case(case: Case, arguments: argparse.Namespace) -> Tallies:
             raise SystemExit(f"{held.name}: the original {k} is not untouched")
     kept_at = stem.with_name(f"{stem.name}_{held.step}_{arguments.gaps}")
     rivals = kept(kept_at, arguments.reuse, lambda: rivals_of(held, pictures, places))
-    plate = plate_of(pictures)
+    plate = plate_of(pictures, case.lying)
     tallies: Tallies = defaultdict(lambda: defaultdict(Tally))
     shown = {}
     for place in places:

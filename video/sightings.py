@@ -26,6 +26,9 @@ OUTSIDE = 40.0
 """px beyond the border where a ball that is not seen is still followed."""
 RADIUS_RATIO = (0.8, 1.3)
 """How far a ball's seen radius may lie from the expected one: glare, dark rims and calibration, no more."""
+OVERLAP, SLOW_RADII = 0.9, 1.0
+"""Share of the sum of two radii within which one ball hides a part of the other in the picture, and the radii that both
+go in a gap up to which optical flow follows what is left of them better than it can be cut out."""
 STREAK_POINTS = 7
 """Points along the way of a streaked ball: enough to follow a rebound within one exposure."""
 
@@ -135,7 +138,10 @@ class Sightings:
         return Outline(centre[None] if sharp else way + centre, centre, float(self.radius[row, ball]))
 
     def taken_out(self, row: int) -> tuple[int, ...]:
-        """The balls that move between two pictures, and those at rest of which they hide or uncover a part."""
+        """The balls that move between two pictures, and those at rest of which they hide or uncover a part.
+
+        Without slow ones that lie over each other in the picture: their places are known too badly to cut them out.
+        """
         moves, centre, radius = self.moves[row], self.centre[row], self.radius[row]
         behind = np.zeros_like(moves)
         for ball in np.flatnonzero(moves):
@@ -144,7 +150,17 @@ class Sightings:
             share = np.clip(to @ along / max(float(along @ along), 1e-6), 0, 1)
             apart = np.hypot(*(to - share[:, None] * along).T)
             behind |= (apart < radius + radius[ball]) & (centre[:, 1] < max(start[1], end[1]))
-        return tuple(int(ball) for ball in np.flatnonzero(moves | behind))
+        return tuple(int(ball) for ball in np.flatnonzero((moves | behind) & ~self._entangled(row)))
+
+    def _entangled(self, row: int) -> Mask:
+        """(N,) balls that lie over others in a picture while neither they nor those go far before the next."""
+        radius = self.radius[row]
+        reach = OVERLAP * (radius[:, None] + radius)
+        apart = np.linalg.norm(self.centre[row : row + 2, :, None] - self.centre[row : row + 2, None], axis=-1)
+        over = (apart < reach).any(axis=0) & ~np.eye(len(radius), dtype=np.bool_)
+        goes = np.linalg.norm(self.centre[row + 1] - self.centre[row], axis=-1)
+        fast = ~(goes < SLOW_RADII * radius)
+        return np.asarray(over.any(axis=1) & ~fast & ~(over & fast).any(axis=1), dtype=np.bool_)
 
 
 def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:

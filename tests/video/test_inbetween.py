@@ -32,8 +32,8 @@ def perfect_plate() -> Plate:
     return Plate(shot.cloth(), np.ones((shot.HEIGHT, shot.WIDTH), dtype=bool))
 
 
-def seen() -> Sightings:
-    return sight(shot.scene(), shot.tracks(TIMES), shot.fit(TIMES))
+def seen(times: NDArray[np.float64] = TIMES) -> Sightings:
+    return sight(shot.scene(), shot.tracks(times), shot.fit(times))
 
 
 def outline(t: float, ball: int = 0) -> Outline:
@@ -80,12 +80,21 @@ def test_the_bright_fringe_of_a_ball_goes_with_it() -> None:
 
 
 def test_a_resting_ball_is_taken_out_where_another_goes_by_in_front_of_it() -> None:
-    sightings, row = seen(), 20
-    way, radius = sightings.centre[row : row + 2, 0], shot.RADIUS * shot.SCALE
-    for above, taken in ((-1.2, (0, 1)), (1.2, (0,)), (-2.5, (0,))):
-        centre = sightings.centre.copy()
-        centre[:, 1] = way.mean(axis=0) + np.array([0, above * radius])
-        assert replace(sightings, centre=centre).taken_out(row) == taken
+    for below, taken in ((-1.2, (0, 1)), (1.2, (0,)), (-2.5, (0,))):
+        assert beside(seen(TIMES[::3]), 7, below).taken_out(7) == taken
+
+
+def test_slow_balls_that_lie_over_each_other_are_left_to_the_flow() -> None:
+    for below, taken in ((-1.2, ()), (1.2, ()), (-2.5, (0,)), (2.5, (0,))):
+        assert beside(seen(), 20, below).taken_out(20) == taken
+
+
+def beside(sightings: Sightings, row: int, below: float) -> Sightings:
+    """The resting ball so many radii below the middle of the way that the other one goes after the picture `row`."""
+    centre = sightings.centre.copy()
+    way = centre[row : row + 2, 0]
+    centre[:, 1] = way.mean(axis=0) + np.array([0, below * shot.RADIUS * shot.SCALE])
+    return replace(sightings, centre=centre)
 
 
 def test_a_ball_at_rest_has_one_place_though_it_was_measured_at_many() -> None:
