@@ -117,6 +117,8 @@ CASES = {
         Case("slope and cushion_friction", ("slope", "cushion_friction")),
         Case("air_drag and lens_distortion", ("air_drag", "lens_distortion")),
         Case("nap and ball_friction", ("nap", "ball_friction")),
+        Case("slope and lens_distortion", ("slope", "lens_distortion")),
+        Case("rolling_resistance and cushion_restitution", ("rolling_resistance", "cushion_restitution")),
         Case("slope, not in the library", ("slope",), without=("slope",)),
         Case("cushion_friction, not in the library", ("cushion_friction",), without=("cushion_friction",)),
         Case("sticky patch", ("sticky_patch",)),

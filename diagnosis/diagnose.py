@@ -10,11 +10,11 @@ from diagnosis.blocks import Structure, structure
 from diagnosis.candidates import group_of, leading, probabilities, ranked, strengths
 from diagnosis.close import HORIZON, Closing, Foreseen, closing, floor, foreseeable, predict, shares, windows_ahead
 from diagnosis.film_next import film_next, film_to_see, film_what_is_left
-from diagnosis.fitting import Fitted, Question, Seen, again, fit, follow, look, question_of
+from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, Seen, again, fit, follow, look, question_of
 from diagnosis.growing import not_followed
 from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.noise import Noise, estimate_noise, with_noise
-from diagnosis.pieces import LEAST, fit_adaptively, lengthened, stretches
+from diagnosis.pieces import LEAST, fit_begun, lengthened, stretches
 from diagnosis.residuals import Residuals, residuals
 from diagnosis.signatures import signatures
 from diagnosis.split import Split, split_shots
@@ -22,7 +22,8 @@ from diagnosis.unknown import MOSTLY, Doubt, doubt, lawful
 from diagnosis.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
 from diagnosis.where import places, shape
 from diagnosis.which import adopted, lacking, search
-from models.gap_scene import Floats, GapScene, Recording
+from models.gap_scene import Eventful, Floats, GapScene, Recording
+from models.shooting.shoot import ShootingOptions
 
 _MIDDLING = 0.674
 """standard deviations that half of all strengths exceed."""
@@ -101,17 +102,16 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
 
 
 def _searched(question: Question, recordings: tuple[Recording, ...]) -> Search:
-    """Search on windows as long as the simulator allows, and again on those that the best hypothesis allows."""
-
-    def afresh(like: Fitted) -> Fitted:
-        return fit_adaptively(question, recordings, like.names, like.forms, like.shared)
-
-    base = fit_adaptively(question, recordings)
+    """Search on windows that need no hypothesis, and again on those that the best one allows."""
+    base = fit_begun(question, recordings)
     odd = not_followed(question, base)
     if odd:
         recordings = tuple(one for one in recordings if one.shot not in odd)
-        base = fit_adaptively(question, recordings)
-    return search(question, base, lambda fitted: lengthened(question, recordings, fitted), afresh)
+        base = fit_begun(question, recordings)
+    state = search(question, base, lambda fitted: lengthened(question, recordings, fitted))
+    if state.alone is base and isinstance(question.scene, Eventful):
+        state.alone = lengthened(question, recordings, base)
+    return state
 
 
 def _doubt(
@@ -154,10 +154,12 @@ def _ahead(
     return closing(windows, before.squares, after.squares, floor(question, windows, best, after), rng)
 
 
-def _alone(question: Question, recordings: tuple[Recording, ...], like: Fitted) -> Fitted:
+def _alone(
+    question: Question, recordings: tuple[Recording, ...], like: Fitted, options: ShootingOptions = USUAL
+) -> Fitted:
     """A hypothesis as some of the shots tell it."""
     pieces, starts = _of_shots(like, recordings)
-    return again(question, pieces, like, starts)
+    return again(question, pieces, like, starts, options=options)
 
 
 def _of_shots(fitted: Fitted, recordings: tuple[Recording, ...]) -> tuple[tuple[Recording, ...], tuple[Floats, ...]]:
@@ -175,10 +177,9 @@ def _confirmed(
     best = adopted(state)
     while second and best.size > 1:
         whole = _alone(question, first, best.fitted)
-        gains = {
-            name: _gain(question, best.fitted, second, _alone(question, first, lacking(state, best, name)), whole)
-            for name in best.names
-        }
+        # what lacks an effect does not settle for long; cut short, it still knows the `second` shots: no gain for whole
+        others = {name: _alone(question, first, lacking(state, best, name), GLANCE) for name in best.names}
+        gains = {name: _gain(question, best.fitted, second, other, whole) for name, other in others.items()}
         least = min(sorted(gains), key=lambda name: gains[name])
         if gains[least] > 0:
             break

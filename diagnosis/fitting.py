@@ -166,11 +166,12 @@ def again(
     like: Fitted,
     starts: tuple[Floats, ...] | None = None,
     anew: bool = False,
+    options: ShootingOptions = USUAL,
 ) -> Fitted:
     """The same hypothesis on other pieces, from its parameters and from `starts` where given; `anew` also from what was
     seen there alone."""
     held = Held(model_of(question, pieces, like.forms, like.free), like.shared, like.free, question.priors)
-    found = shoot(held, like.shared[like.free], USUAL, starts, anew)
+    found = shoot(held, like.shared[like.free], options, starts, anew)
     return Fitted(pieces, like.names, like.forms, like.free, held.whole(found.shared), found)
 
 

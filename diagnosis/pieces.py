@@ -37,12 +37,25 @@ def fit_adaptively(
     forms: tuple[str, ...] | None = None,
     guess: Floats | None = None,
 ) -> Fitted:
-    """Fit whole stretches, then pieces of those that turned out too long; ValueError where nothing is long enough."""
+    """Fit windows as long as the hypothesis allows; ValueError where nothing is long enough."""
+    found = fit_begun(question, recordings, names, forms, guess)
+    return grown(question, found) if isinstance(question.scene, Eventful) else found
+
+
+def fit_begun(
+    question: Question,
+    recordings: tuple[Recording, ...],
+    names: tuple[str, ...] = (),
+    forms: tuple[str, ...] | None = None,
+    guess: Floats | None = None,
+) -> Fitted:
+    """Fit windows that find their way from what is seen alone: short ones where much happens, else whole stretches,
+    then pieces of those that turned out too long; ValueError where nothing is long enough."""
     pieces = stretches(question, recordings)
     if not pieces:
         raise ValueError(f"a diagnosis needs shots of at least {LEAST} pictures; there is none")
     if isinstance(question.scene, Eventful):
-        return grown(question, fit(question, _calm(pieces, question.scene.calm), names, forms, guess))
+        return fit(question, _calm(pieces, question.scene.calm), names, forms, guess)
     found = _fit_whole(question, pieces, names, forms, guess)
     for _ in range(_ROUNDS):
         shorter = _shorter(question, found)

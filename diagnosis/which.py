@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, fit
 from diagnosis.hypotheses import Hypothesis, Search, signatures_of
 from diagnosis.signatures import Signatures
-from diagnosis.trying import CLEAR, LEFT, from_the_larger, tried
+from diagnosis.trying import LEFT, from_the_larger, tried
 
 Floats = NDArray[np.float64]
 
@@ -35,34 +35,34 @@ _WORTH = 6.0
 """chi2 that an effect beside others must promise to be refitted: half of what it would need to be adopted."""
 
 
-def search(
-    question: Question, base: Fitted, longer: Callable[[Fitted], Fitted], afresh: Callable[[Fitted], Fitted]
-) -> Search:
-    """Try larger hypotheses, one effect more at a time, until nothing more is asked for; `longer` gives a fit windows
-    as long as its hypothesis allows, on which the search then goes on; `afresh` fits a hypothesis as if no other had
-    been fitted before."""
+def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted]) -> Search:
+    """Try larger hypotheses, one effect more at a time, until nothing more is asked for; `longer` then gives the best
+    one windows as long as it allows, on which the search goes on.
+
+    All that short windows ask for is found before they grow: what is missing bends a long one so far that hidden states
+    imitate it, and keep doing so when the fit is given what it lacked.
+    """
     state = Search(question, Hypothesis(frozenset(), base), alone=base)
-    now = state.base
+    now, lengthened = state.base, None
     while now.size < MOST:
         larger = _larger(state, now)
-        if larger is None and state.tried[now.names] is not now:
+        if larger is not None:
+            now = _exchanged(state, larger)
+        elif state.tried[now.names] is not now:
             now = state.tried[now.names]  # a larger one has shown it better starts
-            continue
-        if larger is None:
-            state, larger = _begun_afresh(state, now, afresh)
-        if larger is None:
+        elif lengthened != now.names:
+            lengthened, further = now.names, longer(now.fitted)
+            if len(further.pieces) < len(now.fitted.pieces):
+                state = _taken_up(state, Hypothesis(now.names, further))
+                now = _best_needed(state, now.size) or state.tried[now.names]
+        else:
             break
-        now = _exchanged(state, larger)
-        further = longer(now.fitted)
-        if len(further.pieces) < len(now.fitted.pieces):
-            now = Hypothesis(now.names, further)
-            state = _taken_up(state, now)
     return state
 
 
 def _taken_up(former: Search, best: Hypothesis) -> Search:
     """The search on the longer windows that the best hypothesis allows: with those that were near it, each from its own
-    strengths."""
+    strengths; the simulator alone has grown as far as it can once it was the best."""
     question, fitted = former.question, best.fitted
 
     def longer(one: Hypothesis) -> Hypothesis:
@@ -72,7 +72,8 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
             one.names, fit(question, fitted.pieces, own.names, own.forms, own.shared, fitted.starts, options)
         )
 
-    state = Search(question, longer(former.base), alone=former.alone)
+    first, alone = (longer(former.base), former.alone) if best.names else (best, fitted)
+    state = Search(question, first, alone)
     state.tried[best.names] = best
     state.compared |= {(best.names, name) for name in best.names}
     rivals = sorted(former.tried.values(), key=former.weigh, reverse=True)[: TRIED + 1]
@@ -95,34 +96,6 @@ def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
         if more and state.total(size) > state.total(now.size) and needed(state, better):
             return better
     return None
-
-
-def _begun_afresh(
-    state: Search, now: Hypothesis, afresh: Callable[[Fitted], Fitted]
-) -> tuple[Search, Hypothesis | None]:
-    """The likeliest larger hypothesis where it is needed once it is fitted from its own beginning, or one with another
-    effect beside it, with the search on its windows; where none is, the search as it was.
-
-    A simulator that lacks something finds hidden states that imitate it, and keeps to them when it is given what it
-    lacked: much is left either way.
-    """
-    if now.fitted.excess == 0:
-        return state, None
-    larger = [one for one in state.tried.values() if one.names > now.names and _gains(state, one, now)]
-    if not larger:
-        return state, None
-    plain = [one for one in larger if one.fitted.forms == now.fitted.forms]  # what a form brings may be all it lacks
-    one = max(plain or larger, key=state.weigh)
-    again = Hypothesis(one.names, afresh(one.fitted))
-    taken_up = _taken_up(state, again)
-    # of two effects that do as much, one alone is not needed, for it leaves as much as it explains
-    found = again if needed(taken_up, again) else _larger(taken_up, again)
-    return (state, None) if found is None else (taken_up, found)
-
-
-def _gains(state: Search, one: Hypothesis, now: Hypothesis) -> bool:
-    """Whether a larger hypothesis explains clearly more than a smaller one, and is likelier."""
-    return now.fitted.cost - one.fitted.cost > CLEAR and state.weigh(one) > state.weigh(now)
 
 
 def adopted(state: Search) -> Hypothesis:
