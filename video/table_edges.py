@@ -146,7 +146,7 @@ def fit_line(side: Side, depth: float, cushion: float) -> Line:
     median = np.median(side.gradient[:, at], axis=0)
     along = side.gradient @ (median / np.linalg.norm(median))  # (S, D)
     half = int(max(0.25 * min(depth, cushion) / (DEPTHS[1] - DEPTHS[0]), 2.0 / side.step, 2))
-    window = along[:, max(at - half, 1) : at + half + 1]
+    window = along[:, max(at - half, 1) : min(at + half + 1, along.shape[1] - 1)]  # a peak has neighbours
     peak = np.argmax(window, axis=1) + max(at - half, 1)
     rows = np.arange(len(along))
     before, top, after = along[rows, peak - 1], along[rows, peak], along[rows, peak + 1]

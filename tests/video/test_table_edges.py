@@ -1,4 +1,4 @@
-"""Maxima along a profile, against SciPy's."""
+"""Maxima along a profile, against SciPy's; lines through steps, also at the end of what was looked at."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from video.table_edges import peaks
+from video.table_edges import DEPTHS, POSITIONS, Side, fit_line, peaks
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -25,3 +25,19 @@ def test_maxima_and_their_prominence_are_those_of_scipy(seed: int) -> None:
 def test_what_has_no_maximum_inside_gives_none(levels: list[float]) -> None:
     index, prominence = peaks(np.array(levels), 0.0, 0.0)
     assert len(index) == len(prominence) == 0
+
+
+def _side_with_a_step(at: int) -> Side:
+    """Profiles across a horizontal side, a pixel apart, whose brightness changes around one depth."""
+    rows, depths = np.arange(len(POSITIONS)), np.arange(len(DEPTHS))
+    pixels = np.stack(np.broadcast_arrays(2.0 * rows[:, None], 1.0 * depths[None]), axis=-1)
+    strength = 10 * np.exp(-0.5 * ((depths - at) / 1.5) ** 2)
+    gradient = np.broadcast_to(strength[None, :, None], (*pixels.shape[:2], 3)).copy()
+    return Side(pixels, gradient, strength, 1.0)
+
+
+@pytest.mark.parametrize("at", [0, 1, 80, len(DEPTHS) - 2, len(DEPTHS) - 1])
+def test_a_line_is_found_where_its_step_is_also_at_the_ends_of_the_profiles(at: int) -> None:
+    found = fit_line(_side_with_a_step(at), float(DEPTHS[at]), 0.021)
+    depth = -found.line[2] / found.line[1]
+    assert abs(depth - at) < 1.6
