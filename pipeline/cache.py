@@ -25,7 +25,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from models.errors import TruerollError
-from pipeline.publish import aside, folder_aside
+from pipeline.publish import aside, clear_left, folder_aside
 
 MANIFEST = "manifest.json"
 MARK = "mark"
@@ -181,6 +181,7 @@ class Cache:
 
     def clear_rubbish(self) -> None:
         """What dead processes left: a lock dies with its process, so that what nobody locks nobody builds."""
+        clear_left(self.root / "building")
         for path in (self.root / "building").iterdir():
             with suppress(Timeout, FileNotFoundError), FileLock(self._lock(_key_of(path)), timeout=0):
                 if path.is_dir():

@@ -56,6 +56,7 @@ class _Child:
 
     process: subprocess.Popen[bytes]
     errors: IO[bytes]
+    ready: bool = False
     said: bytes = b""
     peak_mb: float = 0.0
     begun: float = field(default_factory=time.monotonic)
@@ -165,18 +166,26 @@ class Supervised:
                 heard(word)
             self._enforce(job.name, job.limits, child)
 
-    def _ready(self) -> _Child:
-        """The process, started if need be."""
+    def start(self) -> None:
+        """Start the process if there is none, without waiting until it is ready."""
         if self._child is None:
             errors = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
             process = subprocess.Popen(
                 runner.command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, bufsize=0
             )
             self._child = _Child(process, errors)
-            while not any("ready" in word for word in self._child.lines()):
-                if time.monotonic() - self._child.begun > START_S:
-                    raise Died(f"it did not start within {START_S:.0f} s")
-        return self._child
+
+    def _ready(self) -> _Child:
+        """The process, started if need be."""
+        self.start()
+        child = self._child
+        if child is None:  # closed meanwhile
+            raise Died("it was interrupted")
+        while not child.ready:
+            child.ready = any("ready" in word for word in child.lines())
+            if time.monotonic() - child.begun > START_S:
+                raise Died(f"it did not start within {START_S:.0f} s")
+        return child
 
     def _done(self, child: _Child, row: Row) -> Row:
         if child.memory_mb() > RENEW_MB:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -13,16 +12,12 @@ from typing import Any
 from distributed import get_worker
 
 from pipeline.batch.job import Job
-from pipeline.batch.supervision import Supervised
+from pipeline.batch.processes import mine
 from pipeline.cache import MARK
 from pipeline.fingerprint import library_versions, source_hashes
 
 PAUSE_S = 0.5
 """s between two words about a clip that go through the scheduler."""
-
-_HERE = threading.local()
-_ALL: list[Supervised] = []
-"""The processes of this worker's threads, one each, which stay for the next clip."""
 
 
 def run_here(text: str, topic: str) -> str:
@@ -37,22 +32,7 @@ def run_here(text: str, topic: str) -> str:
             worker.log_event(topic, {"name": job.name, **word})
 
     worker.log_event(topic, {"name": job.name, "stage": "begins", "share": 0.0})
-    return _process().run(job, heard).as_text()
-
-
-def _process() -> Supervised:
-    """The process of this thread."""
-    if getattr(_HERE, "process", None) not in _ALL:
-        _HERE.process = Supervised()
-        _ALL.append(_HERE.process)
-    process: Supervised = _HERE.process
-    return process
-
-
-def end_all() -> None:
-    """End the processes of all threads; a clip that runs is interrupted."""
-    while _ALL:
-        _ALL.pop().close()
+    return mine().run(job, heard).as_text()
 
 
 def look_around(cache: str, ours: str, clip: str, probe: str) -> dict[str, Any]:

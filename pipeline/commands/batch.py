@@ -20,6 +20,7 @@ from models.errors import OptionError
 from pipeline.chain import refuse_closed
 from pipeline.command_line import CacheOption, DebugOption, JsonOption, app, console, named, open_cache, with_settings
 from pipeline.options import RunOptions
+from pipeline.publish import clear_left
 from pipeline.sentences import told
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def batch(
     if not clips and not watch:
         raise OptionError(f"A folder with clips was expected; {folder} holds none")
     refuse_closed(out)
+    clear_left(out)
     store = open_cache(cache)
     store.clear_rubbish()
     work = Batch(folder, out, store, settings_of(options), Limits(time_limit, memory_limit))
@@ -91,18 +93,26 @@ def batch(
 @contextmanager
 def _crew(work: Batch, jobs: int, cluster: str | None, clips: list[Path]) -> Iterator[Crew]:
     """Who runs the clips: one process, a cluster of this machine, or one that exists."""
-    from pipeline.batch.crew import one_after_another
+    from pipeline.batch.crew import by_workers, one_after_another
 
     if cluster is None and jobs == 1:
         yield one_after_another
         return
-    from pipeline.batch.cluster import check_workers, local_client, remote_client
-    from pipeline.batch.crew import by_workers
-
     if cluster is None:
-        with local_client(jobs or os.cpu_count() or 1) as client:
-            yield partial(by_workers, client)
+        from pipeline.batch import processes
+
+        count = jobs or os.cpu_count() or 1
+        try:
+            processes.begin(min(count, len(clips)))  # before Dask, which is slow to import
+            from pipeline.batch.cluster import local_client
+
+            with local_client(count) as client:
+                yield partial(by_workers, client)
+        finally:
+            processes.end_all()
         return
+    from pipeline.batch.cluster import check_workers, remote_client
+
     with remote_client(cluster) as client:
         check_workers(client, work.cache, work.out, clips[0] if clips else work.root)
         yield partial(by_workers, client)

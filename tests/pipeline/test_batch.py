@@ -213,6 +213,34 @@ def test_what_a_dead_process_of_this_machine_left_goes_at_once(tmp_path: Path) -
     assert (tmp_path / "a").exists()
 
 
+DYING_CALLER = """
+import os, sys
+from pathlib import Path
+from pipeline.batch.cluster import check_workers
+from pipeline.cache import Cache
+
+class Client:
+    def wait_for_workers(self, *_, **__): pass
+    def nthreads(self): return {"tcp://here": 1}
+    def run(self, function, *words, **_):
+        function(*words)
+        os._exit(9)
+
+root = Path(sys.argv[1])
+check_workers(Client(), Cache(root / "cache"), root / "out", root)
+"""
+
+
+def test_what_a_caller_left_that_was_killed_while_it_asked_its_workers_goes_at_once(tmp_path: Path) -> None:
+    died = subprocess.run([sys.executable, "-c", DYING_CALLER, str(tmp_path)], check=False)
+    out, building = tmp_path / "out", tmp_path / "cache" / "building"
+    assert died.returncode == 9
+    assert len(list(out.iterdir())) == len(list(building.iterdir())) == 1
+    clear_left(out)
+    Cache(tmp_path / "cache").clear_rubbish()
+    assert [*out.iterdir(), *building.iterdir()] == []
+
+
 def rows() -> list[Row]:
     return [
         Row("b <script>alert(1)</script>\udcff\n.mp4", "done", "green", 3, 1.5, "out/b\udcff", "", seconds=3.0),
