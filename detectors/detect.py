@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -11,10 +10,12 @@ from numpy.typing import NDArray
 
 from detectors.ball_size import with_seen_size
 from detectors.choice import chosen
+from detectors.cloth import learn_cloth
 from detectors.hough import BallFinder, ball_finder
 from detectors.onnx import NetworkFinder, network_finder
 from detectors.onnx_model import SHIPPED, open_model
 from detectors.options import DetectOptions
+from detectors.view import view_of
 from models.detections import Detections
 from models.progress import Progress, silent
 from models.scene import Scene
@@ -75,15 +76,24 @@ def detect_in_picture(rgb: Bytes, scene: Scene, options: DetectOptions | None = 
 
 
 def hough_detector(clip: Clip, scene: Scene, options: DetectOptions) -> BallFinder:
-    """The detector without a network, made ready for a clip."""
-    few = list(read_frames(clip, indices=_spread(clip.distinct, SIZE_PICTURES)))
-    return ball_finder(with_seen_size(scene, few), _learnt(clip, options))
+    """The detector without a network, made ready for a clip: read once, where the size of the balls is right."""
+    few, learnt = _spread(clip.distinct, SIZE_PICTURES), _learning(clip, options)
+    view, whole, seen = view_of(scene), list[tuple[int, Bytes]](), list[Bytes]()
+    for frame, rgb in read_frames(clip, indices=np.union1d(few, learnt)):
+        if frame in few:
+            whole.append((frame, rgb))
+        if frame in learnt:
+            seen.append(view.picture(rgb, frame))
+    sized = with_seen_size(scene, whole)
+    if sized is scene:
+        return BallFinder(view, learn_cloth(seen, view))
+    return ball_finder(sized, read_frames(clip, indices=learnt))
 
 
 def network_detector(clip: Clip, scene: Scene, options: DetectOptions) -> NetworkFinder:
     """The detector with a network, made ready for a clip; ModelError where its file is none."""
     model = open_model(model_file(options))
-    return network_finder(scene, _learnt(clip, options), model)
+    return network_finder(scene, read_frames(clip, indices=_learning(clip, options)), model)
 
 
 def model_file(options: DetectOptions) -> Path:
@@ -91,10 +101,9 @@ def model_file(options: DetectOptions) -> Path:
     return SHIPPED if options.model is None else Path(options.model)
 
 
-def _learnt(clip: Clip, options: DetectOptions) -> Iterator[tuple[int, Bytes]]:
-    """Pictures, spread over a clip, that show the empty table."""
-    count = LEARNING_PICTURES_QUICK if options.quick else LEARNING_PICTURES
-    return read_frames(clip, indices=_spread(clip.distinct, count))
+def _learning(clip: Clip, options: DetectOptions) -> NDArray[np.int64]:
+    """Frames, spread over a clip, that show the empty table."""
+    return _spread(clip.distinct, LEARNING_PICTURES_QUICK if options.quick else LEARNING_PICTURES)
 
 
 def _spread(frames: NDArray[np.int64], count: int) -> NDArray[np.int64]:

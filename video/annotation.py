@@ -108,7 +108,7 @@ class Annotation:
             self._names(picture, t, balls, taken, things)
 
     def _trail(self, picture: Picture, t: float, path: Path, centre: Floats, colour: Colour, free: Picture) -> None:
-        first, last = np.searchsorted(path.t, [t - TRAIL_SECONDS, t])
+        first, last = path.t.searchsorted([t - TRAIL_SECONDS, t])
         if last - first < 1:
             return
         points = path.drawn[np.searchsorted(path.drawn, first) : np.searchsorted(path.drawn, last)]
@@ -122,8 +122,9 @@ class Annotation:
 
     def _panels(self, picture: Picture, t: float, xy: Floats) -> None:
         for ball, path in enumerate(self.paths):
-            points = np.arange(self.planned.get(ball, 0), np.searchsorted(path.t, t), PLAN_STEP)
-            if len(points) > 1:
+            first, last = self.planned.get(ball, 0), int(path.t.searchsorted(t))
+            if last - first > PLAN_STEP:
+                points = np.arange(first, last, PLAN_STEP)
                 self.inset.add_path(self.plan, path.xy[points], self.colours[ball])
                 self.planned[ball] = int(points[-1])
         left, top = (round(v) for v in self.inset_place[:2])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import cv2
@@ -76,7 +77,7 @@ class OpticalFlow:
         small = tuple(_resized(picture, size) for picture in (first, second))
         grey = [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for picture in small]
         there, back = (flow_between(a, b, finest=max(2 - shrink, 0)) for a, b in (grey, grey[::-1]))
-        grids = _grid(height, width), _grid(*grey[0].shape)
+        grids = grid(height, width), grid(*grey[0].shape)
         return _Opened((first, second), (small[0], small[1]), there, back, *grids, wide=shrink == WIDE).at
 
 
@@ -136,9 +137,12 @@ def _stepped(share: float) -> float:
     return x * x * (3 - 2 * x)
 
 
-def _grid(height: int, width: int) -> Singles:
-    """(h, w, 2) px, every pixel's own place."""
-    return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
+@lru_cache(maxsize=512)
+def grid(height: int, width: int) -> Singles:
+    """(h, w, 2) px, every pixel's own place; shared, not to be written into."""
+    places = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
+    places.setflags(write=False)
+    return places
 
 
 def _looked_up(values: Singles, where: Singles) -> Singles:

@@ -89,14 +89,19 @@ def _shift(x: float, y: float) -> Floats:
 
 
 def open_regions(
-    first: Picture, second: Picture, interpolator: Interpolator, steady: bool = True
+    first: Picture,
+    second: Picture,
+    interpolator: Interpolator,
+    steady: bool = True,
+    small: tuple[Picture, Picture] | None = None,
 ) -> tuple[Region, ...]:
     """Find what moves between two pictures (H, W, 3) without moving balls, and open it.
 
     Where the camera is not `steady` and the second was brought over the first, edges are off by a pixel here and there:
-    what lies above or below the table moves otherwise. That alone is no motion.
+    what lies above or below the table moves otherwise. That alone is no motion. Of a steady one the `coarse` pictures
+    may be given, where they are known.
     """
-    stirred = find_stirred(first, second, steady)
+    stirred = find_stirred(first, second, steady, small)
     regions = []
     for box, cells in _boxes(stirred, first.shape):
         x0, y0, x1, y1 = box
@@ -106,14 +111,20 @@ def open_regions(
     return tuple(regions)
 
 
-def find_stirred(first: Picture, second: Picture, steady: bool = True) -> Mask:
-    """(H / COARSE, W / COARSE) cells in which more than noise tells the two pictures apart."""
-    height, width = first.shape[:2]
-    size = (max(1, width // COARSE), max(1, height // COARSE))
+def coarse(picture: Picture) -> Picture:
+    """(H / COARSE, W / COARSE[, 3]) The mean of every cell."""
+    size = (max(1, picture.shape[1] // COARSE), max(1, picture.shape[0] // COARSE))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def find_stirred(
+    first: Picture, second: Picture, steady: bool = True, small: tuple[Picture, Picture] | None = None
+) -> Mask:
+    """(H / COARSE, W / COARSE) cells in which more than noise tells the two pictures apart; see `open_regions`."""
     if steady:
-        small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in (first, second)]
-        change = _largest(cv2.absdiff(*small)).astype(np.float32)
+        change = _largest(cv2.absdiff(*(small or (coarse(first), coarse(second))))).astype(np.float32)
     else:
+        size = (max(1, first.shape[1] // COARSE), max(1, first.shape[0] // COARSE))
         change = cv2.resize(_beyond_edges(first, second), size, interpolation=cv2.INTER_AREA).astype(np.float32)
     usual = float(np.median(change))
     stirred = (change > LEAST_CHANGE + NOISE_TIMES * usual).astype(np.uint8)

@@ -12,7 +12,7 @@ from video.clip import Clip
 from video.empty_table import plate_of
 from video.exposure import with_exposure
 from video.flow import Interpolator, OpticalFlow
-from video.flow_regions import Region, open_regions
+from video.flow_regions import Region, coarse, open_regions
 from video.pasting import Layer, paste
 from video.plate import Plate
 from video.sharp_balls import SharpBalls, learn_sharp, sharp_pair
@@ -117,6 +117,8 @@ class Interval:
     """Balls that rest near moving ones."""
     regions: tuple[Region, ...] = ()
     """Where something other than balls moves, in pixels of the first picture."""
+    small: tuple[Picture, Picture] | None = None
+    """Both sides made `coarse`; None where the camera moves between them."""
 
     def at(self, t: float, centres: Floats, ways: Floats | None = None) -> Picture:
         """The picture (H, W, 3) at time t with balls at `centres` (N, 2) px; a real one where it falls on one.
@@ -175,16 +177,18 @@ def open_interval(
     again where the same balls moved in it.
     """
     balls = sightings.taken_out(row)
-    if before is not None and before.row == row - 1 and sightings.taken_out(row - 1) == balls:
-        known = before.sides[1]
-    else:
-        known = _part(sightings, plate, row, first, balls)
+    again = before is not None and before.row == row - 1 and sightings.taken_out(row - 1) == balls
+    known = before.sides[1] if before is not None and again else _part(sightings, plate, row, first, balls)
     sides = (known, _part(sightings, plate, row + 1, second, balls))
     seen = [_seen(sightings, sharp, row, ball, pair, anew) for ball, pair in zip(balls, _pairs(sides), strict=True)]
     step = sightings.carry(float(sightings.t[row + 1]), float(sightings.t[row]))
     later = sides[1].behind if step is None else _warped(sides[1].behind, step)
-    regions = open_regions(sides[0].behind, later, interpolator, steady=step is None)
-    return Interval(sightings, row, first, second, sides, tuple(seen), _still(sightings, row, balls), regions)
+    small: tuple[Picture, Picture] | None = None
+    if step is None:
+        kept = before.small if before is not None and again else None
+        small = (coarse(known.behind) if kept is None else kept[1], coarse(later))
+    regions = open_regions(known.behind, later, interpolator, step is None, small)
+    return Interval(sightings, row, first, second, sides, tuple(seen), _still(sightings, row, balls), regions, small)
 
 
 def _pairs(sides: tuple[Peeled, Peeled]) -> list[tuple[Sprite | None, Sprite | None]]:

@@ -46,7 +46,8 @@ def overlaps(rects: Floats, others: Floats) -> Floats:
     """Shared areas (n, m) of rectangles (n, 4) and (m, 4), px^2."""
     low = np.maximum(rects[:, None, :2], others[None, :, :2])
     high = np.minimum(rects[:, None, :2] + rects[:, None, 2:], others[None, :, :2] + others[None, :, 2:])
-    return np.asarray(np.maximum(high - low, 0).prod(axis=-1), dtype=np.float64)
+    sides = np.maximum(high - low, 0)
+    return np.asarray(sides[..., 0] * sides[..., 1], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +59,7 @@ class Side:
 
     def corner(self, size: tuple[int, int], radius: float) -> Floats:
         """Top-left corner (2,) of a box of `size` (w, h) relative to the ball's centre, px; continuous in both."""
-        return _corners(np.array([self.angle]), np.array([self.gap]), size, radius).reshape(2)
+        return _corners(_bearing(np.array([self.angle])), np.array([self.gap]), size, radius).reshape(2)
 
     def towards(self, other: Side, share: float) -> Side:
         """A `share` of the way round the ball to another side."""
@@ -80,7 +81,7 @@ def place_label(
     `heading` (2,) is the direction of motion, zero at rest; `bounds` the picture's (w, h); `previous` where it was.
     """
     angles, gaps = SIDES.T
-    corners = _corners(angles, gaps, size, radius)
+    corners = _corners(BEARINGS, gaps, size, radius)
     rects = np.empty((len(corners), 4))
     rects[:, :2], rects[:, 2:] = corners + centre, size
     area = float(size[0] * size[1])
@@ -88,17 +89,26 @@ def place_label(
     covered = overlaps(rects, np.array(taken, dtype=np.float64).reshape(-1, 4)).sum(axis=1)
     cost = (8 * outside + 2 * covered) / area + FAR_COST * (gaps > GAPS[0])
     cost += RANKS
-    cost += WAY_COST * (np.cos(angles) * heading[0] + np.sin(angles) * heading[1]) ** 2
+    cost += WAY_COST * (BEARINGS[0] @ heading) ** 2
     if previous is not None:
         cost += STAY_COST * np.abs((angles - previous.angle + np.pi) % (2 * np.pi) - np.pi) / np.pi
     best = int(np.argmin(cost))
     return Side(float(angles[best]), float(gaps[best]))
 
 
-def _corners(angles: Floats, gaps: Floats, size: tuple[int, int], radius: float) -> Floats:
-    """Top-left corners (n, 2) of boxes whose nearest points lie in directions, at gaps (n,), from a ball at 0."""
+def _bearing(angles: Floats) -> tuple[Floats, Floats]:
+    """Unit vectors (n, 2) in directions, and the share (n, 2) of a box that lies on the near side of its middle."""
     direction = np.column_stack([np.cos(angles), np.sin(angles)])
-    share = 0.5 - 0.5 * np.clip(direction * np.sqrt(2), -1, 1)
+    return direction, 0.5 - 0.5 * np.clip(direction * np.sqrt(2), -1, 1)
+
+
+BEARINGS = _bearing(SIDES[:, 0])
+"""Of all sides."""
+
+
+def _corners(bearing: tuple[Floats, Floats], gaps: Floats, size: tuple[int, int], radius: float) -> Floats:
+    """Top-left corners (n, 2) of boxes whose nearest points lie in directions, at gaps (n,), from a ball at 0."""
+    direction, share = bearing
     distance = radius * (1 + gaps) + 2
     return np.asarray(direction * distance[:, None] - share * np.array(size), dtype=np.float64)
 

@@ -191,10 +191,7 @@ class Label:
 
     def size(self, scale: float) -> tuple[int, int]:
         """Width and height, px."""
-        letters = _letters(scale)
-        value = text_mask(self.value, letters, False).shape[1] + 0.45 * letters if self.value else 0
-        width = text_mask(self.name, letters, True).shape[1] + value + 1.35 * letters
-        return round(width), round(1.65 * letters)
+        return _label_size(self.name, self.value, _letters(scale))
 
     def draw(self, picture: Picture, corner: Floats, scale: float, opacity: float = 1.0) -> None:
         """Draw with the top-left corner at `corner` (2,), in place."""
@@ -206,6 +203,13 @@ class Label:
         left = x + 1.4 * letters + name.shape[1]
         top = y + (height - name.shape[0]) / 2
         write(picture, self.value, left, top, letters, mix(WHITE, MIST, 0.45), opacity=opacity)
+
+
+@lru_cache(maxsize=256)
+def _label_size(name: str, value: str, letters: int) -> tuple[int, int]:
+    """Width and height, px, of letters of that size: asked for several times per picture."""
+    after = text_mask(value, letters, False).shape[1] + 0.45 * letters if value else 0
+    return round(text_mask(name, letters, True).shape[1] + after + 1.35 * letters), round(1.65 * letters)
 
 
 @lru_cache(maxsize=256)

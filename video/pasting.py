@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from operator import itemgetter
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from video.flow import grid
 from video.sprites import Outline, Sprite
 
 Floats = NDArray[np.float64]
@@ -147,21 +147,13 @@ def _bent(layer: Layer, bend: Singles, corner: Floats, box: Box) -> tuple[Single
     place = _middle(layer.places)
     shift = (np.array(box[:2]) - corner - place).astype(np.float32)
     turned = _moved(bend, place - (bend.shape[0] - 1) / 2, box, cv2.INTER_LINEAR)
-    where = _grid(box[2] - box[0], box[3] - box[1]) + shift - turned
+    where = grid(box[3] - box[1], box[2] - box[0]) + shift - turned
     cover = cv2.remap(layer.sprite.cover, where, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
     hidden = layer.sprite.hidden
     if hidden is None:
         return np.asarray(cover, dtype=np.float32), None
     seen = 1 - cv2.remap(hidden, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     return np.asarray(cover, dtype=np.float32), np.asarray(seen, dtype=np.float32)
-
-
-@lru_cache(maxsize=512)
-def _grid(width: int, height: int) -> Singles:
-    """(h, w, 2) px, every pixel's own place; shared, not to be written into."""
-    places = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
-    places.setflags(write=False)
-    return places
 
 
 def _corner(layer: Layer) -> Floats:

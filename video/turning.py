@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from video.flow import flow_between
+from video.flow import flow_between, grid
 from video.sprites import Sprite
 
 Singles = NDArray[np.float32]
@@ -20,6 +20,8 @@ MOST_TURN = 0.8
 """Radii that a dot may go by between two sightings: further, nobody can tell it from another."""
 SMOOTH = 0.12
 """Radii over which neighbouring ways on a ball are averaged."""
+TO_GREY = np.array([[0.299, 0.587, 0.114, 0.0], [0.0, 0.0, 0.0, 1.0]], dtype=np.float32)
+"""Of a cover: brightness (ITU-R BT.601-7) times mask, and mask."""
 
 
 def bends_between(first: Sprite, second: Sprite, radius: float) -> tuple[Singles, Singles] | None:
@@ -42,12 +44,11 @@ def bends_between(first: Sprite, second: Sprite, radius: float) -> tuple[Singles
 
 
 def _view(sprite: Sprite, half: int, times: float) -> Picture:
-    """(n, n) grey, magnified: the ball around its centre on a ground of its own mean colour, which has no edge."""
-    cover = _around(sprite.cover, sprite, half, times)
-    mask = np.clip(cover[..., 3:], 0, 1)
-    mean = cover[..., :3].sum(axis=(0, 1)) / max(float(mask.sum()), 1.0)
-    whole = np.clip(cover[..., :3] + mean * (1 - mask), 0, 255).astype(np.uint8)
-    return np.asarray(cv2.cvtColor(whole, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    """(n, n) grey, magnified: the ball around its centre on a ground of its own mean brightness, which has no edge."""
+    grey, mask = cv2.split(_around(cv2.transform(sprite.cover, TO_GREY), sprite, half, times))
+    mask = np.clip(mask, 0, 1)
+    mean = cv2.sumElems(grey)[0] / max(cv2.sumElems(mask)[0], 1.0)
+    return np.asarray(cv2.add(grey, np.float32(mean) * (1 - mask), dtype=cv2.CV_8U), dtype=np.uint8)
 
 
 def _around(patch: Singles, sprite: Sprite, half: int, times: float) -> Singles:
@@ -68,18 +69,17 @@ def _seen_around(sprite: Sprite, half: int, radius: float) -> tuple[Singles, Sin
 def _explains(way: Singles, first: Picture, second: Picture) -> bool:
     """True where looking the second picture up along the way makes it like the first."""
     side = first.shape[0]
-    where = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).astype(np.float32) + way
-    turned = cv2.remap(second, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    left, before = (float((cv2.absdiff(first, other).astype(np.float32) ** 2).mean()) for other in (turned, second))
-    return left < LEAST_GAIN * before
+    turned = cv2.remap(second, grid(side, side) + way, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    left, before = (cv2.norm(first, other, cv2.NORM_L2SQR) for other in (turned, second))
+    return bool(left < LEAST_GAIN * before)
 
 
 def _small(way: Singles, half: int, times: float, radius: float) -> Singles:
     side = 2 * half + 1
     small = cv2.resize(way, (side, side), interpolation=cv2.INTER_AREA) / np.float32(times)
     smooth = cv2.GaussianBlur(small, (0, 0), max(SMOOTH * radius, 0.5))
-    length = np.linalg.norm(smooth, axis=-1, keepdims=True)
+    length = cv2.magnitude(*cv2.split(smooth))
     place = np.arange(side, dtype=np.float32) - half
-    rim = np.clip(2 - np.hypot(place[None], place[:, None]) / (0.6 * radius), 0, 1)[..., None]
-    limited = smooth * np.minimum(1, MOST_TURN * radius / np.maximum(length, 1e-6)) * rim
-    return np.asarray(limited, dtype=np.float32)
+    rim = np.clip(2 - np.hypot(place[None], place[:, None]) / (0.6 * radius), 0, 1)
+    kept = np.minimum(1, MOST_TURN * radius / np.maximum(length, 1e-6)) * rim
+    return np.asarray(smooth * kept[..., None], dtype=np.float32)

@@ -23,9 +23,9 @@ class VideoWriter:
     H.264 in yuv420p, BT.709 limited range, tagged so. Picture k is shown at exactly k / rate: the stream's time base is
     1 / rate, and without B-frames there is no edit list. Pictures that come unevenly are written with a `time_base`
     (s) and the time of each; `rate` is then what it is on average. `force-cfr` keeps the rerun 0.41 viewer from
-    hanging. `tuning` holds parameters of x264 that differ from the preset's. With `direct` it is written under its name
-    at once: the caller then sees to it that the name is not yet the final one. An odd width or height is made even by
-    repeating the last column or row, so pixel coordinates stay.
+    hanging. `tuning` holds parameters of x264 that differ from the preset's. A key frame comes each `key_s` s, for
+    scrubbing. With `direct` it is written under its name at once: the caller then sees to it that the name is not yet
+    the final one. An odd width or height is made even by repeating the last column or row, so pixel coordinates stay.
     """
 
     def __init__(
@@ -39,6 +39,7 @@ class VideoWriter:
         preset: str = "veryfast",
         tuning: str = "",
         threads: int = 2,
+        key_s: float = 1.0,
         time_base: Fraction | None = None,
         direct: bool = False,
     ) -> None:
@@ -55,15 +56,16 @@ class VideoWriter:
         self._container = _opened(self._aside)
         self._stream = self._container.add_stream("libx264", rate=rate)
         self._even = time_base is None
-        self._set_up(crf, preset, tuning, threads, rate, 1 / rate if time_base is None else time_base)
+        context = self._stream.codec_context
+        context.thread_count = threads
+        context.gop_size = max(1, round(rate * key_s))
+        self._set_up(crf, preset, tuning, 1 / rate if time_base is None else time_base)
 
-    def _set_up(self, crf: int, preset: str, tuning: str, threads: int, rate: Fraction, time_base: Fraction) -> None:
+    def _set_up(self, crf: int, preset: str, tuning: str, time_base: Fraction) -> None:
         context = self._stream.codec_context
         context.width, context.height = self._shape[1] + self._pad[1][1], self._shape[0] + self._pad[0][1]
         context.pix_fmt = FORMAT
         context.time_base = time_base
-        context.thread_count = threads
-        context.gop_size = max(1, round(rate))  # a key frame each second, for scrubbing
         context.max_b_frames = 0
         params = "force-cfr=1" + (f":{tuning}" if tuning else "")
         context.options = {"crf": str(crf), "preset": preset, "x264-params": params}
