@@ -99,7 +99,7 @@ def _corners(solution: Solution, table: Table, soon: float) -> list[_Corner]:
     """Cushions that balls may have met less than `soon` s before or after what else they met."""
     found = []
     for number, contact in enumerate(solution.story.contacts):
-        if contact.kind == "jump":
+        if contact.kind in ("jump", "burst"):
             continue
         for before, after in zip(contact.before, contact.after, strict=True):
             place = solution.story.spans[after].state[:2]

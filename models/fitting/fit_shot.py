@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.bursts.told import ToldBurst
 from models.calls.record import record_of
 from models.clock import Clock
 from models.events import Events
 from models.fit import Fit, Parameter, Trust
+from models.fitting.bursting import pieces_in, seen_outside, touches_of, with_bursts
 from models.fitting.contacts import near_something, tell
 from models.fitting.exposures import clock_of
 from models.fitting.happenings import events_of, frame_at, pocketed
@@ -69,7 +71,7 @@ def fit_story(story: Story, tracks: Tracks, scene: Scene, options: FitOptions = 
     """
     data = gather(tracks)
     solution = refine(story, data, scene.table, iterations=60)
-    fit = _report(with_covariance(solution, data, scene.table), tracks, tracks, data, scene.table, options)
+    fit = _report(with_covariance(solution, data, scene.table), (), tracks, tracks, data, scene.table, options)
     return replace(fit, events=retimed(record_of(tracks, fit.events, fit.trajectory, scene.table, scene.camera)))
 
 
@@ -111,6 +113,12 @@ def _fitted(
         solution = refine(solution.story, data, table, start=solution)
         solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
     solution = with_rebounds_retold(solution, data, table)
+    bursts: tuple[ToldBurst, ...] = ()
+    if not options.quick:
+        solution, data, bursts = with_bursts(solution, data, table)
+        if bursts:
+            shown = seen_outside(shown, bursts)
+            solution = revise(solution, data, table, options.break_price, options.free_price, 1)
     excess = _excess(solution, data)
     if np.any(excess > 1.5):  # what the model misses is no smaller for being systematic
         data = replace(data, whiten=data.whiten / np.sqrt(excess)[:, None, None])
@@ -118,7 +126,7 @@ def _fitted(
         solution = without_doubts(solution, data, table, options.free_price)
     progress(0.9)
     solution = with_covariance(solution, data, table)
-    fit = _report(solution, tracks, kept, shown, table, options)
+    fit = _report(solution, bursts, tracks, kept, shown, table, options)
     progress(1.0)
     return fit, solution
 
@@ -155,12 +163,15 @@ def _excess(solution: Solution, data: Data) -> Floats:
     return np.clip(np.nan_to_num(chi2, nan=1.0), 1.0, 100.0)[owners(solution.story, data)]
 
 
-def _report(solution: Solution, seen: Tracks, tracks: Tracks, data: Data, table: Table, options: FitOptions) -> Fit:
+def _report(
+    solution: Solution, bursts: tuple[ToldBurst, ...], seen: Tracks, tracks: Tracks, data: Data, table: Table,
+    options: FitOptions,
+) -> Fit:  # fmt: skip
     """The fit as others see it; `seen` are the tracks as they came, `tracks` those that were fitted."""
     good = accepted_spans(solution, data, table.ball_radius, _pixel(seen, table.ball_radius))
     chi2, _, _ = span_chi2(solution, data)
     potted = pocketed(solution, tracks, table)
-    events = events_of(solution, tracks, table, chi2, potted)
+    events = events_of(solution, tracks, table, chi2, potted, touches_of(bursts, tracks.ids))
     ends = {tracks.ids.index(event.a): event.t for event in potted}
     left_out = [
         ball for ball in range(len(seen.ids)) if seen.observed[:, ball].any() and not tracks.observed[:, ball].any()
@@ -168,7 +179,8 @@ def _report(solution: Solution, seen: Tracks, tracks: Tracks, data: Data, table:
     unfitted = [piece for ball in left_out for piece in measured_pieces(seen, ball)]
     whole = (float(tracks.t[0]), float(tracks.t[-1]))
     trajectory = pack(
-        pieces_of(solution, data, good, len(seen.ids), whole, table.ball_radius, ends) + unfitted, seen.ids
+        pieces_of(solution, data, good, len(seen.ids), whole, table.ball_radius, ends) + pieces_in(bursts) + unfitted,
+        seen.ids,
     )
     state = trajectory.at(seen.t)
     moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > options.moving_speed

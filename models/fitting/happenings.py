@@ -60,10 +60,13 @@ class Happening:
     speed: float = np.nan
 
 
-def events_of(solution: Solution, tracks: Tracks, table: Table, chi2: Floats, potted: list[Happening]) -> Events:
-    """All events of a clip; `chi2` (S,) per span inflates the errors of times where a span fits badly."""
+def events_of(
+    solution: Solution, tracks: Tracks, table: Table, chi2: Floats, potted: list[Happening], played: list[Happening]
+) -> Events:
+    """All events of a clip, those that were `played` too; `chi2` (S,) per span inflates the errors of times where
+    a span fits badly."""
     plan = layout(solution.story)
-    found = list(potted)
+    found = [*potted, *played]
     for number, contact in enumerate(solution.story.contacts):
         found += _contact(solution, plan, number, contact, tracks, table, chi2)
     vanish = {event.a: event.t for event in potted}
@@ -181,7 +184,7 @@ def _contact(
     solution: Solution, plan: Layout, number: int, contact: Contact, tracks: Tracks, table: Table, chi2: Floats
 ) -> list[Happening]:
     ids = tracks.ids
-    if contact.kind == "jump":
+    if contact.kind in ("jump", "burst"):
         return []
     if contact.kind == "free":
         return _met(solution, plan, number, contact, tracks, table) + _stopped(solution, plan, number, contact, ids)

@@ -16,6 +16,7 @@ from models.billiards.motion import STATE, differentiate_one
 from models.effects.catalogue import prior_of
 from models.fitting.skeleton import (
     BALL,
+    BURST,
     CUSHION,
     DIAMETER,
     FREE,
@@ -59,8 +60,8 @@ SLIP_SIGMA = 0.7
 """slip after a strike, over the speed."""
 CONTINUITY_SIGMA = 2e-4
 """m: paths do not jump at contacts."""
-JUMP_SIGMA = 0.01
-"""s: how far a jump may move in one step."""
+JUMP_SIGMA, BURST_SIGMA = 0.01, 1e-6
+"""s: how far a jump may move in one step; when a ball leaves a burst stands."""
 SLOWEST_HIT = 0.02
 """m/s: errors are not smaller for slower contacts."""
 TOUCH_SIGMA = 8e-4
@@ -165,9 +166,9 @@ def _contact(bones, c, now, end, frame, frame_end, table, law):  # type: ignore[
     by_end.fill(0.0)
     by_start.fill(0.0)
     by_shared.fill(0.0)
-    if bones.kind[c] == JUMP:  # nothing else holds the time of a jump
-        value[0], sigma[0] = now.t[c] - frame.t[c], JUMP_SIGMA
-        return 1
+    if bones.kind[c] == JUMP or bones.kind[c] == BURST:  # nothing else holds the time of a jump
+        value[0], sigma[0] = now.t[c] - frame.t[c], JUMP_SIGMA if bones.kind[c] == JUMP else BURST_SIGMA
+        return _leave(bones, c, now, law) if bones.kind[c] == BURST else 1
     rows = 0
     for ball in range(2):
         if bones.before[c, ball] != NONE:
@@ -192,6 +193,19 @@ def _contact(bones, c, now, end, frame, frame_end, table, law):  # type: ignore[
                 for k in range(STATE):
                     value[row] += by_start[row, ball, k] * now.state[bones.after[c, ball], k]
     return rows
+
+
+@compiled
+def _leave(bones, c, now, law):  # type: ignore[no-untyped-def]
+    """A ball that was in a burst is where the play has it."""
+    value, sigma, _, by_start, _ = law
+    state = now.state[bones.after[c, 0]]
+    for row in range(6):
+        value[row + 1], sigma[row + 1] = 0.0, 1.0
+        for k in range(6):
+            by_start[row + 1, 0, k] = bones.whiten[c, row, k]
+            value[row + 1] += bones.whiten[c, row, k] * (state[k] - bones.leaves[c, k])
+    return 7
 
 
 @compiled
@@ -336,7 +350,7 @@ def _say_of_contact(bones, c, rows, law, slope, told, count):  # type: ignore[no
                             at = _enter(told, at, bones.first_contact + bones.start[before], -d / sigma[row])
             for k in range(2 if bones.static[after] else STATE):
                 at = _enter(told, at, bones.column[after] + k, by_start[row, ball, k] / sigma[row])
-        if bones.kind[c] == JUMP:
+        if row == 0 and (bones.kind[c] == JUMP or bones.kind[c] == BURST):
             through = 1.0
         at = _enter(told, at, bones.first_contact + c, through / sigma[row])
         for k in range(SHARED):
@@ -367,7 +381,7 @@ def _say_one(told, count, value, column, slope):  # type: ignore[no-untyped-def]
 def _say_of_span(bones, span, state, frame_state, told, count):  # type: ignore[no-untyped-def]
     """Slip, extra acceleration and velocity have priors; the slip after a ball contact is told there."""
     start = bones.start[span]
-    uncaused = start == NONE or bones.kind[start] == FREE or bones.kind[start] == JUMP
+    uncaused = start == NONE or bones.kind[start] in (FREE, JUMP, BURST)
     slips = uncaused or (bones.kind[start] == STRIKE and not bones.pushed[start])
     speed = np.hypot(frame_state[2], frame_state[3])
     for k in range(2, STATE):

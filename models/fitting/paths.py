@@ -116,6 +116,8 @@ def _extent(
         begin = float(seen[min(np.searchsorted(seen, begin), len(seen) - 1)])
     if span.end is not None and story.contacts[span.end].kind == "jump":
         end = float(seen[max(np.searchsorted(seen, end) - 1, 0)])
+    if span.end is not None and story.contacts[span.end].kind == "burst":
+        end = story.contacts[span.end].since
     if span.end is None:
         last = float(seen[-1])
         rests = span.static or last - begin > float(rest_time(span.state, solution.friction))

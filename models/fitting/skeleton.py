@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-STRIKE, BALL, CUSHION, FREE, JUMP = range(5)
+STRIKE, BALL, CUSHION, FREE, JUMP, BURST = range(6)
 """Kinds of contacts, in the order of `ContactKind`."""
 SLIDING, ROLLING, DIAMETER, NOSE, RUBBER = 0, 1, 2, 3, 7
 """Where the numbers that all spans share begin."""
@@ -48,6 +48,9 @@ class Skeleton(NamedTuple):
     """(C,)"""
     pushed: Flags
     """(C,)"""
+    leaves: Floats
+    """(C, 6) states in which balls leave bursts; `whiten` (C, 6, 6) takes what is off to standard deviations."""
+    whiten: Floats
     column: Ints
     """(S,) first number of a span."""
     first_contact: int
@@ -77,6 +80,7 @@ def skeleton_of(story: Story) -> Skeleton:
         _paired([c.before for c in contacts]), _paired([c.after for c in contacts]),
         np.array([CUSHIONS.index(c.cushion) if c.kind == "cushion" else NONE for c in contacts], np.int64),
         np.array([c.driven for c in contacts], np.bool_), np.array([c.pushed for c in contacts], np.bool_),
+        np.array([c.leaves for c in contacts]).reshape(-1, 6), np.array([c.whiten for c in contacts]).reshape(-1, 6, 6),
         plan.span.astype(np.int64), plan.contact, plan.globals, plan.size,
     )  # fmt: skip
 

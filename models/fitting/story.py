@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-ContactKind = Literal["strike", "ball", "cushion", "free", "jump"]
+ContactKind = Literal["strike", "ball", "cushion", "free", "jump", "burst"]
 """`free`: a ball changed its velocity and nothing known was near; `jump`: its path does not go on where it ended,
-because pictures are missing or something else was followed."""
+because pictures are missing or something else was followed; `burst`: what a ball met together with many others was
+played, and it goes on from there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,12 @@ class Contact:
     """A strike that no cue can have given, since other balls move: it keeps the spin as contacts of balls do."""
     gain: float = 0.0
     """chi2 that the break improves, over one span without it."""
+    since: float = field(default=np.nan, compare=False)
+    """s, of a burst: its first contact, where t is its last."""
+    leaves: Floats = field(default_factory=lambda: np.zeros(6), compare=False)
+    """(6,) place, velocity and slip with which the ball leaves a burst, as it was played."""
+    whiten: Floats = field(default_factory=lambda: np.zeros((6, 6)), compare=False)
+    """Takes what another state (6,) is off to standard deviations of the play."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,162 @@
+"""Balls that lie together and are hit: what happens within a picture is played from where they went."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from filmed_shots import RADIUS, Filmed, film, scene
+from numpy.typing import NDArray
+
+from models.bursts.burst import Burst
+from models.bursts.play import OVERLAP_SIGMA, Play
+from models.bursts.search import search
+from models.bursts.told import told
+from models.fit import Fit
+from models.fitting.fit_shot import fit_shot
+from models.options import FitOptions
+
+Floats = NDArray[np.float64]
+
+SIGMA, INTERVAL = 0.002, 1 / 30
+"""m, and s between pictures."""
+
+
+def rack(rows: int, rng: np.random.Generator) -> Floats:
+    """Balls (N, 2) m of a triangle, up to half a millimetre off their places."""
+    pitch = 2 * RADIUS + 6e-4
+    places = [(1.7 + row * pitch * np.sqrt(0.75), 0.63 + (k - row / 2) * pitch) for row in range(rows)
+              for k in range(row + 1)]  # fmt: skip
+    return np.array(places) + rng.uniform(-2.5e-4, 2.5e-4, (len(places), 2))
+
+
+def hit(rows: int, seed: int, noise: float = SIGMA) -> tuple[Burst, Floats]:
+    """A rack that a ball runs into, seen as a camera would, and the numbers (P,) that it was played from."""
+    rng = np.random.default_rng(seed)
+    lying = rack(rows, rng)
+    coming = np.array([1.4, 0.635, 4.0, 0.05, 1.0, 0.0, 0.3])
+    count, contact = len(lying) + 1, 0.06
+    t = INTERVAL * np.arange(7)
+    empty = Burst(
+        tuple(range(count)), 0.0, contact, coming, np.full(7, np.inf), lying, np.full(count - 1, 4e-4),
+        np.array([t[-1]]), np.zeros(1, np.int64), np.zeros((1, 2)), np.eye(2)[None], INTERVAL, (0.2, 0.01), 1.0,
+        scene().table,
+    )  # fmt: skip
+    numbers = np.concatenate([coming, lying.ravel(), [0.2, 0.95, 1.0]])
+    path = Play(empty, np.inf).run(numbers).at(t)[..., :2]
+    frame, ball = np.nonzero((t[:, None] > contact) | (np.arange(count) == 0))
+    seen = path[frame, ball] + rng.normal(0, noise, (len(frame), 2))
+    burst = Burst(
+        empty.balls, 0.0, contact, coming + np.array([0, 0, 0.1, 0.05, -1.0, 0.2, -0.3]), empty.coming_sigma,
+        lying + rng.normal(0, 4e-4, lying.shape), empty.lying_sigma, t[frame], ball, seen,
+        np.repeat(np.eye(2)[None] / SIGMA, len(frame), axis=0), INTERVAL, (0.2, 0.01), 1.0, scene().table,
+    )  # fmt: skip
+    return burst, numbers
+
+
+def test_slopes_are_those_of_small_steps() -> None:
+    burst, numbers = hit(2, 3, noise=0.0)
+    play = Play(burst, np.inf)
+    _, run = play.missed(numbers)
+    slope, step = play.slopes(numbers, run), 1e-7
+    for k in range(len(numbers)):
+        by = np.where(np.arange(len(numbers)) == k, step, 0.0)
+        ahead, behind = play.missed(numbers + by)[0], play.missed(numbers - by)[0]
+        np.testing.assert_allclose((ahead - behind) / (2 * step), slope[:, k], rtol=2e-3, atol=0.05)
+
+
+def test_overlapping_balls_are_moved_apart_and_others_stay() -> None:
+    burst, numbers = hit(3, 1)
+    squeezed = numbers.copy()
+    places = squeezed[7:-3].reshape(-1, 2)
+    places[:] = places.mean(axis=0) + 0.995 * (places - places.mean(axis=0))
+    play = Play(burst, np.inf)
+    free = play.apart(squeezed)[7:-3].reshape(-1, 2)
+    apart = np.linalg.norm(free[:, None] - free, axis=2)[np.triu_indices(len(free), 1)]
+    assert apart.min() > 2 * RADIUS - OVERLAP_SIGMA
+    assert np.abs(free - places).max() < 1e-3
+    np.testing.assert_array_equal(play.apart(numbers), numbers)
+
+
+def contacts_of(burst: Burst, numbers: Floats) -> list[frozenset[int]]:
+    """Who meets whom within 50 ms of the hit, faster than 6 cm/s."""
+    events = Play(burst, np.inf).run(numbers).events
+    early = (np.array(events.kind) == "ball") & (events.t < burst.hit + 0.06) & (events.speed > 0.06)
+    return [frozenset((int(events.a[k]), int(events.b[k]))) for k in np.flatnonzero(early)]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_search_finds_the_contacts_that_no_picture_shows(seed: int) -> None:
+    burst, numbers = hit(4, seed)
+    plays = search(burst, np.random.default_rng(seed))
+    assert plays is not None
+    assert plays.chi2_per_dof < 2
+    assert plays.weight.sum() == pytest.approx(1.0)
+    found = [frozenset((touch.a, touch.b)) for touch in told(plays).touches if touch.speed > 0.06]
+    true = contacts_of(burst, numbers)
+    shared = sum(min(found.count(pair), true.count(pair)) for pair in set(true))
+    assert shared > 0.8 * len(true)
+    assert shared > 0.8 * len(found)
+
+
+def test_the_same_seed_gives_the_same_play() -> None:
+    burst, _ = hit(3, 4)
+    one, two = (search(burst, np.random.default_rng(7)) for _ in range(2))
+    assert one is not None
+    assert two is not None
+    np.testing.assert_array_equal(one.played[0].numbers, two.played[0].numbers)
+
+
+def test_what_no_play_explains_is_not_played() -> None:
+    burst, _ = hit(3, 5)
+    shuffled = np.random.default_rng(0).permutation(burst.xy)
+    nonsense = Burst(*(shuffled if name == "xy" else getattr(burst, name) for name in Burst.__slots__))
+    assert search(nonsense, np.random.default_rng(1)) is None
+
+
+def broken(seed: int) -> Filmed:
+    """A rack of ten broken on a foreign table."""
+    rng = np.random.default_rng(seed)
+    x = np.concatenate([[[0.7, 0.60]], rack(4, rng)])
+    v, w = np.zeros_like(x), np.zeros((len(x), 3))
+    v[0] = 4.5 * (x[1] - x[0]) / np.hypot(*(x[1] - x[0]))
+    return film(x, v, w, rng, noise_px=0.8, seconds=1.6)
+
+
+def early(filmed: Filmed, fit: Fit) -> tuple[list[frozenset[str]], list[frozenset[str]]]:
+    """Contacts of balls within 50 ms of the first one: those that were, and those that are told."""
+    true = [(t, frozenset((a, b))) for t, kind, a, b in filmed.contacts if kind == "ball"]
+    until = min(t for t, _ in true) + 0.05
+    events = fit.events
+    told = [(events.t[k], frozenset((events.a[k], events.b[k]))) for k in range(len(events))
+            if events.kind[k] == "ball"]  # fmt: skip
+    return [pair for t, pair in true if t <= until], [pair for t, pair in told if t <= until]
+
+
+def test_a_break_is_told_contact_by_contact() -> None:
+    found, true, shared, before = 0, 0, 0, 0
+    for seed in (1, 2, 3):
+        filmed = broken(seed)
+        fit = fit_shot(filmed.tracks, filmed.scene)
+        happened, told = early(filmed, fit)
+        without = early(filmed, fit_shot(filmed.tracks, filmed.scene, FitOptions(quick=True)))[1]
+        found, true = found + len(told), true + len(happened)
+        shared += sum(min(told.count(pair), happened.count(pair)) for pair in set(happened))
+        before += sum(min(without.count(pair), happened.count(pair)) for pair in set(happened))
+    assert shared > 0.8 * true
+    assert shared > 0.75 * found
+    assert shared > 1.3 * before
+
+
+def test_paths_lead_through_a_burst() -> None:
+    filmed = broken(1)
+    path = fit_shot(filmed.tracks, filmed.scene).trajectory
+    for ball in range(len(path.ids)):
+        rows = np.flatnonzero(path.ball == ball)
+        for one, two in pairwise(rows):
+            if path.start[two] - path.end[one] > 1e-6:
+                continue
+            tau = path.end[one] - path.start[one]
+            left = np.array([1.0, tau, tau**2, tau**3]) @ path.position[one]
+            assert np.hypot(*(path.position[two, 0] - left)) < 4e-3
