@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.scene import apply_homography
-from video.clip import Clip, read_frames
+from video.gallery import Gallery
 from video.plate import SHADED, UNDER, Plate, learn_plate
 from video.sightings import Sightings
 from video.sprites import SHADOW_RADII, Outline
@@ -26,13 +26,12 @@ UNDER_RADII = 1.2
 """Radii around a ball's place that it may hide; beyond, it only shades."""
 
 
-def plate_of(sightings: Sightings, clip: Clip) -> Plate:
+def plate_of(sightings: Sightings, gallery: Gallery) -> Plate:
     """Learn what moving balls hide from pictures spread evenly over the clip."""
     swept = swept_by(sightings)
     count = int(np.clip(PLATE_BYTES // (4 * max(1, int(swept.sum()))), FEWEST_SAMPLES, MOST_SAMPLES))
     rows = _rows_to_learn(sightings, count)
-    pictures = read_frames(clip, indices=sightings.frame[rows])
-    return learn_plate(swept, (_sample(sightings, int(row), rgb) for row, (_, rgb) in zip(rows, pictures, strict=True)))
+    return learn_plate(swept, (_sample(sightings, row, rgb) for row, rgb in gallery.at(rows.tolist())))
 
 
 def _rows_to_learn(sightings: Sightings, count: int) -> NDArray[np.int64]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from video.clip import Clip
+from video.gallery import Gallery
 from video.pasting import Layer, paste
 from video.plate import Plate
-from video.sharp_balls import FAST_RADII, SharpBalls, alone, pictures_at, shifts
+from video.sharp_balls import FAST_RADII, SharpBalls, alone, shifts
 from video.sharpness import lit_like
 from video.sightings import Sightings
 from video.sprites import Outline, peel, taps_along
@@ -32,14 +33,13 @@ UNLIKE = 3.0
 """Times the usual least error from which a sighting shows something else: a hand, a wrong ball."""
 
 
-def with_exposure(sightings: Sightings, clip: Clip, plate: Plate, balls: SharpBalls) -> Sightings:
+def with_exposure(sightings: Sightings, gallery: Gallery, plate: Plate, balls: SharpBalls) -> Sightings:
     """Sightings with the exposure that makes the sharp balls look most like the fast ones; as they were, if unclear."""
-    chosen = _fastest(sightings, balls)
-    rows = sorted({row for _, row, _ in chosen})
+    chosen = fastest(sightings, balls.sightings)
     step = float(np.median(np.diff(sightings.t))) if len(sightings.t) > 1 else 0.0
     measured = [
         (_errors(sightings, plate, balls, row, ball, picture, step), speed)
-        for row, picture in pictures_at(sightings, clip, rows)
+        for row, picture in gallery.at(row for _, row, _ in chosen)
         for speed, other, ball in chosen
         if other == row
     ]
@@ -65,10 +65,10 @@ def believed_share(errors: list[tuple[Floats, float]]) -> float:
     return _least(total)
 
 
-def _fastest(sightings: Sightings, balls: SharpBalls) -> list[tuple[float, int, int]]:
-    """(radii from picture to picture, row, ball) of the fastest balls seen alone, whose sharp look is known."""
+def fastest(sightings: Sightings, balls: Iterable[int]) -> list[tuple[float, int, int]]:
+    """(radii from picture to picture, row, ball) of the fastest ones of these balls, seen alone."""
     speed = shifts(sightings) / sightings.radius
-    found = [(float(speed[row, ball]), int(row), ball) for ball in balls.sightings for row in alone(sightings, ball)]
+    found = [(float(speed[row, ball]), int(row), ball) for ball in balls for row in alone(sightings, ball)]
     return sorted((entry for entry in found if entry[0] > FAST_RADII), reverse=True)[:MOST_STREAKS]
 
 

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from video.clip import Clip
 from video.empty_table import plate_of
-from video.exposure import with_exposure
+from video.exposure import fastest, with_exposure
 from video.flow import Interpolator, OpticalFlow
 from video.flow_regions import Region, coarse, open_regions
+from video.gallery import Gallery
 from video.pasting import Layer, paste
 from video.plate import Plate
-from video.sharp_balls import SharpBalls, learn_sharp, sharp_pair
+from video.sharp_balls import SharpBalls, learn_sharp, sharp_pair, sharpest_rows
 from video.sightings import Sightings
 from video.sprites import STREAKED_RADII, Outline, Peeled, Sprite, peel, taps_along
 from video.turning import bends_between
@@ -45,9 +46,12 @@ class Scenery:
 
 def scenery_of(sightings: Sightings, clip: Clip) -> Scenery:
     """Learn the table without balls, the balls without streaks, and how long the shutter was open."""
-    plate = plate_of(sightings, clip)
-    sharp = learn_sharp(sightings, clip, plate)
-    return Scenery(with_exposure(sightings, clip, plate, sharp), plate, sharp)
+    sharpest = sharpest_rows(sightings)
+    streaked = fastest(sightings, {ball for balls in sharpest.values() for ball in balls})
+    gallery = Gallery(sightings, clip, frozenset([*sharpest, *(row for _, row, _ in streaked)]))
+    plate = plate_of(sightings, gallery)
+    sharp = learn_sharp(sightings, gallery, plate)
+    return Scenery(with_exposure(sightings, gallery, plate, sharp), plate, sharp)
 
 
 @dataclass(frozen=True, slots=True)

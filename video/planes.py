@@ -38,11 +38,10 @@ def planes_of(rgb: Picture) -> Any:
     height, width = rgb.shape[:2]
     frame = av.VideoFrame(width, height, FORMAT)
     bright, blue, red = (_plane(plane) for plane in frame.planes)
-    half = (width // 2, height // 2)
-    whole, cool, warm = cv2.split(cv2.transform(rgb, TO_PLANES))
-    bright[:] = whole
-    blue[:] = cv2.resize(cool, half, interpolation=cv2.INTER_AREA)
-    red[:] = cv2.resize(warm, half, interpolation=cv2.INTER_AREA)
+    levels = cv2.transform(rgb, TO_PLANES)
+    halved = cv2.resize(levels, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    for channel, (source, plane) in enumerate(((levels, bright), (halved, blue), (halved, red))):
+        cv2.extractChannel(source, channel, plane)  # straight into the frame
     return frame
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from video.clip import Clip, read_frames
+from video.gallery import Gallery
 from video.plate import Plate
 from video.sharpness import grown, lit_like, sharpened
 from video.sightings import Sightings
@@ -53,15 +52,11 @@ def sharp_pair(
     return first, second
 
 
-def learn_sharp(sightings: Sightings, clip: Clip, plate: Plate) -> SharpBalls:
+def learn_sharp(sightings: Sightings, gallery: Gallery, plate: Plate) -> SharpBalls:
     """Look through the clip for the sharpest sightings of the balls that may be streaked anywhere."""
-    wanted: dict[int, list[int]] = defaultdict(list)
-    speed = shifts(sightings) / sightings.radius
-    for ball in np.flatnonzero(np.nanmax(np.where(np.isfinite(speed), speed, 0), axis=0, initial=0) > FAST_RADII):
-        for slow in _slowest(alone(sightings, int(ball)), speed[:, ball]):
-            wanted[int(slow)].append(int(ball))
+    wanted = sharpest_rows(sightings)
     found: dict[int, list[tuple[float, Sprite, float]]] = defaultdict(list)
-    for row, picture in pictures_at(sightings, clip, sorted(wanted)):
+    for row, picture in gallery.at(wanted):
         motion = sightings.motion(float(sightings.t[row]))
         for index in wanted[row]:
             sprite = peel(picture, [sightings.outline(row, index)], [], plate, motion).sprites[0]
@@ -70,10 +65,14 @@ def learn_sharp(sightings: Sightings, clip: Clip, plate: Plate) -> SharpBalls:
     return SharpBalls({ball: tuple(sprites) for ball, sprites in found.items()})
 
 
-def pictures_at(sightings: Sightings, clip: Clip, rows: list[int]) -> Iterator[tuple[int, Picture]]:
-    """(row, picture) of some rows, ascending."""
-    pictures = read_frames(clip, indices=sightings.frame[rows])
-    return ((row, picture) for row, (_, picture) in zip(rows, pictures, strict=True))
+def sharpest_rows(sightings: Sightings) -> dict[int, list[int]]:
+    """By row, the balls that may be streaked elsewhere and are likely to be sharp there."""
+    wanted: dict[int, list[int]] = defaultdict(list)
+    speed = shifts(sightings) / sightings.radius
+    for ball in np.flatnonzero(np.nanmax(np.where(np.isfinite(speed), speed, 0), axis=0, initial=0) > FAST_RADII):
+        for slow in _slowest(alone(sightings, int(ball)), speed[:, ball]):
+            wanted[int(slow)].append(int(ball))
+    return dict(wanted)
 
 
 def shifts(sightings: Sightings) -> Floats:

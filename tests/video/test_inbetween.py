@@ -18,6 +18,7 @@ from models.tracks import Tracks
 from models.trajectory import Trajectory
 from video.clip import Clip, open_clip, read_frames
 from video.empty_table import plate_of, swept_by
+from video.gallery import Gallery
 from video.inbetween import open_interval
 from video.pasting import Layer, paste
 from video.plate import UNDER, Plate, learn_plate
@@ -206,7 +207,7 @@ def test_the_plate_is_the_median_of_what_is_free_and_grows_where_nothing_is() ->
 def test_the_plate_of_a_clip_shows_the_cloth_where_the_ball_rolled(tmp_path: Path) -> None:
     clip = shot.clip_in(tmp_path)
     sightings = seen()
-    plate = plate_of(sightings, clip)
+    plate = plate_of(sightings, Gallery(sightings, clip))
     swept = swept_by(sightings)
     assert 0.03 < swept.mean() < 0.4
     assert difference(plate.picture, shot.cloth())[swept].mean() < 3
@@ -283,7 +284,7 @@ def test_withheld_pictures_of_a_real_clip_are_made_better_than_by_blending(foota
         for name in ("frame", "t", "xy", "px", "sigma", "sigma_along", "streak", "radius_px")
     })  # fmt: skip
     sightings = sight(scene, half, drawn_through(half))
-    plate = plate_of(sightings, clip)
+    plate = plate_of(sightings, Gallery(sightings, clip))
     pictures = [picture for _, picture in read_frames(clip, indices=rows)]
     made_error, blend_error = [], []
     for row in range(len(half.t) - 1):
