@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.events import Events
 from models.fit import Fit
 from video.overlay import Label, error_text
 from video.palette import FLASH
@@ -26,6 +27,8 @@ LEAST_PROBABILITY = 0.5
 """Events below are not drawn."""
 MOST_SIGMA = 0.05
 """s; an event whose time is less sure is not drawn: it would flash at a wrong moment."""
+AT_ONCE, MOST_AT_ONCE = 0.03, 4
+"""s, and how many contacts within that are drawn at most."""
 BEYOND_RADII = 3.0
 """How far outside the noses, in ball radii, a path is still drawn: pockets, but no run-away fit."""
 SURE = 0.9
@@ -122,12 +125,13 @@ def spaced(px: Floats, corner: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 def marks_of(sightings: Sightings, fit: Fit) -> tuple[Mark, ...]:
-    """The events that are drawn: all but rests, and those that are likelier than not."""
+    """The events that are drawn: all but rests, and those that are likelier than not; of many at once the hardest."""
     events = fit.events
+    crowded = _crowded_out(events)
     marks = []
     for k, kind in enumerate(events.kind):
         known = events.probability[k] >= LEAST_PROBABILITY and events.t_sigma[k] <= MOST_SIGMA
-        if kind not in STRENGTHS or not known or events.a[k] not in fit.trajectory.ids:
+        if kind not in STRENGTHS or not known or crowded[k] or events.a[k] not in fit.trajectory.ids:
             continue
         ball = fit.trajectory.ids.index(events.a[k])
         xy = _contact_point(sightings, fit, k)
@@ -137,6 +141,13 @@ def marks_of(sightings: Sightings, fit: Fit) -> tuple[Mark, ...]:
         if np.isfinite(xy).all():
             marks.append(Mark(float(events.t[k]), xy, ball, STRENGTHS[kind], Label(title, value, FLASH)))
     return tuple(marks)
+
+
+def _crowded_out(events: Events) -> NDArray[np.bool_]:
+    """(E,) contacts of balls beside which `MOST_AT_ONCE` harder ones happen: all of a break's would be a tangle."""
+    hard = np.where([kind == "ball" for kind in events.kind], np.nan_to_num(events.speed), -np.inf)
+    near = np.abs(events.t[:, None] - events.t) < AT_ONCE
+    return np.asarray(np.isfinite(hard) & ((near & (hard > hard[:, None])).sum(axis=1) >= MOST_AT_ONCE))
 
 
 def _contact_point(sightings: Sightings, fit: Fit, event: int) -> Floats:

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import staged_shot as shot
 
+from models.events import Events
 from models.fit import Fit
 from models.tracks import Tracks
 from video.annotation import GO_STEP, MOST_WORDS, Annotation, annotate
 from video.layout import Side, overlap
-from video.motion_marks import path_of
+from video.motion_marks import marks_of, path_of
 from video.overlay import Balls
 from video.sightings import sight
 
@@ -86,3 +87,17 @@ def test_names_that_stand_do_not_cover_each_other() -> None:
         annotation.draw(shot.cloth(), 0.25, balls, np.full((2, 2), np.nan))
     first, second = annotation.named
     assert overlap(first, second) <= MOST_WORDS * second[2] * second[3]
+
+
+def test_of_many_contacts_at_once_the_hardest_are_drawn() -> None:
+    fit, count = shot.fit(TIMES), 9
+    t = np.append(0.2 + 0.002 * np.arange(count - 1), 0.4)
+    speed = np.append([0.3, 2.0, 0.1, 1.0, 5.0, 0.2, 3.0, 0.4], 0.05)
+    first, second = fit.trajectory.ids[:2]
+    sure, zero = np.ones(count), np.zeros(count)
+    events = Events(
+        ("ball",) * count, t, np.full(count, 1e-4), t * shot.RATE, (first,) * count, (second,) * count,
+        np.full((count, 2), 0.3), sure, zero, zero, speed,
+    )  # fmt: skip
+    marks = marks_of(sight(shot.scene(), shot.tracks(TIMES), fit), replace(fit, events=events))
+    np.testing.assert_allclose([mark.t for mark in marks], t[[1, 3, 4, 6, 8]])
