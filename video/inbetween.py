@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from video.chroma import has_squares, square_colours
 from video.clip import Clip
 from video.empty_table import plate_of
 from video.exposure import fastest, with_exposure
@@ -123,6 +124,8 @@ class Interval:
     """Where something other than balls moves, in pixels of the first picture."""
     small: tuple[Picture, Picture] | None = None
     """Both sides made `coarse`; None where the camera moves between them."""
+    squared: bool = False
+    """Whether the pictures have one colour for every two by two pixels, and what is made of them shall have it too."""
 
     def at(self, t: float, centres: Floats, ways: Floats | None = None) -> Picture:
         """The picture (H, W, 3) at time t with balls at `centres` (N, 2) px; a real one where it falls on one.
@@ -137,7 +140,11 @@ class Interval:
         for region in self.regions:
             region.lay(picture, share, moved)
         ways = np.zeros((1, *centres.shape)) if ways is None else ways
-        paste(picture, [seen.layers(centres[seen.ball], ways[:, seen.ball], share) for seen in self.balls], self.still)
+        layers = [seen.layers(centres[seen.ball], ways[:, seen.ball], share) for seen in self.balls]
+        changed = paste(picture, layers, self.still)
+        if self.squared:
+            for box in (*changed, *(region.box for region in self.regions if moved is None)):
+                square_colours(picture, box)
         return picture
 
     def _behind(self, t: float, share: float) -> Picture:
@@ -192,7 +199,8 @@ def open_interval(
         kept = before.small if before is not None and again else None
         small = (coarse(known.behind) if kept is None else kept[1], coarse(later))
     regions = open_regions(known.behind, later, interpolator, step is None, small)
-    return Interval(sightings, row, first, second, sides, tuple(seen), _still(sightings, row, balls), regions, small)
+    still, squared = _still(sightings, row, balls), has_squares(first)
+    return Interval(sightings, row, first, second, sides, tuple(seen), still, regions, small, squared)
 
 
 def _pairs(sides: tuple[Peeled, Peeled]) -> list[tuple[Sprite | None, Sprite | None]]:

@@ -37,17 +37,19 @@ class Layer:
     bend: Singles | None = None
 
 
-def paste(picture: Picture, balls: Sequence[Sequence[Layer]], still: Sequence[Outline] = ()) -> None:
+def paste(picture: Picture, balls: Sequence[Sequence[Layer]], still: Sequence[Outline] = ()) -> list[Box]:
     """Lay balls over `picture` (H, W, 3) in place: the shadows of all, then the balls, the lowest in the picture last.
+
+    Returns the boxes that were changed.
 
     The weights of a ball's layers add to 1, or to less for a ball that fades. Balls that are `still` in the picture
     take no shadow, and hide what is laid behind them: what is higher in the picture.
     """
     balls = [layers for layers in balls if layers]
-    for layers in balls:
-        _paste_shade(picture, layers, still)
+    changed = [_paste_shade(picture, layers, still) for layers in balls]
     for low, layers in sorted(((_low(layers), layers) for layers in balls), key=itemgetter(0)):
         _paste_cover(picture, layers, [other for other in still if other.centre[1] > low])
+    return [box for box in changed if box is not None]
 
 
 def _low(layers: Sequence[Layer]) -> float:
@@ -59,11 +61,12 @@ def _middle(places: Floats) -> Floats:
     return np.asarray(places[0] if len(places) == 1 else places.mean(axis=0), dtype=np.float64)
 
 
-def _paste_shade(picture: Picture, layers: Sequence[Layer], still: Sequence[Outline]) -> None:
+def _paste_shade(picture: Picture, layers: Sequence[Layer], still: Sequence[Outline]) -> Box | None:
+    """Darken the ground; returns the box around the ball and all that it shades, None outside the picture."""
     corners = [_corner(layer) for layer in layers]
     box = _hull(picture, [layer.sprite.shade for layer in layers], corners, layers)
     if box is None:
-        return
+        return None
     total: Singles | None = None
     for layer, corner in zip(layers, corners, strict=True):
         places = _thinned(layer.places)
@@ -78,6 +81,7 @@ def _paste_shade(picture: Picture, layers: Sequence[Layer], still: Sequence[Outl
     total = total + 1 if free is None else total * free + 1
     ground = picture[box[1] : box[3], box[0] : box[2]]
     ground[:] = cv2.multiply(ground, total, dtype=cv2.CV_8U)
+    return box
 
 
 def _added(total: Singles, patch: Singles, weight: float) -> Singles:
