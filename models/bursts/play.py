@@ -115,7 +115,7 @@ class Play:
 
     def run(self, numbers: Floats) -> Run:
         """The shot from `burst.begins` on; ArithmeticError where balls meet without end."""
-        seconds = self.burst.ends - self.burst.begins + self.burst.interval
+        seconds = min(self.until, self.burst.ends) - self.burst.begins + self.burst.interval
         return played(numbers[: self.shared], self.moving, self.burst.table, self.values(numbers), LAWS, seconds)
 
     def within(self, numbers: Floats) -> Floats:

@@ -56,12 +56,14 @@ class _Lying:
 
 def racks(solution: Solution, data: Data, table: Table) -> list[Burst]:
     """All bursts of a clip in the order of time, as their samples have them."""
-    story, interval = solution.story, interval_of(data)
+    story = solution.story
     leave = sorted(
         (story.contacts[span.end].t, k) for k, span in enumerate(story.spans) if span.static and span.end is not None
     )
+    if len(leave) < FEWEST_LEAVE:
+        return []
     found: list[Burst] = []
-    after = -np.inf
+    interval, after = interval_of(data), -np.inf
     for first, _ in leave:
         leaving = {story.spans[k].ball for t, k in leave if first <= t <= first + AT_ONCE * interval}
         if first < after or len(leaving) < FEWEST_LEAVE:
