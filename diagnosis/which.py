@@ -78,10 +78,14 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
     state.compared |= {(best.names, name) for name in best.names}
     rivals = sorted(former.tried.values(), key=former.weigh, reverse=True)[: TRIED + 1]
     near = [one for one in rivals if former.weigh(former.best()) - former.weigh(one) < _REFUTED]
-    near = [one for one in near if not one.names > best.names]  # what more is missing is asked anew
+    more = [one.names for one in near if one.names > best.names]
     for one in (*near, *(one for one in former.tried.values() if one.names < best.names)):
-        if one.names not in state.tried:
+        if one.names not in (*state.tried, *more):
             state.tried[one.names] = longer(one)
+    # what more is missing is asked anew, also where slopes no longer show what short windows made likelier
+    for names in more:
+        if former.weigh(former.tried[names]) > former.weigh(former.tried[best.names]):
+            tried(state, names, state.tried[best.names])
     return state
 
 
