@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from detectors.centres import COARSE_STRIDE, Centres, chained, not_echoes
 from detectors.cloth import Cloth, learn_cloth
 from detectors.colour import ball_coats
-from detectors.found import Found, without_overlaps
+from detectors.found import NO_BALLS, Found, inside, without_overlaps
 from detectors.found import chained as found_chained
 from detectors.memory import CHANGED_SHARE, REACH_RADII, RENEWED_PICTURES, around, windows
 from detectors.onnx_model import BallModel, CentreModel
 from detectors.refine import fit_circles, softened
+from detectors.sweep import fitted_sweep
 from detectors.view import View, view_of
 from models.detections import Detections
 from models.scene import Scene, apply_homography
@@ -36,8 +37,9 @@ SIZE_BAND = (0.7, 1.4)
 """Seen over predicted radius of what can be a ball of this table."""
 STREAK_RADII = 0.5
 """Way during the exposure, ball radii, from which a ball counts as a streak."""
-LEAST_SUPPORT = 0.6
-"""Share of a circle's rays that must end at an edge for its centre to count."""
+LEAST_SUPPORT, CLEAR_SUPPORT = 0.6, 0.8
+"""Share of a circle's rays that must end at an edge for its centre to count, and for the ball to be at rest without a
+closer look."""
 MOST_APART = 4.0
 """Standard deviations by which the circle may miss the network's centre, beyond which it is another thing's outline."""
 
@@ -154,9 +156,12 @@ class NetworkFinder:
         """Balls, and where (n, 2), working px, the network's word alone counts."""
         there = seen.placed(lambda px: self._there(px, frame), 1 / self.view.scale)
         streaked = np.linalg.norm(seen.streak, axis=1) > STREAK_RADII * seen.radius
-        sharp, clear = self._refined(rgb, seen.take(~streaked), there.take(~streaked))
-        swept = _swept(there.take(streaked))
-        found = without_overlaps(found_chained(swept, sharp), self.view.scene, frame)
+        sharp, support = self._refined(rgb, seen.take(~streaked), there.take(~streaked))
+        clear = support > LEAST_SUPPORT
+        by_light, moves = self._swept_by_light(rgb, seen.take(~streaked), sharp, support)
+        swept = found_chained(_swept(there.take(streaked)), by_light)
+        kept = ~moves & ((support > CLEAR_SUPPORT) | ~inside(sharp.centre, swept).any(axis=0))
+        found = without_overlaps(found_chained(swept, sharp.take(kept)), self.view.scene, frame)
         coats = ball_coats(rgb, found.centre, found.radius)
         frames = np.full(len(found.score), frame, dtype=np.int64)
         unclear = np.concatenate([seen.centre[streaked], seen.centre[~streaked][~clear]])
@@ -165,8 +170,24 @@ class NetworkFinder:
             found.score, found.sigma, found.sigma_along,
         ), unclear  # fmt: skip
 
-    def _refined(self, rgb: Bytes, home: Centres, there: Centres) -> tuple[Found, Bools]:
-        """Sharp balls: circles through their edges, weighed with what the network says; which of them have a circle."""
+    def _swept_by_light(self, rgb: Bytes, home: Centres, sharp: Found, support: Floats) -> tuple[Found, Bools]:
+        """Streaks among balls without a whole outline, by what an exposure adds up to; which (n,) of them are some."""
+        radius = _at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
+        moves, found = np.zeros(len(support), dtype=bool), NO_BALLS
+        for row in np.flatnonzero(support < CLEAR_SUPPORT):
+            clear = support > CLEAR_SUPPORT
+            clear[row] = False
+            others, size = sharp.take(clear), float(radius[row])
+            sweep = fitted_sweep(rgb, sharp.centre[row], size, others.centre, others.radius, self.cloth.basis)
+            if sweep is not None and sweep.believed(size):
+                moves[row] = True
+                place, way = sweep.centre[None], sweep.way[None]
+                errors = np.array([sweep.across]), np.array([sweep.along])
+                found = found_chained(found, Found(place, radius[[row]], way, sharp.score[[row]], *errors))
+        return found, moves
+
+    def _refined(self, rgb: Bytes, home: Centres, there: Centres) -> tuple[Found, Floats]:
+        """Sharp balls: circles through their edges, weighed with what the network says; their support, 0 for none."""
         expected = _at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
         beneath = np.asarray(_at(self.cloth.colour, home.centre), dtype=np.float64)
         circles = fit_circles(rgb, softened(rgb), there.centre, expected, beneath, self.cloth.basis)
@@ -177,7 +198,8 @@ class NetworkFinder:
         centre = there.centre + share[:, None] * (circles.centre - there.centre)
         radius = np.where(good, circles.radius, there.radius)
         sigma = np.where(good, own * circles.sigma / np.hypot(own, circles.sigma), own)
-        return Found(centre, radius, np.zeros_like(centre), there.score, sigma, sigma), good
+        support = np.where(good, circles.support, 0.0)
+        return Found(centre, radius, np.zeros_like(centre), there.score, sigma, sigma), support
 
 
 def _swept(seen: Centres) -> Found:

@@ -147,7 +147,7 @@ def _edges(
     at = DISTANCES[half:-half]
     near_circle = np.exp(-0.5 * ((at - likely[:, None]) / prior) ** 2)
     # Behind the outline of a ball there is cloth; behind that of its stripe or its number there is more ball.
-    away = profile[:, :, 2 * half :] - (cloth @ _weighed(basis).T)[:, None, None]
+    away = profile[:, :, 2 * half :] - (cloth @ weighed(basis).T)[:, None, None]
     bare = 1 / (1 + np.sqrt(np.einsum("kasc,kasc->kas", away, away)) / BARE_LEVELS)
     expected = gradient / (gradient + SATURATION) * near_circle[:, None] * (COVERED_WORTH + bare)
     best = np.argmax(expected, axis=2)
@@ -164,23 +164,23 @@ def ray_profiles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, basis:
     offsets = DIRECTIONS[:, None] * DISTANCES[None, :, None]
     at = centre[:, None, None] + radius[:, None, None, None] * offsets[None]
     flat = at.reshape(k * RAYS, STEPS, 2).astype(np.float32)
-    return _colours_at(rgb, soft, flat, _weighed(basis)).reshape(k, RAYS, STEPS, 3)
+    return _colours_at(rgb, soft, flat, weighed(basis)).reshape(k, RAYS, STEPS, 3)
 
 
-def _weighed(basis: Floats) -> NDArray[np.float32]:
+def weighed(basis: Floats) -> NDArray[np.float32]:
     """Takes RGB to the cloth's basis with brightness weighed down (3, 3)."""
     return np.asarray(basis * np.array([[1.0], [1.0], [SHADOW_WEIGHT]]), dtype=np.float32)
 
 
-def _colours_at(rgb: Bytes, soft: Bytes, at: NDArray[np.float32], weighed: NDArray[np.float32]) -> NDArray[np.float32]:
+def _colours_at(rgb: Bytes, soft: Bytes, at: NDArray[np.float32], taken: NDArray[np.float32]) -> NDArray[np.float32]:
     """Colours (n, m, 3) at px (n, m, 2): those of the surroundings with the brightness of the place itself.
 
-    `weighed` (3, 3) takes RGB to the colours that are wanted.
+    `taken` (3, 3) takes RGB to the colours that are wanted.
     """
     sharp = cv2.remap(rgb, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     around = cv2.remap(soft, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    lighter = np.outer(weighed.sum(axis=1), LUMA)
-    found = cv2.transform(around.astype(np.float32), weighed - lighter)
+    lighter = np.outer(taken.sum(axis=1), LUMA)
+    found = cv2.transform(around.astype(np.float32), taken - lighter)
     return np.asarray(cv2.add(found, cv2.transform(sharp.astype(np.float32), lighter)), dtype=np.float32)
 
 
