@@ -123,7 +123,7 @@ def _touch(plays: Plays, others: list[Floats], contacts: Floats, k: int) -> Touc
             moments[m] = theirs[again]
     has = np.isfinite(moments)
     share = plays.weight[has] / plays.weight[has].sum()
-    spread = float(np.sqrt(share @ (moments[has] - t) ** 2))
+    spread = float(np.hypot(np.sqrt(share @ (moments[has] - t) ** 2), _moment_sigma(plays, a, b, t)))
     return Touch(
         burst.begins + t, max(spread, LEAST_SIGMA), burst.balls[a], burst.balls[b], best.at(t)[a, :2],
         float(row[SPEED]), MOST_SURE * float(plays.weight[has].sum()),
@@ -148,14 +148,30 @@ def _leaving(plays: Plays, number: int, first: float, last: float) -> Leaving:
 def _there(plays: Plays, number: int, t: float) -> tuple[Floats, Floats]:
     """Place, velocity and slip (6,) of a ball at t, s of the run, as the best play has it, and their covariance (6, 6):
     the errors of its numbers, what other plays have, and what the laws of two balls miss of real ones."""
-    burst, best = plays.burst, plays.played[0]
     there = np.array([slips(one.run.at(t), one.run.balls.radius)[number, :6] for one in plays.played])
+    slope, other = _slope(plays, number, t), there - there[0]
+    speed = float(np.hypot(*there[0, 2:4]))
+    floor = np.repeat([PLACE_SIGMA, SPEED_SIGMA * speed + LEAST_SPEED, SLIP_SIGMA * speed + LEAST_SPEED], 2)
+    return there[0], slope @ plays.covariance @ slope.T + (other.T * plays.weight) @ other + np.diag(floor**2)
+
+
+def _slope(plays: Plays, number: int, t: float) -> Floats:
+    """Derivatives (6, P) of place, velocity and slip of a ball at t, s of the run, by the numbers of the best play."""
+    burst, best = plays.burst, plays.played[0]
     place = np.full((1, len(burst.balls)), -1)
     place[0, number] = 0
     directions = Play(burst, burst.ends).directions(best.numbers)
     slope = best.run.along(np.array([t]), place, directions, STATE)[0]
-    slope = slips(slope.T[:, None], best.run.balls.radius[number : number + 1])[:, 0].T[:6]
-    other = there - there[0]
-    speed = float(np.hypot(*there[0, 2:4]))
-    floor = np.repeat([PLACE_SIGMA, SPEED_SIGMA * speed + LEAST_SPEED, SLIP_SIGMA * speed + LEAST_SPEED], 2)
-    return there[0], slope @ plays.covariance @ slope.T + (other.T * plays.weight) @ other + np.diag(floor**2)
+    return slips(slope.T[:, None], best.run.balls.radius[number : number + 1])[:, 0].T[:6]
+
+
+def _moment_sigma(plays: Plays, a: int, b: int, t: float) -> float:
+    """s, how far the errors of its numbers move a contact of the best play: by what they change of the gap between two
+    balls, at the speed at which it closes."""
+    before = t - AFTER
+    states = slips(plays.played[0].run.at(before), plays.played[0].run.balls.radius)
+    apart = states[b, :2] - states[a, :2]
+    line = apart / np.hypot(*apart)
+    closing = max(float((states[a, 2:4] - states[b, 2:4]) @ line), LEAST_SPEED)
+    gap = line @ (_slope(plays, b, before)[:2] - _slope(plays, a, before)[:2])
+    return float(np.hypot(np.sqrt(max(gap @ plays.covariance @ gap, 0.0)), PLACE_SIGMA)) / closing

@@ -36,6 +36,9 @@ from models.tracks import Tracks
 
 Floats = NDArray[np.float64]
 
+_NAMED = 3
+"""changes of velocity that a doubt names."""
+
 
 def fit_shot(tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), progress: Progress = silent) -> Fit:
     """Events, motion and coefficients of one clip.
@@ -189,7 +192,7 @@ def _report(
     chi2_all, noise = _misfit(solution, data, good)
     return Fit(
         events, trajectory, _parameters(solution), noise, chi2_all, seen.xy - state.xy, moving, accepted,
-        light(share, chi2_all, seconds, _doubts(solution, [seen.ids[ball] for ball in left_out])),
+        light(share, chi2_all, seconds, _doubts(solution, seen.ids, [seen.ids[ball] for ball in left_out])),
     )  # fmt: skip
 
 
@@ -203,12 +206,13 @@ def _pixel(tracks: Tracks, radius: float) -> float:
     return float(np.median(radius / tracks.radius_px[known] / least))
 
 
-def _doubts(solution: Solution, left_out: list[str]) -> list[str]:
+def _doubts(solution: Solution, ids: tuple[str, ...], left_out: list[str]) -> list[str]:
     """Sentences on what a user should not rely on."""
-    found = []
-    if free := sum(contact.kind == "free" for contact in solution.story.contacts):
-        found.append(f"{free} change{'s' if free > 1 else ''} of velocity without a known cause.")
-    if jumps := sum(contact.kind == "jump" for contact in solution.story.contacts):
+    found, story = [], solution.story
+    if free := sorted((c.t, ids[story.spans[c.before[0]].ball]) for c in story.contacts if c.kind == "free"):
+        where = ", ".join(f"{ball} at {t:.2f} s" for t, ball in free[:_NAMED]) + (" ..." if len(free) > _NAMED else "")
+        found.append(f"{len(free)} change{'s' if len(free) > 1 else ''} of velocity without a known cause: {where}.")
+    if jumps := sum(contact.kind == "jump" for contact in story.contacts):
         found.append(f"Paths jump at {jumps} place{'s' if jumps > 1 else ''}: pictures may be missing there.")
     if left_out:
         found.append(f"Seen too seldom to be fitted: {', '.join(left_out)}.")

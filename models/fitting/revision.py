@@ -37,6 +37,8 @@ NEAR_THE_END = 0.03
 """s: a touch so shortly before a change of velocity is its cause."""
 CERTAIN = 3000.0
 """chi2: a contact that improves so much is not questioned again."""
+ENOUGH = 20.0
+"""chi2: a contact without which the whole clip is told worse improves at least so much."""
 GRACE = 3.0
 """prices that the whole clip may lose by second thoughts about single contacts, until needless ones are removed."""
 MOST_ENCOUNTERS = 6
@@ -122,16 +124,21 @@ def without_doubts(solution: Solution, data: Data, table: Table, dear: float) ->
 def _pruned(solution: Solution, gains: Floats, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
     """The solution without contacts that the samples do not ask for; `gains` (C,) are kept in the others.
 
-    Where the whole clip misses them, the more needed half of them stays, and so on.
+    Where the whole clip misses them, the more needed half of them stays, and so on. Those that stay are needed by more
+    than their own spans: they gain what the whole clip loses without them where that is known, else what one must.
     """
     gone = _needless(solution, gains, tolls)
-    kept = replace(solution, story=_with_gains(solution.story, gains).with_pushes())
+    believed = gains.copy()
+    believed[gone] = np.maximum(gains[gone], ENOUGH)
     while gone:
-        fewer = refine(_without(kept.story, gone), data, table, start=solution)
+        story = _with_gains(solution.story, gains).with_pushes()
+        fewer = refine(_without(story, gone), data, table, start=solution)
         if total_cost(fewer, tolls) < total_cost(solution, tolls):
             return fewer
+        if len(gone) == 1:
+            believed[gone] = np.maximum(believed[gone], fewer.chi2 - solution.chi2)
         gone = gone[: len(gone) // 2]
-    return kept
+    return replace(solution, story=_with_gains(solution.story, believed).with_pushes())
 
 
 def _needless(solution: Solution, gains: Floats, tolls: tuple[float, float]) -> list[int]:
