@@ -30,3 +30,13 @@ def test_a_told_story_is_fitted_as_well_as_one_that_is_sought() -> None:
     assert abs(told.events.t[0] - true) < abs(sought.events.t[list(sought.events.kind).index("cushion")] - true) + 1e-3
     first = told.trajectory.at(np.array([begin + 1e-4])).xy[0, 0]
     np.testing.assert_allclose(first, START[0] + V[0] * 0.02, atol=4e-3)
+
+
+def test_a_change_without_a_cause_says_whose_it_is_and_when() -> None:
+    shot = film(START, V, np.zeros((1, 3)), np.random.default_rng(6), noise_px=0.5, seconds=0.8)
+    states = (np.array([*START[0], *V[0], *np.zeros(4)]), np.array([1.4, 0.66, *V[0], *np.zeros(4)]))
+    spans = (Span(0, False, None, 0, DELAY, states[0]), Span(0, False, 0, None, 0.55, states[1]))
+    seen = np.where((shot.tracks.t < DELAY)[:, None, None], np.nan, shot.tracks.xy)
+    fit = fit_story(Story(spans, (Contact("free", 0.55, (0,), (1,)),)), replace(shot.tracks, xy=seen), shot.scene)
+    (doubt,) = (reason for reason in fit.trust.reasons if "without a known cause" in reason)
+    assert doubt.startswith("1 change of velocity without a known cause: cue at 0.")
