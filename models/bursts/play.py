@@ -27,6 +27,7 @@ from models.billiards.playing import (
 from models.billiards.run import Run
 from models.bursts.burst import Burst
 from models.effects.catalogue import prior_of
+from models.shooting.attempt import huber
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,8 +46,6 @@ OVERLAP_SIGMA = 2e-5
 """m: balls do not lie in each other."""
 SLIP_SIGMA, SIDE_SIGMA = 0.5, 0.35
 """of the speed of the coming ball."""
-HUBER = 2.5
-"""standard deviations where the loss turns linear."""
 _PUSHES = 60
 """rounds in which balls that overlap move apart."""
 
@@ -177,11 +176,9 @@ class Play:
     def weights(self, missed: Floats) -> tuple[Floats, float]:
         """Weights (R,) and cost: Huber's loss over the samples, squares for the rest."""
         count = 2 * len(self.rows)
-        size = np.linalg.norm(missed[:count].reshape(-1, 2), axis=1)
-        inner = np.minimum(size, HUBER)
-        weight = np.ones(len(missed))
-        weight[:count] = np.repeat(np.where(size > HUBER, HUBER / np.maximum(size, HUBER), 1.0), 2)
-        return weight, float(np.sum(inner * (2 * size - inner)) + np.sum(missed[count:] ** 2))
+        of_samples, cost = huber(missed[:count].reshape(-1, 2))
+        weight = np.concatenate([np.repeat(of_samples, 2), np.ones(len(missed) - count)])
+        return weight, cost + float(np.sum(missed[count:] ** 2))
 
     def _gaps(self, numbers: Floats) -> tuple[Floats, Floats, Floats]:
         """Between neighbours (G,) m, their standard deviations (G,), and directions (G, 2) from one to the other."""

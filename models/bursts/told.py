@@ -83,12 +83,13 @@ def told(plays: Plays) -> ToldBurst:
     last = _until(burst, contacts)
     contacts = contacts[contacts[:, TIME] <= last]
     others = [_contacts(one.run) for one in plays.played]
-    touches = [_touch(plays, others, contacts, k) for k in range(len(contacts))]
+    directions = Play(burst, burst.ends).directions(plays.played[0].numbers)
+    touches = [_touch(plays, directions, others, contacts, k) for k in range(len(contacts))]
     leaving = []
     for number in range(len(burst.balls)):
         mine = contacts[(contacts[:, FIRST] == number) | (contacts[:, SECOND] == number), TIME]
         if len(mine):
-            leaving.append(_leaving(plays, number, float(mine[0]), float(mine[-1])))
+            leaving.append(_leaving(plays, directions, number, float(mine[0]), float(mine[-1])))
     return ToldBurst(plays, tuple(touch for touch in touches if touch.probability > LIKELY), tuple(leaving))
 
 
@@ -109,7 +110,7 @@ def _until(burst: Burst, contacts: Floats) -> float:
     return float(times[pause[0]] if len(pause) else times[-1])
 
 
-def _touch(plays: Plays, others: list[Floats], contacts: Floats, k: int) -> Touch:
+def _touch(plays: Plays, directions: Floats, others: list[Floats], contacts: Floats, k: int) -> Touch:
     """Contact k of the best play; the other plays have it where the same balls meet as often, about then."""
     burst, best = plays.burst, plays.played[0].run
     row = contacts[k]
@@ -123,7 +124,7 @@ def _touch(plays: Plays, others: list[Floats], contacts: Floats, k: int) -> Touc
             moments[m] = theirs[again]
     has = np.isfinite(moments)
     share = plays.weight[has] / plays.weight[has].sum()
-    spread = float(np.hypot(np.sqrt(share @ (moments[has] - t) ** 2), _moment_sigma(plays, a, b, t)))
+    spread = float(np.hypot(np.sqrt(share @ (moments[has] - t) ** 2), _moment_sigma(plays, directions, a, b, t)))
     return Touch(
         burst.begins + t, max(spread, LEAST_SIGMA), burst.balls[a], burst.balls[b], best.at(t)[a, :2],
         float(row[SPEED]), MOST_SURE * float(plays.weight[has].sum()),
@@ -135,37 +136,37 @@ def _same(contacts: Floats, a: int, b: int) -> NDArray[np.bool_]:
     return np.asarray(((one == a) & (two == b)) | ((one == b) & (two == a)))
 
 
-def _leaving(plays: Plays, number: int, first: float, last: float) -> Leaving:
+def _leaving(plays: Plays, directions: Floats, number: int, first: float, last: float) -> Leaving:
     burst = plays.burst
-    came, came_covariance = _there(plays, number, first - AFTER)
-    state, covariance = _there(plays, number, last + AFTER)
+    came, came_covariance = _there(plays, directions, number, first - AFTER)
+    state, covariance = _there(plays, directions, number, last + AFTER)
     return Leaving(
         burst.balls[number], burst.begins + first, burst.begins + last, state, covariance,
         came[:2], came_covariance[:2, :2],
     )  # fmt: skip
 
 
-def _there(plays: Plays, number: int, t: float) -> tuple[Floats, Floats]:
+def _there(plays: Plays, directions: Floats, number: int, t: float) -> tuple[Floats, Floats]:
     """Place, velocity and slip (6,) of a ball at t, s of the run, as the best play has it, and their covariance (6, 6):
     the errors of its numbers, what other plays have, and what the laws of two balls miss of real ones."""
     there = np.array([slips(one.run.at(t), one.run.balls.radius)[number, :6] for one in plays.played])
-    slope, other = _slope(plays, number, t), there - there[0]
+    (slope,), other = _slopes(plays, directions, (number,), t), there - there[0]
     speed = float(np.hypot(*there[0, 2:4]))
     floor = np.repeat([PLACE_SIGMA, SPEED_SIGMA * speed + LEAST_SPEED, SLIP_SIGMA * speed + LEAST_SPEED], 2)
     return there[0], slope @ plays.covariance @ slope.T + (other.T * plays.weight) @ other + np.diag(floor**2)
 
 
-def _slope(plays: Plays, number: int, t: float) -> Floats:
-    """Derivatives (6, P) of place, velocity and slip of a ball at t, s of the run, by the numbers of the best play."""
-    burst, best = plays.burst, plays.played[0]
-    place = np.full((1, len(burst.balls)), -1)
-    place[0, number] = 0
-    directions = Play(burst, burst.ends).directions(best.numbers)
-    slope = best.run.along(np.array([t]), place, directions, STATE)[0]
-    return slips(slope.T[:, None], best.run.balls.radius[number : number + 1])[:, 0].T[:6]
+def _slopes(plays: Plays, directions: Floats, numbers: tuple[int, ...], t: float) -> Floats:
+    """Derivatives (K, 6, P) of place, velocity and slip of K balls at t, s of the run, by the numbers of the best play;
+    `directions` are those of `Play.directions`."""
+    run, chosen = plays.played[0].run, list(numbers)
+    place = np.full((1, len(plays.burst.balls)), -1)
+    place[0, chosen] = np.arange(len(chosen))
+    slopes = run.along(np.array([t]), place, directions, STATE)
+    return slips(slopes.transpose(2, 0, 1), run.balls.radius[chosen]).transpose(1, 2, 0)[:, :6]
 
 
-def _moment_sigma(plays: Plays, a: int, b: int, t: float) -> float:
+def _moment_sigma(plays: Plays, directions: Floats, a: int, b: int, t: float) -> float:
     """s, how far the errors of its numbers move a contact of the best play: by what they change of the gap between two
     balls, at the speed at which it closes."""
     before = t - AFTER
@@ -173,5 +174,6 @@ def _moment_sigma(plays: Plays, a: int, b: int, t: float) -> float:
     apart = states[b, :2] - states[a, :2]
     line = apart / np.hypot(*apart)
     closing = max(float((states[a, 2:4] - states[b, 2:4]) @ line), LEAST_SPEED)
-    gap = line @ (_slope(plays, b, before)[:2] - _slope(plays, a, before)[:2])
+    one, two = _slopes(plays, directions, (a, b), before)
+    gap = line @ (two[:2] - one[:2])
     return float(np.hypot(np.sqrt(max(gap @ plays.covariance @ gap, 0.0)), PLACE_SIGMA)) / closing

@@ -6,18 +6,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.run import Run
 from models.bursts.burst import Burst
 from models.bursts.search import search
 from models.bursts.told import Leaving, ToldBurst, told
 from models.fitting.cascades import span_before
 from models.fitting.happenings import Happening
-from models.fitting.paths import Piece
+from models.fitting.paths import Piece, shifted
 from models.fitting.racks import racks, rests_from
 from models.fitting.refinement import refine
 from models.fitting.solution import Data, Solution
 from models.fitting.story import Contact, Story
 from models.scene import Table
+from models.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
@@ -74,25 +74,24 @@ def touches_of(bursts: tuple[ToldBurst, ...], ids: tuple[str, ...]) -> list[Happ
 
 def pieces_in(bursts: tuple[ToldBurst, ...]) -> list[Piece]:
     """The motion of balls in bursts, as the best plays have it."""
-    return [
-        piece for burst in bursts for one in burst.leaving
-        for piece in _played(burst.plays.played[0].run, burst.plays.burst.balls.index(one.ball), one,
-                             burst.plays.burst.begins)
-    ]  # fmt: skip
+    found = []
+    for burst in bursts:
+        motion, seen = burst.plays.played[0].run.trajectory(), burst.plays.burst
+        for one in burst.leaving:
+            found += _played(motion, seen.balls.index(one.ball), one, seen.begins)
+    return found
 
 
-def _played(run: Run, number: int, one: Leaving, begins: float) -> list[Piece]:
-    """Pieces of one ball of a run from its first contact to its last."""
-    motion, found = run.trajectory(), []
+def _played(motion: Trajectory, number: int, one: Leaving, begins: float) -> list[Piece]:
+    """Pieces of one ball of a play that begins at `begins`, s, from its first contact to its last."""
+    found = []
     loose = one.covariance[:4, :4]
     for k in np.flatnonzero(motion.ball == number):
         start, end = max(float(motion.start[k]) + begins, one.since), min(float(motion.end[k]) + begins, one.until)
         if end - start < 1e-9:
             continue
         later = start - begins - float(motion.start[k])
-        a, b, c, d = motion.position[k]
-        position = np.array([a + later * (b + later * (c + later * d)), b + later * (2 * c + 3 * later * d),
-                             c + 3 * later * d, d])  # fmt: skip
+        position = shifted(motion.position[k], later)
         spin = np.array([motion.spin[k, 0] + later * motion.spin[k, 1], motion.spin[k, 1]])
         found.append(Piece(one.ball, start, end, position, spin, motion.phase[k], loose))
     return found

@@ -165,7 +165,7 @@ def _parts(phase: str, start: float, stop: float, position: Floats, slip: Floats
         return [(phase, start, stop, position, slip)]
     edges = np.linspace(start, stop, max(1, int(np.ceil((stop - start) / KNOWN_FOR))) + 1)
     return [
-        (phase, float(a), float(b), _shifted(position, a - start), np.array([slip[0] + (a - start) * slip[1], slip[1]]))
+        (phase, float(a), float(b), shifted(position, a - start), np.array([slip[0] + (a - start) * slip[1], slip[1]]))
         for a, b in pairwise(edges)
     ]
 
@@ -201,14 +201,14 @@ def _curve(ball: int, t: Floats, xy: Floats, sigma: Floats, begin: float, end: f
     noise, interval = float(np.median(sigma)), float(np.median(np.diff(t))) if len(t) > 1 else 0.04
     covariance = np.diag([noise**2, noise**2, (noise / interval) ** 2, (noise / interval) ** 2])
     first = coefficients[0, 0] if len(coefficients) else xy[0]
-    last = _shifted(coefficients[-1], breaks[-1] - breaks[-2])[0] if len(coefficients) else xy[0]
+    last = shifted(coefficients[-1], breaks[-1] - breaks[-2])[0] if len(coefficients) else xy[0]
     rows = [(start, stop, c) for start, stop, c in zip(breaks[:-1], breaks[1:], coefficients, strict=True)]
     rows = [(-np.inf, breaks[0], _still(first)), *rows, (breaks[-1], np.inf, _still(last))]
     pieces = []
     for start, stop, position in rows:
         shown = (max(start, begin), min(stop, end))
         if shown[1] - shown[0] > 1e-9:
-            moved = _shifted(position, shown[0] - start) if np.isfinite(start) else position
+            moved = shifted(position, shown[0] - start) if np.isfinite(start) else position
             pieces.append(Piece(ball, *shown, moved, np.full((2, 3), np.nan), "measured", covariance))
     return pieces
 
@@ -217,7 +217,7 @@ def _still(x: Floats) -> Floats:
     return np.concatenate([x[None], np.zeros((3, 2))])
 
 
-def _shifted(position: Floats, by: float) -> Floats:
+def shifted(position: Floats, by: float) -> Floats:
     """Coefficients (4, 2) of the same cubic about a later moment."""
     a, b, c, d = position
     return np.array([a + by * (b + by * (c + by * d)), b + by * (2 * c + 3 * by * d), c + 3 * by * d, d])

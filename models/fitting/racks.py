@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from models.billiards.motion import kinematics
 from models.bursts.burst import Burst
@@ -19,9 +20,8 @@ from models.scene import Table
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FEWEST = 4
-"""balls that lie together: contacts of fewer are told one by one."""
-FEWEST_LEAVE = 3
+FEWEST, FEWEST_LEAVE = 4, 3
+"""balls that lie together, and that set off at once: contacts of fewer are told one by one."""
 TOGETHER = 0.25
 """ball radii between two surfaces: nearer ones lie together."""
 AT_ONCE = 3.0
@@ -115,9 +115,7 @@ def _together(lying: list[_Lying], leaving: set[int], reach: float) -> list[_Lyi
     """Balls that lie together, of those groups from which enough of the balls `leaving` go."""
     places = np.array([one.place for one in lying]).reshape(-1, 2)
     near = np.linalg.norm(places[:, None] - places, axis=2) < reach
-    group = np.arange(len(lying))
-    for _ in lying:
-        group = np.array([group[row].min() for row in near], dtype=np.int64)
+    group = connected_components(near, directed=False)[1]
     found: list[_Lying] = []
     for number in np.unique(group):
         members = [lying[k] for k in np.flatnonzero(group == number)]

@@ -130,8 +130,8 @@ def _pruned(solution: Solution, gains: Floats, data: Data, table: Table, tolls: 
     gone = _needless(solution, gains, tolls)
     believed = gains.copy()
     believed[gone] = np.maximum(gains[gone], ENOUGH)
+    story = _with_gains(solution.story, gains).with_pushes()
     while gone:
-        story = _with_gains(solution.story, gains).with_pushes()
         fewer = refine(_without(story, gone), data, table, start=solution)
         if total_cost(fewer, tolls) < total_cost(solution, tolls):
             return fewer
