@@ -20,6 +20,9 @@ from typing import Any
 import numba
 from numba.core.caching import IndexDataCacheFile
 
+STEP = 1e-30
+"""Of the complex step."""
+
 
 @cache
 def _text(module: str) -> bytes | None:

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.cloth import NO_SLIP, WIDTH
+from models.billiards.cloth import NO_SLIP
 from models.billiards.compiled import compiled
 from models.billiards.parameters import CUSHION_E, CUSHION_MU, ROLLING_MU, SLIDING_MU
+from models.billiards.pieces import WIDTH
 from models.billiards.residual import CLOTH_WEIGHTS, ROOM, hop, travel
 
 PHYSICS = 4

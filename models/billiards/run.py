@@ -8,7 +8,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.cloth import (
+from models.billiards.cloth import plan
+from models.billiards.compiled import compiled
+from models.billiards.engine import BALL, FIRST, HOLE, KIND, LEG_BALL, LEG_STATE, LEG_TIME, LINE, SECOND, SPEED, TIME
+from models.billiards.forces import curved
+from models.billiards.parameters import NAMES, SPIN_DECAY, Physics
+from models.billiards.pieces import (
     CURVED_ROWS,
     END,
     FOREVER,
@@ -21,13 +26,8 @@ from models.billiards.cloth import (
     WY,
     X,
     Y,
-    curved,
     follow,
-    plan,
 )
-from models.billiards.compiled import compiled
-from models.billiards.engine import BALL, FIRST, HOLE, KIND, LEG_BALL, LEG_STATE, LEG_TIME, LINE, SECOND, SPEED, TIME
-from models.billiards.parameters import NAMES, SPIN_DECAY, Physics
 from models.billiards.rails import NORMALS, Rails
 from models.billiards.sensitivities import BALL_COLUMNS, CURVING, differentiate
 from models.events import Events

@@ -1,4 +1,4 @@
-"""Derivatives of a shot along directions in all that it depends on, exact to rounding.
+"""Derivatives of a shot along directions in all that it depends on: exact to rounding, to 1e-6 where paths are bent.
 
 What a shot depends on are the states, radii and masses of its balls, its physics and its noses. A direction moves any
 of them together: one ball, one parameter, or the radii of all balls at once. Only as many columns are carried as there
@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.cloth import REST, START, WIDTH, X, follow, piece_at, plan
-from models.billiards.compiled import compiled
+from models.billiards.cloth import plan
+from models.billiards.compiled import STEP, compiled
 from models.billiards.contacts import meet_ball, meet_cushion
 from models.billiards.engine import (
     BALL,
@@ -48,53 +48,65 @@ from models.billiards.parameters import (
     SPIN_DECAY,
     VISCOUS_DRAG,
 )
+from models.billiards.pieces import REST, START, WIDTH, X, follow, piece_at, side_spin
 
 BALL_COLUMNS = ("x", "y", "vx", "vy", "wx", "wy", "wz", "radius", "mass")
 """What a shot depends on, ball by ball; after those of all balls come the parameters, then the offsets of the noses."""
 CURVING = (SLOPE_X, SLOPE_Y, AIR_DRAG, VISCOUS_DRAG)
 """Parameters whose derivatives have no closed form, even where they are 0."""
 PER_BALL = len(BALL_COLUMNS)
-_SIDE_SPIN, _RADIUS, _MASS, _PARAMETERS = 6, 7, 8, len(NAMES)
+SIDE_SPIN, _RADIUS, _MASS, _PARAMETERS = 6, 7, 8, len(NAMES)
 _MATHAVAN = CUSHION_LAWS.index("mathavan_2010")
-_STEP = 1e-30
-"""Of the complex step."""
 _AHEAD = 1e-9
 """s beyond what is asked for: up to there a leg is planned."""
 
 
 @compiled
-def derive_motion(state, radius, p, active, taus, until, rows, phases, shown, last, end, rate):  # type: ignore[no-untyped-def]
+def derive_motion(state, radius, p, active, needed, taus, until, rows, phases, shown, last):  # type: ignore[no-untyped-def]
     """Derivatives of one ball's motion by its state, its radius and the `active` parameters.
 
     Fills shown (T, R, 8 + A) with those of the first R of its numbers at taus (T,), and, where `until` is finite, last
-    (7, 8 + A) with those of the state there, end (7,) with that state and rate (7,) with its change.
+    (7, 8 + A) with those of the state there. Columns that are not `needed` (8 + A,) are 0.
     """
+    horizon = until if until < np.inf else taus[-1] if len(taus) > 0 else 0.0
+    shown[:], last[:] = 0.0, 0.0
     for j in range(8 + len(active)):
-        turns_only = j == _SIDE_SPIN or (j >= 8 and active[j - 8] == SPIN_DECAY)
-        if (j >= 8 and not felt_by_cloth(active[j - 8])) or (turns_only and shown.shape[1] == 2 and until == np.inf):
-            shown[:, :, j], last[:, j] = 0.0, 0.0
+        if not needed[j] or (j >= 8 and not felt_by_cloth(active[j - 8])):
+            continue
+        if j < 2:  # the cloth is the same everywhere
+            shown[:, j, j], last[j, j] = 1.0, 1.0
             continue
         s, r, q = state.astype(np.complex128), radius + 0j, p.astype(np.complex128)
         if j < 7:
-            s[j] += 1j * _STEP
+            s[j] += 1j * STEP
         elif j == 7:
-            r += 1j * _STEP
+            r += 1j * STEP
         else:
-            q[active[j - 8]] += 1j * _STEP
-        horizon = until if until < np.inf else taus[-1] if len(taus) > 0 else 0.0
+            q[active[j - 8]] += 1j * STEP
+        if j == SIDE_SPIN or (j >= 8 and active[j - 8] == SPIN_DECAY):  # side spin does not act on the path
+            derive_side_spin(s[6], q[SPIN_DECAY], taus, until, shown, last, j)
+            continue
         count = plan(s, r, q, horizon + _AHEAD, rows, phases)
-        if shown.shape[1] == 2 and turns_only:  # side spin does not act on the path
-            shown[:, :, j] = 0.0
-        elif shown.shape[1] == 2:
+        if shown.shape[1] == 2:
             derive_places(s, rows, phases, count, taus, shown, j)
         else:
             derive_states(s, q, rows, count, taus, shown, j)
-        if until < np.inf:
+        if until == 0.0:
+            last[:, j] = s.imag / STEP
+        elif until < np.inf:
             found, turn = np.zeros(7, np.complex128), np.zeros(7, np.complex128)
             follow(rows, count, s[6], q, until + 0j, found, turn)
-            end[:], rate[:], last[:, j] = found.real, turn.real, found.imag / _STEP
-            if until == 0.0:
-                last[:, j] = s.imag / _STEP
+            last[:, j] = found.imag / STEP
+
+
+@compiled
+def derive_side_spin(wz, rate, taus, until, shown, last, j):  # type: ignore[no-untyped-def]
+    """Column j of shown (T, R, ...) and last (7, ...) from a spin and a decay of which one carries a step."""
+    if shown.shape[1] > SIDE_SPIN:
+        for i in range(len(taus)):
+            shown[i, SIDE_SPIN, j] = side_spin(wz, rate, taus[i] + 0j)[0].imag / STEP
+    if until < np.inf:
+        last[SIDE_SPIN, j] = side_spin(wz, rate, until + 0j)[0].imag / STEP
 
 
 @compiled
@@ -109,7 +121,7 @@ def derive_places(s, rows, phases, count, taus, shown, j):  # type: ignore[no-un
     for i in range(len(taus)):
         k = piece_at(rows, count, taus[i] + 0j)
         if taus[i] == 0.0:
-            shown[i, 0, j], shown[i, 1, j] = s[0].imag / _STEP, s[1].imag / _STEP
+            shown[i, 0, j], shown[i, 1, j] = s[0].imag / STEP, s[1].imag / STEP
             continue
         if i > 0 and phases[k] == REST and taus[i - 1] >= rows[k, START].real:  # it lies where it lay
             shown[i, 0, j], shown[i, 1, j] = shown[i - 1, 0, j], shown[i - 1, 1, j]
@@ -119,7 +131,7 @@ def derive_places(s, rows, phases, count, taus, shown, j):  # type: ignore[no-un
             x = 0.0 * t
             for power in range(5, -1, -1):
                 x = x * t + rows[k, X + 6 * axis + power]
-            shown[i, axis, j] = x.imag / _STEP
+            shown[i, axis, j] = x.imag / STEP
 
 
 @compiled
@@ -128,10 +140,10 @@ def derive_states(s, q, rows, count, taus, shown, j):  # type: ignore[no-untyped
     found, turn = np.zeros(7, np.complex128), np.zeros(7, np.complex128)
     for i in range(len(taus)):
         if taus[i] == 0.0:
-            shown[i, :, j] = s.imag / _STEP
+            shown[i, :, j] = s.imag / STEP
             continue
         follow(rows, count, s[6], q, taus[i] + 0j, found, turn)
-        shown[i, :, j] = found.imag / _STEP
+        shown[i, :, j] = found.imag / STEP
 
 
 @compiled
@@ -161,20 +173,20 @@ def derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, weighed, p,
         z, r, m, q = s.astype(np.complex128), radius + 0j, mass + 0j, p.astype(np.complex128)
         around = arcs.astype(np.complex128)
         if j < 7:
-            z[j] += 1j * _STEP
+            z[j] += 1j * STEP
         elif j == 7:
-            r += 1j * _STEP
+            r += 1j * STEP
         elif j == 8:
-            m += 1j * _STEP
+            m += 1j * STEP
         elif j > 9:
-            q[active[j - 10]] += 1j * _STEP
+            q[active[j - 10]] += 1j * STEP
         else:
-            around[row, 0] += 1j * _STEP * normals[side, 0]
-            around[row, 1] += 1j * _STEP * normals[side, 1]
+            around[row, 0] += 1j * STEP * normals[side, 0]
+            around[row, 1] += 1j * STEP * normals[side, 1]
         out = np.zeros(7, np.complex128)
         nx, ny = normal(kind, row, z, lines, around)
         meet_cushion(z, nx, ny, r, m, q, law, soft, out)
-        made[:, j] = out.imag / _STEP
+        made[:, j] = out.imag / STEP
     return made
 
 
@@ -197,11 +209,11 @@ def derive_ball(a, b, ra, rb, ma, mb, p, active, law, soft):  # type: ignore[no-
         z[:7], z[7:14], z[14], z[15], z[16], z[17] = a, b, ra, rb, ma, mb
         q, out = p.astype(np.complex128), np.zeros(14, np.complex128)
         if j < 18:
-            z[j] += 1j * _STEP
+            z[j] += 1j * STEP
         else:
-            q[active[j - 18]] += 1j * _STEP
+            q[active[j - 18]] += 1j * STEP
         meet_ball(z[:7], z[7:14], z[14], z[15], z[16], z[17], q, law, soft, out)
-        made[:, j] = out.imag / _STEP
+        made[:, j] = out.imag / STEP
     return made
 
 
@@ -256,33 +268,33 @@ def through_ball(sa, sb, a, b, rates, ra, rb, ma, mb, p, active, law, soft, i, j
 
 
 @compiled
-def rate_at_start(leg, radius, p, rows, phases, rate):  # type: ignore[no-untyped-def]
-    """Fill rate (7,), the change of the state at the start of a leg."""
-    state = np.empty(7)
-    count = plan(leg[LEG_STATE:], radius, p, _AHEAD, rows, phases)
-    follow(rows, count, leg[LEG_STATE + 6], p, 0.0, state, rate)
-
-
-@compiled
 def over_leg(  # type: ignore[no-untyped-def]
-    legs, k, until, sens, radius, p, active, times, place, directions, rows, phases, shown, out, end, rate
+    legs, k, until, sens, radius, p, active, times, place, directions, rows, phases, shown, out
 ):
-    """Fill out (K, R, C) on leg k up to the time `until`; the derivatives (7, C) there, with end and rate (7,)."""
+    """Fill out (K, R, C) on leg k up to the time `until`; the derivatives (7, C) there."""
     ball, start = int(legs[k, LEG_BALL]), legs[k, LEG_TIME]
     first = np.searchsorted(times, start) if start > 0.0 else 0
     after = max(first, len(times) if until == np.inf else np.searchsorted(times, until))
     seen = first + np.flatnonzero(place[first:after, ball] >= 0)
     told = moved_by(sens, directions, ball, place.shape[1], active)
     kept, columns = out.shape[1], len(told)
+    needed = np.array([np.any(told[j] != 0.0) for j in range(columns)])
     parts, last = shown[: len(seen) * kept * columns].reshape(len(seen), kept, columns), np.zeros((7, columns))
     derive_motion(
-        legs[k, LEG_STATE:].copy(), radius[ball], p, active, times[seen] - start, until - start, rows, phases,
-        parts, last, end, rate,
+        legs[k, LEG_STATE:].copy(), radius[ball], p, active, needed, times[seen] - start, until - start, rows, phases,
+        parts, last,
     )  # fmt: skip
     made = parts.reshape(-1, columns) @ told
     for i in range(len(seen)):
         out[place[seen[i], ball]] = made[i * kept : (i + 1) * kept]
     return last @ told
+
+
+@compiled
+def at_end(leg, until, radius, p, rows, phases, state, rate):  # type: ignore[no-untyped-def]
+    """Fill state (7,) and its change rate (7,) of a leg at the time `until`."""
+    count = plan(leg[LEG_STATE:], radius, p, until - leg[LEG_TIME] + _AHEAD, rows, phases)
+    follow(rows, count, leg[LEG_STATE + 6], p, until - leg[LEG_TIME], state, rate)
 
 
 @compiled
@@ -303,7 +315,7 @@ def differentiate(  # type: ignore[no-untyped-def]
         leg[int(legs[k, LEG_BALL])] = k
     for a in range(n):
         sens[a] = directions[PER_BALL * a : PER_BALL * a + 7]
-    states, rates = np.zeros((4, 7)), np.zeros((4, 7))
+    states, rates, unused = np.zeros((2, 7)), np.zeros((4, 7)), np.zeros(7)
     for e in range(len(contacts)):
         t, a, b = contacts[e, TIME], int(contacts[e, FIRST]), int(contacts[e, SECOND])
         kind, soft = int(contacts[e, KIND]), contacts[e, SOFT] > 0.0
@@ -311,11 +323,11 @@ def differentiate(  # type: ignore[no-untyped-def]
         for m in range(len(met)):
             k = leg[met[m]]
             sens[met[m]] = over_leg(
-                legs, k, t, sens[met[m]], radius, p, active, times, place, directions, complex_rows, phases,
-                shown, out, states[m], rates[m],
-            )  # fmt: skip
+                legs, k, t, sens[met[m]], radius, p, active, times, place, directions, complex_rows, phases, shown, out
+            )
             leg[met[m]] = k + 1
-            rate_at_start(legs[k + 1], radius[met[m]], p, rows, phases, rates[2 + m])
+            at_end(legs[k], t, radius[met[m]], p, rows, phases, states[m], rates[m])
+            at_end(legs[k + 1], t, radius[met[m]], p, rows, phases, unused, rates[2 + m])
         if kind == BALL:
             both = through_ball(
                 sens[a], sens[b], states[0], states[1], rates, radius[a], radius[b], mass[a], mass[b],
@@ -331,5 +343,5 @@ def differentiate(  # type: ignore[no-untyped-def]
         if gone[a] == np.inf:
             over_leg(
                 legs, leg[a], np.inf, sens[a], radius, p, active, times, place, directions, complex_rows, phases,
-                shown, out, states[0], rates[0],
+                shown, out,
             )  # fmt: skip

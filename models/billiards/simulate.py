@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.cloth import CURVED_ROWS, STRAIGHT_ROWS, curved
 from models.billiards.engine import EVENT_WIDTH, LEG_BALL, LEG_TIME, LEG_WIDTH, play
+from models.billiards.forces import curved
 from models.billiards.parameters import Physics
+from models.billiards.pieces import CURVED_ROWS, STRAIGHT_ROWS
 from models.billiards.rails import Rails, rails
 from models.billiards.run import Balls, Run, energy
 from models.scene import Table
