@@ -90,16 +90,36 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
 
 
 def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
-    """The best hypothesis of one effect more, where that one is needed; else the best pair tried: of two effects that
-    do as much, neither alone explains more than it leaves."""
+    """The best hypothesis of one effect more, where that one is needed; else the best pair: of two effects that do as
+    much, neither alone explains more than it leaves."""
     for names in _proposals(state, now):
         tried(state, names, now)
+    found = _needed_beside(state, now)
+    half = None if found is not None else _half(state, now)
+    if half is None:
+        return found
+    for name in _first_by_signature(state, half):
+        tried(state, half.names | {name}, half)
+    return _needed_beside(state, now)
+
+
+def _needed_beside(state: Search, now: Hypothesis) -> Hypothesis | None:
+    """The best hypothesis tried of one effect more, else of two more, that is likelier and needed."""
     for size in (now.size + 1, now.size + 2):
         more = [one for one in state.tried.values() if one.size == size]
         better = max(more, key=state.weigh, default=now)
         if more and state.total(size) > state.total(now.size) and needed(state, better):
             return better
     return None
+
+
+def _half(state: Search, now: Hypothesis) -> Hypothesis | None:
+    """The best hypothesis of one effect more where chance does not explain it and it leaves too much to be needed; none
+    where two more would be too many."""
+    more = [one for one in state.tried.values() if one.size == now.size + 1]
+    best = max(more, key=state.weigh, default=now)
+    clear = best.size > now.size and all(chance(state, best, name) < SIGNIFICANT for name in best.names)
+    return best if clear and best.fitted.excess > 0 and best.size < MOST else None
 
 
 def adopted(state: Search) -> Hypothesis:
@@ -150,9 +170,8 @@ def chance(state: Search, one: Hypothesis, name: str) -> float:
 def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
     """The next larger hypotheses that signatures rank first, other published forms, and from nothing also a pair."""
     found = signatures_of(state, now)
-    gains = {name: _promise(state, found, (name,)) for name in state.question.candidates if name not in now.names}
-    first = sorted(gains, key=lambda name: gains[name], reverse=True)[:TRIED]
-    first = [name for name in first if gains[name] > _WORTH or not now.names]
+    gains = _gains(state, now)
+    first = [name for name in _first_by_signature(state, now) if gains[name] > _WORTH or not now.names]
     if now.fitted.lack > LEFT:
         first += [name for name in gains if name not in first and _strength_known(state.question, name)]
     forms = [choice.name for choice in state.question.scene.alternatives if choice.name not in now.names]
@@ -162,6 +181,18 @@ def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
         pairs = sorted(combinations(gains, 2), key=lambda two: _promise(state, found, two), reverse=True)
         proposals += [frozenset(two) for two in pairs[:1] if _beats(state, found, two, gains)]
     return proposals
+
+
+def _gains(state: Search, now: Hypothesis) -> dict[str, float]:
+    """chi2 that every effect promises to gain beside a hypothesis."""
+    found = signatures_of(state, now)
+    return {name: _promise(state, found, (name,)) for name in state.question.candidates if name not in now.names}
+
+
+def _first_by_signature(state: Search, now: Hypothesis) -> list[str]:
+    """The effects that promise most beside a hypothesis."""
+    gains = _gains(state, now)
+    return sorted(gains, key=lambda name: gains[name], reverse=True)[:TRIED]
 
 
 def _strength_known(question: Question, name: str) -> bool:
