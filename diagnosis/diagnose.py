@@ -9,6 +9,7 @@ import numpy as np
 from diagnosis.blocks import Structure, structure
 from diagnosis.candidates import group_of, leading, probabilities, ranked, strengths
 from diagnosis.close import HORIZON, Closing, Foreseen, closing, floor, foreseeable, predict, shares, windows_ahead
+from diagnosis.exchanged import names_given_back
 from diagnosis.film_next import film_next, film_to_see, film_what_is_left
 from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, Seen, again, fit, follow, look, question_of
 from diagnosis.growing import not_followed
@@ -56,13 +57,15 @@ class Study:
 
 def diagnose(scene: GapScene, recordings: tuple[Recording, ...], seed: int = 0) -> Report:
     """Where simulator and world part, which effect is missing, and how far the gap shrinks with it."""
-    split = split_shots(recordings)
+    own = [names_given_back(one) for one in recordings]
+    split = split_shots(tuple(recording for recording, _ in own))
     reason = _too_little(scene, split)
     if reason:
         return _undecidable(scene, reason)
     study = _study(scene, split, np.random.default_rng(seed))
     report = tuple(with_noise(split.report, study.noise))
-    return _reported(study, report, np.random.default_rng([seed, 1]))
+    found = _reported(study, report, np.random.default_rng([seed, 1]))
+    return replace(found, notes=tuple(str(exchange) for _, exchanges in own for exchange in exchanges))
 
 
 def _too_little(scene: GapScene, split: Split) -> str:
