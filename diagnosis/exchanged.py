@@ -16,6 +16,7 @@ from models.gap_scene import Recording
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 _SIDE = 5
 """steps on either side that tell how fast a body moves."""
@@ -45,9 +46,9 @@ def names_given_back(recording: Recording) -> tuple[Recording, tuple[Exchange, .
     """The recording with every exchange of names taken back, and which there were; itself where there was none."""
     t, places, sigma, found = recording.t, recording.places.copy(), recording.sigma.copy(), []
     for row in range(1, len(t)):
-        if not any(_leaps(t, places, sigma, row, body, body) for body in np.flatnonzero(recording.seen[row])):
-            continue
         leapt = [body for body in range(len(recording.bodies)) if _leaps(t, places, sigma, row, body, body)]
+        if not recording.seen[row, leapt].any():
+            continue
         own = _own_names(t, places, sigma, row, leapt)
         if own is not None:
             places[row:, own], sigma[row:, own] = places[row:, leapt], sigma[row:, leapt]
@@ -81,7 +82,7 @@ def _leaps(t: Floats, places: Floats, sigma: Floats, row: int, before: int, afte
 
 def _sides(places: Floats, row: int, before: int, after: int) -> tuple[Ints, Ints]:
     """The last rows before `row`, and the first ones from there on, in which a body was seen."""
-    seen = np.isfinite(places).all(axis=2)
+    seen: Mask = np.asarray(np.isfinite(places).all(axis=2))
     return np.flatnonzero(seen[:row, before])[-_SIDE - 1 :], row + np.flatnonzero(seen[row:, after])[: _SIDE + 1]
 
 
