@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
 
 from diagnosis.blocks import Structure, structure
 from diagnosis.candidates import group_of, leading, probabilities, ranked, strengths
@@ -28,6 +29,8 @@ from models.shooting.shoot import ShootingOptions
 
 _MIDDLING = 0.674
 """standard deviations that half of all strengths exceed."""
+_BY_CHANCE = 1e-4
+"""chance that a body which lies still seems to move."""
 _NO_GAIN = -4.0
 """chi2 that shots which chose nothing may lose before they contradict."""
 
@@ -69,19 +72,27 @@ def diagnose(scene: GapScene, recordings: tuple[Recording, ...], seed: int = 0) 
 
 
 def _too_little(scene: GapScene, split: Split) -> str:
+    """Why nothing can be tested; empty where something can."""
+    still = not any(_moves(one) for one in split.fit)
+    if still and any(int(one.seen.sum(axis=0).max()) >= LEAST for one in split.fit):
+        return "nothing moves in these shots"
     pieces = [piece.seen for one in split.fit for piece in scene.stretches(one)]
     rows = sum(int(seen.sum()) for seen in pieces if seen.any(axis=1).sum() >= LEAST)
-    if rows < 2 * LEAST:
-        return f"{rows} observations are too few to test anything; at least {2 * LEAST} are needed"
-    moving = any(_moves(one) for one in split.fit)
-    return "" if moving else "nothing moves in these shots"
+    return (
+        ""
+        if rows >= 2 * LEAST
+        else f"{rows} observations are too few to test anything; at least {2 * LEAST} are needed"
+    )
 
 
 def _moves(recording: Recording) -> bool:
     """Whether a body gets further than its own scatter explains."""
     for body in range(len(recording.bodies)):
         seen = recording.places[recording.seen[:, body], body]
-        if len(seen) >= LEAST and np.ptp(seen, axis=0).max() > 8 * np.abs(np.diff(seen, axis=0)).mean() / np.sqrt(2):
+        if len(seen) < LEAST:
+            continue
+        scatter = np.abs(np.diff(seen, axis=0)).mean() * np.sqrt(np.pi) / 2
+        if np.ptp(seen, axis=0).max() > 2 * norm.isf(_BY_CHANCE / len(seen)) * scatter:
             return True
     return False
 

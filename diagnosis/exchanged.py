@@ -39,7 +39,7 @@ class Exchange:
 
     def __str__(self) -> str:
         names = " and ".join(self.bodies)
-        return f"in shot {self.shot} {names} exchanged names at {self.t:.2f} s, which was taken back"
+        return f"in shot {self.shot} bodies {names} exchanged names at {self.t:.2f} s, which was taken back"
 
 
 def names_given_back(recording: Recording) -> tuple[Recording, tuple[Exchange, ...]]:

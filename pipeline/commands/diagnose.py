@@ -68,6 +68,8 @@ def _tell(report: Report, folder: Path) -> None:
         for one in report.candidates[:_SHOWN]:
             grid.add_row(plain(one.effect), f"{one.probability:.1%}", strengths(one))
         screen.print(grid)
+    for note in report.notes if report.candidates else ():
+        screen.print(escape(f"Note: {note}."))
     if report.film_next:
         screen.print(escape(report.film_next))
     print(f"Look at {folder / 'gap.html'}; trueroll view {folder} draws where it shows")

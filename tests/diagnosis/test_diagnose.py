@@ -119,3 +119,13 @@ def test_too_little_is_undecidable() -> None:
     report = diagnose(Pucks(), (still,))
     assert report.verdict == "undecidable"
     assert "nothing moves" in report.film_next
+
+
+def test_bodies_that_lie_still_never_seem_to_move() -> None:
+    """Sixty bodies in noise alone: the widest of them must not pass for a motion."""
+    rng, rows = np.random.default_rng(4), 120
+    for shot in range(4):
+        places = rng.uniform(0.1, 0.9, (15, 2)) + 1e-3 * rng.standard_normal((rows, 15, 2))
+        names = tuple(str(number) for number in range(15))
+        one = Recording(shot, np.arange(rows), np.arange(rows) / 60, names, places, np.full((rows, 15), 1e-3))
+        assert "nothing moves" in diagnose(Pucks(), (one,)).film_next

@@ -38,7 +38,7 @@ def test_two_names_that_were_exchanged_are_given_back() -> None:
     true = of(line(0, 0, 1, 0), line(0, 0.5, -0.5, 0.2))
     found, exchanges = names_given_back(exchanged(true, 30, [1, 0]))
     np.testing.assert_array_equal(found.places, true.places)
-    assert str(exchanges[0]) == "in shot 0 a and b exchanged names at 0.50 s, which was taken back"
+    assert str(exchanges[0]) == "in shot 0 bodies a and b exchanged names at 0.50 s, which was taken back"
 
 
 def test_three_names_in_a_ring_and_an_exchange_that_is_undone_later_are_given_back() -> None:
