@@ -10,12 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from video.pixels import square
+
 Singles = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 """x0, y0, x1, y1"""
 
-LUMA = np.array([[0.299, 0.587, 0.114]], dtype=np.float32)
+LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 """Brightness of RGB (BT.601); what another standard adds is a few hundredths."""
 ALIGNED = 0.3
 """Times as much as from squares on a shifted grid that pixels may differ from their own: rounding is a tenth."""
@@ -37,19 +39,17 @@ def _apart(picture: Picture) -> float:
     return float(cv2.absdiff(_squared(sample), sample.astype(np.float32)).mean())
 
 
+def _squared(picture: Picture) -> Singles:
+    """The same (h, w, 3) with the colour of each square, not rounded: what tells squares apart may be half a level."""
+    height, width = picture.shape[:2]
+    bright = cv2.transform(picture.astype(np.float32), LUMA[None])[..., None]
+    colour = cv2.resize(picture - bright, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    return np.asarray(bright + cv2.resize(colour, (width, height), interpolation=cv2.INTER_NEAREST), dtype=np.float32)
+
+
 def square_colours(picture: Picture, box: Box) -> None:
-    """Give every two by two pixels of a box of `picture` (H, W, 3) one colour, in place; brightness stays."""
+    """Give every 2 x 2 pixels of a box of `picture` (H, W, 3), in one piece, one colour, in place; brightness stays."""
     x0, y0 = (max(side, 0) // 2 * 2 for side in box[:2])
     x1, y1 = (min(-(-side // 2) * 2, whole // 2 * 2) for side, whole in zip(box[2:], picture.shape[1::-1], strict=True))
     if x1 > x0 and y1 > y0:
-        here = np.s_[y0:y1, x0:x1]
-        picture[here] = np.rint(_squared(np.ascontiguousarray(picture[here]))).astype(np.uint8)
-
-
-def _squared(picture: Picture) -> Singles:
-    """The same (h, w, 3) with the colour of each square, 0 to 255; sides are even."""
-    height, width = picture.shape[:2]
-    bright = cv2.transform(picture.astype(np.float32), LUMA)[..., None]
-    colour = cv2.resize(picture - bright, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
-    squares = cv2.resize(colour, (width, height), interpolation=cv2.INTER_NEAREST)
-    return np.asarray(np.clip(bright + squares, 0, 255), dtype=np.float32)
+        square(picture, x0, y0, x1, y1, LUMA)

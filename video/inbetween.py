@@ -16,6 +16,7 @@ from video.flow import Interpolator, OpticalFlow
 from video.flow_regions import Region, coarse, open_regions
 from video.gallery import Gallery
 from video.pasting import Layer, paste
+from video.pixels import fill_mixed
 from video.plate import Plate
 from video.sharp_balls import SharpBalls, learn_sharp, sharp_pair, sharpest_rows
 from video.sightings import Sightings
@@ -154,7 +155,9 @@ class Interval:
         if weight in (0.0, 1.0):
             shown, behind = self._carried(0 if weight == 0 else 1, t)
             return behind.copy() if shown else behind
-        mixed: Picture = cv2.addWeighted(self._carried(0, t)[1], 1 - weight, self._carried(1, t)[1], weight, 0)
+        first, second = self._carried(0, t)[1], self._carried(1, t)[1]
+        mixed = np.empty_like(first)
+        fill_mixed(first.reshape(-1), second.reshape(-1), weight, mixed.reshape(-1))
         return mixed
 
     def _carried(self, side: int, t: float) -> tuple[bool, Picture]:
@@ -199,7 +202,8 @@ def open_interval(
         kept = before.small if before is not None and again else None
         small = (coarse(known.behind) if kept is None else kept[1], coarse(later))
     regions = open_regions(known.behind, later, interpolator, step is None, small)
-    still, squared = _still(sightings, row, balls), has_squares(first)
+    squared = (before is not None and before.squared) or has_squares(first)
+    still = _still(sightings, row, balls)
     return Interval(sightings, row, first, second, sides, tuple(seen), still, regions, small, squared)
 
 

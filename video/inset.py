@@ -66,10 +66,10 @@ class Inset:
     def lay(self, picture: Picture, x: int, y: int, tile: Picture, xy: Floats, colours: Sequence[Colour]) -> None:
         """Lay a copy of `ground` with paths on it over `picture` at (x, y), with balls at `xy` (N, 2) m."""
         tile = tile.copy()
-        radius = round(self.ball_radius * (1 << SHIFT))
-        for place, colour in zip(xy, colours, strict=True):
-            if np.isfinite(place).all():
-                centre = self.plan(place).tolist()
+        radius, known = round(self.ball_radius * (1 << SHIFT)), np.atleast_1d(np.isfinite(xy).all(axis=1))
+        centres = self.plan(np.where(known[:, None], xy, 0)).tolist()
+        for centre, colour, there in zip(centres, colours, known, strict=True):
+            if there:
                 cv2.circle(tile, centre, radius + (1 << SHIFT), mix(INK, colour, 0.15), -1, cv2.LINE_AA, SHIFT)
                 cv2.circle(tile, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
         width, height = self.size

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from video.palette import Colour
+from video.pixels import paint, paint_where
 
 Picture = NDArray[np.uint8]
 Mask = NDArray[np.uint8]
@@ -69,35 +70,19 @@ def rounded_mask(width: int, height: int, radius: int) -> Mask:
 
 def lay(picture: Picture, mask: Mask, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
     """Paint `colour` through `mask` (h, w) with its top-left pixel at (x, y), in place; what is outside is cut."""
-    height, width = picture.shape[:2]
-    left, top = max(0, -x), max(0, -y)
-    part = mask[top : max(top, height - y), left : max(left, width - x)]
-    if part.size == 0 or opacity <= 0:
-        return
-    ground = picture[y + top : y + top + part.shape[0], x + left : x + left + part.shape[1]]
-    cover, solid = part * np.float32(opacity / 255), np.empty_like(ground)
-    solid[:] = colour
-    ground[:] = cv2.blendLinear(solid, ground, cover, 1 - cover)
+    if opacity > 0:
+        paint(picture, mask, x, y, colour, float(opacity))
 
 
 def lay_sparse(picture: Picture, layers: Sequence[tuple[Mask, Colour]], x: int, y: int, free: Mask) -> None:
     """As `lay`, one layer upon the other where the picture is `free` (H, W; 0 to 255), touching covered pixels alone.
 
-    For large masks that are mostly empty, lie inside the picture, and cover no more than the first of them. The picture
-    is in one piece: ValueError otherwise.
+    For large masks that are mostly empty, lie inside the picture, and cover no more than the first of them.
     """
-    if not picture.flags.c_contiguous:
-        raise ValueError("lay_sparse draws on pictures that are in one piece; got a part of one")
     found = cv2.findNonZero(layers[0][0])
-    if found is None:
-        return
-    columns, rows = found.reshape(-1, 2).T.astype(np.intp)
-    here, there = rows * layers[0][0].shape[1] + columns, (rows + y) * picture.shape[1] + columns + x
-    pixels = picture.reshape(-1, 3)  # numbered one by one, they are found in half the time
-    ground, share = pixels[there].astype(np.float32), free.reshape(-1)[there] * np.float32(1 / (255 * 255))
-    for mask, colour in layers:
-        ground += (np.asarray(colour, dtype=np.float32) - ground) * (mask.reshape(-1)[here] * share)[:, None]
-    pixels[there] = np.rint(ground).astype(np.uint8)
+    if found is not None:
+        masks, colours = zip(*layers, strict=True)
+        paint_where(picture, found.reshape(-1, 2), masks, x, y, colours, free)
 
 
 def write(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from video.flow import flow_between, grid
 from video.sprites import Sprite
 
+Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
@@ -18,6 +19,8 @@ LEAST_GAIN = 0.9
 """Share of the difference between two sightings that may be left for a turn to be believed."""
 MOST_TURN = 0.8
 """Radii that a dot may go by between two sightings: further, nobody can tell it from another."""
+SEEN_RADII = 0.8
+"""Radii around its centre within which a ball must be seen for its turn to be told."""
 SMOOTH = 0.12
 """Radii over which neighbouring ways on a ball are averaged."""
 TO_GREY = np.array([[0.299, 0.587, 0.114, 0.0], [0.0, 0.0, 0.0, 1.0]], dtype=np.float32)
@@ -32,7 +35,7 @@ def bends_between(first: Sprite, second: Sprite, radius: float) -> tuple[Singles
     half = int(np.ceil(1.15 * radius)) + 2
     times = float(np.clip(LEAST_SIDE / (2 * half + 1), 1.0, LARGEST_TIMES))
     views = [_view(sprite, half, times) for sprite in (first, second)]
-    if min(view[1].min() for view in (_seen_around(s, half, radius) for s in (first, second))) < 0.5:
+    if not all(_is_seen(sprite, half, radius) for sprite in (first, second)):
         return None
     bends = []
     for a, b in (views, views[::-1]):
@@ -53,17 +56,27 @@ def _view(sprite: Sprite, half: int, times: float) -> Picture:
 
 def _around(patch: Singles, sprite: Sprite, half: int, times: float) -> Singles:
     """A patch of the sprite's cover, resampled to (n, n) around the centre of the ball."""
-    centre = sprite.centre - np.array([sprite.x, sprite.y]) - sprite.inset
+    centre = _centre(sprite)
     side = round((2 * half + 1) * times)
     shift = np.array([[times, 0, times * (half - centre[0])], [0, times, times * (half - centre[1])]])
     return np.asarray(cv2.warpAffine(patch, shift, (side, side), flags=cv2.INTER_CUBIC), dtype=np.float32)
 
 
-def _seen_around(sprite: Sprite, half: int, radius: float) -> tuple[Singles, Singles]:
+def _centre(sprite: Sprite) -> Floats:
+    """(2,) px of the ball in the sprite's cover."""
+    return np.asarray(sprite.centre - (sprite.x, sprite.y) - sprite.inset, dtype=np.float64)
+
+
+def _is_seen(sprite: Sprite, half: int, radius: float) -> bool:
+    """Whether the ball is seen but for its rim, and neither another ball nor the border hides any of it."""
+    centre, within = _centre(sprite), SEEN_RADII * radius
+    rows, columns = sprite.seen.shape
+    inside = min(centre) >= within and centre[0] + within <= columns - 1 and centre[1] + within <= rows - 1
+    if inside and sprite.hidden is None:
+        return True
     seen = _around(sprite.seen, sprite, half, 1.0)
     place = np.arange(2 * half + 1) - half
-    inside = np.hypot(place[None], place[:, None]) < 0.8 * radius
-    return seen, seen[inside]
+    return bool(seen[np.hypot(place[None], place[:, None]) < within].min() >= 0.5)
 
 
 def _explains(way: Singles, first: Picture, second: Picture) -> bool:

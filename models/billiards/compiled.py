@@ -1,11 +1,11 @@
-"""How the physics of billiards is compiled: once for real numbers, once for complex ones, and kept on disk.
+"""How the physics of billiards is compiled, once for real numbers, once for complex ones, and what goes over pixels.
 
 A law is written once. With float64 it gives the outcome; with complex128 and a step of 1e-30 along the imaginary axis
 it gives its derivative, exact to rounding (Squire and Trapp 1998, doi:10.1137/S003614459631241X). So it branches on
 real parts and has no abs, min or max of what can be complex.
 
-Compiled code is shared by processes. Numba keys it by the file of a function alone, and would run yesterday's version
-of what that function calls in other files; here it is keyed by all that its module imports.
+Compiled code is kept on disk and shared by processes. Numba keys it by the file of a function alone, and would run
+yesterday's version of what that function calls in other files; here it is keyed by all that its module imports.
 """
 
 from __future__ import annotations
@@ -22,28 +22,30 @@ from numba.core.caching import IndexDataCacheFile
 
 STEP = 1e-30
 """Of the complex step."""
+ROOMS = ("models.", "video.")
+"""Whose code is kept."""
 
 
 @cache
 def _text(module: str) -> bytes | None:
-    """Source of a module of `models`, None if there is no such file."""
-    *folders, name = module.split(".")[1:]
-    path = files("models").joinpath(*folders, f"{name}.py")
+    """Source of a module of these rooms, None if there is no such file."""
+    room, *folders, name = module.split(".")
+    path = files(room).joinpath(*folders, f"{name}.py")
     return path.read_bytes() if path.is_file() else None
 
 
 @cache
 def _imports(module: str) -> frozenset[str]:
-    """Modules of `models` that one of them imports."""
+    """Modules of these rooms that one of them imports."""
     found = set()
     for node in ast.walk(ast.parse(_text(module) or b"")):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("models."):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith(ROOMS):
             found.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
     return frozenset(name for name in found if _text(name) is not None)
 
 
 def _stamp(module: str) -> str:
-    """Digest of the sources of a module and of all in `models` that it imports, directly or not."""
+    """Digest of the sources of a module and of all in these rooms that it imports, directly or not."""
     seen, left = {module}, [module]
     while left:
         fresh = _imports(left.pop()) - seen
@@ -59,7 +61,7 @@ def _stamp(module: str) -> str:
 def compiled(function: Callable[..., Any]) -> Any:
     """Decorator. Division by zero gives inf as in numpy, other threads run meanwhile, and sums keep their order."""
     fresh = numba.njit(error_model="numpy", nogil=True)(function)
-    if not function.__module__.startswith("models."):
+    if not function.__module__.startswith(ROOMS):
         return fresh
     try:
         fast = numba.njit(error_model="numpy", nogil=True, cache=True)(function)

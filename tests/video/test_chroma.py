@@ -71,3 +71,13 @@ def test_a_made_ball_has_its_colours_on_the_grid_of_the_camera(monkeypatch: pyte
         for made in (interval, replace(interval, squared=False))
     ]
     assert errors[0] < 0.2 * errors[1]
+
+
+def test_squares_once_seen_are_kept_where_a_later_picture_cannot_tell() -> None:
+    sightings = sight(shot.scene(), shot.tracks(TIMES), shot.fit(TIMES))
+    plate = Plate(squared(shot.cloth()), np.ones((shot.HEIGHT, shot.WIDTH), dtype=bool))
+    pictures = [filmed(float(TIMES[10])), *(np.zeros_like(shot.cloth()) for _ in range(2))]
+    interval = open_interval(sightings, plate, 10, *pictures[:2])
+    later = open_interval(sightings, plate, 11, *pictures[1:], before=interval)
+    assert later.squared
+    assert not open_interval(sightings, plate, 11, *pictures[1:]).squared
