@@ -22,10 +22,8 @@ _HOPELESS = 0.25
 _REFUTED = 3.0
 """times the cost of a larger hypothesis, from which no other starts can save a smaller one."""
 _LITTLE = 0.5
-"""of its natural strength, up to which an effect may have been imitated by hidden states."""
-_PART = 0.2
-"""of its natural strength, from which the search for an effect begins that at first was imitated: hidden states follow
-from there, and are lost from all of it."""
+"""of its natural strength, up to which an effect may have been imitated by hidden states: it is then begun from all of
+it, with states from what is seen alone, for those that were fitted without it keep imitating it."""
 
 
 def tried(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
@@ -65,9 +63,9 @@ def _starting_from(
         if near.names <= names and alike and found.cost > near.fitted.cost:  # a long step led some windows astray
             found = fit(question, found.pieces, effects, forms, near.fitted.shared, near.fitted.starts, GLANCE)
         yield found
-        part = near.fitted.shared + _PART * (natural - near.fitted.shared)
-        if alike and _imitated(question, found, fresh) and allowed(question, near.fitted, forms, part):
-            yield fit(question, near.fitted.pieces, effects, forms, part, near.fitted.starts)
+        if alike and _imitated(question, found, fresh) and allowed(question, near.fitted, forms, natural):
+            anew = fit(question, near.fitted.pieces, effects, forms, natural, None, GLANCE)
+            found = min(found, anew, key=lambda one: one.cost)
         explained = near.fitted.cost - best
         if explained > CLEAR and near.fitted.cost - found.cost < _HOPELESS * explained:
             continue
