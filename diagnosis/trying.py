@@ -20,7 +20,7 @@ LEFT = 1.2
 _HOPELESS = 0.25
 """share of what the best hypothesis explains that another one must explain at a glance to be fitted to the end."""
 _REFUTED = 3.0
-"""times the cost of a larger hypothesis, from which no other starts can save a smaller one."""
+"""times the cost of a hypothesis, from which no other starts can save one that was begun from it."""
 _LITTLE = 0.5
 """of its natural strength, up to which an effect may have been imitated by hidden states: it is then begun from all of
 it, with states from what is seen alone, for those that were fitted without it keep imitating it."""
@@ -68,6 +68,8 @@ def _starting_from(
             found = min(found, anew, key=lambda one: one.cost)
         explained = near.fitted.cost - best
         if explained > CLEAR and near.fitted.cost - found.cost < _HOPELESS * explained:
+            continue
+        if found.cost > _REFUTED * near.fitted.cost:
             continue
         found = fit(question, found.pieces, effects, forms, found.shared, found.starts)
         yield found
