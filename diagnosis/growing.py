@@ -51,6 +51,19 @@ def grown(question: Question, fitted: Fitted) -> Fitted:
         fitted = found
 
 
+def led(question: Question, fitted: Fitted) -> Fitted:
+    """The same hypothesis, windows that do not find their way from what is seen joined with the one before, which
+    leads into them: one that is lost outweighs all that others tell."""
+    costs = _costs(question, fitted)
+    mean = costs[:, 0] / np.maximum(costs[:, 1], 1.0)
+    lost = (mean > _NOWHERE) & (mean > _UNLIKE * np.median(mean))
+    follows = _pairs(question, fitted, {_begin(fitted.pieces[k]) for k in np.flatnonzero(~lost)})
+    if not len(follows):
+        return fitted
+    found = again(question, *_joined(fitted, follows, fitted.starts))
+    return found if found.cost < fitted.cost else fitted
+
+
 def _begin(piece: Recording) -> tuple[int, int]:
     """Shot and first picture."""
     return piece.shot, int(piece.frame[0])

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from diagnosis.fitting import Fitted, Question, fit, model_of
-from diagnosis.growing import grown
+from diagnosis.growing import grown, led
 from models.gap_scene import Eventful, Floats, Recording
 from models.shooting.windows import sensitive_from
 
@@ -55,7 +55,7 @@ def fit_begun(
     if not pieces:
         raise ValueError(f"a diagnosis needs shots of at least {LEAST} pictures; there is none")
     if isinstance(question.scene, Eventful):
-        return fit(question, _calm(pieces, question.scene.calm), names, forms, guess)
+        return led(question, fit(question, _calm(pieces, question.scene.calm), names, forms, guess))
     found = _fit_whole(question, pieces, names, forms, guess)
     for _ in range(_ROUNDS):
         shorter = _shorter(question, found)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, fit
+from diagnosis.growing import sought_anew
 from diagnosis.hypotheses import Hypothesis, Search, signatures_of
 from diagnosis.signatures import Signatures
 from diagnosis.trying import LEFT, from_the_larger, tried
@@ -46,10 +47,13 @@ def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted])
     now, lengthened = state.base, None
     while now.size < MOST:
         larger = _larger(state, now)
+        rival = _best_needed(state, now.size)
         if larger is not None:
             now = _exchanged(state, larger)
         elif state.tried[now.names] is not now:
             now = state.tried[now.names]  # a larger one has shown it better starts
+        elif rival is not None and state.weigh(rival) > state.weigh(now):
+            now = rival  # the same has made it likelier
         elif lengthened != now.names:
             lengthened, further = now.names, longer(now.fitted)
             if len(further.pieces) < len(now.fitted.pieces):
@@ -68,9 +72,8 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
     def longer(one: Hypothesis) -> Hypothesis:
         own, refuted = one.fitted, former.weigh(former.best()) - former.weigh(one) > _REFUTED
         options = GLANCE if refuted else USUAL
-        return Hypothesis(
-            one.names, fit(question, fitted.pieces, own.names, own.forms, own.shared, fitted.starts, options)
-        )
+        found = fit(question, fitted.pieces, own.names, own.forms, own.shared, fitted.starts, options)
+        return Hypothesis(one.names, found if refuted else sought_anew(question, found))
 
     first, alone = (longer(former.base), former.alone) if best.names else (best, fitted)
     state = Search(question, first, alone)
