@@ -20,7 +20,7 @@ from diagnosis.pieces import LEAST, fit_begun, lengthened, stretches
 from diagnosis.residuals import Residuals, residuals
 from diagnosis.signatures import signatures
 from diagnosis.split import Split, split_shots
-from diagnosis.unknown import MOSTLY, Doubt, doubt, lawful
+from diagnosis.unknown import MOSTLY, Doubt, doubt, lawful, least_gain
 from diagnosis.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
 from diagnosis.where import places, shape
 from diagnosis.which import adopted, lacking, search
@@ -31,8 +31,6 @@ _MIDDLING = 0.674
 """standard deviations that half of all strengths exceed."""
 _BY_CHANCE = 1e-4
 """chance that a body which lies still seems to move."""
-_NO_GAIN = -4.0
-"""chi2 that shots which chose nothing may lose before they contradict."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +142,7 @@ def _doubt(
     if not best.names:
         return doubt(left, seen.told, base, full, None, True)
     before, after = _alone(question, first, base), _alone(question, first, full)
-    gains = not second or _gain(question, full, second, before, after) > _NO_GAIN
+    gains = not second or _gain(question, full, second, before, after) > least_gain(len(first), len(second))
     found = doubt(left, seen.told, base, full, _ahead(question, second or first, before, after, rng), gains)
     if not (found.something_left and found.explained > MOSTLY and second and question.probes):
         return found

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import e, log
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from diagnosis.blocks import Structure
 from diagnosis.close import Closing
@@ -87,6 +87,15 @@ def agreement(told: Told, fitted: Fitted) -> float:
         free += int(kept.sum())
     free -= int(fitted.free.sum())
     return float(chi2.sf(total, free)) if free > 0 else 1.0
+
+
+def least_gain(first: int, second: int) -> float:
+    """chi2 that so many shots must gain from an effect whose strength the `first` ones told; less is a contradiction.
+
+    A strength of b standard deviations of the second shots, itself told by the first ones, makes them gain b^2 give or
+    take 2 b sqrt(1 + second/first): whatever b, chance leaves less than this in half a SUSPICIOUS share of all cases.
+    """
+    return -float((1 + second / first) * norm.isf(SUSPICIOUS / 2) ** 2)
 
 
 def explained(base: Fitted, best: Fitted, ahead: Closing | None) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis.candidates import leading
 from diagnosis.diagnose import diagnose
-from diagnosis.unknown import Doubt
+from diagnosis.unknown import SUSPICIOUS, Doubt, least_gain
 from models.flight.gap import flight_scene
 from models.gap_scene import Recording, neutral_values
 
@@ -76,3 +76,17 @@ def test_without_generic_laws_the_data_must_allow_that_nearly_all_is_explained(
     explained: float, at_most: float, missing: bool
 ) -> None:
     assert Doubt(1e-9, 1.0, explained, at_most, True, float("nan")).unknown is missing
+
+
+@pytest.mark.parametrize("strength", [0.5, 2.0, 3.5, 8.0])
+def test_shots_that_confirm_contradict_no_oftener_than_chance_allows(strength: float) -> None:
+    """An effect of any strength, told by six shots and tried on three, all of them alike."""
+    rng = np.random.default_rng(0)
+    told = strength + np.sqrt(3 / 6) * rng.standard_normal(400_000)
+    seen = strength + rng.standard_normal(400_000)
+    gains = seen**2 - (seen - told) ** 2
+    assert (gains < least_gain(6, 3)).mean() < SUSPICIOUS
+
+
+def test_shots_that_lose_by_much_contradict() -> None:
+    assert -20.0 < least_gain(6, 3) < least_gain(9, 3) < -4.0
