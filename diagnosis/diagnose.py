@@ -143,7 +143,8 @@ def _doubt(
         return doubt(left, seen.told, base, full, None, True)
     before, after = _alone(question, first, base), _alone(question, first, full)
     gains = not second or _gain(question, full, second, before, after) > least_gain(len(first), len(second))
-    found = doubt(left, seen.told, base, full, _ahead(question, second or first, before, after, rng), gains)
+    ahead = _ahead(question, second or first, before, after, rng)
+    found = doubt(left, seen.told, state.base.fitted, full, ahead, gains)
     if not (found.something_left and found.explained > MOSTLY and second and question.probes):
         return found
     return replace(found, lawful=_lawful(question, full, second, after))
