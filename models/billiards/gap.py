@@ -85,8 +85,7 @@ class BilliardsScene:
         """Whole pieces; spin is carried over where one follows the other directly."""
         follows = [False, *(_follow_directly(one, other) for one, other in pairwise(pieces))]
         stretches = tuple(self._stretch(piece, after) for piece, after in zip(pieces, follows, strict=True))
-        view = View(self.picture.middle, self.table.length / 2)
-        return Shots(stretches, self.table, self._priors(), Laws(*forms), view=view, wanted=wanted)
+        return Shots(stretches, self.table, self._priors(), Laws(*forms), view=self._view, wanted=wanted)
 
     def covariates(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Covariates:
         model = self.model((piece,), forms)
@@ -105,7 +104,11 @@ class BilliardsScene:
         return Covariates(phases, place, velocity, since[rows, balls], image)
 
     def predict(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Floats:
-        return self.model((piece,), forms).places_at(0, start, shared, piece.t)
+        return self.model((piece,), forms).path_seen(0, start, shared)
+
+    @property
+    def _view(self) -> View:
+        return View(self.picture.middle, self.table.length / 2, self.picture.height)
 
     def _priors(self) -> tuple[Prior, ...]:
         return tuple(replace(p, name=f"{effect.name}.{p.name}") for effect in self.effects for p in effect.parameters)
@@ -113,7 +116,7 @@ class BilliardsScene:
     def _stretch(self, piece: Recording, follows: bool) -> Stretch:
         start, moving = beginning(piece.t, piece.places, piece.sigma)
         whiten = np.eye(2) / piece.sigma[..., None, None]
-        row = (piece.places[..., 1] - self.picture.middle[1]) / self.picture.height
+        row = self._view.rows(piece.places)
         late = np.zeros(len(piece.t))
         for shot, t, interval in self.jumps:
             if shot == piece.shot:

@@ -122,15 +122,21 @@ class Shots:
         end = self._state_at_end(window, run).reshape(-1)[kept] if len(kept) else np.empty(0)
         return Glance(misfit, np.nan_to_num(end), _order(run))
 
-    def places_at(self, window: int, start: Floats, shared: Floats, t: Floats) -> Floats:
-        """(T, N, 2) m, where balls would be seen at times t (T,) of the recording."""
-        stretch, values = self.stretches[window], self.values(shared)
-        last = max(float(t.max()) - stretch.begin, 0.0) + 1.0
-        run = played(start, stretch.moving, self.table, values, self.laws, last)
-        found = _held(run.at(t - stretch.begin)[..., :2])
-        if self.view is None:
-            return found
-        return seen(self.view, found, values[ON_VIEW])[0]
+    def path_seen(self, window: int, start: Floats, shared: Floats) -> Floats:
+        """(T, N, 2) m, where balls would be seen at the times of a window, also where they were not seen: each row of
+        the picture at its own time, later where pictures are missing."""
+        stretch, values, view = self.stretches[window], self.values(shared), self._view
+        t = stretch.t - stretch.begin
+        if stretch.late is not None:
+            t = t + values[FRAMES] * stretch.late
+        run = played(start, stretch.moving, self.table, values, self.laws, max(float(t.max()), 0.0) + 1.0)
+        states = run.at(np.maximum(t, 0.0))
+        found = _held(states[..., :2])
+        if stretch.row is not None and values[READOUT] != 0:
+            later = np.maximum(t[:, None] + values[READOUT] * view.rows(found), 0.0)
+            balls = np.arange(found.shape[1])
+            found = np.stack([_held(run.at(later[:, k])[..., :2])[:, k] for k in balls], axis=1)
+        return seen(view, found, values[ON_VIEW])[0] if self._views(values) else found
 
     def possible_run(self, window: int, start: Floats, shared: Floats) -> Run | None:
         """None where nature does not allow the numbers, or balls meet without end."""

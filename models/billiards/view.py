@@ -27,6 +27,13 @@ class View:
     """(2,) m, of the picture."""
     half: float
     """m, half the length of the table: the unit of the lens."""
+    height: float = 1.0
+    """m, of the picture: a row is a share of it, counted from its middle."""
+
+    def rows(self, xy: Floats) -> Floats:
+        """(...) rows in which places (..., 2) are seen."""
+        found: Floats = (xy[..., 1] - self.middle[1]) / self.height
+        return found
 
 
 def seen(view: View, xy: Floats, numbers: Floats) -> tuple[Floats, Floats, Floats]:

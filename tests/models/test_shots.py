@@ -90,3 +90,19 @@ def test_a_view_bends_places_about_its_middle() -> None:
     np.testing.assert_allclose(shown, [[1.0, 0.5], [2.1, 0.5]])
     shown = seen(view, np.array([[2.0, 0.5]]), np.array([0.0, 0.25, 0.0, 1.0]))[0]
     np.testing.assert_allclose(shown, [[1.8, 0.5]])
+
+
+def test_a_path_is_shown_where_its_observations_are() -> None:
+    """Rows taken at times of their own, pictures missing, lens and perspective: as misfits have it."""
+    values = numbers(**ODD)
+    stretch = filmed(np.random.default_rng(4), values, seconds=1.2)
+    view = View(np.array([1.2, 0.6]), 1.3, 1.4)
+    stretch = replace(stretch, row=view.rows(stretch.xy), late=np.where(stretch.t > 0.5, 1 / 60, 0.0))
+    unknowns = tuple(unknown(name, value, 1.0) for name, value in zip(NUMBERS, values, strict=True))
+    model = replace(shots((stretch,), unknowns, values), view=view)
+    start = packed(stretch.start, stretch.moving)
+    shown = model.path_seen(0, start, values)
+    again = replace(stretch, xy=shown, row=view.rows(shown))
+    misfit = replace(model, stretches=(again,)).flow(0, start, values).misfit
+    assert np.abs(model.flow(0, start, values).misfit).max() > 5
+    assert np.abs(misfit).max() < 0.1
