@@ -16,6 +16,14 @@ from small_clips import SAMPLES, write_small
 SPOILT = ("flip", "truncate", "splice", "zero", "size", "repeat", "delete", "header")
 
 
+TABLES = (
+    ("table.mp4", "libx264", "yuv420p"), ("table.mkv", "libx264", "yuv420p"), ("table.mov", "mpeg4", "yuv420p"),
+    ("table.avi", "mjpeg", "yuvj420p"), ("table.webm", "libvpx-vp9", "yuv420p"), ("table.ts", "mpeg2video", "yuv420p"),
+)  # fmt: skip
+"""Films of a shot: what is spoilt in them reaches the later stages as pictures."""
+TABLE_EVERY = 8
+"""One of so many spoilt copies is of such a film: it takes a hundred times as long as one that shows no table."""
+
 av.logging.set_level(None)
 
 
@@ -30,8 +38,10 @@ def write_inputs(folder: Path, count: int, rng: np.random.Generator) -> int:
     ]
     small = [path for path in whole if path.stat().st_size < 200_000]
     done = len(list(kinds.iterdir()))
+    tables = [path for path in whole if path.stem == "table"]
     for k in range(count - done):
-        source = small[int(rng.integers(len(small)))]
+        of = tables if k // len(SPOILT) % TABLE_EVERY == 0 else small
+        source = of[int(rng.integers(len(of)))]
         how = SPOILT[k % len(SPOILT)]
         other = small[int(rng.integers(len(small)))].read_bytes()
         place = folder / f"{k // 250:02d}"
@@ -71,8 +81,9 @@ def spoil(data: bytes, other: bytes, how: str, rng: np.random.Generator) -> byte
 
 def _write_kinds(folder: Path) -> None:
     """One film of every odd kind that this FFmpeg can write."""
-    write_small(SAMPLES / "carom_match.mp4", folder / "table.mp4", height=180, seconds=0.3)
-    write_small(SAMPLES / "overhead_pool.mp4", folder / "table.mkv", height=180, seconds=0.3)
+    for k, (name, codec, form) in enumerate(TABLES):
+        sample = SAMPLES / ("overhead_pool.mp4" if k % 2 else "carom_match.mp4")
+        write_small(sample, folder / name, height=180, seconds=0.4, codec=codec, form=form)
     for name, codec, form, size, rate in (
         ("plain.mp4", "libx264", "yuv420p", (96, 64), 25), ("plain.mov", "libx264", "yuv420p", (96, 64), 25),
         ("plain.mkv", "libx264", "yuv420p", (96, 64), 25), ("plain.avi", "mpeg4", "yuv420p", (96, 64), 25),

@@ -13,17 +13,27 @@ SOURCES = (("carom_match", 0.3), ("overhead_pool", 0.1))
 """Sample and the second at which its piece begins: a few balls, of which one is struck."""
 
 
-def write_small(source: Path, target: Path, *, height: int = 240, start: float = 0.2, seconds: float = 0.5) -> Path:
+def write_small(
+    source: Path,
+    target: Path,
+    *,
+    height: int = 240,
+    start: float = 0.2,
+    seconds: float = 0.5,
+    codec: str = "libx264",
+    form: str = "yuv420p",
+) -> Path:
     """A piece of a film, made smaller; the name's suffix says the container."""
     with av.open(str(source)) as film, av.open(str(target), "w") as small:
         seen = film.streams.video[0]
         rate = seen.average_rate or Fraction(30)
         width = 2 * round(seen.width * height / seen.height / 2)
-        stream = small.add_stream("libx264", rate=rate, options={"crf": "18", "preset": "veryfast"})
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        fast = {"crf": "18", "preset": "veryfast"} if codec == "libx264" else {}
+        stream = small.add_stream(codec, rate=rate, options=fast)
+        stream.width, stream.height, stream.pix_fmt = width, height, form
         shown = (p for p in film.decode(seen) if p.time is not None and start <= p.time < start + seconds)
         for k, picture in enumerate(shown):
-            smaller = picture.reformat(width, height, "yuv420p", interpolation="AREA")
+            smaller = picture.reformat(width, height, form, interpolation="AREA")
             smaller.pts, smaller.time_base = k, 1 / rate
             small.mux(stream.encode(smaller))
         small.mux(stream.encode(None))
