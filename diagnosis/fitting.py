@@ -44,7 +44,8 @@ class Question:
     @property
     def candidates(self) -> tuple[str, ...]:
         """Effects that the simulator may lack."""
-        return tuple(e.name for e in self.scene.effects if e.kind != "probe" and e.name not in self.scene.assumed)
+        causes = (e.name for e in self.scene.effects if e.kind in ("physics", "observation"))
+        return tuple(name for name in causes if name not in self.scene.assumed)
 
     @property
     def probes(self) -> tuple[str, ...]:

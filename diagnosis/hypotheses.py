@@ -82,7 +82,7 @@ class Search:
         error = np.zeros(len(known))
         error[fitted.free] = fitted.shooting.sigma
         cost = 0.0
-        for name in fitted.names:
+        for name in (one for one in fitted.names if one in question.candidates):
             own = question.mask((name,)) & fitted.free
             strength = (fitted.shared[own] - question.neutral[own]) / known[own]
             scale = min(float(np.sqrt(np.mean(np.maximum(strength**2, (error[own] / known[own]) ** 2)))), 1.0)

@@ -41,7 +41,8 @@ def tried(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
 def effects_of(question: Question, names: frozenset[str]) -> tuple[str, ...]:
     """The effects that a hypothesis adds: those it names, and those that another published form brings."""
     brought = {name for one in question.scene.alternatives if one.name in names for name in one.brings}
-    return tuple(name for name in question.candidates if name in names | brought)
+    wanted = (names | brought) - set(question.scene.assumed)
+    return tuple(effect.name for effect in question.scene.effects if effect.name in wanted)
 
 
 def _starting_from(

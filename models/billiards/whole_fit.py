@@ -26,8 +26,6 @@ Mask = NDArray[np.bool_]
 
 CANDIDATES = tuple(Laws(cushion, "inelastic") for cushion in ("mirror", "han_2005", "mathavan_2010", "stronge"))
 CLOTH = ("sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate")
-PRESSED = Prior("cushion_cloth.factor", "1", 1.0, 0.3, True, (0.2, 5.0))
-"""Friction of the cloth under a ball that a nose presses down, over that of the free cloth: of no table is it known."""
 FACTOR_SIGMA = 0.01
 """of the distance at which balls touch, over two radii: what a calibration leaves open."""
 _CLEAR = 4.0
@@ -73,8 +71,6 @@ def unknowns_of(laws: Laws) -> tuple[Prior, ...]:
 
 def _prior(name: str) -> Prior:
     """Of the catalogue, where it holds it; but balls and cushions may have no friction, as those of many simulators."""
-    if name == PRESSED.name:
-        return PRESSED
     prior = replace(prior_of(*name.split(".")), name=name)
     if name not in ("ball_friction.mu", "cushion_friction.mu"):
         return prior

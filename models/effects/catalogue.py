@@ -6,6 +6,7 @@ from models.effects.air_drag import AirDrag
 from models.effects.ball_friction import BallFriction
 from models.effects.ball_law import BallLaw
 from models.effects.ball_restitution import BallRestitution
+from models.effects.cushion_cloth import CushionCloth
 from models.effects.cushion_friction import CushionFriction
 from models.effects.cushion_law import CushionLaw
 from models.effects.cushion_restitution import CushionRestitution
@@ -36,6 +37,7 @@ BILLIARDS: tuple[Effect, ...] = (
     CushionRestitution(),
     CushionRestitutionSpeed(),
     CushionFriction(),
+    CushionCloth(),
     BallRestitution(),
     BallFriction(),
     UnequalMass(),

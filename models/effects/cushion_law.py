@@ -17,6 +17,6 @@ class CushionLaw:
     phases: tuple[Phase, ...] = ("cushion_contact",)
     forms: tuple[str, ...] = ("mirror", "han_2005", "mathavan_2010", "stronge")
     partners: tuple[str, ...] = ("cushion_restitution_speed", "cushion_friction")
-    brings: tuple[str, ...] = ("cushion_friction",)
-    """Effects without which a published law is hardly more than a mirror."""
+    brings: tuple[str, ...] = ("cushion_friction", "cushion_cloth")
+    """Effects without which a published law is hardly more than a mirror, and what it leaves open."""
     reference: str = "docs/laws.md"

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 Phase = Literal["free_roll", "after_strike", "ball_contact", "cushion_contact", "rest", "image_region", "time_jump"]
-EffectKind = Literal["physics", "observation", "probe"]
-"""What moves otherwise; what is seen otherwise; a generic smooth field that only shows the shape of what is unknown."""
+EffectKind = Literal["physics", "observation", "detail", "probe"]
+"""What moves otherwise; what is seen otherwise; what a published law leaves open and is no cause by itself; a generic
+smooth field that only shows the shape of what is unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -153,7 +153,7 @@ def test_a_published_cushion_brings_the_friction_that_makes_it_one() -> None:
     question = question_of(billiards_scene(TABLE, recordings), 0.0)
     pieces = stretches(question, recordings)
     with_friction = effects_of(question, frozenset({"cushion_law"}))
-    assert with_friction == ("cushion_friction",)
+    assert with_friction == ("cushion_friction", "cushion_cloth")
     assert effects_of(question, frozenset({"slope"})) == ("slope",)
     bare, whole = (fit(question, pieces, names, ("han_2005", "inelastic")) for names in ((), with_friction))
     assert whole.cost < 1.3 * whole.observations
@@ -184,3 +184,9 @@ def test_a_nap_that_would_drive_balls_is_forbidden_by_nature() -> None:
     gentle[nap], driving[nap] = 0.5 * found.shared[resistance], 2.0 * found.shared[resistance]
     assert allowed(question, found, found.forms, gentle)
     assert not allowed(question, found, found.forms, driving)
+
+
+def test_what_a_law_leaves_open_is_no_cause() -> None:
+    question = question_of(billiards_scene(TABLE, (recorded(5, numbers(), 1.0),)), 0.0)
+    assert "cushion_cloth" not in question.candidates
+    assert question.mask(("cushion_cloth",)).sum() == 1

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from models.billiards.parameters import BALL_LAWS, CUSHION_LAWS, NAMES, neutral
-from models.billiards.whole_fit import PRESSED
 from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS, prior_of
 from models.effects.effect import Effect, Prior
 from pipeline.fingerprint import ROOT, source_hashes
@@ -26,14 +25,12 @@ def test_names_are_unique() -> None:
 
 
 def test_the_engine_knows_every_parameter_of_the_catalogue_that_acts_on_balls() -> None:
-    named = [f"{e.name}.{p.name}" for e in BILLIARDS for p in e.parameters if e.kind == "physics"]
-    of_one_law = {PRESSED.name}
-    assert set(NAMES) - of_one_law == {name for name in named if not name.startswith("unequal")}
+    named = [f"{e.name}.{p.name}" for e in BILLIARDS for p in e.parameters if e.kind in ("physics", "detail")]
+    assert set(NAMES) == {name for name in named if not name.startswith("unequal")}
 
 
 def test_an_absent_effect_is_what_the_engine_takes_for_absent() -> None:
     absent = {f"{e.name}.{p.name}": value for e in BILLIARDS for p, value in zip(e.parameters, e.neutral, strict=True)}
-    absent[PRESSED.name] = PRESSED.value
     assert [absent[name] for name in NAMES] == neutral().tolist()
 
 
