@@ -156,7 +156,7 @@ class Interval:
             shown, behind = self._carried(0 if weight == 0 else 1, t)
             return behind.copy() if shown else behind
         first, second = self._carried(0, t)[1], self._carried(1, t)[1]
-        mixed = np.empty_like(first)
+        mixed = np.empty(first.shape, dtype=np.uint8)
         fill_mixed(first.reshape(-1), second.reshape(-1), weight, mixed.reshape(-1))
         return mixed
 
