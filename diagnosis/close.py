@@ -38,6 +38,8 @@ _OPEN = 4.0
 _DRAWS = 2000
 _GRANTED = 0.9
 """chance up to which a start may have been off by accident."""
+_BETTER = 0.5
+"""share of the variance of a start that a whole window must take away, for the rest to be the error of the start."""
 _INTERVAL = (0.025, 0.975)
 
 
@@ -205,18 +207,31 @@ def floor(question: Question, windows: tuple[Ahead, ...], like: Fitted, found: P
     for k, one in enumerate(windows):
         path = question.scene.predict(one.piece, whole.starts[k], like.shared, like.forms)
         off[k] = _squares(one, found.paths[k] - path)
-        step = whole.starts[k] - found.starts[k]
-        spread = found.covariances[k] - whole.shooting.start_covariances[k]
-        sizes, axes = np.linalg.eigh((spread + spread.T) / 2)
-        known = (sizes > 1e-6 * sizes[-1]) & (sizes > 0)
-        surprise += float((np.square(axes[:, known].T @ step) / sizes[known]).sum())
-        free += int(known.sum())
+        one_surprise, one_free = surprise_of(
+            whole.starts[k] - found.starts[k], found.covariances[k], whole.shooting.start_covariances[k]
+        )
+        surprise, free = surprise + one_surprise, free + one_free
     granted = min(1.0, float(chi2.ppf(_GRANTED, free)) / surprise) if surprise > 0 else 1.0
     coordinates = found.paths[0].shape[2]
     noise = [coordinates * float(np.square(w.piece.sigma[w.known :][w.piece.seen[w.known :]]).sum()) for w in windows]
     least = granted * off + np.array(noise)
     # the right model leaves no more than this one did
     return np.asarray(least * min(1.0, float(found.squares.sum()) / max(float(least.sum()), 1e-300)))
+
+
+def surprise_of(step: Floats, told: Floats, better: Floats) -> tuple[float, int]:
+    """chi2 of a step (S,) from a start of covariance `told` to one that is known `better`, and in how many directions.
+
+    Only directions count that are known so much better that the step is the error of the first: elsewhere both hang on
+    the same rows, and how far they may differ is a difference of two covariances that are themselves estimates.
+    """
+    scale = 1 / np.sqrt(np.maximum(np.diag(told), 1e-300))
+    sizes, axes = np.linalg.eigh(told * scale * scale[:, None])
+    kept = sizes > 1e-9 * sizes[-1]
+    white = (axes[:, kept] / np.sqrt(sizes[kept])).T * scale
+    gained, turn = np.linalg.eigh(white @ (told - better) @ white.T)
+    known = gained > _BETTER
+    return float((np.square(turn.T @ white @ step)[known] / gained[known]).sum()), int(known.sum())
 
 
 def counts(windows: tuple[Ahead, ...]) -> Floats:
