@@ -11,7 +11,7 @@ from models.smooth_motion import Numbers, SceneEffect, SmoothScene, brake_probe,
 GRAVITY = 9.81
 """m/s2"""
 SLOW = 0.01
-"""m/s at which friction fades out: a body that comes to rest creeps less than 0.1 mm."""
+"""m/s at which friction fades out: a body at rest creeps by this times slope over mu, 0.1 mm in a second on 2 mm/m."""
 
 EFFECTS = (
     SceneEffect(
