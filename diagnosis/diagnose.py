@@ -12,10 +12,11 @@ from diagnosis.candidates import group_of, leading, probabilities, ranked, stren
 from diagnosis.close import HORIZON, Closing, Foreseen, closing, floor, foreseeable, predict, shares, windows_ahead
 from diagnosis.exchanged import names_given_back
 from diagnosis.film_next import film_next, film_to_see, film_what_is_left
-from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, Seen, again, fit, follow, look, question_of
+from diagnosis.fitting import Fitted, Question, Seen, fit, follow, look, question_of
 from diagnosis.growing import not_followed
 from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.noise import Noise, estimate_noise, with_noise
+from diagnosis.other_shots import alone, confirmed, gain, of_shots
 from diagnosis.pieces import LEAST, fit_begun, lengthened, stretches
 from diagnosis.residuals import Residuals, residuals
 from diagnosis.signatures import signatures
@@ -23,9 +24,8 @@ from diagnosis.split import Split, split_shots
 from diagnosis.unknown import MOSTLY, Doubt, doubt, lawful, least_gain
 from diagnosis.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
 from diagnosis.where import places, shape
-from diagnosis.which import adopted, lacking, search
+from diagnosis.which import lacking, search
 from models.gap_scene import Eventful, Floats, GapScene, Recording
-from models.shooting.shoot import ShootingOptions
 
 _MIDDLING = 0.674
 """standard deviations that half of all strengths exceed."""
@@ -100,7 +100,7 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
     question = question_of(scene, noise.correlation)
     first, second = with_noise(split.fit, noise), with_noise(split.select, noise)
     state = _searched(question, (*first, *second))
-    best = _confirmed(question, state, first, second)
+    best = confirmed(question, state, first, second)
     base, full = state.alone, best.fitted
     seen, seen_full = look(question, base), look(question, full)
     left_before = residuals(question, base, seen, rng)
@@ -141,8 +141,8 @@ def _doubt(
     base, full = fits
     if not best.names:
         return doubt(left, seen.told, base, full, None, True)
-    before, after = _alone(question, first, base), _alone(question, first, full)
-    gains = not second or _gain(question, full, second, before, after) > least_gain(len(first), len(second))
+    before, after = alone(question, first, base), alone(question, first, full)
+    gains = not second or gain(question, full, second, before, after) > least_gain(len(first), len(second))
     ahead = _ahead(question, second or first, before, after, rng)
     found = doubt(left, seen.told, state.base.fitted, full, ahead, gains)
     if not (found.something_left and found.explained > MOSTLY and second and question.probes):
@@ -153,7 +153,7 @@ def _doubt(
 def _lawful(question: Question, whole: Fitted, recordings: tuple[Recording, ...], best: Fitted) -> float:
     """Share of what `best` leaves of these shots that a generic law, as other shots told it, explains."""
     probed = fit(question, best.pieces, (*best.names, *question.probes), best.forms, best.shared, best.starts)
-    pieces, starts = _of_shots(whole, recordings)
+    pieces, starts = of_shots(whole, recordings)
     return lawful(follow(question, pieces, best, starts), follow(question, pieces, probed, starts))
 
 
@@ -165,49 +165,6 @@ def _ahead(
     windows = foreseen.windows
     before, after = (predict(question, windows, one, foreseen.starts) for one in (base, best))
     return closing(windows, before.squares, after.squares, floor(question, windows, best, after), rng)
-
-
-def _alone(
-    question: Question, recordings: tuple[Recording, ...], like: Fitted, options: ShootingOptions = USUAL
-) -> Fitted:
-    """A hypothesis as some of the shots tell it."""
-    pieces, starts = _of_shots(like, recordings)
-    return again(question, pieces, like, starts, options=options)
-
-
-def _of_shots(fitted: Fitted, recordings: tuple[Recording, ...]) -> tuple[tuple[Recording, ...], tuple[Floats, ...]]:
-    """Windows of some of the shots of a fit, and their starts."""
-    shots = {one.shot for one in recordings}
-    here = [k for k, piece in enumerate(fitted.pieces) if piece.shot in shots]
-    return tuple(fitted.pieces[k] for k in here), tuple(fitted.starts[k] for k in here)
-
-
-def _confirmed(
-    question: Question, state: Search, first: tuple[Recording, ...], second: tuple[Recording, ...]
-) -> Hypothesis:
-    """The hypothesis adopted, without those of several effects that `second` shots do not confirm, all strengths as
-    the `first` ones tell them."""
-    best = adopted(state)
-    while second and best.size > 1:
-        whole = _alone(question, first, best.fitted)
-        # what lacks an effect does not settle for long; cut short, it still knows the `second` shots: no gain for whole
-        others = {name: _alone(question, first, lacking(state, best, name), GLANCE) for name in best.names}
-        gains = {name: _gain(question, best.fitted, second, other, whole) for name, other in others.items()}
-        least = min(sorted(gains), key=lambda name: gains[name])
-        if gains[least] > 0:
-            break
-        best = state.tried[best.names - {least}]
-    return best
-
-
-def _gain(question: Question, whole: Fitted, recordings: tuple[Recording, ...], base: Fitted, best: Fitted) -> float:
-    """chi2 that shots gain from the effects, all parameters as other shots told them; their windows and where states
-    are sought are those of the fit to the `whole`."""
-    pieces, starts = _of_shots(whole, recordings)
-    if not pieces:
-        return 0.0
-    before, after = follow(question, pieces, base, starts), follow(question, pieces, best, starts)
-    return (before.cost - after.cost) / max(best.lack, 1.0)
 
 
 def _reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator) -> Report:

@@ -45,8 +45,8 @@ def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted])
     """
     state = Search(question, Hypothesis(frozenset(), base), alone=base)
     now, lengthened = state.base, None
-    while now.size < MOST:
-        larger = _larger(state, now)
+    while True:
+        larger = _larger(state, now) if now.size < MOST else None
         rival = _best_needed(state, now.size)
         if larger is not None:
             now = _exchanged(state, larger)
