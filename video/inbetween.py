@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from video.ball_paint import paints_of
 from video.chroma import has_squares, square_colours
 from video.clip import Clip
 from video.empty_table import plate_of
@@ -19,7 +18,6 @@ from video.gallery import Gallery
 from video.pasting import Layer, paste
 from video.pixels import fill_mixed
 from video.plate import Plate
-from video.rolling import Roll, Turned, roll_between, turns_of, view_at
 from video.sharp_balls import SharpBalls, learn_sharp, sharp_pair, sharpest_rows
 from video.sightings import Sightings
 from video.sprites import STREAKED_RADII, Outline, Peeled, Sprite, peel, taps_along
@@ -71,12 +69,10 @@ class Seen:
     """The ball without its streak, in the light of either side; None where neither is streaked."""
     bends: tuple[Singles, Singles] | None
     """How what is on the ball goes round, there and back."""
-    roll: Roll | None = None
-    """How the ball rolls; None where the sightings do not tell."""
     covered: bool = False
     """It is missing from one picture because another ball hides it there: it does not fade."""
 
-    def layers(self, centre: Floats, way: Floats, share: float, t: float) -> list[Layer]:
+    def layers(self, centre: Floats, way: Floats, share: float) -> list[Layer]:
         """What to lay for the ball at `centre` (2,) px that goes `way` (P, 2) px around it."""
         if not np.isfinite(centre).all():
             return []
@@ -84,8 +80,7 @@ class Seen:
             share = float(self.sides[0] is None)
         bends = (None, None) if self.bends is None else (share * self.bends[0], (1 - share) * self.bends[1])
         if self.sharp is None:
-            turns = (None, None) if self.roll is None else self.roll.at(t)
-            return self._mixed(self.sides, centre[None], share, bends, turns)
+            return self._mixed(self.sides, centre[None], share, bends)
         way = way if np.isfinite(way).all() else np.zeros((1, 2))
         alike = [sprite if sprite is not None and self._like(sprite.way, way) else None for sprite in self.sides]
         if alike == [None, None]:
@@ -108,10 +103,9 @@ class Seen:
         places: Floats,
         share: float,
         bends: tuple[Singles | None, Singles | None],
-        turns: tuple[Turned | None, Turned | None] = (None, None),
     ) -> list[Layer]:
-        parts = zip(sides, (1 - share, share), bends, turns, strict=True)
-        return [Layer(sprite, places, weight, bend, turn) for sprite, weight, bend, turn in parts if sprite is not None]
+        parts = zip(sides, (1 - share, share), bends, strict=True)
+        return [Layer(sprite, places, weight, bend) for sprite, weight, bend in parts if sprite is not None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +141,7 @@ class Interval:
         for region in self.regions:
             region.lay(picture, share, moved)
         ways = np.zeros((1, *centres.shape)) if ways is None else ways
-        layers = [seen.layers(centres[seen.ball], ways[:, seen.ball], share, t) for seen in self.balls]
+        layers = [seen.layers(centres[seen.ball], ways[:, seen.ball], share) for seen in self.balls]
         changed = paste(picture, layers, self.still)
         if self.squared:
             for box in (*changed, *(region.box for region in self.regions if moved is None)):
@@ -232,22 +226,8 @@ def _seen(
         t = float(sightings.t[row])
         return Seen(ball, radius, sides, sharp_pair(sharp, ball, t, radius, sides), None)
     first, second = sides
-    if first is None or second is None:
-        return Seen(ball, radius, sides, None, None, covered=_covered(sightings, row, ball, sides))
-    roll = _roll(sightings, row, ball, first, second, radius)
-    bends = bends_between(first, second, radius) if roll is None else None
-    return Seen(ball, radius, sides, None, bends, roll)
-
-
-def _roll(sightings: Sightings, row: int, ball: int, first: Sprite, second: Sprite, radius: float) -> Roll | None:
-    """How a ball rolls between two pictures."""
-    ends, size = sightings.t[row : row + 2], sightings.scene.table.ball_radius
-    xy = sightings.state(ends).xy[:, ball]
-    if not np.isfinite(xy).all():
-        return None
-    t, turned = turns_of(sightings.trajectory, size, ball, *ends)
-    views = np.stack([view_at(sightings.scene.camera, np.array([*place, size])) for place in xy])
-    return roll_between(paints_of(first, second, radius), t, turned, views)
+    bends = None if first is None or second is None else bends_between(first, second, radius)
+    return Seen(ball, radius, sides, None, bends, _covered(sightings, row, ball, sides))
 
 
 def _covered(sightings: Sightings, row: int, ball: int, sides: tuple[Sprite | None, Sprite | None]) -> bool:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from video.flow import grid
-from video.rolling import Turned, rolled
 from video.sprites import Outline, Sprite
 
 Floats = NDArray[np.float64]
@@ -36,8 +35,6 @@ class Layer:
     places: Floats
     weight: float
     bend: Singles | None = None
-    turn: Turned | None = None
-    """How the ball has rolled since the sprite was seen."""
 
 
 def paste(picture: Picture, balls: Sequence[Sequence[Layer]], still: Sequence[Outline] = ()) -> list[Box]:
@@ -97,7 +94,6 @@ def _paste_cover(picture: Picture, layers: Sequence[Layer], in_front: Sequence[O
     if box is None:
         return
     total = _averaged(layers, [_looked_up(layer, corner, box) for layer, corner in zip(layers, corners, strict=True)])
-    total = _rolled(total, layers, box)
     free = _free(in_front, box)
     total = total if free is None else total * free
     ground = picture[box[1] : box[3], box[0] : box[2]]
@@ -162,16 +158,6 @@ def _bent(layer: Layer, bend: Singles, corner: Floats, box: Box) -> tuple[Single
         return np.asarray(cover, dtype=np.float32), None
     seen = 1 - cv2.remap(hidden, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     return np.asarray(cover, dtype=np.float32), np.asarray(seen, dtype=np.float32)
-
-
-def _rolled(total: Singles, layers: Sequence[Layer], box: Box) -> Singles:
-    """The mixture of layers (h, w, 4) of a ball that has rolled."""
-    sides = [(layer.turn, layer.weight) for layer in layers if layer.turn is not None]
-    if not sides:
-        return total
-    away = grid(box[3] - box[1], box[2] - box[0]) + (np.array(box[:2]) - _middle(layers[0].places)).astype(np.float32)
-    x, y = cv2.split(away / np.float32(sides[0][0].paint.radius))
-    return rolled(total, x, y, sides)
 
 
 def _corner(layer: Layer) -> Floats:
