@@ -150,6 +150,7 @@ def test_a_break_is_told_contact_by_contact() -> None:
 
 
 def test_paths_lead_through_a_burst() -> None:
+    """No piece begins further from the end of the one before than the ball goes in a millisecond, or 2 mm."""
     filmed = broken(1)
     path = fit_shot(filmed.tracks, filmed.scene).trajectory
     for ball in range(len(path.ids)):
@@ -159,4 +160,5 @@ def test_paths_lead_through_a_burst() -> None:
                 continue
             tau = path.end[one] - path.start[one]
             left = np.array([1.0, tau, tau**2, tau**3]) @ path.position[one]
-            assert np.hypot(*(path.position[two, 0] - left)) < 4e-3
+            speed = np.hypot(*(np.array([0.0, 1.0, 2 * tau, 3 * tau**2]) @ path.position[one]))
+            assert np.hypot(*(path.position[two, 0] - left)) < 1e-3 * max(speed, 2.0)
