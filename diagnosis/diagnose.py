@@ -76,11 +76,9 @@ def _too_little(scene: GapScene, split: Split) -> str:
         return "nothing moves in these shots"
     pieces = [piece.seen for one in split.fit for piece in scene.stretches(one)]
     rows = sum(int(seen.sum()) for seen in pieces if seen.any(axis=1).sum() >= LEAST)
-    return (
-        ""
-        if rows >= 2 * LEAST
-        else f"{rows} observations are too few to test anything; at least {2 * LEAST} are needed"
-    )
+    if rows < 2 * LEAST:
+        return f"{rows} observations are too few to test anything; at least {2 * LEAST} are needed"
+    return ""
 
 
 def _moves(recording: Recording) -> bool:

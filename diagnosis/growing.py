@@ -56,7 +56,7 @@ def led(question: Question, fitted: Fitted) -> Fitted:
     leads into them: one that is lost outweighs all that others tell."""
     costs = _costs(question, fitted)
     mean = costs[:, 0] / np.maximum(costs[:, 1], 1.0)
-    lost = (mean > _NOWHERE) & (mean > _UNLIKE * np.median(mean))
+    lost = _nowhere_near(mean)
     follows = _pairs(question, fitted, {_begin(fitted.pieces[k]) for k in np.flatnonzero(~lost)})
     if not len(follows):
         return fitted
@@ -143,8 +143,13 @@ def not_followed(question: Question, fitted: Fitted) -> tuple[int, ...]:
     costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])
     numbers = np.unique(shots)
     mean = np.array([np.divide(*costs[shots == shot].sum(axis=0)) for shot in numbers])
-    lost = (mean > _NOWHERE) & (mean > _UNLIKE * np.median(mean))
+    lost = _nowhere_near(mean)
     return tuple(int(shot) for shot in numbers[lost]) if lost.mean() < _NEARLY_ALL else ()
+
+
+def _nowhere_near(mean: Floats) -> Mask:
+    """Which costs per number are of simulations that come nowhere near what was seen, where others do."""
+    return np.asarray((mean > _NOWHERE) & (mean > _UNLIKE * np.median(mean)))
 
 
 def _with_the_better(

@@ -101,7 +101,7 @@ def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
     half = None if found is not None else _half(state, now)
     if half is None:
         return found
-    for name in _first_by_signature(state, half):
+    for name in _first(_gains(state, half)):
         tried(state, half.names | {name}, half)
     return _needed_beside(state, now)
 
@@ -174,7 +174,7 @@ def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
     """The next larger hypotheses that signatures rank first, other published forms, and from nothing also a pair."""
     found = signatures_of(state, now)
     gains = _gains(state, now)
-    first = [name for name in _first_by_signature(state, now) if gains[name] > _WORTH or not now.names]
+    first = [name for name in _first(gains) if gains[name] > _WORTH or not now.names]
     if now.fitted.lack > LEFT:
         first += [name for name in gains if name not in first and _strength_known(state.question, name)]
     forms = [choice.name for choice in state.question.scene.alternatives if choice.name not in now.names]
@@ -192,9 +192,8 @@ def _gains(state: Search, now: Hypothesis) -> dict[str, float]:
     return {name: _promise(state, found, (name,)) for name in state.question.candidates if name not in now.names}
 
 
-def _first_by_signature(state: Search, now: Hypothesis) -> list[str]:
-    """The effects that promise most beside a hypothesis."""
-    gains = _gains(state, now)
+def _first(gains: dict[str, float]) -> list[str]:
+    """The effects that promise most."""
     return sorted(gains, key=lambda name: gains[name], reverse=True)[:TRIED]
 
 

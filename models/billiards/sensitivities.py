@@ -55,7 +55,7 @@ BALL_COLUMNS = ("x", "y", "vx", "vy", "wx", "wy", "wz", "radius", "mass")
 CURVING = (SLOPE_X, SLOPE_Y, AIR_DRAG, VISCOUS_DRAG)
 """Parameters whose derivatives have no closed form, even where they are 0."""
 PER_BALL = len(BALL_COLUMNS)
-SIDE_SPIN, _RADIUS, _MASS, _PARAMETERS = 6, 7, 8, len(NAMES)
+_SIDE_SPIN, _RADIUS, _MASS, _PARAMETERS = 6, 7, 8, len(NAMES)
 _MATHAVAN = CUSHION_LAWS.index("mathavan_2010")
 _AHEAD = 1e-9
 """s beyond what is asked for: up to there a leg is planned."""
@@ -83,7 +83,7 @@ def derive_motion(state, radius, p, active, needed, taus, until, rows, phases, s
             r += 1j * STEP
         else:
             q[active[j - 8]] += 1j * STEP
-        if j == SIDE_SPIN or (j >= 8 and active[j - 8] == SPIN_DECAY):  # side spin does not act on the path
+        if j == _SIDE_SPIN or (j >= 8 and active[j - 8] == SPIN_DECAY):  # side spin does not act on the path
             derive_side_spin(s[6], q[SPIN_DECAY], taus, until, shown, last, j)
             continue
         count = plan(s, r, q, horizon + _AHEAD, rows, phases)
@@ -102,11 +102,11 @@ def derive_motion(state, radius, p, active, needed, taus, until, rows, phases, s
 @compiled
 def derive_side_spin(wz, rate, taus, until, shown, last, j):  # type: ignore[no-untyped-def]
     """Column j of shown (T, R, ...) and last (7, ...) from a spin and a decay of which one carries a step."""
-    if shown.shape[1] > SIDE_SPIN:
+    if shown.shape[1] > _SIDE_SPIN:
         for i in range(len(taus)):
-            shown[i, SIDE_SPIN, j] = side_spin(wz, rate, taus[i] + 0j)[0].imag / STEP
+            shown[i, _SIDE_SPIN, j] = side_spin(wz, rate, taus[i] + 0j)[0].imag / STEP
     if until < np.inf:
-        last[SIDE_SPIN, j] = side_spin(wz, rate, until + 0j)[0].imag / STEP
+        last[_SIDE_SPIN, j] = side_spin(wz, rate, until + 0j)[0].imag / STEP
 
 
 @compiled

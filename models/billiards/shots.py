@@ -126,12 +126,9 @@ class Shots:
         """(T, N, 2) m, where balls would be seen at the times of a window, also where they were not seen: each row of
         the picture at its own time, later where pictures are missing."""
         stretch, values, view = self.stretches[window], self.values(shared), self._view
-        t = stretch.t - stretch.begin
-        if stretch.late is not None:
-            t = t + values[FRAMES] * stretch.late
+        t = _moments(stretch, values)
         run = played(start, stretch.moving, self.table, values, self.laws, max(float(t.max()), 0.0) + 1.0)
-        states = run.at(np.maximum(t, 0.0))
-        found = _held(states[..., :2])
+        found = _held(run.at(np.maximum(t, 0.0))[..., :2])
         if stretch.row is not None and values[READOUT] != 0:
             later = np.maximum(t[:, None] + values[READOUT] * view.rows(found), 0.0)
             balls = np.arange(found.shape[1])
@@ -261,12 +258,16 @@ def _by_size(states: Floats, run: Run, values: Floats) -> Floats:
     return found
 
 
+def _moments(stretch: Stretch, values: Floats) -> Floats:
+    """(T,) s since the beginning, when the middle row of each picture was taken."""
+    t = stretch.t - stretch.begin
+    return t if stretch.late is None else t + values[FRAMES] * stretch.late
+
+
 def _times(stretch: Stretch, values: Floats) -> tuple[Floats, Ints]:
     """Times since the beginning at which to look (M,), and which of them each observation was made at (K,)."""
     rows, balls = stretch.observed
-    t = stretch.t - stretch.begin
-    if stretch.late is not None:
-        t = t + values[FRAMES] * stretch.late
+    t = _moments(stretch, values)
     if stretch.row is None or values[READOUT] == 0:
         return t, rows
     at, place = np.unique(t[rows] + values[READOUT] * stretch.row[rows, balls], return_inverse=True)
