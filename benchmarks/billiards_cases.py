@@ -22,6 +22,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pyarrow.csv
@@ -38,10 +39,12 @@ FPS, PX_PER_M = 62.5, 350.0
 """Pictures a second: 16 samples of the world, which makes whole steps of 20 us."""
 HZ, FINER = 1000, 5000
 """Samples a second: the finer ones where rows are taken at times of their own."""
-SHOTS, SECONDS = 12, 2.0
+SECONDS = 2.0
 NOISE = 0.3 / PX_PER_M
 OUTLIER = 20.0
 """standard deviations of a mistake."""
+NEAR = (4.0, 6.0)
+"""standard deviations of a strength just above the noise."""
 TABLES = {
     "sliding_friction.mu": (0.16, 0.24), "rolling_resistance.mu": (0.007, 0.013), "spin_decay.rate": (7.0, 13.0),
     "cushion_restitution.e": (0.75, 0.9), "ball_restitution.e": (0.92, 0.97),
@@ -91,6 +94,12 @@ class Case:
     """correlation, outliers, missing, fps said."""
     along: bool = False
     """every shot in one direction and at one speed: a trap."""
+    shots: int = 12
+    fps: float = FPS
+    noise: float = 1.0
+    """times NOISE."""
+    harder: Literal["", "weak", "slow", "few", "noisy"] = ""
+    """how it is harder than usual; weak: NEAR standard deviations, all else adjusted (billiards_gap.py)."""
 
     @property
     def model(self) -> tuple[str, ...]:
@@ -103,6 +112,8 @@ SINGLE = (
     "unequal_mass", "unequal_radius", "lens_distortion", "perspective", "scale", "rolling_shutter", "dropped_frames",
     "rolling_resistance", "sliding_friction", "cushion_restitution", "ball_restitution",
 )  # fmt: skip
+FROM_NOTHING = SINGLE[:13]
+"""effects that a table or a camera need not have at all."""
 _CUSHION = ("cushion_friction",)
 CASES = {
     case.name: case
@@ -126,8 +137,17 @@ CASES = {
         Case("ageing cloth", ("ageing",)),
         Case("slope, shots in one direction", ("slope",), along=True),
         Case("wrong frame rate", camera={"said": 60.0}),
+        *(Case(f"{name}, weak", (name,), harder="weak") for name in FROM_NOTHING),
+        *(Case(f"{name}, {FPS / 2:g} pictures a second", (name,), fps=FPS / 2, harder="slow") for name in SINGLE),
+        *(Case(f"{name}, 5 shots", (name,), shots=5, harder="few") for name in SINGLE),
+        *(Case(f"{name}, 1 px", (name,), noise=1.0 / 0.3, harder="noisy") for name in SINGLE),
     )
 }
+
+
+def rng_of(case: Case, seed: int) -> np.random.Generator:
+    """What all of a case is drawn from, its effects first."""
+    return np.random.default_rng([1877, seed, *case.name.encode()])
 
 
 def drawn(rng: np.random.Generator, case: Case) -> Effects:
@@ -177,18 +197,20 @@ def rate_of(effects: Effects) -> int:
     return FINER if "rolling_shutter" in effects else HZ
 
 
-def recordings(case: Case, seed: int, shots: int = SHOTS) -> tuple[tuple[Recording, ...], Effects]:
-    """All shots of one table as a camera sees them, and what acted."""
-    rng = np.random.default_rng([1877, seed, *case.name.encode()])
+def recordings(case: Case, seed: int, strength: float = 1.0) -> tuple[tuple[Recording, ...], Effects]:
+    """All shots of one table as a camera sees them, and what acted: what the simulator lacks, times `strength`."""
+    rng = rng_of(case, seed)
     effects = drawn(rng, case)
-    played = [shot_of(rng, effects, case, number) for number in range(shots)]
+    for name in case.lacks if strength != 1.0 else ():
+        effects[name] = {parameter: strength * value for parameter, value in effects[name].items()}
+    played = [shot_of(rng, effects, case, number) for number in range(case.shots)]
     with tempfile.TemporaryDirectory() as folder:
         told = []
         for number, shot in enumerate(played):
             (Path(folder) / f"{number}.json").write_text(json.dumps(shot))
             told += [str(Path(folder) / f"{number}.json"), str(Path(folder) / str(number))]
         subprocess.run([sys.executable, str(WORLD), *told], check=True)
-        paths = [_path(Path(folder) / str(number) / "trajectory.csv") for number in range(shots)]
+        paths = [_path(Path(folder) / str(number) / "trajectory.csv") for number in range(case.shots)]
     return tuple(_filmed(rng, effects, case, number, path) for number, path in enumerate(paths)), effects
 
 
@@ -200,23 +222,24 @@ def _path(file: Path) -> Floats:
 
 
 def _filmed(rng: np.random.Generator, effects: Effects, case: Case, number: int, path: Floats) -> Recording:
-    frames = np.arange(round(FPS * SECONDS))
+    frames = np.arange(round(case.fps * SECONDS))
     shown = frames.copy()
     if "dropped_frames" in effects and number % 2 == 0:
         shown[len(frames) // 3 :] += round(effects["dropped_frames"]["frames"])
-    xy = _seen(effects, path, shown / FPS)
+    xy = _seen(effects, path, shown / case.fps)
     noise = rng.normal(size=xy.shape)
     correlation = case.camera.get("correlation", 0.0)
     for k in range(1, len(noise)):
         noise[k] = correlation * noise[k - 1] + np.sqrt(1 - correlation**2) * noise[k]
     wrong = rng.random(xy.shape[:2]) < case.camera.get("outliers", 0.0)
     noise[wrong] += OUTLIER * rng.normal(size=(int(wrong.sum()), 2))
-    xy = xy + NOISE * noise
+    sigma = case.noise * NOISE
+    xy = xy + sigma * noise
     lost = rng.random(xy.shape[:2]) < case.camera.get("missing", 0.0)
     lost[0] = False
     xy[lost] = np.nan
-    t = frames / case.camera.get("said", FPS)
-    return Recording(number, frames, t, tuple(str(k) for k in range(xy.shape[1])), xy, np.full(xy.shape[:2], NOISE))
+    t = frames / case.camera.get("said", case.fps)
+    return Recording(number, frames, t, tuple(str(k) for k in range(xy.shape[1])), xy, np.full(xy.shape[:2], sigma))
 
 
 def _seen(effects: Effects, path: Floats, t: Floats) -> Floats:

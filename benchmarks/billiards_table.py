@@ -14,11 +14,15 @@ from pipeline.gapcheck.marks import BINS, Rate
 GOALS = (
     ("one", "one effect missing, natural strength: named", "asked 90 %"),
     ("one+", "or in its group", "asked 97 %"),
+    ("weak+", "just above the noise: named or in its group", "asked 75 %"),
     ("none", "nothing missing: nothing named", "asked 95 to 97 %"),
     ("taken out", "effect taken out of the library: unknown", "asked 80 %"),
     ("foreign", "in no library: unknown", "asked 80 %"),
     ("pair", "two missing: both named", "asked 80 %"),
     ("trap", "traps: group, or called unidentifiable", "asked 100 %"),
+    ("slow+", "half as many pictures a second: named or in its group", "to be shown"),
+    ("few+", "5 shots: named or in its group", "to be shown"),
+    ("noisy+", "1 px: named or in its group", "to be shown"),
 )
 
 
@@ -28,7 +32,7 @@ class Row:
 
     kind: str
     asked: str
-    """one, pair, none, taken out, foreign, trap."""
+    """one, pair, none, taken out, foreign, trap, weak, slow, few, noisy."""
     seed: int
     said: str
     """names, joined by +; of a group by |; else the verdict."""
