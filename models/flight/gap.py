@@ -44,8 +44,8 @@ def effects(coordinates: int) -> tuple[SceneEffect, ...]:
 
 LEAST_DRAG = 0.1
 """1/s by which wind pulls at a body that has no drag."""
-FAINT = 0.02
-"""1/s of drag from which that is all of the wind."""
+FAINT, BRISK = 0.02, 10.0
+"""1/s of drag at a speed of so many m/s from which that is all of the wind."""
 
 
 @cache
@@ -61,7 +61,8 @@ def force_of(coordinates: int, gravity: float) -> Force:
             square += (velocity[k] - blown) * (velocity[k] - blown)
         speed = np.sqrt(square)
         drag = p[0] * speed + p[1]
-        least = LEAST_DRAG * np.exp(-drag * drag / FAINT**2)
+        usual = p[0] * BRISK + p[1]
+        least = LEAST_DRAG * np.exp(-usual * usual / FAINT**2)
         for k in range(coordinates):
             blown = p[3 + k] if k < last else 0.0 * p[0]
             out[k] = -drag * (velocity[k] - blown) + least * blown

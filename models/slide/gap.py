@@ -11,7 +11,9 @@ from models.smooth_motion import Numbers, SceneEffect, SmoothScene, brake_probe,
 GRAVITY = 9.81
 """m/s2"""
 SLOW = 0.01
-"""m/s at which friction fades out: a body at rest creeps by this times slope over mu, 0.1 mm in a second on 2 mm/m."""
+"""m/s at which friction fades out."""
+_HELD = 0.98
+"""slope over mu up to which a body that has stopped stays where it is."""
 
 EFFECTS = (
     SceneEffect(
@@ -37,11 +39,21 @@ EFFECTS = (
 
 @compiled
 def force(place: Numbers, velocity: Numbers, p: Numbers, out: Numbers) -> None:
-    """Acceleration by friction, drags and slope, in the order of EFFECTS."""
-    speed = np.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + SLOW**2)
-    brake = p[0] * GRAVITY / speed + p[1] + p[2] * speed
-    out[0] = -brake * velocity[0] + GRAVITY * 1e-3 * p[3]
-    out[1] = -brake * velocity[1] + GRAVITY * 1e-3 * p[4]
+    """Acceleration by friction, drags and slope, in the order of EFFECTS; friction fades out where it balances the
+    slope, not where the body rests, so that what has stopped does not creep."""
+    square = velocity[0] * velocity[0] + velocity[1] * velocity[1]
+    speed = np.sqrt(square + SLOW**2)
+    brake = p[1] + p[2] * speed
+    fall_x, fall_y = GRAVITY * 1e-3 * p[3], GRAVITY * 1e-3 * p[4]
+    friction = p[0] * GRAVITY
+    rubbed_x, rubbed_y = velocity[0], velocity[1]
+    holds = friction * friction - fall_x * fall_x - fall_y * fall_y
+    if holds.real > (1 - _HELD**2) * (friction * friction).real:
+        lean = SLOW / np.sqrt(holds) * np.exp(-square / SLOW**2)
+        rubbed_x, rubbed_y = rubbed_x + lean * fall_x, rubbed_y + lean * fall_y
+        speed = np.sqrt(rubbed_x * rubbed_x + rubbed_y * rubbed_y + SLOW**2)
+    out[0] = fall_x - brake * velocity[0] - friction * rubbed_x / speed
+    out[1] = fall_y - brake * velocity[1] - friction * rubbed_y / speed
 
 
 def slide_scene(assumed: tuple[str, ...] = ()) -> SmoothScene:

@@ -114,3 +114,21 @@ def test_rods_without_friction_keep_their_energy() -> None:
         u**2 / 2 + second * v**2 / 2 + coupling * u * v * np.cos(a - b) - pull * np.cos(a) - second_pull * np.cos(b)
     )
     assert np.ptp(energy) < 1e-4
+
+
+def test_a_body_that_goes_with_the_wind_feels_gravity_alone() -> None:
+    """Where nothing goes past it, drag with the square of speed pulls at nothing, and no wind stands in for it."""
+    t, found = path(flight_scene(2), 2, [0.0, 1.0, -2.0, 0.3], k=0.03, wind_x=-2.0)
+    assert np.allclose(found[:12], np.stack([-2.0 * t, 1.0 + 0.3 * t - 0.5 * 9.81 * t**2], axis=1)[:12], atol=5e-4)
+
+
+@pytest.mark.parametrize("start", [[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.1, -0.05]])
+def test_what_friction_has_stopped_on_a_slope_does_not_creep(start: list[float]) -> None:
+    _, found = path(slide_scene(), 2, start, mu=0.2, slope_x=20.0, slope_y=-60.0)
+    assert np.abs(np.diff(found[30:], axis=0)).max() < 1e-9
+
+
+def test_what_is_steeper_than_friction_holds_slides_down() -> None:
+    """From rest: half of g (slope - mu) t squared, and what it gains before friction is whole, 1 cm/s."""
+    t, found = path(slide_scene(), 2, [0.0, 0.0, 0.0, 0.0], mu=0.1, slope_x=150.0)
+    assert found[-1, 0] == pytest.approx(0.5 * 9.81 * 0.05 * t[-1] ** 2, abs=0.012)
