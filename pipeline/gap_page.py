@@ -10,7 +10,8 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from diagnosis.verdict import Candidate, Gap, Report
-from pipeline.gap_words import closed_sentence, gap_sentence, plain, strengths, with_unit
+from models.scene import Table
+from pipeline.gap_words import causes, closed_sentence, gap_sentence, plain, strengths, with_unit
 from pipeline.page import embedded, plotly_source, render
 from pipeline.publish import aside
 
@@ -18,19 +19,21 @@ Floats = NDArray[np.float64]
 
 SHOWN = 8
 """candidates in the list"""
+_RAIL = 0.05
+"""m around the table that plans show."""
 BEFORE, AFTER, SEEN = "#c62828", "#0f5c42", "#55605a"
 
 
-def write_gap_page(report: Report, title: str, path: Path) -> None:
-    """Write the page to `path`."""
+def write_gap_page(report: Report, title: str, path: Path, table: Table | None = None) -> None:
+    """Write the page to `path`; plans show the table, where there is one."""
     html = render(
         "gap.html",
         name=title,
         report=report,
         sentence=gap_sentence(report),
         closed=closed_sentence(report),
-        candidates=[_row(one) for one in report.candidates[:SHOWN]],
-        plots=_plots(report.gap),
+        candidates=[_row(one) for one in causes(report)[:SHOWN]],
+        plots=_plots(report.gap, table),
         plotly=plotly_source(),
     )
     with aside(path) as target:
@@ -39,7 +42,7 @@ def write_gap_page(report: Report, title: str, path: Path) -> None:
 
 def _row(one: Candidate) -> dict[str, str | float]:
     seen = [
-        f"{s.name} {with_unit(f'{s.detectable_from:.2g}', s.unit)}"
+        f"{plain(s.name)} {with_unit(f'{s.detectable_from:.2g}', s.unit)}"
         for s in one.strengths
         if np.isfinite(s.detectable_from)
     ]
@@ -52,17 +55,17 @@ def _row(one: Candidate) -> dict[str, str | float]:
     }
 
 
-def _plots(gap: Gap) -> list[tuple[str, str]]:
+def _plots(gap: Gap, table: Table | None = None) -> list[tuple[str, str]]:
     """Titles and figures: a held-out path, the error as it grows, and where it is made."""
     if not gap.windows:
         return []
     both = "before and after, " if _differ(gap) else ""
-    figures = [(f"Seen, and predicted {both}on a held-out shot", _path(gap))]
+    figures = [(f"Seen, and predicted {both}on a held-out shot", _path(gap, table))]
     foreseen = any(len(_misses(gap, k, gap.before)[1]) for k in range(len(gap.windows)))
     if foreseen:
         figures.append(("How the error of a prediction grows", _growth(gap)))
     if foreseen and gap.before[0].shape[2] >= 2:
-        figures.append(("Where predictions go wrong", _map(gap)))
+        figures.append(("Where predictions go wrong", _map(gap, table)))
     return [(title, embedded(figure, f"plot-{k}", 420)) for k, (title, figure) in enumerate(figures)]
 
 
@@ -93,7 +96,7 @@ def _misses(gap: Gap, window: int, paths: tuple[Floats, ...]) -> tuple[Floats, F
     return one.piece.t[rows] - one.piece.t[one.known - 1], miss, one.piece.places[seen]
 
 
-def _path(gap: Gap) -> go.Figure:
+def _path(gap: Gap, table: Table | None) -> go.Figure:
     number = _worst(gap)
     one = gap.windows[number]
     figure = go.Figure()
@@ -107,11 +110,18 @@ def _path(gap: Gap) -> go.Figure:
                 x=across, y=up, mode=mode, name=label, legendgroup=label, showlegend=body == 0,
                 line={"color": colour}, marker={"color": colour, "size": 5},
             )  # fmt: skip
-    if one.piece.places.shape[2] > 1:
-        figure.update_yaxes(scaleanchor="x", title="m")
-        figure.update_xaxes(title="m")
-    else:
-        figure.update_xaxes(title="s")
+    return _plan(figure, table) if one.piece.places.shape[2] > 1 else figure.update_xaxes(title="s")
+
+
+def _plan(figure: go.Figure, table: Table | None) -> go.Figure:
+    """Metres alike along both axes; a table with its cushions, y downwards as in its picture."""
+    figure.update_xaxes(title="m")
+    figure.update_yaxes(scaleanchor="x", title="m")
+    if table is not None:
+        noses = {"x0": 0, "y0": 0, "x1": table.length, "y1": table.width}
+        figure.add_shape(type="rect", **noses, line={"color": AFTER, "width": 3}, layer="below")
+        figure.update_xaxes(range=[-_RAIL, table.length + _RAIL], showgrid=False, zeroline=False)
+        figure.update_yaxes(range=[table.width + _RAIL, -_RAIL], showgrid=False, zeroline=False)
     return figure
 
 
@@ -130,11 +140,9 @@ def _growth(gap: Gap) -> go.Figure:
     )
 
 
-def _map(gap: Gap) -> go.Figure:
+def _map(gap: Gap, table: Table | None) -> go.Figure:
     found = [_misses(gap, k, gap.before) for k in range(len(gap.windows))]
     miss, place = 1000 * np.concatenate([one[1] for one in found]), np.concatenate([one[2] for one in found])
     unit = "mrad" if gap.metric.endswith("rad") else "mm"
     marker = {"color": miss, "colorscale": "YlOrRd", "cmin": 0, "size": 6, "colorbar": {"title": f"error, {unit}"}}
-    figure = go.Figure(go.Scatter(x=place[:, 0], y=place[:, 1], mode="markers", marker=marker))
-    figure.update_xaxes(title="m")
-    return figure.update_yaxes(scaleanchor="x", title="m")
+    return _plan(go.Figure(go.Scatter(x=place[:, 0], y=place[:, 1], mode="markers", marker=marker)), table)

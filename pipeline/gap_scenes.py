@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.gap import USUAL_MODEL, Picture, billiards_scene
+from models.billiards.gap import USUAL_MODEL, BilliardsScene, Picture, billiards_scene
 from models.billiards.tables import nearest_preset
 from models.errors import OptionError
 from models.flight.gap import flight_scene
@@ -25,6 +25,11 @@ def open_scene(folder: TrackFolder) -> GapScene:
     if foreign:
         raise OptionError(f"{entry.scene} has the effects {', '.join(held)}; its model names {', '.join(foreign)}")
     return scene
+
+
+def table_of(scene: GapScene) -> Table | None:
+    """The table that is played on; None elsewhere."""
+    return scene.table if isinstance(scene, BilliardsScene) else None
 
 
 def _scene(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:

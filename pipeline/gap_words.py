@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -47,8 +48,9 @@ def closed_sentence(report: Report) -> str:
         )
     if not told.resolved:
         return f"Predicted {gap.horizon:.2f} s ahead, the simulator is off by {before}; of that, {floor} is noise."
+    it = "them" if len(report.effects) > 1 else "it"
     return (
-        f"Predicted {gap.horizon:.2f} s ahead on shots that chose nothing, adding it takes the error from {before} "
+        f"Predicted {gap.horizon:.2f} s ahead on shots that chose nothing, adding {it} takes the error from {before} "
         f"to {after} of a possible {floor}: {told.closed:.0%} of the gap closed "
         f"({told.interval[0]:.0%} to {told.interval[1]:.0%})."
     )
@@ -64,10 +66,22 @@ def plain(name: str) -> str:
     return name.replace("_", " ")
 
 
+def causes(report: Report) -> tuple[Candidate, ...]:
+    """The candidates, sorted; effects that are missing together are one of them, and share its probability."""
+    named = [one for one in report.candidates if one.effect in report.effects]
+    if len(named) < 2:
+        return report.candidates
+    names = " and ".join(one.effect for one in named)
+    found = tuple(replace(s, name=f"{one.effect} {s.name}") for one in named for s in one.strengths)
+    together = Candidate(names, sum(one.probability for one in named), (names,), found)
+    rest = (one for one in report.candidates if one not in named)
+    return tuple(sorted((together, *rest), key=lambda one: one.probability, reverse=True))
+
+
 def strengths(one: Candidate) -> str:
     """The parameters of a candidate with their errors, as far as they were found."""
     known = [s for s in one.strengths if np.isfinite(s.sigma) and s.sigma > 0]
-    return "; ".join(f"{s.name} = {with_unit(f'{s.value:.3g} ± {s.sigma:.2g}', s.unit)}" for s in known)
+    return "; ".join(f"{plain(s.name)} = {with_unit(f'{s.value:.3g} ± {s.sigma:.2g}', s.unit)}" for s in known)
 
 
 def with_unit(number: str, unit: str) -> str:

@@ -134,7 +134,9 @@ def billiards_scene(
     around = Picture(np.array([table.length, table.width]) / 2, table.width, 350.0)
     jumps = tuple(jump for recording in recordings for jump in _jumps(recording, table))
     shown = around if picture is None else picture
-    return BilliardsScene(table, shown, assumed, Laws() if laws is None else laws, jumps)
+    # where no shot leaps ahead none can have lost pictures: that is an answer, not an effect that might be missed
+    held = tuple(one for one in BILLIARDS if one.name != "dropped_frames" or jumps or one.name in assumed)
+    return BilliardsScene(table, shown, assumed, Laws() if laws is None else laws, jumps, held)
 
 
 def last_contacts(run: Run, t: Floats) -> tuple[Floats, NDArray[np.str_]]:

@@ -16,7 +16,7 @@ from diagnosis.diagnose import diagnose
 from pipeline.batch.job import Row
 from pipeline.gap_files import write_gap
 from pipeline.gap_page import write_gap_page
-from pipeline.gap_scenes import open_scene
+from pipeline.gap_scenes import open_scene, table_of
 from pipeline.gap_words import gap_sentence
 from pipeline.sentences import one_sentence
 from pipeline.track_folder import read_track_folders
@@ -64,9 +64,10 @@ def diagnose_tables(tables: Iterable[TableShots], out: Path) -> Iterator[tuple[T
         folder = out / "gap" / table.name
         try:
             read = read_track_folders(table.folders)
-            report = diagnose(open_scene(read), read.recordings)
+            scene = open_scene(read)
+            report = diagnose(scene, read.recordings)
             write_gap(report, folder)
-            write_gap_page(report, table.name, folder / "gap.html")
+            write_gap_page(report, table.name, folder / "gap.html", table_of(scene))
         except Exception as error:  # whatever is wrong with one table, the others are not to suffer
             yield table, one_sentence(error)
         else:

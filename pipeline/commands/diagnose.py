@@ -20,8 +20,8 @@ from pipeline.command_line import DebugOption, JsonOption, app, named
 from pipeline.gap_cure import write_cure
 from pipeline.gap_files import as_json, write_gap
 from pipeline.gap_page import write_gap_page
-from pipeline.gap_scenes import open_scene
-from pipeline.gap_words import closed_sentence, gap_sentence, plain, strengths
+from pipeline.gap_scenes import open_scene, table_of
+from pipeline.gap_words import causes, closed_sentence, gap_sentence, plain, strengths
 from pipeline.track_folder import read_track_folders
 
 _SHOWN = 5
@@ -48,7 +48,7 @@ def diagnose_folders(
     write_gap(report, folder)
     if isinstance(scene, BilliardsScene):
         write_cure(report, scene.table, folder)
-    write_gap_page(report, inputs[0].resolve().name, folder / "gap.html")
+    write_gap_page(report, inputs[0].resolve().name, folder / "gap.html", table_of(scene))
     os.environ.setdefault("RUST_LOG", "off")  # rerun would print what it raises; it reads this when it is imported
     from pipeline.recording.gap import write_gap_recording  # slow to import
 
@@ -65,7 +65,7 @@ def _tell(report: Report, folder: Path) -> None:
     screen.print(escape(closed_sentence(report)))
     if report.candidates:
         grid = Grid("cause", "probability", "strength", box=None, pad_edge=False)
-        for one in report.candidates[:_SHOWN]:
+        for one in causes(report)[:_SHOWN]:
             grid.add_row(plain(one.effect), f"{one.probability:.1%}", strengths(one))
         screen.print(grid)
     for note in report.notes if report.candidates else ():

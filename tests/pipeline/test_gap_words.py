@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from diagnosis.close import Ahead, Closing
-from diagnosis.verdict import Candidate, Gap, Place, Report
+from diagnosis.verdict import Candidate, Gap, Place, Report, Strength
 from models.gap_scene import Recording
 from pipeline.gap_page import _plots
-from pipeline.gap_words import gap_sentence
+from pipeline.gap_words import causes, gap_sentence, strengths
 
 NOTHING = Closing(0.02, 0.02, 0.01, float("nan"), (-1.0, 1.0), False)
 
@@ -53,3 +54,15 @@ def test_errors_are_drawn_only_where_something_could_be_foreseen() -> None:
     piece = Recording(0, np.arange(20), t, ("a",), places, np.full((20, 1), 1e-3))
     for known, drawn in ((8, 3), (20, 1)):
         assert len(_plots(Gap("rms_m", 0.4, (0,), NOTHING, (Ahead(piece, known),), (places,), (places,)))) == drawn
+
+
+def test_effects_that_are_missing_together_are_one_cause_of_their_whole_probability() -> None:
+    drag, lift = (Strength(name, "1", 0.2, 0.01, 0.05) for name in ("k", "s"))
+    alike = (Candidate("air_drag", 0.46, ("air_drag",), (drag,)), Candidate("magnus", 0.44, ("magnus",), (lift,)))
+    told = replace(report("effects"), effects=("air_drag", "magnus"))
+    told = replace(told, candidates=(*alike, Candidate("unknown", 0.1, ("unknown",), ())))
+    together, unknown = causes(told)
+    assert (together.effect, unknown.effect) == ("air_drag and magnus", "unknown")
+    assert together.probability == pytest.approx(0.9)
+    assert strengths(together) == "air drag k = 0.2 ± 0.01; magnus s = 0.2 ± 0.01"
+    assert causes(replace(told, effects=("air_drag",))) == told.candidates
