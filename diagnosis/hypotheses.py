@@ -41,8 +41,8 @@ class Search:
     tried: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
     told: dict[frozenset[str], Told] = field(default_factory=dict)
     """what the data say of all parameters at the fits looked at."""
-    compared: set[tuple[frozenset[str], str]] = field(default_factory=set)
-    """hypotheses that were compared with those that lack one of their effects, and which."""
+    compared: set[tuple[frozenset[str], frozenset[str]]] = field(default_factory=set)
+    """hypotheses, and those that were begun from their starts too."""
 
     def __post_init__(self) -> None:
         self.tried[self.first.names] = self.first

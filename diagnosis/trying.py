@@ -95,12 +95,15 @@ def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
     return found
 
 
-def from_the_larger(question: Question, smaller: Fitted, larger: Fitted) -> Fitted:
-    """A hypothesis begun also from the states of a larger one, with its own numbers and with those of that."""
-    if smaller.cost > _REFUTED * larger.cost:
-        return smaller
-    begun = begun_like(question, smaller, larger.starts)
-    found = fit(question, begun.pieces, begun.names, begun.forms, larger.shared, larger.starts, GLANCE)
+def begun_from(question: Question, fitted: Fitted, other: Fitted) -> Fitted:
+    """A fit begun also from the states of another hypothesis, with its own numbers and with those of that."""
+    if fitted.cost > _REFUTED * other.cost:
+        return fitted
+    begun = begun_like(question, fitted, other.starts)
+    shared = np.where(begun.free, other.shared, begun.shared)
+    if not allowed(question, other, begun.forms, shared):
+        return begun
+    found = fit(question, begun.pieces, begun.names, begun.forms, shared, other.starts, GLANCE)
     if found.cost >= begun.cost:
         return begun
     return fit(question, begun.pieces, begun.names, begun.forms, found.shared, found.starts)

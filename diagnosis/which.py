@@ -18,7 +18,7 @@ from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, fit
 from diagnosis.growing import sought_anew
 from diagnosis.hypotheses import Hypothesis, Search, signatures_of
 from diagnosis.signatures import Signatures
-from diagnosis.trying import LEFT, from_the_larger, tried
+from diagnosis.trying import LEFT, begun_from, tried
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted])
             lengthened, further = now.names, longer(now.fitted)
             if len(further.pieces) < len(now.fitted.pieces):
                 state = _taken_up(state, Hypothesis(now.names, further))
-                now = _best_needed(state, now.size) or state.tried[now.names]
+                now = _of_no_more(state, state.tried[now.names])
         else:
             break
     return state
@@ -75,11 +75,13 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
         found = fit(question, fitted.pieces, own.names, own.forms, own.shared, fitted.starts, options)
         return Hypothesis(one.names, found if refuted else sought_anew(question, found))
 
+    instead = stand_ins(former, former.tried[best.names])
     first, alone = (longer(former.base), former.alone) if best.names else (best, fitted)
     state = Search(question, first, alone)
     state.tried[best.names] = best
-    state.compared |= {(best.names, name) for name in best.names}
-    rivals = sorted(former.tried.values(), key=former.weigh, reverse=True)[: TRIED + 1]
+    state.compared |= {(best.names, best.names - {name}) for name in best.names}
+    ranked = sorted(former.tried.values(), key=former.weigh, reverse=True)
+    rivals = [*ranked[: TRIED + 1], *(one for one in ranked[TRIED + 1 :] if one.names in instead)]
     near = [one for one in rivals if former.weigh(former.best()) - former.weigh(one) < _REFUTED]
     more = [one.names for one in near if one.names > best.names]
     for one in (*near, *(one for one in former.tried.values() if one.names < best.names)):
@@ -90,6 +92,26 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
         if former.weigh(former.tried[names]) > former.weigh(former.tried[best.names]):
             tried(state, names, state.tried[best.names])
     return state
+
+
+def stand_ins(state: Search, best: Hypothesis) -> set[frozenset[str]]:
+    """Per effect of the best hypothesis, the likeliest one that has another in its place: sets that share an effect are
+    many, and would crowd it out of those that are near."""
+    found = set()
+    for name in sorted(best.names):
+        others = [one for one in state.tried.values() if name not in one.names and not one.names < best.names]
+        if others:
+            found.add(_levelled(state, max(others, key=state.weigh), best).names)
+    return found
+
+
+def _of_no_more(state: Search, now: Hypothesis) -> Hypothesis:
+    """The likeliest hypothesis of as many effects in which every one is needed, or one of fewer that stand in for them
+    and are likelier than all others; the same where there is none."""
+    best = state.best()
+    if best.size < now.size and not best.names < now.names and needed(state, best):
+        return best
+    return _best_needed(state, now.size) or now
 
 
 def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
@@ -150,15 +172,19 @@ def needed(state: Search, one: Hypothesis) -> bool:
 def lacking(state: Search, one: Hypothesis, name: str) -> Fitted:
     """The fit of a hypothesis that lacks one of its effects, at least as good as from the starts of the larger one:
     what a window gains by another order of its contacts must not speak for an effect."""
-    smaller = tried(state, one.names - {name}, one)
-    if (one.names, name) in state.compared or smaller.fitted.pieces is not one.fitted.pieces:
-        return smaller.fitted
-    state.compared.add((one.names, name))
-    better = from_the_larger(state.question, smaller.fitted, one.fitted)
-    if better is not smaller.fitted:
-        state.tried[smaller.names] = Hypothesis(smaller.names, better)
-        state.told.pop(smaller.names, None)
-    return better
+    return _levelled(state, tried(state, one.names - {name}, one), one).fitted
+
+
+def _levelled(state: Search, other: Hypothesis, one: Hypothesis) -> Hypothesis:
+    """A hypothesis at least as good as from the starts of the `one` that it is weighed against."""
+    if (one.names, other.names) in state.compared or other.fitted.pieces is not one.fitted.pieces:
+        return other
+    state.compared.add((one.names, other.names))
+    better = begun_from(state.question, other.fitted, one.fitted)
+    if better is not other.fitted:
+        state.tried[other.names] = Hypothesis(other.names, better)
+        state.told.pop(other.names, None)
+    return state.tried[other.names]
 
 
 def chance(state: Search, one: Hypothesis, name: str) -> float:

@@ -6,9 +6,11 @@ import numpy as np
 from pucks import Filming, Pucks, film
 
 from diagnosis.fitting import Fitted, fit, question_of
+from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.noise import estimate_noise, with_noise
 from diagnosis.pieces import stretches
-from diagnosis.which import adopted, search
+from diagnosis.trying import tried
+from diagnosis.which import TRIED, adopted, search, stand_ins
 
 TRUTH = {"friction.mu": 0.02, "slope.slope_x": 2.0, "slope.slope_y": -1.0, "air_drag.k": 0.1}
 
@@ -33,3 +35,18 @@ def test_windows_grow_only_once_nothing_more_is_asked_for() -> None:
     assert asked == [frozenset({"slope", "air_drag"})]
     assert adopted(state).names == frozenset({"slope", "air_drag"})
     assert len(adopted(state).fitted.pieces) == len(whole)
+
+
+def test_sets_that_share_an_effect_do_not_crowd_out_what_stands_in_for_it() -> None:
+    """Short paths hardly tell a drag with speed from one with its square; what else is added to the first is chance."""
+    question = question_of(Pucks(), 0.0)
+    filmed = film(np.random.default_rng(2), {"friction.mu": 0.02, "viscous_drag.k": 0.2}, Filming(shots=6, seconds=0.5))
+    base = Hypothesis(frozenset(), fit(question, stretches(question, with_noise(filmed, estimate_noise(filmed)))))
+    state, twin = Search(question, base, alone=base.fitted), frozenset({"air_drag"})
+    beside = (), ("slope",), ("sideways",), ("lens_distortion",), ("slope", "sideways"), ("slope", "lens_distortion")
+    for names in (twin, *(frozenset({"viscous_drag", *more}) for more in beside)):
+        tried(state, names, base)
+    best = state.tried[frozenset({"viscous_drag", "slope", "sideways"})]
+    likelier = sorted(state.tried.values(), key=lambda one: one.fitted.cost)[: TRIED + 1]
+    assert twin not in [one.names for one in likelier]
+    assert twin in stand_ins(state, best)
