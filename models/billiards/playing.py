@@ -110,8 +110,9 @@ def _of_balls(balls: Balls, moving: Mask, table: Table, values: Floats) -> Float
     at, count = sizes(moving), len(moving)
     found = np.zeros((count, len(BALL_COLUMNS), at[-1] + len(NUMBERS)))
     for k, radius in enumerate(balls.radius):
-        for j in range(MOVING if moving[k] else LYING):
-            found[k, :MOVING, at[k] + j] = _UNITS[j] / np.where(np.arange(MOVING) < 4, 1.0, radius)
+        own = MOVING if moving[k] else LYING
+        found[k, :LINEAR, at[k] : at[k] + own] = _UNITS[:own, :LINEAR].T
+        found[k, LINEAR:MOVING, at[k] : at[k] + own] = _UNITS[:own, LINEAR:].T / radius
         by_radius = np.concatenate([np.zeros(4), -balls.state[k, 4:] / radius, [1.0, 0.0]])
         found[k, :, at[-1] + FACTOR] = by_radius * radius / values[FACTOR]
         if k > 0:

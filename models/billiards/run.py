@@ -131,7 +131,7 @@ class Run:
         """
         first = len(BALL_COLUMNS) * len(self.balls.ids)
         active = np.flatnonzero(np.any(directions[first : first + len(NAMES)], axis=1))
-        curves = bool(curved(self.physics.values)) or bool(np.isin(active, CURVING).any())
+        curves = bool(curved(self.physics.values)) or bool(directions[[first + k for k in CURVING]].any())
         order = np.argsort(t, kind="stable")
         found = np.full((int(place.max(initial=-1)) + 1, numbers, directions.shape[1]), np.nan)
         differentiate(

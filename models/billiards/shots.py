@@ -98,13 +98,15 @@ class Shots:
         if run is None:
             return self._failed(window, len(start))
         wanted = np.ones(len(self.unknowns), bool) if self.wanted is None else self.wanted
-        shown, by_start, by_shared = self._sloped(stretch, run, values, wanted)
+        asked = wanted & (self.places < PICTURE)
+        directions = directions_of(run.balls, stretch.moving, self.table, values, self.places[asked])
+        shown, by_start, by_shared = self._sloped(stretch, run, values, wanted, directions)
         whiten = stretch.whitened
         misfit = np.einsum("kij,kj->ki", whiten, shown - stretch.seen)
         by_shared = whiten @ by_shared
         if values[SLIDING_MU] == 0:
             self._with_secant(window, start, shared, misfit, by_shared, wanted)
-        end, end_by_start, end_by_shared = self._handed_over(window, run, values, wanted)
+        end, end_by_start, end_by_shared = self._handed_over(window, run, values, asked, directions)
         return Flow(misfit, whiten @ by_start, by_shared, end, end_by_start, end_by_shared, _order(run))
 
     def glance(self, window: int, start: Floats, shared: Floats) -> Glance:
@@ -120,7 +122,7 @@ class Shots:
         misfit = np.einsum("kij,kj->ki", stretch.whitened, shown - stretch.seen)
         kept = self._kept(window)
         end = self._state_at_end(window, run).reshape(-1)[kept] if len(kept) else np.empty(0)
-        return Glance(misfit, np.nan_to_num(end), _order(run))
+        return Glance(misfit, _finite(end), _order(run))
 
     def path_seen(self, window: int, start: Floats, shared: Floats) -> Floats:
         """(T, N, 2) m, where balls would be seen at the times of a window, also where they were not seen: each row of
@@ -158,18 +160,19 @@ class Shots:
         at, place = _times(stretch, values)
         balls, inside = stretch.observed[1], np.maximum(at, 0.0)
         states = run.at(inside)
-        xy, v = _held(states[..., :2])[place, balls], np.nan_to_num(states[place, balls, 2:4])
+        xy, v = _held(states[..., :2])[place, balls], _finite(states[place, balls, 2:4])
         return xy + v * (at - inside)[place, None], v, inside, place
 
-    def _sloped(self, stretch: Stretch, run: Run, values: Floats, wanted: Mask) -> tuple[Floats, Floats, Floats]:
+    def _sloped(
+        self, stretch: Stretch, run: Run, values: Floats, wanted: Mask, directions: Floats
+    ) -> tuple[Floats, Floats, Floats]:
         """Where the K observations should be (K, 2), by the start (K, 2, S) and by the unknowns (K, 2, P)."""
         xy, v, inside, place = self._shown(stretch, run, values)
         rows, balls = stretch.observed
         where = np.full((len(inside), len(stretch.moving)), -1, np.int64)
         where[place, balls] = np.arange(len(place))
         asked = wanted & (self.places < PICTURE)
-        directions = directions_of(run.balls, stretch.moving, self.table, values, self.places[asked])
-        found = np.nan_to_num(run.along(inside, where, directions, 2))
+        found = _finite(run.along(inside, where, directions, 2))
         size = directions.shape[1] - int(asked.sum())
         by_start, by_shared = found[..., :size], np.zeros((len(xy), 2, len(self.unknowns)))
         by_shared[..., asked] = found[..., size:]
@@ -212,21 +215,22 @@ class Shots:
         state = run.at(np.array(self._end(window) - self.stretches[window].begin))
         return slips(state, run.balls.radius)
 
-    def _handed_over(self, window: int, run: Run, values: Floats, wanted: Mask) -> tuple[Floats, Floats, Floats]:
+    def _handed_over(
+        self, window: int, run: Run, values: Floats, asked: Mask, directions: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """State where the next window begins (S',), by the start (S', S) and by the unknowns (S', P)."""
         stretch, size, kept = self.stretches[window], len(self.windows[window].start), self._kept(window)
         if not len(kept):
             return np.empty(0), np.empty((0, size)), np.empty((0, len(self.unknowns)))
-        asked = wanted & (self.places < PICTURE)
         numbers, count = self.places[asked], len(stretch.moving)
-        directions = directions_of(run.balls, stretch.moving, self.table, values, numbers)
         t = np.array([self._end(window) - stretch.begin])
         by = run.along(t, np.arange(count)[None], directions, MOVING)  # (N, 7, S + M)
         by = slips(by.swapaxes(1, 2), run.balls.radius[:, None]).swapaxes(1, 2)
         by[:, 4:, size:] += _by_size(run.at(t)[0], run, values)[..., numbers]
-        by = np.nan_to_num(by.reshape(count * MOVING, -1)[kept])
+        by = _finite(by.reshape(count * MOVING, -1)[kept])
         by_shared = np.zeros((len(kept), len(self.unknowns)))
         by_shared[:, asked] = by[:, size:]
-        return np.nan_to_num(self._state_at_end(window, run).reshape(-1)[kept]), by[:, :size], by_shared
+        return _finite(self._state_at_end(window, run).reshape(-1)[kept]), by[:, :size], by_shared
 
     def _failed(self, window: int, size: int) -> Flow:
         """A flow that costs infinitely much."""
@@ -236,6 +240,11 @@ class Shots:
         shared = len(self.unknowns)
         return Flow(np.full((count, 2), np.inf), np.zeros((count, 2, size)), np.zeros((count, 2, shared)),
                     np.zeros(end), np.zeros((end, size)), np.zeros((end, shared)))  # fmt: skip
+
+
+def _finite(values: Floats) -> Floats:
+    """With 0 for the NaN of balls in pockets: nearly always there is none, which is soon seen."""
+    return values if np.isfinite(values).all() else np.nan_to_num(values)
 
 
 def _order(run: Run) -> tuple[tuple[int, ...], ...]:
