@@ -12,6 +12,8 @@ from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
+from models.imports import Import, imports_of
+
 ROOT = Path(__file__).resolve().parent.parent
 LEAVES = (ast.Name, ast.expr_context)
 """Of a syntax tree: what says nothing here and has nothing below it, more than half of all."""
@@ -28,10 +30,8 @@ def library_versions() -> dict[str, str]:
 class _Text:
     """What a module says that matters here."""
 
-    imports: tuple[tuple[int, str, tuple[str, ...]], ...]
-    """Of every import: its leading dots, the module, the names taken from it."""
-    words: str
-    """All its strings but docstrings."""
+    imports: tuple[Import, ...]
+    source: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,8 @@ class Look:
         """What a module says."""
         if path not in self.texts:
             source = path.read_bytes()
-            self.texts[path], self.hashes[path] = _read(source), hashlib.sha256(source).hexdigest()
+            self.texts[path] = _Text(_imports_of(source), source)
+            self.hashes[path] = hashlib.sha256(source).hexdigest()
         return self.texts[path]
 
     def hash(self, path: Path) -> str:
@@ -94,7 +95,7 @@ def _files_behind(module: str, root: Path, look: Look) -> set[Path]:
             continue
         text = look.text(path)
         found.add(path)
-        found.update(_named_data(path, text.words, look))
+        found.update(_named_data(path, text.source, look))
         if path.name == "__init__.py" and path.parent.name == "effects":
             waiting.extend(f"{name}.{sibling.stem}" for sibling in path.parent.glob("*.py") if sibling != path)
         waiting.extend(_resolved(text.imports, name))
@@ -109,22 +110,18 @@ def _module_file(name: str, root: Path) -> Path | None:
     return None
 
 
+_imports_of = lru_cache(maxsize=2048)(imports_of)
+"""By content: an edit within the same tick of the clock counts too."""
+
+
 @lru_cache(maxsize=2048)
-def _read(source: bytes) -> _Text:
-    """By content: an edit within the same tick of the clock counts too."""
-    imports: list[tuple[int, str, tuple[str, ...]]] = []
-    words = []
+def _words(source: bytes) -> str:
+    """All strings of a module but docstrings, which speak of files and open none."""
     with _nothing_collected():
         nodes = list(_nodes(ast.parse(source)))
-    said = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}  # docstrings speak of files, they open none
-    for node in nodes:
-        if isinstance(node, ast.Import):
-            imports.extend((0, alias.name, ()) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            imports.append((node.level, node.module or "", tuple(alias.name for alias in node.names)))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in said:
-            words.append(node.value)
-    return _Text(tuple(imports), " ".join(words))
+    said = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    strings = (node for node in nodes if isinstance(node, ast.Constant) and id(node) not in said)
+    return " ".join(node.value for node in strings if isinstance(node.value, str))
 
 
 def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
@@ -151,7 +148,7 @@ def _nothing_collected() -> Iterator[None]:
             gc.enable()
 
 
-def _resolved(imports: Iterable[tuple[int, str, tuple[str, ...]]], name: str) -> Iterator[str]:
+def _resolved(imports: Iterable[Import], name: str) -> Iterator[str]:
     """Names that may be modules, of the imports of module `name`, with the packages above them."""
     for level, module, names in imports:
         package = name.split(".")[:-level] if level else []
@@ -161,10 +158,16 @@ def _resolved(imports: Iterable[tuple[int, str, tuple[str, ...]]], name: str) ->
             yield from (".".join(parts[: k + 1]) for k in range(len(parts)))
 
 
-def _named_data(module: Path, words: str, look: Look) -> set[Path]:
-    """Files beside a module that are not Python and that it names, or the folder they are in."""
-    data = look.data_of(module.parent)
-    return {path for path in data if any(part in words for part in path.relative_to(module.parent).parts)}
+def _named_data(module: Path, source: bytes, look: Look) -> set[Path]:
+    """Files beside a module that are not Python and that it names, or the folder they are in.
+
+    Only a source in which such a name stands at all is parsed for its strings.
+    """
+    parts = {path: path.relative_to(module.parent).parts for path in look.data_of(module.parent)}
+    if not any(part.encode() in source for part in {part for own in parts.values() for part in own}):
+        return set()
+    words = _words(source)
+    return {path for path, own in parts.items() if any(part in words for part in own)}
 
 
 def _package_data(package: Path) -> set[Path]:

@@ -10,7 +10,6 @@ yesterday's version of what that function calls in other files; here it is keyed
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
@@ -19,6 +18,8 @@ from typing import Any
 
 import numba
 from numba.core.caching import IndexDataCacheFile
+
+from models.imports import imports_of
 
 STEP = 1e-30
 """Of the complex step."""
@@ -38,9 +39,9 @@ def _text(module: str) -> bytes | None:
 def _imports(module: str) -> frozenset[str]:
     """Modules of these rooms that one of them imports."""
     found = set()
-    for node in ast.walk(ast.parse(_text(module) or b"")):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith(ROOMS):
-            found.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
+    for _, package, names in imports_of(_text(module) or b""):
+        if package.startswith(ROOMS):
+            found.update([package, *(f"{package}.{name}" for name in names)])
     return frozenset(name for name in found if _text(name) is not None)
 
 

@@ -45,7 +45,8 @@ def test_a_change_in_another_file_that_is_called_compiles_again(tmp_path: Path) 
     package.mkdir(parents=True)
     for folder in (package, package.parent):
         (folder / "__init__.py").write_text("")
-    (package / "compiled.py").write_text((ROOT / "models" / "billiards" / "compiled.py").read_text())
+    for name in ("billiards/compiled.py", "imports.py"):
+        (package.parent / name).write_text((ROOT / "models" / name).read_text())
     (package / "caller.py").write_text(dedent(CALLER))
     (package / "callee.py").write_text(dedent(CALLEE.format(number=1)))
     assert ask(tmp_path) == [20, 0]

@@ -1,0 +1,56 @@
+"""Imports are found as parsing the whole source would find them."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from models.imports import imports_of
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def parsed(source: bytes) -> set[tuple[int, str, tuple[str, ...]]]:
+    found: set[tuple[int, str, tuple[str, ...]]] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found.update((0, alias.name, ()) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            found.add((node.level, node.module or "", tuple(alias.name for alias in node.names)))
+    return found
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import a\nimport b.c as d, e\n",
+        "from a import (\n    b,\n    c as d,\n)\n",
+        "from . import a\nfrom ..b import c\n",
+        "from a import b, \\\n    c\n",
+        "from a import (  # (of all)\n    b,\n    c,\n)\n",
+        "def f():\n    if g:\n        import a\n    else:\n        from b import c  # noqa\n",
+        "try:\n    import a\nexcept ImportError:\n    import b\nfinally:\n    import c\n",
+        "match a:\n    case 1:\n        import b\n",
+        "if a: import b\n",
+        "a = 1; import b\n",
+        "# import is a word here\nimport a\n",
+        "x = 1\n",
+        "",
+    ],
+)
+def test_every_import_is_found_wherever_it_stands(source: str) -> None:
+    assert set(imports_of(source.encode())) == parsed(source.encode())
+
+
+def test_every_import_of_the_project_is_found() -> None:
+    sources = [path.read_bytes() for room in ("models", "video", "pipeline") for path in (ROOT / room).rglob("*.py")]
+    assert sources
+    for source in sources:
+        assert parsed(source) <= set(imports_of(source))
+
+
+def test_a_source_that_must_be_parsed_and_cannot_be_says_so() -> None:
+    with pytest.raises(SyntaxError):
+        imports_of(b"if a: import b, (\n")
