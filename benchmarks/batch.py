@@ -26,9 +26,10 @@ from fractions import Fraction
 from multiprocessing import get_context
 from pathlib import Path
 
-from pipeline.cli import spare_threads
+from pipeline.cli import spare_collections, spare_threads
 
 spare_threads()  # as the program does, before numpy is there
+spare_collections()
 
 import av  # noqa: E402
 import numpy as np  # noqa: E402

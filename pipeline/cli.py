@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import signal
@@ -15,6 +16,8 @@ INTERRUPTED = 130
 FAREWELL = "trueroll: interrupted; nothing half-written is left\n"
 ALGEBRA = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """What numpy's libraries ask for their number of threads."""
+COLLECT_EVERY = 20_000
+"""Objects made beyond those freed, between two looks for garbage in cycles: Python's own 700 are for small programs."""
 AGAIN_S = 0.05
 """s after which an interrupt that was swallowed is raised again."""
 
@@ -47,6 +50,12 @@ def spare_threads() -> None:
     small here, and threads that wait for each other on a busy machine cost ten times what they bring."""
     for name in ALGEBRA:
         os.environ.setdefault(name, "1")
+
+
+def spare_collections() -> None:
+    """Look for garbage seldom: pictures and arrays are freed without it, and each look goes over all that imports left
+    behind. A thirtieth of what a clip costs."""
+    gc.set_threshold(COLLECT_EVERY)
 
 
 def _drop(number: int, frame: FrameType | None) -> NoReturn:

@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
-from pipeline.cli import spare_threads
+from pipeline.cli import spare_collections, spare_threads
 
 if TYPE_CHECKING:
     from models.progress import Progress
@@ -66,6 +66,7 @@ def main() -> NoReturn:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keyboard interrupts the parent, which then ends us
     signal.signal(signal.SIGTERM, _leave)
     spare_threads()
+    spare_collections()
     out = _own_output()
     jobs: queue.SimpleQueue[str | None] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
