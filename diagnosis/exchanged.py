@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
+from models.assignment import assigned
 from models.gap_scene import Recording
 
 Floats = NDArray[np.float64]
@@ -61,7 +61,7 @@ def _own_names(t: Floats, places: Floats, sigma: Floats, row: int, leapt: list[i
     before = np.array([places[_sides(places, row, body, body)[0][-1], body] for body in leapt])
     after = np.array([places[_sides(places, row, body, body)[1][0], body] for body in leapt])
     ways = np.linalg.norm(after[:, None] - before[None], axis=2)
-    chosen = [leapt[k] for k in linear_sum_assignment(ways)[1]]
+    chosen = [leapt[k] for k in assigned(ways)[1]]
     for old, new in zip(leapt, chosen, strict=True):
         if old == new or _leaps(t, places, sigma, row, new, old):
             return None

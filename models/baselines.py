@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly, UnivariateSpline
 
 Floats = NDArray[np.float64]
 
@@ -23,6 +22,8 @@ def cubic_pieces(t: Floats, xy: Floats) -> Floats:
     """Coefficients (T-1, 4, 2) of the not-a-knot cubic spline through xy (T, 2), straight over gaps."""
     if len(t) < 4:
         return linear_pieces(t, xy)
+    from scipy.interpolate import CubicSpline  # slow to import, and not needed where physics accepts all
+
     pieces = np.moveaxis(CubicSpline(t, xy, bc_type="not-a-knot").c[::-1], 0, 1)  # (T-1, 4, 2)
     step = np.diff(t)
     wide = step > LONGEST_SMOOTH_GAP * np.median(step)
@@ -38,6 +39,8 @@ def smooth_pieces(t: Floats, xy: Floats, sigma: Floats) -> tuple[Floats, Floats]
     step = np.diff(t)
     if len(t) < 6 or np.any(step > LONGEST_SMOOTH_GAP * np.median(step)):
         return t, cubic_pieces(t, xy)
+    from scipy.interpolate import PPoly, UnivariateSpline
+
     curves = [PPoly.from_spline(UnivariateSpline(t, xy[:, k], w=1 / sigma, s=len(t))._eval_args) for k in (0, 1)]
     breaks = np.unique(np.concatenate([curve.x for curve in curves]))
     breaks = breaks[(breaks >= t[0]) & (breaks <= t[-1])]

@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
+from models.assignment import assigned
 from models.association.pricing import (
     BUMPED,
     FREE,
@@ -108,7 +108,7 @@ def _assignments(reading: Reading, bid: Bid, breadth: int) -> list[tuple[float, 
     full = np.full((n, k + n), _IMPOSSIBLE)
     full[:, :k] = np.minimum(bid.cost, _IMPOSSIBLE)
     full[np.arange(n), k + np.arange(n)] = bid.miss
-    rows, columns = linear_sum_assignment(full)
+    rows, columns = assigned(full)
     chosen = np.where(columns < k, columns, -1)
     price = float(full[rows, columns].sum())
     result = [(price, chosen)]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
+from models.assignment import assigned
 from models.association.look import Look
 from models.scene import Game
 
@@ -95,7 +95,7 @@ def _cheapest(distance: Floats, names: list[str]) -> tuple[str, ...]:
     column = names + ["red"] * (balls - 1) + ["ball"] * balls
     reds = np.repeat(distance[:, [names.index("red")]], balls - 1, axis=1)
     cost = np.concatenate([distance, reds, np.full((balls, balls), UNSURE_COLOUR)], axis=1)
-    _, chosen = linear_sum_assignment(cost)
+    _, chosen = assigned(cost)
     return tuple(column[c] for c in chosen)
 
 
@@ -110,7 +110,7 @@ def _carom(look: Look) -> tuple[str, ...]:
     """Red, yellow, white: the three that fit best; colours in relation to each other, as the light differs."""
     lightness, a, b = look.colour.T
     cost = np.stack([-(a - 0.3 * b), -(b - 0.8 * a), look.chroma - 0.3 * lightness - 10.0 * look.white], axis=1)
-    balls, picks = linear_sum_assignment(cost - cost.min() + 1.0) if len(a) <= 3 else _pick(cost)
+    balls, picks = assigned(cost - cost.min() + 1.0) if len(a) <= 3 else _pick(cost)
     kinds = ["ball"] * len(a)
     plausible = (a > 20.0, (b > 25.0) & (a < 35.0), (look.chroma < 40.0) & (lightness > 50.0))
     for ball, pick in zip(balls, picks, strict=True):
@@ -120,7 +120,7 @@ def _carom(look: Look) -> tuple[str, ...]:
 
 
 def _pick(cost: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    picks, balls = linear_sum_assignment(cost.T)
+    picks, balls = assigned(cost.T)
     return balls, picks
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
+from models.assignment import assigned
 from models.association.sightings import Sightings
 from models.scene import Table
 
@@ -83,7 +83,7 @@ def stitch(tracklets: list[Tracklet], sightings: Sightings, t: Floats, table: Ta
         for j, after in enumerate(pieces):
             if _follows(before, after, table):
                 cost[i, j] = _link_cost(before, after, t, table) - LINK_PRICE / 2
-    rows, columns = linear_sum_assignment(cost)
+    rows, columns = assigned(cost)
     follower = {int(i): int(j) for i, j in zip(rows, columns, strict=True) if j < n and cost[i, j] < LINK_PRICE / 2}
     heads = sorted(set(range(n)) - set(follower.values()))
     return [_join([pieces[i] for i in _chain(head, follower)], sightings, t) for head in heads]

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from models.billiards.motion import kinematics
 from models.bursts.burst import Burst
@@ -115,13 +114,21 @@ def _together(lying: list[_Lying], leaving: set[int], reach: float) -> list[_Lyi
     """Balls that lie together, of those groups from which enough of the balls `leaving` go."""
     places = np.array([one.place for one in lying]).reshape(-1, 2)
     near = np.linalg.norm(places[:, None] - places, axis=2) < reach
-    group = connected_components(near, directed=False)[1]
+    group = _groups(near)
     found: list[_Lying] = []
     for number in np.unique(group):
         members = [lying[k] for k in np.flatnonzero(group == number)]
         if len(members) >= FEWEST and len({one.ball for one in members} & leaving) >= FEWEST_LEAVE:
             found += members
     return found
+
+
+def _groups(near: NDArray[np.bool_]) -> Ints:
+    """(n,) the first of all that each hangs together with, by way of pairs (n, n) that are near each other."""
+    linked = near | np.eye(len(near), dtype=np.bool_)
+    while not np.array_equal(linked, further := linked @ linked):
+        linked = further
+    return np.array([np.flatnonzero(row)[0] for row in linked], dtype=np.int64)
 
 
 def _coming(
