@@ -83,8 +83,9 @@ class Camera:
 
     def homography(self, z: float) -> Floats:
         """Plane at height z (m) above the cloth to reference pixels, (3, 3)."""
-        m = self.matrix
-        return np.column_stack([m[:, 0], m[:, 1], m[:, 2] * z + m[:, 3]])
+        m, plane = self.matrix, np.empty((3, 3))
+        plane[:, :2], plane[:, 2] = m[:, :2], m[:, 2] * z + m[:, 3]
+        return plane
 
     def to_pixels(self, xy: Floats, z: float, frame: NDArray[np.int64] | int | None = None) -> Floats:
         """Points (..., 2) in m at height z to pixels (..., 2), of the reference picture or of `frame` (...)."""

@@ -112,7 +112,7 @@ class Annotation:
         if last - first < 1:
             return
         points = path.drawn[np.searchsorted(path.drawn, first) : np.searchsorted(path.drawn, last)]
-        way = self.sightings.project(path.xy[points], t)
+        way = self.sightings.shown(path.px[points], t)
         age = (t - path.t[points]) / TRAIL_SECONDS
         if np.isfinite(centre).all():
             way, age = np.concatenate([way, centre[None]]), np.append(age, 0.0)
@@ -150,9 +150,9 @@ class Annotation:
 
     def _soon(self, t: float) -> list[Rect]:
         """Squares that balls will cross while a label can be read."""
-        ways = [path.xy[(path.t > t) & (path.t < t + self.reading)][::6] for path in self.paths]
+        ways = [path.px[(path.t > t) & (path.t < t + self.reading)][::6] for path in self.paths]
         half = 12 * self.scale
-        places = self.sightings.project(np.concatenate(ways), t)
+        places = self.sightings.shown(np.concatenate(ways), t)
         return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in places]
 
     def _names(self, picture: Picture, t: float, balls: Balls, taken: list[Rect], things: int) -> None:
@@ -179,12 +179,12 @@ class Annotation:
 
     def _presence(self, t: float, ball: int) -> float:
         """Opacity of a ball's name: it comes and goes with its motion."""
-        spans = self.paths[ball].spans
-        if not len(spans):
-            return 0.0
-        since = (t - spans[:, 0]) / (0.1 * self.reading)
-        left = (spans[:, 1] + 0.3 * self.reading - t) / (0.2 * self.reading)
-        return float(np.clip(np.minimum(since, left), 0, 1).max())
+        most = 0.0
+        for start, end in self.paths[ball].spans.tolist():
+            since = (t - start) / (0.1 * self.reading)
+            left = (end + 0.3 * self.reading - t) / (0.2 * self.reading)
+            most = max(most, min(since, left, 1.0))
+        return most
 
 
 def _bounds(picture: Picture) -> tuple[int, int]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.billiards.compiled import compiled
+
 Floats = NDArray[np.float64]
 Rect = tuple[float, float, float, float]
 """left, top, width, height in px."""
@@ -42,12 +44,20 @@ def covered_share(rect: Rect, taken: Sequence[Rect]) -> float:
     return sum(overlap(rect, other) for other in taken) / (rect[2] * rect[3])
 
 
-def overlaps(rects: Floats, others: Floats) -> Floats:
-    """Shared areas (n, m) of rectangles (n, 4) and (m, 4), px^2."""
-    low = np.maximum(rects[:, None, :2], others[None, :, :2])
-    high = np.minimum(rects[:, None, :2] + rects[:, None, 2:], others[None, :, :2] + others[None, :, 2:])
-    sides = np.maximum(high - low, 0)
-    return np.asarray(sides[..., 0] * sides[..., 1], dtype=np.float64)
+@compiled
+def covered_areas(corners: Floats, width: float, height: float, taken: Floats) -> Floats:
+    """Areas (n,) of boxes with top-left corners (n, 2) over taken rectangles (m, 4), px^2; what is taken twice counts
+    twice."""
+    areas = np.zeros(len(corners))
+    for n in range(len(corners)):
+        x, y = corners[n]
+        for m in range(len(taken)):
+            left, top, wide, high = taken[m]
+            across = min(x + width, left + wide) - max(x, left)
+            down = min(y + height, top + high) - max(y, top)
+            if across > 0 and down > 0:
+                areas[n] += across * down
+    return areas
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +91,11 @@ def place_label(
     `heading` (2,) is the direction of motion, zero at rest; `bounds` the picture's (w, h); `previous` where it was.
     """
     angles, gaps = SIDES.T
-    corners = _corners(BEARINGS, gaps, size, radius)
-    rects = np.empty((len(corners), 4))
-    rects[:, :2], rects[:, 2:] = corners + centre, size
-    area = float(size[0] * size[1])
-    outside = area - overlaps(rects, np.array([[0.0, 0.0, *bounds]]))[:, 0]
-    covered = overlaps(rects, np.array(taken, dtype=np.float64).reshape(-1, 4)).sum(axis=1)
+    corners = _corners(BEARINGS, gaps, size, radius) + centre
+    width, height = float(size[0]), float(size[1])
+    area = width * height
+    outside = area - covered_areas(corners, width, height, np.array([[0.0, 0.0, *bounds]]))
+    covered = covered_areas(corners, width, height, np.array(taken, dtype=np.float64).reshape(-1, 4))
     cost = (8 * outside + 2 * covered) / area + FAR_COST * (gaps > GAPS[0])
     cost += RANKS
     cost += WAY_COST * (BEARINGS[0] @ heading) ** 2

@@ -45,6 +45,8 @@ class Path:
     """(n,) s"""
     xy: Floats
     """(n, 2) m"""
+    px: Floats
+    """(n, 2) reference pixels."""
     spans: Floats
     """(k, 2) s, when it moved."""
     radius: float
@@ -69,7 +71,8 @@ def path_of(sightings: Sightings, fit: Fit, ball: int) -> Path:
     """Sample one ball's motion while it moves, corners at events included."""
     rows, spans = _journeys(sightings, ball)
     if not len(rows):
-        return Path(np.empty(0), np.empty((0, 2)), np.empty((0, 2)), 0.0, np.empty(0, dtype=np.intp))
+        none = np.empty((0, 2))
+        return Path(np.empty(0), none, none, none, 0.0, np.empty(0, dtype=np.intp))
     spans = _trimmed(spans, fit, ball)
     parts = [np.arange(start, end, PATH_STEP) for start, end in spans]
     inside = [t for t in fit.events.t if ((spans[:, 0] <= t) & (t <= spans[:, 1])).any()]
@@ -80,8 +83,9 @@ def path_of(sightings: Sightings, fit: Fit, ball: int) -> Path:
     radii = sightings.radius[rows, ball]
     radius = float(np.median(radii[np.isfinite(radii)])) if np.isfinite(radii).any() else 8.0
     times, xy = times[known], xy[known]
-    drawn = spaced(sightings.project(xy, float(sightings.t[0])), np.isin(times, inside))
-    return Path(times, xy, spans, radius, drawn)
+    px = sightings.scene.camera.to_pixels(xy, table.ball_radius)
+    drawn = spaced(sightings.shown(px, float(sightings.t[0])), np.isin(times, inside))
+    return Path(times, xy, px, spans, radius, drawn)
 
 
 def _journeys(sightings: Sightings, ball: int) -> tuple[NDArray[np.intp], Floats]:

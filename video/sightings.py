@@ -106,7 +106,10 @@ class Sightings:
 
         With times (K,) the points are (K, N, 2), those of each time.
         """
-        px = self.scene.camera.to_pixels(xy, self.scene.table.ball_radius)
+        return self.shown(self.scene.camera.to_pixels(xy, self.scene.table.ball_radius), t)
+
+    def shown(self, px: Floats, t: float | Floats) -> Floats:
+        """Reference pixels (..., 2) to those of the picture at time t; with times (K,) they are (K, N, 2)."""
         motion = self.motion(t)
         if motion is None:
             return px
