@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +66,7 @@ def contact(record: Record, a: str, b: str) -> Call:
 def first(record: Record, a: str) -> Call:
     """Which ball did a touch first?"""
     one = record.number(a)
-    moments = [m for k in range(len(record.ids)) if k != one for m in ball_moments(record, one, k)]
+    moments = _meetings(record, one)
     names: dict[str, float] = {}
     open_still = 1.0
     for moment in sorted(moments, key=lambda m: m.t):
@@ -90,8 +91,7 @@ def first(record: Record, a: str) -> Call:
 def cushion_first(record: Record, a: str) -> Call:
     """Did a meet a cushion before any ball?"""
     one = record.number(a)
-    moments = [m for k in range(len(record.ids)) if k != one for m in ball_moments(record, one, k)]
-    moments += cushion_moments(record, one)
+    moments = [*_meetings(record, one), *cushion_moments(record, one)]
     probability, open_still, best = 0.0, 1.0, None
     for moment in sorted(moments, key=lambda m: m.t):
         if moment.other in CUSHIONS:
@@ -106,6 +106,12 @@ def cushion_first(record: Record, a: str) -> Call:
     if best is None:
         return _nowhere(probability, sentence, a)
     return _answer(record, best, probability, sentence, (a,) if best.other in CUSHIONS else (a, best.other))
+
+
+@lru_cache(maxsize=4)
+def _meetings(record: Record, one: int) -> tuple[Moment, ...]:
+    """Every moment at which a ball may have touched another one: several questions begin with them."""
+    return tuple(m for k in range(len(record.ids)) if k != one for m in ball_moments(record, one, k))
 
 
 def pocket(record: Record, a: str, name: str) -> Call:

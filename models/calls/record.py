@@ -27,9 +27,9 @@ FEWEST = 12
 """Residuals that tell how noisy a ball was seen."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """N balls; rows of what was seen, and M moments of the fitted motion."""
+    """N balls; rows of what was seen, and M moments of the fitted motion. Each is itself alone: it can be a key."""
 
     ids: tuple[str, ...]
     kinds: tuple[str, ...]
