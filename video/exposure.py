@@ -91,11 +91,12 @@ def _errors(
     x0, y0 = np.maximum(wide.way.min(axis=0) - 1.5 * radius, 0).astype(int)
     x1, y1 = (wide.way.max(axis=0) + 1.5 * radius + 1).astype(int)
     here = np.s_[y0:y1, x0:x1]
-    errors = []
+    errors, made = [], peeled.behind.copy()
     for way in ways:
-        made = peeled.behind.copy()
-        paste(made, [[Layer(sharp, centre + taps_along(way), 1.0)]])
+        changed = paste(made, [[Layer(sharp, centre + taps_along(way), 1.0)]])
         errors.append(float(((made[here].astype(np.float32) - picture[here]) ** 2).mean()))
+        for left, top, right, bottom in changed:
+            made[top:bottom, left:right] = peeled.behind[top:bottom, left:right]
     return np.array(errors)
 
 
