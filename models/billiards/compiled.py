@@ -45,6 +45,7 @@ def _imports(module: str) -> frozenset[str]:
     return frozenset(name for name in found if _text(name) is not None)
 
 
+@cache
 def _stamp(module: str) -> str:
     """Digest of the sources of a module and of all in these rooms that it imports, directly or not."""
     seen, left = {module}, [module]
