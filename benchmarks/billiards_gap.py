@@ -28,6 +28,7 @@ from row_files import append, read_rows
 from diagnosis.diagnose import diagnose
 from diagnosis.verdict import Report
 from models.billiards.gap import BilliardsScene, billiards_scene
+from models.billiards.playing import Laws
 from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS
 from models.gap_scene import Recording
 from pipeline.gapcheck.oracle import oracle_of
@@ -35,13 +36,13 @@ from pipeline.gapcheck.oracle import oracle_of
 
 def scene_of(case: Case, shots: tuple[Recording, ...]) -> BilliardsScene:
     """The simulator that is diagnosed, and the library."""
-    scene = billiards_scene(TABLE, shots, assumed=case.model)
+    scene = billiards_scene(TABLE, shots, assumed=case.model, laws=Laws(case.base))
     return replace(scene, effects=tuple(one for one in scene.effects if one.name not in case.without))
 
 
 def right(case: Case, shots: tuple[Recording, ...], report: Report) -> bool:
     """Whether the answer is one that the case allows. In a trap the right name is right only if it is no guess."""
-    wanted = set(case.lacks)
+    wanted = {case.family} if case.family else set(case.lacks)
     if not wanted:
         return report.verdict == "none"
     if case.without or wanted & {*IN_WORLD, "ageing"}:
@@ -97,6 +98,8 @@ def _asked(case: Case) -> str:
         return "trap"
     if case.harder:
         return case.harder
+    if case.family or case.base != "mirror":
+        return "form"
     if not case.lacks:
         return "none"
     if case.without:
@@ -110,7 +113,8 @@ def _acts_in(case: Case, phase: str) -> int:
     """1 where what is missing acts in a phase, 0 where it does not, -1 where nothing is missing."""
     phases = {one.name: one.phases for one in (*BILLIARDS, *BILLIARDS_LAWS)}
     phases |= dict.fromkeys((*IN_WORLD, "ageing"), ("free_roll",))
-    return int(any(phase in phases[name] for name in case.lacks)) if case.lacks else -1
+    lacks = (case.family,) if case.family else case.lacks
+    return int(any(phase in phases[name] for name in lacks)) if lacks else -1
 
 
 def trial(case: Case, seed: int) -> Row:

@@ -19,6 +19,7 @@ GOALS = (
     ("taken out", "effect taken out of the library: unknown", "asked 80 %"),
     ("foreign", "in no library: unknown", "asked 80 %"),
     ("pair", "two missing: both named", "asked 80 %"),
+    ("form", "a law of another form: its family named", "closed 0.8 of an oracle's"),
     ("trap", "traps: group, or called unidentifiable", "asked 100 %"),
     ("slow+", "half as many pictures a second: named or in its group", "to be shown"),
     ("few+", "5 shots: named or in its group", "to be shown"),
@@ -32,7 +33,7 @@ class Row:
 
     kind: str
     asked: str
-    """one, pair, none, taken out, foreign, trap, weak, slow, few, noisy."""
+    """one, pair, none, taken out, foreign, form, trap, weak, slow, few, noisy."""
     seed: int
     said: str
     """names, joined by +; of a group by |; else the verdict."""

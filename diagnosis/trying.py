@@ -17,6 +17,8 @@ CLEAR = 50.0
 """chi2 from which a hypothesis explains something."""
 LEFT = 1.2
 """lack of fit from which something is left."""
+_BEYOND_CHANCE = 20.0
+"""chi2 that a detail must gain: chance gives one parameter as much once in a hundred thousand cases."""
 _HOPELESS = 0.25
 """share of what the best hypothesis explains that another one must explain at a glance to be fitted to the end."""
 _REFUTED = 3.0
@@ -33,6 +35,7 @@ def tried(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
         return known
     question = state.question
     effects = effects_of(question, names)
+    effects += tuple(one for one in details_of(question, names) if one in near.fitted.names and one not in effects)
     found = min(_starting_from(state, names, effects, near), key=lambda fitted: fitted.cost)
     state.tried[names] = Hypothesis(names, found)
     return state.tried[names]
@@ -43,6 +46,11 @@ def effects_of(question: Question, names: frozenset[str]) -> tuple[str, ...]:
     brought = {name for one in question.scene.alternatives if one.name in names for name in one.brings}
     wanted = (names | brought) - set(question.scene.assumed)
     return tuple(effect.name for effect in question.scene.effects if effect.name in wanted)
+
+
+def details_of(question: Question, names: frozenset[str]) -> tuple[str, ...]:
+    """What the laws of these effects leave open."""
+    return tuple(one.name for one in question.scene.effects if one.kind == "detail" and names & set(one.partners))
 
 
 def _starting_from(
@@ -74,8 +82,32 @@ def _starting_from(
             continue
         found = fit(question, found.pieces, effects, forms, found.shared, found.starts)
         yield found
+        if found.lack > LEFT:
+            yield from _finer(question, found, names)
         if found.cost > near.fitted.cost:
             yield sought_anew(question, found)
+
+
+def _finer(question: Question, found: Fitted, names: frozenset[str]) -> Iterator[Fitted]:
+    """The fit with each detail that its effects leave open, where that gains beyond chance: the law is then another
+    form of theirs."""
+    for detail in details_of(question, names):
+        if detail not in found.names:
+            effects = (*found.names, detail)
+            finer = fit(question, found.pieces, effects, found.forms, found.shared, found.starts)
+            if found.cost - finer.cost > _BEYOND_CHANCE * finer.lack:
+                yield finer
+
+
+def with_details(state: Search, one: Hypothesis) -> Hypothesis:
+    """A hypothesis with what its laws leave open, where something is left that this explains."""
+    if one.fitted.lack <= LEFT:
+        return one
+    best = min((one.fitted, *_finer(state.question, one.fitted, one.names)), key=lambda fitted: fitted.cost)
+    if best is not one.fitted:
+        one = state.tried[one.names] = Hypothesis(one.names, best)
+        state.told.pop(one.names, None)
+    return one
 
 
 def _imitated(question: Question, found: Fitted, fresh: NDArray[np.bool_]) -> bool:
@@ -96,7 +128,13 @@ def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
 
 
 def begun_from(question: Question, fitted: Fitted, other: Fitted) -> Fitted:
-    """A fit begun also from the states of another hypothesis, with its own numbers and with those of that."""
+    """A fit begun also from the states of another hypothesis, with its own numbers and with those of that; with those
+    details that the other one has."""
+    details = details_of(question, frozenset(fitted.names))
+    more = tuple(name for name in details if name in other.names and name not in fitted.names)
+    if more:
+        finer = fit(question, other.pieces, (*fitted.names, *more), fitted.forms, other.shared, other.starts)
+        return finer if finer.cost < fitted.cost else fitted
     if fitted.cost > _REFUTED * other.cost:
         return fitted
     begun = begun_like(question, fitted, other.starts)

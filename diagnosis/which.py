@@ -18,7 +18,7 @@ from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, fit
 from diagnosis.growing import sought_anew
 from diagnosis.hypotheses import Hypothesis, Search, signatures_of
 from diagnosis.signatures import Signatures
-from diagnosis.trying import LEFT, begun_from, tried
+from diagnosis.trying import LEFT, begun_from, tried, with_details
 
 Floats = NDArray[np.float64]
 
@@ -46,6 +46,7 @@ def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted])
     state = Search(question, Hypothesis(frozenset(), base), alone=base)
     now, lengthened = state.base, None
     while True:
+        now = with_details(state, now)
         larger = _larger(state, now) if now.size < MOST else None
         rival = _best_needed(state, now.size)
         if larger is not None:

@@ -68,6 +68,7 @@ def table_of(text: str) -> KnownTable:
 
 
 _OF_CAMERA = (
-    "lens_distortion", "perspective", "scale", "rolling_shutter", "dropped_frames", "unequal_mass", "unequal_radius",
+    "lens_distortion", "lens_second_term", "perspective", "scale", "rolling_shutter", "dropped_frames", "unequal_mass",
+    "unequal_radius",
 )  # fmt: skip
 """Effects of the film and of the balls, which the next clip need not share."""

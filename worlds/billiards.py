@@ -12,7 +12,8 @@ an impulse; its time is moved back inside the step to the moment of touch. Cushi
 224, 2010), integrated over the impulse at the height of the nose. Ball laws: `inelastic` (Coulomb friction where
 `ball_friction` is given), and `alciatore` (friction that falls with speed, technical proof A-14). Balls may differ in
 radius and mass; their centres are taken to be in one plane. Effects that no library has: `sticky_patch` (mu more of
-rolling resistance within 0.3 m of x, y), `curl` (c: a rolling ball turns, c times its deceleration to its left).
+rolling resistance within 0.3 m of x, y), `curl` (c: a rolling ball turns, c times its deceleration to its left),
+`cushion_restitution_power` (restitution falls with that power of the speed, and is e at 1 m/s).
 """
 
 from __future__ import annotations
@@ -75,6 +76,7 @@ EFFECTS = {
     "nap": ("mu",),
     "sticky_patch": ("mu", "x", "y"),
     "curl": ("c",),
+    "cushion_restitution_power": ("power",),
 }
 PARAMETERS = tuple(f"{effect}.{name}" for effect, names in EFFECTS.items() for name in names)
 NEUTRAL = {"cushion_restitution.e": 1.0, "ball_restitution.e": 1.0}
@@ -286,7 +288,8 @@ def meet_rails(xyz, v, w, moving, potted, size, radius, pockets, p, law, t, dt, 
                 continue
             back = min((radius[i] - gaps[side]) / into, dt)
             count = note(events, count, CUSHION, t - back, i, side, x - v[i, 0] * back, y - v[i, 1] * back, into)
-            ball_on_cushion(v[i], w[i], side, radius[i], min(max(p[5] - p[6] * into, 0.0), 1.0), p[7], law)
+            e = p[5] * into ** -p[17] - p[6] * into
+            ball_on_cushion(v[i], w[i], side, radius[i], min(max(e, 0.0), 1.0), p[7], law)
     return count
 
 

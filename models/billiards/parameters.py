@@ -28,17 +28,21 @@ NAMES: tuple[str, ...] = (
     "ball_friction.mu",
     "nap.mu",
     "cushion_cloth.factor",
+    "cushion_restitution_power.power",
 )
 """Effect and parameter, in the order of the vector, in the units of the effect."""
 
 SLIDING_MU, ROLLING_MU, SPIN_DECAY, SLOPE_X, SLOPE_Y, AIR_DRAG, VISCOUS_DRAG = range(7)
-CUSHION_E, CUSHION_E_SLOPE, CUSHION_MU, BALL_E, BALL_MU, NAP, PRESSED_CLOTH = range(7, 14)
+CUSHION_E, CUSHION_E_SLOPE, CUSHION_MU, BALL_E, BALL_MU, NAP, PRESSED_CLOTH, CUSHION_E_POWER = range(7, 15)
 
 CUSHION_LAWS = ("mirror", "han_2005", "mathavan_2010", "stronge")
 BALL_LAWS = ("elastic", "inelastic", "alciatore", "mass_spring")
 """Their places are the codes by which compiled code knows them."""
 
-_CUSHION = ("cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_friction.mu")
+_CUSHION = (
+    "cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_restitution_power.power",
+    "cushion_friction.mu",
+)  # fmt: skip
 USES: dict[str, tuple[str, ...]] = {
     "mirror": _CUSHION,
     "han_2005": _CUSHION,
@@ -118,7 +122,8 @@ def _refuse_unused(physics: Physics) -> None:
 
 
 def _refuse_impossible(physics: Physics) -> None:
-    signed = ("slope.slope_x", "slope.slope_y", "cushion_restitution_speed.slope", "nap.mu")
+    bent = ("cushion_restitution_speed.slope", "cushion_restitution_power.power")
+    signed = ("slope.slope_x", "slope.slope_y", "nap.mu", *bent)
     for name in physics.present:
         value = float(physics.values[NAMES.index(name)])
         if name not in signed and value < 0:

@@ -37,6 +37,7 @@ from models.billiards.parameters import (
     BALL_E,
     BALL_MU,
     CUSHION_E,
+    CUSHION_E_POWER,
     CUSHION_LAWS,
     CUSHION_MU,
     NAMES,
@@ -195,7 +196,7 @@ def felt_by_cushion(parameter, law):  # type: ignore[no-untyped-def]
     """Whether a cushion law looks at a parameter."""
     if parameter in (SLIDING_MU, PRESSED_CLOTH):
         return law == _MATHAVAN
-    return CUSHION_E <= parameter <= CUSHION_MU
+    return CUSHION_E <= parameter <= CUSHION_MU or parameter == CUSHION_E_POWER
 
 
 @compiled

@@ -1,7 +1,8 @@
 """What a picture makes of a place on the table where the calibration is not quite right: scale, lens and perspective.
 
 With d the place from the middle of the picture in half lengths of the table: e = d / (1 + p . d), and it is seen at
-s (1 + k1 |e|^2) e. Times differ too: lower rows may be taken later (`rolling_shutter`), and pictures may be missing.
+s (1 + k1 |e|^2 + k2 |e|^4) e. Times differ too: lower rows may be taken later (`rolling_shutter`), and pictures may be
+missing.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-ON_PICTURE = ("lens_distortion.k1", "perspective.p_x", "perspective.p_y", "scale.seen")
+ON_PICTURE = ("lens_distortion.k1", "perspective.p_x", "perspective.p_y", "scale.seen", "lens_second_term.k2")
 """Numbers that move what is seen."""
-FAITHFUL = np.array([0.0, 0.0, 0.0, 1.0])
-"""(4,) of a calibration that is right."""
+FAITHFUL = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
+"""(5,) of a calibration that is right."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,17 +38,20 @@ class View:
 
 
 def seen(view: View, xy: Floats, numbers: Floats) -> tuple[Floats, Floats, Floats]:
-    """Where places (..., 2) are seen, m, with `numbers` (4,) as in `ON_PICTURE`; its derivatives (..., 2, 2) by the
-    place and (..., 2, 4) by the numbers."""
-    k1, p, scale = numbers[0], numbers[1:3], numbers[3]
+    """Where places (..., 2) are seen, m, with `numbers` (5,) as in `ON_PICTURE`; its derivatives (..., 2, 2) by the
+    place and (..., 2, 5) by the numbers."""
+    k1, p, scale, k2 = numbers[0], numbers[1:3], numbers[3], numbers[4]
     d = (xy - view.middle) / view.half
     q = (1 / (1 + d @ p))[..., None]
     e = d * q
     size = np.sum(e * e, axis=-1)[..., None]
-    shown = (1 + k1 * size) * e
-    bent = (1 + k1 * size)[..., None] * np.eye(2) + 2 * k1 * e[..., :, None] * e[..., None, :]
+    stretched = 1 + (k1 + k2 * size) * size
+    shown = stretched * e
+    bent = stretched[..., None] * np.eye(2)
+    bent += (2 * k1 + 4 * k2 * size)[..., None] * e[..., :, None] * e[..., None, :]
     turned = q[..., None] * np.eye(2) - (q**2)[..., None] * d[..., :, None] * p
     by_place = scale * bent @ turned
     by_p = -scale * bent @ (q**2 * d)[..., :, None] * d[..., None, :]
-    by_numbers = np.concatenate([(scale * size * e)[..., None], by_p, shown[..., None]], axis=-1)
+    by_lens = scale * np.stack([size * e, size**2 * e], axis=-1)
+    by_numbers = np.concatenate([by_lens[..., :1], by_p, shown[..., None], by_lens[..., 1:]], axis=-1)
     return view.middle + view.half * scale * shown, by_place, view.half * by_numbers

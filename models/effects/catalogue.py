@@ -10,10 +10,12 @@ from models.effects.cushion_cloth import CushionCloth
 from models.effects.cushion_friction import CushionFriction
 from models.effects.cushion_law import CushionLaw
 from models.effects.cushion_restitution import CushionRestitution
+from models.effects.cushion_restitution_power import CushionRestitutionPower
 from models.effects.cushion_restitution_speed import CushionRestitutionSpeed
 from models.effects.dropped_frames import DroppedFrames
 from models.effects.effect import Choice, Effect, Prior
 from models.effects.lens_distortion import LensDistortion
+from models.effects.lens_second_term import LensSecondTerm
 from models.effects.nap import Nap
 from models.effects.perspective import Perspective
 from models.effects.rolling_resistance import RollingResistance
@@ -36,6 +38,7 @@ BILLIARDS: tuple[Effect, ...] = (
     Nap(),
     CushionRestitution(),
     CushionRestitutionSpeed(),
+    CushionRestitutionPower(),
     CushionFriction(),
     CushionCloth(),
     BallRestitution(),
@@ -43,6 +46,7 @@ BILLIARDS: tuple[Effect, ...] = (
     UnequalMass(),
     UnequalRadius(),
     LensDistortion(),
+    LensSecondTerm(),
     Perspective(),
     Scale(),
     RollingShutter(),

@@ -103,6 +103,14 @@ def test_restitution_falls_with_the_normal_speed(name: str) -> None:
 
 
 @every_law
+def test_restitution_falls_with_a_power_of_the_normal_speed(name: str) -> None:
+    ball, falling = np.array([2.0, 0.5, 0.0, 30.0, 10.0]), physics(e=0.9)
+    falling[parameters.CUSHION_E_POWER] = 0.2
+    same = rebound(name, ball, physics(e=0.9 * 2.0**-0.2))
+    np.testing.assert_allclose(rebound(name, ball, falling), same, rtol=1e-12)
+
+
+@every_law
 def test_running_english_opens_the_angle_and_check_side_closes_it(name: str) -> None:
     """Side spin that carries the surface backwards along the cushion pushes the ball on, the other kind holds it."""
     plain, running, check = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from models.billiards.parameters import BALL_LAWS, CUSHION_LAWS, NAMES, neutral
+from models.billiards.view import ON_PICTURE
 from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS, prior_of
 from models.effects.effect import Effect, Prior
 from pipeline.fingerprint import ROOT, source_hashes
@@ -26,7 +27,7 @@ def test_names_are_unique() -> None:
 
 def test_the_engine_knows_every_parameter_of_the_catalogue_that_acts_on_balls() -> None:
     named = [f"{e.name}.{p.name}" for e in BILLIARDS for p in e.parameters if e.kind in ("physics", "detail")]
-    assert set(NAMES) == {name for name in named if not name.startswith("unequal")}
+    assert set(NAMES) == {name for name in named if not name.startswith("unequal") and name not in ON_PICTURE}
 
 
 def test_an_absent_effect_is_what_the_engine_takes_for_absent() -> None:

@@ -86,9 +86,11 @@ def test_an_unknown_that_shots_do_not_hang_on_is_refused() -> None:
 
 def test_a_view_bends_places_about_its_middle() -> None:
     view = View(np.array([1.0, 0.5]), 1.0)
-    shown = seen(view, np.array([[1.0, 0.5], [2.0, 0.5]]), np.array([0.1, 0.0, 0.0, 1.0]))[0]
+    shown = seen(view, np.array([[1.0, 0.5], [2.0, 0.5]]), np.array([0.1, 0.0, 0.0, 1.0, 0.0]))[0]
     np.testing.assert_allclose(shown, [[1.0, 0.5], [2.1, 0.5]])
-    shown = seen(view, np.array([[2.0, 0.5]]), np.array([0.0, 0.25, 0.0, 1.0]))[0]
+    shown = seen(view, np.array([[1.5, 0.5]]), np.array([0.1, 0.0, 0.0, 1.0, -0.4]))[0]
+    np.testing.assert_allclose(shown, [[1.5, 0.5]])
+    shown = seen(view, np.array([[2.0, 0.5]]), np.array([0.0, 0.25, 0.0, 1.0, 0.0]))[0]
     np.testing.assert_allclose(shown, [[1.8, 0.5]])
 
 

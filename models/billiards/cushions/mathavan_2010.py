@@ -29,6 +29,7 @@ from models.billiards.cushions.nose import COSINE, SINE, restitution
 USES = (
     "cushion_restitution.e",
     "cushion_restitution_speed.slope",
+    "cushion_restitution_power.power",
     "cushion_friction.mu",
     "sliding_friction.mu",
     "cushion_cloth.factor",

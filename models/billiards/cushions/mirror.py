@@ -14,7 +14,10 @@ from models.billiards import parameters
 from models.billiards.compiled import compiled
 from models.billiards.cushions.nose import restitution
 
-USES = ("cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_friction.mu")
+USES = (
+    "cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_restitution_power.power",
+    "cushion_friction.mu",
+)  # fmt: skip
 
 _MU = parameters.CUSHION_MU
 _STICK = 2.0 / 7.0

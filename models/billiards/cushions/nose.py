@@ -7,6 +7,8 @@ k = -sin(theta) n + cos(theta) z. Impulses are per mass of the ball (m/s).
 
 from __future__ import annotations
 
+import numpy as np
+
 from models.billiards import parameters
 from models.billiards.compiled import compiled
 
@@ -16,13 +18,13 @@ SINE = NOSE_HEIGHT - 1.0
 COSINE = (1.0 - SINE * SINE) ** 0.5
 
 _E = parameters.CUSHION_E
-_SLOPE = parameters.CUSHION_E_SLOPE
+_SLOPE, _POWER = parameters.CUSHION_E_SLOPE, parameters.CUSHION_E_POWER
 
 
 @compiled
 def restitution(vn, p):  # type: ignore[no-untyped-def]
-    """Restitution e0 - slope vn at the normal speed `vn` (m/s), held between 0 and 1."""
-    e = p[_E] - p[_SLOPE] * vn
+    """Restitution e0 vn^-power - slope vn at the normal speed `vn` (m/s), held between 0 and 1."""
+    e = p[_E] * np.exp(-p[_POWER] * np.log(vn)) - p[_SLOPE] * vn
     if e.real > 1.0:
         return 0.0 * e + 1.0
     if e.real < 0.0:

@@ -23,7 +23,10 @@ from models.billiards import parameters
 from models.billiards.compiled import compiled
 from models.billiards.cushions.nose import approach, push, restitution
 
-USES = ("cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_friction.mu")
+USES = (
+    "cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_restitution_power.power",
+    "cushion_friction.mu",
+)  # fmt: skip
 
 POISSON = 0.3
 """Of the nose as a half-space. 0.3 makes the tangential frequency 1.70 times the normal one, 0.5 makes it 1.53."""

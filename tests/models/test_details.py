@@ -1,0 +1,57 @@
+"""What the laws of named effects leave open is told with them, where the data ask for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from played_shots import SIGMA, TABLE, numbers, opening
+
+from diagnosis.fitting import fit, question_of
+from diagnosis.hypotheses import Hypothesis, Search
+from diagnosis.pieces import fit_begun
+from diagnosis.trying import begun_from, details_of, tried, with_details
+from models.billiards.gap import billiards_scene
+from models.billiards.playing import Laws, packed, played
+from models.gap_scene import Recording
+
+SPEED, POWER = "cushion_restitution_speed", "cushion_restitution_power"
+
+
+def searched(**truth: float) -> Search:
+    """Nothing tried yet, of six shots that begin with a strike."""
+    shots = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        start, moving = opening(rng)
+        t = np.arange(60) / 60
+        run = played(packed(start, moving), moving, TABLE, numbers(**truth), Laws(), 1.0)
+        xy = run.at(t)[..., :2]
+        xy = xy + SIGMA * rng.normal(size=xy.shape)
+        shots.append(Recording(seed, np.arange(60), t, ("a", "b", "c"), xy, np.full(xy.shape[:2], SIGMA)))
+    question = question_of(billiards_scene(TABLE, tuple(shots)), 0.0)
+    base = fit_begun(question, tuple(shots))
+    return Search(question, Hypothesis(frozenset(), base), alone=base)
+
+
+def test_a_curved_fall_of_restitution_is_told_with_the_effect_that_is_named() -> None:
+    state = searched(cushion_restitution_power__power=0.4)
+    found = with_details(state, tried(state, frozenset({SPEED}), state.base))
+    assert POWER in found.fitted.names
+    assert POWER not in state.question.candidates
+    told = dict(zip((prior.name for prior in state.question.priors), found.fitted.shared, strict=True))
+    assert told[f"{POWER}.power"] == pytest.approx(0.4, abs=0.08)
+
+
+def test_what_is_straight_needs_no_detail() -> None:
+    state = searched(cushion_restitution_speed__slope=0.06)
+    assert with_details(state, tried(state, frozenset({SPEED}), state.base)).fitted.names == (SPEED,)
+
+
+def test_a_smaller_hypothesis_gets_the_details_of_the_larger_one() -> None:
+    """Or the larger one would be needed for them alone."""
+    state = searched(cushion_restitution_power__power=0.2)
+    question, base = state.question, state.base.fitted
+    smaller = fit(question, base.pieces, (SPEED,))
+    larger = fit(question, base.pieces, (SPEED, "nap", POWER))
+    assert begun_from(question, smaller, larger).names == (SPEED, POWER)
+    assert details_of(question, frozenset({"nap"})) == ()
