@@ -77,3 +77,7 @@ def _insist(unraisable: sys.UnraisableHookArgs) -> None:
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
     else:
         sys.__unraisablehook__(unraisable)
+
+
+if __name__ == "__main__":
+    main()
