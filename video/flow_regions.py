@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from models.scene import apply_homography
 from video.flow import Between, Interpolator
+from video.pixels import CELL as COARSE
+from video.pixels import fill_cells
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -21,8 +23,6 @@ Box = tuple[int, int, int, int]
 Part = tuple[Box, tuple[int, ...]]
 """A box and the numbers of the things that move in it."""
 
-COARSE = 4
-"""px of the picture per cell of the map of what moves."""
 LEAST_CHANGE, NOISE_TIMES = 7.0, 5.0
 """Levels of 255, and times the usual change of a cell (coding, sensor), from which something moves in it."""
 SLACK = 2
@@ -113,8 +113,12 @@ def open_regions(
 
 def coarse(picture: Picture) -> Picture:
     """(H / COARSE, W / COARSE[, 3]) The mean of every cell."""
-    size = (max(1, picture.shape[1] // COARSE), max(1, picture.shape[0] // COARSE))
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    height, width = (max(1, side // COARSE) for side in picture.shape[:2])
+    if picture.shape == (COARSE * height, COARSE * width, 3) and picture.flags.c_contiguous:
+        cells = np.empty((height, width, 3), dtype=np.uint8)
+        fill_cells(picture, cells)
+        return cells
+    return np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def find_stirred(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from models.scene import Scene, Table
 from video.palette import INK, WHITE, Colour, lab_to_rgb, mix
+from video.pixels import lay_over
 from video.text import rounded_mask
 
 Floats = NDArray[np.float64]
@@ -76,10 +77,9 @@ class Inset:
         small = cv2.resize(tile, (width, height), interpolation=cv2.INTER_AREA)
         corner = max(3, height // 24)
         cover = rounded_mask(width, height, corner) * np.float32(1 / 255)
-        ground = picture[y : y + height, x : x + width]
-        ground[corner:-corner] = small[corner:-corner]  # round corners alone let anything through
-        for rows in (slice(None, corner), slice(-corner, None)):
-            ground[rows] = cv2.blendLinear(small[rows], ground[rows], cover[rows], 1 - cover[rows])
+        picture[y + corner : y + height - corner, x : x + width] = small[corner:-corner]
+        for rows in (slice(0, corner), slice(height - corner, height)):  # round corners alone let anything through
+            lay_over(picture, small[rows], cover[rows], x, y + rows.start, 1.0)
 
 
 def plan_of(scene: Scene, longest: int) -> Inset:

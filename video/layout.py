@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -39,25 +40,12 @@ def overlap(a: Rect, b: Rect) -> float:
     return max(0.0, width) * max(0.0, height)
 
 
+_overlap = compiled(overlap)
+
+
 def covered_share(rect: Rect, taken: Sequence[Rect]) -> float:
     """Area of a rectangle over taken ones, share of its own; what is taken twice counts twice."""
     return sum(overlap(rect, other) for other in taken) / (rect[2] * rect[3])
-
-
-@compiled
-def covered_areas(corners: Floats, width: float, height: float, taken: Floats) -> Floats:
-    """Areas (n,) of boxes with top-left corners (n, 2) over taken rectangles (m, 4), px^2; what is taken twice counts
-    twice."""
-    areas = np.zeros(len(corners))
-    for n in range(len(corners)):
-        x, y = corners[n]
-        for m in range(len(taken)):
-            left, top, wide, high = taken[m]
-            across = min(x + width, left + wide) - max(x, left)
-            down = min(y + height, top + high) - max(y, top)
-            if across > 0 and down > 0:
-                areas[n] += across * down
-    return areas
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +57,7 @@ class Side:
 
     def corner(self, size: tuple[int, int], radius: float) -> Floats:
         """Top-left corner (2,) of a box of `size` (w, h) relative to the ball's centre, px; continuous in both."""
-        return _corners(_bearing(np.array([self.angle])), np.array([self.gap]), size, radius).reshape(2)
+        return np.array(_corner(self.angle, self.gap, float(size[0]), float(size[1]), radius))
 
     def towards(self, other: Side, share: float) -> Side:
         """A `share` of the way round the ball to another side."""
@@ -90,36 +78,53 @@ def place_label(
 
     `heading` (2,) is the direction of motion, zero at rest; `bounds` the picture's (w, h); `previous` where it was.
     """
-    angles, gaps = SIDES.T
-    corners = _corners(BEARINGS, gaps, size, radius) + centre
-    width, height = float(size[0]), float(size[1])
-    area = width * height
-    outside = area - covered_areas(corners, width, height, np.array([[0.0, 0.0, *bounds]]))
-    covered = covered_areas(corners, width, height, np.array(taken, dtype=np.float64).reshape(-1, 4))
-    cost = (8 * outside + 2 * covered) / area + FAR_COST * (gaps > GAPS[0])
-    cost += RANKS
-    cost += WAY_COST * (BEARINGS[0] @ heading) ** 2
-    if previous is not None:
-        cost += STAY_COST * np.abs((angles - previous.angle + np.pi) % (2 * np.pi) - np.pi) / np.pi
-    best = int(np.argmin(cost))
-    return Side(float(angles[best]), float(gaps[best]))
+    box = float(size[0]), float(size[1])
+    others = np.array(taken, dtype=np.float64).reshape(-1, 4)
+    stood = math.nan if previous is None else previous.angle
+    angle, gap = SIDES[_cheapest(box, centre, radius, heading, others, (float(bounds[0]), float(bounds[1])), stood)]
+    return Side(float(angle), float(gap))
 
 
-def _bearing(angles: Floats) -> tuple[Floats, Floats]:
-    """Unit vectors (n, 2) in directions, and the share (n, 2) of a box that lies on the near side of its middle."""
-    direction = np.column_stack([np.cos(angles), np.sin(angles)])
-    return direction, 0.5 - 0.5 * np.clip(direction * np.sqrt(2), -1, 1)
+@compiled
+def _cheapest(
+    size: tuple[float, float],
+    centre: Floats,
+    radius: float,
+    heading: Floats,
+    taken: Floats,
+    bounds: tuple[float, float],
+    stood: float,
+) -> int:
+    """Which of `SIDES` costs least; `taken` (n, 4) are rectangles, `stood` is the angle where the label was, or NaN."""
+    best, least, area = 0, np.inf, size[0] * size[1]
+    for k in range(len(SIDES)):
+        angle, gap = SIDES[k]
+        left, top = _corner(angle, gap, size[0], size[1], radius)
+        rect = (left + centre[0], top + centre[1], size[0], size[1])
+        covered = 0.0
+        for m in range(len(taken)):
+            covered += _overlap(rect, (taken[m, 0], taken[m, 1], taken[m, 2], taken[m, 3]))
+        outside = area - _overlap(rect, (0.0, 0.0, bounds[0], bounds[1]))
+        cost = (8 * outside + 2 * covered) / area + RANKS[k] + FAR_COST * (gap > GAPS[0])
+        cost += WAY_COST * (math.cos(angle) * heading[0] + math.sin(angle) * heading[1]) ** 2
+        if not math.isnan(stood):
+            cost += STAY_COST * abs((angle - stood + math.pi) % (2 * math.pi) - math.pi) / math.pi
+        if cost < least:
+            best, least = k, cost
+    return best
 
 
-BEARINGS = _bearing(SIDES[:, 0])
-"""Of all sides."""
+@compiled
+def _corner(angle: float, gap: float, width: float, height: float, radius: float) -> tuple[float, float]:
+    """Top-left corner of a box whose nearest point lies in a direction, at a gap in radii, from a ball at 0."""
+    across, down, distance = math.cos(angle), math.sin(angle), radius * (1 + gap) + 2
+    return across * distance - _near_side(across) * width, down * distance - _near_side(down) * height
 
 
-def _corners(bearing: tuple[Floats, Floats], gaps: Floats, size: tuple[int, int], radius: float) -> Floats:
-    """Top-left corners (n, 2) of boxes whose nearest points lie in directions, at gaps (n,), from a ball at 0."""
-    direction, share = bearing
-    distance = radius * (1 + gaps) + 2
-    return np.asarray(direction * distance[:, None] - share * np.array(size), dtype=np.float64)
+@compiled
+def _near_side(way: float) -> float:
+    """Share of a box that lies on the near side of its middle, by one number of its direction."""
+    return 0.5 - 0.5 * min(max(way * math.sqrt(2.0), -1.0), 1.0)
 
 
 def place_panel(

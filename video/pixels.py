@@ -15,6 +15,9 @@ Plane = NDArray[np.uint8]
 Mask = NDArray[np.uint8]
 Singles = NDArray[np.float32]
 
+CELL = 4
+"""px per side of the cells that a picture is made coarse by."""
+
 
 @compiled
 def _four(upper: Plane, lower: Plane, k: int) -> np.float32:
@@ -57,6 +60,44 @@ def fill_mixed(first: Plane, second: Plane, share: float, mixed: Plane) -> None:
 
 
 @compiled
+def fill_cells(picture: Picture, cells: Picture) -> None:
+    """Write the mean (h, w, 3) of every `CELL` x `CELL` pixels of a picture in one piece, halves to even."""
+    height, width = cells.shape[:2]
+    wide = picture.reshape(CELL * height, 3 * CELL * width)
+    made = cells.reshape(height, 3 * width)
+    total = np.empty(3 * CELL * width, dtype=np.uint16)
+    for j in range(height):
+        a, b, c, d = wide[CELL * j], wide[CELL * j + 1], wide[CELL * j + 2], wide[CELL * j + 3]
+        for n in range(len(total)):
+            total[n] = np.uint16(a[n]) + np.uint16(b[n]) + np.uint16(c[n]) + np.uint16(d[n])
+        line = made[j]
+        for i in range(width):
+            for k in range(3):
+                n = 3 * CELL * i + k
+                level = (
+                    np.uint32(total[n]) + np.uint32(total[n + 3]) + np.uint32(total[n + 6]) + np.uint32(total[n + 9])
+                )
+                even = (level >> np.uint32(4)) & np.uint32(1)
+                line[3 * i + k] = np.uint8((level + np.uint32(7) + even) >> np.uint32(4))
+
+
+@compiled
+def unlike(seen: Picture, empty: Singles, light: Singles, other: Singles) -> None:
+    """Write how bright (h, w) pixels are against an empty place (h, w, 3), and by how much they are then unlike it."""
+    for j in range(seen.shape[0]):
+        for i in range(seen.shape[1]):
+            both = own = np.float32(0)
+            for k in range(3):
+                both += np.float32(seen[j, i, k]) * empty[j, i, k]
+                own += empty[j, i, k] * empty[j, i, k]
+            share = both / max(own, np.float32(1))
+            most = np.float32(0)
+            for k in range(3):
+                most = max(most, abs(np.float32(seen[j, i, k]) - share * empty[j, i, k]))
+            light[j, i], other[j, i] = share, most
+
+
+@compiled
 def square(picture: Picture, x0: int, y0: int, x1: int, y1: int, luma: Singles) -> None:
     """Give every 2 x 2 pixels of a box, whose borders are even, one colour, in place; `luma` (3,) is kept of each.
 
@@ -94,6 +135,23 @@ def paint(picture: Picture, mask: Mask, x: int, y: int, colour: tuple[int, int, 
                 for k in range(3):
                     level = picture[y + j, x + i, k]
                     picture[y + j, x + i, k] = np.uint8(level + (colour[k] - level) * share + 0.5)
+
+
+@compiled
+def lay_over(picture: Picture, colours: Picture, cover: Singles, x: int, y: int, opacity: float) -> None:
+    """Lay colours (h, w, 3) over a picture as far as they cover it, (h, w) 0 to 1, their top-left pixel at (x, y).
+
+    What is outside is cut.
+    """
+    rows, columns = picture.shape[:2]
+    half, most = np.float32(0.5), np.float32(opacity)
+    for j in range(max(0, -y), min(cover.shape[0], rows - y)):
+        for i in range(max(0, -x), min(cover.shape[1], columns - x)):
+            share = most * cover[j, i]
+            for k in range(3):
+                level = np.float32(picture[y + j, x + i, k])
+                level += (np.float32(colours[j, i, k]) - level) * share
+                picture[y + j, x + i, k] = np.uint8(np.int32(level + half))
 
 
 @compiled

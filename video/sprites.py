@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from video.pixels import unlike
 from video.plate import Plate, fill_behind
 
 Floats = NDArray[np.float64]
@@ -229,9 +230,8 @@ def _share(own: Singles, theirs: Singles, in_front: bool) -> Singles:
 
 def _shaded(seen: Picture, empty: Singles, ball: Mask) -> Singles:
     """(h, w) 1 where a picture shows the ball, or the empty table in another light; 0 where something else: a cue."""
-    wide = seen.astype(np.float32)
-    light = (wide * empty).sum(axis=2) / np.maximum((empty * empty).sum(axis=2), 1)
-    other = np.abs(wide - light[..., None] * empty).max(axis=2)
+    light, other = np.empty(ball.shape, dtype=np.float32), np.empty(ball.shape, dtype=np.float32)
+    unlike(seen, empty, light, other)
     fits = np.clip(2 - other / OTHER_COLOUR, 0, 1) * ((light > SHADE_LIMITS[0]) & (light < SHADE_LIMITS[1]))
     fits = np.where(ball, 1, fits)
     return np.asarray(cv2.blur(cv2.erode(fits.astype(np.float32), np.ones((3, 3))), (3, 3)), dtype=np.float32)
@@ -264,7 +264,8 @@ def _cut(
     usual = (seen[tight] * sure).sum(axis=(0, 1)) / max(float(sure.sum()), 1e-3)
     colour = usual + (seen - usual) * mine[..., None]
     fringe = (seen - empty * (1 + shade)) * (1 - mask) * halo[..., None]
-    cover = np.concatenate([colour * mask + fringe, mask], axis=2)[tight].astype(np.float32)
+    cover = np.empty((*sure.shape[:2], 4), dtype=np.float32)
+    cover[..., :3], cover[..., 3:] = (colour * mask + fringe)[tight], mask[tight]
     inset = (int(columns[0]), int(rows[0]))
     shown = np.maximum(mine[tight], LEAST_SEEN)
     return Sprite(x, y, outline.centre, shade.astype(np.float32), cover, shown, inset, outline.way - outline.centre)

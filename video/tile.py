@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from video.palette import Colour
+from video.pixels import lay_over
 
 Picture = NDArray[np.uint8]
 Mask = NDArray[np.uint8]
@@ -38,16 +38,8 @@ class Tile:
 
     def lay(self, picture: Picture, x: int, y: int, opacity: float = 1.0) -> None:
         """Lay it over `picture` with its top-left pixel at (x, y), in place; what is outside is cut."""
-        height, width = picture.shape[:2]
-        left, top = max(0, -x), max(0, -y)
-        here = np.s_[top : max(top, height - y), left : max(left, width - x)]
-        cover = self.cover[here]
-        if cover.size == 0 or opacity <= 0:
-            return
-        if opacity < 1:
-            cover = cover * np.float32(opacity)
-        ground = picture[y + top : y + top + cover.shape[0], x + left : x + left + cover.shape[1]]
-        ground[:] = cv2.blendLinear(self.colours[here], ground, cover, 1 - cover)
+        if opacity > 0:
+            lay_over(picture, self.colours, self.cover, x, y, float(opacity))
 
 
 def stacked(width: int, height: int, inks: Sequence[Ink]) -> Tile:

@@ -59,13 +59,14 @@ class VideoWriter:
         context = self._stream.codec_context
         context.thread_count = threads
         context.gop_size = max(1, round(rate * key_s))
-        self._set_up(crf, preset, tuning, 1 / rate if time_base is None else time_base)
+        self._base = 1 / rate if time_base is None else time_base
+        self._set_up(crf, preset, tuning)
 
-    def _set_up(self, crf: int, preset: str, tuning: str, time_base: Fraction) -> None:
+    def _set_up(self, crf: int, preset: str, tuning: str) -> None:
         context = self._stream.codec_context
         context.width, context.height = self._shape[1] + self._pad[1][1], self._shape[0] + self._pad[0][1]
         context.pix_fmt = FORMAT
-        context.time_base = time_base
+        context.time_base = self._base
         context.max_b_frames = 0
         params = "force-cfr=1" + (f":{tuning}" if tuning else "")
         context.options = {"crf": str(crf), "preset": preset, "x264-params": params}
@@ -80,9 +81,8 @@ class VideoWriter:
             raise ValueError(f"a picture of {self._shape} uint8 is wanted; got {rgb.shape} {rgb.dtype}")
         even = np.pad(rgb, self._pad, mode="edge") if self._pad != ((0, 0), (0, 0), (0, 0)) else rgb
         picture = planes_of(np.ascontiguousarray(even))
-        base = Fraction(self._stream.codec_context.time_base)
-        self._last = self._count if at is None else max(round(at / base), self._last + 1)
-        picture.pts, picture.time_base = self._last, base
+        self._last = self._count if at is None else max(round(at / self._base), self._last + 1)
+        picture.pts, picture.time_base = self._last, self._base
         self._count += 1
         self._container.mux(self._stream.encode(picture))
 
