@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -37,25 +38,60 @@ MOST_TIMES = 8
 """Contacts whose time is written: more would hide the table."""
 
 
+@dataclass(slots=True)
+class Poster:
+    """The last picture of a shot with every ball along its way, as a stroboscope sees it, and its contacts.
+
+    It is shown the pictures in order, by whoever reads them anyway: `rows` of them are enough.
+    """
+
+    sightings: Sightings
+    plate: Plate
+    flashes: list[tuple[int, int]]
+    """Row and ball of every ghost."""
+    rows: frozenset[int]
+    ghosts: list[tuple[Sprite, Floats]] = field(default_factory=list)
+    first: Picture | None = None
+    last: Picture | None = None
+
+    @classmethod
+    def of(cls, scenery: Scenery) -> Poster:
+        """A poster that has seen nothing yet."""
+        sightings, flashes = scenery.sightings, _flashes(scenery.sightings)
+        rows = frozenset({0, len(sightings.t) - 1, *(row for row, _ in flashes)})
+        return cls(sightings, scenery.plate, flashes, rows)
+
+    def see(self, row: int, picture: Picture) -> None:
+        """Take from the picture (H, W, 3) of a row what belongs on the poster; it is not written into."""
+        if row not in self.rows:
+            return
+        self.first, self.last = picture if self.first is None else self.first, picture
+        balls = [ball for k, ball in self.flashes if k == row]
+        self.ghosts += _cut(self.sightings, self.plate, row, picture, balls)
+
+    def write(self, tracks: Tracks, fit: Fit, path: Path, options: RenderOptions = EIGHTFOLD) -> None:
+        """Write it as a PNG; ValueError before any picture was seen."""
+        if self.first is None or self.last is None:
+            raise ValueError("a poster is made of pictures; it was shown none")
+        still = self.last.copy()
+        annotation = annotate(self.sightings, tracks, fit, self.first, options.slow)
+        _draw(still, self.sightings, annotation, self.ghosts, fit)
+        encoded, data = cv2.imencode(".png", cv2.cvtColor(still, cv2.COLOR_RGB2BGR))
+        if not encoded:
+            height, width = still.shape[:2]
+            raise ClipError(f"the poster {path.name} was to be a PNG of {width} x {height} px; it failed")
+        path.write_bytes(data.tobytes())
+
+
 def render_poster(
     clip: Clip, scenery: Scenery, tracks: Tracks, fit: Fit, path: Path, options: RenderOptions = EIGHTFOLD
 ) -> None:
-    """Write a PNG: the last picture with every ball along its way, as a stroboscope sees it, and its contacts."""
-    sightings, plate = scenery.sightings, scenery.plate
-    flashes = _flashes(sightings)
-    rows = sorted({0, len(sightings.t) - 1, *(row for row, _ in flashes)})
-    ghosts: list[tuple[Sprite, Floats]] = []
-    picture = first = np.zeros((clip.height, clip.width, 3), dtype=np.uint8)
-    for row, (_, picture) in zip(rows, read_frames(clip, indices=sightings.frame[rows]), strict=True):
-        first = picture if row == 0 else first
-        ghosts += _cut(sightings, plate, row, picture, [ball for k, ball in flashes if k == row])
-    still = picture.copy()
-    annotation = annotate(sightings, tracks, fit, first, options.slow)
-    _draw(still, sightings, annotation, ghosts, fit)
-    encoded, data = cv2.imencode(".png", cv2.cvtColor(still, cv2.COLOR_RGB2BGR))
-    if not encoded:
-        raise ClipError(f"the poster of {clip.path.name} was to be a PNG of {clip.width} x {clip.height} px; it failed")
-    path.write_bytes(data.tobytes())
+    """Write the poster of a clip that nobody reads besides."""
+    poster = Poster.of(scenery)
+    rows = sorted(poster.rows)
+    for row, (_, picture) in zip(rows, read_frames(clip, indices=scenery.sightings.frame[rows]), strict=True):
+        poster.see(row, picture)
+    poster.write(tracks, fit, path, options)
 
 
 def _flashes(sightings: Sightings) -> list[tuple[int, int]]:

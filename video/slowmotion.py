@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain, islice
@@ -31,6 +31,7 @@ __all__ = ["RenderOptions", "render_poster", "render_slow_motion"]
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+Onlooker = Callable[[int, Picture], None]
 
 LEAST_RATE, MOST_RATE = Fraction(25), Fraction(60)
 """1/s, pictures per second of the finished video."""
@@ -49,6 +50,10 @@ AT_ONCE = 256
 """Times for which the balls are looked up together: asked for one by one they take ten times as long."""
 SNAP = 0.05
 """Share of the step between finished pictures within which a real picture is shown as it is."""
+
+
+def unseen(row: int, picture: Picture) -> None:
+    """An onlooker who does not look."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +75,12 @@ def render_slow_motion(
     path: Path,
     options: RenderOptions = EIGHTFOLD,
     progress: Progress = silent,
+    onlooker: Onlooker = unseen,
 ) -> float:
     """Write the annotated slow motion to `path` as H.264, at the clip's rate held within 25 to 60 pictures a second.
 
-    An umpire sees every contact once more afterwards. Returns the time of the clip, s, that its first picture shows.
+    An umpire sees every contact once more afterwards. The `onlooker` is shown every real picture, not to be written
+    into, and its row. Returns the time of the clip, s, that the first picture of the slow motion shows.
     """
     rate = min(max(clip.rate, LEAST_RATE), MOST_RATE)
     times = _times(scenery.sightings, rate, options)
@@ -84,7 +91,7 @@ def render_slow_motion(
     with VideoWriter(
         path, clip.width, clip.height, rate, crf=crf, preset=preset, tuning=tuning, threads=THREADS, key_s=KEY_S
     ) as writer:
-        shot = _pictures(clip, scenery, tracks, fit, times, options)
+        shot = _pictures(clip, scenery, tracks, fit, times, options, onlooker)
         closer = replays(clip, scenery, marks, float(rate), options.slow) if marks else iter(())
         for done, picture in enumerate(ahead(chain(shot, closer), AHEAD), start=1):
             writer.write(picture)
@@ -114,16 +121,17 @@ def _pictures(
     fit: Fit,
     times: Floats,
     options: RenderOptions,
+    onlooker: Onlooker,
 ) -> Iterator[Picture]:
     """The finished pictures in order: drawn upon while those after them are made."""
     annotation: Annotation | None = None
-    for made in ahead(_made(clip, scenery, fit, times), AHEAD):
+    for made in ahead(_made(clip, scenery, fit, times, onlooker), AHEAD):
         annotation = annotation or annotate(scenery.sightings, tracks, fit, made.picture, options.slow, options.style)
         annotation.draw(made.picture, made.t, made.balls, made.plan)
         yield made.picture
 
 
-def _made(clip: Clip, scenery: Scenery, fit: Fit, times: Floats) -> Iterator[_Made]:
+def _made(clip: Clip, scenery: Scenery, fit: Fit, times: Floats, onlooker: Onlooker) -> Iterator[_Made]:
     """The pictures in order, two real ones held at a time."""
     sightings = scenery.sightings
     rows, _ = sightings.places(times)
@@ -132,6 +140,7 @@ def _made(clip: Clip, scenery: Scenery, fit: Fit, times: Floats) -> Iterator[_Ma
     before: Picture | None = None
     interval: Interval | None = None
     for row, (_, after) in enumerate(read_frames(clip, indices=sightings.frame), start=-1):
+        onlooker(row + 1, after)
         if before is not None and count[row]:
             interval = open_interval(sightings, scenery.plate, row, before, after, sharp=scenery.sharp, before=interval)
             for t, balls, way, plan in islice(moments, int(count[row])):

@@ -19,12 +19,13 @@ def render_stage(options: RenderOptions) -> Stage:
 
 def _run(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
     from video.inbetween import scenery_of  # slow to import, and not needed while cached
-    from video.poster import render_poster
+    from video.poster import Poster
     from video.sightings import sight
     from video.slowmotion import render_slow_motion
 
     clip, tracks, fit = (inputs[name] for name in ("read", "track", "fit"))
     scenery = scenery_of(sight(inputs["calibrate"], tracks, fit), clip)
-    render_poster(clip, scenery, tracks, fit, folder / "poster.png", options)
-    start = render_slow_motion(clip, scenery, tracks, fit, folder / "slow.mp4", options, progress)
+    poster = Poster.of(scenery)
+    start = render_slow_motion(clip, scenery, tracks, fit, folder / "slow.mp4", options, progress, poster.see)
+    poster.write(tracks, fit, folder / "poster.png", options)
     (folder / START).write_text(json.dumps(start), encoding="utf-8")
