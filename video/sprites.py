@@ -97,9 +97,9 @@ def taps_along(way: Floats) -> Floats:
     return np.column_stack([np.interp(place, known, way[:, axis]) for axis in (0, 1)])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Sprite:
-    """A ball cut out: its colour with a soft mask, and how it shades the cloth around."""
+    """A ball cut out: its colour with a soft mask, and how it shades the cloth around. Each is itself alone."""
 
     x: int
     y: int

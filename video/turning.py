@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +36,9 @@ def bends_between(first: Sprite, second: Sprite, radius: float) -> tuple[Singles
     """
     half = int(np.ceil(1.15 * radius)) + 2
     times = float(np.clip(LEAST_SIDE / (2 * half + 1), 1.0, LARGEST_TIMES))
-    views = [_view(sprite, half, times) for sprite in (first, second)]
     if not all(_is_seen(sprite, half, radius) for sprite in (first, second)):
         return None
+    views = [_view(sprite, half, times) for sprite in (first, second)]
     bends = []
     for a, b in (views, views[::-1]):
         way = flow_between(a, b)
@@ -46,8 +48,12 @@ def bends_between(first: Sprite, second: Sprite, radius: float) -> tuple[Singles
     return bends[0], bends[1]
 
 
+@lru_cache(maxsize=64)
 def _view(sprite: Sprite, half: int, times: float) -> Picture:
-    """(n, n) grey, magnified: the ball around its centre on a ground of its own mean brightness, which has no edge."""
+    """(n, n) grey, magnified: the ball around its centre on a ground of its own mean brightness, which has no edge.
+
+    Shared, not to be written into: a ball is seen once for the way to it and once for the way on.
+    """
     grey, mask = cv2.split(_around(cv2.transform(sprite.cover, TO_GREY), sprite, half, times))
     mask = np.clip(mask, 0, 1)
     mean = cv2.sumElems(grey)[0] / max(cv2.sumElems(mask)[0], 1.0)
