@@ -87,9 +87,11 @@ def _without_highlight(lab: Floats) -> NDArray[np.bool_]:
 
 
 def _value(rgb: NDArray[np.float32], counted: NDArray[np.bool_]) -> Floats:
-    """Median (K,) of the brightest channel, 0 to 1, of the samples (K, n, 3) that count, (K, n)."""
-    brightest = np.where(counted, rgb.max(axis=2), np.nan)
-    return np.asarray(np.nanmedian(brightest, axis=1) / 255, dtype=np.float64)
+    """Median (K,) of the brightest channel, 0 to 1, of the samples (K, n, 3) that count, (K, n), some of each."""
+    ranked = np.sort(np.where(counted, rgb.max(axis=2), np.inf), axis=1)
+    row, count = np.arange(len(ranked)), counted.sum(axis=1)
+    middle = (ranked[row, (count - 1) // 2] + ranked[row, count // 2]) / 2
+    return np.asarray(middle / 255, dtype=np.float64)
 
 
 def _is_white(lab: Floats, white: Floats) -> NDArray[np.bool_]:

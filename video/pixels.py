@@ -82,6 +82,17 @@ def fill_cells(picture: Picture, cells: Picture) -> None:
 
 
 @compiled
+def dots(first: Singles, second: Singles) -> Singles:
+    """Scalar products (n,) of colours (n, 3) with others (n, 3), or all with one (1, 3)."""
+    products = np.empty(len(first), dtype=np.float32)
+    step = np.intp(len(second) > 1)
+    for n in range(len(first)):
+        a, b = first[n], second[n * step]
+        products[n] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return products
+
+
+@compiled
 def unlike(seen: Picture, empty: Singles, light: Singles, other: Singles) -> None:
     """Write how bright (h, w) pixels are against an empty place (h, w, 3), and by how much they are then unlike it."""
     for j in range(seen.shape[0]):

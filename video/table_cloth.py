@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from video.pixels import dots
+
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
@@ -101,12 +103,12 @@ def cloth_likeness(picture: Picture, colour: Floats) -> tuple[NDArray[np.float32
 
     `colour` is (3,) RGB, or (H, W, 3) where the light differs from place to place.
     """
-    rgb, cloth = picture.astype(np.float32), colour.astype(np.float32)
-    length = np.sqrt(np.einsum("...c,...c->...", rgb, rgb))
-    usual = np.maximum(np.sqrt(np.einsum("...c,...c->...", cloth, cloth)), 1)
-    along = np.einsum("...c,...c->...", rgb, cloth) / usual
-    angle = np.arccos(np.clip(along / np.maximum(length, 1e-3), -1, 1))
-    return angle.astype(np.float32), (length / usual).astype(np.float32)
+    rgb, cloth = (levels.astype(np.float32).reshape(-1, 3) for levels in (picture, colour))
+    length = np.sqrt(dots(rgb, rgb))
+    usual = np.maximum(np.sqrt(dots(cloth, cloth)), 1)
+    along = dots(rgb, cloth) / usual
+    angle = np.arccos(np.clip(along / np.maximum(length, 1e-3), -1, 1)).astype(np.float32)
+    return angle.reshape(picture.shape[:2]), (length / usual).astype(np.float32).reshape(picture.shape[:2])
 
 
 def local_cloth(picture: Picture, width: int, height: int) -> Floats:

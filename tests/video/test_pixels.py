@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from video.pixels import CELL, fill_cells, fill_mixed, lay_over, paint, unlike
+from video.pixels import CELL, dots, fill_cells, fill_mixed, lay_over, paint, unlike
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
@@ -61,3 +61,10 @@ def test_what_is_unlike_the_empty_place_in_its_own_light_stands_out() -> None:
     assert not lit[2, 3]
     assert lit.sum() == 41
     np.testing.assert_allclose(light[lit], np.broadcast_to(np.linspace(0.5, 1.5, 6)[:, None], (6, 7))[lit], atol=0.03)
+
+
+@pytest.mark.parametrize("others", [1, 50])
+def test_products_of_colours_are_those_of_their_channels_added(others: int) -> None:
+    rng = np.random.default_rng(9)
+    first, second = (rng.random((count, 3), dtype=np.float32) for count in (50, others))
+    np.testing.assert_allclose(dots(first, second), (first * second).sum(axis=1), rtol=1e-6)
