@@ -25,7 +25,8 @@ _REFUTED = 3.0
 """times the cost of a hypothesis, from which no other starts can save one that was begun from it."""
 _LITTLE = 0.5
 """of its natural strength, up to which an effect may have been imitated by hidden states: it is then begun from all of
-it, with states from what is seen alone, for those that were fitted without it keep imitating it."""
+it, with states from what is seen alone, for those that were fitted without it keep imitating it. So is another form
+that leaves much."""
 
 
 def tried(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
@@ -72,7 +73,8 @@ def _starting_from(
         if near.names <= names and alike and found.cost > near.fitted.cost:  # a long step led some windows astray
             found = fit(question, found.pieces, effects, forms, near.fitted.shared, near.fitted.starts, GLANCE)
         yield found
-        if alike and _imitated(question, found, fresh) and allowed(question, near.fitted, forms, natural):
+        hidden = _imitated(question, found, fresh) if alike else found.lack > LEFT
+        if hidden and allowed(question, near.fitted, forms, natural):
             anew = fit(question, near.fitted.pieces, effects, forms, natural, None, GLANCE)
             found = min(found, anew, key=lambda one: one.cost)
         explained = near.fitted.cost - best

@@ -19,6 +19,7 @@ from diagnosis.growing import sought_anew
 from diagnosis.hypotheses import Hypothesis, Search, signatures_of
 from diagnosis.signatures import Signatures
 from diagnosis.trying import LEFT, begun_from, tried, with_details
+from diagnosis.unknown import SUSPICIOUS, agreement
 
 Floats = NDArray[np.float64]
 
@@ -118,7 +119,7 @@ def _of_no_more(state: Search, now: Hypothesis) -> Hypothesis:
 def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
     """The best hypothesis of one effect more, where that one is needed; else the best pair: of two effects that do as
     much, neither alone explains more than it leaves."""
-    for names in _proposals(state, now):
+    for names in proposals(state, now):
         tried(state, names, now)
     found = _needed_beside(state, now)
     half = None if found is not None else _half(state, now)
@@ -197,7 +198,7 @@ def chance(state: Search, one: Hypothesis, name: str) -> float:
     return -float(np.expm1(len(state.choices) * np.log1p(-min(single, 1 - 1e-16))))
 
 
-def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
+def proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
     """The next larger hypotheses that signatures rank first, other published forms, and from nothing also a pair."""
     found = signatures_of(state, now)
     gains = _gains(state, now)
@@ -205,12 +206,17 @@ def _proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
     if now.fitted.lack > LEFT:
         first += [name for name in gains if name not in first and _strength_known(state.question, name)]
     forms = [choice.name for choice in state.question.scene.alternatives if choice.name not in now.names]
-    forms = [] if now.names and now.fitted.excess == 0 else forms  # effects that leave noise alone stand for the form
+    forms = [] if now.names and _settled(state, now) else forms  # effects that leave noise alone stand for the form
     proposals = [now.names | {name} for name in (*first, *forms)]
     if not now.names:
         pairs = sorted(combinations(gains, 2), key=lambda two: _promise(state, found, two), reverse=True)
         proposals += [frozenset(two) for two in pairs[:1] if _beats(state, found, two, gains)]
     return proposals
+
+
+def _settled(state: Search, now: Hypothesis) -> bool:
+    """Whether a hypothesis leaves noise alone, and all shots agree about its strengths."""
+    return now.fitted.excess == 0 and agreement(state.told[now.names], now.fitted) > SUSPICIOUS
 
 
 def _gains(state: Search, now: Hypothesis) -> dict[str, float]:

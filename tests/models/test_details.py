@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from played_shots import SIGMA, TABLE, numbers, opening
@@ -10,6 +12,7 @@ from diagnosis.fitting import fit, question_of
 from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.pieces import fit_begun
 from diagnosis.trying import begun_from, details_of, tried, with_details
+from diagnosis.which import proposals
 from models.billiards.gap import billiards_scene
 from models.billiards.playing import Laws, packed, played
 from models.gap_scene import Recording
@@ -17,14 +20,14 @@ from models.gap_scene import Recording
 SPEED, POWER = "cushion_restitution_speed", "cushion_restitution_power"
 
 
-def searched(**truth: float) -> Search:
+def searched(laws: Laws | None = None, **truth: float) -> Search:
     """Nothing tried yet, of six shots that begin with a strike."""
     shots = []
     for seed in range(6):
         rng = np.random.default_rng(seed)
         start, moving = opening(rng)
         t = np.arange(60) / 60
-        run = played(packed(start, moving), moving, TABLE, numbers(**truth), Laws(), 1.0)
+        run = played(packed(start, moving), moving, TABLE, numbers(**truth), laws or Laws(), 1.0)
         xy = run.at(t)[..., :2]
         xy = xy + SIGMA * rng.normal(size=xy.shape)
         shots.append(Recording(seed, np.arange(60), t, ("a", "b", "c"), xy, np.full(xy.shape[:2], SIGMA)))
@@ -55,3 +58,14 @@ def test_a_smaller_hypothesis_gets_the_details_of_the_larger_one() -> None:
     larger = fit(question, base.pieces, (SPEED, "nap", POWER))
     assert begun_from(question, smaller, larger).names == (SPEED, POWER)
     assert details_of(question, frozenset({"nap"})) == ()
+
+
+def test_another_law_is_tried_where_its_twin_leaves_little_but_shots_disagree() -> None:
+    """Friction of balls stands for Alciatore's law, of another strength in each shot."""
+    state = searched(Laws(ball="alciatore"), ball_friction__mu=0.0)
+    question, base = state.question, state.base.fitted
+    twin = Hypothesis(frozenset({"ball_friction"}), fit(question, base.pieces, ("ball_friction",)))
+    quiet = replace(twin.fitted, shooting=replace(twin.fitted.shooting, cost=0.9 * twin.fitted.observations))
+    state.tried[twin.names] = twin = Hypothesis(twin.names, quiet)
+    assert twin.fitted.excess == 0
+    assert frozenset({"ball_friction", "ball_law"}) in proposals(state, twin)
