@@ -16,6 +16,8 @@ INTERRUPTED = 130
 FAREWELL = "trueroll: interrupted; nothing half-written is left\n"
 ALGEBRA = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """What numpy's libraries ask for their number of threads."""
+WAITING = ("OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER", "OPENCV_THREAD_POOL_ACTIVE_WAIT_MAIN")
+"""For how many turns OpenCV's threads wait for each other without letting anybody else run."""
 COLLECT_EVERY = 20_000
 """Objects made beyond those freed, between two looks for garbage in cycles: Python's own 700 are for small programs."""
 AGAIN_S = 0.05
@@ -26,6 +28,7 @@ def main() -> NoReturn:
     """The program: 0 all went well, 1 some of it failed, 2 wrong usage, 130 interrupted."""
     signal.signal(signal.SIGINT, _drop)
     spare_threads()
+    spare_collections()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a file's name may be no text
     from pipeline.execute import execute  # heavy: a second or more
@@ -47,9 +50,12 @@ def main() -> NoReturn:
 
 def spare_threads() -> None:
     """Let linear algebra run on one thread, unless the user says otherwise, before numpy is imported: its matrices are
-    small here, and threads that wait for each other on a busy machine cost ten times what they bring."""
+    small here, and threads that wait for each other on a busy machine cost ten times what they bring. Those of OpenCV
+    sleep where they would wait: a fourteenth of what a clip costs."""
     for name in ALGEBRA:
         os.environ.setdefault(name, "1")
+    for name in WAITING:
+        os.environ.setdefault(name, "0")
 
 
 def spare_collections() -> None:
