@@ -19,6 +19,8 @@ Ints = NDArray[np.int64]
 
 _SIDE = 6
 """pictures on either side: a parabola holds over twice as many."""
+_NARROW = 4
+"""the fewest, on a side where a contact is near."""
 _MOST = 15
 """pictures lost at once."""
 _GAIN = 40.0
@@ -41,12 +43,16 @@ class TimeJump:
     """chi2 that they explain."""
 
 
-def time_jumps(tracks: Tracks, interval: float, scale: float = 1.0) -> tuple[TimeJump, ...]:
-    """Lost pictures, in the order of time; `interval` is s between pictures, `scale` a factor on the tracks' sigmas."""
+def time_jumps(tracks: Tracks, interval: float, scale: float = 1.0, expected: bool = False) -> tuple[TimeJump, ...]:
+    """Lost pictures, in the order of time; `interval` is s between pictures, `scale` a factor on the tracks' sigmas.
+
+    Where they are `expected`, for other recordings of the same camera lack some, contacts nearby are no reason against
+    them: a ball is looked at over fewer pictures, or left out where no pause explains it.
+    """
     found: list[TimeJump] = []
     times = tracks.t
     for _ in range(len(tracks.t)):
-        best = max((_jump_after(tracks, times, row, interval, scale) for row in range(len(times) - 1)),
+        best = max((_jump_after(tracks, times, row, interval, scale, expected) for row in range(len(times) - 1)),
                    key=lambda jump: jump.gain, default=None)  # fmt: skip
         if best is None or best.gain < _GAIN or any(best.after == known.after for known in found):
             break
@@ -63,7 +69,7 @@ def with_pauses(t: Floats, jumps: tuple[TimeJump, ...], interval: float) -> Floa
     return taken
 
 
-def _jump_after(tracks: Tracks, times: Floats, row: int, interval: float, scale: float) -> TimeJump:
+def _jump_after(tracks: Tracks, times: Floats, row: int, interval: float, scale: float, expected: bool) -> TimeJump:
     """The pause after `row` that all moving balls together support best; no gain where none does."""
     rows = np.arange(max(row - _SIDE + 1, 0), min(row + _SIDE + 1, len(times)))
     if row - rows[0] + 1 < _SIDE - 1 or rows[-1] - row < _SIDE - 1:
@@ -72,14 +78,29 @@ def _jump_after(tracks: Tracks, times: Floats, row: int, interval: float, scale:
     for ball in range(len(tracks.ids)):
         seen = rows[tracks.observed[rows, ball]]
         before = int((seen <= row).sum())
-        if min(before, len(seen) - before) < 4 or not _goes_on(times[seen], tracks.xy[seen, ball], before):
+        if min(before, len(seen) - before) < _NARROW:
             continue
-        chi2 += _misfits(times[seen], tracks.xy[seen, ball], scale * tracks.sigma[seen, ball], before, interval)
-        free += 2 * len(seen) - 6
+        t, xy, sigma = times[seen], tracks.xy[seen, ball], scale * tracks.sigma[seen, ball]
+        for part in _parts(before, len(seen)) if expected else (slice(0, len(seen)),):
+            own_before, own_free = before - part.start, 2 * (part.stop - part.start) - 6
+            if not _goes_on(t[part], xy[part], own_before):
+                continue
+            own = _misfits(t[part], xy[part], sigma[part], own_before, interval)
+            if not expected or own.min() <= _FIT * own_free:
+                chi2 += own
+                free += own_free
+                break
     lost = int(np.argmin(chi2))
     if free == 0 or chi2[lost] > _FIT * free:
         return TimeJump(row, 0, 0.0)
     return TimeJump(row, lost, float(chi2[0] - chi2[lost]))
+
+
+def _parts(before: int, count: int) -> list[slice]:
+    """Parts of so many samples on both sides of a pause, the longest first."""
+    narrow = max(before - _NARROW, 0), min(before + _NARROW, count)
+    parts = [slice(first, last) for first in (0, narrow[0]) for last in (count, narrow[1])]
+    return sorted(parts, key=lambda part: part.start - part.stop)
 
 
 def _goes_on(t: Floats, xy: Floats, before: int) -> bool:

@@ -133,6 +133,8 @@ def billiards_scene(
     """The scene of these recordings; without a picture the table is taken to fill it, 350 px to the metre."""
     around = Picture(np.array([table.length, table.width]) / 2, table.width, 350.0)
     jumps = tuple(jump for recording in recordings for jump in _jumps(recording, table))
+    if jumps:  # a camera that loses pictures loses them near contacts too
+        jumps = tuple(jump for recording in recordings for jump in _jumps(recording, table, expected=True))
     shown = around if picture is None else picture
     # where no shot leaps ahead none can have lost pictures: that is an answer, not an effect that might be missed
     held = tuple(one for one in BILLIARDS if one.name != "dropped_frames" or jumps or one.name in assumed)
@@ -167,12 +169,12 @@ def _follow_directly(one: Recording, other: Recording) -> bool:
     return one.shot == other.shot and 0 < other.t[0] - one.t[-1] < 1.5 * step
 
 
-def _jumps(recording: Recording, table: Table) -> list[tuple[int, float, float]]:
+def _jumps(recording: Recording, table: Table, expected: bool = False) -> list[tuple[int, float, float]]:
     """Where pictures seem to be missing: shot, time of the first picture after them, time between two pictures."""
     if len(recording.t) < 2:
         return []
     interval = float(np.median(np.diff(recording.t)))
-    found = time_jumps(_tracks(recording, table), interval)
+    found = time_jumps(_tracks(recording, table), interval, expected=expected)
     return [(recording.shot, float(recording.t[jump.after + 1]), interval) for jump in found[:1]]
 
 

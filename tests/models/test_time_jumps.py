@@ -75,3 +75,17 @@ def test_a_strike_is_no_loss() -> None:
         tracks = rolling(rng, rng.uniform(0.2, 1.0))
         still = np.concatenate([np.repeat(tracks.xy[:1], 20, axis=0), tracks.xy[:100]])
         assert time_jumps(replace(tracks, xy=still), 1 / FPS) == ()
+
+
+def test_pictures_lost_near_a_contact_are_found_where_they_are_expected() -> None:
+    """A turn four pictures after the loss leaves too few on that side for a camera that is not known to lose any."""
+    rng, lost = np.random.default_rng(4), np.zeros(120, bool)
+    lost[[round(FPS) - 5, round(FPS) - 4]] = True
+    for _ in range(10):
+        whole = rolling(rng, rng.uniform(0.8, 1.5), turn_at=1.0)
+        shown = without(whole, lost)
+        assert time_jumps(shown, 1 / FPS) == ()
+        (found,) = time_jumps(shown, 1 / FPS, expected=True)
+        assert found.lost == 2
+    for _ in range(20):
+        assert time_jumps(rolling(rng, rng.uniform(0.2, 1.0), turn_at=1.0), 1 / FPS, expected=True) == ()
