@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from diagnosis.close import Ahead, Closing
-from diagnosis.verdict import Candidate, Gap, Place, Report, Strength
+from diagnosis.verdict import Candidate, EffectShare, Gap, Place, Report, Strength
 from models.gap_scene import Recording
-from pipeline.gap_page import _plots
+from pipeline.gap_page import _plots, write_gap_page
 from pipeline.gap_words import causes, gap_sentence, strengths
 
 NOTHING = Closing(0.02, 0.02, 0.01, float("nan"), (-1.0, 1.0), False)
@@ -35,6 +36,17 @@ def test_what_is_unknown_is_told_by_where_most_of_it_shows_not_in_sigmas() -> No
     assert "sigma" not in said
     assert "growing with time" in gap_sentence(report("unknown", at("free_roll", 1.0, "time")))
     assert gap_sentence(report("unknown")).endswith("does not hold.")
+
+
+def test_the_page_says_what_each_of_several_effects_closes(tmp_path: Path) -> None:
+    shares = (EffectShare("air_drag", -0.02, (-0.04, 0.35)), EffectShare("cushion_law", 0.96, (0.66, 0.98)))
+    told = replace(report("effects"), effects=("air_drag", "cushion_law"), per_effect=shares)
+    write_gap_page(told, "carom", tmp_path / "gap.html")
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert "How much of the gap each one closes" in page
+    assert "<td>96 %</td><td>66 to 98 %</td>" in page
+    write_gap_page(replace(told, per_effect=shares[:1]), "carom", tmp_path / "gap.html")
+    assert "each one closes" not in (tmp_path / "gap.html").read_text(encoding="utf-8")
 
 
 def test_predictions_after_are_drawn_only_where_something_was_added() -> None:
