@@ -50,6 +50,7 @@ def test_shots_name_the_law_of_their_cushions() -> None:
 def test_only_what_the_laws_look_at_is_sought() -> None:
     names = {prior.name for prior in unknowns_of(Laws("mirror", "alciatore"))}
     assert "ball_friction.mu" not in names
+    assert "cushion_restitution_power.power" not in names
     assert {"sliding_friction.mu", "cushion_friction.mu", "ball_restitution.e", "nose.left"} <= names
 
 
