@@ -57,6 +57,14 @@ class Search:
         """All effects and forms that may be missing."""
         return (*self.question.candidates, *(choice.name for choice in self.question.scene.alternatives))
 
+    def improve(self, one: Hypothesis, better: Fitted) -> Hypothesis:
+        """Take a better fit of a hypothesis in place of its own; what was told at that no longer holds."""
+        if better is one.fitted:
+            return one
+        self.told.pop(one.names, None)
+        self.tried[one.names] = Hypothesis(one.names, better)
+        return self.tried[one.names]
+
     def lack(self) -> float:
         """The least lack of fit that any hypothesis leaves: what the data scatter beyond the noise promised."""
         return min(one.fitted.lack for one in self.tried.values())

@@ -105,11 +105,8 @@ def with_details(state: Search, one: Hypothesis) -> Hypothesis:
     """A hypothesis with what its laws leave open, where something is left that this explains."""
     if one.fitted.lack <= LEFT:
         return one
-    best = min((one.fitted, *_finer(state.question, one.fitted, one.names)), key=lambda fitted: fitted.cost)
-    if best is not one.fitted:
-        one = state.tried[one.names] = Hypothesis(one.names, best)
-        state.told.pop(one.names, None)
-    return one
+    finer = _finer(state.question, one.fitted, one.names)
+    return state.improve(one, min((one.fitted, *finer), key=lambda fitted: fitted.cost))
 
 
 def _imitated(question: Question, found: Fitted, fresh: NDArray[np.bool_]) -> bool:

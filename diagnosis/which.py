@@ -182,11 +182,7 @@ def _levelled(state: Search, other: Hypothesis, one: Hypothesis) -> Hypothesis:
     if (one.names, other.names) in state.compared or other.fitted.pieces is not one.fitted.pieces:
         return other
     state.compared.add((one.names, other.names))
-    better = begun_from(state.question, other.fitted, one.fitted)
-    if better is not other.fitted:
-        state.tried[other.names] = Hypothesis(other.names, better)
-        state.told.pop(other.names, None)
-    return state.tried[other.names]
+    return state.improve(other, begun_from(state.question, other.fitted, one.fitted))
 
 
 def chance(state: Search, one: Hypothesis, name: str) -> float:

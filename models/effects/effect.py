@@ -7,9 +7,8 @@ from typing import Literal, Protocol
 
 Phase = Literal["free_roll", "after_strike", "ball_contact", "cushion_contact", "rest", "image_region", "time_jump"]
 EffectKind = Literal["physics", "observation", "detail", "probe"]
-"""What moves otherwise; what is seen otherwise; what a law leaves open and is no cause by itself (one of
-its partners is); a generic
-smooth field that only shows the shape of what is unknown."""
+"""What moves otherwise; what is seen otherwise; what a law leaves open and is no cause by itself (one of its partners
+is); a generic smooth field that only shows the shape of what is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
