@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from pipeline.chain import FILES, SOURCE
@@ -73,6 +74,20 @@ def _starts_as_film(path: Path) -> bool:
         return head[8:12] == b"AVI "
     transport = len(head) > PACKET and head[0] == head[PACKET] == 0x47
     return transport or head.startswith(STARTS) or head[4:8] in (b"moov", b"mdat", b"wide")
+
+
+def largest_first(clips: Iterable[Path]) -> list[Path]:
+    """Clips in the order in which workers that share them end soonest: the longest one, taken last, would be waited
+    for alone."""
+    return sorted(clips, key=_size, reverse=True)
+
+
+def _size(clip: Path) -> int:
+    """Bytes of a film, or of a folder of pictures; 0 where it is gone meanwhile."""
+    with suppress(OSError):
+        files = clip.iterdir() if clip.is_dir() else [clip]
+        return sum(path.stat().st_size for path in files)
+    return 0
 
 
 def folders_of(clips: Iterable[Path], root: Path, out: Path) -> dict[Path, Path]:

@@ -36,7 +36,9 @@ def mine() -> Supervised:
 
 
 def end_all() -> None:
-    """End the processes of all threads; a clip that runs is interrupted."""
+    """End the processes of all threads, together; a clip that runs is interrupted."""
     _AHEAD.clear()
+    for process in _ALL:
+        process.dismiss()
     while _ALL:
         _ALL.pop().close()

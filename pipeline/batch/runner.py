@@ -29,6 +29,8 @@ PAUSE_S = 0.2
 """s between two words on how far a stage is."""
 LEAVE_S = 5.0
 """s for clearing up once the parent is gone."""
+AT_WORK = threading.Event()
+"""Set while a clip is run, and something may have to be cleared up."""
 
 
 class Words:
@@ -76,7 +78,9 @@ def main() -> NoReturn:
     words = Words(out)
     words.say(ready=True)
     while (line := jobs.get()) is not None:
+        AT_WORK.set()
         row = run_job(Job.from_text(line), words)
+        AT_WORK.clear()
         words.say(row=row.as_text())
     os._exit(0)  # nothing is open; the libraries' own farewells take a second
 
@@ -100,6 +104,8 @@ def _listen(jobs: queue.SimpleQueue[str | None]) -> None:
 
 
 def _leave(number: int, frame: object) -> NoReturn:
+    if not AT_WORK.is_set():
+        os._exit(128 + number)  # as at the end of `main`
     sys.exit(128 + number)
 
 

@@ -60,6 +60,8 @@ class _Child:
     said: bytes = b""
     peak_mb: float = 0.0
     begun: float = field(default_factory=time.monotonic)
+    told: bool = False
+    """Whether it was told to leave."""
 
     def lines(self) -> list[dict[str, Any]]:
         """What has been said since; waits for a moment. Died at its end."""
@@ -91,10 +93,16 @@ class _Child:
         last = self.errors.read().decode("utf-8", "replace").strip().rpartition("\n")[2]
         return f"it left with status {code}" + (f": {last}" if last else "")
 
+    def tell(self) -> None:
+        """Tell it to clear up and leave, once: a second word would break into the clearing up."""
+        if not self.told:
+            self.told = True
+            self.process.terminate()
+
     def end(self, *, at_once: bool = False) -> None:
         """Let it clear up and leave, or kill it."""
         if not at_once:
-            self.process.terminate()
+            self.tell()
             with suppress(subprocess.TimeoutExpired):
                 self.process.wait(END_S)
         self.process.kill()
@@ -118,9 +126,15 @@ class Supervised:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
+    def dismiss(self) -> None:
+        """Tell it to end for good, without waiting for that: a clip that it is at is not tried again."""
+        self._closed = True
+        if (child := self._child) is not None:
+            child.tell()
+
     def close(self) -> None:
         """End it for good, also from another thread: a clip that it was at is not tried again."""
-        self._closed = True
+        self.dismiss()
         self.end()
 
     def end(self, *, at_once: bool = False) -> None:

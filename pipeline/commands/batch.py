@@ -58,7 +58,7 @@ def batch(
 ) -> None:
     """Every clip below a folder; one bad clip stops nothing; run again, it resumes."""
     from pipeline.batch.display import BatchDisplay
-    from pipeline.batch.finding import find_clips
+    from pipeline.batch.finding import find_clips, largest_first
     from pipeline.batch.job import Limits, settings_of
     from pipeline.batch.run import Batch, run_batch
     from pipeline.batch.watching import arriving
@@ -82,7 +82,8 @@ def batch(
         _crew(work, jobs, cluster, clips) as crew,
         BatchDisplay(console, None if watch else len(clips)) as display,
     ):
-        rows = run_batch(work, arriving(folder, out, idle) if watch else clips, crew, display)
+        queue = clips if jobs == 1 and cluster is None else largest_first(clips)
+        rows = run_batch(work, arriving(folder, out, idle) if watch else queue, crew, display)
     _tell(rows, out, as_json)
     if gaps:
         _diagnose(rows, out)

@@ -28,9 +28,10 @@ from PIL import Image
 from rich.console import Console
 
 from models.errors import ClipError, OptionError
+from pipeline.batch import processes, runner
 from pipeline.batch.cluster import judge, local_client
 from pipeline.batch.display import BatchDisplay
-from pipeline.batch.finding import find_clips, folders_of
+from pipeline.batch.finding import find_clips, folders_of, largest_first
 from pipeline.batch.job import Job, Limits, Row, settings_of
 from pipeline.batch.summary import as_csv, as_page, write_summary
 from pipeline.batch.supervision import Supervised
@@ -160,6 +161,63 @@ def test_a_process_whose_parent_is_gone_leaves(job: Job) -> None:
         (child,) = psutil.Process().children()
         process._child.process.stdin.close()  # type: ignore[union-attr]
         child.wait(10)
+
+
+LATE = """
+import atexit
+atexit.register(lambda: open("farewell", "w").close())
+"""
+"""What Python does at its end, as libraries let it."""
+
+
+def test_a_process_without_a_clip_leaves_without_farewells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "sitecustomize.py").write_text(LATE)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    with subprocess.Popen(runner.command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert b"ready" in process.stdout.readline()
+        process.terminate()
+        assert process.wait(20) == 128 + signal.SIGTERM
+    assert not (tmp_path / "farewell").exists()
+
+
+SLOW_TO_LEAVE = """
+import pathlib, signal, sys, time
+
+def leave(number, frame):
+    with open(f"told {sys.argv[1]}", "a") as file:
+        file.write("once ")
+    while len(list(pathlib.Path().glob("told *"))) < 2:
+        time.sleep(0.01)
+    sys.exit()
+
+signal.signal(signal.SIGTERM, leave)
+open(f"stands {sys.argv[1]}", "w").close()
+while True:
+    time.sleep(1)
+"""
+"""Leaves when the other one was told to leave as well."""
+
+
+def test_processes_are_told_to_leave_together_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for k in range(2):
+        monkeypatch.setattr(runner, "command", lambda k=k: [sys.executable, "-c", SLOW_TO_LEAVE, str(k)])
+        processes.begin(1)
+    while len(list(tmp_path.glob("stands *"))) < 2:
+        time.sleep(0.01)
+    children = [one._child.process for one in processes._ALL if one._child is not None]
+    processes.end_all()
+    assert [child.returncode for child in children] == [0, 0]
+    assert [path.read_text() for path in tmp_path.glob("told *")] == ["once ", "once "]
+
+
+def test_workers_take_the_largest_clips_first(tmp_path: Path) -> None:
+    small, large = film(tmp_path / "a.mp4", count=3), film(tmp_path / "b.mp4", count=90)
+    row, gone = pictures(tmp_path / "row", list(range(60))), tmp_path / "gone.mp4"
+    assert sum(path.stat().st_size for path in row.iterdir()) > large.stat().st_size
+    assert largest_first([gone, small, large, row]) == [row, large, small, gone]
 
 
 def test_a_clip_that_changes_while_it_is_read_is_noticed_and_a_touched_one_is_not(tmp_path: Path) -> None:
