@@ -38,13 +38,19 @@ class Place:
     def cache(self) -> Path:
         return self.folder / self.name / "cache"
 
+    @property
+    def temporary(self) -> Path:
+        """What the system calls temporary, of these batches alone; never on the disk that holds cache and results."""
+        return self.folder / f"tmp {self.name}"
+
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         """`trueroll batch` on the clips; its folders are named as seen from a folder of its own."""
         home = self.folder / self.name
-        home.mkdir(parents=True, exist_ok=True)
+        for room in (home, self.temporary):
+            room.mkdir(parents=True, exist_ok=True)
         command = [sys.executable, "-c", PROGRAM, "batch", str(self.clips), "-o", "out", "--cache", "cache"]
         return subprocess.Popen(
-            [*command, *QUICK, *arguments], cwd=home, env=environment(), text=True,
+            [*command, *QUICK, *arguments], cwd=home, env=environment() | {"TMPDIR": str(self.temporary)}, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
 
@@ -82,7 +88,7 @@ def entries(cache: Path) -> dict[str, int]:
 def leftovers(place: Place) -> list[str]:
     """What was begun and lies about."""
     parts = [path for path in place.out.rglob(".*") if path.is_file()]
-    return [str(path) for path in [*parts, *(place.cache / "building").glob("*")]]
+    return [str(path) for path in [*parts, *(place.cache / "building").glob("*"), *place.temporary.glob("*")]]
 
 
 def torn(place: Place, whole: dict[str, str]) -> list[str]:

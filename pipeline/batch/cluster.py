@@ -16,11 +16,13 @@ from distributed import Client, Scheduler, SpecCluster, Worker
 from models.errors import OptionError
 from pipeline.batch import processes, worker
 from pipeline.cache import Cache
-from pipeline.publish import machine
+from pipeline.publish import clear_left, machine
 
 LOOPBACK = "127.0.0.1"
 ANSWER_S = 10.0
 """s for a scheduler to answer."""
+SCRATCH = "trueroll"
+"""Dask's folder among the temporary ones, named as `publish` tells what was left."""
 COME_S = 30.0
 """s for the first worker to come to a scheduler that has just begun."""
 
@@ -32,25 +34,28 @@ def local_client(jobs: int) -> Iterator[Client]:
     Dask's pages of itself cannot be left out; nobody but this machine can ask for them.
     """
     _be_quiet()
-    common = {"protocol": "inproc", "dashboard": False, "dashboard_address": f"{LOOPBACK}:0"}
-    with (
-        tempfile.TemporaryDirectory(prefix="trueroll-") as scratch,
-        SpecCluster(
-            scheduler={"cls": Scheduler, "options": common},
-            workers={
-                0: {
-                    "cls": Worker,
-                    "options": common | {"nthreads": jobs, "memory_limit": 0, "local_directory": scratch},
-                }
-            },
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        try:
-            yield client
-        finally:
-            processes.end_all()
+    clear_left(Path(tempfile.gettempdir()), SCRATCH)
+    end = f".{machine()}-{os.getpid()}.part"
+    with tempfile.TemporaryDirectory(prefix=f".{SCRATCH}.", suffix=end) as scratch:
+        common = {
+            "protocol": "inproc",
+            "dashboard": False,
+            "dashboard_address": f"{LOOPBACK}:0",
+            "local_directory": scratch,
+        }
+        worker_options = common | {"nthreads": jobs, "memory_limit": 0}
+        with (
+            SpecCluster(
+                scheduler={"cls": Scheduler, "options": common},
+                workers={0: {"cls": Worker, "options": worker_options}},
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            Client(cluster, set_as_default=False) as client,
+        ):
+            try:
+                yield client
+            finally:
+                processes.end_all()
 
 
 @contextmanager

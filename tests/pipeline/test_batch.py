@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -406,6 +407,19 @@ def test_nobody_elsewhere_can_talk_to_a_local_cluster() -> None:
         assert sum(client.nthreads().values()) == 2
         open_to = {place.laddr.ip for place in psutil.Process().net_connections("inet") if place.status == "LISTEN"}
         assert open_to <= {"127.0.0.1"}
+
+
+def test_a_local_cluster_leaves_nothing_among_temporary_files_nor_lets_dead_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with subprocess.Popen([sys.executable, "-c", ""]) as dead:
+        dead.wait()
+    (tmp_path / f".trueroll.abc.{machine()}-{dead.pid}.part" / "dask-scratch-space").mkdir(parents=True)
+    with local_client(1):
+        (ours,) = tmp_path.glob(".trueroll.*")
+        assert str(os.getpid()) in ours.name
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_watched_batch_runs_what_comes_and_ends_when_nothing_does(tmp_path: Path) -> None:
