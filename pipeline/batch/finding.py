@@ -78,8 +78,14 @@ def _starts_as_film(path: Path) -> bool:
 
 def largest_first(clips: Iterable[Path]) -> list[Path]:
     """Clips in the order in which workers that share them end soonest: the longest one, taken last, would be waited
-    for alone."""
-    return sorted(clips, key=_size, reverse=True)
+    for alone. Files of one size may be copies, and of copies that begin together one waits for the other; so all but
+    the first of a size come after those, when they cost nothing."""
+    sizes: set[int] = set()
+    first, repeated = list[Path](), list[Path]()
+    for size, clip in sorted(((_size(clip), clip) for clip in clips), key=lambda one: (-one[0], one[1])):
+        (repeated if size in sizes else first).append(clip)
+        sizes.add(size)
+    return first + repeated
 
 
 def _size(clip: Path) -> int:

@@ -214,11 +214,12 @@ def test_processes_are_told_to_leave_together_and_once(tmp_path: Path, monkeypat
     assert [path.read_text() for path in tmp_path.glob("told *")] == ["once ", "once "]
 
 
-def test_workers_take_the_largest_clips_first(tmp_path: Path) -> None:
+def test_workers_take_the_largest_clips_first_and_copies_last(tmp_path: Path) -> None:
     small, large = film(tmp_path / "a.mp4", count=3), film(tmp_path / "b.mp4", count=90)
     row, gone = pictures(tmp_path / "row", list(range(60))), tmp_path / "gone.mp4"
     assert sum(path.stat().st_size for path in row.iterdir()) > large.stat().st_size
-    assert largest_first([gone, small, large, row]) == [row, large, small, gone]
+    copy = shutil.copy(large, tmp_path / "copy.mp4")
+    assert largest_first([gone, copy, small, large, row]) == [row, large, small, gone, copy]
 
 
 def test_a_clip_that_changes_while_it_is_read_is_noticed_and_a_touched_one_is_not(tmp_path: Path) -> None:
