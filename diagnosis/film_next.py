@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from diagnosis.fitting import Question, Told
@@ -79,7 +81,7 @@ def _weakness(question: Question, told: Told, free: Mask, usual: Floats, name: s
 def _with_more(told: Told, k: int, more: int) -> Told:
     """What would be told if shot number k had been played `more` times more."""
     times = 1.0 + more * (told.shots == told.shots[k])
-    return Told(told.shots, told.information * times[:, None, None], told.score)
+    return replace(told, information=told.information * times[:, None, None])
 
 
 def _separation(

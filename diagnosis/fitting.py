@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from diagnosis.decorrelated import Decorrelated, chain
 from models.effects.effect import Prior
 from models.gap_scene import GapScene, Mask, Recording, neutral_values, parameters_of
-from models.shooting.attempt import Attempt, Problem, attempt, normal_blocks
-from models.shooting.elimination import solved
+from models.shooting.attempt import Attempt, Problem, attempt, glanced, normal_blocks, problem_of
+from models.shooting.elimination import ShotBlock, solved
 from models.shooting.held import Held
 from models.shooting.shoot import Shooting, ShootingOptions, shoot
 from models.shooting.windows import Model, glance
@@ -21,8 +21,8 @@ Floats = NDArray[np.float64]
 USUAL = ShootingOptions(iterations=25, settling=10)
 GLANCE = ShootingOptions(iterations=5, settling=3)
 """of what is hardly worth it."""
-_AT_MOST = 1.15
-"""cost per observation that noise explains: its variance is known to some per cent."""
+_AT_LEAST, _AT_MOST = 0.9, 1.15
+"""cost per observation that noise explains: its variance is known to some per cent, and states take up a few more."""
 _WIDER = 3.0
 """factor on the priors of what the simulator already has: its users know it less well than the books."""
 
@@ -103,6 +103,17 @@ class Fitted:
     def observations(self) -> int:
         """Numbers that were seen."""
         return sum(int(piece.seen.sum()) * piece.places.shape[2] for piece in self.pieces)
+
+    @property
+    def unlike_noise(self) -> float:
+        """Cost beyond noise of just the size that was estimated."""
+        chi2 = self.shooting.chi2_per_dof
+        return self.cost * (1.0 - 1.0 / chi2) if chi2 > 1.0 else 0.0
+
+    @property
+    def doubtful(self) -> float:
+        """Cost that may be beyond noise, if its size were a little overestimated."""
+        return max(self.cost - _AT_LEAST * self.observations, 0.0)
 
     @property
     def excess(self) -> float:
@@ -192,6 +203,12 @@ class Told:
     """(Q, P, P)"""
     score: Floats
     """(Q, P) slope of the log-likelihood."""
+    answers: tuple[Floats, ...]
+    """per window (S, P): how its start moves with each parameter, to stay with what was seen."""
+
+    def answered(self, starts: tuple[Floats, ...], step: Floats) -> tuple[Floats, ...]:
+        """Starts of all windows, moved as a step (P,) of the parameters asks."""
+        return tuple(start + answer @ step for start, answer in zip(starts, self.answers, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,10 +224,44 @@ def look(question: Question, fitted: Fitted) -> Seen:
     """The windows of a fit once more, with the slopes by all parameters."""
     everything = np.ones(len(question.priors), bool)
     model = Held(model_of(question, fitted.pieces, fitted.forms, None), fitted.shared, everything, question.priors)
-    windows = model.windows
-    numbers = sorted({window.shot for window in windows})
-    problem = Problem(model, windows, tuple(tuple(k for k, w in enumerate(windows) if w.shot == n) for n in numbers))
+    problem = problem_of(model)
     point = attempt(problem, fitted.starts, fitted.shared)
     blocks = normal_blocks(problem, point)
     score = [-(b.shared_gradient - b.coupling.T @ solved(b.states, b.gradient, 0.0)) for b in blocks]
-    return Seen(problem, point, Told(np.array(numbers), np.stack([b.reduced() for b in blocks]), np.stack(score)))
+    information = np.stack([b.reduced() for b in blocks])
+    return Seen(
+        problem,
+        point,
+        Told(
+            np.array(sorted({w.shot for w in problem.windows})),
+            information,
+            np.stack(score),
+            _answers(problem, point, blocks),
+        ),
+    )
+
+
+def _answers(problem: Problem, point: Attempt, blocks: list[ShotBlock]) -> tuple[Floats, ...]:
+    """Per window (S, P), from the normal equations of its shot."""
+    found: list[Floats] = [np.empty((0, 0))] * len(problem.windows)
+    for numbers, block in zip(problem.shots, blocks, strict=True):
+        ends = np.cumsum([len(point.starts[k]) for k in numbers])
+        parts = np.split(-solved(block.states, block.coupling, 0.0), ends[:-1])
+        for k, part in zip(numbers, parts, strict=True):
+            found[k] = part
+    return tuple(found)
+
+
+def nearest(
+    question: Question, like: Fitted, forms: tuple[str, ...], shared: Floats, offered: list[tuple[Floats, ...]]
+) -> tuple[Floats, ...]:
+    """Of all starts offered for the windows of a fit, shot by shot those from which a simulation with these numbers
+    (P,) comes nearest to what was seen."""
+    none = np.zeros(len(shared), bool)
+    problem = problem_of(Held(model_of(question, like.pieces, forms, none), shared, none, question.priors))
+    tried = [glanced(problem, starts, shared[none]).costs[:-1] for starts in offered]
+    found = list(offered[0])
+    for numbers, costs in zip(problem.shots, np.transpose(tried), strict=True):
+        for k in numbers:
+            found[k] = offered[int(np.argmin(costs))][k]
+    return tuple(found)

@@ -112,8 +112,13 @@ class Search:
         return float(np.logaddexp.reduce([self.weigh(one) for one in self.tried.values() if one.size == size]))
 
 
-def signatures_of(state: Search, now: Hypothesis) -> Signatures:
-    """Of all effects, once everything that a hypothesis leaves free is adjusted."""
+def told_by(state: Search, now: Hypothesis) -> Told:
+    """What the data say of all parameters at the fit of a hypothesis."""
     if now.names not in state.told:
         state.told[now.names] = look(state.question, now.fitted).told
-    return signatures(state.question, state.told[now.names], now.fitted.free)
+    return state.told[now.names]
+
+
+def signatures_of(state: Search, now: Hypothesis) -> Signatures:
+    """Of all effects, once everything that a hypothesis leaves free is adjusted."""
+    return signatures(state.question, told_by(state, now), now.fitted.free)

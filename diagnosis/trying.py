@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.fitting import GLANCE, Fitted, Question, allowed, fit
+from diagnosis.fitting import GLANCE, Fitted, Question, allowed, fit, nearest
 from diagnosis.growing import begun_like, sought_anew
-from diagnosis.hypotheses import Hypothesis, Search, signatures_of
+from diagnosis.hypotheses import Hypothesis, Search, signatures_of, told_by
 
 Floats = NDArray[np.float64]
 
@@ -69,7 +69,8 @@ def _starting_from(
         alike = forms == near.fitted.forms
         guess = linear if alike else natural
         guess = guess if allowed(question, near.fitted, forms, guess) else near.fitted.shared
-        found = fit(question, near.fitted.pieces, effects, forms, guess, near.fitted.starts, GLANCE)
+        starts = _along(state, near, forms, guess)
+        found = fit(question, near.fitted.pieces, effects, forms, guess, starts, GLANCE)
         if near.names <= names and alike and found.cost > near.fitted.cost:  # a long step led some windows astray
             found = fit(question, found.pieces, effects, forms, near.fitted.shared, near.fitted.starts, GLANCE)
         yield found
@@ -88,6 +89,14 @@ def _starting_from(
             yield from _finer(question, found, names)
         if found.cost > near.fitted.cost:
             yield sought_anew(question, found)
+
+
+def _along(state: Search, near: Hypothesis, forms: tuple[str, ...], guess: Floats) -> tuple[Floats, ...]:
+    """Starts for other numbers (P,): those of a fit, moved with its parameters where that comes nearer. A spin that an
+    effect eats up before it matters would never be found again."""
+    fitted = near.fitted
+    moved = told_by(state, near).answered(fitted.starts, guess - fitted.shared)
+    return nearest(state.question, fitted, forms, guess, [fitted.starts, moved])
 
 
 def _finer(question: Question, found: Fitted, names: frozenset[str]) -> Iterator[Fitted]:

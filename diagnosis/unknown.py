@@ -103,7 +103,7 @@ def explained(base: Fitted, best: Fitted, ahead: Closing | None) -> tuple[float,
     predictions where that is more than noise, else of the cost of the fit."""
     if ahead is not None and ahead.resolved:
         return float(np.clip(ahead.closed, 0.0, 1.0)), ahead.interval[1]
-    excess = base.cost - min(0.9 * best.observations, best.cost)  # Huber's loss of noise is a little below its count
+    excess = base.cost - best.cost + best.unlike_noise
     share = 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))
     return share, share
 
@@ -116,5 +116,5 @@ def doubt(left: Structure, told: Told, base: Fitted, best: Fitted, ahead: Closin
 
 def lawful(before: Fitted, after: Fitted) -> float:
     """Share of what a model leaves of shots, beyond noise, that a generic law beside it explains."""
-    left = before.cost - 0.9 * before.observations  # Huber's loss of noise is a little below its count
+    left = before.unlike_noise
     return float(np.clip((before.cost - after.cost) / left, -1.0, 1.0)) if left > 0 else 0.0

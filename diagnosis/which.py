@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, fit
 from diagnosis.growing import sought_anew
-from diagnosis.hypotheses import Hypothesis, Search, signatures_of
+from diagnosis.hypotheses import Hypothesis, Search, signatures_of, told_by
 from diagnosis.signatures import Signatures
 from diagnosis.trying import LEFT, begun_from, tried, with_details
 from diagnosis.unknown import SUSPICIOUS, agreement
@@ -166,9 +166,21 @@ def needed(state: Search, one: Hypothesis) -> bool:
     """Whether leaving out any of its effects costs more than chance among as many choices explains, and not less than
     what stays unexplained: a small effect beside a large misfit only stands in for it."""
     return all(
-        chance(state, one, name) < SIGNIFICANT and lacking(state, one, name).cost - one.fitted.cost >= one.fitted.excess
+        chance(state, one, name) < SIGNIFICANT and lacking(state, one, name).cost - one.fitted.cost >= _left(state, one)
         for name in one.names
     )
+
+
+def _left(state: Search, one: Hypothesis) -> float:
+    """Cost that a hypothesis leaves unexplained: what no misjudged size of the noise explains, and all that may be more
+    than noise where shots disagree about several effects."""
+    disputed = one.size > 1 and not _agreed(state, one)
+    return one.fitted.doubtful if disputed else one.fitted.excess
+
+
+def _agreed(state: Search, one: Hypothesis) -> bool:
+    """Whether all shots may have the same strengths."""
+    return agreement(told_by(state, one), one.fitted) > SUSPICIOUS
 
 
 def lacking(state: Search, one: Hypothesis, name: str) -> Fitted:
@@ -212,7 +224,7 @@ def proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
 
 def _settled(state: Search, now: Hypothesis) -> bool:
     """Whether a hypothesis leaves noise alone, and all shots agree about its strengths."""
-    return now.fitted.excess == 0 and agreement(state.told[now.names], now.fitted) > SUSPICIOUS
+    return now.fitted.excess == 0 and _agreed(state, now)
 
 
 def _gains(state: Search, now: Hypothesis) -> dict[str, float]:

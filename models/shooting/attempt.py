@@ -50,6 +50,13 @@ class Problem:
         object.__setattr__(self, "of_states", narrowed(self.model))
 
 
+def problem_of(model: Model) -> Problem:
+    """The windows of a model, by shots."""
+    windows = model.windows
+    numbers = sorted({window.shot for window in windows})
+    return Problem(model, windows, tuple(tuple(k for k, w in enumerate(windows) if w.shot == n) for n in numbers))
+
+
 def attempt(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Attempt:
     """Simulate every window, with slopes."""
     point = glanced(problem, starts, shared)

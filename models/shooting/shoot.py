@@ -26,6 +26,7 @@ from models.shooting.attempt import (
     huber,
     normal_block,
     normal_blocks,
+    problem_of,
     shot_cost,
     sloped,
     with_slopes,
@@ -110,14 +111,11 @@ def shoot(
     `starts`, (S,) per window, continue an earlier fit: other first guesses are then tried only where they are sought
     `anew`, and the better ones kept.
     """
-    windows = model.windows
-    numbers = sorted({window.shot for window in windows})
-    shots = tuple(tuple(k for k, w in enumerate(windows) if w.shot == number) for number in numbers)
-    problem = Problem(model, windows, shots)
+    problem = problem_of(model)
     first = np.array([prior.value for prior in model.unknowns]) if shared is None else np.array(shared, float)
-    seen = tuple(w.start.copy() for w in windows)
+    seen = tuple(w.start.copy() for w in problem.windows)
     now = glanced(problem, seen if starts is None else starts, first)
-    for shot in range(len(shots) if starts is None or anew else 0):
+    for shot in range(len(problem.shots) if starts is None or anew else 0):
         now = _begun(problem, now, shot, options, () if starts is None else (seen,))
     now, converged = _descend(problem, now, options)
     return _result(problem, now, converged)
