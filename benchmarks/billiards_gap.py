@@ -85,7 +85,7 @@ def row_of(case: Case, seed: int, shots: tuple[Recording, ...], report: Report, 
     return Row(
         kind=case.name, asked=_asked(case), seed=seed, said=named or group or report.verdict,
         right=int(right(case, shots, report)), grouped=int(any(n in first.group for n in case.lacks)),
-        probability=first.probability, p_value=report.p_value, before=told.before, after=told.after,
+        probability=report.probability, p_value=report.p_value, before=told.before, after=told.after,
         floor=told.floor, closed=told.closed if told.resolved else float("nan"), low=told.interval[0],
         high=told.interval[1], phase=phase, phase_right=_acts_in(case, phase), cpu=cpu,
         truth=", ".join(f"{name}.{p} {v:.3g}" for name in case.lacks for p, v in acted.get(name, {}).items()),

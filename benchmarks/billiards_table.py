@@ -99,8 +99,8 @@ def _closing(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def _calibration(rows: Sequence[Row]) -> Iterator[str]:
-    yield "probability of the first candidate -> how often it is right"
-    plain = [row for row in rows if row.asked in ("one", "none", "foreign")]
+    yield "probability of the answer -> how often it is right"
+    plain = [row for row in rows if row.asked in ("one", "none", "foreign", "pair")]
     for low, high in pairwise(BINS):
         here = [row for row in plain if low <= row.probability < high or (high == 1.0 == row.probability)]
         if here:

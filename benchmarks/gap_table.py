@@ -64,8 +64,8 @@ def _closing(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def _calibration(rows: Sequence[Row]) -> Iterator[str]:
-    yield "probability of the first candidate -> how often it is right (or excused)"
-    plain = [row for row in rows if row.asked in ("natural", "near", "none", "foreign")]
+    yield "probability of the answer -> how often it is right (or excused)"
+    plain = [row for row in rows if row.asked in ("natural", "near", "none", "foreign", "pair")]
     for low, high in pairwise(BINS):
         here = [row for row in plain if low <= row.probability < high or (high == 1.0 == row.probability)]
         if here:

@@ -78,7 +78,7 @@ def trial(case: Case, seed: int, folder: Path) -> Row:
     return Row(
         asked=case.asked, kind=case.kind.name, seed=seed, truth="+".join(sorted(case.kind.withheld)),
         said=_said(report), right=int(right), excused=int(excused),
-        probability=report.candidates[0].probability if report.candidates else math.nan, **closed,
+        probability=report.probability, **closed,
         phase=report.where[0].phase if report.where else "", p_value=report.p_value, cpu=cpu,
         strengths=json.dumps({n: p for n, p in drawn["effects"].items() if n in case.kind.withheld}),
     )  # fmt: skip

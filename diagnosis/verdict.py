@@ -95,3 +95,10 @@ class Report:
     p_value: float
     """chance that what the user's simulator leaves is noise."""
     notes: tuple[str, ...]
+
+    @property
+    def probability(self) -> float:
+        """Of the answer: effects that are named together share it; NaN where nothing could be tested."""
+        if self.effects:
+            return sum(one.probability for one in self.candidates if one.effect in self.effects)
+        return self.candidates[0].probability if self.candidates else float("nan")

@@ -38,7 +38,7 @@ class Opened:
     named: tuple[str, ...]
     """what the report names; none or unknown where that is its verdict."""
     probability: float
-    """of the first candidate."""
+    """of the answer."""
     closed: float
     """of the gap; NaN where that is not resolved."""
     interval: tuple[float, float]
@@ -64,7 +64,7 @@ def judge(kind: Kind, seed: int, folder: Path) -> Opened:
     told = report.gap.closing
     names = report.effects or (report.verdict,)
     return Opened(
-        kind, seed, answer(kind, report), names, report.candidates[0].probability if report.candidates else np.nan,
+        kind, seed, answer(kind, report), names, report.probability,
         told.closed if told.resolved else np.nan, told.interval, _oracle(kind, read, report),
     )  # fmt: skip
 

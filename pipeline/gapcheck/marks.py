@@ -89,7 +89,7 @@ def confusion(cases: Sequence[Opened]) -> list[tuple[str, str, int]]:
 
 
 def calibration(cases: Sequence[Opened]) -> list[tuple[float, float, Rate]]:
-    """By the probability of the first candidate: from, to, how often it was right."""
+    """By the probability of the answer: from, to, how often it was right."""
     rows = []
     for low, high in pairwise(BINS):
         inside = [one for one in cases if low <= one.probability < high or (high == 1.0 and one.probability == 1.0)]

@@ -52,6 +52,7 @@ def test_two_missing_effects_are_both_named() -> None:
     report = told(LACKING["slope"] | LACKING["air_drag"])
     assert report.effects == ("air_drag", "slope")
     assert {one.effect for one in report.per_effect} == {"air_drag", "slope"}
+    assert max(one.probability for one in report.candidates) < 0.5 < report.probability
     assert abs(sum(one.closed for one in report.per_effect) - report.gap.closing.closed) < 0.02
 
 
