@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.billiards.compiled import compiled
 from models.shooting.elimination import ShotBlock
 from models.shooting.shared_numbers import prior_cost, slopes
 from models.shooting.windows import Flow, Glance, Model, Window, glance, narrowed
@@ -94,12 +95,26 @@ def first_share(window: Window, share: float) -> int:
 
 def huber(misfit: Floats) -> tuple[Floats, float]:
     """Weight of each observation (K,) and cost of misfits (K, d); a flow that is not finite costs infinitely much."""
-    if not np.all(np.isfinite(misfit)):
+    weight, loss = np.empty(len(misfit)), np.empty(len(misfit))
+    if not _bounded(misfit, weight, loss):
         return np.zeros(len(misfit)), float("inf")
-    size = np.linalg.norm(misfit, axis=1)
-    inner = np.minimum(size, HUBER)
-    weight = np.where(size > HUBER, HUBER / np.maximum(size, HUBER), 1.0)
-    return weight, float((2 * size * inner - inner**2).sum())
+    return weight, float(loss.sum())
+
+
+@compiled
+def _bounded(misfit, weight, loss):  # type: ignore[no-untyped-def]
+    """Fill weight (K,) and loss (K,) of misfits (K, d); whether all of these are finite."""
+    for k in range(len(misfit)):
+        square = 0.0
+        for one in misfit[k]:
+            if not np.isfinite(one):
+                return False
+            square += one * one
+        size = np.sqrt(square)
+        inner = min(size, HUBER)
+        weight[k] = HUBER / size if size > HUBER else 1.0
+        loss[k] = 2 * size * inner - inner * inner
+    return True
 
 
 def shot_cost(problem: Problem, point: Attempt, shot: int, share: float = 1.0) -> float:
@@ -118,10 +133,21 @@ def normal_blocks(problem: Problem, point: Attempt) -> list[ShotBlock]:
     return [normal_block(problem, point, shot) for shot in range(len(problem.shots))]
 
 
-def normal_block(problem: Problem, point: Attempt, shot: int, share: float = 1.0) -> ShotBlock:
+def normal_block(problem: Problem, point: Attempt, shot: int) -> ShotBlock:
     """Normal equations of one shot: its states, the shared coordinates, and what couples them."""
-    numbers, point = problem.shots[shot], with_slopes(problem, point, shot)
     scale = slopes(problem.model.unknowns, point.shared)
+    return _block(problem, with_slopes(problem, point, shot), shot, 1.0, scale)
+
+
+def states_block(problem: Problem, point: Attempt, shot: int, share: float) -> ShotBlock:
+    """Normal equations of the states of one shot alone, of the first `share` of its windows."""
+    return _block(problem, with_slopes(problem, point, shot, problem.of_states), shot, share, np.empty(0))
+
+
+def _block(problem: Problem, point: Attempt, shot: int, share: float, scale: Floats) -> ShotBlock:
+    """Of the first `share` of the windows of a shot, by its states and the first shared numbers; `scale` (P,) are the
+    slopes of these by their coordinates."""
+    numbers = problem.shots[shot]
     offsets = np.concatenate([[0], np.cumsum([len(point.starts[k]) for k in numbers])])
     block = ShotBlock.empty(int(offsets[-1]), len(scale))
     for place, k in enumerate(numbers):
@@ -129,15 +155,11 @@ def normal_block(problem: Problem, point: Attempt, shot: int, share: float = 1.0
         here = slice(offsets[place], offsets[place + 1])
         seen = first_share(window, share)
         weight = np.sqrt(huber(flow.misfit[:seen])[0])[:, None]
-        size = len(point.starts[k])
-        by_start = (flow.by_start[:seen] * weight[:, :, None]).reshape(-1, size)
-        by_shared = (flow.by_shared[:seen] * weight[:, :, None]).reshape(len(by_start), len(scale)) * scale
+        by_start = (flow.by_start[:seen] * weight[:, :, None]).reshape(-1, len(point.starts[k]))
+        by_shared = flow.by_shared[:seen, :, : len(scale)] * weight[:, :, None]
+        by_shared = by_shared.reshape(len(by_start), len(scale)) * scale
         block.add(here, by_start, by_shared, (flow.misfit[:seen] * weight).reshape(-1))
-        told = np.flatnonzero(np.isfinite(window.sigma))
-        block.add(
-            here, np.eye(size)[told] / window.sigma[told, None], np.zeros((len(told), len(scale))),
-            ((point.starts[k] - window.start) / window.sigma)[told],
-        )  # fmt: skip
+        block.know(here, point.starts[k] - window.start, window.sigma)
         if window.link is not None:
             _link(block, here, slice(offsets[place - 1], offsets[place]), window.link, point, k, scale)
     return block
@@ -159,5 +181,5 @@ def _link(block: ShotBlock, here: slice, before: slice, sigma: Floats, point: At
     rows[:, here] = np.eye(len(sigma))[tied]
     rows[:, before] = -flow.end_by_start[tied]
     rows /= sigma[tied, None]
-    shared = -flow.end_by_shared[tied] * scale / sigma[tied, None]
+    shared = -flow.end_by_shared[tied, : len(scale)] * scale / sigma[tied, None]
     block.add(slice(None), rows, shared, ((point.starts[k] - flow.end) / sigma)[tied])

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 Floats = NDArray[np.float64]
 
@@ -51,6 +51,12 @@ class ShotBlock:
         self.gradient[where] += by_states.T @ residual
         self.shared_gradient += by_shared.T @ residual
 
+    def know(self, where: slice, residual: Floats, sigma: Floats) -> None:
+        """The states at `where` are known to be `residual` (m,) off, to `sigma` (m,); infinite: nothing is known."""
+        told = 1 / sigma
+        np.einsum("ii->i", self.states)[where] += told * told
+        self.gradient[where] += told * (residual / sigma)
+
     def reduced(self) -> Floats:
         """(P, P) what the shot tells of the shared numbers, its states unknown."""
         return self.shared - self.coupling.T @ solved(self.states, self.coupling, 0.0)
@@ -67,7 +73,7 @@ def solved(normal: Floats, right: Floats, damping: float) -> Floats:
 
     Scaled to a unit diagonal, so that one small ridge makes every finite matrix invertible.
     """
-    if not np.all(np.isfinite(normal)):
+    if not np.isfinite(normal).all():
         raise np.linalg.LinAlgError("the normal equations of a fit hold numbers that are not finite")
     if len(normal) == 0:
         return np.asarray(right, dtype=np.float64)
@@ -75,12 +81,13 @@ def solved(normal: Floats, right: Floats, damping: float) -> Floats:
     scaled = normal * scale * scale[:, None]
     scaled[np.diag_indices_from(scaled)] += damping + RIDGE
     column = scale.reshape(-1, *[1] * (right.ndim - 1))
-    try:
-        return np.asarray(cho_solve(cho_factor(scaled), right * column) * column, dtype=np.float64)
-    except np.linalg.LinAlgError:  # what elimination left of numbers that states nearly replace: rounding, below zero
-        sizes, axes = np.linalg.eigh((scaled + scaled.T) / 2)
-        turned = axes.T @ (right * column).reshape(len(normal), -1) / np.maximum(sizes, damping + RIDGE)[:, None]
-        return np.asarray((axes @ turned).reshape(right.shape) * column, dtype=np.float64)
+    factor, failed = dpotrf(scaled, clean=False)
+    if not failed:
+        return np.asarray(dpotrs(factor, right * column)[0].reshape(right.shape) * column, dtype=np.float64)
+    # what elimination left of numbers that states nearly replace: rounding, below zero
+    sizes, axes = np.linalg.eigh((scaled + scaled.T) / 2)
+    turned = axes.T @ (right * column).reshape(len(normal), -1) / np.maximum(sizes, damping + RIDGE)[:, None]
+    return np.asarray((axes @ turned).reshape(right.shape) * column, dtype=np.float64)
 
 
 def eliminate(

@@ -41,16 +41,17 @@ class Held:
         return values
 
     def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
-        flow = self.model.flow(window, start, self.whole(shared))
-        return replace(flow, by_shared=flow.by_shared[..., self.free], end_by_shared=flow.end_by_shared[..., self.free])
+        return self._freed(self.model.flow(window, start, self.whole(shared)))
 
     def glance(self, window: int, start: Floats, shared: Floats) -> Glance | Flow:
         found = glance(self.model, window, start, self.whole(shared))
-        if isinstance(found, Glance):
-            return found
-        return replace(
-            found, by_shared=found.by_shared[..., self.free], end_by_shared=found.end_by_shared[..., self.free]
-        )
+        return found if isinstance(found, Glance) else self._freed(found)
 
     def narrowed(self) -> Held:
         return replace(self, model=narrowed(self.model))
+
+    def _freed(self, flow: Flow) -> Flow:
+        """Its slopes by the free numbers, where it has slopes by shared ones."""
+        if flow.by_shared.shape[-1] == 0:
+            return flow
+        return replace(flow, by_shared=flow.by_shared[..., self.free], end_by_shared=flow.end_by_shared[..., self.free])

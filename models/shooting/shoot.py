@@ -24,12 +24,11 @@ from models.shooting.attempt import (
     attempt,
     glanced,
     huber,
-    normal_block,
     normal_blocks,
     problem_of,
     shot_cost,
     sloped,
-    with_slopes,
+    states_block,
 )
 from models.shooting.elimination import ShotBlock, eliminate, log_determinant, solved
 from models.shooting.lack_of_fit import correlation_factor
@@ -177,7 +176,7 @@ def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: 
     damping = 1e-3
     cost = shot_cost(problem, now, shot, share)
     for _ in range(iterations if np.isfinite(cost) else 0):
-        block = normal_block(problem, with_slopes(problem, now, shot, problem.of_states), shot, share)
+        block = states_block(problem, now, shot, share)
         for _ in range(_DAMPINGS):
             step = -solved(block.states, block.gradient, damping)
             trial = _with_states(problem, now, shot, step)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,34 +92,17 @@ class Model(Protocol):
         ...
 
 
-@runtime_checkable
-class Glancing(Protocol):
-    """A model that is quicker where no slopes are asked for."""
-
-    def glance(self, window: int, start: Floats, shared: Floats) -> Glance | Flow:
-        """As `Model.flow`."""
-        ...
-
-
-@runtime_checkable
-class Narrowing(Protocol):
-    """A model that is quicker where slopes are asked for by states alone."""
-
-    def narrowed(self) -> Model:
-        """The same, its slopes by shared numbers 0."""
-        ...
-
-
 def narrowed(model: Model) -> Model:
-    """A model for steps of states alone: slopes by shared numbers left out where it can."""
-    return model.narrowed() if isinstance(model, Narrowing) else model
+    """A model for steps of states alone: it may leave slopes by shared numbers out, (K, d, 0) and (S', 0), and does so
+    where it has a `narrowed` of its own."""
+    narrow: Callable[[], Model] | None = getattr(model, "narrowed", None)
+    return model if narrow is None else narrow()
 
 
 def glance(model: Model, window: int, start: Floats, shared: Floats) -> Glance | Flow:
-    """What a model predicts, without slopes where it can leave them out."""
-    if isinstance(model, Glancing):
-        return model.glance(window, start, shared)
-    return model.flow(window, start, shared)
+    """What a model predicts: by its own `glance`, quicker than `flow`, where it has one."""
+    look: Callable[[int, Floats, Floats], Glance | Flow] = getattr(model, "glance", model.flow)
+    return look(window, start, shared)
 
 
 def sensitive_from(by_start: Floats, limit: float = SENSITIVE) -> int:
