@@ -79,7 +79,7 @@ class Physics:
         for law, laws in ((self.cushion, CUSHION_LAWS), (self.ball, BALL_LAWS)):
             if law not in laws:
                 raise ValueError(f"a law is one of {', '.join(laws)}; got {law!r}")
-        if self.values.shape != (len(NAMES),) or not np.all(np.isfinite(self.values)):
+        if self.values.shape != (len(NAMES),) or not np.isfinite(self.values).all():
             raise ValueError(f"{len(NAMES)} finite numbers are wanted, in the order of NAMES; got {self.values}")
 
     @property

@@ -8,13 +8,15 @@ and a rolling ball has slip 0.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.billiards.compiled import compiled
 from models.billiards.parameters import NAMES, Physics, neutral
 from models.billiards.run import Balls, Run
-from models.billiards.sensitivities import BALL_COLUMNS
+from models.billiards.sensitivities import PER_BALL
 from models.billiards.simulate import simulate
 from models.billiards.view import FAITHFUL, ON_PICTURE
 from models.scene import CUSHIONS, Table
@@ -65,20 +67,36 @@ def packed(whole: Floats, moving: Mask) -> Floats:
     return np.concatenate([row[: MOVING if moves else LYING] for row, moves in zip(whole, moving, strict=True)])
 
 
-def radii(table: Table, values: Floats, count: int) -> Floats:
-    """(N,) m, at which balls touch each other and the noses."""
-    ratio = np.where(np.arange(count) > 0, values[RADIUS], 1.0)
-    return np.asarray(table.ball_radius * values[FACTOR] * ratio)
-
-
 def balls_of(start: Floats, moving: Mask, table: Table, values: Floats) -> Balls:
     """The balls that a start (S,) and all numbers (Q,) stand for."""
-    whole, count = unpacked(start, moving), len(moving)
-    radius = radii(table, values, count)
-    spin = np.stack([whole[:, 5] - whole[:, 3], whole[:, 2] - whole[:, 4], whole[:, 6]], axis=1) / radius[:, None]
-    mass = table.ball_mass * np.where(np.arange(count) > 0, values[MASS], 1.0)
-    names = tuple(str(k) for k in range(count))
-    return Balls(names, np.concatenate([whole[:, :4], spin], axis=1), radius, mass)
+    count = len(moving)
+    state, radius, mass = np.zeros((count, MOVING)), np.empty(count), np.empty(count)
+    _fill_balls(start, moving, table.ball_radius, table.ball_mass, values, state, radius, mass)
+    return Balls(_names(count), state, radius, mass)
+
+
+@compiled
+def _fill_balls(start, moving, usual_radius, usual_mass, values, state, radius, mass):  # type: ignore[no-untyped-def]
+    """Fill state (N, 7), radius and mass (N,) of the engine; only the first ball is surely a usual one."""
+    at = 0
+    for k in range(len(moving)):
+        radius[k] = usual_radius * values[FACTOR] * (values[RADIUS] if k > 0 else 1.0)
+        mass[k] = usual_mass * (values[MASS] if k > 0 else 1.0)
+        own = start[at : at + MOVING]
+        if not moving[k]:
+            state[k, :LYING] = own[:LYING]
+            at += LYING
+            continue
+        state[k, :LINEAR] = own[:LINEAR]
+        state[k, 4], state[k, 5] = (own[5] - own[3]) / radius[k], (own[2] - own[4]) / radius[k]
+        state[k, 6] = own[SIDE_SPIN] / radius[k]
+        at += MOVING
+
+
+@cache
+def _names(count: int) -> tuple[str, ...]:
+    """Of balls that a fit knows by their numbers."""
+    return tuple(str(k) for k in range(count))
 
 
 def played(start: Floats, moving: Mask, table: Table, values: Floats, laws: Laws, seconds: float) -> Run:
@@ -91,34 +109,36 @@ def played(start: Floats, moving: Mask, table: Table, values: Floats, laws: Laws
 def directions_of(balls: Balls, moving: Mask, table: Table, values: Floats, numbers: Ints) -> Floats:
     """What the engine's numbers (9 N + P + 4,) change by when a start (S,) or one of `numbers`, indices (M,) in
     `NUMBERS`, changes: (9 N + P + 4, S + M)."""
-    own = len(BALL_COLUMNS) * len(moving)
-    of_balls = _of_balls(balls, moving, table, values)
-    begins = of_balls.shape[1] - len(NUMBERS)
-    found = np.zeros((own + len(NAMES) + len(CUSHIONS), begins + len(numbers)))
-    found[:own, :begins] = of_balls[:, :begins]
-    for column, number in enumerate(numbers, begins):
-        found[:own, column] = of_balls[:, begins + number]
-        if number < len(NAMES):
-            found[own + number, column] = 1.0
-        elif NOSE <= number < PICTURE:
-            found[own + len(NAMES) + number - NOSE, column] = 1.0
+    begins = int(moving.sum()) * (MOVING - LYING) + len(moving) * LYING
+    found = np.zeros((PER_BALL * len(moving) + len(NAMES) + len(CUSHIONS), begins + len(numbers)))
+    _fill_directions(balls.state, balls.radius, moving, table.ball_mass, values, numbers, begins, found)
     return found
 
 
-def _of_balls(balls: Balls, moving: Mask, table: Table, values: Floats) -> Floats:
-    """(9 N, S + Q): the engine's numbers of all balls by those of the fit."""
-    at, count = sizes(moving), len(moving)
-    found = np.zeros((count, len(BALL_COLUMNS), at[-1] + len(NUMBERS)))
-    for k, radius in enumerate(balls.radius):
-        own = MOVING if moving[k] else LYING
-        found[k, :LINEAR, at[k] : at[k] + own] = _UNITS[:own, :LINEAR].T
-        found[k, LINEAR:MOVING, at[k] : at[k] + own] = _UNITS[:own, LINEAR:].T / radius
-        by_radius = np.concatenate([np.zeros(4), -balls.state[k, 4:] / radius, [1.0, 0.0]])
-        found[k, :, at[-1] + FACTOR] = by_radius * radius / values[FACTOR]
-        if k > 0:
-            found[k, :, at[-1] + RADIUS] = by_radius * radius / values[RADIUS]
-            found[k, -1, at[-1] + MASS] = table.ball_mass
-    return found.reshape(-1, found.shape[2])
+@compiled
+def _fill_directions(state, radius, moving, usual_mass, values, numbers, begins, found):  # type: ignore[no-untyped-def]
+    """Fill found (9 N + P + 4, `begins` + M) as `directions_of` says; `begins` is where the starts of balls end."""
+    at, physics = 0, PER_BALL * len(moving)
+    for k in range(len(moving)):
+        ball, own = found[PER_BALL * k : PER_BALL * (k + 1)], MOVING if moving[k] else LYING
+        for i in range(MOVING):
+            for j in range(own):
+                ball[i, at + j] = _UNITS[j, i] if i < LINEAR else _UNITS[j, i] / radius[k]
+        at += own
+        for column in range(len(numbers)):
+            number, place = numbers[column], begins + column
+            if number == FACTOR or (number == RADIUS and k > 0):
+                for i in range(LINEAR, MOVING):
+                    ball[i, place] = -state[k, i] / radius[k] * radius[k] / values[number]
+                ball[MOVING, place] = radius[k] / values[number]
+            elif number == MASS and k > 0:
+                ball[PER_BALL - 1, place] = usual_mass
+    for column in range(len(numbers)):
+        number = numbers[column]
+        if number < MASS:
+            found[physics + number, begins + column] = 1.0
+        elif NOSE <= number < PICTURE:
+            found[physics + MASS + number - NOSE, begins + column] = 1.0
 
 
 _UNITS = np.eye(MOVING)

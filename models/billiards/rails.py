@@ -8,6 +8,7 @@ of the slate, a circle.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,12 @@ class Rails:
 
 def rails(table: Table, offsets: Floats | None = None) -> Rails:
     """The rails of a table, each nose moved outwards by its offset (4,) in m, in the order of `CUSHIONS`."""
-    moved = np.zeros(4) if offsets is None else offsets
+    return _moved(table, (0.0,) * len(CUSHIONS) if offsets is None else tuple(offsets.tolist()))
+
+
+@lru_cache(maxsize=256)
+def _moved(table: Table, offsets: tuple[float, ...]) -> Rails:
+    moved = np.array(offsets)
     size = np.array([table.length, table.width])
     nose = np.array([0.0, table.length, 0.0, table.width])
     inward = np.sign(NORMALS.sum(axis=1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -59,9 +59,9 @@ class Balls:
         n = len(self.ids)
         for name, shape in (("state", (n, 7)), ("radius", (n,)), ("mass", (n,))):
             values = getattr(self, name)
-            if values.shape != shape or not np.all(np.isfinite(values)):
+            if values.shape != shape or not np.isfinite(values).all():
                 raise ValueError(f"Balls.{name} must be {shape} and finite; got {values.shape}")
-        if np.any(self.radius <= 0) or np.any(self.mass <= 0):
+        if (self.radius <= 0).any() or (self.mass <= 0).any():
             raise ValueError("balls have a radius and a mass above 0")
 
 
@@ -84,6 +84,14 @@ class Run:
     """(E, EVENT_WIDTH) as `engine.play` logs them."""
     legs: Floats
     """(L, LEG_WIDTH) sorted by ball, then by time."""
+    gone: Floats = field(init=False, repr=False)
+    """(N,) s, when each ball fell into a pocket; infinite where it did not."""
+
+    def __post_init__(self) -> None:
+        gone = np.full(len(self.balls.ids), np.inf)
+        for hole in self.contacts[self.contacts[:, KIND] == HOLE]:
+            gone[int(hole[FIRST])] = hole[TIME]
+        object.__setattr__(self, "gone", gone)
 
     def at(self, t: float | Floats) -> Floats:
         """States (..., N, 7) at times t (...), s; NaN for a ball in a pocket."""
@@ -129,17 +137,24 @@ class Run:
         place (T, N) says which of the K each ball is at each time, -1 where it is not asked for. The order of contacts
         is held fixed; NaN for a ball in a pocket.
         """
+        return self.along_to(t, place, directions, numbers, np.inf)[0]
+
+    def along_to(self, t: Floats, place: Ints, directions: Floats, numbers: int, end: float) -> tuple[Floats, Floats]:
+        """The same, and derivatives (N, 7, C) of the states of all balls at the time `end`; those are NaN where it is
+        infinite."""
         first = len(BALL_COLUMNS) * len(self.balls.ids)
-        active = np.flatnonzero(np.any(directions[first : first + len(NAMES)], axis=1))
-        curves = bool(curved(self.physics.values)) or bool(directions[[first + k for k in CURVING]].any())
+        by_physics = np.any(directions[first : first + len(NAMES)], axis=1)
+        curves = bool(curved(self.physics.values)) or bool(by_physics[list(CURVING)].any())
         order = np.argsort(t, kind="stable")
         found = np.full((int(place.max(initial=-1)) + 1, numbers, directions.shape[1]), np.nan)
+        at_end = np.full((len(self.balls.ids), STATE, directions.shape[1]), np.nan)
         differentiate(
             self.legs, self.contacts, self.gone, self.balls.radius, self.balls.mass, self.physics.values,
-            self.physics.codes, self.rails.lines, self.rails.arcs, NORMALS, t[order], place[order],
-            np.ascontiguousarray(directions), active, CURVED_ROWS if curves else STRAIGHT_ROWS, found,
+            self.physics.codes, self.rails.lines, self.rails.arcs, NORMALS, t[order], place[order], float(end),
+            np.ascontiguousarray(directions), np.flatnonzero(by_physics), CURVED_ROWS if curves else STRAIGHT_ROWS,
+            found, at_end,
         )  # fmt: skip
-        return found
+        return found, at_end
 
     def state(self, t: float | Floats) -> State:
         """The same as a `State`, with standard deviations of 0: nothing is uncertain."""
@@ -151,14 +166,6 @@ class Run:
     def rows(self) -> int:
         """Pieces that one leg may have."""
         return CURVED_ROWS if curved(self.physics.values) else STRAIGHT_ROWS
-
-    @property
-    def gone(self) -> Floats:
-        """(N,) s, when each ball fell into a pocket; infinite where it did not."""
-        found = np.full(len(self.balls.ids), np.inf)
-        potted = self.contacts[self.contacts[:, KIND] == HOLE]
-        found[potted[:, FIRST].astype(int)] = potted[:, TIME]
-        return found
 
     @property
     def events(self) -> Events:

@@ -32,6 +32,7 @@ from models.billiards.engine import (
     TIME,
     normal,
 )
+from models.billiards.motion_slopes import AHEAD, derive_motion
 from models.billiards.parameters import (
     AIR_DRAG,
     BALL_E,
@@ -41,110 +42,21 @@ from models.billiards.parameters import (
     CUSHION_LAWS,
     CUSHION_MU,
     NAMES,
-    NAP,
     PRESSED_CLOTH,
     SLIDING_MU,
     SLOPE_X,
     SLOPE_Y,
-    SPIN_DECAY,
     VISCOUS_DRAG,
 )
-from models.billiards.pieces import REST, START, WIDTH, X, follow, piece_at, side_spin
+from models.billiards.pieces import WIDTH, follow
 
 BALL_COLUMNS = ("x", "y", "vx", "vy", "wx", "wy", "wz", "radius", "mass")
 """What a shot depends on, ball by ball; after those of all balls come the parameters, then the offsets of the noses."""
 CURVING = (SLOPE_X, SLOPE_Y, AIR_DRAG, VISCOUS_DRAG)
 """Parameters whose derivatives have no closed form, even where they are 0."""
 PER_BALL = len(BALL_COLUMNS)
-_SIDE_SPIN, _RADIUS, _MASS, _PARAMETERS = 6, 7, 8, len(NAMES)
+_RADIUS, _MASS, _PARAMETERS = 7, 8, len(NAMES)
 _MATHAVAN = CUSHION_LAWS.index("mathavan_2010")
-_AHEAD = 1e-9
-"""s beyond what is asked for: up to there a leg is planned."""
-
-
-@compiled
-def derive_motion(state, radius, p, active, needed, taus, until, rows, phases, shown, last):  # type: ignore[no-untyped-def]
-    """Derivatives of one ball's motion by its state, its radius and the `active` parameters.
-
-    Fills shown (T, R, 8 + A) with those of the first R of its numbers at taus (T,), and, where `until` is finite, last
-    (7, 8 + A) with those of the state there. Columns that are not `needed` (8 + A,) are 0.
-    """
-    horizon = until if until < np.inf else taus[-1] if len(taus) > 0 else 0.0
-    shown[:], last[:] = 0.0, 0.0
-    for j in range(8 + len(active)):
-        if not needed[j] or (j >= 8 and not felt_by_cloth(active[j - 8])):
-            continue
-        if j < 2:  # the cloth is the same everywhere
-            shown[:, j, j], last[j, j] = 1.0, 1.0
-            continue
-        s, r, q = state.astype(np.complex128), radius + 0j, p.astype(np.complex128)
-        if j < 7:
-            s[j] += 1j * STEP
-        elif j == 7:
-            r += 1j * STEP
-        else:
-            q[active[j - 8]] += 1j * STEP
-        if j == _SIDE_SPIN or (j >= 8 and active[j - 8] == SPIN_DECAY):  # side spin does not act on the path
-            derive_side_spin(s[6], q[SPIN_DECAY], taus, until, shown, last, j)
-            continue
-        count = plan(s, r, q, horizon + _AHEAD, rows, phases)
-        if shown.shape[1] == 2:
-            derive_places(s, rows, phases, count, taus, shown, j)
-        else:
-            derive_states(s, q, rows, count, taus, shown, j)
-        if until == 0.0:
-            last[:, j] = s.imag / STEP
-        elif until < np.inf:
-            found, turn = np.zeros(7, np.complex128), np.zeros(7, np.complex128)
-            follow(rows, count, s[6], q, until + 0j, found, turn)
-            last[:, j] = found.imag / STEP
-
-
-@compiled
-def derive_side_spin(wz, rate, taus, until, shown, last, j):  # type: ignore[no-untyped-def]
-    """Column j of shown (T, R, ...) and last (7, ...) from a spin and a decay of which one carries a step."""
-    if shown.shape[1] > _SIDE_SPIN:
-        for i in range(len(taus)):
-            shown[i, _SIDE_SPIN, j] = side_spin(wz, rate, taus[i] + 0j)[0].imag / STEP
-    if until < np.inf:
-        last[_SIDE_SPIN, j] = side_spin(wz, rate, until + 0j)[0].imag / STEP
-
-
-@compiled
-def felt_by_cloth(parameter):  # type: ignore[no-untyped-def]
-    """Whether a ball alone on the cloth feels a parameter."""
-    return parameter < CUSHION_E or parameter == NAP
-
-
-@compiled
-def derive_places(s, rows, phases, count, taus, shown, j):  # type: ignore[no-untyped-def]
-    """Column j of shown (T, 2, ...) from a plan whose numbers carry a step."""
-    for i in range(len(taus)):
-        k = piece_at(rows, count, taus[i] + 0j)
-        if taus[i] == 0.0:
-            shown[i, 0, j], shown[i, 1, j] = s[0].imag / STEP, s[1].imag / STEP
-            continue
-        if i > 0 and phases[k] == REST and taus[i - 1] >= rows[k, START].real:  # it lies where it lay
-            shown[i, 0, j], shown[i, 1, j] = shown[i - 1, 0, j], shown[i - 1, 1, j]
-            continue
-        t = taus[i] - rows[k, START]
-        for axis in range(2):
-            x = 0.0 * t
-            for power in range(5, -1, -1):
-                x = x * t + rows[k, X + 6 * axis + power]
-            shown[i, axis, j] = x.imag / STEP
-
-
-@compiled
-def derive_states(s, q, rows, count, taus, shown, j):  # type: ignore[no-untyped-def]
-    """Column j of shown (T, 7, ...) from a plan whose numbers carry a step."""
-    found, turn = np.zeros(7, np.complex128), np.zeros(7, np.complex128)
-    for i in range(len(taus)):
-        if taus[i] == 0.0:
-            shown[i, :, j] = s.imag / STEP
-            continue
-        follow(rows, count, s[6], q, taus[i] + 0j, found, turn)
-        shown[i, :, j] = found.imag / STEP
 
 
 @compiled
@@ -270,9 +182,10 @@ def through_ball(sa, sb, a, b, rates, ra, rb, ma, mb, p, active, law, soft, i, j
 
 @compiled
 def over_leg(  # type: ignore[no-untyped-def]
-    legs, k, until, sens, radius, p, active, times, place, directions, rows, phases, shown, out
+    legs, k, until, end, sens, radius, p, active, times, place, directions, rows, phases, shown, out, at_end
 ):
-    """Fill out (K, R, C) on leg k up to the time `until`; the derivatives (7, C) there."""
+    """Fill out (K, R, C) on leg k up to the time `until`, and where `end` lies on it at_end (N, 7, C); the derivatives
+    (7, C) at `until`."""
     ball, start = int(legs[k, LEG_BALL]), legs[k, LEG_TIME]
     first = np.searchsorted(times, start) if start > 0.0 else 0
     after = max(first, len(times) if until == np.inf else np.searchsorted(times, until))
@@ -280,11 +193,14 @@ def over_leg(  # type: ignore[no-untyped-def]
     told = moved_by(sens, directions, ball, place.shape[1], active)
     kept, columns = out.shape[1], len(told)
     needed = np.array([np.any(told[j] != 0.0) for j in range(columns)])
-    parts, last = shown[: len(seen) * kept * columns].reshape(len(seen), kept, columns), np.zeros((7, columns))
+    parts, last = shown[: len(seen) * kept * columns].reshape(len(seen), kept, columns), np.empty((7, columns))
+    stop, stopped = (end - start if start <= end < until else np.inf), np.empty((7, columns))
     derive_motion(
-        legs[k, LEG_STATE:].copy(), radius[ball], p, active, needed, times[seen] - start, until - start, rows, phases,
-        parts, last,
+        legs[k, LEG_STATE:].copy(), radius[ball], p, active, needed, times[seen] - start, until - start, stop, rows,
+        phases, parts, last, stopped,
     )  # fmt: skip
+    if stop < np.inf:
+        at_end[ball] = stopped @ told
     made = parts.reshape(-1, columns) @ told
     for i in range(len(seen)):
         out[place[seen[i], ball]] = made[i * kept : (i + 1) * kept]
@@ -292,17 +208,19 @@ def over_leg(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def at_end(leg, until, radius, p, rows, phases, state, rate):  # type: ignore[no-untyped-def]
+def rate_at(leg, until, radius, p, rows, phases, state, rate):  # type: ignore[no-untyped-def]
     """Fill state (7,) and its change rate (7,) of a leg at the time `until`."""
-    count = plan(leg[LEG_STATE:], radius, p, until - leg[LEG_TIME] + _AHEAD, rows, phases)
+    count = plan(leg[LEG_STATE:], radius, p, until - leg[LEG_TIME] + AHEAD, rows, phases)
     follow(rows, count, leg[LEG_STATE + 6], p, until - leg[LEG_TIME], state, rate)
 
 
 @compiled
 def differentiate(  # type: ignore[no-untyped-def]
-    legs, contacts, gone, radius, mass, p, laws, lines, arcs, normals, times, place, directions, active, table_rows, out
-):
-    """Fill out (K, R, C) with derivatives of the first R of the seven numbers of a ball, 2 or 7, along `directions`.
+    legs, contacts, gone, radius, mass, p, laws, lines, arcs, normals, times, place, end, directions, active,
+    table_rows, out, at_end,
+):  # fmt: skip
+    """Fill out (K, R, C) with derivatives of the first R of the seven numbers of a ball, 2 or 7, along `directions`,
+    and at_end (N, 7, C) with those of all balls at the time `end`, where that is finite.
 
     times (T,) are sorted; place (T, N) says which of the K each is, -1 where it is not asked for. directions
     (9 N + P + 4, C); `active` are the parameters that one of them moves.
@@ -324,11 +242,12 @@ def differentiate(  # type: ignore[no-untyped-def]
         for m in range(len(met)):
             k = leg[met[m]]
             sens[met[m]] = over_leg(
-                legs, k, t, sens[met[m]], radius, p, active, times, place, directions, complex_rows, phases, shown, out
-            )
+                legs, k, t, end, sens[met[m]], radius, p, active, times, place, directions, complex_rows, phases,
+                shown, out, at_end,
+            )  # fmt: skip
             leg[met[m]] = k + 1
-            at_end(legs[k], t, radius[met[m]], p, rows, phases, states[m], rates[m])
-            at_end(legs[k + 1], t, radius[met[m]], p, rows, phases, unused, rates[2 + m])
+            rate_at(legs[k], t, radius[met[m]], p, rows, phases, states[m], rates[m])
+            rate_at(legs[k + 1], t, radius[met[m]], p, rows, phases, unused, rates[2 + m])
         if kind == BALL:
             both = through_ball(
                 sens[a], sens[b], states[0], states[1], rates, radius[a], radius[b], mass[a], mass[b],
@@ -343,6 +262,6 @@ def differentiate(  # type: ignore[no-untyped-def]
     for a in range(n):
         if gone[a] == np.inf:
             over_leg(
-                legs, leg[a], np.inf, sens[a], radius, p, active, times, place, directions, complex_rows, phases,
-                shown, out,
+                legs, leg[a], np.inf, end, sens[a], radius, p, active, times, place, directions, complex_rows, phases,
+                shown, out, at_end,
             )  # fmt: skip

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.billiards.compiled import compiled
 from models.billiards.parameters import NAMES, NAP, ROLLING_MU, SLIDING_MU
 from models.billiards.playing import (
     ABSENT,
@@ -63,12 +64,22 @@ class Shots:
     windows: tuple[Window, ...] = field(init=False)
     places: Ints = field(init=False, repr=False)
     """(P,) of the unknowns among all numbers."""
+    sloped: Mask = field(init=False, repr=False)
+    """(P,) the unknowns that slopes are needed for."""
+    of_motion: Mask = field(init=False, repr=False)
+    """(P,) those of them that the motion hangs on, and not only what is seen of it."""
+    kept: tuple[Ints, ...] = field(init=False, repr=False)
+    """Per window (S',), which of the 7 N numbers of all balls the next one begins with; none where none follows."""
 
     def __post_init__(self) -> None:
         if unknown := {prior.name for prior in self.unknowns} - set(NUMBERS):
             raise ValueError(f"shots hang on {', '.join(NUMBERS)}; got {', '.join(sorted(unknown))}")
         found = np.array([NUMBERS.index(prior.name) for prior in self.unknowns], dtype=np.int64)
+        sloped = np.ones(len(found), bool) if self.wanted is None else self.wanted
         object.__setattr__(self, "places", found)
+        object.__setattr__(self, "sloped", sloped)
+        object.__setattr__(self, "of_motion", sloped & (found < PICTURE))
+        object.__setattr__(self, "kept", tuple(self._kept(window) for window in range(len(self.stretches))))
         object.__setattr__(self, "windows", tuple(window_of(one, self.guesses) for one in self.stretches))
 
     def values(self, shared: Floats) -> Floats:
@@ -82,13 +93,14 @@ class Shots:
         return replace(self, stretches=tuple(one.until(t) for one in self.stretches if one.t[0] <= t))
 
     def narrowed(self) -> Shots:
-        """The same, no slopes by unknowns."""
+        """The same, without slopes by unknowns."""
         return replace(self, wanted=np.zeros(len(self.unknowns), bool))
 
     def run(self, window: int, start: Floats, shared: Floats) -> Run:
         """The shot of a window as it is played; ArithmeticError where balls meet without end."""
         stretch = self.stretches[window]
-        last = max(stretch.t[-1] + 1.0 / 60, self._end(window)) - stretch.begin
+        last, end = stretch.t[-1] + 1.0 / 60 - stretch.begin, self._end(window)
+        last = last if end == np.inf else max(last, end)
         return played(start, stretch.moving, self.table, self.values(shared), self.laws, last)
 
     def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
@@ -97,17 +109,16 @@ class Shots:
         run = self.possible_run(window, start, shared)
         if run is None:
             return self._failed(window, len(start))
-        wanted = np.ones(len(self.unknowns), bool) if self.wanted is None else self.wanted
-        asked = wanted & (self.places < PICTURE)
-        directions = directions_of(run.balls, stretch.moving, self.table, values, self.places[asked])
-        shown, by_start, by_shared = self._sloped(stretch, run, values, wanted, directions)
-        whiten = stretch.whitened
-        misfit = np.einsum("kij,kj->ki", whiten, shown - stretch.seen)
-        by_shared = whiten @ by_shared
+        look = self._look(window, run, values)
+        directions = directions_of(run.balls, stretch.moving, self.table, values, self.places[self.of_motion])
+        found, at_end = run.along_to(look.t, look.where(stretch), directions, 2, self._end(window))
+        shown, by_start, by_shared = self._slopes(stretch, look, _finite(found), values)
+        misfit = _whitened(stretch.whitened, (shown - stretch.seen)[..., None])[..., 0]
+        by_start, by_shared = _whitened(stretch.whitened, by_start), _whitened(stretch.whitened, by_shared)
         if values[SLIDING_MU] == 0:
-            self._with_secant(window, start, shared, misfit, by_shared, wanted)
-        end, end_by_start, end_by_shared = self._handed_over(window, run, values, asked, directions)
-        return Flow(misfit, whiten @ by_start, by_shared, end, end_by_start, end_by_shared, _order(run))
+            self._with_secant(window, start, shared, misfit, by_shared)
+        handed = self._handed_over(window, look.end, at_end, run, values)
+        return Flow(misfit, by_start, by_shared, *handed, _order(run))
 
     def glance(self, window: int, start: Floats, shared: Floats) -> Glance:
         """The same without slopes."""
@@ -116,13 +127,10 @@ class Shots:
         if run is None:
             failed = self._failed(window, len(start))
             return Glance(failed.misfit, failed.end)
-        shown = self._shown(stretch, run, values)[0]
-        if self._views(values):
-            shown = seen(self._view, shown, values[ON_VIEW])[0]
-        misfit = np.einsum("kij,kj->ki", stretch.whitened, shown - stretch.seen)
-        kept = self._kept(window)
-        end = self._state_at_end(window, run).reshape(-1)[kept] if len(kept) else np.empty(0)
-        return Glance(misfit, _finite(end), _order(run))
+        look = self._look(window, run, values)
+        shown = seen(self._view, look.xy, values[ON_VIEW])[0] if self._views(values) else look.xy
+        misfit = _whitened(stretch.whitened, (shown - stretch.seen)[..., None])[..., 0]
+        return Glance(misfit, self._next_start(window, look.end, run), _order(run))
 
     def path_seen(self, window: int, start: Floats, shared: Floats) -> Floats:
         """(T, N, 2) m, where balls would be seen at the times of a window, also where they were not seen: each row of
@@ -154,92 +162,129 @@ class Shots:
         """Whether a picture may shift what is seen."""
         return self.view is not None and bool((values[ON_VIEW] != FAITHFUL).any())
 
-    def _shown(self, stretch: Stretch, run: Run, values: Floats) -> tuple[Floats, Floats, Floats, Ints]:
-        """Where the K observations were made (K, 2), with what velocity (K, 2), at which times (M,), and which of them
-        each was made at (K,)."""
+    def _look(self, window: int, run: Run, values: Floats) -> _Look:
+        """At all that is observed of a window and at its end."""
+        stretch, end = self.stretches[window], self._end(window)
         at, place = _times(stretch, values)
         balls, inside = stretch.observed[1], np.maximum(at, 0.0)
-        states = run.at(inside)
-        xy, v = _held(states[..., :2])[place, balls], _finite(states[place, balls, 2:4])
-        return xy + v * (at - inside)[place, None], v, inside, place
+        states = run.at(inside if end == np.inf else np.append(inside, end))
+        seen_at = states[: len(inside)]
+        xy, v = _held(seen_at[..., :2])[place, balls], _finite(seen_at[place, balls, 2:4])
+        return _Look(xy + v * (at - inside)[place, None], v, inside, place, states[len(inside) :])
 
-    def _sloped(
-        self, stretch: Stretch, run: Run, values: Floats, wanted: Mask, directions: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        """Where the K observations should be (K, 2), by the start (K, 2, S) and by the unknowns (K, 2, P)."""
-        xy, v, inside, place = self._shown(stretch, run, values)
-        rows, balls = stretch.observed
-        where = np.full((len(inside), len(stretch.moving)), -1, np.int64)
-        where[place, balls] = np.arange(len(place))
-        asked = wanted & (self.places < PICTURE)
-        found = _finite(run.along(inside, where, directions, 2))
-        size = directions.shape[1] - int(asked.sum())
-        by_start, by_shared = found[..., :size], np.zeros((len(xy), 2, len(self.unknowns)))
-        by_shared[..., asked] = found[..., size:]
-        for number, shift in ((READOUT, stretch.row), (FRAMES, stretch.late)):
-            if shift is not None and number in self.places[wanted]:
-                late = shift[rows, balls] if shift.ndim == 2 else shift[rows]
-                by_shared[..., list(self.places).index(number)] = v * late[:, None]
-        on_view = wanted & (self.places >= PICTURE) & (self.places < READOUT)
+    def _slopes(self, stretch: Stretch, look: _Look, found: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
+        """Where the K observations should be (K, 2), by the start (K, 2, S) and by the unknowns (K, 2, P), if any are
+        asked for; from the slopes `found` of their places by the start and by what moves the balls."""
+        size = found.shape[2] - int(self.of_motion.sum())
+        by_start, by_shared = found[..., :size], self._by_unknowns(stretch, look, found[..., size:])
+        on_view = self.sloped & (self.places >= PICTURE) & (self.places < READOUT)
         if self.view is None or not (self._views(values) or on_view.any()):
-            return xy, by_start, by_shared
-        xy, by_place, by_picture = seen(self.view, xy, values[ON_VIEW])
+            return look.xy, by_start, by_shared
+        xy, by_place, by_picture = seen(self.view, look.xy, values[ON_VIEW])
         by_shared = by_place @ by_shared
-        by_shared[..., on_view] = by_picture[..., self.places[on_view] - PICTURE]
+        if self._columns:
+            by_shared[..., on_view] = by_picture[..., self.places[on_view] - PICTURE]
         return xy, by_place @ by_start, by_shared
 
-    def _with_secant(
-        self, window: int, start: Floats, shared: Floats, misfit: Floats, by_shared: Floats, wanted: Mask
-    ) -> None:
+    def _by_unknowns(self, stretch: Stretch, look: _Look, moved: Floats) -> Floats:
+        """(K, 2, P) slopes of places on the table: `moved` (K, 2, M) by the motion, and by when they are seen."""
+        by_shared = np.zeros((len(moved), 2, self._columns))
+        if not self._columns:
+            return by_shared
+        by_shared[..., self.of_motion] = moved
+        rows, balls = stretch.observed
+        for number, shift in ((READOUT, stretch.row), (FRAMES, stretch.late)):
+            if shift is not None and number in self.places[self.sloped]:
+                late = shift[rows, balls] if shift.ndim == 2 else shift[rows]
+                by_shared[..., list(self.places).index(number)] = look.v * late[:, None]
+        return by_shared
+
+    def _with_secant(self, window: int, start: Floats, shared: Floats, misfit: Floats, by_shared: Floats) -> None:
         """Fill in the slope by sliding friction where it is absent."""
-        for number in np.flatnonzero(wanted & (self.places == SLIDING_MU)):
+        for number in np.flatnonzero(self.sloped & (self.places == SLIDING_MU)):
             usual = shared.copy()
             usual[number] = _USUAL_SLIDING
             other = self.glance(window, start, usual).misfit
             by_shared[..., number] = np.nan_to_num((other - misfit) / _USUAL_SLIDING)
 
+    @property
+    def _columns(self) -> int:
+        """Shared numbers that slopes are given for: all or none."""
+        return len(self.unknowns) if self.sloped.any() else 0
+
     def _end(self, window: int) -> float:
-        """s, where the window hands over to the next one."""
+        """s since the beginning of a window, where it hands over to the next one; infinite where none follows."""
         follows = window + 1 < len(self.stretches) and self.stretches[window + 1].follows
-        return self.stretches[window + 1].begin if follows else self.stretches[window].begin
+        return self.stretches[window + 1].begin - self.stretches[window].begin if follows else np.inf
 
     def _kept(self, window: int) -> Ints:
-        """(S',) which of the 7 N numbers of all balls the next window begins with; none where none follows."""
-        if self._end(window) == self.stretches[window].begin:
+        """As `kept`."""
+        if self._end(window) == np.inf:
             return np.empty(0, np.int64)
         following = self.stretches[window + 1].moving
         return packed(np.arange(len(following) * MOVING, dtype=np.float64).reshape(-1, MOVING), following).astype(int)
 
-    def _state_at_end(self, window: int, run: Run) -> Floats:
-        """(N, 7) as `playing` counts, where the window hands over."""
-        state = run.at(np.array(self._end(window) - self.stretches[window].begin))
-        return slips(state, run.balls.radius)
+    def _next_start(self, window: int, end: Floats, run: Run) -> Floats:
+        """(S',) with what the next window begins, from the states (1, N, 7) at the end of a window."""
+        kept = self.kept[window]
+        return _finite(slips(end[0], run.balls.radius).reshape(-1)[kept]) if len(kept) else np.empty(0)
 
     def _handed_over(
-        self, window: int, run: Run, values: Floats, asked: Mask, directions: Floats
+        self, window: int, end: Floats, by: Floats, run: Run, values: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """State where the next window begins (S',), by the start (S', S) and by the unknowns (S', P)."""
-        stretch, size, kept = self.stretches[window], len(self.windows[window].start), self._kept(window)
+        """State where the next window begins (S',), by the start (S', S) and by the unknowns (S', P), if any are asked
+        for; from the states there (1, N, 7) and their derivatives `by` (N, 7, C)."""
+        size, kept = len(self.windows[window].start), self.kept[window]
         if not len(kept):
-            return np.empty(0), np.empty((0, size)), np.empty((0, len(self.unknowns)))
-        numbers, count = self.places[asked], len(stretch.moving)
-        t = np.array([self._end(window) - stretch.begin])
-        by = run.along(t, np.arange(count)[None], directions, MOVING)  # (N, 7, S + M)
+            return np.empty(0), np.empty((0, size)), np.empty((0, self._columns))
         by = slips(by.swapaxes(1, 2), run.balls.radius[:, None]).swapaxes(1, 2)
-        by[:, 4:, size:] += _by_size(run.at(t)[0], run, values)[..., numbers]
-        by = _finite(by.reshape(count * MOVING, -1)[kept])
-        by_shared = np.zeros((len(kept), len(self.unknowns)))
-        by_shared[:, asked] = by[:, size:]
-        return _finite(self._state_at_end(window, run).reshape(-1)[kept]), by[:, :size], by_shared
+        by_shared = np.zeros((len(kept), self._columns))
+        if self._columns:
+            by[:, 4:, size:] += _by_size(end[0], run, values)[..., self.places[self.of_motion]]
+        by = _finite(by.reshape(len(by) * MOVING, -1)[kept])
+        if self._columns:
+            by_shared[:, self.of_motion] = by[:, size:]
+        return self._next_start(window, end, run), by[:, :size], by_shared
 
     def _failed(self, window: int, size: int) -> Flow:
         """A flow that costs infinitely much."""
-        count = len(self.stretches[window].observed[0])
-        follows = self._end(window) != self.stretches[window].begin
-        end = len(self.windows[window + 1].start) if follows else 0
-        shared = len(self.unknowns)
+        count, end, shared = len(self.stretches[window].observed[0]), len(self.kept[window]), self._columns
         return Flow(np.full((count, 2), np.inf), np.zeros((count, 2, size)), np.zeros((count, 2, shared)),
                     np.zeros(end), np.zeros((end, size)), np.zeros((end, shared)))  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """At the K observations of a window."""
+
+    xy: Floats
+    """(K, 2) m, where they were made."""
+    v: Floats
+    """(K, 2) m/s, with what velocity."""
+    t: Floats
+    """(M,) s since the beginning, when."""
+    place: Ints
+    """(K,) which of these times is that of each."""
+    end: Floats
+    """(1, N, 7) states where the window hands over, (0, N, 7) where none follows."""
+
+    def where(self, stretch: Stretch) -> Ints:
+        """(M, N) number of the observation of each ball at each time, -1 where there is none."""
+        found = np.full((len(self.t), len(stretch.moving)), -1, np.int64)
+        found[self.place, stretch.observed[1]] = np.arange(len(self.place))
+        return found
+
+
+@compiled
+def _whitened(whiten, values):  # type: ignore[no-untyped-def]
+    """Values (K, 2, M), or slopes, in standard deviations; whiten (K, 2, 2)."""
+    found = np.empty(values.shape)
+    for k in range(len(values)):
+        for m in range(values.shape[2]):
+            x, y = values[k, 0, m], values[k, 1, m]
+            found[k, 0, m] = whiten[k, 0, 0] * x + whiten[k, 0, 1] * y
+            found[k, 1, m] = whiten[k, 1, 0] * x + whiten[k, 1, 1] * y
+    return found
 
 
 def _finite(values: Floats) -> Floats:
@@ -254,7 +299,7 @@ def _order(run: Run) -> tuple[tuple[int, ...], ...]:
 
 def possible(start: Floats, values: Floats) -> bool:
     """Whether nature allows these numbers."""
-    finite = np.all(np.isfinite(start)) and np.all(np.isfinite(values))
+    finite = np.isfinite(start).all() and np.isfinite(values).all()
     return bool(finite and (abs(values[NAP]) < values[ROLLING_MU] or values[NAP] == 0))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.engine import EVENT_WIDTH, LEG_BALL, LEG_TIME, LEG_WIDTH, play
+from models.billiards.engine import EVENT_WIDTH, LEG_BALL, LEG_WIDTH, play
 from models.billiards.forces import curved
 from models.billiards.parameters import Physics
 from models.billiards.pieces import CURVED_ROWS, STRAIGHT_ROWS
@@ -43,8 +43,7 @@ def simulate(balls: Balls, table: Table, physics: Physics, seconds: float, offse
             around.holes, float(seconds), CURVED_ROWS if curved(physics.values) else STRAIGHT_ROWS, contacts, legs,
         )  # fmt: skip
         if complete:
-            legs = legs[:made]
-            order = np.lexsort((np.arange(made), legs[:, LEG_TIME], legs[:, LEG_BALL]))
+            order = np.argsort(legs[:made, LEG_BALL], kind="stable")  # they are made in the order of time
             return Run(balls, around, physics, float(seconds), contacts[:done], legs[order])
         room *= 8
     raise ArithmeticError(f"the balls met more than {MOST_CONTACTS} times; shorten the shot, or part balls that touch")
