@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import onnxruntime
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
@@ -20,6 +19,7 @@ from torch import Tensor, nn
 from detectors.centres import CHANNELS, COARSE_STRIDE, LOOKS, RADIUS_UNIT_PX, STREAK_UNIT_PX, STRIDE
 from detectors.network import BallNetwork
 from detectors.onnx_model import SCHEMA
+from video.inference import onnxruntime
 
 OPSET = 18
 PARITY = 2e-3

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from detectors.centres import CHANNELS, COARSE_STRIDE, Centres, chained, not_echoes, read_maps
 from detectors.yolo import Classes, Layout, class_count, classes_of, layout_of, letterboxed, read_boxes
 from models.errors import ModelError
+from video.inference import onnxruntime
 
 Floats32 = NDArray[np.float32]
 Bytes = NDArray[np.uint8]

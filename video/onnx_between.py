@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from models.errors import OptionError
 from video.flow import Between
+from video.inference import onnxruntime
 
 Picture = NDArray[np.uint8]
 Singles = NDArray[np.float32]

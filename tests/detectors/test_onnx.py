@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -20,6 +24,8 @@ from models.scene import Camera
 
 COLOURS = ((230, 230, 220), (200, 30, 40), (240, 190, 30), (25, 25, 30), (120, 40, 130), (30, 110, 60), (170, 80, 30))
 ONNX = DetectOptions(detector="onnx")
+ROOT = Path(__file__).resolve().parents[2]
+IMPORT = "\nimport onnxruntime"
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +35,18 @@ def model() -> BallModel:
 
 def finder_for(model: BallModel, *pictures: np.ndarray) -> NetworkFinder:
     return network_finder(drawn_scene(), list(enumerate(pictures)), model)
+
+
+def test_the_library_that_runs_networks_is_told_to_report_to_nobody(tmp_path: Path) -> None:
+    """Where it may report, it names its session in a file among the temporary ones as soon as it is imported."""
+    facts = {name: word for name, word in os.environ.items() if name != "ORT_DISABLE_TELEMETRY"}
+    code = "from detectors.onnx_model import SHIPPED, open_model; open_model(SHIPPED)"
+    home = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    subprocess.run([sys.executable, "-c", code], env=facts | home, check=True)
+    assert not list(tmp_path.iterdir())
+    rooms = ("models", "video", "detectors", "diagnosis", "pipeline")
+    importing = [path for room in rooms for path in (ROOT / room).rglob("*.py") if IMPORT in path.read_text("utf-8")]
+    assert importing == [ROOT / "video" / "inference.py"]
 
 
 def test_every_ball_is_found_and_nothing_else() -> None:
