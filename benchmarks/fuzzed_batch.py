@@ -30,8 +30,10 @@ def fuzzed(folder: Path, inputs: int, rng: np.random.Generator) -> list[Line]:
         rows = list(csv.DictReader(file))
     costs = pq.read_table(place.out / "summary.parquet")
     worst, peak = max(costs.column("seconds").to_pylist()), max(costs.column("peak_mb").to_pylist())
-    said = [row["sentence"] for row in rows if row["status"] == "failed"]
-    traces = [one for one in said if "unforeseen" in one or "Traceback" in one] + [err] * ("Traceback" in err)
+    failed = [row for row in rows if row["status"] == "failed"]
+    said = [row["sentence"] for row in failed]
+    traces = [f"{row['clip']}: {row['sentence']}" for row in failed if "unforeseen" in row["sentence"]]
+    traces += [one for one in [*said, err] if "Traceback" in one]
     hung, died = [one for one in said if "--time-limit" in one], [one for one in said if "the process that ran" in one]
     greedy, lines = [one for one in said if "--memory-limit" in one], [one for one in said if "\n" in one or not one]
     strange = sorted(set(os.listdir(folder / "run")) - {"out", "cache"}) + leftovers(place)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
@@ -86,13 +86,22 @@ def _picture_stream(container: Any, path: Path) -> Any:
     return stream
 
 
+def packets_of(container: Any, stream: Any) -> Iterator[Any]:
+    """Packets of a stream, to the end of the file.
+
+    PyAV trips over streams that begin within a file, as they may in a transport stream; all is read by then.
+    """
+    with suppress(IndexError):
+        yield from container.demux(stream)
+
+
 def decoded(container: Any, stream: Any, damage: list[str] | None = None) -> Iterator[Any]:
     """Every picture that can be decoded, in presentation order; what could not is told to `damage`."""
     told = [] if damage is None else damage
     if isinstance(container, PictureRow):
         yield from decoded_sequence(container, told)
         return
-    packets = container.demux(stream)
+    packets = packets_of(container, stream)
     while True:
         try:
             packet = next(packets, None)

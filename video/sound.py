@@ -10,7 +10,7 @@ import av
 from av.filter import Graph
 
 from video.clip import Clip
-from video.decoder import opened
+from video.decoder import opened, packets_of
 
 RATE, LAYOUT = 48000, "stereo"
 """1/s, of samples; channels."""
@@ -56,9 +56,10 @@ def _stretched(clip: Clip, slow: float, seconds: float) -> Iterator[Any]:
     with av.open(str(clip.path)) as container:
         voice = container.streams.audio[0]
         graph, source, sink = _graph(voice, _first_picture(clip), slow, seconds)
-        for frame in container.decode(voice):
-            source.push(frame)
-            yield from _ready(sink)
+        for packet in packets_of(container, voice):
+            for frame in packet.decode():
+                source.push(frame)
+                yield from _ready(sink)
         source.push(None)
         yield from _ready(sink)
         del graph

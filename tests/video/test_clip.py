@@ -51,6 +51,25 @@ def film(
     return path
 
 
+def broadcast(path: Path, seconds: int, *, sound: bool = False) -> bytes:
+    """A transport stream of so many s, 25 pictures each; with sound for its first second or without."""
+    with av.open(str(path), "w", format="mpegts") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        voice = container.add_stream("mp2", rate=48000) if sound else None
+        for k in range(25 * seconds):
+            frame = av.VideoFrame.from_ndarray(np.full((64, 96, 3), 20 + k % 200, np.uint8))
+            frame.pts, frame.time_base = k, Fraction(1, 25)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+        if voice is not None:
+            silence = av.AudioFrame.from_ndarray(np.zeros((1, 2 * 48000), np.int16), format="s16", layout="stereo")
+            silence.sample_rate, silence.pts = 48000, 0
+            container.mux(voice.encode(silence))
+            container.mux(voice.encode(None))
+    return path.read_bytes()
+
+
 def order(clip: Clip) -> list[int]:
     """The numbers that the pictures of the clip show, in the order they come."""
     return [round((int(np.median(rgb)) - 20) / 7) for _, rgb in read_frames(clip, indices=range(clip.frame_count))]
@@ -258,3 +277,13 @@ def test_opening_says_how_far_it_is(tmp_path: Path) -> None:
     assert told == sorted(told)
     assert told[-1] == 1.0
     assert len(told) > 10
+
+
+def test_a_stream_that_begins_within_a_broadcast_does_no_harm(tmp_path: Path) -> None:
+    """Far enough from both ends, where nobody looks for streams who opens the file."""
+    padding = b"\x47\x1f\xff\x10" + b"\xff" * 184
+    alone = broadcast(tmp_path / "alone.ts", 8)
+    parts = alone, 30_000 * padding, broadcast(tmp_path / "sound.ts", 1, sound=True), 3_000 * padding, alone
+    late = tmp_path / "late.ts"
+    late.write_bytes(b"".join(parts))
+    assert open_clip(late).frame_count == 425
