@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 
 Floats = NDArray[np.float64]
 Rect = tuple[float, float, float, float]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 
 Picture = NDArray[np.uint8]
 Plane = NDArray[np.uint8]

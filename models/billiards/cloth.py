@@ -16,11 +16,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.compiled import compiled
 from models.billiards.curves import march
 from models.billiards.forces import ROLLED, accelerate, curved, heading, resistance, slip
 from models.billiards.parameters import GRAVITY, ROLLING_MU, SLIDING_MU, SLOPE_X, SLOPE_Y
 from models.billiards.pieces import CLOCK, FOREVER, GLIDE, REST, ROLL, SLIDE, straight
+from models.compiled import compiled
 
 NO_SLIP = 1e-10
 """m/s: less than rounding leaves of the slip of a ball that rolls."""

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.compiled import compiled
 from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
 from models.billiards.impacts import alciatore, elastic, inelastic, mass_spring
 from models.billiards.roots import DEPTH
+from models.compiled import compiled
 
 
 @compiled

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.compiled import STEP, compiled
 from models.billiards.forces import accelerate, heading, pull
 from models.billiards.parameters import GRAVITY, ROLLING_MU, SLIDING_MU
 from models.billiards.pieces import CLOCK, END, GLIDE, SLIDE, START, WX, WY, X, straight
+from models.compiled import STEP, compiled
 
 TOLERANCE, TOLERANCE_OF_SLOPES = 3e-10, 1e-7
 """m and m/s, error of one step; where derivatives are carried also theirs, for a change of the input by its unit."""

@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 
 from models.billiards.cloth import plan
-from models.billiards.compiled import compiled
 from models.billiards.contacts import meet_ball, meet_cushion
 from models.billiards.pieces import END, REST, START, WIDTH, X, Y, follow, piece_at
 from models.billiards.roots import MOST_DEGREE, NEVER, meeting
+from models.compiled import compiled
 
 BALL, LINE, ARC, HOLE = range(4)
 """What a ball meets."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.compiled import compiled
 from models.billiards.parameters import (
     AIR_DRAG,
     GRAVITY,
@@ -16,6 +15,7 @@ from models.billiards.parameters import (
     VISCOUS_DRAG,
 )
 from models.billiards.pieces import GLIDE, SLIDE
+from models.compiled import compiled
 
 ROLLED = 5.0 / 7.0
 """Of a force along the cloth accelerates a solid sphere that rolls."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from models.billiards.cloth import plan
-from models.billiards.compiled import STEP, compiled
 from models.billiards.parameters import CUSHION_E, NAP, SPIN_DECAY
 from models.billiards.pieces import REST, START, X, follow, piece_at, side_spin
+from models.compiled import STEP, compiled
 
 _SIDE_SPIN = 6
 AHEAD = 1e-9

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from models.billiards.compiled import compiled
 from models.billiards.parameters import SPIN_DECAY
+from models.compiled import compiled
 
 SLIDE, ROLL, REST, GLIDE = range(4)
 """Phases; a ball glides where there is no sliding friction and it does not roll."""

@@ -13,12 +13,12 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.compiled import compiled
 from models.billiards.parameters import NAMES, Physics, neutral
 from models.billiards.run import Balls, Run
 from models.billiards.sensitivities import PER_BALL
 from models.billiards.simulate import simulate
 from models.billiards.view import FAITHFUL, ON_PICTURE
+from models.compiled import compiled
 from models.scene import CUSHIONS, Table
 
 Floats = NDArray[np.float64]

@@ -18,11 +18,11 @@ from __future__ import annotations
 import numpy as np
 
 from models.billiards.cloth import NO_SLIP, plan
-from models.billiards.compiled import compiled
 from models.billiards.contacts import meet_cushion
 from models.billiards.forces import slip
 from models.billiards.parameters import GRAVITY, ROLLING_MU, SLIDING_MU
 from models.billiards.pieces import follow
+from models.compiled import compiled
 
 CLOTH_INPUTS, CLOTH_HIDDEN, CLOTH_OUTPUTS = 6, 5, 2
 """Direction of travel (2), speed, place (2), share of slip; b and c."""

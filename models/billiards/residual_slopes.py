@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from models.billiards.cloth import NO_SLIP
-from models.billiards.compiled import compiled
 from models.billiards.parameters import CUSHION_E, CUSHION_MU, ROLLING_MU, SLIDING_MU
 from models.billiards.pieces import WIDTH
 from models.billiards.residual import CLOTH_WEIGHTS, ROOM, hop, travel
+from models.compiled import compiled
 
 PHYSICS = 4
 """Numbers before the noses: sliding mu, rolling mu, cushion e, cushion mu."""

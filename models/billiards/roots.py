@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 
 MOST_DEGREE = 10
 """Squared distance of two quintics."""

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.billiards.cloth import plan
-from models.billiards.compiled import compiled
 from models.billiards.engine import BALL, FIRST, HOLE, KIND, LEG_BALL, LEG_STATE, LEG_TIME, LINE, SECOND, SPEED, TIME
 from models.billiards.forces import curved
 from models.billiards.parameters import NAMES, SPIN_DECAY, Physics
@@ -30,6 +29,7 @@ from models.billiards.pieces import (
 )
 from models.billiards.rails import NORMALS, Rails
 from models.billiards.sensitivities import BALL_COLUMNS, CURVING, differentiate
+from models.compiled import compiled
 from models.events import Events
 from models.scene import CUSHIONS, POCKETS
 from models.trajectory import State, Trajectory

@@ -16,7 +16,6 @@ from __future__ import annotations
 import numpy as np
 
 from models.billiards.cloth import plan
-from models.billiards.compiled import STEP, compiled
 from models.billiards.contacts import meet_ball, meet_cushion
 from models.billiards.engine import (
     BALL,
@@ -49,6 +48,7 @@ from models.billiards.parameters import (
     VISCOUS_DRAG,
 )
 from models.billiards.pieces import WIDTH, follow
+from models.compiled import STEP, compiled
 
 BALL_COLUMNS = ("x", "y", "vx", "vy", "wx", "wy", "wz", "radius", "mass")
 """What a shot depends on, ball by ball; after those of all balls come the parameters, then the offsets of the noses."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.compiled import compiled
 from models.billiards.parameters import NAMES, NAP, ROLLING_MU, SLIDING_MU
 from models.billiards.playing import (
     ABSENT,
@@ -30,6 +29,7 @@ from models.billiards.playing import (
 from models.billiards.run import Run
 from models.billiards.stretches import Stretch, window_of
 from models.billiards.view import FAITHFUL, ON_PICTURE, View, seen
+from models.compiled import compiled
 from models.effects.effect import Prior
 from models.scene import Table
 from models.shooting.windows import Flow, Glance, Window

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.compiled import compiled
 from models.boxes.touching import contacts, faces, spread
+from models.compiled import compiled
 
 SOLVER_PASSES = 12
 """over all contacts of a step, at most."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 
 MOST_PER_PAIR = 2
 """Two convex bodies in the plane rest on each other on two points."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.compiled import compiled
 from models.billiards.motion import STATE, differentiate_one
+from models.compiled import compiled
 from models.effects.catalogue import prior_of
 from models.fitting.skeleton import (
     BALL,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
-from models.billiards.compiled import compiled
 from models.billiards.motion import STATE, Friction, differentiate_one
+from models.compiled import compiled
 from models.fitting.knowledge import ROLLING_PRIOR, RUBBER, SLIDING_PRIOR, Rows, known
 from models.fitting.skeleton import (
     DIAMETER,

@@ -8,8 +8,8 @@ from typing import NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.compiled import compiled
 from models.billiards.motion import Friction
+from models.compiled import compiled
 from models.fitting.solution import SHARED, Solution, layout
 from models.fitting.story import ContactKind, Story
 from models.scene import CUSHIONS

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.compiled import compiled
 from models.billiards.motion import STATE, Friction, kinematics
+from models.compiled import compiled
 from models.fitting.story import Story
 from models.tracks import Tracks
 

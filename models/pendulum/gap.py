@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 from models.effects.effect import Prior
 from models.smooth_motion import Numbers, SceneEffect, SmoothScene, brake_probe, marcher
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 from models.shooting.elimination import ShotBlock
 from models.shooting.shared_numbers import prior_cost, slopes
 from models.shooting.windows import Flow, Glance, Model, Window, glance, narrowed

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 
 BAUMGARTE = 20.0
 """1/s: how fast a rod that is off its length returns to it (Baumgarte 1972, doi:10.1016/0045-7825(72)90018-7)."""

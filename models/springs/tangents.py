@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 from models.springs.kernels import BAUMGARTE, accelerate, coupling, eliminate
 
 

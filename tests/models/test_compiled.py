@@ -11,7 +11,7 @@ from textwrap import dedent
 ROOT = Path(__file__).resolve().parents[2]
 
 CALLEE = """
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 
 @compiled
 def inner(x):
@@ -19,7 +19,7 @@ def inner(x):
 """
 CALLER = """
 from models.billiards.callee import inner
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 
 @compiled
 def outer(x):
@@ -45,7 +45,7 @@ def test_a_change_in_another_file_that_is_called_compiles_again(tmp_path: Path) 
     package.mkdir(parents=True)
     for folder in (package, package.parent):
         (folder / "__init__.py").write_text("")
-    for name in ("billiards/compiled.py", "imports.py"):
+    for name in ("compiled.py", "imports.py"):
         (package.parent / name).write_text((ROOT / "models" / name).read_text())
     (package / "caller.py").write_text(dedent(CALLER))
     (package / "callee.py").write_text(dedent(CALLEE.format(number=1)))

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from models.billiards import parameters
-from models.billiards.compiled import compiled
 from models.billiards.cushions.nose import approach, push, restitution
+from models.compiled import compiled
 
 USES = (
     "cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_restitution_power.power",

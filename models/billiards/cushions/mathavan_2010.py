@@ -23,8 +23,8 @@ from __future__ import annotations
 import numpy as np
 
 from models.billiards import parameters
-from models.billiards.compiled import compiled
 from models.billiards.cushions.nose import COSINE, SINE, restitution
+from models.compiled import compiled
 
 USES = (
     "cushion_restitution.e",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.billiards import parameters
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 
 NOSE_HEIGHT = 1.27
 """Of the ball's radius, above the cloth: 62.5 to 64.5 % of the diameter (WPA equipment specifications)."""

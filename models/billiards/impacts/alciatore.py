@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from models.billiards import parameters
-from models.billiards.compiled import compiled
 from models.billiards.impacts.surface import STICK, exchange, slip_between
+from models.compiled import compiled
 
 USES = ("ball_restitution.e",)
 

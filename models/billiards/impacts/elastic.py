@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from models.billiards.compiled import compiled
 from models.billiards.impacts.surface import exchange
+from models.compiled import compiled
 
 USES = ()
 

@@ -5,7 +5,7 @@ The balls touch at the height of their centres, normal n from ball a to ball b; 
 
 from __future__ import annotations
 
-from models.billiards.compiled import compiled
+from models.compiled import compiled
 
 STICK = 2.0 / 7.0
 """Impulse per reduced mass and slip that stops the slip between two solid spheres: they then turn as gears."""

@@ -1,4 +1,4 @@
-"""How the physics of billiards is compiled, once for real numbers, once for complex ones, and what goes over pixels.
+"""How numbers are worked through in compiled loops: laws of motion once for real, once for complex numbers; pixels.
 
 A law is written once. With float64 it gives the outcome; with complex128 and a step of 1e-30 along the imaginary axis
 it gives its derivative, exact to rounding (Squire and Trapp 1998, doi:10.1137/S003614459631241X). So it branches on
