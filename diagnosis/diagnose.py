@@ -14,7 +14,7 @@ from diagnosis.exchanged import names_given_back
 from diagnosis.film_next import film_next, film_to_see, film_what_is_left
 from diagnosis.fitting import Fitted, Question, Seen, fit, follow, look, question_of
 from diagnosis.growing import not_followed
-from diagnosis.hypotheses import Hypothesis, Search
+from diagnosis.hypotheses import Hypothesis, Search, Watch, unwatched
 from diagnosis.noise import Noise, estimate_noise, with_noise
 from diagnosis.other_shots import alone, confirmed, gain, of_shots
 from diagnosis.pieces import LEAST, fit_begun, lengthened, stretches
@@ -56,14 +56,17 @@ class Study:
     doubt: Doubt
 
 
-def diagnose(scene: GapScene, recordings: tuple[Recording, ...], seed: int = 0) -> Report:
-    """Where simulator and world part, which effect is missing, and how far the gap shrinks with it."""
+def diagnose(scene: GapScene, recordings: tuple[Recording, ...], seed: int = 0, watch: Watch = unwatched) -> Report:
+    """Where simulator and world part, which effect is missing, and how far the gap shrinks with it; `watch` is told
+    what is being tried."""
     own = [names_given_back(one) for one in recordings]
     split = split_shots(tuple(recording for recording, _ in own))
     reason = _too_little(scene, split)
     if reason:
         return _undecidable(scene, reason)
-    study = _study(scene, split, np.random.default_rng(seed))
+    watch("fitting what the simulator has", ())
+    study = _study(scene, split, np.random.default_rng(seed), watch)
+    watch("predicting shots that chose nothing", study.best.fitted.names)
     report = tuple(with_noise(split.report, study.noise))
     found = _reported(study, report, np.random.default_rng([seed, 1]))
     return replace(found, notes=tuple(str(exchange) for _, exchanges in own for exchange in exchanges))
@@ -93,11 +96,11 @@ def _moves(recording: Recording) -> bool:
     return False
 
 
-def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
+def _study(scene: GapScene, split: Split, rng: np.random.Generator, watch: Watch) -> Study:
     noise = estimate_noise((*split.fit, *split.select))
     question = question_of(scene, noise.correlation)
     first, second = with_noise(split.fit, noise), with_noise(split.select, noise)
-    state = _searched(question, (*first, *second))
+    state = _searched(question, (*first, *second), watch)
     best = confirmed(question, state, first, second)
     base, full = state.alone, best.fitted
     seen, seen_full = look(question, base), look(question, full)
@@ -111,14 +114,14 @@ def _study(scene: GapScene, split: Split, rng: np.random.Generator) -> Study:
     )
 
 
-def _searched(question: Question, recordings: tuple[Recording, ...]) -> Search:
+def _searched(question: Question, recordings: tuple[Recording, ...], watch: Watch) -> Search:
     """Search on windows that need no hypothesis, and again on those that the best one allows."""
     base = fit_begun(question, recordings)
     odd = not_followed(question, base)
     if odd:
         recordings = tuple(one for one in recordings if one.shot not in odd)
         base = fit_begun(question, recordings)
-    state = search(question, base, lambda fitted: lengthened(question, recordings, fitted))
+    state = search(question, base, lambda fitted: lengthened(question, recordings, fitted), watch)
     if state.alone is base and isinstance(question.scene, Eventful):
         state.alone = lengthened(question, recordings, base)
     return state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import comb, log
 
@@ -15,6 +16,14 @@ Floats = NDArray[np.float64]
 
 _ORDERS = float(np.log(1e4))
 """a missing effect is as likely to be of any order of magnitude, from the natural strength to a ten-thousandth."""
+
+
+Watch = Callable[[str, tuple[str, ...]], None]
+"""Is told what is being done, and with which effects."""
+
+
+def unwatched(doing: str, names: tuple[str, ...] = ()) -> None:
+    """Nobody looks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +52,7 @@ class Search:
     """what the data say of all parameters at the fits looked at."""
     compared: set[tuple[frozenset[str], frozenset[str]]] = field(default_factory=set)
     """hypotheses, and those that were begun from their starts too."""
+    watch: Watch = unwatched
 
     def __post_init__(self) -> None:
         self.tried[self.first.names] = self.first

@@ -34,6 +34,7 @@ def tried(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
     known = state.tried.get(names)
     if known is not None:
         return known
+    state.watch("trying", tuple(sorted(names)))
     question = state.question
     effects = effects_of(question, names)
     effects += tuple(one for one in details_of(question, names) if one in near.fitted.names and one not in effects)

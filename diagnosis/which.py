@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, fit
 from diagnosis.growing import sought_anew
-from diagnosis.hypotheses import Hypothesis, Search, signatures_of, told_by
+from diagnosis.hypotheses import Hypothesis, Search, Watch, signatures_of, told_by, unwatched
 from diagnosis.signatures import Signatures
 from diagnosis.trying import LEFT, begun_from, tried, with_details
 from diagnosis.unknown import SUSPICIOUS, agreement
@@ -37,14 +37,14 @@ _WORTH = 6.0
 """chi2 that an effect beside others must promise to be refitted: half of what it would need to be adopted."""
 
 
-def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted]) -> Search:
+def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted], watch: Watch = unwatched) -> Search:
     """Try larger hypotheses, one effect more at a time, until nothing more is asked for; `longer` then gives the best
     one windows as long as it allows, on which the search goes on.
 
     All that short windows ask for is found before they grow: what is missing bends a long one so far that hidden states
     imitate it, and keep doing so when the fit is given what it lacked.
     """
-    state = Search(question, Hypothesis(frozenset(), base), alone=base)
+    state = Search(question, Hypothesis(frozenset(), base), alone=base, watch=watch)
     now, lengthened = state.base, None
     while True:
         now = with_details(state, now)
@@ -57,6 +57,7 @@ def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted])
         elif rival is not None and state.weigh(rival) > state.weigh(now):
             now = rival  # the same has made it likelier
         elif lengthened != now.names:
+            watch("following for longer", tuple(sorted(now.names)))
             lengthened, further = now.names, longer(now.fitted)
             if len(further.pieces) < len(now.fitted.pieces):
                 state = _taken_up(state, Hypothesis(now.names, further))
@@ -72,6 +73,7 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
     question, fitted = former.question, best.fitted
 
     def longer(one: Hypothesis) -> Hypothesis:
+        former.watch("trying for longer", tuple(sorted(one.names)))
         own, refuted = one.fitted, former.weigh(former.best()) - former.weigh(one) > _REFUTED
         options = GLANCE if refuted else USUAL
         found = fit(question, fitted.pieces, own.names, own.forms, own.shared, fitted.starts, options)
@@ -79,7 +81,7 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
 
     instead = stand_ins(former, former.tried[best.names])
     first, alone = (longer(former.base), former.alone) if best.names else (best, fitted)
-    state = Search(question, first, alone)
+    state = Search(question, first, alone, watch=former.watch)
     state.tried[best.names] = best
     state.compared |= {(best.names, best.names - {name}) for name in best.names}
     ranked = sorted(former.tried.values(), key=former.weigh, reverse=True)

@@ -37,7 +37,7 @@ def closed_sentence(report: Report) -> str:
     """How far the gap shrinks; empty where nothing was held out."""
     gap, told = report.gap, report.gap.closing
     if not gap.windows:
-        return "No shot was left over to measure how far the gap shrinks."
+        return "No shot that can be predicted was left over to measure how far the gap shrinks."
     if not math.isfinite(told.before):
         return "Nothing could be predicted on the shots that were left over: they begin too uncertainly, or lie still."
     before, after, floor = (length(value, gap.metric) for value in (told.before, told.after, told.floor))

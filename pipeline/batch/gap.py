@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
 
 from diagnosis.diagnose import diagnose
 from pipeline.batch.job import Row
@@ -18,6 +19,7 @@ from pipeline.gap_files import write_gap
 from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene, table_of
 from pipeline.gap_words import gap_sentence
+from pipeline.search_display import search_display
 from pipeline.sentences import one_sentence
 from pipeline.track_folder import read_track_folders
 
@@ -58,14 +60,16 @@ def tables_of(rows: Iterable[Row]) -> list[TableShots]:
     ]
 
 
-def diagnose_tables(tables: Iterable[TableShots], out: Path) -> Iterator[tuple[TableShots, str]]:
-    """Write OUT/gap/TABLE/gap.json, gap.html and gap_predictions.csv; what each says, or why it says nothing."""
+def diagnose_tables(tables: Iterable[TableShots], out: Path, console: Console) -> Iterator[tuple[TableShots, str]]:
+    """Write OUT/gap/TABLE/gap.json, gap.html and gap_predictions.csv; what each says, or why it says nothing. What is
+    being tried shows on the console."""
     for table in tables:
         folder = out / "gap" / table.name
         try:
             read = read_track_folders(table.folders)
             scene = open_scene(read)
-            report = diagnose(scene, read.recordings)
+            with search_display(console, table.name) as watch:
+                report = diagnose(scene, read.recordings, watch=watch)
             write_gap(report, folder)
             write_gap_page(report, table.name, folder / "gap.html", table_of(scene))
         except Exception as error:  # whatever is wrong with one table, the others are not to suffer

@@ -123,7 +123,7 @@ def _diagnose(rows: list[Row], out: Path) -> None:
     """Say of each table what its shots together say."""
     from pipeline.batch.gap import diagnose_tables, tables_of
 
-    for table, sentence in diagnose_tables(tables_of(rows), out):
+    for table, sentence in diagnose_tables(tables_of(rows), out, Console(stderr=True)):
         shots = f"{len(table.folders)} shot{'s' * (len(table.folders) != 1)}"
         console.print(f"{table.name} ({shots}): {sentence}", markup=False, soft_wrap=True)
 

@@ -22,6 +22,7 @@ from pipeline.gap_files import as_json, write_gap
 from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene, table_of
 from pipeline.gap_words import causes, closed_sentence, gap_sentence, plain, strengths
+from pipeline.search_display import search_display
 from pipeline.track_folder import read_track_folders
 
 _SHOWN = 5
@@ -44,7 +45,8 @@ def diagnose_folders(
     refuse_closed(folder)
     read = read_track_folders(inputs)
     scene = open_scene(read)
-    report = diagnose(scene, read.recordings)
+    with search_display(Console(stderr=True)) as watch:
+        report = diagnose(scene, read.recordings, watch=watch)
     write_gap(report, folder)
     if isinstance(scene, BilliardsScene):
         write_cure(report, scene.table, folder)

@@ -130,3 +130,13 @@ def test_bodies_that_lie_still_never_seem_to_move() -> None:
         names = tuple(str(number) for number in range(15))
         one = Recording(shot, np.arange(rows), np.arange(rows) / 60, names, places, np.full((rows, 15), 1e-3))
         assert "nothing moves" in diagnose(Pucks(), (one,)).film_next
+
+
+def test_who_watches_is_told_what_is_tried() -> None:
+    said: list[tuple[str, tuple[str, ...]]] = []
+    diagnose(
+        Pucks(), film(np.random.default_rng(0), FRICTION | LACKING["slope"], SHORT), watch=lambda *now: said.append(now)
+    )
+    assert said[0] == ("fitting what the simulator has", ())
+    assert ("trying", ("slope",)) in said
+    assert said[-1][0] == "predicting shots that chose nothing"

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from pipeline.batch.gap import diagnose_tables, tables_of
 from pipeline.batch.job import Row
@@ -46,7 +47,7 @@ def test_shots_of_a_recording_go_to_the_tables_that_they_show(tmp_path: Path) ->
 
 def test_a_table_that_cannot_be_diagnosed_is_a_sentence_and_stops_no_other(tmp_path: Path) -> None:
     tables = tables_of([ran(tmp_path, "a", GREEN), ran(tmp_path, "b", BLUE)])
-    said = list(diagnose_tables(tables, tmp_path / "out"))
+    said = list(diagnose_tables(tables, tmp_path / "out", Console(quiet=True)))
     assert [table.name for table, _ in said] == [table.name for table in tables]
     assert all(sentence.count("\n") == 0 and "tracks.csv" in sentence for _, sentence in said)
     assert not list((tmp_path / "out").rglob("gap.json"))
