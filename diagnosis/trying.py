@@ -22,7 +22,7 @@ _BEYOND_CHANCE = 20.0
 _HOPELESS = 0.25
 """share of what the best hypothesis explains that another one must explain at a glance to be fitted to the end."""
 _REFUTED = 3.0
-"""times the cost of a hypothesis, from which no other starts can save one that was begun from it."""
+"""times the cost of a hypothesis, from which no other starts alone can save one that was begun from it."""
 _LITTLE = 0.5
 """of its natural strength, up to which an effect may have been imitated by hidden states: it is then begun from all of
 it, with states from what is seen alone, for those that were fitted without it keep imitating it. So is another form
@@ -136,21 +136,21 @@ def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
     return found
 
 
-def begun_from(question: Question, fitted: Fitted, other: Fitted) -> Fitted:
+def begun_from(question: Question, fitted: Fitted, other: Fitted, forms: tuple[str, ...]) -> Fitted:
     """A fit begun also from the states of another hypothesis, with its own numbers and with those of that; with those
-    details that the other one has."""
-    details = details_of(question, frozenset(fitted.names))
-    more = tuple(name for name in details if name in other.names and name not in fitted.names)
-    if more:
-        finer = fit(question, other.pieces, (*fitted.names, *more), fitted.forms, other.shared, other.starts)
-        return finer if finer.cost < fitted.cost else fitted
-    if fitted.cost > _REFUTED * other.cost:
-        return fitted
-    begun = begun_like(question, fitted, other.starts)
-    shared = np.where(begun.free, other.shared, begun.shared)
-    if not allowed(question, other, begun.forms, shared):
+    details that the other one has, and in these `forms`."""
+    more = tuple(
+        name
+        for name in details_of(question, frozenset(fitted.names))
+        if name in other.names and name not in fitted.names
+    )
+    names, begun = (*fitted.names, *more), fitted
+    if not more and forms == fitted.forms and fitted.cost <= _REFUTED * other.cost:
+        begun = begun_like(question, fitted, other.starts)
+    shared = np.where(question.mask((*question.scene.assumed, *names)), other.shared, question.neutral)
+    if not allowed(question, other, forms, shared):
         return begun
-    found = fit(question, begun.pieces, begun.names, begun.forms, shared, other.starts, GLANCE)
+    found = fit(question, other.pieces, names, forms, shared, other.starts, GLANCE)
     if found.cost >= begun.cost:
         return begun
-    return fit(question, begun.pieces, begun.names, begun.forms, found.shared, found.starts)
+    return fit(question, found.pieces, names, forms, found.shared, found.starts)

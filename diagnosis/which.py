@@ -196,7 +196,9 @@ def _levelled(state: Search, other: Hypothesis, one: Hypothesis) -> Hypothesis:
     if (one.names, other.names) in state.compared or other.fitted.pieces is not one.fitted.pieces:
         return other
     state.compared.add((one.names, other.names))
-    return state.improve(other, begun_from(state.question, other.fitted, one.fitted))
+    open_ = [choice.name in other.names for choice in state.question.scene.alternatives]
+    forms = tuple(np.where(open_, one.fitted.forms, other.fitted.forms).tolist())
+    return state.improve(other, begun_from(state.question, other.fitted, one.fitted, forms))
 
 
 def chance(state: Search, one: Hypothesis, name: str) -> float:

@@ -11,8 +11,8 @@ from played_shots import SIGMA, TABLE, numbers, opening
 from diagnosis.fitting import fit, question_of
 from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.pieces import fit_begun
-from diagnosis.trying import begun_from, details_of, tried, with_details
-from diagnosis.which import proposals
+from diagnosis.trying import begun_from, details_of, effects_of, tried, with_details
+from diagnosis.which import lacking, proposals
 from models.billiards.gap import billiards_scene
 from models.billiards.playing import Laws, packed, played
 from models.gap_scene import Recording
@@ -56,7 +56,7 @@ def test_a_smaller_hypothesis_gets_the_details_of_the_larger_one() -> None:
     question, base = state.question, state.base.fitted
     smaller = fit(question, base.pieces, (SPEED,))
     larger = fit(question, base.pieces, (SPEED, "nap", POWER))
-    assert begun_from(question, smaller, larger).names == (SPEED, POWER)
+    assert begun_from(question, smaller, larger, smaller.forms).names == (SPEED, POWER)
     assert details_of(question, frozenset({"nap"})) == ()
 
 
@@ -69,3 +69,16 @@ def test_another_law_is_tried_where_its_twin_leaves_little_but_shots_disagree() 
     state.tried[twin.names] = twin = Hypothesis(twin.names, quiet)
     assert twin.fitted.excess == 0
     assert frozenset({"ball_friction", "ball_law"}) in proposals(state, twin)
+
+
+def test_a_smaller_hypothesis_may_take_the_form_of_the_larger_one() -> None:
+    """Or what is added would be needed for the form alone."""
+    state = searched(Laws("han_2005"), cushion_friction__mu=0.2)
+    question, pieces, law = state.question, state.base.fitted.pieces, frozenset({"cushion_law"})
+    for names, form in ((law, "mathavan_2010"), (law | {"nap"}, "han_2005")):
+        fitted = fit(question, pieces, effects_of(question, names), (form, "inelastic"))
+        state.tried[names] = Hypothesis(names, fitted)
+    wrong, larger = state.tried[law].fitted, state.tried[law | {"nap"}]
+    found = lacking(state, larger, "nap")
+    assert found.forms == ("han_2005", "inelastic")
+    assert found.cost < larger.fitted.cost + 10 < wrong.cost
