@@ -20,6 +20,15 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 console = Console(stderr=True, highlight=False)
+_UNBROKEN = 10_000
+"""columns of what is no terminal: no path is broken in two."""
+
+
+def standard_output() -> Console:
+    """Where answers go; lines are as long as they need to be where nobody reads them on a terminal."""
+    own = Console(highlight=False)
+    return own if own.is_terminal else Console(highlight=False, width=_UNBROKEN)
+
 
 ClipArgument = Annotated[Path, typer.Argument(help="A clip of a shot: mp4, mov, mkv, avi, webm.")]
 

@@ -64,6 +64,11 @@ class Batch:
         cache = str(self.cache.root.absolute())
         return Job(str(clip.absolute()), name, folder, cache, self.cache.mark, self.settings, self.limits)
 
+    @property
+    def ended(self) -> list[Row]:
+        """How the clips went that have ended, by name."""
+        return sorted(self.rows.values(), key=lambda row: row.clip)
+
     def note(self, row: Row) -> Row:
         """Keep how a clip went, its folder named as the user named `out`."""
         if row.folder:
@@ -89,4 +94,4 @@ def run_batch(
     finally:
         if batch.rows:
             write_summary(batch.rows.values(), batch.out)
-    return sorted(batch.rows.values(), key=lambda row: row.clip)
+    return batch.ended

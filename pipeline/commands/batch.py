@@ -18,7 +18,17 @@ from rich.table import Table as Grid
 
 from models.errors import OptionError
 from pipeline.chain import refuse_closed
-from pipeline.command_line import CacheOption, DebugOption, JsonOption, app, console, named, open_cache, with_settings
+from pipeline.command_line import (
+    CacheOption,
+    DebugOption,
+    JsonOption,
+    app,
+    console,
+    named,
+    open_cache,
+    standard_output,
+    with_settings,
+)
 from pipeline.options import RunOptions
 from pipeline.publish import clear_left
 from pipeline.sentences import told
@@ -78,12 +88,17 @@ def batch(
     store.clear_rubbish()
     work = Batch(folder, out, store, settings_of(options), Limits(time_limit, memory_limit))
     work.know(clips)
-    with (
-        _crew(work, jobs, cluster, clips) as crew,
-        BatchDisplay(console, None if watch else len(clips)) as display,
-    ):
-        queue = clips if jobs == 1 and cluster is None else largest_first(clips)
-        rows = run_batch(work, arriving(folder, out, idle) if watch else queue, crew, display)
+    queue = clips if jobs == 1 and cluster is None else largest_first(clips)
+    try:
+        with (
+            _crew(work, jobs, cluster, clips) as crew,
+            BatchDisplay(console, None if watch else len(clips)) as display,
+        ):
+            run_batch(work, arriving(folder, out, idle) if watch else queue, crew, display)
+    except KeyboardInterrupt:
+        if not watch:
+            raise
+    rows = work.ended
     _tell(rows, out, as_json)
     if gaps:
         _diagnose(rows, out)
@@ -138,6 +153,6 @@ def _tell(rows: list[Row], out: Path, as_json: bool) -> None:
     for row in shown:
         look = row.sentence or told(f"{row.folder}/{'shot-*/' if row.in_shots else ''}report.html")
         grid.add_row(escape(row.clip), row.trust or row.status, str(row.contacts), escape(look))
-    Console(highlight=False).print(grid)
+    standard_output().print(grid)
     done = sum(row.status == "done" for row in rows)
     print(f"{done} of {len(rows)} clips done; {out / 'summary.csv'} lists them, {out / 'summary.html'} shows them.")

@@ -7,11 +7,10 @@ import math
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table as Grid
 
 from models.errors import OptionError
-from pipeline.command_line import CacheOption, DebugOption, JsonOption, app, open_cache
+from pipeline.command_line import CacheOption, DebugOption, JsonOption, app, open_cache, standard_output
 
 
 @app.command("cache")
@@ -45,5 +44,5 @@ def show_cache(
         rows = [entry for entry in entries if entry.stage == stage]
         size, seconds = sum(e.size for e in rows) / 1e6, sum(e.seconds for e in rows)
         grid.add_row(stage, str(len(rows)), f"{size:.1f}", f"{seconds:.1f}")
-    Console(highlight=False).print(grid)
+    standard_output().print(grid)
     print(f"{len(entries)} entries, {sum(entry.size for entry in entries) / 1e6:.1f} MB in {store.root}")

@@ -16,7 +16,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.verdict import Report
 from models.billiards.gap import BilliardsScene
 from pipeline.chain import refuse_closed
-from pipeline.command_line import DebugOption, JsonOption, app, named
+from pipeline.command_line import DebugOption, JsonOption, app, named, standard_output
 from pipeline.gap_cure import write_cure
 from pipeline.gap_files import as_json, write_gap
 from pipeline.gap_page import write_gap_page
@@ -62,7 +62,7 @@ def diagnose_folders(
 
 
 def _tell(report: Report, folder: Path) -> None:
-    screen = Console(highlight=False)
+    screen = standard_output()
     screen.print(f"[bold]{escape(gap_sentence(report))}[/]")
     screen.print(escape(closed_sentence(report)))
     if report.candidates:

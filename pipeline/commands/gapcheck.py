@@ -15,7 +15,7 @@ from rich.progress import track
 from rich.table import Table as Grid
 
 from models.errors import OptionError
-from pipeline.command_line import DebugOption, JsonOption, app, console
+from pipeline.command_line import DebugOption, JsonOption, app, console, standard_output
 
 
 @app.command("gapcheck")
@@ -58,7 +58,7 @@ def gapcheck(
     if as_json:
         print(json.dumps({"cases": [_row(one) for one in opened], "measured": measured}, allow_nan=False))
         return
-    screen = Console(highlight=False)
+    screen = standard_output()
     if opened:
         _tell(screen, opened, marks_of(opened))
     if measured:

@@ -8,11 +8,19 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table as Grid
 
 from pipeline.chain import run_graph
-from pipeline.command_line import CacheOption, DebugOption, JsonOption, app, named, open_cache, with_settings
+from pipeline.command_line import (
+    CacheOption,
+    DebugOption,
+    JsonOption,
+    app,
+    named,
+    open_cache,
+    standard_output,
+    with_settings,
+)
 from pipeline.options import RunOptions
 
 
@@ -48,13 +56,13 @@ def graph(
         grid = Grid("stage", "needs", box=None, pad_edge=False)
         for v in views:
             grid.add_row(v.stage, ", ".join(v.needs))
-        Console(highlight=False).print(grid)
+        standard_output().print(grid)
         print(f"Drawn in {out}" if out is not None else "Name a clip to see what is cached: trueroll graph CLIP")
         return
     grid = Grid("stage", "needs", "state", "why", box=None, pad_edge=False)
     style = {"cached": "green", "stale": "yellow", "waiting": "dim"}
     for v in views:
         grid.add_row(v.stage, ", ".join(v.needs), f"[{style[v.state]}]{v.state}[/]", v.why)
-    Console(highlight=False).print(grid)
+    standard_output().print(grid)
     if out is not None:
         print(f"Drawn in {out}")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from models.errors import OptionError
 from pipeline.command_line import (
@@ -19,6 +18,7 @@ from pipeline.command_line import (
     console,
     named,
     open_cache,
+    standard_output,
     with_settings,
 )
 from pipeline.options import RunOptions
@@ -124,7 +124,7 @@ def _interpolate_clip(
         facts = {"pictures": made.pictures, "originals": made.originals, "rate": made.rate, "trust": trust}
         print(json.dumps({"file": str(video), "frames": str(frames) if frames else None, **facts}, allow_nan=False))
         return
-    Console(highlight=False).print(trust_line(made.trust))
+    standard_output().print(trust_line(made.trust))
     print(f"{made.pictures} pictures, {made.originals} of them original, {made.rate:.3f} a second: {video}")
 
 

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from PIL import Image
-from rich.console import Console
 from rich.table import Table as Grid
 
 from models.errors import OptionError
@@ -18,7 +17,7 @@ from models.forecast.present import outlook_at
 from models.forecast.regions import outlyingness
 from models.tracks import Tracks
 from pipeline.chain import refuse_closed
-from pipeline.command_line import DebugOption, JsonOption, app, named
+from pipeline.command_line import DebugOption, JsonOption, app, named, standard_output
 from pipeline.particle_prediction import predict_particles
 from pipeline.particles import is_particles
 from pipeline.prediction_files import as_text, summary, write_prediction
@@ -124,7 +123,7 @@ def _tell(document: dict[str, Any], folder: Path) -> None:
             grid.add_row(
                 row["id"], f"{row['t']:.2f} s", f"{row['error_mm']:.1f} mm", f"{row['sigma_mm']:.1f} mm", share
             )
-        Console(highlight=False).print(grid)
+        standard_output().print(grid)
     if document["trust"]["light"] == "red":
         print(f"Do not trust this: {document['trust']['why'][0]}")
     print(f"Look at {folder / 'prediction.png'} and {folder / 'prediction.csv'}")

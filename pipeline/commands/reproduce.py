@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from models.errors import OptionError
 from pipeline.chain import refuse_closed
-from pipeline.command_line import CacheOption, DebugOption, JsonOption, app, console, named, open_cache
+from pipeline.command_line import CacheOption, DebugOption, JsonOption, app, console, named, open_cache, standard_output
 
 if TYPE_CHECKING:
     from pipeline.thesis.plan import Plan
@@ -112,7 +111,7 @@ def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
     from pipeline.thesis.tables import grids
     from pipeline.thesis.words import cells, sentences
 
-    screen = Console(highlight=False)
+    screen = standard_output()
     found = cells(trials)
     for scene in dict.fromkeys(cell.scene for cell in found):
         screen.print(f"\n[bold]{escape(TITLES[scene])}[/]")

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table as Grid
 
 from pipeline.cache import Cache
@@ -21,6 +20,7 @@ from pipeline.command_line import (
     app,
     console,
     open_cache,
+    standard_output,
     with_settings,
 )
 from pipeline.display import StageDisplay
@@ -88,7 +88,7 @@ def _as_json(made: Run) -> dict[str, Any]:
 
 def _tell(made: Run) -> None:
     """What happened, how far to trust it, and where to look."""
-    screen = Console(highlight=False)
+    screen = standard_output()
     if len(made.events):
         grid = Grid("time", "what", "probability", box=None, pad_edge=False)
         for k in range(len(made.events)):

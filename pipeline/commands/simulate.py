@@ -9,14 +9,13 @@ from typing import Annotated
 import numpy as np
 import typer
 from PIL import Image
-from rich.console import Console
 from rich.table import Table as Grid
 
 from models.billiards.simulate import simulate
 from models.events import Events
 from models.trajectory import State
 from pipeline.chain import refuse_closed
-from pipeline.command_line import DebugOption, JsonOption, app, named
+from pipeline.command_line import DebugOption, JsonOption, app, named, standard_output
 from pipeline.publish import aside
 from pipeline.sentences import event_sentence
 from pipeline.shot_file import Shot, read_shot
@@ -71,7 +70,7 @@ def _tell(events: Events, folder: Path) -> None:
     for k in range(len(events)):
         grid.add_row(f"{events.t[k]:.6f} s", event_sentence(events, k))
     if len(events):
-        Console(highlight=False).print(grid)
+        standard_output().print(grid)
     else:
         print("Nothing moves in this shot.")
     print(f"Look at {folder / 'plan.png'} and {folder / 'trajectory.csv'}")

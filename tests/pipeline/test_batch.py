@@ -14,7 +14,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -429,22 +429,42 @@ def test_a_watched_batch_runs_what_comes_and_ends_when_nothing_does(tmp_path: Pa
     assert (status, err, set(said)) == (1, "", {"a.mp4"})
 
 
+def interruptible(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    """A batch that hears Ctrl-C even where the tests were started in the background."""
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    command = [sys.executable, "-c", f"{program}from pipeline.cli import main; main()", "batch", "in", "-o", "out"]
+    return subprocess.Popen(
+        [*command, "--cache", "cache", *arguments], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def wait_for(happened: Callable[[], object], seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_watching_ends_with_an_interruption_and_tells_what_came(tmp_path: Path) -> None:
+    film(tmp_path / "in" / "a.mp4")
+    process = interruptible(tmp_path, "--watch", "--json")
+    wait_for((tmp_path / "out" / "summary.csv").exists, 120)
+    process.send_signal(signal.SIGINT)
+    said, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (1, "")
+    assert [(row["clip"], row["status"]) for row in json.loads(said)] == [("a.mp4", "failed")]
+
+
 @pytest.mark.parametrize("arguments", [(), ("--jobs", "2")])
 def test_an_interrupted_batch_leaves_no_process_and_nothing_half_written(
     tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
     for k in range(4):
         film(tmp_path / "in" / f"{k}.mp4", count=30 + k)
-    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    command = [sys.executable, "-c", f"{program}from pipeline.cli import main; main()", "batch", "in", "-o", "out"]
-    process = subprocess.Popen(
-        [*command, "--cache", "cache", *arguments], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    end = time.monotonic() + 60
-    while not (family := psutil.Process(process.pid).children(recursive=True)):
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    process = interruptible(tmp_path, *arguments)
+    wait_for(psutil.Process(process.pid).children, 60)
+    family = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (130, "trueroll: interrupted; nothing half-written is left\n")
