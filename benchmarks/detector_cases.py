@@ -25,6 +25,8 @@ from video.training_pictures import filmed
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 LEAST_VISIBLE = 0.5
 """Share of a drawn ball that must be seen for it to be asked for."""
+LOW_ELEVATION, HIGH_ELEVATION = (18.0, 25.0), (75.0, 88.0)
+"""Cameras of low broadcasts, where balls hide each other, and from above; degrees over the horizon."""
 PICTURES_PER_HALL = 3
 """Drawn pictures of one table, which the detectors learn the empty table from as well."""
 LEARNT_FROM = 9
@@ -51,12 +53,12 @@ class Case:
     """whether everything else that is found is wrong."""
 
 
-def drawn_cases(count: int, seed: int = 4242) -> Iterator[Case]:
-    """Whole tables in held-out halls, 854 to 1920 px wide, `count` pictures."""
+def drawn_cases(count: int, seed: int = 4242, elevation: tuple[float, float] = HELD_OUT_ELEVATION) -> Iterator[Case]:
+    """Whole tables in held-out halls, 854 to 1920 px wide, `count` pictures from cameras between two elevations."""
     rng = np.random.default_rng(seed)
     for number in range(0, count, PICTURES_PER_HALL):
         width = (854, 1280, 1920)[number // PICTURES_PER_HALL % 3]
-        hall = whole_table(rng, random_hall(rng, 160, held_out=True), width, width * 9 // 16)
+        hall = whole_table(rng, random_hall(rng, 160, held_out=True), width, width * 9 // 16, elevation)
         view = make_view(hall.table, hall.camera, hall.look, hall.balls, exposure=1.0, samples=1)
         lab = cv2.cvtColor(np.array([[hall.look.cloth]], np.float32), cv2.COLOR_RGB2LAB)[0, 0].astype(np.float64)
         scene = Scene(hall.table, hall.camera, lab, ())
@@ -67,11 +69,11 @@ def drawn_cases(count: int, seed: int = 4242) -> Iterator[Case]:
             yield Case(scene, learnt, shot.rgb, 0, shot.centre, shot.radius, shot.streak, on)
 
 
-def whole_table(rng: np.random.Generator, hall: Hall, width: int, height: int) -> Hall:
-    """The hall seen by a camera that shows all of the table."""
+def whole_table(rng: np.random.Generator, hall: Hall, width: int, height: int, between: tuple[float, float]) -> Hall:
+    """The hall seen by a camera that shows all of the table, from between two elevations, degrees."""
     table = hall.table
     middle = np.array([table.length / 2, table.width / 2, 0.0])
-    elevation = np.radians(rng.uniform(*HELD_OUT_ELEVATION))
+    elevation = np.radians(rng.uniform(*between))
     side = float(rng.choice([-1.0, 1.0])) * np.pi / 2 + rng.uniform(-0.3, 0.3)
     away = np.array([np.cos(side) * np.cos(elevation), np.sin(side) * np.cos(elevation), np.sin(elevation)])
     distance = rng.uniform(1.6, 3.0) * table.length

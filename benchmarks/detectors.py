@@ -1,8 +1,9 @@
 """How well the detectors find balls: Hough and the network side by side, on drawn halls and on real footage.
 
-    python benchmarks/detectors.py [--model FILE.onnx] [--pictures 24] [--sets drawn,stills,pool,carom]
+    python benchmarks/detectors.py [--model FILE.onnx] [--pictures 24] [--sets drawn,other,low,high,stills,pool,carom]
 
-Drawn pictures show halls of a kind that training never shows (cloth, lamp, camera, set of balls). The real ones are
+Drawn pictures show halls of a kind that training never shows (cloth, lamp, camera, set of balls). `other` ones have
+another seed, to choose by; `low` and `high` ones are seen from 18 to 25 and from 75 to 88 degrees. The real ones are
 those of ../shared/data; no picture of them was used for training, and a set is left out where they are absent.
 """
 
@@ -18,7 +19,17 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import cv2
-from detector_cases import DATA, Case, carom_cases, drawn_cases, named_in_stills, pool_cases, still_cases
+from detector_cases import (
+    DATA,
+    HIGH_ELEVATION,
+    LOW_ELEVATION,
+    Case,
+    carom_cases,
+    drawn_cases,
+    named_in_stills,
+    pool_cases,
+    still_cases,
+)
 from detector_scores import HEADER, Tally, line, score
 
 from detectors.ball_size import with_seen_size
@@ -38,13 +49,16 @@ def main() -> None:
     model = open_model(given.model)
     sources = {
         "drawn": lambda: drawn_cases(given.pictures),
+        "other": lambda: drawn_cases(given.pictures, 99),
+        "low": lambda: drawn_cases(given.pictures, 77, LOW_ELEVATION),
+        "high": lambda: drawn_cases(given.pictures, 78, HIGH_ELEVATION),
         "stills": still_cases,
         "pool": pool_cases,
         "carom": carom_cases,
     }
     print(HEADER)
     for name in given.sets.split(","):
-        if name != "drawn" and not DATA.is_dir():
+        if name in ("stills", "pool", "carom") and not DATA.is_dir():
             print(f"{name}: left out, {DATA} is not there")
             continue
         tallies = {detector: Tally() for detector in given.detectors.split(",")}

@@ -21,7 +21,7 @@ from detectors.found import NO_BALLS, Found, inside, without_overlaps
 from detectors.found import chained as found_chained
 from detectors.memory import CHANGED_SHARE, REACH_RADII, RENEWED_PICTURES, around, windows
 from detectors.onnx_model import BallModel, CentreModel
-from detectors.refine import fit_circles, softened
+from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, outlined
 from detectors.sweep import fitted_sweep
 from detectors.view import View, view_of
 from models.detections import Detections
@@ -35,14 +35,10 @@ LEAST_SCORE = 0.55
 """Probability from which a ball is reported."""
 SIZE_BAND = (0.7, 1.4)
 """Seen over predicted radius of what can be a ball of this table."""
+DOUBTFUL_SCORE, DOUBTFUL_BAND = 0.3, (0.5, 1.6)
+"""The same for what is a ball only if its outline is whole: what the network half sees, or sees in the wrong size."""
 STREAK_RADII = 0.5
 """Way during the exposure, ball radii, from which a ball counts as a streak."""
-LEAST_SUPPORT, CLEAR_SUPPORT = 0.6, 0.8
-"""Share of a circle's rays that must end at an edge for its centre to count, and for the ball to be at rest without a
-closer look."""
-MOST_APART = 4.0
-"""Standard deviations by which the circle may miss the network's centre, beyond which it is another thing's outline."""
-
 SIZE_PICTURES, SIZE_TURNS, CLEAR_SCORE, LEAST_SIZED = 3, 2, 0.7, 3
 """How the size of the balls is checked: in so many pictures, so many times, by balls of such a score, by so many."""
 AGREED = 0.1
@@ -104,7 +100,11 @@ class NetworkFinder:
     def sizes(self, rgb: Bytes, frame: int) -> Floats:
         """Seen over predicted radius (n,) of the clear sharp balls in a picture (H, W, 3)."""
         seen = self.follow(rgb, frame, None)[1].seen
-        clear = (seen.score > CLEAR_SCORE) & (np.linalg.norm(seen.streak, axis=1) < STREAK_RADII * seen.radius)
+        clear = (
+            self._sure(seen)
+            & (seen.score > CLEAR_SCORE)
+            & (np.linalg.norm(seen.streak, axis=1) < STREAK_RADII * seen.radius)
+        )
         return np.asarray(seen.radius[clear] / _at(self.view.radius, seen.centre[clear]), dtype=np.float64)
 
     def _seen(self, rgb: Bytes, working: Bytes, touched: Bools, memory: Glimpse | None, frame: int) -> Centres:
@@ -144,27 +144,33 @@ class NetworkFinder:
         return reference if motion is None else apply_homography(motion[frame], reference)
 
     def _on_table(self, seen: Centres) -> Centres:
-        """What is sure enough, lies on the table and is as large as a ball there; best first, without echoes."""
-        ratio = seen.radius / _at(self.view.radius, seen.centre)
-        good = (seen.score > LEAST_SCORE) & _at(self.view.centres, seen.centre)
-        good &= (ratio > SIZE_BAND[0]) & (ratio < SIZE_BAND[1])
-        seen = seen.take(good)
-        seen = seen.take(np.argsort(-seen.score, kind="stable"))
+        """What may be a ball and lies on the table; what is sure first, best first, without echoes."""
+        seen = seen.take(self._likely(seen, DOUBTFUL_SCORE, DOUBTFUL_BAND) & _at(self.view.centres, seen.centre))
+        seen = seen.take(np.lexsort((-seen.score, ~self._sure(seen))))
         return seen.take(not_echoes(seen))
+
+    def _sure(self, seen: Centres) -> Bools:
+        """What is a ball by the network's word alone."""
+        return self._likely(seen, LEAST_SCORE, SIZE_BAND)
+
+    def _likely(self, seen: Centres, score: float, band: tuple[float, float]) -> Bools:
+        ratio = seen.radius / _at(self.view.radius, seen.centre)
+        return np.asarray((seen.score > score) & (ratio > band[0]) & (ratio < band[1]))
 
     def _measured(self, rgb: Bytes, seen: Centres, frame: int) -> tuple[Detections, Floats]:
         """Balls, and where (n, 2), working px, the network's word alone counts."""
-        there = seen.placed(lambda px: self._there(px, frame), 1 / self.view.scale)
         streaked = np.linalg.norm(seen.streak, axis=1) > STREAK_RADII * seen.radius
-        sharp, support = self._refined(rgb, seen.take(~streaked), there.take(~streaked))
-        clear = support > LEAST_SUPPORT
-        by_light, moves = self._swept_by_light(rgb, seen.take(~streaked), sharp, support)
-        swept = found_chained(_swept(there.take(streaked)), by_light)
+        moving, resting = seen.take(streaked & self._sure(seen)), seen.take(~streaked)
+        sharp, support = self._outlined(rgb, resting, frame)
+        believed = self._sure(resting) | (support > WHOLE_SUPPORT)
+        resting, sharp, support = resting.take(believed), sharp.take(believed), support[believed]
+        by_light, moves = self._swept_by_light(rgb, resting, sharp, support)
+        swept = found_chained(_swept(self._placed(moving, frame)), by_light)
         kept = ~moves & ((support > CLEAR_SUPPORT) | ~inside(sharp.centre, swept).any(axis=0))
         found = without_overlaps(found_chained(swept, sharp.take(kept)), self.view.scene, frame)
         coats = ball_coats(rgb, found.centre, found.radius)
         frames = np.full(len(found.score), frame, dtype=np.int64)
-        unclear = np.concatenate([seen.centre[streaked], seen.centre[~streaked][~clear]])
+        unclear = np.concatenate([moving.centre, resting.centre[support <= LEAST_SUPPORT]])
         return Detections(
             frames, found.centre, found.radius, found.streak, coats.colour, coats.white, coats.white_rim, coats.value,
             found.score, found.sigma, found.sigma_along,
@@ -186,20 +192,18 @@ class NetworkFinder:
                 found = found_chained(found, Found(place, radius[[row]], way, sharp.score[[row]], *errors))
         return found, moves
 
-    def _refined(self, rgb: Bytes, home: Centres, there: Centres) -> tuple[Found, Floats]:
-        """Sharp balls: circles through their edges, weighed with what the network says; their support, 0 for none."""
-        expected = _at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
-        beneath = np.asarray(_at(self.cloth.colour, home.centre), dtype=np.float64)
-        circles = fit_circles(rgb, softened(rgb), there.centre, expected, beneath, self.cloth.basis)
-        own = np.hypot(there.across, there.along) / np.sqrt(2)
-        apart = np.linalg.norm(circles.centre - there.centre, axis=1)
-        good = (circles.support > LEAST_SUPPORT) & (apart < MOST_APART * np.hypot(own, circles.sigma))
-        share = np.where(good, own**2 / (own**2 + circles.sigma**2), 0.0)
-        centre = there.centre + share[:, None] * (circles.centre - there.centre)
-        radius = np.where(good, circles.radius, there.radius)
-        sigma = np.where(good, own * circles.sigma / np.hypot(own, circles.sigma), own)
-        support = np.where(good, circles.support, 0.0)
-        return Found(centre, radius, np.zeros_like(centre), there.score, sigma, sigma), support
+    def _outlined(self, rgb: Bytes, seen: Centres, frame: int) -> tuple[Found, Floats]:
+        """Balls at rest where their outlines are, and the support of these."""
+        expected = _at(self.view.radius, seen.centre).astype(np.float64) / self.view.scale
+        beneath = np.asarray(_at(self.cloth.colour, seen.centre), dtype=np.float64)
+        around = Surroundings(expected, beneath, self.cloth.basis, self.view.scene)
+        found, support = outlined(rgb, self._placed(seen, frame), around, frame)
+        # What only its outline makes a ball is as likely one as the least that is reported.
+        return replace(found, score=np.maximum(found.score, LEAST_SCORE)), support
+
+    def _placed(self, seen: Centres, frame: int) -> Centres:
+        """What was seen in the working picture, in px of the frame."""
+        return seen.placed(lambda px: self._there(px, frame), 1 / self.view.scale)
 
 
 def _swept(seen: Centres) -> Found:

@@ -42,6 +42,10 @@ TIGHT_RADII, TIGHT_PX = 0.07, 0.6
 """An edge supports a circle when it is within this of it."""
 LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 """Brightness of RGB (ITU-R BT.601)."""
+HIDING_RADII = 1.15
+"""Radius, over its own, of what a disc hides of those behind it: its rim is as soft as the lens makes it."""
+LEAST_OPEN = 0.35
+"""Share of the rays that must be open for support to be a share of those alone."""
 FLOOR_PX = 0.1
 """Error that no edge shows: sampling, coding; px, one standard deviation."""
 COMMON_SHARE = 0.9
@@ -82,13 +86,18 @@ class Circles:
         return Circles(*(getattr(self, name)[rows] for name in self.__slots__))
 
 
-def fit_circles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, cloth: Floats, basis: Floats) -> Circles:
-    """Circles near guesses: centres (K, 2) px, expected radii (K,) px, in a picture (H, W, 3) and `softened`."""
+def fit_circles(
+    rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, cloth: Floats, basis: Floats, before: Floats | None = None
+) -> Circles:
+    """Circles near guesses: centres (K, 2) px, expected radii (K,) px, in a picture (H, W, 3) and `softened`.
+
+    `before` (K, M, 3) are centre and radius, px, of discs that stand before each, NaN for none: they hide its edges.
+    """
     if not len(centre):
         return Circles(np.empty((0, 2)), *(np.empty(0) for _ in range(3)))
     place, seen = centre.astype(np.float64), radius.astype(np.float64)
     for turn, prior in enumerate(PRIOR_RADII):
-        edge, strength = _edges(rgb, soft, place, radius, seen / radius, prior, cloth, basis)
+        edge, strength = _edges(rgb, soft, place, radius, seen / radius, prior, cloth, basis, before)
         # The first look starts a pixel or two off; later ones trust the circle more.
         step, dr, weights, residual = _fit(edge, strength, radius, LOOSE[turn])
         place = place + step
@@ -138,14 +147,18 @@ def _edges(
     prior: float,
     cloth: Floats,
     basis: Floats,
+    before: Floats | None = None,
 ) -> tuple[Floats, Floats]:
-    """Edge on every ray: distance (K, A) px from the centre, gradient (K, A)."""
+    """Edge on every ray: distance (K, A) px from the centre, gradient (K, A), NaN where other discs hide it."""
     profile = ray_profiles(rgb, soft, centre, radius, basis)
     half = 2
     change = profile[:, :, 2 * half :] - profile[:, :, : -2 * half]
     gradient = np.sqrt(np.einsum("kasc,kasc->kas", change, change))
     at = DISTANCES[half:-half]
     near_circle = np.exp(-0.5 * ((at - likely[:, None]) / prior) ** 2)
+    hidden = None if before is None else _hidden(centre, radius, at, before)
+    if hidden is not None:
+        gradient[hidden] = 0.0
     # Behind the outline of a ball there is cloth; behind that of its stripe or its number there is more ball.
     away = profile[:, :, 2 * half :] - (cloth @ weighed(basis).T)[:, None, None]
     bare = 1 / (1 + np.sqrt(np.einsum("kasc,kasc->kas", away, away)) / BARE_LEVELS)
@@ -155,7 +168,18 @@ def _edges(
     local = np.take_along_axis(gradient, near, 2)
     weight = np.clip(local - 0.5 * local.max(axis=2, keepdims=True), 0, None)
     place = (weight * at[near]).sum(axis=2) / np.maximum(weight.sum(axis=2), 1e-9)
-    return place * radius[:, None], np.take_along_axis(gradient, best[..., None], 2)[..., 0]
+    strength = np.take_along_axis(gradient, best[..., None], 2)[..., 0]
+    if hidden is not None:
+        rim = np.argmin(np.abs(at - likely[:, None]), axis=1)
+        strength[np.take_along_axis(hidden, rim[:, None, None], 2)[..., 0]] = np.nan
+    return place * radius[:, None], strength
+
+
+def _hidden(centre: Floats, radius: Floats, at: Floats, before: Floats) -> Bools:
+    """Whether discs hide the places (K, A, S) at distances (S,), ball radii, on the rays about centres (K, 2)."""
+    ray = centre[:, None, None] + radius[:, None, None, None] * DIRECTIONS[:, None] * at[:, None]
+    apart = np.linalg.norm(ray[:, :, :, None] - before[:, None, None, :, :2], axis=-1)
+    return np.asarray((apart < HIDING_RADII * before[:, None, None, :, 2]).any(axis=-1))
 
 
 def ray_profiles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, basis: Floats) -> NDArray[np.float32]:
@@ -197,7 +221,7 @@ def _fit(edge: Floats, strength: Floats, radius: Floats, loose: float) -> tuple[
     """Shift (K, 2), change of radius (K,), weights (K, A) and residuals (K, A) of circles through edges (K, A)."""
     offset = edge - radius[:, None]
     design, squares = DESIGN, SQUARES
-    clear = np.clip((strength - LEAST_GRADIENT) / LEAST_GRADIENT, 0, 1)
+    clear = np.clip((np.nan_to_num(strength) - LEAST_GRADIENT) / LEAST_GRADIENT, 0, 1)
     scale = np.maximum(loose * radius, 0.8)[:, None]
     shift = np.zeros((len(edge), 3))
     shift[:, 2] = np.median(offset, axis=1)
@@ -226,5 +250,8 @@ def _measured(
     repeated = np.maximum(1.0, RAYS * 1.5 / (2 * np.pi * expected))
     variance = np.linalg.inv(normal)[:, [0, 1], [0, 1]].mean(axis=1) * spread**2 * repeated
     misses = np.minimum(np.abs(residual), MOST_MISS * tight)
-    sigma = np.sqrt(FLOOR_PX**2 + variance + COMMON_SHARE**2 * (misses**2).mean(axis=1))
-    return Circles(centre, seen, sigma, good.mean(axis=1))
+    open_rays = ~np.isnan(strength)
+    count = np.maximum(open_rays.sum(axis=1), 1)
+    common = (misses**2 * open_rays).sum(axis=1) / count
+    sigma = np.sqrt(FLOOR_PX**2 + variance + COMMON_SHARE**2 * common)
+    return Circles(centre, seen, sigma, good.sum(axis=1) / np.maximum(count, LEAST_OPEN * RAYS))
