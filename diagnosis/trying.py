@@ -32,15 +32,26 @@ that leaves much."""
 def tried(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
     """Fit a hypothesis, from the fit of one that is near."""
     known = state.tried.get(names)
-    if known is not None:
+    if known is not None and not _astray(state, known, near):
         return known
     state.watch("trying", tuple(sorted(names)))
     question = state.question
     effects = effects_of(question, names)
     effects += tuple(one for one in details_of(question, names) if one in near.fitted.names and one not in effects)
     found = min(_starting_from(state, names, effects, near), key=lambda fitted: fitted.cost)
+    if known is not None:
+        state.compared.add((near.names, names))
+        return state.improve(known, min(known.fitted, found, key=lambda fitted: fitted.cost))
     state.tried[names] = Hypothesis(names, found)
     return state.tried[names]
+
+
+def _astray(state: Search, known: Hypothesis, near: Hypothesis) -> bool:
+    """Whether a fit explains less than one of fewer effects, and was not begun from that: it has lost its way."""
+    added = known.names - near.names
+    nested = near.names < known.names and not any(one.name in added for one in state.question.scene.alternatives)
+    alike = known.fitted.pieces is near.fitted.pieces and (near.names, known.names) not in state.compared
+    return nested and alike and known.fitted.cost > near.fitted.cost
 
 
 def effects_of(question: Question, names: frozenset[str]) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from diagnosis.fitting import GLANCE, USUAL, Fitted, Question, fit
 from diagnosis.growing import sought_anew
 from diagnosis.hypotheses import Hypothesis, Search, Watch, signatures_of, told_by, unwatched
 from diagnosis.signatures import Signatures
+from diagnosis.split import FEW
 from diagnosis.trying import LEFT, begun_from, tried, with_details
 from diagnosis.unknown import SUSPICIOUS, agreement
 
@@ -174,9 +175,10 @@ def needed(state: Search, one: Hypothesis) -> bool:
 
 
 def _left(state: Search, one: Hypothesis) -> float:
-    """Cost that a hypothesis leaves unexplained: what no misjudged size of the noise explains, and all that may be more
-    than noise where shots disagree about several effects."""
-    disputed = one.size > 1 and not _agreed(state, one)
+    """Cost that a hypothesis leaves unexplained: what no misjudged size of the noise explains. Where shots disagree
+    about several effects, and are too few to contradict each other: all that may be more than noise."""
+    few = len({piece.shot for piece in one.fitted.pieces}) < FEW
+    disputed = few and one.size > 1 and not _agreed(state, one)
     return one.fitted.doubtful if disputed else one.fitted.excess
 
 
