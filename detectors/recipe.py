@@ -25,6 +25,7 @@ def make_detector(work: Path, options: TrainOptions, out: Path, watch: Watch) ->
     facts = as_facts(calibration, figures)
     recipe = {
         **asdict(options),
+        "start": options.start.name if options.start else None,
         "steps_done": steps_done(work),
         "widths": list(WIDTHS),
         "picture_px": SIZE_PX,

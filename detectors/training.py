@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from detectors.network import BallNetwork
 from detectors.training_data import Pictures, read_pictures, training_file
 from detectors.training_loss import loss_of, targets_of
 from detectors.training_variety import vary
+from detectors.warm_start import start_from
 
 Bytes = NDArray[np.uint8]
 Floats32 = NDArray[np.float32]
@@ -31,6 +32,8 @@ doi:10.1137/0330046)."""
 FILES_AT_ONCE = 20
 """Picture files held in memory; one is exchanged for another every so many steps."""
 STEPS_PER_FILE = 50
+FIRST_SEEN = 64
+"""Pictures whose statistics the normalisations of a network from a file begin with."""
 CHECKPOINT_S = 60.0
 
 
@@ -50,6 +53,8 @@ class TrainOptions:
     """Of the processor."""
     seed: int = 0
     """Of the network's first weights and the order of the pictures."""
+    start: Path | None = None
+    """ONNX file of a network to go on from; without it, from nothing."""
 
 
 @dataclass(slots=True)
@@ -95,16 +100,18 @@ def _continue(state: Training, folder: Path, options: TrainOptions, watch: Watch
             saved = now
 
 
-def _fresh(options: TrainOptions) -> Training:
+def _fresh(folder: Path, options: TrainOptions) -> Training:
     torch.manual_seed(options.seed)
     network, average = BallNetwork(), BallNetwork()
+    if options.start is not None:
+        start_from(network, options.start, as_input(read_pictures(training_file(folder, 0)).rgb[:FIRST_SEEN]))
     average.load_state_dict(network.state_dict())
     return Training(network, average, torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=DECAY), 0, 0.0)
 
 
 def _resumed(folder: Path, options: TrainOptions) -> Training:
-    state = _fresh(options)
     path = folder / CHECKPOINT
+    state = _fresh(folder, replace(options, start=None) if path.exists() else options)
     if path.exists():
         saved = torch.load(path, weights_only=True)
         state.network.load_state_dict(saved["network"])

@@ -31,6 +31,10 @@ def train_detector(
     batch: Annotated[int, typer.Option(min=1, help="Pictures per step.")] = 16,
     files: Annotated[int, typer.Option(min=1, help="Files of 240 drawn pictures to train on.")] = 100,
     threads: Annotated[int, typer.Option(min=1, help="Threads of the processor to use.")] = 2,
+    start: Annotated[
+        Path | None,
+        typer.Option("--from", parser=named, metavar="FILE.onnx", help="A network of trueroll's own to go on from."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the first weights and the order of pictures.")] = 0,
     as_json: JsonOption = False,
     debug: DebugOption = False,
@@ -46,7 +50,7 @@ def train_detector(
     from detectors.recipe import make_detector  # torch, which takes seconds to import
     from detectors.training import TrainOptions
 
-    options = TrainOptions(steps=steps, hours=hours, batch=batch, files=files, threads=threads, seed=seed)
+    options = TrainOptions(steps=steps, hours=hours, batch=batch, files=files, threads=threads, seed=seed, start=start)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bars:
         bar = bars.add_task("training", total=1.0)

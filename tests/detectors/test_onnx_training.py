@@ -19,6 +19,7 @@ from detectors.training_check import Matches, calibration_of, logistic_fit
 from detectors.training_data import PICTURES_PER_FILE, read_pictures, stacked, training_file
 from detectors.training_loss import doubled, loss_of, targets_of
 from detectors.training_variety import placed, turned, vary
+from detectors.warm_start import start_from
 from video.training_hall import HELD_OUT_ELEVATION, random_hall
 from video.training_pictures import SIZE_PX, TrainingPicture, practice_pictures
 
@@ -280,6 +281,23 @@ def test_the_exported_network_says_what_it_is_and_agrees_with_the_trained_one(tm
         raw = network(as_input(padded[None])).numpy()[0]
     assert maps[0] == pytest.approx(1 / (1 + np.exp(-(1.7 * raw[0] - 0.4))), abs=1e-3)
     assert maps[6] == pytest.approx(raw[6] + np.log(1.3), abs=1e-3)
+
+
+def test_training_goes_on_from_an_exported_network(tmp_path: Path, pictures: list[TrainingPicture]) -> None:
+    pytest.importorskip("onnxscript", reason="needs the extra train")
+    torch.manual_seed(1)
+    trained = BallNetwork()
+    with torch.no_grad():
+        for _ in range(3):
+            trained(torch.randn(4, 3, 64, 64))  # statistics other than those of a new network
+    path = tmp_path / "balls.onnx"
+    export(trained, Calibration(2.0, 0.3, 1.2), {}, path)
+    torch.manual_seed(2)
+    again, seen = BallNetwork(), as_input(stacked(pictures).rgb)
+    start_from(again, path, seen)
+    with torch.no_grad():
+        assert torch.allclose(trained.eval()(seen), again.eval()(seen), atol=1e-3)
+        assert torch.allclose(again.train()(seen), again.eval()(seen), atol=0.05)
 
 
 def test_scores_and_errors_are_calibrated_on_what_was_found() -> None:
