@@ -39,18 +39,23 @@ def leading(chances: dict[str, float], named: frozenset[str]) -> dict[str, float
 
 
 def group_of(state: Search, best: Hypothesis, name: str, without: Signatures) -> tuple[str, ...]:
-    """An effect and its rivals: alike as signatures once `without` it everything else is adjusted, and not refuted."""
-    question = state.question
-    if name not in question.candidates:
-        return (name,)
-    own, alike = question.mask((name,)), []
-    for other in question.candidates:
+    """An effect and its rivals: alike once `without` it everything else is adjusted, and not refuted."""
+    alike = []
+    for other in state.choices:
         swapped = state.tried.get(best.names - {name} | {other})
         if other in best.names or swapped is None or state.weigh(best) - state.weigh(swapped) > _CLOSE:
             continue
-        if explained_direction(without, own, question.mask((other,))) > TWINS:
+        if _alike(state.question, name, other, without):
             alike.append((state.weigh(swapped), other))
     return (name, *(other for _, other in sorted(alike, reverse=True)[: _LARGEST - 1]))
+
+
+def _alike(question: Question, name: str, other: str, without: Signatures) -> bool:
+    """Whether two effects have the same signature, or one is a law that brings the other."""
+    brought = {choice.name: choice.brings for choice in question.scene.alternatives}
+    if name in brought or other in brought:
+        return name in brought.get(other, ()) or other in brought.get(name, ())
+    return explained_direction(without, question.mask((name,)), question.mask((other,))) > TWINS
 
 
 def strengths(

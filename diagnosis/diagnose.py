@@ -214,9 +214,10 @@ def _verdict(study: Study) -> tuple[Verdict, dict[str, tuple[str, ...]], str]:
         told = look(question, without).told
         found = signatures(question, told, without.free, best.fitted.lack)
         groups[name] = group_of(study.state, best, name, found)
-        if len(groups[name]) > 1 and not film:
+        alike = tuple(one for one in groups[name] if one in question.candidates)
+        if len(alike) > 1 and not film:
             rest = residuals(question, without, look(question, without), np.random.default_rng(0))
-            film = film_next(question, told, rest, without.free, groups[name])
+            film = film_next(question, told, rest, without.free, alike)
     if study.doubt.unknown:
         return "unknown", groups, film
     if not best.names:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from played_shots import SIGMA, TABLE, numbers, opening
 
+from diagnosis.candidates import group_of
 from diagnosis.fitting import fit, question_of
-from diagnosis.hypotheses import Hypothesis, Search
+from diagnosis.hypotheses import Hypothesis, Search, signatures_of
 from diagnosis.pieces import fit_begun
 from diagnosis.trying import begun_from, details_of, effects_of, tried, with_details
 from diagnosis.which import lacking, proposals
@@ -82,3 +83,15 @@ def test_a_smaller_hypothesis_may_take_the_form_of_the_larger_one() -> None:
     found = lacking(state, larger, "nap")
     assert found.forms == ("han_2005", "inelastic")
     assert found.cost < larger.fitted.cost + 10 < wrong.cost
+
+
+def test_a_law_and_what_it_brings_are_a_group_where_they_do_as_well() -> None:
+    """A cushion without friction may lack friction, or another law that has it."""
+    state = searched(cushion_friction__mu=0.2)
+    friction, law, nap = (frozenset({name}) for name in ("cushion_friction", "cushion_law", "nap"))
+    fitted = fit(state.question, state.base.fitted.pieces, ("cushion_friction",))
+    for names in (friction, law, nap):
+        state.tried[names] = Hypothesis(names, fitted)
+    without = signatures_of(state, state.base)
+    assert group_of(state, state.tried[law], "cushion_law", without) == ("cushion_law", "cushion_friction")
+    assert group_of(state, state.tried[friction], "cushion_friction", without) == ("cushion_friction", "cushion_law")
