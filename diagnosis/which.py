@@ -130,7 +130,9 @@ def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
         return found
     for name in _first(_gains(state, half)):
         tried(state, half.names | {name}, half)
-    return _needed_beside(state, now)
+    found = _needed_beside(state, now)
+    better = state.tried[half.names] is not half  # those of two have shown it better starts
+    return _larger(state, now) if found is None and better else found
 
 
 def _needed_beside(state: Search, now: Hypothesis) -> Hypothesis | None:
