@@ -24,6 +24,8 @@ NOISE_PX = 0.3
 """px: what a position is taken to be good for where nothing says it; the diagnosis measures it anyway."""
 NOISE = 1e-3
 """m or rad, the same without a picture."""
+_SAME = 0.05
+"""by which two findings of the size of one table may differ."""
 COLUMNS = {"billiards": ("x", "y"), "slide": ("x", "y"), "flight": ("x", "y", "z"), "pendulum": ("theta1", "theta2")}
 """What places are made of; of flight and pendulum what there is of it."""
 
@@ -80,10 +82,27 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
             raise OptionError(
                 f"{folder} holds {other.entry.scene}, {folders[0]} {first.entry.scene}; diagnose them apart"
             )
+        if _elsewhere(first.entry, other.entry):
+            raise OptionError(
+                f"{folder} is of {_told(other.entry)}, {folders[0]} of {_told(first.entry)}; diagnose tables apart"
+            )
     if len(read) == 1:
         return first
     shots = (one for folder in read for one in folder.recordings)
     return replace(first, recordings=tuple(replace(one, shot=number) for number, one in enumerate(shots)))
+
+
+def _elsewhere(one: SceneEntry, other: SceneEntry) -> bool:
+    """Whether two folders are of different tables, as far as they say."""
+    sizes = [(entry.table.length, entry.table.width) for entry in (one, other) if entry.table is not None]
+    balls = [(entry.ball_radius,) for entry in (one, other) if entry.ball_radius is not None]
+    return any(len(said) == 2 and not np.allclose(said[0], said[1], rtol=_SAME) for said in (sizes, balls))
+
+
+def _told(entry: SceneEntry) -> str:
+    """Of which table, in words."""
+    size = f"a table of {entry.table.length:.3g} x {entry.table.width:.3g} m" if entry.table else "a table of no size"
+    return f"{size} with balls of {2e3 * entry.ball_radius:.3g} mm" if entry.ball_radius else size
 
 
 def _read(folder: Path) -> TrackFolder:
@@ -96,7 +115,8 @@ def _read(folder: Path) -> TrackFolder:
     except pa.ArrowInvalid as error:
         raise OptionError(f"{path} is not a table: {' '.join(str(error).split())}") from error
     names = tuple(name for name in COLUMNS[entry.scene] if name in table.column_names)
-    if not names or "id" not in table.column_names:
+    fewest = 1 if entry.scene in ("flight", "pendulum") else len(COLUMNS[entry.scene])
+    if len(names) < fewest or "id" not in table.column_names:
         raise OptionError(f"{path} needs the columns id and {', '.join(COLUMNS[entry.scene])}")
     columns = {name: _numbers(table, name, path) for name in table.column_names if name in _NUMERIC}
     ids = np.array([str(value) for value in table.column("id").to_pylist()])

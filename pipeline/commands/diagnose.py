@@ -17,7 +17,7 @@ from diagnosis.verdict import Report
 from models.billiards.gap import BilliardsScene
 from pipeline.chain import refuse_closed
 from pipeline.command_line import DebugOption, JsonOption, app, named, standard_output
-from pipeline.gap_cure import write_cure
+from pipeline.gap_cure import PROFILE, write_cure
 from pipeline.gap_files import as_json, write_gap
 from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene, table_of
@@ -75,3 +75,5 @@ def _tell(report: Report, folder: Path) -> None:
     if report.film_next:
         screen.print(escape(report.film_next))
     print(f"Look at {folder / 'gap.html'}; trueroll view {folder} draws where it shows")
+    if (folder / PROFILE).is_file():
+        print(f"The next run of this table can start from what was found: --profile {folder / PROFILE}")
