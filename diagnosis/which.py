@@ -200,8 +200,8 @@ def _levelled(state: Search, other: Hypothesis, one: Hypothesis) -> Hypothesis:
     if (one.names, other.names) in state.compared or other.fitted.pieces is not one.fitted.pieces:
         return other
     state.compared.add((one.names, other.names))
-    open_ = [choice.name in other.names for choice in state.question.scene.alternatives]
-    forms = tuple(np.where(open_, one.fitted.forms, other.fitted.forms).tolist())
+    choices = zip(state.question.scene.alternatives, one.fitted.forms, other.fitted.forms, strict=True)
+    forms = tuple(own if choice.name in other.names else kept for choice, own, kept in choices)
     return state.improve(other, begun_from(state.question, other.fitted, one.fitted, forms))
 
 

@@ -73,7 +73,7 @@ def causes(report: Report) -> tuple[Candidate, ...]:
         return report.candidates
     names = " and ".join(one.effect for one in named)
     found = tuple(replace(s, name=f"{one.effect} {s.name}") for one in named for s in one.strengths)
-    together = Candidate(names, sum(one.probability for one in named), (names,), found)
+    together = Candidate(names, report.probability, (names,), found)
     rest = (one for one in report.candidates if one not in named)
     return tuple(sorted((together, *rest), key=lambda one: one.probability, reverse=True))
 

@@ -24,7 +24,7 @@ def aside(target: Path) -> Iterator[Path]:
 
     What the system says against the hidden path is said of the target: its name is the one that a user knows.
     """
-    path = target.with_name(f".{target.name}.{machine()}-{os.getpid()}.part")
+    path = target.with_name(f".{target.name}{own_end()}")
     clear_left(target.parent, target.name)
     try:
         yield path
@@ -46,6 +46,11 @@ def clear_left(folder: Path, name: str | None = None) -> None:
         with suppress(OSError):  # another may be quicker
             if _is_dead(left.name) or time.time() - left.stat().st_mtime > LEFT_S:
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
+
+
+def own_end() -> str:
+    """How the hidden names end of what this process has not finished."""
+    return f".{machine()}-{os.getpid()}.part"
 
 
 def _is_dead(name: str) -> bool:
@@ -79,7 +84,7 @@ def machine() -> str:
 def new_folder(target: Path) -> Iterator[Path]:
     """A fresh folder beside `target` to fill, named as `aside` names files; at the end it takes the place of `target`,
     which is not there or is empty."""
-    path = target.with_name(f".{target.name}.{machine()}-{os.getpid()}.part")
+    path = target.with_name(f".{target.name}{own_end()}")
     clear_left(target.parent, target.name)
     path.mkdir()
     try:

@@ -16,7 +16,7 @@ from distributed import Client, Scheduler, SpecCluster, Worker
 from models.errors import OptionError
 from pipeline.batch import processes, worker
 from pipeline.cache import Cache
-from pipeline.publish import clear_left, machine
+from pipeline.publish import clear_left, own_end
 
 LOOPBACK = "127.0.0.1"
 ANSWER_S = 10.0
@@ -35,8 +35,7 @@ def local_client(jobs: int) -> Iterator[Client]:
     """
     _be_quiet()
     clear_left(Path(tempfile.gettempdir()), SCRATCH)
-    end = f".{machine()}-{os.getpid()}.part"
-    with tempfile.TemporaryDirectory(prefix=f".{SCRATCH}.", suffix=end) as scratch:
+    with tempfile.TemporaryDirectory(prefix=f".{SCRATCH}.", suffix=own_end()) as scratch:
         common = {
             "protocol": "inproc",
             "dashboard": False,
@@ -83,7 +82,7 @@ def check_workers(client: Client, cache: Cache, out: Path, clip: Path) -> None:
         client.wait_for_workers(1, timeout=COME_S)
     if not client.nthreads():
         raise OptionError("The Dask scheduler has no worker; start one with: dask worker ADDRESS --nthreads 1")
-    probe, end = f".probe-{uuid4().hex}", f".{machine()}-{os.getpid()}.part"  # as `publish` tells what was left
+    probe, end = f".probe-{uuid4().hex}", own_end()  # as `publish` tells what was left
     ours = out / f"{probe}{end}"
     out.mkdir(parents=True, exist_ok=True)
     ours.touch()

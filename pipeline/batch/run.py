@@ -82,7 +82,7 @@ def run_batch(
     clips: Iterable[Path | None],
     crew: Crew,
     follower: Follower,
-) -> list[Row]:
+) -> None:
     """Run the clips, with a summary on disk at all times: what is done is told even where the rest never ends."""
     written = 0.0
     try:
@@ -94,4 +94,3 @@ def run_batch(
     finally:
         if batch.rows:
             write_summary(batch.rows.values(), batch.out)
-    return batch.ended

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
@@ -138,7 +137,7 @@ def _diagnose(rows: list[Row], out: Path) -> None:
     """Say of each table what its shots together say."""
     from pipeline.batch.gap import diagnose_tables, tables_of
 
-    for table, sentence in diagnose_tables(tables_of(rows), out, Console(stderr=True)):
+    for table, sentence in diagnose_tables(tables_of(rows), out, console):
         shots = f"{len(table.folders)} shot{'s' * (len(table.folders) != 1)}"
         console.print(f"{table.name} ({shots}): {sentence}", markup=False, soft_wrap=True)
 

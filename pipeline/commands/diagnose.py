@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
@@ -16,7 +15,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.verdict import Report
 from models.billiards.gap import BilliardsScene
 from pipeline.chain import refuse_closed
-from pipeline.command_line import DebugOption, JsonOption, app, named, standard_output
+from pipeline.command_line import DebugOption, JsonOption, app, console, named, standard_output
 from pipeline.gap_cure import PROFILE, write_cure
 from pipeline.gap_files import as_json, write_gap
 from pipeline.gap_page import write_gap_page
@@ -45,7 +44,7 @@ def diagnose_folders(
     refuse_closed(folder)
     read = read_track_folders(inputs)
     scene = open_scene(read)
-    with search_display(Console(stderr=True)) as watch:
+    with search_display(console) as watch:
         report = diagnose(scene, read.recordings, watch=watch)
     write_gap(report, folder)
     if isinstance(scene, BilliardsScene):
