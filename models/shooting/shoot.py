@@ -195,11 +195,15 @@ def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: 
 def _begun(
     problem: Problem, now: Attempt, shot: int, options: ShootingOptions, more: tuple[tuple[Floats, ...], ...] = ()
 ) -> Attempt:
-    """The states of one shot from the best of its first guesses, those of all windows in `more` among them; what the
-    others of a window guess differently stands beside what is known of the rest by now."""
-    guesses = [now.starts, *more] + [
+    """The states of one shot from the best of its first guesses, those in `more` (starts of all windows) among them;
+    what the others of a window guess differently stands beside what is known of the rest by now."""
+    own = problem.shots[shot]
+    guesses = [now.starts] + [
+        tuple(other[k] if k in own else start for k, start in enumerate(now.starts)) for other in more
+    ]
+    guesses += [
         (*now.starts[:k], np.where(other == problem.windows[k].start, now.starts[k], other), *now.starts[k + 1 :])
-        for k in problem.shots[shot]
+        for k in own
         for other in problem.windows[k].others
     ]
     tried = [_settled(problem, _guessed(problem, now, shot, starts), shot, options.settling) for starts in guesses]

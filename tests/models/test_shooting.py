@@ -9,6 +9,7 @@ import pytest
 from bouncing_ball import NOTHING, Bounces, filmed, flight
 from numpy.typing import NDArray
 
+from models.effects.effect import Prior
 from models.shooting.lack_of_fit import correlation_factor
 from models.shooting.shoot import Shooting, parameters_of, priors_of, shoot
 from models.shooting.windows import SENSITIVE, Flow, Window, sensitive_from
@@ -188,3 +189,19 @@ def test_starts_sought_anew_are_never_worse_and_find_the_way_from_a_wrong_one() 
         assert anew.chi2_per_dof < 2
         better += anew.cost < kept.cost - 10
     assert better > 0
+
+
+def test_a_shot_sought_anew_leaves_the_states_of_others_alone() -> None:
+    """What was seen helps the last shot only; of the others it tells nothing."""
+    model = filmed(np.random.default_rng(3), 4, 0.002, guess=0.0)
+    true = tuple(window.start for window in model.windows)
+    blind = tuple(replace(one, start=one.start + np.array([2.0, -12.0])) for one in model.windows[:-1])
+    model = replace(model, windows=(*blind, model.windows[-1]), unknowns=tuple(held(one) for one in model.unknowns))
+    found = shoot(model, TRUTH, starts=(*true[:-1], np.array([5.0, 30.0])), anew=True)
+    assert found.chi2_per_dof < 1.2
+    np.testing.assert_allclose(np.array(found.starts), np.array(true), atol=0.02)
+
+
+def held(prior: Prior) -> Prior:
+    """So well known that a fit does not move it."""
+    return replace(prior, sigma=1e-9)
