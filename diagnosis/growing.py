@@ -9,6 +9,7 @@ Where the union is not explained the hypothesis has come to its end, and the two
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,12 +18,18 @@ from models.gap_scene import Floats, Mask, Recording
 from models.shooting.attempt import huber
 from models.shooting.windows import sensitive_from
 
+One = TypeVar("One")
+
 _NOWHERE, _UNLIKE = 25.0, 10.0
 """cost per number, and times that of the usual shot, from which a simulation comes nowhere near."""
 _NEARLY_ALL = 0.25
 """share of shots from which it is no longer the shots that are odd."""
 _ODD = 1.5
 """times the cost per number of noise, or of the usual shot, from which a shot is sought once more."""
+_LITTLE_ODD = 1.1
+"""the same, of a hypothesis that is weighed in earnest: twice what chance makes of a thousand numbers."""
+_HELPS = 1.0
+"""chi2 from which one fit is better than another."""
 _SURE = 1.3
 """the same, up to which a window may be so sensitive that a worse one would not find its way."""
 _WORSE = 3.0
@@ -38,7 +45,7 @@ def grown(question: Question, fitted: Fitted) -> Fitted:
         pairs = _pairs(question, fitted, ends)
         if not len(pairs):
             mean = np.divide(*_costs(question, fitted).sum(axis=0))
-            return _sought_again(question, fitted, np.ones(len(fitted.pieces), bool)) if mean < _SURE else fitted
+            return _sought_again(question, fitted) if mean < _SURE else fitted
         found = again(question, *_joined(fitted, pairs, fitted.starts))
         lost = _lost(question, found, pairs, usual)
         if lost.any():
@@ -116,20 +123,46 @@ def _lost(question: Question, found: Fitted, pairs: np.ndarray, usual: float) ->
     return np.array(lost, dtype=bool)
 
 
-def sought_anew(question: Question, fitted: Fitted) -> Fitted:
-    """Shots that are explained less well than others, begun once more from what was seen: their windows may have
-    followed a wrong path under the hypothesis before."""
+def sought_anew(question: Question, fitted: Fitted, odd: float = _ODD) -> Fitted:
+    """Shots that are explained less well than others, by a factor of `odd`, begun once more from what was seen, under
+    the numbers that the others tell: a window on a wrong path bends what all share, until no other path explains it."""
+    bad = _odd(question, fitted, odd)
+    if not bad.any() or bad.all():
+        return fitted
+    kept, lost = np.flatnonzero(~bad), np.flatnonzero(bad)
+    unbent = again(question, _of(fitted.pieces, kept), fitted, _of(fitted.starts, kept))
+    fresh = follow(question, _of(fitted.pieces, lost), unbent, _of(fitted.starts, lost), anew=True)
+    order = np.argsort(np.concatenate([kept, lost]))
+    found = again(question, fitted.pieces, unbent, _of((*unbent.starts, *fresh.starts), order))
+    return found if found.cost < fitted.cost else fitted
+
+
+def straightened(question: Question, fitted: Fitted) -> Fitted:
+    """The same hypothesis, odd shots sought anew for as long as that helps."""
+    while True:
+        found = sought_anew(question, fitted, _LITTLE_ODD)
+        if fitted.cost - found.cost < _HELPS:
+            return found
+        fitted = found
+
+
+def _odd(question: Question, fitted: Fitted, factor: float) -> Mask:
+    """Windows of shots whose cost per number is so many times that of the usual shot, or of noise."""
     costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])
     mean = {shot: costs[shots == shot].sum(axis=0) for shot in np.unique(shots)}
     mean = {shot: float(cost / max(numbers, 1.0)) for shot, (cost, numbers) in mean.items()}
-    odd = np.array([mean[shot] > _ODD * max(float(np.median(list(mean.values()))), 1.0) for shot in shots])
-    return _sought_again(question, fitted, odd) if odd.any() else fitted
+    usual = max(float(np.median(list(mean.values()))), 1.0)
+    return np.array([mean[shot] > factor * usual for shot in shots])
 
 
-def _sought_again(question: Question, fitted: Fitted, odd: Mask) -> Fitted:
-    """Windows of whole shots begun also from what was seen alone, numbers kept: hidden spin has several ways to be
-    nearly right, and what one of them leaves would be taken for an effect."""
-    return _with_the_better(question, fitted, np.flatnonzero(odd), fitted.starts, anew=True)
+def _of(all_of_them: tuple[One, ...], places: np.ndarray) -> tuple[One, ...]:
+    return tuple(all_of_them[k] for k in places)
+
+
+def _sought_again(question: Question, fitted: Fitted) -> Fitted:
+    """All windows begun also from what was seen alone, numbers kept: hidden spin has several ways to be nearly right,
+    and what one of them leaves would be taken for an effect."""
+    return _with_the_better(question, fitted, np.arange(len(fitted.pieces)), fitted.starts, anew=True)
 
 
 def begun_like(question: Question, fitted: Fitted, starts: tuple[Floats, ...]) -> Fitted:

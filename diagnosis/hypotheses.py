@@ -17,6 +17,9 @@ Floats = NDArray[np.float64]
 _ORDERS = float(np.log(1e4))
 """a missing effect is as likely to be of any order of magnitude, from the natural strength to a ten-thousandth."""
 
+_BETTER = 1.0
+"""chi2 from which one fit is better than another of the same hypothesis."""
+
 
 Watch = Callable[[str, tuple[str, ...]], None]
 """Is told what is being done, and with which effects."""
@@ -50,8 +53,8 @@ class Search:
     tried: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
     told: dict[frozenset[str], Told] = field(default_factory=dict)
     """what the data say of all parameters at the fits looked at."""
-    compared: set[tuple[frozenset[str], frozenset[str]]] = field(default_factory=set)
-    """hypotheses, and those that were begun from their starts too."""
+    lent: dict[tuple[frozenset[str], frozenset[str]], float] = field(default_factory=dict)
+    """per hypothesis, and other one that was begun from its starts too: what its fit cost then."""
     watch: Watch = unwatched
 
     def __post_init__(self) -> None:
@@ -74,6 +77,14 @@ class Search:
         self.told.pop(one.names, None)
         self.tried[one.names] = Hypothesis(one.names, better)
         return self.tried[one.names]
+
+    def lend(self, one: Hypothesis, names: frozenset[str]) -> None:
+        """Remember that another hypothesis was begun from the starts that this one has."""
+        self.lent[one.names, names] = one.fitted.cost
+
+    def has_lent(self, one: Hypothesis, other: Hypothesis) -> bool:
+        """Whether another hypothesis was begun from these starts, or from such as were hardly worse."""
+        return self.lent.get((one.names, other.names), np.inf) - one.fitted.cost < _BETTER
 
     def lack(self) -> float:
         """The least lack of fit that any hypothesis leaves: what the data scatter beyond the noise promised."""

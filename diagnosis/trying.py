@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.fitting import GLANCE, Fitted, Question, allowed, fit, nearest
-from diagnosis.growing import begun_like, sought_anew
+from diagnosis.growing import begun_like, sought_anew, straightened
 from diagnosis.hypotheses import Hypothesis, Search, signatures_of, told_by
 
 Floats = NDArray[np.float64]
@@ -40,7 +40,7 @@ def tried(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
     effects += tuple(one for one in details_of(question, names) if one in near.fitted.names and one not in effects)
     found = min(_starting_from(state, names, effects, near), key=lambda fitted: fitted.cost)
     if known is not None:
-        state.compared.add((near.names, names))
+        state.lend(near, names)
         return state.improve(known, min(known.fitted, found, key=lambda fitted: fitted.cost))
     state.tried[names] = Hypothesis(names, found)
     return state.tried[names]
@@ -50,7 +50,7 @@ def _astray(state: Search, known: Hypothesis, near: Hypothesis) -> bool:
     """Whether a fit explains less than one of fewer effects, and was not begun from that: it has lost its way."""
     added = known.names - near.names
     nested = near.names < known.names and not any(one.name in added for one in state.question.scene.alternatives)
-    alike = known.fitted.pieces is near.fitted.pieces and (near.names, known.names) not in state.compared
+    alike = known.fitted.pieces is near.fitted.pieces and not state.has_lent(near, known)
     return nested and alike and known.fitted.cost > near.fitted.cost
 
 
@@ -128,6 +128,11 @@ def with_details(state: Search, one: Hypothesis) -> Hypothesis:
         return one
     finer = _finer(state.question, one.fitted, one.names)
     return state.improve(one, min((one.fitted, *finer), key=lambda fitted: fitted.cost))
+
+
+def on_its_way(state: Search, one: Hypothesis) -> Hypothesis:
+    """A hypothesis whose windows follow no wrong path where another one explains them."""
+    return one if one.fitted.lack <= LEFT else state.improve(one, straightened(state.question, one.fitted))
 
 
 def _imitated(question: Question, found: Fitted, fresh: NDArray[np.bool_]) -> bool:

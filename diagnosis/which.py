@@ -19,7 +19,7 @@ from diagnosis.growing import sought_anew
 from diagnosis.hypotheses import Hypothesis, Search, Watch, signatures_of, told_by, unwatched
 from diagnosis.signatures import Signatures
 from diagnosis.split import FEW
-from diagnosis.trying import LEFT, begun_from, tried, with_details
+from diagnosis.trying import LEFT, begun_from, on_its_way, tried, with_details
 from diagnosis.unknown import SUSPICIOUS, agreement
 
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted],
     state = Search(question, Hypothesis(frozenset(), base), alone=base, watch=watch)
     now, lengthened = state.base, None
     while True:
-        now = with_details(state, now)
+        now = with_details(state, on_its_way(state, now))
         larger = _larger(state, now) if now.size < MOST else None
         rival = _best_needed(state, now.size)
         if larger is not None:
@@ -84,7 +84,8 @@ def _taken_up(former: Search, best: Hypothesis) -> Search:
     first, alone = (longer(former.base), former.alone) if best.names else (best, fitted)
     state = Search(question, first, alone, watch=former.watch)
     state.tried[best.names] = best
-    state.compared |= {(best.names, best.names - {name}) for name in best.names}
+    for name in best.names:
+        state.lend(best, best.names - {name})
     ranked = sorted(former.tried.values(), key=former.weigh, reverse=True)
     rivals = [*ranked[: TRIED + 1], *(one for one in ranked[TRIED + 1 :] if one.names in instead)]
     near = [one for one in rivals if former.weigh(former.best()) - former.weigh(one) < _REFUTED]
@@ -197,9 +198,9 @@ def lacking(state: Search, one: Hypothesis, name: str) -> Fitted:
 
 def _levelled(state: Search, other: Hypothesis, one: Hypothesis) -> Hypothesis:
     """A hypothesis at least as good as from the starts of the `one` that it is weighed against."""
-    if (one.names, other.names) in state.compared or other.fitted.pieces is not one.fitted.pieces:
+    if other.fitted.pieces is not one.fitted.pieces or state.has_lent(one, other):
         return other
-    state.compared.add((one.names, other.names))
+    state.lend(one, other.names)
     choices = zip(state.question.scene.alternatives, one.fitted.forms, other.fitted.forms, strict=True)
     forms = tuple(own if choice.name in other.names else kept for choice, own, kept in choices)
     return state.improve(other, begun_from(state.question, other.fitted, one.fitted, forms))

@@ -11,7 +11,7 @@ from diagnosis.fitting import Fitted, Question, fit, look, nearest, question_of
 from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.noise import estimate_noise, with_noise
 from diagnosis.pieces import stretches
-from diagnosis.which import chance, needed
+from diagnosis.which import chance, lacking, needed
 from models.gap_scene import Recording
 from models.shooting.windows import glance
 
@@ -59,3 +59,19 @@ def test_an_effect_that_only_stands_in_for_what_shots_disagree_about_is_not_need
         assert state.tried[both].fitted.excess == 0
         assert max(chance(state, state.tried[both], name) for name in both) < 0.001
         assert needed(state, state.tried[both]) is wanted
+
+
+def test_what_lacks_an_effect_is_begun_anew_once_the_whole_has_found_better_starts() -> None:
+    question, alone = fitted(PLAIN)
+    both = frozenset({"slope", "air_drag"})
+    found = fit(question, alone.pieces, tuple(sorted(both)))
+    worse = replace(found, shooting=replace(found.shooting, cost=found.cost + 50.0))
+    without = fit(question, alone.pieces, ("slope",))
+    stuck = replace(without, shooting=replace(without.shooting, cost=without.cost + 20.0))
+    state = Search(question, Hypothesis(frozenset(), alone), alone=alone)
+    whole = state.tried[both] = Hypothesis(both, worse)
+    state.lend(whole, frozenset({"slope"}))
+    state.tried[frozenset({"slope"})] = Hypothesis(frozenset({"slope"}), stuck)
+    assert lacking(state, whole, "air_drag") is stuck
+    whole = state.improve(whole, found)
+    assert lacking(state, whole, "air_drag").cost < without.cost + 1.0

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from pucks import Filming, Pucks, film
 
-from diagnosis.fitting import Fitted, Question, fit, question_of
-from diagnosis.growing import begun_like, not_followed
+from diagnosis import growing
+from diagnosis.fitting import Fitted, Question, fit, follow, question_of
+from diagnosis.growing import begun_like, not_followed, sought_anew
 from diagnosis.noise import estimate_noise, with_noise
 from diagnosis.pieces import fit_adaptively, stretches
 from models.gap_scene import Recording
@@ -54,3 +56,21 @@ def test_a_fit_that_is_lost_in_one_shot_begins_there_like_another() -> None:
 def test_a_fit_keeps_its_starts_where_others_are_no_better() -> None:
     found = fitted(QUESTION, shots())
     assert begun_like(QUESTION, found, found.starts).cost <= found.cost
+
+
+def test_an_odd_shot_is_sought_under_the_numbers_that_the_others_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    honest, numbers = fitted(QUESTION, shots()), []
+    bent = fitted(QUESTION, tuple(moved_by_hand(one) if one.shot == 2 else one for one in shots()))
+    others = fitted(QUESTION, tuple(one for one in shots() if one.shot != 2))
+
+    def followed(question: Question, pieces: tuple[Recording, ...], like: Fitted, *how: object, anew: bool) -> Fitted:
+        assert anew
+        assert {piece.shot for piece in pieces} == {2}
+        numbers.append(like.shared)
+        return follow(question, pieces, like, anew=anew)
+
+    monkeypatch.setattr(growing, "follow", followed)
+    assert sought_anew(QUESTION, bent).cost <= bent.cost
+    assert not np.allclose(bent.shared, others.shared, atol=1e-4)
+    np.testing.assert_allclose(numbers[0], others.shared, atol=1e-6)
+    assert sought_anew(QUESTION, honest) is honest
