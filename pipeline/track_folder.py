@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from models.errors import OptionError
 from models.gap_scene import Recording
+from pipeline.track_folder_faults import off_the_table, refuse_what_is_missing
 
 Floats = NDArray[np.float64]
 Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -71,6 +72,8 @@ class TrackFolder:
     recordings: tuple[Recording, ...]
     coordinates: tuple[str, ...]
     """of a place, as the columns name them."""
+    notes: tuple[str, ...] = ()
+    """What is odd about the tracks, as sentences."""
 
 
 def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
@@ -89,7 +92,8 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
     if len(read) == 1:
         return first
     shots = (one for folder in read for one in folder.recordings)
-    return replace(first, recordings=tuple(replace(one, shot=number) for number, one in enumerate(shots)))
+    numbered = tuple(replace(one, shot=number) for number, one in enumerate(shots))
+    return replace(first, recordings=numbered, notes=tuple(note for folder in read for note in folder.notes))
 
 
 def _elsewhere(one: SceneEntry, other: SceneEntry) -> bool:
@@ -106,12 +110,13 @@ def _told(entry: SceneEntry) -> str:
 
 
 def _read(folder: Path) -> TrackFolder:
+    refuse_what_is_missing(folder)
     entry = _entry(folder / "scene.json")
     path = folder / "tracks.csv"
     try:
         table = csv.read_csv(path)
     except OSError as error:
-        raise OptionError(f"A diagnosis reads tracks.csv; {path} cannot be read: {error}") from error
+        raise OptionError(f"{path} cannot be read: {error}") from error
     except pa.ArrowInvalid as error:
         raise OptionError(f"{path} is not a table: {' '.join(str(error).split())}") from error
     names = tuple(name for name in COLUMNS[entry.scene] if name in table.column_names)
@@ -123,7 +128,8 @@ def _read(folder: Path) -> TrackFolder:
     recordings = _recordings(entry, columns, ids, names, path)
     if not recordings:
         raise OptionError(f"{path} holds no positions")
-    return TrackFolder(entry, recordings, names)
+    notes = off_the_table(recordings, (entry.table.length, entry.table.width), path) if entry.table else ()
+    return TrackFolder(entry, recordings, names, notes)
 
 
 _NUMERIC = {"shot", "frame", "t", "x", "y", "z", "theta1", "theta2", "sigma", "observed"}
@@ -133,7 +139,7 @@ def _entry(path: Path) -> SceneEntry:
     try:
         return SceneEntry.model_validate(json.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
-        raise OptionError(f"A diagnosis reads scene.json; {path}: {error.strerror}") from error
+        raise OptionError(f"{path} cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise OptionError(f"{path} is not JSON: {error}") from error
     except ValidationError as error:

@@ -38,3 +38,79 @@ def test_shots_of_different_tables_are_not_put_together(tmp_path: Path, length: 
 def test_a_missing_coordinate_is_said(tmp_path: Path, columns: str) -> None:
     with pytest.raises(OptionError, match="needs the columns id and x, y"):
         read_track_folders([folder(tmp_path / "a", columns=columns)])
+
+
+def off(place: Path, x: float, y: float = 1.0, rows: int = 20) -> Path:
+    """A folder whose last row lies elsewhere, x and y times as far as the others where `rows` is 0."""
+    made = folder(place)
+    seen = [(1.0 + 0.05 * k, 0.5 + 0.02 * k) for k in range(rows or 20)]
+    if rows:
+        seen[-1] = (x, y)
+    else:
+        seen = [(x * a, y * b) for a, b in seen]
+    lines = (f"0,{k},{k / 30},cue,{a},{b}" for k, (a, b) in enumerate(seen))
+    (made / "tracks.csv").write_text("\n".join(["shot,frame,t,id,x,y", *lines]) + "\n")
+    return made
+
+
+@pytest.mark.parametrize(("times", "unit"), [(100, "centimetres"), (1000, "millimetres")])
+def test_positions_in_another_unit_are_refused_with_the_range_that_was_expected(
+    tmp_path: Path, times: float, unit: str
+) -> None:
+    said = f"x goes from {times:.3g} .*length of 2.54 m, so that x lies between 0 and 2.54.*{unit}, divide.* by {times}"
+    with pytest.raises(OptionError, match=said.replace("+", r"\+")):
+        read_track_folders([off(tmp_path / "a", times, times, rows=0)])
+
+
+def test_exchanged_columns_are_refused_by_the_one_that_does_not_fit(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match=r"y goes from 2 to .* a width of 1.27 m"):
+        read_track_folders([off(tmp_path / "a", 0.5, 4.0, rows=0)])
+
+
+def test_a_table_that_is_not_in_metres_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match=r"254 x 127 m; lengths are wanted in metres"):
+        read_track_folders([folder(tmp_path / "a", length=254.0)])
+
+
+def test_a_ball_that_flies_off_is_a_note_and_one_that_is_shifted_none(tmp_path: Path) -> None:
+    assert read_track_folders([off(tmp_path / "a", 3.5)]).notes == (
+        f"1 of 20 positions of {tmp_path / 'a' / 'tracks.csv'} lie off the table",
+    )
+    assert read_track_folders([off(tmp_path / "b", 2.6)]).notes == ()
+
+
+def test_where_no_table_is_named_any_place_may_be(tmp_path: Path) -> None:
+    made = off(tmp_path / "a", 100.0, 100.0, rows=0)
+    (made / "scene.json").write_text(json.dumps({"scene": "slide"}))
+    assert read_track_folders([made]).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("there", "words"),
+    [
+        (("scene.json",), "There is no tracks.csv in .*a; a diagnosis needs tracks.csv .* docs/formats.md"),
+        (("tracks.csv",), "There is no scene.json in .*a; a diagnosis needs"),
+        ((), "There is no tracks.csv and no scene.json in .*a; a diagnosis needs"),
+    ],
+)
+def test_a_missing_file_is_named_with_where_it_was_sought(tmp_path: Path, there: tuple[str, ...], words: str) -> None:
+    made = folder(tmp_path / "a")
+    for name in {"tracks.csv", "scene.json"} - set(there):
+        (made / name).unlink()
+    with pytest.raises(OptionError, match=words):
+        read_track_folders([made])
+
+
+def test_who_names_the_folder_above_is_led_to_those_below(tmp_path: Path) -> None:
+    folder(tmp_path / "a")
+    folder(tmp_path / "b")
+    with pytest.raises(OptionError, match=r"but in 2 of its folders; name these: .*/\*/"):
+        read_track_folders([tmp_path])
+
+
+def test_a_clip_or_nothing_in_place_of_a_folder_is_said_to_be_that(tmp_path: Path) -> None:
+    (tmp_path / "clip.mp4").write_bytes(b"")
+    with pytest.raises(OptionError, match=r"reads folders, and .*clip.mp4 is a file.* trueroll run made"):
+        read_track_folders([tmp_path / "clip.mp4"])
+    with pytest.raises(OptionError, match=r"There is no folder .*nowhere; name one"):
+        read_track_folders([tmp_path / "nowhere"])
