@@ -1,4 +1,4 @@
-"""What a diagnosis is trying, on the terminal; nothing where nobody watches."""
+"""What a diagnosis is trying, on the terminal; where nobody watches, only why its first minute is so long."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from diagnosis.hypotheses import Watch
-from pipeline.gap_words import plain
+from diagnosis.words import named
+from models.compiling import compiling_told
+
+COMPILING = "compiling the physics, once per installation: about a minute"
 
 
 @contextmanager
@@ -17,9 +20,15 @@ def search_display(console: Console, title: str = "") -> Iterator[Watch]:
     """A line that says what is tried, and for how long the diagnosis has been at work."""
     columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bars:
-        task = bars.add_task(title)
+        task = bars.add_task(_said(title, "looking at the tracks", ()))
 
         def tell(doing: str, names: tuple[str, ...]) -> None:
-            bars.update(task, description=f"{title} {doing} {' and '.join(map(plain, names))}".strip())
+            bars.update(task, description=_said(title, doing, names))
 
-        yield tell
+        with compiling_told(lambda: console.print(_said(title, COMPILING, ()), markup=False)):
+            yield tell
+
+
+def _said(title: str, doing: str, names: tuple[str, ...]) -> str:
+    """What is being done, of which table and with which effects."""
+    return ": ".join(part for part in (title, doing, " and ".join(map(named, names))) if part)

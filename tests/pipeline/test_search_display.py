@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 from io import StringIO
+from pathlib import Path
 
+import numba
+import pytest
 from rich.console import Console
 
-from pipeline.search_display import search_display
+from pipeline.search_display import COMPILING, search_display
+
+
+@numba.njit
+def thrown_away(x: float) -> float:
+    return x + 1
 
 
 def drawn(terminal: bool) -> str:
@@ -18,8 +26,24 @@ def drawn(terminal: bool) -> str:
 
 
 def test_a_terminal_is_told_what_is_being_tried() -> None:
-    assert "table-01 trying cushion friction and slope" in drawn(terminal=True)
+    assert "table-01: trying: cushion friction and slope" in drawn(terminal=True)
 
 
 def test_a_file_is_told_nothing() -> None:
     assert drawn(terminal=False) == ""
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_the_first_minute_is_explained_once_also_where_nobody_watches(
+    terminal: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    kept = numba.njit(cache=True)(thrown_away.py_func)
+    console = Console(file=StringIO(), force_terminal=terminal, width=100)
+    with search_display(console):
+        thrown_away(1.0)
+        assert isinstance(console.file, StringIO)
+        assert COMPILING not in console.file.getvalue(), "what every process compiles anew is no new installation"
+        kept(1.0)
+        kept(1)
+    assert console.file.getvalue().count(COMPILING) == 1
