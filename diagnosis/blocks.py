@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from diagnosis.residuals import DRAWS, Residuals
+from diagnosis.words import group
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -36,7 +37,7 @@ class Block:
     family: str
     """shot, body, phase, speed, direction, place, time, since_contact, radius, row, slow."""
     label: str
-    """which member of the family."""
+    """which member of the family; of slow ones the group that varies so, in words."""
     here: Mask
     """(K,)"""
 
@@ -182,7 +183,7 @@ def _slow(found: Residuals, groups: list[Block]) -> Iterator[tuple[Block, float,
             chance = np.square(np.tensordot(waves, found.drawn[own], axes=1)).sum(axis=(0, 1)) / len(own)
             for block in wanted:
                 if block.here[own].mean() > 0.5:
-                    slow = Block("slow", block.label, block.here)
+                    slow = Block("slow", group(block.family, block.label), block.here)
                     before = energy.get(block.family + block.label, (slow, 0.0, np.zeros(DRAWS)))
                     energy[block.family + block.label] = (slow, before[1] + one, before[2] + chance)
     yield from ((block, float(np.cbrt(one)), np.cbrt(chance)) for block, one, chance in energy.values())

@@ -64,6 +64,8 @@ def strengths(
     """The parameters of effects: as fitted where they were free, else what could have been seen of them."""
     sigma = np.full(len(question.priors), np.inf)
     sigma[fitted.free] = fitted.shooting.sigma
+    untold = np.zeros(len(question.priors), bool)
+    untold[fitted.free] = fitted.shooting.prior_only
     chosen = np.flatnonzero(question.mask(names))
     return tuple(
         Strength(
@@ -72,6 +74,7 @@ def strengths(
             float(fitted.shared[k]),
             float(sigma[k]),
             float(detectable[k]),
+            bool(untold[k]),
         )
         for k in chosen
     )

@@ -66,7 +66,7 @@ def diagnose(scene: GapScene, recordings: tuple[Recording, ...], seed: int = 0, 
         return _undecidable(scene, reason)
     watch("fitting what the simulator has", ())
     study = _study(scene, split, np.random.default_rng(seed), watch)
-    watch("predicting shots that chose nothing", study.best.fitted.names)
+    watch("predicting shots that chose nothing", tuple(sorted(study.best.names)))
     report = tuple(with_noise(split.report, study.noise))
     found = _reported(study, report, np.random.default_rng([seed, 1]))
     return replace(found, notes=tuple(str(exchange) for _, exchanges in own for exchange in exchanges))
@@ -185,11 +185,11 @@ def _reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Ge
         shape=shape(study.after) if verdict == "unknown" else "",
         gap=gap,
         per_effect=per_effect,
-        fitted=_all_strengths(study),
+        fitted=_all_strengths(study, detectable),
         forms=study.full.forms,
         unidentifiable=(*scene.gauges, *_hidden(study.question, detectable, frozenset(study.full.names))),
         not_tested=(*scene.not_tested, *_left_out(study)),
-        film_next=film or _film(study, verdict),
+        film_next=_film(study, verdict, film),
         p_value=study.before.p_value,
         notes=(),
     )
@@ -226,10 +226,12 @@ def _verdict(study: Study) -> tuple[Verdict, dict[str, tuple[str, ...]], str]:
     return ("group" if alone else "effects"), groups, film
 
 
-def _film(study: Study, verdict: Verdict) -> str:
-    """What to film where no group is to be separated."""
+def _film(study: Study, verdict: Verdict, apart: str) -> str:
+    """What to film after this verdict: what separates a group (`apart`, if any), what is left, or what was missed."""
     if verdict == "unknown":
-        return film_what_is_left(study.left_after)
+        return film_what_is_left(study.question, study.left_after)
+    if apart:
+        return apart
     question = study.question
     names = tuple(name for name in question.candidates if name not in study.full.names)
     told, found, lack = study.seen.told, study.left_after, study.full.lack
@@ -256,9 +258,10 @@ def _candidates(
 
 
 def _detectable(study: Study) -> Floats:
-    """(P,) smallest strength of every parameter that these data could have shown, all else as in the best model."""
+    """(P,) smallest strength of every parameter that these data could have shown, all else as in the best model; of
+    what the simulator has, the smallest change."""
     question, found = study.question, np.full(len(study.question.priors), np.inf)
-    for name in question.candidates:
+    for name in (*question.candidates, *question.scene.assumed):
         mask = question.mask((name,))
         here = signatures(question, study.seen.told, study.full.free & ~mask, study.full.lack)
         found[mask] = here.detectable(mask)[mask]
@@ -273,14 +276,13 @@ def _with(study: Study, name: str) -> Fitted:
     return study.base if alone is None else alone.fitted
 
 
-def _all_strengths(study: Study) -> tuple[Strength, ...]:
+def _all_strengths(study: Study, detectable: Floats) -> tuple[Strength, ...]:
     """Of the improved simulator, by effect and parameter: several effects have a mu."""
     names = tuple(effect.name for effect in study.question.scene.effects if effect.name in study.full.names)
-    nothing = np.full(len(study.question.priors), np.inf)
     return tuple(
         replace(one, name=f"{name}.{one.name}")
         for name in (*study.question.scene.assumed, *names)
-        for one in strengths(study.question, study.full, nothing, (name,))
+        for one in strengths(study.question, study.full, detectable, (name,))
     )
 
 

@@ -1,4 +1,4 @@
-"""What to film next: the kind of shot that tells most of what is still open, of those seen and their variations."""
+"""What to film next: of the shots already filmed, the kind that tells most of what an answer leaves open."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from diagnosis.fitting import Question, Told
 from diagnosis.residuals import Residuals
 from diagnosis.signatures import Mask, signatures
 from diagnosis.where import excess
+from diagnosis.words import named, phase
 from models.gap_scene import Floats
 
 _MORE = (1, 2, 3, 5, 8, 12, 20, 30, 50)
@@ -28,46 +29,46 @@ def film_next(question: Question, told: Told, found: Residuals, free: np.ndarray
     now = float(step @ whole.information[np.ix_(one, one)] @ step)
     missing = max(16.0 - now, 0.0)
     more = int(np.ceil(missing / apart[best])) if apart[best] > 0 else 0
-    shot = int(told.shots[best])
-    what = _described(found, shot)
-    names = " from ".join(group[:2])
+    names = " from ".join(named(name) for name in group[:2])
     if apart[best] <= 0 or more > 50:
         return f"No shot like these tells {names}: film other speeds and directions, also at right angles to these."
-    return f"To tell {names}, film {max(more, 1)} more like shot {shot} ({what})."
+    return f"To tell {names}, film {max(more, 1)} more like {_like(question, found, int(told.shots[best]))}."
 
 
 def film_to_see(
     question: Question, told: Told, found: Residuals, free: Mask, usual: Floats, names: tuple[str, ...], lack: float
 ) -> str:
-    """One sentence: of the effects that these shots would miss at `usual` strength (P,), the one nearest to be seen,
-    and how many more shots of which kind would show it; empty where none would be missed."""
+    """One sentence for who has an answer: of the effects that these shots would miss at `usual` strength (P,), the one
+    nearest to be seen, and how many more shots of which kind would show it; empty where none would be missed, or where
+    no number of shots like these would show it."""
     missed = {name: _weakness(question, told, free, usual, name, lack) for name in names}
     missed = {name: times for name, times in missed.items() if times > 1}
     if not missed:
         return ""
     name = min(missed, key=lambda one: missed[one])
-    words = name.replace("_", " ")
     for more in _MORE:
         left = [_weakness(question, _with_more(told, k, more), free, usual, name, lack) for k in range(len(told.shots))]
         if min(left) <= 1:
-            shot = int(told.shots[int(np.argmin(left))])
-            what = _described(found, shot)
-            return f"To see or rule out {words} of usual strength, film {more} more like shot {shot} ({what})."
-    return f"These shots would miss {words} of usual strength, and so would more of them: film other speeds and places."
+            like = _like(question, found, int(told.shots[int(np.argmin(left))]))
+            return (
+                "This answer needs no more film; but these shots would not have shown"
+                f" {named(name)} of usual strength: to see it or rule it out as well, film {more} more like {like}."
+            )
+    return ""
 
 
-def film_what_is_left(found: Residuals) -> str:
+def film_what_is_left(question: Question, found: Residuals) -> str:
     """One sentence: where most of what no effect explains is, and what of it a second film would tell apart."""
     left = excess(found)
     sums = {
-        (str(phase), int(shot)): float(left[(found.phase == phase) & (found.shot == shot)].sum())
-        for phase in np.unique(found.phase)
+        (str(name), int(shot)): float(left[(found.phase == name) & (found.shot == shot)].sum())
+        for name in np.unique(found.phase)
         for shot in np.unique(found.shot)
     }
-    phase, shot = max(sums, key=lambda one: sums[one])
+    most, shot = max(sums, key=lambda one: sums[one])
     return (
-        f"Most of what is left is at {phase.replace('_', ' ')} in shot {shot} ({_described(found, shot)}): film it"
-        " again at half the speed, and once in another place; what stays with the place is the table or the camera."
+        f"Most of what is left shows {phase(most)} in {_like(question, found, shot)}: film that shot again at half the"
+        " speed, and once in another place; what stays with the place is the table or the camera."
     )
 
 
@@ -92,11 +93,12 @@ def _separation(
     return float(step @ (more.information - now.information)[np.ix_(one, one)] @ step)
 
 
-def _described(found: Residuals, shot: int) -> str:
+def _like(question: Question, found: Residuals, shot: int) -> str:
+    """A shot by its number, how fast it is and where it goes."""
     here = found.shot == shot
-    speed = float(np.quantile(found.speed[here], 0.9))
+    fastest = f"up to {float(np.quantile(found.speed[here], 0.9)):.1f} {question.scene.unit}/s"
     first = found.velocity[here][0]
-    if len(first) < 2:
-        return f"up to {speed:.1f} per second"
+    if len(first) < 2 or question.scene.unit != "m":
+        return f"shot {shot} ({fastest})"
     angle = np.degrees(np.arctan2(first[1], first[0]))
-    return f"up to {speed:.1f} m/s, {angle:.0f} degrees from x"
+    return f"shot {shot} ({fastest}, begun at {angle:.0f} degrees from x)"

@@ -19,7 +19,10 @@ class Strength:
     value: float
     sigma: float
     detectable_from: float
-    """smallest strength that these data could have shown; infinite where none."""
+    """smallest strength, of what the simulator has the smallest change, that these data could have shown; infinite
+    where none."""
+    prior_only: bool = False
+    """True where these data did not determine it: value and sigma are mostly what was known beforehand."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from scipy.stats import spearmanr
 from diagnosis.blocks import Structure
 from diagnosis.residuals import Residuals
 from diagnosis.verdict import Place
+from diagnosis.words import direction, group
 from models.gap_scene import Floats, Mask, Recording
 
 _MOSTLY = 0.7
@@ -94,8 +95,6 @@ def shape(found: Structure) -> str:
     return "; ".join(told[:3])
 
 
-def _told(family: str, label: str, direction: str, z: float) -> str:
-    kind = {"along": "along the motion", "across": "across the motion", "waves": "slowly within windows"}
-    how = kind.get(direction, f"in coordinate {direction}")
-    where = "everywhere" if label == "all" else f"at {family} {label}"
-    return f"{how} {where} ({z:.0f} sigma)"
+def _told(family: str, label: str, way: str, z: float) -> str:
+    place = label if family == "slow" else group(family, label)
+    return f"{direction(way)} {place} ({z:.0f} times what chance does)"

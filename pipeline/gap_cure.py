@@ -52,9 +52,14 @@ _BALLS = {
 """By law of ours: pooltool's name of it, and of its friction."""
 
 
+def has_cure(report: Report) -> bool:
+    """Whether there is anything to write: nothing is fitted where there is too little to test."""
+    return bool(report.fitted)
+
+
 def write_cure(report: Report, table: Table, folder: Path) -> None:
     """Both files, each in one step, where something was fitted."""
-    if not report.fitted:
+    if not has_cure(report):
         return
     for name, content in ((PROFILE, profile(report, table)), (POOLTOOL, pooltool(report, table))):
         with aside(folder / name) as path:

@@ -87,7 +87,7 @@ def _candidate(one: Candidate) -> dict[str, Any]:
 
 
 def _strength(one: Strength) -> dict[str, Any]:
-    return {"value": one.value, "sigma": _finite(one.sigma), "unit": one.unit}
+    return {"value": one.value, "sigma": _finite(one.sigma), "unit": one.unit, "prior_only": one.prior_only}
 
 
 def _finite(value: float) -> float | None:

@@ -3,25 +3,38 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass
 
-import numpy as np
+from diagnosis.verdict import Candidate, Report, Strength
+from diagnosis.words import growing, named, parameter, phase
 
-from diagnosis.verdict import Candidate, Report
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """What may be missing, in words: a line of the list."""
+
+    name: str
+    probability: float
+    strength: str
+    """with its error, or that it is not told; empty where none was sought."""
+    detectable: str
+    """what could have been seen of it; empty where nothing could."""
+    rivals: str
+    """what these shots cannot tell from it."""
 
 
 def gap_sentence(report: Report) -> str:
     """What the simulator lacks."""
-    names = {one.effect: " or ".join(plain(name) for name in one.group) for one in report.candidates}
     if report.verdict == "effects":
-        return f"Your simulator lacks {' and '.join(plain(name) for name in report.effects)}."
+        return f"Your simulator lacks {' and '.join(named(name) for name in report.effects)}."
     if report.verdict == "group":
-        return f"Your simulator lacks {names[report.candidates[0].effect]}; these shots cannot tell which."
+        rivals = " or ".join(named(name) for name in report.candidates[0].group)
+        return f"Your simulator lacks {rivals}; these shots cannot tell which."
     if report.verdict == "none":
         return "These shots show nothing that your simulator lacks."
     if report.verdict == "unknown":
         return f"Something is there that the library does not hold{_mostly_at(report)}."
-    return f"These shots decide nothing: {' '.join(report.notes)}."
+    return f"These shots decide nothing: {'; '.join(report.notes)}."
 
 
 def _mostly_at(report: Report) -> str:
@@ -29,8 +42,8 @@ def _mostly_at(report: Report) -> str:
     if not report.where:
         return ""
     most = report.where[0]
-    grows = f", growing with {most.grows_with}" if most.grows_with else ""
-    return f": {most.share:.0%} of it shows at {plain(most.phase)}{grows}"
+    grows = f", growing with {growing(most.grows_with)}" if most.grows_with else ""
+    return f": {most.share:.0%} of it shows {phase(most.phase)}{grows}"
 
 
 def closed_sentence(report: Report) -> str:
@@ -61,27 +74,58 @@ def length(value: float, metric: str) -> str:
     return f"{1000 * value:.3g} {'mrad' if metric.endswith('rad') else 'mm'}"
 
 
-def plain(name: str) -> str:
-    """An effect's name as words."""
-    return name.replace("_", " ")
+def causes(report: Report) -> tuple[Cause, ...]:
+    """The list of causes, likeliest first; effects that are missing together are one, and share its probability."""
+    together = [one for one in report.candidates if one.effect in report.effects]
+    if len(together) < 2:
+        return tuple(_cause(one) for one in report.candidates)
+    parts = [_cause(one) for one in together]
+    whole = Cause(
+        name=" and ".join(one.name for one in parts),
+        probability=report.probability,
+        strength="; ".join(f"{one.name} {one.strength}" for one in parts if one.strength),
+        detectable="; ".join(f"{one.name} {one.detectable}" for one in parts if one.detectable),
+        rivals=", ".join(one.rivals for one in parts if one.rivals),
+    )
+    rest = (_cause(one) for one in report.candidates if one not in together)
+    return tuple(sorted((whole, *rest), key=lambda one: one.probability, reverse=True))
 
 
-def causes(report: Report) -> tuple[Candidate, ...]:
-    """The candidates, sorted; effects that are missing together are one of them, and share its probability."""
-    named = [one for one in report.candidates if one.effect in report.effects]
-    if len(named) < 2:
-        return report.candidates
-    names = " and ".join(one.effect for one in named)
-    found = tuple(replace(s, name=f"{one.effect} {s.name}") for one in named for s in one.strengths)
-    together = Candidate(names, report.probability, (names,), found)
-    rest = (one for one in report.candidates if one not in named)
-    return tuple(sorted((together, *rest), key=lambda one: one.probability, reverse=True))
+def _cause(one: Candidate) -> Cause:
+    told = (strength(s) for s in one.strengths)
+    seen = (f"{parameter(s.name)} {_detectable(s)}" for s in one.strengths if math.isfinite(s.detectable_from))
+    rivals = (named(name) for name in one.group[1:])
+    return Cause(named(one.effect), one.probability, "; ".join(filter(None, told)), "; ".join(seen), ", ".join(rivals))
 
 
-def strengths(one: Candidate) -> str:
-    """The parameters of a candidate with their errors, as far as they were found."""
-    known = [s for s in one.strengths if np.isfinite(s.sigma) and s.sigma > 0]
-    return "; ".join(f"{plain(s.name)} = {with_unit(f'{s.value:.3g} ± {s.sigma:.2g}', s.unit)}" for s in known)
+def strength(one: Strength) -> str:
+    """A parameter with its error, or that these shots do not tell it; empty where it was not fitted."""
+    if not (math.isfinite(one.sigma) and one.sigma > 0):
+        return ""
+    if one.prior_only:
+        return f"{parameter(one.name)}: {untold(one)}"
+    return f"{parameter(one.name)} = {with_unit(f'{one.value:.3g} ± {one.sigma:.2g}', one.unit)}"
+
+
+def untold(one: Strength) -> str:
+    """What can be said of a parameter that is only what was known beforehand."""
+    if not math.isfinite(one.detectable_from):
+        return "these shots do not tell it"
+    return f"these shots do not tell it, they would show {_detectable(one)} or more"
+
+
+def _detectable(one: Strength) -> str:
+    return with_unit(f"{one.detectable_from:.2g}", one.unit)
+
+
+def undecided(report: Report) -> str:
+    """What no shot can tell, what these shots would have missed, and what they gave no way to test, as sentences."""
+    weighed = {one.effect for one in report.candidates}
+    never = [named(name) for name in report.unidentifiable if name not in weighed]
+    missed = [named(name) for name in report.unidentifiable if name in weighed]
+    untested = [named(name) for name in report.not_tested]
+    lists = ("No shot can tell", never), ("These shots would have missed at usual strength", missed)
+    return " ".join(f"{what}: {', '.join(which)}." for what, which in (*lists, ("Not tested", untested)) if which)
 
 
 def with_unit(number: str, unit: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from rich.console import Console
 
 from diagnosis.diagnose import diagnose
 from pipeline.batch.job import Row
+from pipeline.gap_cure import write_cure
 from pipeline.gap_files import write_gap
 from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene, table_of
@@ -61,8 +62,8 @@ def tables_of(rows: Iterable[Row]) -> list[TableShots]:
 
 
 def diagnose_tables(tables: Iterable[TableShots], out: Path, console: Console) -> Iterator[tuple[TableShots, str]]:
-    """Write OUT/gap/TABLE/gap.json, gap.html and gap_predictions.csv; what each says, or why it says nothing. What is
-    being tried shows on the console."""
+    """Write OUT/gap/TABLE/gap.json, gap.html, gap_predictions.csv and the table's profile; what each says,
+    or why it says nothing. What is being tried shows on the console."""
     for table in tables:
         folder = out / "gap" / table.name
         try:
@@ -70,8 +71,11 @@ def diagnose_tables(tables: Iterable[TableShots], out: Path, console: Console) -
             scene = open_scene(read)
             with search_display(console, table.name) as watch:
                 report = diagnose(scene, read.recordings, watch=watch)
+            report = replace(report, notes=(*report.notes, *read.notes))
             write_gap(report, folder)
-            write_gap_page(report, table.name, folder / "gap.html", table_of(scene))
+            if (played_on := table_of(scene)) is not None:
+                write_cure(report, played_on, folder)
+            write_gap_page(report, table.name, folder / "gap.html", played_on)
         except Exception as error:  # whatever is wrong with one table, the others are not to suffer
             yield table, one_sentence(error)
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,14 +14,13 @@ from rich.table import Table as Grid
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdict import Report
-from models.billiards.gap import BilliardsScene
 from pipeline.chain import refuse_closed
 from pipeline.command_line import DebugOption, JsonOption, app, console, named, standard_output
 from pipeline.gap_cure import PROFILE, write_cure
 from pipeline.gap_files import as_json, write_gap
 from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene, table_of
-from pipeline.gap_words import causes, closed_sentence, gap_sentence, plain, strengths
+from pipeline.gap_words import causes, closed_sentence, gap_sentence
 from pipeline.search_display import search_display
 from pipeline.track_folder import read_track_folders
 
@@ -46,10 +46,11 @@ def diagnose_folders(
     scene = open_scene(read)
     with search_display(console) as watch:
         report = diagnose(scene, read.recordings, watch=watch)
+    report = replace(report, notes=(*report.notes, *read.notes))
     write_gap(report, folder)
-    if isinstance(scene, BilliardsScene):
-        write_cure(report, scene.table, folder)
-    write_gap_page(report, inputs[0].resolve().name, folder / "gap.html", table_of(scene))
+    if (table := table_of(scene)) is not None:
+        write_cure(report, table, folder)
+    write_gap_page(report, inputs[0].resolve().name, folder / "gap.html", table)
     os.environ.setdefault("RUST_LOG", "off")  # rerun would print what it raises; it reads this when it is imported
     from pipeline.recording.gap import write_gap_recording  # slow to import
 
@@ -67,7 +68,7 @@ def _tell(report: Report, folder: Path) -> None:
     if report.candidates:
         grid = Grid("cause", "probability", "strength", box=None, pad_edge=False)
         for one in causes(report)[:_SHOWN]:
-            grid.add_row(plain(one.effect), f"{one.probability:.1%}", strengths(one))
+            grid.add_row(one.name, f"{one.probability:.1%}", one.strength)
         screen.print(grid)
     for note in report.notes if report.candidates else ():
         screen.print(escape(f"Note: {note}."))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from diagnosis.verdict import Gap, Report
 from models.errors import OptionError
-from pipeline.gap_words import causes, closed_sentence, gap_sentence, plain, strengths
+from pipeline.gap_words import causes, closed_sentence, gap_sentence
 from pipeline.publish import aside
 from pipeline.recording.stream import VIDEO_TIME, finish, open_stream
 from pipeline.run_folder import read_scene
@@ -139,7 +139,7 @@ def miss_colour(share: float) -> Colour:
 def _log_words(stream: rr.RecordingStream, report: Report) -> None:
     lines = [f"# {gap_sentence(report)}", "", closed_sentence(report), "", report.film_next, ""]
     lines += ["| cause | probability | strength |", "|---|---|---|"]
-    lines += [f"| {plain(one.effect)} | {one.probability:.1%} | {strengths(one)} |" for one in causes(report)[:8]]
+    lines += [f"| {one.name} | {one.probability:.1%} | {one.strength} |" for one in causes(report)[:8]]
     lines += ["", "Dots and arrows: held-out places, and where predictions put them; red: before, green: after."]
     stream.log("gap", rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN), static=True)
     stream.set_time(VIDEO_TIME, duration=0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +11,12 @@ import pytest
 
 from diagnosis.close import Ahead, Closing
 from diagnosis.verdict import Candidate, EffectShare, Gap, Place, Report, Strength
+from models.billiards.tables import PRESETS
 from models.gap_scene import Recording
-from pipeline.gap_page import _plots, write_gap_page
-from pipeline.gap_words import causes, gap_sentence, strengths
+from models.scene import Table
+from pipeline.gap_figures import figures
+from pipeline.gap_page import write_gap_page
+from pipeline.gap_words import causes, gap_sentence, strength, undecided
 
 NOTHING = Closing(0.02, 0.02, 0.01, float("nan"), (-1.0, 1.0), False)
 
@@ -32,7 +36,7 @@ def at(phase: str, share: float, grows: str | None = None) -> Place:
 def test_what_is_unknown_is_told_by_where_most_of_it_shows_not_in_sigmas() -> None:
     said = gap_sentence(report("unknown", at("cushion_contact", 0.86), at("rest", 0.14)))
     assert "86%" in said
-    assert "cushion contact" in said
+    assert "at cushions" in said
     assert "sigma" not in said
     assert "growing with time" in gap_sentence(report("unknown", at("free_roll", 1.0, "time")))
     assert gap_sentence(report("unknown")).endswith("does not hold.")
@@ -49,23 +53,131 @@ def test_the_page_says_what_each_of_several_effects_closes(tmp_path: Path) -> No
     assert "each one closes" not in (tmp_path / "gap.html").read_text(encoding="utf-8")
 
 
-def test_predictions_after_are_drawn_only_where_something_was_added() -> None:
+def straight(number: int = 0, known: int = 8) -> Ahead:
+    """A body that is followed for half a metre across and up."""
     t = np.arange(20) / 30
     places = np.stack([t, t], axis=-1)[:, None]
-    window = Ahead(Recording(0, np.arange(20), t, ("a",), places, np.full((20, 1), 1e-3)), 8)
-    alone = Gap("rms_m", 0.4, (0,), NOTHING, (window,), (places + 0.01,), (places + 0.01,))
-    titles = [title for title, _ in _plots(alone)]
-    assert not any("before and after" in title for title in titles)
-    better = replace(alone, after=(places + 0.001,))
-    assert any("before and after" in title for title, _ in _plots(better))
+    return Ahead(Recording(number, np.arange(20), t, ("a",), places, np.full((20, 1), 1e-3)), known)
+
+
+def gap_of(window: Ahead, before: float, after: float) -> Gap:
+    """Predictions that are off sideways by so many m at the end."""
+    way = np.linspace(0, 1, len(window.piece.t))[:, None, None] * np.array([1.0, 0.0])
+    paths = [window.piece.places + off * way for off in (before, after)]
+    return Gap("rms_m", 0.4, (window.piece.shot,), NOTHING, (window,), (paths[0],), (paths[1],))
+
+
+def test_predictions_after_are_drawn_only_where_something_was_added() -> None:
+    assert not any("before and after" in title for title, _ in figures(gap_of(straight(), 0.01, 0.01)))
+    assert any("before and after" in title for title, _ in figures(gap_of(straight(), 0.01, 0.001)))
+
+
+def test_a_simulator_that_lacks_nothing_has_no_after(tmp_path: Path) -> None:
+    told = replace(report("none"), gap=gap_of(straight(), 0.01, 0.0099))
+    write_gap_page(told, "carom", tmp_path / "gap.html")
+    assert "before and after" not in (tmp_path / "gap.html").read_text(encoding="utf-8")
 
 
 def test_errors_are_drawn_only_where_something_could_be_foreseen() -> None:
-    t = np.arange(20) / 30
-    places = np.stack([t, t], axis=-1)[:, None]
-    piece = Recording(0, np.arange(20), t, ("a",), places, np.full((20, 1), 1e-3))
     for known, drawn in ((8, 3), (20, 1)):
-        assert len(_plots(Gap("rms_m", 0.4, (0,), NOTHING, (Ahead(piece, known),), (places,), (places,)))) == drawn
+        assert len(figures(gap_of(straight(known=known), 0.3, 0.3))) == drawn
+
+
+@pytest.mark.parametrize("table", [None, PRESETS["pool-9ft"]])
+def test_millimetres_are_enlarged_until_before_and_after_part(table: Table | None) -> None:
+    gap = gap_of(straight(7), 0.006, 0.0004)
+    (whole, plan), (part, close), *_ = figures(gap, table)
+    assert "held-out shot 7" in whole
+    assert "enlarged: 0.036 m" in part
+    left, right = close.layout.xaxis.range
+    ends = {one.name: float(one.x[-1]) for one in close.data}
+    assert "off by 6 mm at this moment" in ends
+    assert left < ends["seen"] < right
+    assert (ends["predicted before"] - ends["seen"]) / (right - left) > 0.1
+    assert (ends["predicted after"] - ends["seen"]) / (right - left) < 0.02
+    frame = plan.layout.shapes[-1]
+    assert (frame.x0, frame.x1) == (left, right)
+    assert sorted(close.layout.yaxis.range) == [frame.y0, frame.y1]
+    assert (close.layout.yaxis.range[0] > close.layout.yaxis.range[1]) == (table is not None), "as the plan has it"
+
+
+def test_what_shows_by_itself_is_not_enlarged() -> None:
+    assert not any("enlarged" in title for title, _ in figures(gap_of(straight(), 0.3, 0.01)))
+
+
+def test_a_single_coordinate_is_enlarged_along_time_as_well() -> None:
+    t = np.arange(20) / 30
+    places = np.sin(t)[:, None, None]
+    window = Ahead(Recording(0, np.arange(20), t, ("rod",), places, np.full((20, 1), 1e-3)), 8)
+    off = places + 0.004 * t[:, None, None]
+    _, (title, close), *_ = figures(Gap("rms_rad", 0.4, (0,), NOTHING, (window,), (off,), (places,)))
+    assert "rad" in title
+    assert close.layout.xaxis.range[0] < t[-1] < close.layout.xaxis.range[1]
+
+
+def test_the_legend_has_a_sample_of_every_line() -> None:
+    _, figure = figures(gap_of(straight(), 0.006, 0.0004))[0]
+    shown = {one.name: one for one in figure.data if one.showlegend is not False}
+    assert {"seen", "predicted before", "predicted after"} < set(shown)
+    assert shown["seen"].mode == "markers"
+    assert shown["predicted before"].line.dash == "dash", "to be told from the other without colours"
+    assert shown["predicted before"].line.color != shown["predicted after"].line.color
+
+
+def test_what_is_only_the_prior_is_no_finding(tmp_path: Path) -> None:
+    rate = Strength("spin_decay.rate", "rad/s2", 10.0, 15.0, 47.0, prior_only=True)
+    friction = Strength("sliding_friction.mu", "1", 0.2, 0.01, 0.03)
+    assert strength(replace(rate, name="rate")) == (
+        "rate: these shots do not tell it, they would show 47 rad/s2 or more"
+    )
+    assert "10" not in strength(replace(rate, detectable_from=float("inf")))
+    write_gap_page(replace(report("none"), fitted=(rate, friction)), "carom", tmp_path / "gap.html")
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    row = page[page.index("decay of side spin, rate") :].partition("</tr>")[0]
+    assert "would show 47 rad/s2 or more" in row
+    assert "15" not in row
+    assert "<td>0.2</td><td>0.01</td>" in page
+
+
+def test_what_no_shot_tells_is_parted_from_what_these_shots_miss() -> None:
+    shutter = Candidate("rolling_shutter", 0.0, ("rolling_shutter",), ())
+    told = replace(
+        report("effects"),
+        candidates=(shutter,), unidentifiable=("frame_rate", "rolling_shutter"), not_tested=("lens_distortion",),
+    )  # fmt: skip
+    assert undecided(told) == (
+        "No shot can tell: rate of the pictures. These shots would have missed at usual strength: rolling shutter."
+        " Not tested: lens distortion."
+    )
+
+
+def test_the_page_says_where_the_cure_lies_and_how_a_run_takes_it(tmp_path: Path) -> None:
+    told = replace(report("effects"), fitted=(Strength("slope.slope_x", "mm/m", 1.0, 0.1, 0.3),))
+    path = tmp_path / "gap.html"
+    write_gap_page(told, "carom", path, PRESETS["pool-9ft"])
+    page = path.read_text(encoding="utf-8")
+    assert "The cure" in page
+    assert f"trueroll run CLIP --profile {tmp_path / 'profile.json'}" in page
+    write_gap_page(told, "cube", path)  # of no table
+    assert "--profile" not in path.read_text(encoding="utf-8")
+
+
+def test_the_page_has_no_words_of_programmers(tmp_path: Path) -> None:
+    alike = Candidate(
+        "cushion_law", 0.5, ("cushion_law", "cushion_friction"), (Strength("slope_x", "mm/m", 1, 0.1, 0.3),)
+    )
+    told = replace(
+        report("group", at("free_roll", 0.6, "time since contact"), at("cushion_contact", 0.4)),
+        model=("rolling_resistance",), candidates=(alike,), unidentifiable=("parallax_shift",),
+        not_tested=("lens_distortion",), fitted=(Strength("slope.slope_x", "mm/m", 1.0, 0.1, 0.3),),
+        per_effect=tuple(EffectShare(name, 0.5, (0.4, 0.6)) for name in ("air_drag", "cushion_restitution_speed")),
+        gap=gap_of(straight(), 0.006, 0.0004),
+    )  # fmt: skip
+    write_gap_page(told, "carom", tmp_path / "gap.html")
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8").partition("<body>")[2]
+    read = re.sub(r"<[^>]*>", " ", re.sub(r"<script.*?</script>", " ", page, flags=re.DOTALL))
+    assert "the time since the last contact" in read
+    assert re.findall(r"\S*\w_\w\S*", read) == []
 
 
 def test_effects_that_are_missing_together_are_one_cause_of_their_whole_probability() -> None:
@@ -74,7 +186,9 @@ def test_effects_that_are_missing_together_are_one_cause_of_their_whole_probabil
     told = replace(report("effects"), effects=("air_drag", "magnus"))
     told = replace(told, candidates=(*alike, Candidate("unknown", 0.1, ("unknown",), ())))
     together, unknown = causes(told)
-    assert (together.effect, unknown.effect) == ("air_drag and magnus", "unknown")
+    assert (together.name, unknown.name) == ("air drag and lift by spin", "something unknown")
     assert together.probability == pytest.approx(0.9)
-    assert strengths(together) == "air drag k = 0.2 ± 0.01; magnus s = 0.2 ± 0.01"
-    assert causes(replace(told, effects=("air_drag",))) == told.candidates
+    assert together.strength == "air drag k = 0.2 ± 0.01; lift by spin s = 0.2 ± 0.01"
+    apart = causes(replace(told, effects=("air_drag",)))
+    assert [one.name for one in apart] == ["air drag", "lift by spin", "something unknown"]
+    assert [one.probability for one in apart] == [0.46, 0.44, 0.1]
