@@ -41,8 +41,8 @@ def diagnose_folders(
 ) -> None:
     """Where simulator and world part, which effect is missing, and how far the gap shrinks with it."""
     folder = out if out is not None else inputs[0] / "gap"
-    refuse_closed(folder)
     read = read_track_folders(inputs)
+    refuse_closed(folder)
     scene = open_scene(read)
     with search_display(console) as watch:
         report = diagnose(scene, read.recordings, watch=watch)

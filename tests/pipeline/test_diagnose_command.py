@@ -77,6 +77,13 @@ def test_the_files_name_the_effect_and_let_anyone_recompute_the_gap(trueroll: Te
     assert "method" not in page.partition("<body>")[2].partition("<script")[0]
 
 
+def test_a_clip_in_place_of_a_folder_is_said_to_be_none(trueroll: Terminal, tmp_path: Path) -> None:
+    (tmp_path / "clip.mp4").write_bytes(b"")
+    done = trueroll("diagnose", tmp_path / "clip.mp4")
+    assert done.status == 2
+    assert "clip.mp4 is a file" in done.err
+
+
 def test_one_short_shot_is_undecidable(trueroll: Terminal, tmp_path: Path) -> None:
     folder = slides(tmp_path / "short", 0.8, shots=1)
     lines = (folder / "tracks.csv").read_text().splitlines()
