@@ -138,21 +138,33 @@ def sought_anew(question: Question, fitted: Fitted, odd: float = _ODD) -> Fitted
 
 
 def straightened(question: Question, fitted: Fitted) -> Fitted:
-    """The same hypothesis, odd shots sought anew for as long as that helps."""
-    while True:
+    """The same hypothesis, odd shots sought anew for as long as that helps; only where it explains the others, for what
+    is still missing makes shots odd too."""
+    while _usual(_per_number(question, fitted)) < _SURE:
         found = sought_anew(question, fitted, _LITTLE_ODD)
         if fitted.cost - found.cost < _HELPS:
             return found
         fitted = found
+    return fitted
 
 
 def _odd(question: Question, fitted: Fitted, factor: float) -> Mask:
     """Windows of shots whose cost per number is so many times that of the usual shot, or of noise."""
+    mean = _per_number(question, fitted)
+    odd = {shot for shot, cost in mean.items() if cost > factor * _usual(mean)}
+    return np.array([piece.shot in odd for piece in fitted.pieces])
+
+
+def _usual(mean: dict[int, float]) -> float:
+    """Cost per number of the usual shot, or of noise."""
+    return max(float(np.median(list(mean.values()))), 1.0)
+
+
+def _per_number(question: Question, fitted: Fitted) -> dict[int, float]:
+    """Cost per number of every shot."""
     costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])
-    mean = {shot: costs[shots == shot].sum(axis=0) for shot in np.unique(shots)}
-    mean = {shot: float(cost / max(numbers, 1.0)) for shot, (cost, numbers) in mean.items()}
-    usual = max(float(np.median(list(mean.values()))), 1.0)
-    return np.array([mean[shot] > factor * usual for shot in shots])
+    sums = {int(shot): costs[shots == shot].sum(axis=0) for shot in np.unique(shots)}
+    return {shot: float(cost / max(numbers, 1.0)) for shot, (cost, numbers) in sums.items()}
 
 
 def _of(all_of_them: tuple[One, ...], places: np.ndarray) -> tuple[One, ...]:
