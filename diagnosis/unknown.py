@@ -76,7 +76,14 @@ class Doubt:
 
 
 def agreement(told: Told, fitted: Fitted) -> float:
-    """p-value of all shots having the fitted parameters, from the slopes of their likelihoods there."""
+    """p-value of all shots having the fitted parameters."""
+    total, free = _disagreement(told, fitted)
+    return float(chi2.sf(total, free)) if free > 0 else 1.0
+
+
+def _disagreement(told: Told, fitted: Fitted) -> tuple[float, int]:
+    """chi2 that parameters of their own would gain shots, and how many more these are, from the slopes of their
+    likelihoods at the fit."""
     total, free = 0.0, 0
     for information, score in zip(told.information, told.score, strict=True):
         here, slope = information[np.ix_(fitted.free, fitted.free)], score[fitted.free]
@@ -85,8 +92,7 @@ def agreement(told: Told, fitted: Fitted) -> float:
         kept = sizes > 1e-6
         total += float((np.square(axes[:, kept].T @ (slope * scale)) / sizes[kept]).sum())
         free += int(kept.sum())
-    free -= int(fitted.free.sum())
-    return float(chi2.sf(total, free)) if free > 0 else 1.0
+    return total, free - int(fitted.free.sum())
 
 
 def least_gain(first: int, second: int) -> float:
@@ -98,19 +104,21 @@ def least_gain(first: int, second: int) -> float:
     return -float((1 + second / first) * norm.isf(SUSPICIOUS / 2) ** 2)
 
 
-def explained(base: Fitted, best: Fitted, ahead: Closing | None) -> tuple[float, float]:
+def explained(base: Fitted, best: Fitted, told: Told, ahead: Closing | None) -> tuple[float, float]:
     """Share of what is systematic that the better model takes away, and the most that it may be: of the error of
-    predictions where that is more than noise, else of the cost of the fit."""
+    predictions where that is more than noise, else of the cost of the fit. What it leaves is systematic as far as it is
+    more than noise, or as shots contradict each other: parameters hide in the noise what they do not explain."""
     if ahead is not None and ahead.resolved:
         return float(np.clip(ahead.closed, 0.0, 1.0)), ahead.interval[1]
-    excess = base.cost - best.cost + best.unlike_noise
+    total, free = _disagreement(told, best)
+    excess = base.cost - best.cost + max(best.unlike_noise, total - free)
     share = 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))
     return share, share
 
 
 def doubt(left: Structure, told: Told, base: Fitted, best: Fitted, ahead: Closing | None, select_gains: bool) -> Doubt:
     """All three signs together, of the best hypothesis on all shots that may be used."""
-    shares = explained(base, best, ahead) if best.names or best.forms != base.forms else (0.0, 0.0)
+    shares = explained(base, best, told, ahead) if best.names or best.forms != base.forms else (0.0, 0.0)
     return Doubt(left.p_value, agreement(told, best), *shares, select_gains, float("nan"))
 
 

@@ -11,6 +11,7 @@ from diagnosis.fitting import Fitted, Question, fit, look, nearest, question_of
 from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.noise import estimate_noise, with_noise
 from diagnosis.pieces import stretches
+from diagnosis.unknown import explained
 from diagnosis.which import chance, lacking, needed
 from models.gap_scene import Recording
 from models.shooting.windows import glance
@@ -75,3 +76,14 @@ def test_what_lacks_an_effect_is_begun_anew_once_the_whole_has_found_better_star
     assert lacking(state, whole, "air_drag") is stuck
     whole = state.improve(whole, found)
     assert lacking(state, whole, "air_drag").cost < without.cost + 1.0
+
+
+def test_what_shots_contradict_each_other_about_is_not_explained() -> None:
+    shares = []
+    for steeper in (0.0, 0.3):
+        question, alone = fitted({**PLAIN, "slope.slope_x": 2.0}, {**PLAIN, "slope.slope_x": 2.0 + steeper})
+        found = fit(question, alone.pieces, ("slope",))
+        louder = replace(found, shooting=replace(found.shooting, chi2_per_dof=1.0))
+        shares.append(explained(alone, louder, look(question, found).told, None)[0])
+    assert shares[0] > 0.999
+    assert shares[1] < 0.995
