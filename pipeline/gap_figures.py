@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from diagnosis.verdict import Gap
 from models.scene import Table
+from pipeline.gap_words import length
 
 Floats = NDArray[np.float64]
 
@@ -107,7 +108,7 @@ def _path(gap: Gap, number: int, moment: Moment | None) -> go.Figure:
     if moment is not None:
         row, body = moment
         ends = np.stack([gap.before[number][row, body], piece.places[row, body]])
-        off = f"off by {1000 * float(np.linalg.norm(ends[1] - ends[0])):.2g} m{_unit(gap)} at this moment"
+        off = f"off by {length(float(np.linalg.norm(ends[1] - ends[0])), gap.metric)} at this moment"
         x = ends[:, 0] if _is_plan(gap) else np.full(2, piece.t[row])
         figure.add_scatter(x=x, y=ends[:, -1], name=off, mode="lines+markers", line={"color": FRAME, "width": 2})
     if _is_plan(gap):
@@ -128,12 +129,12 @@ def _telling(gap: Gap, number: int) -> Moment | None:
 
 
 def _around(gap: Gap, number: int, moment: Moment) -> tuple[Span, Span] | None:
-    """The part of a drawing, across and up, in which the error of a moment fills a sixth; None where that is all."""
+    """The part of a drawing, across and up, in which the error of a moment fills a sixth; None where that is half of it."""
     piece = gap.windows[number].piece
     predicted, seen = gap.before[number][moment], piece.places[moment]
     extent = float(np.ptp(piece.places[piece.seen], axis=0).max())
     reach = _AROUND * float(np.linalg.norm(predicted - seen))
-    if not 0 < 2 * reach < extent:
+    if not 0 < 4 * reach < extent:
         return None
     middle = (predicted + seen) / 2
     if _is_plan(gap):
