@@ -129,7 +129,7 @@ def _telling(gap: Gap, number: int) -> Moment | None:
 
 
 def _around(gap: Gap, number: int, moment: Moment) -> tuple[Span, Span] | None:
-    """The part of a drawing, across and up, where the error of a moment fills a sixth; None where that is half of it."""
+    """What to draw, across and up, where the error of a moment fills a sixth; None where that is half of all."""
     piece = gap.windows[number].piece
     predicted, seen = gap.before[number][moment], piece.places[moment]
     extent = float(np.ptp(piece.places[piece.seen], axis=0).max())
