@@ -353,7 +353,7 @@ def parameters(effects: dict[str, dict[str, float]]) -> Floats:
 
 
 def play(shot: dict, dt: float = STEP) -> tuple[Floats, Floats]:
-    """Samples (T, N, 12) at the shot's `hz` and events (E, 7) of a shot."""
+    """Samples (T, N, 12) at the shot's `hz` and events (E, 7) of a shot, in steps of about `dt`."""
     balls, table = shot["balls"], shot["table"]
     radius = np.array([float(b["radius"]) for b in balls])
     mass = np.array([float(b.get("mass", 1.0)) for b in balls])
@@ -363,6 +363,7 @@ def play(shot: dict, dt: float = STEP) -> tuple[Floats, Floats]:
     laws = shot.get("laws", {})
     chosen = (CUSHION_LAWS[laws.get("cushion", "mirror")], BALL_LAWS[laws.get("ball", "inelastic")])
     every = round(1 / (shot.get("hz", 1000) * dt))
+    dt = 1 / (shot.get("hz", 1000) * every)  # so that samples are whole steps apart at any rate
     steps = round(shot["seconds"] / dt)
     size = (float(table["length"]), float(table["width"]))
     pockets = bool(table.get("pockets", False))

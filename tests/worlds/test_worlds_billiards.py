@@ -112,3 +112,10 @@ def test_worlds_import_nothing_of_the_project() -> None:
         names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
         names |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
         assert not {name.split(".")[0] for name in names} & rooms
+
+
+def test_samples_come_at_the_rate_that_is_asked_for(tmp_path: Path) -> None:
+    for hz in (60, 120, 1020, 1000):
+        samples, _ = play(tmp_path, [{"x": 0.3, "y": 0.6, "vx": 1.0}], 1.0, {}, hz=hz)
+        assert len(samples) == hz + 1
+        assert samples[-1, 0, 0] == pytest.approx(1.3, abs=1e-6)
