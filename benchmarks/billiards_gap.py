@@ -2,10 +2,10 @@
 
     PYTHONPATH=. python benchmarks/billiards_gap.py [KIND...] [--seeds 1] [--first 0] [--rows FILE.csv] [--show]
 
-The truth is worlds/billiards.py, run as a process, filmed as `billiards_cases.py` says: twelve shots of two to five
-balls on a table of its own per seed, 2 s each, 62.5 pictures a second, noise of 0.3 px at 350 px to the metre. The
-simulator that is diagnosed has rolling resistance, sliding friction, spin decay and the restitution of cushions and
-balls, but what the kind withholds. What is weak is as strong as 4 to 6 of the standard deviations that somebody who
+The truth is worlds/billiards_table.py, run as a process: twelve shots of two to five balls on a table of its own per
+seed, filmed for 2 s each, 62.5 pictures a second, noise of 0.3 px at 350 px to the metre. The simulator that
+is diagnosed has rolling resistance, sliding friction, spin decay and the restitution of cushions and balls, but what
+the kind withholds. What is weak is as strong as 4 to 6 of the standard deviations that somebody who
 knows its name finds it with, all else adjusted. Every case is a row of FILE.csv, and is not tried again where it stands
 there already; the table is printed from all rows.
 """
@@ -16,63 +16,52 @@ import argparse
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from billiards_cases import CASES, IN_WORLD, NEAR, Case, Effects, drawn, recordings, rng_of
+from billiards_cases import CASES, NEAR, Case, recordings
 from billiards_table import Row, told
 from foreign_shots import TABLE
 from row_files import append, read_rows
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdict import Report
-from models.billiards.gap import BilliardsScene, billiards_scene
-from models.billiards.playing import Laws
+from models.billiards.gap import billiards_scene
 from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS
-from models.gap_scene import Recording
+from models.gap_scene import GapScene, Recording
+from pipeline.gapcheck.billiards_kinds import NOT_HELD
+from pipeline.gapcheck.billiards_strengths import Effects
+from pipeline.gapcheck.blind import told_apart
 from pipeline.gapcheck.oracle import oracle_of
 
 
-def scene_of(case: Case, shots: tuple[Recording, ...]) -> BilliardsScene:
+def scene_of(case: Case, shots: tuple[Recording, ...]) -> GapScene:
     """The simulator that is diagnosed, and the library."""
-    scene = billiards_scene(TABLE, shots, assumed=case.model, laws=Laws(case.base))
-    return replace(scene, effects=tuple(one for one in scene.effects if one.name not in case.without))
+    return case.kind.simulator(billiards_scene(TABLE, shots, assumed=case.kind.model))
 
 
 def right(case: Case, shots: tuple[Recording, ...], report: Report) -> bool:
     """Whether the answer is one that the case allows. In a trap the right name is right only if it is no guess."""
-    wanted = {case.family} if case.family else set(case.lacks)
-    if not wanted:
+    kind, named = case.kind, frozenset(report.effects)
+    if not kind.withheld:
         return report.verdict == "none"
-    if case.without or wanted & {*IN_WORLD, "ageing"}:
+    if kind.foreign:
         return report.verdict == "unknown"
-    if case.along:
-        return set(report.effects) == wanted and _no_guess(case, shots) if report.effects else True
-    return report.verdict == "effects" and (
-        set(report.effects) == wanted or (len(report.effects) == 1 and report.effects[0] in case.twins)
-    )
-
-
-def _no_guess(case: Case, shots: tuple[Recording, ...]) -> bool:
-    """Whether somebody who knows what is missing can tell it from what is taken for it."""
-    scene = scene_of(case, shots)
-    partners = {name for one in scene.effects if one.name in case.lacks for name in one.partners}
-    oracle = oracle_of(scene, shots)
-    truth = oracle.knowing(frozenset(case.lacks))
-    return all(oracle.tells(truth, frozenset({name})) for name in sorted(partners - set(case.model)))
+    if kind.trap and named:
+        return named == kind.withheld and told_apart(kind, scene_of(case, shots), shots)
+    return kind.trap or (report.verdict == "effects" and kind.is_named_by(named))
 
 
 def just_seen(case: Case, seed: int) -> float:
     """How many times its natural strength an effect is NEAR standard deviations: of the same shots without it."""
     absent, _ = recordings(case, seed, 0.0)
     scene = scene_of(case, absent)
-    natural = drawn(rng_of(case, seed), case)
+    natural = case.kind.acting(case.kind.chance(seed))
     wanted = [
-        natural[effect.name][prior.name] for effect in scene.effects if effect.name in case.lacks
+        natural[effect.name][prior.name] for effect in scene.effects if effect.name in case.kind.lacks
         for prior in effect.parameters
     ]  # fmt: skip
-    seen = oracle_of(scene, absent).sigmas(frozenset(case.lacks), np.array(wanted))
+    seen = oracle_of(scene, absent).sigmas(case.kind.withheld, np.array(wanted))
     return float(np.random.default_rng([7181, seed, *case.name.encode()]).uniform(*NEAR)) / seen
 
 
@@ -81,39 +70,38 @@ def row_of(case: Case, seed: int, shots: tuple[Recording, ...], report: Report, 
     told, first, named = report.gap.closing, report.candidates[0], " + ".join(report.effects)
     group = " | ".join(first.group) if report.verdict == "group" else ""
     phase = report.where[0].phase if report.where else ""
-    strengths = [f"{one.name} {one.value:.3g} +- {one.sigma:.2g}" for one in report.fitted[len(case.model) :]]
+    strengths = [f"{one.name} {one.value:.3g} +- {one.sigma:.2g}" for one in report.fitted[len(case.kind.model) :]]
     return Row(
         kind=case.name, asked=_asked(case), seed=seed, said=named or group or report.verdict,
-        right=int(right(case, shots, report)), grouped=int(any(n in first.group for n in case.lacks)),
+        right=int(right(case, shots, report)), grouped=int(any(n in first.group for n in case.kind.lacks)),
         probability=report.probability, p_value=report.p_value, before=told.before, after=told.after,
         floor=told.floor, closed=told.closed if told.resolved else float("nan"), low=told.interval[0],
         high=told.interval[1], phase=phase, phase_right=_acts_in(case, phase), cpu=cpu,
-        truth=", ".join(f"{name}.{p} {v:.3g}" for name in case.lacks for p, v in acted.get(name, {}).items()),
+        truth=", ".join(f"{name}.{p} {v:.3g}" for name in case.kind.lacks for p, v in acted.get(name, {}).items()),
         found=", ".join(strengths),
     )  # fmt: skip
 
 
 def _asked(case: Case) -> str:
-    if case.along or "said" in case.camera:
+    kind = case.kind
+    if kind.trap:
         return "trap"
     if case.harder:
         return case.harder
-    if case.family or case.base != "mirror":
+    if kind.family or kind.base != "mirror":
         return "form"
-    if not case.lacks:
+    if not kind.lacks:
         return "none"
-    if case.without:
-        return "taken out"
-    if set(case.lacks) & {*IN_WORLD, "ageing"}:
-        return "foreign"
-    return "pair" if len(case.lacks) == 2 else "one"
+    if kind.foreign:
+        return "taken out" if kind.without else "foreign"
+    return "pair" if len(kind.lacks) == 2 else "one"
 
 
 def _acts_in(case: Case, phase: str) -> int:
     """1 where what is missing acts in a phase, 0 where it does not, -1 where nothing is missing."""
     phases = {one.name: one.phases for one in (*BILLIARDS, *BILLIARDS_LAWS)}
-    phases |= dict.fromkeys((*IN_WORLD, "ageing"), ("free_roll",))
-    lacks = (case.family,) if case.family else case.lacks
+    phases |= dict.fromkeys(NOT_HELD, ("free_roll",))
+    lacks = case.kind.family or case.kind.withheld
     return int(any(phase in phases[name] for name in lacks)) if lacks else -1
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from pipeline.gapcheck.kinds import KINDS, TRAPS, Kind
+from pipeline.gapcheck.body_kinds import BODIES, TRAPS, BodyKind
 
 NEAR = (4.0, 6.0)
 """standard deviations of a strength just above the noise."""
@@ -19,7 +19,7 @@ class Case:
 
     asked: str
     """natural, near, none, withheld, foreign, pair, form, trap, garbage, 30 fps, 5 shots, 1 px"""
-    kind: Kind
+    kind: BodyKind
     hidden: frozenset[str] = frozenset()
     """Effects taken out of the library."""
     shots: int = 12
@@ -36,16 +36,16 @@ class Case:
 
 def cases() -> Iterator[Case]:
     """All of them, the most important first."""
-    single = [kind for kind in KINDS if len(kind.withheld) == 1 and not (kind.foreign or kind.family)]
+    single = [kind for kind in BODIES if len(kind.withheld) == 1 and not (kind.foreign or kind.family)]
     yield from (Case("natural", kind) for kind in single)
-    yield from (Case("none", kind) for kind in KINDS if not kind.withheld)
+    yield from (Case("none", kind) for kind in BODIES if not kind.withheld)
     yield from (Case("near", kind) for kind in single)
-    yield from (Case("foreign", kind) for kind in KINDS if kind.foreign)
+    yield from (Case("foreign", kind) for kind in BODIES if kind.foreign)
     yield from (Case("withheld", kind, hidden=kind.withheld) for kind in single)
-    yield from (Case("pair", kind) for kind in KINDS if len(kind.withheld) == 2)
-    yield from (Case("form", kind) for kind in KINDS if kind.family)
+    yield from (Case("pair", kind) for kind in BODIES if len(kind.withheld) == 2)
+    yield from (Case("form", kind) for kind in BODIES if kind.family)
     yield from (Case("trap", kind) for kind in TRAPS)
-    clean = [kind for kind in KINDS if not kind.withheld and not kind.camera]
+    clean = [kind for kind in BODIES if not kind.withheld and not kind.camera]
     slow = [replace(kind, name=f"{kind.name}, wrong frame rate") for kind in clean]
     yield from (Case("trap", kind, clock=SLOW_CLOCK) for kind in slow)
     yield from (Case("garbage", kind) for kind in single)

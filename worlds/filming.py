@@ -55,6 +55,16 @@ class Experiment:
     """Written into scene.json as they are."""
 
 
+@dataclass(frozen=True)
+class Flaws:
+    """How badly places are measured, as in `Experiment`."""
+
+    noise: float
+    correlation: float = 0.0
+    outliers: float = 0.0
+    missing: float = 0.0
+
+
 def read_experiment(path: Path, known: Mapping[str, tuple[str, ...]]) -> Experiment:
     """SystemExit with a sentence where an effect or a parameter is not one of this world's."""
     said = json.loads(path.read_text())
@@ -86,19 +96,22 @@ def flown(force: Force, place: Floats, velocity: Floats, t: Floats, stop: Callab
 
 def filmed(experiment: Experiment, truth: list[Floats], chance: np.random.Generator) -> list[tuple[Floats, Floats]]:
     """Times (T,) and what is seen (T, D) of each shot, NaN where nothing was."""
-    seen = []
-    for places in truth:
-        noise = chance.normal(size=places.shape)
-        for k in range(1, len(noise)):
-            noise[k] = experiment.correlation * noise[k - 1] + np.sqrt(1 - experiment.correlation**2) * noise[k]
-        wrong = chance.random(len(places)) < experiment.outliers
-        noise[wrong] += chance.normal(size=(int(wrong.sum()), places.shape[1])) * OUTLIER
-        shown = places + experiment.noise * noise
-        lost = chance.random(len(places)) < experiment.missing
-        lost[0] = False
-        shown[lost] = np.nan
-        seen.append((np.arange(len(places)) / experiment.fps, shown))
-    return seen
+    flaws = Flaws(experiment.noise, experiment.correlation, experiment.outliers, experiment.missing)
+    return [(np.arange(len(places)) / experiment.fps, flawed(places, flaws, chance)) for places in truth]
+
+
+def flawed(places: Floats, flaws: Flaws, chance: np.random.Generator) -> Floats:
+    """Places (T, ..., D) as they are measured; NaN where nothing was seen, which in the first picture never is so."""
+    noise = chance.normal(size=places.shape)
+    for k in range(1, len(noise)):
+        noise[k] = flaws.correlation * noise[k - 1] + np.sqrt(1 - flaws.correlation**2) * noise[k]
+    wrong = chance.random(places.shape[:-1]) < flaws.outliers
+    noise[wrong] += chance.normal(size=(int(wrong.sum()), places.shape[-1])) * OUTLIER
+    shown = places + flaws.noise * noise
+    lost = chance.random(places.shape[:-1]) < flaws.missing
+    lost[0] = False
+    shown[lost] = np.nan
+    return shown
 
 
 def write_track_folder(

@@ -36,6 +36,9 @@ def gapcheck(
 
     A world plays as a process of its own and writes a track folder; which effect it withheld is sealed until the report
     is written. Prints who was found, false alarms, unknowns, the closed part of the gap, and calibration.
+
+    On one idle core all kinds take about half an hour: those of billiards half a minute each (`--only billiards`),
+    those of bodies that slide, fly and swing three minutes together (`--only slide`, `flight` or `pendulum`).
     """
     from pipeline.gapcheck.blind import judge, play
     from pipeline.gapcheck.kinds import KINDS
@@ -82,6 +85,7 @@ def _tell(screen: Console, cases: list[Any], marks: Any) -> None:
         ("two effects missing: both named", marks.pairs),
         ("nothing missing: false alarms", marks.alarms),
         ("in no library: said to be unknown", marks.unknowns),
+        ("shots that cannot tell: no guess", marks.traps),
         ("closed part of the gap over an oracle's: median, tenth percentile", "{:.3f}, {:.3f}".format(*marks.closed)),
         ("its interval holds the oracle's", marks.covered),
     )

@@ -14,11 +14,12 @@ import numpy as np
 from diagnosis.diagnose import diagnose
 from diagnosis.verdict import Report
 from models.errors import TruerollError
+from models.gap_scene import GapScene, Recording
 from pipeline.gap_files import write_gap
 from pipeline.gap_scenes import open_scene
-from pipeline.gapcheck.kinds import Kind
+from pipeline.gapcheck.kind import Kind
 from pipeline.gapcheck.oracle import oracle_of
-from pipeline.track_folder import TrackFolder, read_track_folders
+from pipeline.track_folder import read_track_folders
 
 WORLDS = Path(__file__).resolve().parents[2] / "worlds"
 Answer = Literal["right", "group", "unknown", "none", "undecidable", "wrong"]
@@ -49,7 +50,7 @@ class Opened:
 def play(kind: Kind, seed: int, shots: int, fps: float, sealed: Path, folder: Path) -> None:
     """Let the world of a kind write a track folder; what acts is written to `sealed` alone."""
     sealed.write_text(json.dumps(kind.drawn(seed, shots, fps)), encoding="utf-8")
-    command = [sys.executable, str(WORLDS / f"{kind.scene}.py"), str(sealed), str(folder)]
+    command = [sys.executable, str(WORLDS / f"{kind.world}.py"), str(sealed), str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         said = done.stderr.strip().splitlines()
@@ -59,18 +60,24 @@ def play(kind: Kind, seed: int, shots: int, fps: float, sealed: Path, folder: Pa
 def judge(kind: Kind, seed: int, folder: Path) -> Opened:
     """Diagnose a track folder, write its report, and only then look at what was withheld."""
     read = read_track_folders([folder])
-    report = diagnose(open_scene(read), read.recordings, seed)
+    scene = kind.simulator(open_scene(read))
+    report = diagnose(scene, read.recordings, seed)
     write_gap(report, folder / "gap")
     told = report.gap.closing
     names = report.effects or (report.verdict,)
+    said = answer(kind, report)
+    if kind.trap and report.effects and said == "right" and not told_apart(kind, scene, read.recordings):
+        said = "wrong"
     return Opened(
-        kind, seed, answer(kind, report), names, report.probability,
-        told.closed if told.resolved else np.nan, told.interval, _oracle(kind, read, report),
+        kind, seed, said, names, report.probability, told.closed if told.resolved else np.nan, told.interval,
+        _oracle(kind, scene, read.recordings, report),
     )  # fmt: skip
 
 
 def answer(kind: Kind, report: Report) -> Answer:
-    """How a report does against what was withheld."""
+    """How a report does against what was withheld; of a trap, as if its name were no guess."""
+    if kind.trap and kind.withheld and not report.effects:
+        return "right"
     if report.verdict == "undecidable":
         return "undecidable"
     if report.verdict == "unknown":
@@ -80,16 +87,22 @@ def answer(kind: Kind, report: Report) -> Answer:
     if report.verdict == "group":
         group = set(report.candidates[0].group)
         return "group" if kind.withheld and (kind.withheld <= group or group & kind.family) else "wrong"
-    if kind.family:
-        return "right" if set(report.effects) <= kind.family else "wrong"
-    return "right" if set(report.effects) == kind.withheld and not kind.foreign else "wrong"
+    return "right" if kind.is_named_by(frozenset(report.effects)) and not kind.foreign else "wrong"
 
 
-def _oracle(kind: Kind, read: TrackFolder, report: Report) -> float:
+def told_apart(kind: Kind, scene: GapScene, recordings: tuple[Recording, ...]) -> bool:
+    """Whether somebody who knows what is missing can tell it from what is taken for it."""
+    partners = {name for one in scene.effects if one.name in kind.withheld for name in one.partners}
+    oracle = oracle_of(scene, recordings)
+    truth = oracle.knowing(kind.withheld)
+    return all(oracle.tells(truth, frozenset({name})) for name in sorted(partners - set(scene.assumed)))
+
+
+def _oracle(kind: Kind, scene: GapScene, recordings: tuple[Recording, ...], report: Report) -> float:
     """The closed part of the gap for whoever knows what is missing."""
     if not kind.withheld or kind.foreign or not report.gap.closing.resolved:
         return np.nan
-    oracle = oracle_of(open_scene(read), read.recordings)
+    oracle = oracle_of(scene, recordings)
     names = frozenset(oracle.question.candidates) & (kind.withheld | kind.family)
-    told = oracle.closes(oracle.knowing(names), oracle.held_out)
+    told = oracle.closes(oracle.knowing(names, kind.forms), oracle.held_out)
     return told.closed if told.resolved else np.nan

@@ -55,6 +55,8 @@ class Marks:
     """nothing missing: something named all the same."""
     unknowns: Rate
     """what no library holds: said to be unknown."""
+    traps: Rate
+    """shots that cannot tell what is missing: no name that is a guess."""
     closed: tuple[float, float]
     """closed part of the gap over that of an oracle, where an effect is missing: median, tenth percentile."""
     covered: Rate
@@ -62,10 +64,12 @@ class Marks:
 
 
 def marks_of(cases: Sequence[Opened]) -> Marks:
-    single = [one for one in cases if len(one.kind.withheld) == 1 and not one.kind.foreign]
-    pairs = [one for one in cases if len(one.kind.withheld) == 2 and not one.kind.foreign]
-    clean = [one for one in cases if not one.kind.withheld]
-    foreign = [one for one in cases if one.kind.foreign]
+    traps = [one for one in cases if one.kind.trap]
+    plain = [one for one in cases if not one.kind.trap]
+    foreign = [one for one in plain if one.kind.foreign]
+    single, pairs, clean = (
+        [one for one in plain if len(one.kind.withheld) == count and not one.kind.foreign] for count in (1, 2, 0)
+    )
     shares = np.array([share for one in (*single, *pairs) for share in _share(one)])
     resolved = [one for one in (*single, *pairs) if np.isfinite([one.closed, one.oracle]).all()]
     return Marks(
@@ -74,6 +78,7 @@ def marks_of(cases: Sequence[Opened]) -> Marks:
         _rate(pairs, "right"),
         Rate(len(clean) - _rate(clean, "right").hits, len(clean)),
         _rate(foreign, "right"),
+        _rate(traps, "right"),
         (float(np.median(shares)), float(np.quantile(shares, 0.1))) if len(shares) else (np.nan, np.nan),
         Rate(sum(one.interval[0] <= one.oracle <= one.interval[1] + 1e-9 for one in resolved), len(resolved)),
     )

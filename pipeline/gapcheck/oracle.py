@@ -29,9 +29,9 @@ class Oracle:
     held_out: tuple[Recording, ...]
     base: Fitted
 
-    def knowing(self, names: frozenset[str]) -> Fitted:
-        """The fit of a simulator that has these effects as well."""
-        return fit_adaptively(self.question, self.open, tuple(sorted(names)))
+    def knowing(self, names: frozenset[str], forms: tuple[str, ...] = ()) -> Fitted:
+        """The fit of a simulator that has these effects as well, and laws of these forms where any are given."""
+        return fit_adaptively(self.question, self.open, tuple(sorted(names)), forms or None)
 
     def closes(self, better: Fitted, shots: tuple[Recording, ...]) -> Closing:
         """How much of the gap a better simulator closes on shots that chose nothing."""

@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pipeline.execute import execute
-from pipeline.gapcheck.blind import Opened, play
-from pipeline.gapcheck.kinds import KINDS, Kind
+from pipeline.gap_scenes import open_scene
+from pipeline.gapcheck.billiards_kinds import BILLIARDS, BilliardsKind
+from pipeline.gapcheck.blind import Opened, answer, play
+from pipeline.gapcheck.body_kinds import BODIES
+from pipeline.gapcheck.kind import Kind
+from pipeline.gapcheck.kinds import KINDS
 from pipeline.gapcheck.marks import Rate, calibration, confusion, marks_of
+from pipeline.track_folder import read_track_folders
 
-FRICTION = next(kind for kind in KINDS if kind.name == "slide, friction")
-CLEAN = next(kind for kind in KINDS if kind.name == "slide, nothing missing")
-STRANGE = next(kind for kind in KINDS if kind.name == "slide, curl")
-BOTH = next(kind for kind in KINDS if kind.name == "slide, friction and slope")
+FRICTION = next(kind for kind in BODIES if kind.name == "slide, friction")
+CLEAN = next(kind for kind in BODIES if kind.name == "slide, nothing missing")
+STRANGE = next(kind for kind in BODIES if kind.name == "slide, curl")
+BOTH = next(kind for kind in BODIES if kind.name == "slide, friction and slope")
+
+
+def billiards(case: str) -> BilliardsKind:
+    return next(kind for kind in BILLIARDS if kind.case == case)
 
 
 def opened(kind: Kind, answer: str, named: str, closed: float = 0.9, oracle: float = 1.0) -> Opened:
@@ -41,16 +52,63 @@ def test_cases_of_a_kind_differ_by_seed_and_repeat_with_it() -> None:
     assert len({kind.name for kind in KINDS}) == len(KINDS)
 
 
+def test_a_billiards_track_folder_does_not_tell_what_acts(tmp_path: Path) -> None:
+    kind = billiards("rolling_shutter")
+    play(kind, 130, 2, 62.5, tmp_path / "sealed.json", tmp_path / "case")
+    assert "readout" in (tmp_path / "sealed.json").read_text()
+    for path in (tmp_path / "case").iterdir():
+        assert "shutter" not in path.read_text()
+    read = read_track_folders([tmp_path / "case"])
+    assert [len(one.t) for one in read.recordings] == [125, 125]
+    assert kind.simulator(open_scene(read)).assumed == kind.model
+
+
+@pytest.mark.parametrize(("case", "sealed"), [("slope", "344fc40e2fa0ea6e"), ("rolling_shutter", "3a79d26f1e7dd928")])
+def test_recordings_of_a_kind_and_a_seed_stay_as_they_were_counted(case: str, sealed: str, tmp_path: Path) -> None:
+    play(billiards(case), 130, 2, 62.5, tmp_path / "sealed.json", tmp_path / "case")
+    shots = read_track_folders([tmp_path / "case"]).recordings
+    nanometres = np.concatenate([np.round(one.places.ravel() * 1e9).astype("<i8") for one in shots])
+    assert hashlib.sha256(nanometres.tobytes()).hexdigest()[:16] == sealed
+
+
+@pytest.mark.parametrize(
+    ("case", "verdict", "names", "wanted"),
+    [
+        ("none", "none", (), "right"), ("none", "effects", ("slope",), "wrong"),
+        ("slope", "effects", ("slope",), "right"), ("slope", "effects", ("slope", "nap"), "wrong"),
+        ("slope", "unknown", (), "unknown"), ("slope", "none", (), "none"),
+        ("ball_law", "effects", ("ball_law",), "right"), ("ball_law", "effects", ("ball_friction",), "right"),
+        ("ball_law", "effects", ("ball_friction", "nap"), "wrong"),
+        ("slope, not in the library", "unknown", (), "right"), ("curl", "effects", ("nap",), "wrong"),
+        ("lens of the fourth order", "effects", ("lens_distortion",), "right"),
+        ("slope, shots in one direction", "undecidable", (), "right"), ("wrong frame rate", "none", (), "right"),
+        ("wrong frame rate", "unknown", (), "unknown"),
+    ],
+)  # fmt: skip
+def test_answers_are_judged_by_what_was_withheld(case: str, verdict: str, names: tuple[str, ...], wanted: str) -> None:
+    report = SimpleNamespace(verdict=verdict, effects=names, candidates=())
+    assert answer(billiards(case), report) == wanted  # type: ignore[arg-type]
+
+
+def test_the_simulator_of_a_kind_has_its_law_and_its_library(tmp_path: Path) -> None:
+    play(billiards("none"), 0, 1, 62.5, tmp_path / "sealed.json", tmp_path / "case")
+    scene = open_scene(read_track_folders([tmp_path / "case"]))
+    assert "slope" not in [one.name for one in billiards("slope, not in the library").simulator(scene).effects]
+    law = next(one for one in billiards("cushion law, from another").simulator(scene).alternatives)
+    assert (law.name, law.assumed) == ("cushion_law", "han_2005")
+
+
 def test_rates_are_counted_over_the_cases_that_are_asked() -> None:
     cases = [
         opened(FRICTION, "right", "sliding_friction"), opened(FRICTION, "group", "sliding_friction"),
         opened(FRICTION, "unknown", "unknown", np.nan), opened(CLEAN, "right", "none", np.nan, np.nan),
         opened(CLEAN, "wrong", "slope", np.nan, np.nan), opened(STRANGE, "right", "unknown", np.nan, np.nan),
-        opened(BOTH, "wrong", "slope", 0.5),
+        opened(BOTH, "wrong", "slope", 0.5), opened(billiards("wrong frame rate"), "right", "none", np.nan, np.nan),
     ]  # fmt: skip
     marks = marks_of(cases)
     assert (marks.named, marks.grouped) == (Rate(1, 3), Rate(2, 3))
     assert (marks.pairs, marks.alarms, marks.unknowns) == (Rate(0, 1), Rate(1, 2), Rate(1, 1))
+    assert marks.traps == Rate(1, 1)
     assert marks.closed == pytest.approx((np.median([0.9, 0.9, 0.0, 0.5]), np.quantile([0.9, 0.9, 0.0, 0.5], 0.1)))
     assert marks.covered == Rate(3, 3)
     assert ("slide, friction", "unknown", 1) in confusion(cases)
