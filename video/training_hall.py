@@ -43,6 +43,11 @@ PASTEL_COLOURS: tuple[Colour, ...] = (
     (0.42, 0.78, 0.58), (0.62, 0.40, 0.32), (0.10, 0.10, 0.11),
 )  # fmt: skip
 """The held-out set of pool balls."""
+LOW_ELEVATION, OVERHEAD_ELEVATION = (17.0, 30.0), (75.0, 89.7)
+"""Cameras that films take most; any between them too."""
+LOW_SHARE, OVERHEAD_SHARE = 0.25, 0.35
+DARK_SHARE, DARKENED = 0.12, (0.25, 0.7)
+"""Share of the balls, white ones apart, that reflect only so much of their colour's light."""
 NEAREST_M, FARTHEST_M = 1.6, 7.0
 """From the camera to the middle of what it sees."""
 LEAST_RADIUS_PX, MOST_RADIUS_PX = 3.7, 12.5
@@ -87,11 +92,17 @@ def _camera(rng: np.random.Generator, table: Table, radius_px: float, size: int,
 
 
 def _elevation(rng: np.random.Generator, held_out: bool) -> float:
-    """Degrees over the horizon: overhead and broadcast cameras about equally often."""
+    """Degrees over the horizon."""
     if held_out:
         return float(rng.uniform(*HELD_OUT_ELEVATION))
     while True:
-        drawn = rng.uniform(75, 89.7) if rng.random() < 0.4 else rng.uniform(17, 75)
+        chance = rng.random()
+        if chance < OVERHEAD_SHARE:
+            drawn = rng.uniform(*OVERHEAD_ELEVATION)
+        elif chance < OVERHEAD_SHARE + LOW_SHARE:
+            drawn = rng.uniform(*LOW_ELEVATION)
+        else:
+            drawn = rng.uniform(LOW_ELEVATION[0], OVERHEAD_ELEVATION[0])
         if not HELD_OUT_ELEVATION[0] < drawn < HELD_OUT_ELEVATION[1]:
             return float(drawn)
 
@@ -167,7 +178,7 @@ def _balls(rng: np.random.Generator, table: Table, held_out: bool) -> tuple[Ball
         looks = [_recoloured(pool_ball(n), PASTEL_COLOURS[(n - 1) % 8]) if n else pool_ball(0) for n in range(16)]
     else:
         looks = _set(rng, table.game if rng.random() < 0.7 else str(rng.choice(["pool", "snooker", "carom", "free"])))
-    return tuple(_recoloured(ball, _jittered(rng, ball.colour)) for ball in looks)
+    return tuple(_recoloured(ball, _jittered(rng, _darkened(rng, ball))) for ball in looks)
 
 
 def _set(rng: np.random.Generator, game: str) -> list[BallLook]:
@@ -191,6 +202,13 @@ def _set(rng: np.random.Generator, game: str) -> list[BallLook]:
 
 def _recoloured(ball: BallLook, colour: Colour) -> BallLook:
     return replace(ball, colour=colour)
+
+
+def _darkened(rng: np.random.Generator, ball: BallLook) -> Colour:
+    """The ball's colour, sometimes as dark as lamps leave it at the far end of a hall."""
+    share = rng.uniform(*DARKENED) if rng.random() < DARK_SHARE and ball.kind not in ("cue", "white") else 1.0
+    red, green, blue = ball.colour
+    return share * red, share * green, share * blue
 
 
 def _jittered(rng: np.random.Generator, colour: Colour) -> Colour:

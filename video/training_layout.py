@@ -15,9 +15,13 @@ Floats = NDArray[np.float64]
 MOST_BALLS = 22
 MOST_STREAK_RADII, MOST_STREAK_PX = 7.0, 62.0
 """Way travelled during the exposure, in radii of the ball, and in px at the detector's scale."""
-RACK_SHARE, PAIR_SHARE, MOVING_SHARE = 0.15, 0.3, 0.6
-"""Share of pictures with balls that touch in a triangle, with touching pairs, with balls in motion."""
-MOVING_BALLS = 2.5
+RACK_SHARE, MOVING_SHARE = 0.15, 0.6
+"""Share of pictures with balls that touch in a triangle, and with balls in motion."""
+TOUCHING_SHARE, COVERED_SHARE = 0.2, 0.2
+"""Share of balls that touch the one placed before them, and of those in its line of sight: one covers the other."""
+COVERING_RADII, BESIDE_RADII = 1.9, 1.2
+"""How far apart the centres of such a pair are seen at the most, along the line of sight and across it."""
+MOVING_BALLS = 3.0
 """How many balls of such a picture move, on average: far more than in a clip, where streaks are too rare to learn."""
 TURN_SHARE = 0.7
 """Share of moving balls that roll; the others slide without turning."""
@@ -102,12 +106,26 @@ def _filled(rng: np.random.Generator, hall: Hall, start: Floats, wanted: int) ->
         if len(placed) >= wanted:
             break
         place = drawn
-        if placed and rng.random() < PAIR_SHARE:
+        chance = rng.random() if placed else 1.0
+        if chance < TOUCHING_SHARE:
             angle = rng.uniform(0, 2 * np.pi)
             place = placed[-1] + 2.003 * radius * np.array([np.cos(angle), np.sin(angle)])
+        elif chance < TOUCHING_SHARE + COVERED_SHARE:
+            place = _in_line(rng, hall, placed[-1])
         if _free(place, placed, radius) and _on_table(hall, place):
             placed.append(place)
     return np.array(placed).reshape(-1, 2)
+
+
+def _in_line(rng: np.random.Generator, hall: Hall, other: Floats) -> Floats:
+    """A place (2,) m behind or before another ball, as the camera sees it: the lower the camera, the farther off."""
+    radius = hall.table.ball_radius
+    sight = np.append(other, radius) - hall.camera.eye
+    away = sight[:2] / max(float(np.linalg.norm(sight[:2])), 1e-9)
+    across = np.array([-away[1], away[0]])
+    farthest = COVERING_RADII * float(np.linalg.norm(sight)) / max(-float(sight[2]), radius)
+    ahead = rng.uniform(2.003, max(farthest, 2.1)) * float(rng.choice([-1.0, 1.0]))
+    return np.asarray(other + radius * (ahead * away + rng.uniform(-BESIDE_RADII, BESIDE_RADII) * across))
 
 
 def _free(place: Floats, placed: list[Floats], radius: float) -> bool:

@@ -228,7 +228,7 @@ def test_training_finds_the_balls_it_is_shown(tmp_path: Path, pictures: list[Tra
     def note(step: int, done: float, parts: dict[str, float]) -> None:
         losses.append(parts["score"] + parts["centre"])
 
-    train(filled(tmp_path / "work", pictures), TrainOptions(steps=40, hours=100.0, batch=6, files=1), note)
+    train(filled(tmp_path / "work", pictures), TrainOptions(steps=80, hours=100.0, batch=6, files=1), note)
     assert np.mean(losses[-5:]) < 0.5 * np.mean(losses[:5])
 
 
