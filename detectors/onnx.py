@@ -37,8 +37,9 @@ SIZE_BAND = (0.7, 1.4)
 """Seen over predicted radius of what can be a ball of this table."""
 DOUBTFUL_SCORE, DOUBTFUL_BAND = 0.3, (0.5, 1.6)
 """The same for what is a ball only if its outline is whole: what the network half sees, or sees in the wrong size."""
-STREAK_RADII = 0.5
-"""Way during the exposure, ball radii, from which a ball counts as a streak."""
+STREAK_RADII = 1.0
+"""Way during the exposure, ball radii, from which a ball that the network sees move counts as a streak: the outline of
+one that moved less is nearly a circle, and places it better than the network does."""
 SIZE_PICTURES, SIZE_TURNS, CLEAR_SCORE, LEAST_SIZED = 3, 2, 0.7, 3
 """How the size of the balls is checked: in so many pictures, so many times, by balls of such a score, by so many."""
 AGREED = 0.1
@@ -165,7 +166,8 @@ class NetworkFinder:
         believed = self._sure(resting) | (support > WHOLE_SUPPORT)
         resting, sharp, support = resting.take(believed), sharp.take(believed), support[believed]
         by_light, moves = self._swept_by_light(rgb, resting, sharp, support)
-        swept = found_chained(_swept(self._placed(moving, frame)), by_light)
+        at_rest = sharp.take((support > CLEAR_SUPPORT) & ~moves)
+        swept = found_chained(self._swept_as_seen(rgb, moving, at_rest, frame), by_light)
         kept = ~moves & ((support > CLEAR_SUPPORT) | ~inside(sharp.centre, swept).any(axis=0))
         found = without_overlaps(found_chained(swept, sharp.take(kept)), self.view.scene, frame)
         coats = ball_coats(rgb, found.centre, found.radius)
@@ -192,6 +194,19 @@ class NetworkFinder:
                 found = found_chained(found, Found(place, radius[[row]], way, sharp.score[[row]], *errors))
         return found, moves
 
+    def _swept_as_seen(self, rgb: Bytes, home: Centres, at_rest: Found, frame: int) -> Found:
+        """Streaks that the network sees: what an exposure that goes its way adds up to, else its word."""
+        radius = _at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
+        told = _swept(self._placed(home, frame))
+        others = at_rest.take(~np.asarray(inside(at_rest.centre, told).any(axis=0)))
+        for row, size in enumerate(radius.tolist()):
+            centre, way = told.centre[row], told.streak[row]
+            sweep = fitted_sweep(rgb, centre, size, others.centre, others.radius, self.cloth.basis, way)
+            if sweep is not None and sweep.believed(size):
+                told.centre[row], told.streak[row] = sweep.centre, sweep.way
+                told.sigma[row], told.sigma_along[row] = sweep.across, sweep.along
+        return told
+
     def _outlined(self, rgb: Bytes, seen: Centres, frame: int) -> tuple[Found, Floats]:
         """Balls at rest where their outlines are, and the support of these."""
         expected = _at(self.view.radius, seen.centre).astype(np.float64) / self.view.scale
@@ -208,7 +223,8 @@ class NetworkFinder:
 
 def _swept(seen: Centres) -> Found:
     """Streaks, as the network sees them."""
-    return Found(seen.centre, seen.radius, seen.streak, seen.score, seen.across, np.maximum(seen.along, seen.across))
+    columns = seen.centre, seen.radius, seen.streak, seen.score, seen.across, np.maximum(seen.along, seen.across)
+    return Found(*(column.copy() for column in columns))
 
 
 def network_finder(scene: Scene, pictures: Iterable[tuple[int, Bytes]], model: BallModel) -> NetworkFinder:

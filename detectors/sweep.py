@@ -100,13 +100,19 @@ def share_covered(at: Floats, centre: Floats, way: Floats, radius: float, blur: 
 
 
 def fitted_sweep(
-    rgb: Bytes, seen: Floats, radius: float, others: Floats, other_radii: Floats, basis: Floats
+    rgb: Bytes,
+    seen: Floats,
+    radius: float,
+    others: Floats,
+    other_radii: Floats,
+    basis: Floats,
+    way: Floats | None = None,
 ) -> Sweep | None:
     """The streak about a place (2,) px where a ball was seen; None where there is too little picture.
 
-    Other balls, centres (n, 2) and radii (n,) px, are left out.
+    Other balls, centres (n, 2) and radii (n,) px, are left out. Many ways are tried unless one, (2,) px, is given.
     """
-    rough = _rough(rgb, seen, radius, others, other_radii, basis)
+    rough = _rough(rgb, seen, radius, others, other_radii, basis) if way is None else (seen, way, seen)
     if rough is None:
         return None
     centre, way, rest = rough

@@ -6,13 +6,26 @@ import numpy as np
 import pytest
 from drawn import PX_PER_M, RADIUS, Ball, draw, drawn_scene
 
-from detectors.onnx import network_finder
+from detectors.centres import Centres
+from detectors.onnx import NetworkFinder, network_finder
 from detectors.onnx_model import SHIPPED, open_model
 from detectors.sweep import Sweep, fitted_sweep, share_covered
+from detectors.view import view_of
 
 RADIUS_PX = RADIUS * PX_PER_M
 COLOURS = ((230, 230, 220), (200, 30, 40), (240, 190, 30), (120, 40, 130))
 SEEDS = range(12)
+
+
+class Told:
+    """A network that sees the same ball in every picture, px of the part that it is shown."""
+
+    def __init__(self, centre: tuple[float, float], streak: tuple[float, float]) -> None:
+        at, way, one = np.array([centre]), np.array([streak]), np.ones(1)
+        self.word = Centres(at, RADIUS_PX * one, way, 0.9 * one, 3.0 * one, 3.0 * one, np.full((1, 4), np.nan))
+
+    def see(self, rgb: np.ndarray, radius: float) -> Centres:
+        return self.word
 
 
 def alone(seed: int) -> tuple[Ball, np.ndarray, np.ndarray]:
@@ -22,6 +35,13 @@ def alone(seed: int) -> tuple[Ball, np.ndarray, np.ndarray]:
     way = length * np.array([np.cos(angle), np.sin(angle)])
     ball = Ball(*rng.uniform((200, 130), (440, 230)), COLOURS[seed % len(COLOURS)], (float(way[0]), float(way[1])))
     return ball, draw([ball], rng), np.array([ball.x, ball.y]) + rng.uniform(-0.4, 0.4) * way
+
+
+def finder_told(centre: tuple[float, float], streak: tuple[float, float]) -> NetworkFinder:
+    """A finder on the drawn table whose network sees one ball, px of the picture."""
+    scene, empty = drawn_scene(), draw([], np.random.default_rng(0))
+    left, top = view_of(scene).box[:2]
+    return network_finder(scene, [(0, empty)], Told((centre[0] - left, centre[1] - top), streak))
 
 
 def sweep_of(picture: np.ndarray, seen: np.ndarray) -> Sweep | None:
@@ -76,3 +96,26 @@ def test_the_finder_says_how_far_a_fast_ball_went() -> None:
     assert np.linalg.norm(found.centre[moving] - (fast.x, fast.y)) < 1.0
     assert abs(np.linalg.norm(found.streak[moving]) - np.hypot(*fast.streak)) < 3.0
     assert (np.linalg.norm(np.delete(found.streak, moving, axis=0), axis=1) == 0).all()
+
+
+def test_a_streak_that_the_network_sees_is_measured_where_light_adds_up() -> None:
+    fast = Ball(330.3, 225.6, (235, 235, 225), (20.0, -15.0))
+    picture = draw([fast], np.random.default_rng(8))
+    finder = finder_told((fast.x + 4.0, fast.y), (26.0, -10.0))
+    [centre], [streak] = (getattr(finder.look(picture), name) for name in ("centre", "streak"))
+    assert np.linalg.norm(centre - (fast.x, fast.y)) < 1.0
+    assert abs(streak @ fast.streak) == pytest.approx(np.hypot(*fast.streak) ** 2, rel=0.15)
+
+
+def test_a_streak_that_the_picture_does_not_show_is_the_networks_word() -> None:
+    picture = draw([], np.random.default_rng(8))
+    told = finder_told((330.0, 225.0), (26.0, -10.0)).look(picture)
+    assert told.centre[0] == pytest.approx((330.0, 225.0), abs=1e-6)
+    assert told.sigma[0] == pytest.approx(3.0, rel=1e-6)
+
+
+def test_a_ball_at_rest_is_none_that_moved_because_the_network_says_so() -> None:
+    resting = Ball(330.3, 225.6)
+    found = finder_told((resting.x + 1.5, resting.y - 1.0), (6.0, 0.0)).look(draw([resting], np.random.default_rng(8)))
+    assert np.linalg.norm(found.centre[0] - (resting.x, resting.y)) < 0.5
+    assert (found.streak == 0).all()
