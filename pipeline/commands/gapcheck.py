@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -37,16 +38,23 @@ def gapcheck(
     A world plays as a process of its own and writes a track folder; which effect it withheld is sealed until the report
     is written. Prints who was found, false alarms, unknowns, the closed part of the gap, and calibration.
 
-    On one idle core all kinds take about half an hour: those of billiards half a minute each (`--only billiards`),
-    those of bodies that slide, fly and swing three minutes together (`--only slide`, `flight` or `pendulum`).
+    On one idle core all kinds take about forty minutes: those of billiards a minute each (`--only billiards`), those
+    of bodies that slide, fly and swing three together (`--only slide`, `flight` or `pendulum`).
     """
     from pipeline.gapcheck.blind import judge, play
     from pipeline.gapcheck.kinds import KINDS
     from pipeline.gapcheck.marks import marks_of
 
-    kinds = [kind for kind in KINDS if only in kind.name]
-    if not kinds and real is None:
+    asked = [kind for kind in KINDS if only in kind.name]
+    if not asked and real is None:
         raise OptionError(f"--only {only!r} fits no kind of case; there are {', '.join(kind.name for kind in KINDS)}")
+    kinds = [kind for kind in asked if not kind.engine or find_spec(kind.engine)]
+    if lacking := sorted({kind.engine for kind in asked} - {kind.engine for kind in kinds}):
+        console.print(
+            f"{len(asked) - len(kinds)} kinds are left out, for their worlds need {', '.join(lacking)}; install"
+            " trueroll with the extra check: .[check]",
+            markup=False,
+        )
     with TemporaryDirectory() as scratch:
         place = Path(scratch) if keep is None else keep
         place.mkdir(parents=True, exist_ok=True)

@@ -58,6 +58,10 @@ class BilliardsKind:
         return "billiards_table"
 
     @property
+    def engine(self) -> str:
+        return ""
+
+    @property
     def withheld(self) -> frozenset[str]:
         """What the simulator lacks."""
         return frozenset(self.lacks)

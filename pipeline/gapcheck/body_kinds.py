@@ -41,6 +41,8 @@ class BodyKind:
     """correlation, outliers, missing."""
     throw: Mapping[str, float] = field(default_factory=dict)
     """speed, angle: what is the same in all shots."""
+    engine: str = ""
+    """The package that plays it; our own small integrators where there is none."""
     family: frozenset[str] = frozenset()
     """Effects of the library any of which, and nothing else, is a right name for what acts in another form."""
 
@@ -51,7 +53,7 @@ class BodyKind:
 
     @property
     def world(self) -> str:
-        return self.scene
+        return f"{self.scene}_{self.engine}" if self.engine else self.scene
 
     @property
     def trap(self) -> bool:
@@ -140,6 +142,15 @@ BODIES = (
     BodyKind("pendulum, magnet", "pendulum", {**JOINT, "magnet": {"m": (1.0, 4.0)}}, ("joint_friction",), foreign=True),
 )  # fmt: skip
 """What acts, and what is seen of it, as cameras usually see it."""
+
+BY_MUJOCO = (
+    BodyKind("pendulum by MuJoCo, nothing missing", "pendulum", JOINT, ("joint_friction",), engine="mujoco"),
+    BodyKind("pendulum by MuJoCo, joint friction", "pendulum", JOINT, engine="mujoco"),
+    BodyKind(
+        "pendulum by MuJoCo, crooked camera", "pendulum", {**JOINT, **CROOKED}, ("joint_friction",), engine="mujoco"
+    ),
+)
+"""The same rod by an engine that others wrote."""
 
 TRAPS = (
     BodyKind(

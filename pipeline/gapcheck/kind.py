@@ -19,6 +19,11 @@ class Kind(Protocol):
         ...
 
     @property
+    def engine(self) -> str:
+        """The package beyond our own that its world needs; empty where there is none."""
+        ...
+
+    @property
     def withheld(self) -> frozenset[str]:
         """What the simulator lacks."""
         ...

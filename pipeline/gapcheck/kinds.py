@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pipeline.gapcheck.billiards_kinds import BILLIARDS
-from pipeline.gapcheck.body_kinds import BODIES
+from pipeline.gapcheck.body_kinds import BODIES, BY_MUJOCO
 from pipeline.gapcheck.kind import Kind
 
-KINDS: tuple[Kind, ...] = (*BODIES, *BILLIARDS)
+KINDS: tuple[Kind, ...] = (*BODIES, *BY_MUJOCO, *BILLIARDS)

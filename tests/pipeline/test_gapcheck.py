@@ -126,6 +126,17 @@ def test_nothing_to_check_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert "slide, friction" in capsys.readouterr().err
 
 
+def test_kinds_whose_engine_is_not_there_are_left_out(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("pipeline.commands.gapcheck.find_spec", lambda name: None)
+    assert execute(["gapcheck", "--only", "by MuJoCo", "--json"]) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["cases"] == []
+    assert "3 kinds are left out" in told.err
+    assert "extra check" in " ".join(told.err.split())
+
+
 @pytest.mark.slow
 def test_friction_is_found_blind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["gapcheck", "--only", "slide, friction", "--shots", "8", "--keep", str(tmp_path), "--json"]

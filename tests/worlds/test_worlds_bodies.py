@@ -76,3 +76,19 @@ def test_an_effect_that_a_world_has_not_is_refused(tmp_path: Path) -> None:
     assert done.returncode
     assert "magic" in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"joint_friction": {"viscous": 0.1, "dry": 0.0}, "air_drag": {"k": 0.05}},
+        {"joint_friction": {"viscous": 0.0, "dry": 0.2}, "gravity_tilt": {"angle": 0.03}},
+    ],
+)
+def test_mujoco_swings_the_same_rod(effects: dict[str, dict[str, float]], tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    (tmp_path / "ours").mkdir()
+    (tmp_path / "theirs").mkdir()
+    _, _, ours = played(tmp_path / "ours", "pendulum", effects=effects, seconds=2.0)
+    _, _, theirs = played(tmp_path / "theirs", "pendulum_mujoco", effects=effects, seconds=2.0)
+    assert np.abs(ours - theirs).max() < 1e-3  # rad; dry friction is soft there
