@@ -25,6 +25,7 @@ from models.fitting.revision import revise, without_doubts
 from models.fitting.segmentation import Samples, segment
 from models.fitting.solution import Data, Solution, gather, layout, owners, residuals
 from models.fitting.story import Story
+from models.fitting.strikes import with_strikes_retold
 from models.fitting.tidying import resting_until_hit, tidy
 from models.fitting.timing import retimed
 from models.fitting.trust import accepted_spans, light, span_chi2, with_doubts
@@ -105,7 +106,7 @@ def _fitted(
     story = _first_story(kept, table, options)
     progress(0.4)
     solution = refine(story, data, table, iterations=10 if options.quick else 30)
-    solution = with_rebounds_retold(solution, data, table)
+    solution = with_rebounds_retold(with_strikes_retold(solution, data, table), data, table)
     progress(0.6)
     rounds = 1 if options.quick else 3
     solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
@@ -115,7 +116,7 @@ def _fitted(
         data = replace(data, whiten=gather(kept).whiten)
         solution = refine(solution.story, data, table, start=solution)
         solution = revise(solution, data, table, options.break_price, options.free_price, rounds)
-    solution = with_rebounds_retold(solution, data, table)
+    solution = with_rebounds_retold(with_strikes_retold(solution, data, table), data, table)
     bursts: tuple[ToldBurst, ...] = ()
     if not options.quick:
         solution, data, bursts = with_bursts(solution, data, table)

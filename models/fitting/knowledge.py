@@ -19,13 +19,11 @@ from models.fitting.skeleton import (
     BURST,
     CUSHION,
     DIAMETER,
-    FREE,
     JUMP,
     NONE,
     NOSE,
     ROLLING,
     SLIDING,
-    STRIKE,
     Numbers,
     Skeleton,
     begins,
@@ -33,6 +31,7 @@ from models.fitting.skeleton import (
 )
 from models.fitting.skeleton import RUBBER as RUBBER_COLUMN
 from models.fitting.solution import SHARED
+from models.fitting.span_priors import enter, say_of_span, say_one
 from models.scene import Table
 
 Floats = NDArray[np.float64]
@@ -54,10 +53,6 @@ DIAMETER_SIGMA = 0.02
 """relative: one factor per clip on the distance of touching balls, for what the calibration misses."""
 NOSE_SIGMA = 0.004
 """m: one offset per cushion, for what the calibration misses and the rubber gives."""
-EXTRA_SIGMA = 0.02
-"""m/s^2 per axis: slope, nap and drag, per span."""
-SLIP_SIGMA = 0.7
-"""slip after a strike, over the speed."""
 CONTINUITY_SIGMA = 2e-4
 """m: paths do not jump at contacts."""
 JUMP_SIGMA, BURST_SIGMA = 0.01, 1e-6
@@ -79,9 +74,6 @@ RESTITUTION_SCATTER, SPIN_SCATTER = 0.03, 0.12
 """Of the speed into the cushion: what laws with these three numbers miss of each other."""
 NOSE_SCATTER = 1.5e-3
 """m: scatter of where balls meet a nose."""
-_LONE = 5.0
-"""m/s: prior standard deviation of a velocity."""
-
 
 _SHARED_SIGMA = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])
 """Of the numbers that all spans share, in their order."""
@@ -120,10 +112,8 @@ def _known(bones, now, frame, table, usual):  # type: ignore[no-untyped-def]
     numbers."""
     spans, contacts = len(bones.ball), len(bones.kind)
     most = MOST_ROWS * contacts + 6 * spans + SHARED
-    told = (
-        np.empty(most), np.empty(MOST_ROWS * contacts * MOST_NUMBERS + 6 * spans + SHARED),
-        np.empty(MOST_ROWS * contacts * MOST_NUMBERS + 6 * spans + SHARED, np.int64), np.zeros(most + 1, np.int64),
-    )  # fmt: skip
+    room = MOST_ROWS * contacts * MOST_NUMBERS + 12 * spans + SHARED
+    told = (np.empty(most), np.empty(room), np.empty(room, np.int64), np.zeros(most + 1, np.int64))
     end, slope = ends(bones, now)
     frame_end, _ = ends(bones, frame)
     count = 0
@@ -136,9 +126,9 @@ def _known(bones, now, frame, table, usual):  # type: ignore[no-untyped-def]
         count = _say_of_contact(bones, contact, rows, law, slope, told, count)
     for span in range(spans):
         if not bones.static[span]:
-            count = _say_of_span(bones, span, now.state[span], frame.state[span], told, count)
+            count = say_of_span(bones, span, now.state[span], frame.state[span], told, count)
     for k in range(SHARED):
-        count = _say_one(told, count, usual[k], bones.first_shared + k, 1 / _SHARED_SIGMA[k])
+        count = say_one(told, count, usual[k], bones.first_shared + k, 1 / _SHARED_SIGMA[k])
     entries = told[3][count]
     return told[0][:count].copy(), told[1][:entries].copy(), told[2][:entries].copy(), told[3][: count + 1].copy()
 
@@ -334,58 +324,27 @@ def _say_of_contact(bones, c, rows, law, slope, told, count):  # type: ignore[no
                 continue
             if bones.static[before]:
                 for k in range(2):
-                    at = _enter(told, at, bones.column[before] + k, by_end[row, ball, k] / sigma[row])
+                    at = enter(told, at, bones.column[before] + k, by_end[row, ball, k] / sigma[row])
             else:
                 for k in range(STATE + 3):
                     d = 0.0
                     for j in range(6):
                         d += by_end[row, ball, j] * slope[before, j, k]
                     if k < STATE:
-                        at = _enter(told, at, bones.column[before] + k, d / sigma[row])
+                        at = enter(told, at, bones.column[before] + k, d / sigma[row])
                     elif k > STATE:
                         shared[k - STATE - 1] += d
                     else:  # a later contact is a longer span, a later start of it a shorter one
                         through += d
                         if bones.start[before] != NONE:
-                            at = _enter(told, at, bones.first_contact + bones.start[before], -d / sigma[row])
+                            at = enter(told, at, bones.first_contact + bones.start[before], -d / sigma[row])
             for k in range(2 if bones.static[after] else STATE):
-                at = _enter(told, at, bones.column[after] + k, by_start[row, ball, k] / sigma[row])
+                at = enter(told, at, bones.column[after] + k, by_start[row, ball, k] / sigma[row])
         if row == 0 and (bones.kind[c] == JUMP or bones.kind[c] == BURST):
             through = 1.0
-        at = _enter(told, at, bones.first_contact + c, through / sigma[row])
+        at = enter(told, at, bones.first_contact + c, through / sigma[row])
         for k in range(SHARED):
-            at = _enter(told, at, bones.first_shared + k, shared[k] / sigma[row])
+            at = enter(told, at, bones.first_shared + k, shared[k] / sigma[row])
         count += 1
         told[3][count] = at
-    return count
-
-
-@compiled
-def _enter(told, at, column, slope):  # type: ignore[no-untyped-def]
-    """One derivative more, where it is not zero."""
-    if slope != 0.0:
-        told[1][at], told[2][at] = slope, column
-        at += 1
-    return at
-
-
-@compiled
-def _say_one(told, count, value, column, slope):  # type: ignore[no-untyped-def]
-    """A row that speaks of one number only."""
-    told[0][count] = value
-    told[3][count + 1] = _enter(told, told[3][count], column, slope)
-    return count + 1
-
-
-@compiled
-def _say_of_span(bones, span, state, frame_state, told, count):  # type: ignore[no-untyped-def]
-    """Slip, extra acceleration and velocity have priors; the slip after a ball contact is told there."""
-    start = bones.start[span]
-    uncaused = start == NONE or bones.kind[start] in (FREE, JUMP, BURST)
-    slips = uncaused or (bones.kind[start] == STRIKE and not bones.pushed[start])
-    speed = np.hypot(frame_state[2], frame_state[3])
-    for k in range(2, STATE):
-        sigma = _LONE if k < 4 else EXTRA_SIGMA if k >= 6 else SLIP_SIGMA * speed + 0.2
-        if slips or k not in (4, 5):
-            count = _say_one(told, count, state[k] / sigma, bones.column[span] + k, 1 / sigma)
     return count

@@ -12,7 +12,6 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.motion import kinematics
 from models.fitting.cascades import SHORTEST, SLOW
 from models.fitting.encounters import interval_of, total_cost
 from models.fitting.refinement import refine
@@ -61,18 +60,18 @@ def _sent_off(solution: Solution, data: Data, struck: int, hit: int, table: Tabl
     The hit ball leaves along the line of centres, which says where the other one was; both together have the momentum
     that the struck one brought, which says when it set out.
     """
-    story = solution.story
+    story, struck, hit = _without_turn(solution.story, struck, hit, interval_of(data))
     first, second = story.contacts[struck], story.contacts[hit]
     leaves = story.spans[second.after[0]].state
     speed = float(np.hypot(*leaves[2:4]))
     onward = first.after[0]
-    later = data.t[(data.ball == story.spans[onward].ball) & (data.t > second.t + SHORTEST)]
-    if speed < SLOW or not len(later) or story.finish(onward) < later[0]:
+    later = np.flatnonzero((data.ball == story.spans[onward].ball) & (data.t > second.t + SHORTEST))
+    if speed < SLOW or not len(later) or story.finish(onward) < data.t[later[0]]:
         return None
     rest = story.spans[first.before[0]].state[:2]
     meeting = leaves[:2] - 2 * table.ball_radius * solution.diameter * leaves[2:4] / speed
-    seen = kinematics(story.spans[onward].state[None], np.array([later[0] - first.t]), solution.friction)[0]
-    after = np.concatenate([meeting, (seen[:2] - meeting) / (later[0] - second.t), story.spans[onward].state[4:]])
+    went = (data.xy[later[0]] - meeting) / (data.t[later[0]] - second.t)
+    after = np.concatenate([meeting, went, story.spans[onward].state[4:]])
     way = meeting - rest
     length = float(np.hypot(*way))
     brought = float((after[2:4] + leaves[2:4]) @ way) / max(length, 1e-9)
@@ -82,10 +81,10 @@ def _sent_off(solution: Solution, data: Data, struck: int, hit: int, table: Tabl
     t = max(second.t - length / brought, float(known[-1]))
     if second.t - t < SHORTEST:
         return None
-    spans, contacts = list(story.spans), list(story.contacts)
+    spans, contacts, v = list(story.spans), list(story.contacts), brought * way / length
     fresh = len(spans)
-    spans.append(
-        replace(spans[onward], end=hit, t0=t, state=np.concatenate([rest, brought * way / length, np.zeros(4)]))
+    spans.append(  # hit in its middle, as `span_priors` has it
+        replace(spans[onward], end=hit, t0=t, state=np.concatenate([rest, v, v, np.zeros(2)]))
     )
     spans[onward] = replace(spans[onward], start=hit, t0=second.t, state=after)
     contacts[struck] = replace(first, t=t, after=(fresh,))
@@ -93,3 +92,14 @@ def _sent_off(solution: Solution, data: Data, struck: int, hit: int, table: Tabl
         "ball", second.t, (fresh, *second.before), (onward, *second.after), gain=first.gain + second.gain
     )
     return Story(tuple(spans), tuple(contacts)).with_pushes()
+
+
+def _without_turn(story: Story, struck: int, hit: int, interval: float) -> tuple[Story, int, int]:
+    """The story, and the numbers of two contacts in it, without what turns the struck ball for no cause within one
+    picture of the other's leaving: that is their meeting."""
+    turn = story.spans[story.contacts[struck].after[0]].end
+    if turn is None or story.contacts[turn].kind != "free":
+        return story, struck, hit
+    if not 0 <= story.contacts[turn].t - story.contacts[hit].t < interval:
+        return story, struck, hit
+    return story.without(turn), struck - (struck > turn), hit - (hit > turn)
