@@ -22,6 +22,7 @@ from pipeline.command_line import DebugOption, JsonOption, app, console, standar
 @app.command("gapcheck")
 def gapcheck(
     only: Annotated[str, typer.Option("--only", help="Only kinds of case whose name holds this word.")] = "",
+    every: Annotated[bool, typer.Option("--all", help="All kinds of billiards, not one of each question.")] = False,
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="Cases of each kind.")] = 1,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the first case of each kind.")] = 0,
     shots: Annotated[int, typer.Option("--shots", min=5, help="Shots of a case.")] = 12,
@@ -38,16 +39,16 @@ def gapcheck(
     A world plays as a process of its own and writes a track folder; which effect it withheld is sealed until the report
     is written. Prints who was found, false alarms, unknowns, the closed part of the gap, and calibration.
 
-    On one idle core all kinds take about forty minutes: those of billiards a minute each (`--only billiards`), those
-    of bodies that slide, fly and swing three together (`--only slide`, `flight` or `pendulum`).
+    On one idle core this takes some eight minutes; `--all` about forty, for a table takes a minute. Bodies that slide,
+    fly and swing take three together (`--only slide`, `flight` or `pendulum`).
     """
     from pipeline.gapcheck.blind import judge, play
-    from pipeline.gapcheck.kinds import KINDS
+    from pipeline.gapcheck.kinds import KINDS, USUAL
     from pipeline.gapcheck.marks import marks_of
 
-    asked = [kind for kind in KINDS if only in kind.name]
+    asked = [kind for kind in (KINDS if only or every else USUAL) if only in kind.name]
     if not asked and real is None:
-        raise OptionError(f"--only {only!r} fits no kind of case; there are {', '.join(kind.name for kind in KINDS)}")
+        raise OptionError(f"--only {only!r} fits no kind of case; there are {'; '.join(kind.name for kind in KINDS)}")
     kinds = [kind for kind in asked if not kind.engine or find_spec(kind.engine)]
     if lacking := sorted({kind.engine for kind in asked} - {kind.engine for kind in kinds}):
         console.print(

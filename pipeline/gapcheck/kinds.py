@@ -7,3 +7,9 @@ from pipeline.gapcheck.body_kinds import BODIES, BY_MUJOCO
 from pipeline.gapcheck.kind import Kind
 
 KINDS: tuple[Kind, ...] = (*BODIES, *BY_MUJOCO, *BILLIARDS)
+
+_OF_TABLES = ("nothing missing", "slope", "cushion law", "slope and lens distortion", "sticky patch")
+USUAL: tuple[Kind, ...] = tuple(
+    kind for kind in KINDS if kind not in BILLIARDS or kind.name in [f"billiards, {one}" for one in _OF_TABLES]
+)
+"""Those that are checked where nobody says which: of tables one of each question, for a table takes a minute."""

@@ -18,7 +18,7 @@ from pipeline.gapcheck.billiards_kinds import BILLIARDS, BilliardsKind
 from pipeline.gapcheck.blind import Opened, answer, play
 from pipeline.gapcheck.body_kinds import BODIES
 from pipeline.gapcheck.kind import Kind
-from pipeline.gapcheck.kinds import KINDS
+from pipeline.gapcheck.kinds import KINDS, USUAL
 from pipeline.gapcheck.marks import Rate, calibration, confusion, marks_of
 from pipeline.track_folder import read_track_folders
 
@@ -146,3 +146,12 @@ def test_friction_is_found_blind(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert cases["slide, friction"]["closed"] > 0.95 * cases["slide, friction"]["oracle"]
     assert (tmp_path / "0000" / "gap" / "gap.json").is_file()
     assert replace(FRICTION, foreign=True).withheld == {"sliding_friction"}
+
+
+def test_without_a_word_every_question_is_asked_of_tables_once() -> None:
+    tables = [kind for kind in USUAL if kind in BILLIARDS]
+    assert len(tables) == 5
+    assert sum(not kind.withheld for kind in tables) == 1
+    assert sum(kind.foreign for kind in tables) == 1
+    assert sum(len(kind.withheld) == 2 for kind in tables) == 1
+    assert {one.name for one in BODIES} < {one.name for one in USUAL} < {one.name for one in KINDS}
