@@ -235,7 +235,7 @@ def test_training_finds_the_balls_it_is_shown(tmp_path: Path, pictures: list[Tra
 @pytest.mark.slow
 def test_lengths_of_streaks_are_learnt(tmp_path: Path) -> None:
     held = list(practice_pictures(np.random.default_rng(5), 96))
-    network = train(filled(tmp_path / "work", held), TrainOptions(steps=700, hours=100.0, files=1), lambda *_: None)
+    network = train(filled(tmp_path / "work", held), TrainOptions(steps=1100, hours=100.0, files=1), lambda *_: None)
     data = stacked(held)
     targets = targets_of(torch.from_numpy(data.balls), SIZE_PX)
     with torch.no_grad():
