@@ -77,7 +77,10 @@ class TrackFolder:
 
 
 def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
-    """All shots of all folders, numbered through; OptionError where they are not of one kind."""
+    """All shots of all folders, numbered through; OptionError where they are not of one kind, or one comes twice."""
+    twice = next((folder for k, folder in enumerate(folders) if folder.resolve() in _resolved(folders[:k])), None)
+    if twice is not None:
+        raise OptionError(f"{twice} was given twice; its shots would confirm themselves: name every folder once")
     read = [_read(folder) for folder in folders]
     first = read[0]
     for folder, other in zip(folders, read, strict=True):
@@ -94,6 +97,10 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
     shots = (one for folder in read for one in folder.recordings)
     numbered = tuple(replace(one, shot=number) for number, one in enumerate(shots))
     return replace(first, recordings=numbered, notes=tuple(note for folder in read for note in folder.notes))
+
+
+def _resolved(folders: Sequence[Path]) -> set[Path]:
+    return {folder.resolve() for folder in folders}
 
 
 def _elsewhere(one: SceneEntry, other: SceneEntry) -> bool:

@@ -27,6 +27,12 @@ def test_shots_of_one_table_are_numbered_through(tmp_path: Path) -> None:
     assert read.coordinates == ("x", "y")
 
 
+def test_a_folder_that_is_given_twice_does_not_confirm_itself(tmp_path: Path) -> None:
+    one = folder(tmp_path / "a")
+    with pytest.raises(OptionError, match="given twice"):
+        read_track_folders([one, tmp_path / "." / "a" / ".." / "a"])
+
+
 @pytest.mark.parametrize(("length", "radius"), [(2.84, 0.028575), (2.54, 0.03075)])
 def test_shots_of_different_tables_are_not_put_together(tmp_path: Path, length: float, radius: float) -> None:
     first, other = folder(tmp_path / "a"), folder(tmp_path / "b", length, radius)
