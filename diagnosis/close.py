@@ -290,6 +290,16 @@ def _drawn(windows: tuple[Ahead, ...], rng: np.random.Generator) -> Floats:
     return found
 
 
+def closed_ahead(
+    question: Question, recordings: tuple[Recording, ...], base: Fitted, better: Fitted, rng: np.random.Generator
+) -> Closing:
+    """How much of the gap a better model closes on other recordings, their noise told."""
+    foreseen = foreseeable(question, windows_ahead(question, recordings), better, rng)
+    windows = foreseen.windows
+    before, after = (predict(question, windows, one, foreseen.starts) for one in (base, better))
+    return closing(windows, before.squares, after.squares, floor(question, windows, better, after), rng)
+
+
 def shares(names: tuple[str, ...], squares_with: Callable[[frozenset[str]], Floats]) -> dict[str, Floats]:
     """(W,) per effect: its part of the squares that all of them take away, by Shapley's value (1953)."""
     parts = {}

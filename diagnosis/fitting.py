@@ -23,6 +23,8 @@ GLANCE = ShootingOptions(iterations=5, settling=3)
 """of what is hardly worth it."""
 _AT_LEAST, _AT_MOST = 0.9, 1.15
 """cost per observation that noise explains: its variance is known to some per cent, and states take up a few more."""
+BETTER = 1.0
+"""chi2 from which one fit is better than another of the same hypothesis."""
 _WIDER = 3.0
 """factor on the priors of what the simulator already has: its users know it less well than the books."""
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from diagnosis.fitting import Fitted, Question, again, follow, model_of
+from diagnosis.fitting import BETTER, Fitted, Question, again, follow, model_of
 from models.gap_scene import Floats, Mask, Recording
 from models.shooting.attempt import huber
 from models.shooting.windows import sensitive_from
@@ -28,8 +28,6 @@ _ODD = 1.5
 """times the cost per number of noise, or of the usual shot, from which a shot is sought once more."""
 _LITTLE_ODD = 1.1
 """the same, of a hypothesis that is weighed in earnest: twice what chance makes of a thousand numbers."""
-_HELPS = 1.0
-"""chi2 from which one fit is better than another."""
 _SURE = 1.3
 """the same, up to which a window may be so sensitive that a worse one would not find its way."""
 _WORSE = 3.0
@@ -123,10 +121,14 @@ def _lost(question: Question, found: Fitted, pairs: np.ndarray, usual: float) ->
     return np.array(lost, dtype=bool)
 
 
-def sought_anew(question: Question, fitted: Fitted, odd: float = _ODD) -> Fitted:
-    """Shots that are explained less well than others, by a factor of `odd`, begun once more from what was seen, under
-    the numbers that the others tell: a window on a wrong path bends what all share, until no other path explains it."""
-    bad = _odd(question, fitted, odd)
+def sought_anew(question: Question, fitted: Fitted) -> Fitted:
+    """Shots that are explained less well than others, begun once more from what was seen."""
+    return _begun_beside(question, fitted, _odd(fitted, _per_number(question, fitted), _ODD))
+
+
+def _begun_beside(question: Question, fitted: Fitted, bad: Mask) -> Fitted:
+    """Bad windows begun once more from what was seen, under the numbers that the others tell: one on a wrong path bends
+    what all share, until no other path explains it."""
     if not bad.any() or bad.all():
         return fitted
     kept, lost = np.flatnonzero(~bad), np.flatnonzero(bad)
@@ -140,17 +142,16 @@ def sought_anew(question: Question, fitted: Fitted, odd: float = _ODD) -> Fitted
 def straightened(question: Question, fitted: Fitted) -> Fitted:
     """The same hypothesis, odd shots sought anew for as long as that helps; only where it explains the others, for what
     is still missing makes shots odd too."""
-    while _usual(_per_number(question, fitted)) < _SURE:
-        found = sought_anew(question, fitted, _LITTLE_ODD)
-        if fitted.cost - found.cost < _HELPS:
+    while _usual(mean := _per_number(question, fitted)) < _SURE:
+        found = _begun_beside(question, fitted, _odd(fitted, mean, _LITTLE_ODD))
+        if fitted.cost - found.cost < BETTER:
             return found
         fitted = found
     return fitted
 
 
-def _odd(question: Question, fitted: Fitted, factor: float) -> Mask:
+def _odd(fitted: Fitted, mean: dict[int, float], factor: float) -> Mask:
     """Windows of shots whose cost per number is so many times that of the usual shot, or of noise."""
-    mean = _per_number(question, fitted)
     odd = {shot for shot, cost in mean.items() if cost > factor * _usual(mean)}
     return np.array([piece.shot in odd for piece in fitted.pieces])
 
@@ -185,11 +186,9 @@ def begun_like(question: Question, fitted: Fitted, starts: tuple[Floats, ...]) -
 def not_followed(question: Question, fitted: Fitted) -> tuple[int, ...]:
     """Shots in which a simulation comes nowhere near what was seen, although it does in nearly all others: hands move
     balls, balls leave the table, films are cut."""
-    costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])
-    numbers = np.unique(shots)
-    mean = np.array([np.divide(*costs[shots == shot].sum(axis=0)) for shot in numbers])
-    lost = _nowhere_near(mean)
-    return tuple(int(shot) for shot in numbers[lost]) if lost.mean() < _NEARLY_ALL else ()
+    mean = _per_number(question, fitted)
+    lost = _nowhere_near(np.array(list(mean.values())))
+    return tuple(shot for shot, far in zip(mean, lost, strict=True) if far) if lost.mean() < _NEARLY_ALL else ()
 
 
 def _nowhere_near(mean: Floats) -> Mask:

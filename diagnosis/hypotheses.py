@@ -9,16 +9,13 @@ from math import comb, log
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.fitting import Fitted, Question, Told, look
+from diagnosis.fitting import BETTER, Fitted, Question, Told, look
 from diagnosis.signatures import Signatures, signatures
 
 Floats = NDArray[np.float64]
 
 _ORDERS = float(np.log(1e4))
 """a missing effect is as likely to be of any order of magnitude, from the natural strength to a ten-thousandth."""
-
-_BETTER = 1.0
-"""chi2 from which one fit is better than another of the same hypothesis."""
 
 
 Watch = Callable[[str, tuple[str, ...]], None]
@@ -84,7 +81,7 @@ class Search:
 
     def has_lent(self, one: Hypothesis, other: Hypothesis) -> bool:
         """Whether another hypothesis was begun from these starts, or from such as were hardly worse."""
-        return self.lent.get((one.names, other.names), np.inf) - one.fitted.cost < _BETTER
+        return self.lent.get((one.names, other.names), np.inf) - one.fitted.cost < BETTER
 
     def lack(self) -> float:
         """The least lack of fit that any hypothesis leaves: what the data scatter beyond the noise promised."""

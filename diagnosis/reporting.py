@@ -66,13 +66,13 @@ def _verdict(study: Study) -> tuple[Verdict, dict[str, tuple[str, ...]], str]:
     groups, film = {}, ""
     for name in best.names:
         without = lacking(study.state, best, name)
-        told = look(question, without).told
-        found = signatures(question, told, without.free, best.fitted.lack)
+        seen = look(question, without)
+        found = signatures(question, seen.told, without.free, best.fitted.lack)
         groups[name] = group_of(study.state, best, name, found)
         alike = tuple(one for one in groups[name] if one in question.candidates)
         if len(alike) > 1 and not film:
-            rest = residuals(question, without, look(question, without), np.random.default_rng(0))
-            film = film_next(question, told, rest, without.free, alike)
+            rest = residuals(question, without, seen, np.random.default_rng(0))
+            film = film_next(question, seen.told, rest, without.free, alike)
     if study.doubt.unknown:
         return "unknown", groups, film
     if not best.names:

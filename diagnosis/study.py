@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.blocks import Structure, structure
-from diagnosis.close import Closing, closing, floor, foreseeable, predict, windows_ahead
+from diagnosis.close import closed_ahead
 from diagnosis.fitting import Fitted, Question, Seen, fit, follow, look, question_of
 from diagnosis.growing import not_followed
 from diagnosis.hypotheses import Hypothesis, Search, Watch
@@ -93,7 +93,7 @@ def _doubt(
         return doubt(left, seen.told, base, full, None, True)
     before, after = alone(question, first, base), alone(question, first, full)
     gains = not second or gain(question, full, second, before, after) > least_gain(len(first), len(second))
-    ahead = _ahead(question, second or first, before, after, rng)
+    ahead = closed_ahead(question, second or first, before, after, rng)
     found = doubt(left, seen.told, state.base.fitted, full, ahead, gains)
     if not (found.something_left and found.explained > MOSTLY and second and question.probes):
         return found
@@ -105,13 +105,3 @@ def _lawful(question: Question, whole: Fitted, recordings: tuple[Recording, ...]
     probed = fit(question, best.pieces, (*best.names, *question.probes), best.forms, best.shared, best.starts)
     pieces, starts = of_shots(whole, recordings)
     return lawful(follow(question, pieces, best, starts), follow(question, pieces, probed, starts))
-
-
-def _ahead(
-    question: Question, recordings: tuple[Recording, ...], base: Fitted, best: Fitted, rng: np.random.Generator
-) -> Closing:
-    """How much better shots that may be looked at are predicted."""
-    foreseen = foreseeable(question, windows_ahead(question, recordings), best, rng)
-    windows = foreseen.windows
-    before, after = (predict(question, windows, one, foreseen.starts) for one in (base, best))
-    return closing(windows, before.squares, after.squares, floor(question, windows, best, after), rng)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.close import Closing, closing, floor, foreseeable, predict, windows_ahead
+from diagnosis.close import Closing, closed_ahead
 from diagnosis.fitting import Fitted, Question, fit, look, question_of
 from diagnosis.noise import Noise, estimate_noise, with_noise
 from diagnosis.pieces import fit_adaptively
@@ -35,12 +35,8 @@ class Oracle:
 
     def closes(self, better: Fitted, shots: tuple[Recording, ...]) -> Closing:
         """How much of the gap a better simulator closes on shots that chose nothing."""
-        rng = np.random.default_rng(0)
-        windows = windows_ahead(self.question, with_noise(shots, self.noise))
-        foreseen = foreseeable(self.question, windows, better, rng)
-        before, after = (predict(self.question, foreseen.windows, one, foreseen.starts) for one in (self.base, better))
-        least = floor(self.question, foreseen.windows, better, after)
-        return closing(foreseen.windows, before.squares, after.squares, least, rng)
+        told = with_noise(shots, self.noise)
+        return closed_ahead(self.question, told, self.base, better, np.random.default_rng(0))
 
     def tells(self, truth: Fitted, other: frozenset[str]) -> bool:
         """Whether other effects explain the same shots worse than the true ones do."""
