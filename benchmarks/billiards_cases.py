@@ -6,9 +6,6 @@ What is withheld and how strong it is says `pipeline/gapcheck/billiards_kinds.py
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -20,7 +17,7 @@ import numpy as np
 from models.gap_scene import Recording
 from pipeline.gapcheck.billiards_kinds import BILLIARDS, FROM_NOTHING, SINGLE, BilliardsKind
 from pipeline.gapcheck.billiards_strengths import Effects
-from pipeline.gapcheck.blind import WORLDS
+from pipeline.gapcheck.blind import play_drawn
 from pipeline.track_folder import read_track_folders
 
 FPS = 62.5
@@ -75,9 +72,8 @@ def recordings(case: Case, seed: int, strength: float = 1.0) -> tuple[tuple[Reco
 
 def _played(kind: BilliardsKind, drawn: dict[str, Any]) -> tuple[Recording, ...]:
     with tempfile.TemporaryDirectory() as scratch:
-        sealed, folder = Path(scratch) / "sealed.json", Path(scratch) / "case"
-        sealed.write_text(json.dumps(drawn), encoding="utf-8")
-        subprocess.run([sys.executable, str(WORLDS / f"{kind.world}.py"), str(sealed), str(folder)], check=True)
+        folder = Path(scratch) / "case"
+        play_drawn(kind, drawn, Path(scratch) / "sealed.json", folder)
         read = read_track_folders([folder]).recordings
     frame = np.arange(round(drawn["fps"] * drawn["seconds"]))
     return tuple(_of_all_pictures(one, frame, drawn["said"], drawn["noise"]) for one in read)

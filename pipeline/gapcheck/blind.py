@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -49,7 +50,12 @@ class Opened:
 
 def play(kind: Kind, seed: int, shots: int, fps: float, sealed: Path, folder: Path) -> None:
     """Let the world of a kind write a track folder; what acts is written to `sealed` alone."""
-    sealed.write_text(json.dumps(kind.drawn(seed, shots, fps)), encoding="utf-8")
+    play_drawn(kind, kind.drawn(seed, shots, fps), sealed, folder)
+
+
+def play_drawn(kind: Kind, drawn: Mapping[str, Any], sealed: Path, folder: Path) -> None:
+    """The same, of an experiment that was drawn already."""
+    sealed.write_text(json.dumps(drawn), encoding="utf-8")
     command = [sys.executable, str(WORLDS / f"{kind.world}.py"), str(sealed), str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
