@@ -78,7 +78,8 @@ class TrackFolder:
 
 def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
     """All shots of all folders, numbered through; OptionError where they are not of one kind, or one comes twice."""
-    twice = next((folder for k, folder in enumerate(folders) if folder.resolve() in _resolved(folders[:k])), None)
+    places = [folder.resolve() for folder in folders]
+    twice = next((folder for k, folder in enumerate(folders) if places[k] in places[:k]), None)
     if twice is not None:
         raise OptionError(f"{twice} was given twice; its shots would confirm themselves: name every folder once")
     read = [_read(folder) for folder in folders]
@@ -97,10 +98,6 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
     shots = (one for folder in read for one in folder.recordings)
     numbered = tuple(replace(one, shot=number) for number, one in enumerate(shots))
     return replace(first, recordings=numbered, notes=tuple(note for folder in read for note in folder.notes))
-
-
-def _resolved(folders: Sequence[Path]) -> set[Path]:
-    return {folder.resolve() for folder in folders}
 
 
 def _elsewhere(one: SceneEntry, other: SceneEntry) -> bool:
