@@ -51,8 +51,8 @@ def film_to_see(
         if min(left) <= 1:
             like = _like(question, found, int(told.shots[int(np.argmin(left))]))
             return (
-                "This answer needs no more film; but these shots would not have shown"
-                f" {named(name)} of usual strength: to see it or rule it out as well, film {more} more like {like}."
+                f"This answer needs no more film. What these shots would not have shown is {named(name)} of usual"
+                f" strength; {more} more like {like} would."
             )
     return ""
 

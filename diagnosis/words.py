@@ -27,6 +27,8 @@ CAUSES: Mapping[str, str] = {
     "frame_rate": "rate of the pictures",
 }
 """Effects, gauges and verdicts that their names do not tell."""
+LAWS: Mapping[str, str] = {"cushion_law": "the right law of cushions", "ball_law": "the right law of ball contacts"}
+"""Choices between published laws, in the order of a report's forms: what is lacked where the wrong one is assumed."""
 PARAMETERS: Mapping[str, str] = {
     "mu": "\N{GREEK SMALL LETTER MU}",
     "slope_x": "along x",

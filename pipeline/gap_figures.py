@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 import plotly.graph_objects as go
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 
 from diagnosis.verdict import Gap
 from models.scene import Table
-from pipeline.gap_words import length
+from pipeline.gap_words import length, shot_named
 
 Floats = NDArray[np.float64]
 
@@ -25,11 +27,13 @@ Moment = tuple[int, int]
 """Row of a window, and body."""
 
 
-def figures(gap: Gap, table: Table | None = None) -> list[tuple[str, go.Figure]]:
-    """Titles and figures; none where no shot was held out."""
+def figures(
+    gap: Gap, table: Table | None = None, origins: Mapping[int, str] = MappingProxyType({})
+) -> list[tuple[str, go.Figure]]:
+    """Titles and figures, none where no shot was held out; shots have the names of their folders from `origins`."""
     if not gap.windows:
         return []
-    drawn = _paths(gap, table)
+    drawn = _paths(gap, table, origins)
     foreseen = any(len(_misses(gap, k, gap.before)[1]) for k in range(len(gap.windows)))
     if foreseen:
         drawn.append(("How the error of a prediction grows", _growth(gap)))
@@ -71,7 +75,7 @@ def _misses(gap: Gap, window: int, paths: tuple[Floats, ...]) -> tuple[Floats, F
     return one.piece.t[rows] - one.piece.t[one.known - 1], miss, one.piece.places[seen]
 
 
-def _paths(gap: Gap, table: Table | None) -> list[tuple[str, go.Figure]]:
+def _paths(gap: Gap, table: Table | None, origins: Mapping[int, str]) -> list[tuple[str, go.Figure]]:
     """The held-out window that is predicted worst; and enlarged, the part of it that tells most."""
     number = _worst(gap)
     both = " before and after" if _differ(gap) else ""
@@ -80,7 +84,7 @@ def _paths(gap: Gap, table: Table | None) -> list[tuple[str, go.Figure]]:
     whole = _path(gap, number, moment)
     if _is_plan(gap):
         _plan(whole, table, _unit(gap))
-    drawn = [(f"Seen, and predicted{both}, on held-out shot {gap.windows[number].piece.shot}", whole)]
+    drawn = [(f"Seen, and predicted{both}, on held-out {shot_named(gap.windows[number].piece.shot, origins)}", whole)]
     if part is not None:
         (left, right), (low, high) = part
         whole.add_shape(type="rect", x0=left, x1=right, y0=low, y1=high, line={"color": FRAME, "width": 1.5})
@@ -153,8 +157,9 @@ def _plan(figure: go.Figure, table: Table | None, unit: str) -> go.Figure:
     if table is not None:
         noses = {"x0": 0, "y0": 0, "x1": table.length, "y1": table.width}
         figure.add_shape(type="rect", **noses, line={"color": AFTER, "width": 3}, layer="below")
-        figure.update_xaxes(range=[-_RAIL, table.length + _RAIL], showgrid=False, zeroline=False)
-        figure.update_yaxes(range=[table.width + _RAIL, -_RAIL], showgrid=False, zeroline=False)
+        across, up = [-_RAIL, table.length + _RAIL], [table.width + _RAIL, -_RAIL]
+        figure.update_xaxes(range=across, constrain="domain", showgrid=False, zeroline=False)
+        figure.update_yaxes(range=up, constrain="domain", showgrid=False, zeroline=False)
     return figure
 
 

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
-from diagnosis.verdict import Report, Strength
+from diagnosis.verdict import Place, Report, Strength
 from diagnosis.words import growing, law, named, parameter, phase
 from models.scene import Table
 from pipeline.gap_cure import PROFILE, has_cure
 from pipeline.gap_figures import figures
-from pipeline.gap_words import causes, closed_sentence, gap_sentence, undecided, untold
+from pipeline.gap_words import (
+    causes,
+    closed_sentence,
+    folders_of_shots,
+    gap_sentence,
+    shot_named,
+    undecided,
+    untold,
+)
 from pipeline.page import embedded, plotly_source, render
 from pipeline.publish import aside
 from pipeline.sentences import told
@@ -21,8 +32,15 @@ _HEIGHT = 420
 """px of a figure."""
 
 
-def write_gap_page(report: Report, title: str, path: Path, table: Table | None = None) -> None:
-    """Write the page to `path`; plans show the table, where there is one, and its profile lies beside the page."""
+def write_gap_page(
+    report: Report,
+    title: str,
+    path: Path,
+    table: Table | None = None,
+    origins: Mapping[int, str] = MappingProxyType({}),
+) -> None:
+    """Write the page to `path`; plans show the table, where there is one, and its profile lies beside the page. Shots
+    are named by their folders, where `origins` has them."""
     # a simulator to which nothing was added, fitted twice, is still one
     gap = replace(report.gap, after=report.gap.before) if report.verdict == "none" else report.gap
     html = render(
@@ -36,16 +54,18 @@ def write_gap_page(report: Report, title: str, path: Path, table: Table | None =
             {
                 "phase": phase(one.phase),
                 "share": one.share,
-                "mostly": ", ".join(_whom(one.ball, one.shot, one.region)),
+                "mostly": ", ".join(_whom(one, origins)),
                 "grows_with": growing(one.grows_with or ""),
             }
             for one in report.where
         ],
         per_effect=[(named(one.effect), one) for one in report.per_effect],
         plots=[
-            (caption, embedded(figure, f"plot-{k}", _HEIGHT)) for k, (caption, figure) in enumerate(figures(gap, table))
+            (caption, embedded(figure, f"plot-{k}", _HEIGHT))
+            for k, (caption, figure) in enumerate(figures(gap, table, origins))
         ],
-        fitted=[_fitted(one) for one in report.fitted],
+        fitted=[_fitted(one) for one in report.fitted if _told_of(one, report)],
+        numbered=folders_of_shots(origins),
         laws=" and ".join(law(name) for name in report.forms),
         model=", ".join(named(name) for name in report.model) or "no effect",
         undecided=undecided(report),
@@ -56,10 +76,18 @@ def write_gap_page(report: Report, title: str, path: Path, table: Table | None =
         target.write_text(html, encoding="utf-8")
 
 
-def _whom(ball: str | None, shot: int | None, region: str | None) -> list[str]:
+def _whom(one: Place, origins: Mapping[int, str]) -> list[str]:
     """Whom most of a phase's share concerns, in words."""
-    shots = [] if shot is None else [f"shot {shot}"]
-    return [*([] if ball is None else [f"ball {ball}"]), *shots, *([] if region is None else [region])]
+    ball = None if one.ball is None else f"ball {one.ball}"
+    shot = None if one.shot is None else shot_named(one.shot, origins)
+    return [word for word in (ball, shot, one.region) if word is not None]
+
+
+def _told_of(one: Strength, report: Report) -> bool:
+    """Whether a parameter belongs into the list: what the laws in use leave out is no part of the simulator."""
+    effect = one.name.partition(".")[0]
+    unused = one.prior_only and not math.isfinite(one.detectable_from)
+    return not unused or effect in (*report.model, *report.effects)
 
 
 def _fitted(one: Strength) -> dict[str, str]:

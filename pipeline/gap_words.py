@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from diagnosis.verdict import Candidate, Report, Strength
-from diagnosis.words import growing, named, parameter, phase
+from diagnosis.words import LAWS, growing, law, named, parameter, phase
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +27,7 @@ class Cause:
 def gap_sentence(report: Report) -> str:
     """What the simulator lacks."""
     if report.verdict == "effects":
-        return f"Your simulator lacks {' and '.join(named(name) for name in report.effects)}."
+        return f"Your simulator lacks {' and '.join(_missing(name, report.forms) for name in report.effects)}."
     if report.verdict == "group":
         rivals = " or ".join(named(name) for name in report.candidates[0].group)
         return f"Your simulator lacks {rivals}; these shots cannot tell which."
@@ -35,6 +36,24 @@ def gap_sentence(report: Report) -> str:
     if report.verdict == "unknown":
         return f"Something is there that the library does not hold{_mostly_at(report)}."
     return f"These shots decide nothing: {'; '.join(report.notes)}."
+
+
+def _missing(effect: str, forms: tuple[str, ...]) -> str:
+    """What is lacked; of published laws which one fits best."""
+    fits = dict(zip(LAWS, forms, strict=False)).get(effect)
+    return named(effect) if fits is None else f"{LAWS[effect]} ({law(fits)} fits best)"
+
+
+def shot_named(shot: int, origins: Mapping[int, str]) -> str:
+    """A shot by its number, and by its folder where there are several."""
+    return f"shot {shot} ({origins[shot]})" if shot in origins else f"shot {shot}"
+
+
+def folders_of_shots(origins: Mapping[int, str]) -> str:
+    """Which shot lies in which folder, a sentence; empty where all lie in one."""
+    if not origins:
+        return ""
+    return f"Shots by their numbers: {', '.join(f'{shot} is {name}' for shot, name in sorted(origins.items()))}."
 
 
 def _mostly_at(report: Report) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -74,6 +74,8 @@ class TrackFolder:
     """of a place, as the columns name them."""
     notes: tuple[str, ...] = ()
     """What is odd about the tracks, as sentences."""
+    origins: Mapping[int, str] = field(default_factory=dict)
+    """By shot: the name of its folder, where there are several."""
 
 
 def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
@@ -95,9 +97,11 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
             )
     if len(read) == 1:
         return first
-    shots = (one for folder in read for one in folder.recordings)
-    numbered = tuple(replace(one, shot=number) for number, one in enumerate(shots))
-    return replace(first, recordings=numbered, notes=tuple(note for folder in read for note in folder.notes))
+    shots = [(one, place.name) for folder, place in zip(read, places, strict=True) for one in folder.recordings]
+    numbered = tuple(replace(one, shot=number) for number, (one, _) in enumerate(shots))
+    origins = {number: name for number, (_, name) in enumerate(shots)}
+    notes = tuple(note for folder in read for note in folder.notes)
+    return replace(first, recordings=numbered, notes=notes, origins=origins)
 
 
 def _elsewhere(one: SceneEntry, other: SceneEntry) -> bool:

@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from models.effects.catalogue import BILLIARDS
+from models.flight.gap import flight_scene
+from models.pendulum.gap import pendulum_scene
+from models.slide.gap import slide_scene
 from pipeline.commands import ORDER
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -32,6 +36,15 @@ def test_every_file_of_the_project_that_is_named_is_there(page: Path) -> None:
     rooms = "benchmarks|tests|models|video|detectors|diagnosis|pipeline|worlds|docs|sample_videos"
     named = set(re.findall(rf"`((?:{rooms})/[A-Za-z0-9_/.-]+)`", page.read_text(encoding="utf-8")))
     assert sorted(name for name in named if not (ROOT / name).exists()) == []
+
+
+def test_every_effect_that_a_simulator_may_have_is_listed() -> None:
+    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    part = page.partition("## A track folder")[2].partition("\n## ")[0]
+    scenes = (slide_scene(()), flight_scene(3, 9.81, ()), pendulum_scene(2, ()))
+    effects = (*BILLIARDS, *(effect for scene in scenes for effect in scene.effects))
+    wanted = {effect.name for effect in effects if effect.kind in ("physics", "observation")}
+    assert sorted(name for name in wanted if f"`{name}`" not in part) == []
 
 
 def test_every_page_is_found_from_the_index() -> None:

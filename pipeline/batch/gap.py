@@ -75,7 +75,7 @@ def diagnose_tables(tables: Iterable[TableShots], out: Path, console: Console) -
             write_gap(report, folder)
             if (played_on := table_of(scene)) is not None:
                 write_cure(report, played_on, folder)
-            write_gap_page(report, table.name, folder / "gap.html", played_on)
+            write_gap_page(report, table.name, folder / "gap.html", played_on, read.origins)
         except Exception as error:  # whatever is wrong with one table, the others are not to suffer
             yield table, one_sentence(error)
         else:

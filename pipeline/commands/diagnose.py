@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -20,7 +21,7 @@ from pipeline.gap_cure import PROFILE, write_cure
 from pipeline.gap_files import as_json, write_gap
 from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene, table_of
-from pipeline.gap_words import causes, closed_sentence, gap_sentence
+from pipeline.gap_words import causes, closed_sentence, folders_of_shots, gap_sentence
 from pipeline.search_display import search_display
 from pipeline.track_folder import read_track_folders
 
@@ -50,7 +51,7 @@ def diagnose_folders(
     write_gap(report, folder)
     if (table := table_of(scene)) is not None:
         write_cure(report, table, folder)
-    write_gap_page(report, inputs[0].resolve().name, folder / "gap.html", table)
+    write_gap_page(report, _title(inputs), folder / "gap.html", table, read.origins)
     os.environ.setdefault("RUST_LOG", "off")  # rerun would print what it raises; it reads this when it is imported
     from pipeline.recording.gap import write_gap_recording  # slow to import
 
@@ -58,10 +59,16 @@ def diagnose_folders(
     if as_json_:
         print(json.dumps({"folder": str(folder), **as_json(report)}, allow_nan=False))
     else:
-        _tell(report, folder)
+        _tell(report, folder, read.origins)
 
 
-def _tell(report: Report, folder: Path) -> None:
+def _title(inputs: list[Path]) -> str:
+    """The first folder's name, and how many more there are."""
+    first, more = inputs[0].resolve().name, len(inputs) - 1
+    return f"{first} and {more} more" if more else first
+
+
+def _tell(report: Report, folder: Path, origins: Mapping[int, str]) -> None:
     screen = standard_output()
     screen.print(f"[bold]{escape(gap_sentence(report))}[/]")
     screen.print(escape(closed_sentence(report)))
@@ -74,6 +81,8 @@ def _tell(report: Report, folder: Path) -> None:
         screen.print(escape(f"Note: {note}."))
     if report.film_next:
         screen.print(escape(report.film_next))
+    if origins and report.candidates:
+        screen.print(escape(folders_of_shots(origins)))
     print(f"Look at {folder / 'gap.html'}; trueroll view {folder} draws where it shows")
     if (folder / PROFILE).is_file():
         print(f"The next run of this table can start from what was found: --profile {folder / PROFILE}")

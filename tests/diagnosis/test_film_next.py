@@ -45,9 +45,9 @@ def test_the_shots_that_are_asked_for_show_the_effect(asked: Question, fitted: t
     found, seen, left = fitted
     usual = 0.7 * _seen_from(asked, found, seen)
     said = film_to_see(asked, seen.told, left, found.free, usual, ("air_drag",), 1.0)
-    assert said.startswith("This answer needs no more film;"), "what was not asked for is said as such"
+    assert said.startswith("This answer needs no more film."), "what was not asked for is said as such"
     words = said.split()
-    more, shot = int(words[words.index("film") + 1]), int(words[words.index("shot") + 1])
+    more, shot = int(words[words.index("more", words.index("strength;")) - 1]), int(words[words.index("shot") + 1])
     number = [piece.shot for piece in found.pieces].index(shot)
     copies = tuple(replace(found.pieces[number], shot=100 + k) for k in range(more))
     with_them = fit(asked, (*found.pieces, *copies), guess=found.shared)

@@ -16,7 +16,7 @@ from models.gap_scene import Recording
 from models.scene import Table
 from pipeline.gap_figures import figures
 from pipeline.gap_page import write_gap_page
-from pipeline.gap_words import causes, gap_sentence, strength, undecided
+from pipeline.gap_words import causes, folders_of_shots, gap_sentence, strength, undecided
 
 NOTHING = Closing(0.02, 0.02, 0.01, float("nan"), (-1.0, 1.0), False)
 
@@ -99,6 +99,31 @@ def test_millimetres_are_enlarged_until_before_and_after_part(table: Table | Non
     assert (frame.x0, frame.x1) == (left, right)
     assert sorted(close.layout.yaxis.range) == [frame.y0, frame.y1]
     assert (close.layout.yaxis.range[0] > close.layout.yaxis.range[1]) == (table is not None), "as the plan has it"
+
+
+def test_shots_are_named_by_their_folders_and_titles_say_so(tmp_path: Path) -> None:
+    told = replace(report("unknown", replace(at("rest", 1.0), shot=7)), gap=gap_of(straight(7), 0.006, 0.0004))
+    write_gap_page(told, "carom_F1 and 7 more", tmp_path / "gap.html", origins={0: "carom_F1", 7: "carom_F8"})
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert "on held-out shot 7 (carom_F8)" in page
+    assert "<td>shot 7 (carom_F8)</td>" in page
+    assert "Shots by their numbers: 0 is carom_F1, 7 is carom_F8." in page
+    assert folders_of_shots({}) == ""
+
+
+def test_another_law_is_said_by_its_name() -> None:
+    told = replace(report("effects"), effects=("slope", "cushion_law"), forms=("han_2005", "inelastic"))
+    assert gap_sentence(told) == "Your simulator lacks slope and the right law of cushions (Han 2005 fits best)."
+
+
+def test_what_the_laws_in_use_leave_out_is_not_listed(tmp_path: Path) -> None:
+    unused = Strength("cushion_cloth.factor", "1", 1.0, 0.1, float("inf"), prior_only=True)
+    untouched = Strength("ball_restitution.e", "1", 0.95, 0.1, float("inf"), prior_only=True)
+    told = replace(report("none"), model=("ball_restitution",), fitted=(unused, untouched))
+    write_gap_page(told, "carom", tmp_path / "gap.html")
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert "friction of the cloth under the nose" not in page
+    assert "ball restitution, e" in page
 
 
 def test_what_shows_by_itself_is_not_enlarged() -> None:

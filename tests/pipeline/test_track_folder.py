@@ -23,6 +23,7 @@ def folder(place: Path, length: float = 2.54, radius: float | None = 0.028575, c
 
 def test_shots_of_one_table_are_numbered_through(tmp_path: Path) -> None:
     read = read_track_folders([folder(tmp_path / "a"), folder(tmp_path / "b", 2.55, None)])
+    assert read.origins == {0: "a", 1: "b"}
     assert [one.shot for one in read.recordings] == [0, 1]
     assert read.coordinates == ("x", "y")
 
