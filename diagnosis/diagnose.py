@@ -16,21 +16,28 @@ from diagnosis.split import Split, split_shots
 from diagnosis.study import studied
 from diagnosis.verdict import Report
 from models.gap_scene import GapScene, Recording
+from models.shooting.crew import ALONE, Crew
 
 _BY_CHANCE = 1e-4
 """chance that a body which lies still seems to move."""
 
 
-def diagnose(scene: GapScene, recordings: tuple[Recording, ...], seed: int = 0, watch: Watch = unwatched) -> Report:
+def diagnose(
+    scene: GapScene,
+    recordings: tuple[Recording, ...],
+    seed: int = 0,
+    watch: Watch = unwatched,
+    crew: Crew = ALONE,
+) -> Report:
     """Where simulator and world part, which effect is missing, and how far the gap shrinks with it; `watch` is told
-    what is being tried."""
+    what is being tried, and the `crew` shares out the work: the report is the same whoever does it."""
     own = [names_given_back(one) for one in recordings]
     split = split_shots(tuple(recording for recording, _ in own))
     reason = _too_little(scene, split)
     if reason:
         return undecidable(scene, reason)
     watch("fitting what the simulator has", ())
-    study = studied(scene, split, np.random.default_rng(seed), watch)
+    study = studied(scene, split, np.random.default_rng(seed), watch, crew)
     watch("predicting shots that chose nothing", tuple(sorted(study.best.names)))
     report = tuple(with_noise(split.report, study.noise))
     found = reported(study, report, np.random.default_rng([seed, 1]))

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from diagnosis.decorrelated import Decorrelated, chain
 from models.effects.effect import Prior
 from models.gap_scene import GapScene, Mask, Recording, neutral_values, parameters_of
-from models.shooting.attempt import Attempt, Problem, attempt, glanced, normal_blocks, problem_of
+from models.shooting.attempt import glanced, sloped_everywhere
+from models.shooting.crew import ALONE, Crew
 from models.shooting.elimination import ShotBlock, solved
 from models.shooting.held import Held
+from models.shooting.problem import Attempt, Problem, problem_of
 from models.shooting.shoot import Shooting, ShootingOptions, shoot
 from models.shooting.windows import Model, glance
 
@@ -42,6 +44,8 @@ class Question:
     """(P,) what the books say; neutral where an effect may be of either sign or of any size."""
     correlation: float
     """of the noise of neighbouring pictures."""
+    crew: Crew = ALONE
+    """who works through the shots."""
 
     @property
     def candidates(self) -> tuple[str, ...]:
@@ -63,7 +67,7 @@ class Question:
         return parameters_of(self.scene, names)
 
 
-def question_of(scene: GapScene, correlation: float) -> Question:
+def question_of(scene: GapScene, correlation: float, crew: Crew = ALONE) -> Question:
     """Priors of the catalogue as the diagnosis uses them: an absent effect is as likely as one of usual strength."""
     priors = []
     for effect in scene.effects:
@@ -75,7 +79,7 @@ def question_of(scene: GapScene, correlation: float) -> Question:
             sigma = spread * _WIDER if known else float(np.hypot(spread, prior.value - neutral))
             priors.append(Prior(f"{effect.name}.{prior.name}", prior.unit, value, sigma, False, (low, high)))
     natural = np.array([prior.value for effect in scene.effects for prior in effect.parameters])
-    return Question(scene, tuple(priors), neutral_values(scene), natural, correlation)
+    return Question(scene, tuple(priors), neutral_values(scene), natural, correlation, crew)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +155,7 @@ def fit(
     values = np.where(free, [prior.value for prior in question.priors], question.neutral) if guess is None else guess
     values = np.where(free, _inside(question.priors, values), question.neutral)
     held = Held(model_of(question, pieces, forms, free), values, free, question.priors)
-    found = shoot(held, values[free], options, starts)
+    found = shoot(held, values[free], options, starts, crew=question.crew)
     return Fitted(pieces, names, forms, free, held.whole(found.shared), found)
 
 
@@ -185,7 +189,7 @@ def again(
     """The same hypothesis on other pieces, from its parameters and from `starts` where given; `anew` also from what was
     seen there alone."""
     held = Held(model_of(question, pieces, like.forms, like.free), like.shared, like.free, question.priors)
-    found = shoot(held, like.shared[like.free], options, starts, anew)
+    found = shoot(held, like.shared[like.free], options, starts, anew, question.crew)
     return Fitted(pieces, like.names, like.forms, like.free, held.whole(found.shared), found)
 
 
@@ -226,9 +230,8 @@ def look(question: Question, fitted: Fitted) -> Seen:
     """The windows of a fit once more, with the slopes by all parameters."""
     everything = np.ones(len(question.priors), bool)
     model = Held(model_of(question, fitted.pieces, fitted.forms, None), fitted.shared, everything, question.priors)
-    problem = problem_of(model)
-    point = attempt(problem, fitted.starts, fitted.shared)
-    blocks = normal_blocks(problem, point)
+    problem = problem_of(model, question.crew)
+    point, blocks = sloped_everywhere(problem, glanced(problem, fitted.starts, fitted.shared))
     score = [-(b.shared_gradient - b.coupling.T @ solved(b.states, b.gradient, 0.0)) for b in blocks]
     information = np.stack([b.reduced() for b in blocks])
     return Seen(
@@ -260,7 +263,8 @@ def nearest(
     """Of all starts offered for the windows of a fit, shot by shot those from which a simulation with these numbers
     (P,) comes nearest to what was seen."""
     none = np.zeros(len(shared), bool)
-    problem = problem_of(Held(model_of(question, like.pieces, forms, none), shared, none, question.priors))
+    held = Held(model_of(question, like.pieces, forms, none), shared, none, question.priors)
+    problem = problem_of(held, question.crew)
     tried = [glanced(problem, starts, shared[none]).costs[:-1] for starts in offered]
     found = list(offered[0])
     for numbers, costs in zip(problem.shots, np.transpose(tried), strict=True):

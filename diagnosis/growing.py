@@ -16,7 +16,7 @@ import numpy as np
 from diagnosis.fitting import BETTER, Fitted, Question, again, follow, model_of
 from models.gap_scene import Floats, Mask, Recording
 from models.shooting.attempt import huber
-from models.shooting.windows import sensitive_from
+from models.shooting.windows import glance, sensitive_from
 
 One = TypeVar("One")
 
@@ -219,7 +219,7 @@ def _with_the_better(
 def _costs(question: Question, fitted: Fitted) -> Floats:
     """(W, 2) robust cost of every window, and how many numbers were seen in it."""
     model = model_of(question, fitted.pieces, fitted.forms, np.zeros(len(question.priors), bool))
-    misfits = [model.flow(k, start, fitted.shared).misfit for k, start in enumerate(fitted.starts)]
+    misfits = [glance(model, k, start, fitted.shared).misfit for k, start in enumerate(fitted.starts)]
     return np.array([(huber(one)[1], one.size) for one in misfits], dtype=np.float64)
 
 

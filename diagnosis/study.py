@@ -19,6 +19,7 @@ from diagnosis.split import Split
 from diagnosis.unknown import MOSTLY, Doubt, doubt, lawful, least_gain
 from diagnosis.which import search
 from models.gap_scene import Eventful, GapScene, Recording
+from models.shooting.crew import ALONE, Crew
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +45,10 @@ class Study:
     doubt: Doubt
 
 
-def studied(scene: GapScene, split: Split, rng: np.random.Generator, watch: Watch) -> Study:
+def studied(scene: GapScene, split: Split, rng: np.random.Generator, watch: Watch, crew: Crew = ALONE) -> Study:
     """Search, adopt, and doubt, on all shots but those that report."""
     noise = estimate_noise((*split.fit, *split.select))
-    question = question_of(scene, noise.correlation)
+    question = question_of(scene, noise.correlation, crew)
     first, second = with_noise(split.fit, noise), with_noise(split.select, noise)
     state = _searched(question, (*first, *second), watch)
     best = confirmed(question, state, first, second)

@@ -64,6 +64,10 @@ class BilliardsScene:
     unit: str = "m"
     gauges: tuple[str, ...] = ("frame_rate", "time_offset", "parallax_shift")
     not_tested: tuple[str, ...] = ()
+    _made: dict[tuple[int, bool], tuple[Recording, Stretch]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    """Stretches by the number of their piece, which is kept so that no other one takes it."""
     calm: float = 0.5
     """s, see `models.gap_scene.Eventful`: in half a second a ball seldom touches more than one thing."""
 
@@ -114,6 +118,13 @@ class BilliardsScene:
         return tuple(replace(p, name=f"{effect.name}.{p.name}") for effect in self.effects for p in effect.parameters)
 
     def _stretch(self, piece: Recording, follows: bool) -> Stretch:
+        """Of pieces that were seen before, what was made of them then: every hypothesis is fitted to the same ones."""
+        key = id(piece), follows
+        if key not in self._made:
+            self._made[key] = piece, self._fresh_stretch(piece, follows)
+        return self._made[key][1]
+
+    def _fresh_stretch(self, piece: Recording, follows: bool) -> Stretch:
         start, moving = beginning(piece.t, piece.places, piece.sigma)
         whiten = np.eye(2) / piece.sigma[..., None, None]
         row = self._view.rows(piece.places)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from models.billiards.engine import TIME
 from models.billiards.playing import SIDE_SPIN, sizes
 from models.billiards.shots import Shots
-from models.shooting.attempt import HUBER, Problem, glanced
+from models.shooting.attempt import HUBER, glanced
 from models.shooting.draws import drawn
+from models.shooting.problem import Problem
 from models.shooting.shoot import UNDETERMINED, Shooting, ShootingOptions, shoot
 
 Floats = NDArray[np.float64]

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled
 from models.shooting.elimination import ShotBlock
+from models.shooting.problem import UNSEEN, Attempt, Part, Problem, by_shot, of_part, part_of, with_parts
 from models.shooting.shared_numbers import prior_cost, slopes
-from models.shooting.windows import Flow, Glance, Model, Window, glance, narrowed
+from models.shooting.windows import Flow, Glance, Model, Window, glance, in_order
 
 Floats = NDArray[np.float64]
 
@@ -18,62 +19,40 @@ HUBER = 2.5
 """standard deviations where the loss of an observation turns linear."""
 
 
-@dataclass(frozen=True, slots=True)
-class Attempt:
-    """Starts of all windows and shared numbers, simulated."""
-
-    starts: tuple[Floats, ...]
-    """per window (S,)."""
-    shared: Floats
-    """(P,)"""
-    flows: tuple[Flow | Glance, ...]
-    """without slopes where none were asked for yet."""
-    costs: Floats
-    """per shot (Q,); the prior of the shared numbers comes last."""
-
-    @property
-    def cost(self) -> float:
-        return float(self.costs.sum())
-
-
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """What does not change during a search."""
-
-    model: Model
-    windows: tuple[Window, ...]
-    shots: tuple[tuple[int, ...], ...]
-    """numbers of the windows of each shot."""
-    of_states: Model = field(init=False, repr=False)
-    """The model for steps of states alone."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "of_states", narrowed(self.model))
-
-
-def problem_of(model: Model) -> Problem:
-    """The windows of a model, by shots."""
-    windows = model.windows
-    numbers = sorted({window.shot for window in windows})
-    return Problem(model, windows, tuple(tuple(k for k, w in enumerate(windows) if w.shot == n) for n in numbers))
-
-
 def attempt(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Attempt:
     """Simulate every window, with slopes."""
-    point = glanced(problem, starts, shared)
-    for shot in range(len(problem.shots)):
-        point = with_slopes(problem, point, shot)
-    return point
+    return sloped_everywhere(problem, glanced(problem, starts, shared))[0]
+
+
+def sloped_everywhere(problem: Problem, point: Attempt) -> tuple[Attempt, list[ShotBlock]]:
+    """An attempt with all slopes, and the normal equations of every shot."""
+    shots = range(len(problem.shots))
+    found = by_shot(problem, _sloped_part, point, shots)
+    parts = {shot: part for shot, (part, _) in zip(shots, found, strict=True)}
+    return with_parts(problem, point, parts), [block for _, block in found]
+
+
+def _sloped_part(problem: Problem, part: Part, shared: Floats, shot: int) -> tuple[Part, ShotBlock]:
+    point = with_slopes(problem, of_part(problem, part, shared, shot), shot)
+    sloped = part_of(problem, point, shot)
+    return replace(sloped, flows=tuple(map(in_order, sloped.flows))), normal_block(problem, point, shot)
 
 
 def glanced(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Attempt:
     """Simulate every window, without slopes where the model can leave them out."""
-    flows = tuple(glance(problem.model, k, start, shared) for k, start in enumerate(starts))
-    point = Attempt(starts, shared, flows, np.zeros(len(problem.shots) + 1))
-    for shot in range(len(problem.shots)):
-        point.costs[shot] = shot_cost(problem, point, shot)
+    point = Attempt(starts, shared, (UNSEEN,) * len(starts), np.zeros(len(problem.shots) + 1))
+    shots = range(len(problem.shots))
+    parts = by_shot(problem, _glanced_part, point, shots)
+    point = with_parts(problem, point, dict(zip(shots, parts, strict=True)))
     point.costs[-1] = prior_cost(problem.model.unknowns, shared)
     return point
+
+
+def _glanced_part(problem: Problem, part: Part, shared: Floats, shot: int) -> Part:
+    own = zip(problem.shots[shot], part.starts, strict=True)
+    flows = tuple(in_order(glance(problem.model, k, start, shared)) for k, start in own)
+    point = of_part(problem, replace(part, flows=flows), shared, shot)
+    return Part(part.starts, flows, shot_cost(problem, point, shot))
 
 
 def with_slopes(problem: Problem, point: Attempt, shot: int, model: Model | None = None) -> Attempt:
@@ -130,7 +109,12 @@ def shot_cost(problem: Problem, point: Attempt, shot: int, share: float = 1.0) -
 
 
 def normal_blocks(problem: Problem, point: Attempt) -> list[ShotBlock]:
-    return [normal_block(problem, point, shot) for shot in range(len(problem.shots))]
+    """Normal equations of every shot."""
+    return by_shot(problem, _block_of_part, point, range(len(problem.shots)))
+
+
+def _block_of_part(problem: Problem, part: Part, shared: Floats, shot: int) -> ShotBlock:
+    return normal_block(problem, of_part(problem, part, shared, shot), shot)
 
 
 def normal_block(problem: Problem, point: Attempt, shot: int) -> ShotBlock:

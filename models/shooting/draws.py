@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shooting.attempt import Problem, attempt, normal_block
+from models.shooting.attempt import attempt, normal_block
 from models.shooting.elimination import LEAST_KNOWN
+from models.shooting.problem import Problem
 from models.shooting.shared_numbers import bounds, prior_knowledge, values_of
 from models.shooting.windows import Model
 

@@ -19,19 +19,18 @@ from numpy.typing import NDArray
 from models.effects.effect import Prior
 from models.fit import Parameter
 from models.shooting.attempt import (
-    Attempt,
-    Problem,
-    attempt,
     glanced,
     huber,
     normal_blocks,
-    problem_of,
     shot_cost,
     sloped,
+    sloped_everywhere,
     states_block,
 )
+from models.shooting.crew import ALONE, Crew
 from models.shooting.elimination import ShotBlock, eliminate, log_determinant, solved
 from models.shooting.lack_of_fit import correlation_factor
+from models.shooting.problem import Attempt, Part, Problem, by_shot, of_part, part_of, problem_of, with_parts
 from models.shooting.shared_numbers import bounds, prior_knowledge, slopes, values_of
 from models.shooting.windows import Model, glance
 
@@ -104,18 +103,21 @@ def shoot(
     options: ShootingOptions = ShootingOptions(),
     starts: tuple[Floats, ...] | None = None,
     anew: bool = False,
+    crew: Crew = ALONE,
 ) -> Shooting:
     """Fit a model, from the guesses of its windows and from `shared` (P,), the priors' values where not given.
 
     `starts`, (S,) per window, continue an earlier fit: other first guesses are then tried only where they are sought
-    `anew`, and the better ones kept.
+    `anew`, and the better ones kept. The `crew` shares out the shots.
     """
-    problem = problem_of(model)
+    problem = problem_of(model, crew)
     first = np.array([prior.value for prior in model.unknowns]) if shared is None else np.array(shared, float)
     seen = tuple(w.start.copy() for w in problem.windows)
     now = glanced(problem, seen if starts is None else starts, first)
-    for shot in range(len(problem.shots) if starts is None or anew else 0):
-        now = _begun(problem, now, shot, options, () if starts is None else (seen,))
+    if starts is None or anew:
+        shots, more = range(len(problem.shots)), () if starts is None else (seen,)
+        parts = by_shot(problem, _begun_part, now, shots, options, more)
+        now = with_parts(problem, now, dict(zip(shots, parts, strict=True)))
     now, converged = _descend(problem, now, options)
     return _result(problem, now, converged)
 
@@ -165,10 +167,15 @@ def _promise(problem: Problem, now: Attempt, blocks: list[ShotBlock]) -> float:
 def _mended(problem: Problem, before: Attempt, trial: Attempt, settling: int) -> Attempt:
     """The trial, after the states of every shot that got worse were sought anew: one shot that changes the order of
     its contacts must not block a step that is good for all others."""
-    for shot in range(len(problem.shots)) if len(problem.shots) > 1 else ():
-        if not trial.costs[shot] <= before.costs[shot] + _JUMP:
-            trial = _settled(problem, trial, shot, settling)
-    return trial
+    worse = [k for k in range(len(problem.shots)) if not trial.costs[k] <= before.costs[k] + _JUMP]
+    if not worse or len(problem.shots) < 2:
+        return trial
+    parts = by_shot(problem, _settled_part, trial, worse, settling)
+    return with_parts(problem, trial, dict(zip(worse, parts, strict=True)))
+
+
+def _settled_part(problem: Problem, part: Part, shared: Floats, shot: int, iterations: int) -> Part:
+    return part_of(problem, _settled(problem, of_part(problem, part, shared, shot), shot, iterations), shot)
 
 
 def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: float = 1.0) -> Attempt:
@@ -192,6 +199,17 @@ def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: 
     return now
 
 
+def _begun_part(
+    problem: Problem,
+    part: Part,
+    shared: Floats,
+    shot: int,
+    options: ShootingOptions,
+    more: tuple[tuple[Floats, ...], ...],
+) -> Part:
+    return part_of(problem, _begun(problem, of_part(problem, part, shared, shot), shot, options, more), shot)
+
+
 def _begun(
     problem: Problem, now: Attempt, shot: int, options: ShootingOptions, more: tuple[tuple[Floats, ...], ...] = ()
 ) -> Attempt:
@@ -207,14 +225,14 @@ def _begun(
         for other in problem.windows[k].others
     ]
     tried = [_settled(problem, _guessed(problem, now, shot, starts), shot, options.settling) for starts in guesses]
-    best = min(tried, key=lambda one: one.cost)
+    best = min(tried, key=lambda one: float(one.costs[shot]))
     seen = sum(len(problem.windows[k].t) for k in problem.shots[shot])
     if best.costs[shot] <= _EXPLAINED * seen:
         return best
     early = [_grown(problem, _guessed(problem, now, shot, starts), shot, options, _EARLY) for starts in guesses]
     early.sort(key=lambda one: shot_cost(problem, one, shot, _EARLY[-1]))
     slow = [_grown(problem, one, shot, options, (*_LATER, 1.0)) for one in early[:_HOPEFUL]]
-    return min([best, *slow], key=lambda one: one.cost)
+    return min([best, *slow], key=lambda one: float(one.costs[shot]))
 
 
 def _guessed(problem: Problem, now: Attempt, shot: int, starts: tuple[Floats, ...]) -> Attempt:
@@ -269,8 +287,8 @@ def _with_states(problem: Problem, now: Attempt, shot: int, step: Floats) -> Att
 
 
 def _result(problem: Problem, point: Attempt, converged: bool) -> Shooting:
-    unknowns, point = problem.model.unknowns, attempt(problem, point.starts, point.shared)
-    blocks = normal_blocks(problem, point)
+    unknowns = problem.model.unknowns
+    point, blocks = sloped_everywhere(problem, point)
     chi2, inflation = _lack_of_fit(problem, point)
     scale, prior_information, _ = prior_knowledge(unknowns, point.shared)
     data = sum((block.reduced() for block in blocks), np.zeros((len(scale), len(scale))))

@@ -105,6 +105,22 @@ def glance(model: Model, window: int, start: Floats, shared: Floats) -> Glance |
     return look(window, start, shared)
 
 
+def in_order(flow: Flow | Glance) -> Flow | Glance:
+    """The same, its numbers row by row in memory, as another process would hand them over: the order in which they lie
+    is that in which sums are made."""
+    if isinstance(flow, Glance):
+        return Glance(np.ascontiguousarray(flow.misfit), np.ascontiguousarray(flow.end), flow.order)
+    return Flow(
+        np.ascontiguousarray(flow.misfit),
+        np.ascontiguousarray(flow.by_start),
+        np.ascontiguousarray(flow.by_shared),
+        np.ascontiguousarray(flow.end),
+        np.ascontiguousarray(flow.end_by_start),
+        np.ascontiguousarray(flow.end_by_shared),
+        flow.order,
+    )
+
+
 def sensitive_from(by_start: Floats, limit: float = SENSITIVE) -> int:
     """First of K observations that hangs on the start by more than `limit`, from slopes (K, d, S'); K if none does."""
     if by_start.size == 0:

@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from diagnosis.diagnose import diagnose
+from diagnosis.verdict import Report
+from models.shooting.crew import Crew
 from pipeline.batch.job import Row
 from pipeline.gap_cure import write_cure
 from pipeline.gap_files import write_gap
 from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene, table_of
 from pipeline.gap_words import gap_sentence
+from pipeline.pair import crew
 from pipeline.search_display import search_display
 from pipeline.sentences import one_sentence
 from pipeline.track_folder import read_track_folders
@@ -64,22 +67,31 @@ def tables_of(rows: Iterable[Row]) -> list[TableShots]:
 def diagnose_tables(tables: Iterable[TableShots], out: Path, console: Console) -> Iterator[tuple[TableShots, str]]:
     """Write OUT/gap/TABLE/gap.json, gap.html, gap_predictions.csv and the table's profile; what each says,
     or why it says nothing. What is being tried shows on the console."""
-    for table in tables:
-        folder = out / "gap" / table.name
-        try:
-            read = read_track_folders(table.folders)
-            scene = open_scene(read)
-            with search_display(console, table.name) as watch:
-                report = diagnose(scene, read.recordings, watch=watch)
-            report = replace(report, notes=(*report.notes, *read.notes))
-            write_gap(report, folder)
-            if (played_on := table_of(scene)) is not None:
-                write_cure(report, played_on, folder)
-            write_gap_page(report, table.name, folder / "gap.html", played_on, read.origins)
-        except Exception as error:  # whatever is wrong with one table, the others are not to suffer
-            yield table, one_sentence(error)
-        else:
-            yield table, gap_sentence(report)
+    found = list(tables)
+    if not found:
+        return
+    with crew() as workers:
+        for table in found:
+            try:
+                report = _diagnose(table, out / "gap" / table.name, console, workers)
+            except Exception as error:  # whatever is wrong with one table, the others are not to suffer
+                yield table, one_sentence(error)
+            else:
+                yield table, gap_sentence(report)
+
+
+def _diagnose(table: TableShots, folder: Path, console: Console, workers: Crew) -> Report:
+    """Diagnose one table, and write all of its files."""
+    read = read_track_folders(table.folders)
+    scene = open_scene(read)
+    with search_display(console, table.name) as watch:
+        report = diagnose(scene, read.recordings, watch=watch, crew=workers)
+    report = replace(report, notes=(*report.notes, *read.notes))
+    write_gap(report, folder)
+    if (played_on := table_of(scene)) is not None:
+        write_cure(report, played_on, folder)
+    write_gap_page(report, table.name, folder / "gap.html", played_on, read.origins)
+    return report
 
 
 def _runs(rows: Iterable[Row]) -> Iterator[tuple[Path, str]]:

@@ -22,6 +22,7 @@ from pipeline.gap_files import as_json, write_gap
 from pipeline.gap_page import write_gap_page
 from pipeline.gap_scenes import open_scene, table_of
 from pipeline.gap_words import causes, closed_sentence, folders_of_shots, gap_sentence
+from pipeline.pair import crew
 from pipeline.search_display import search_display
 from pipeline.track_folder import read_track_folders
 
@@ -45,8 +46,8 @@ def diagnose_folders(
     read = read_track_folders(inputs)
     refuse_closed(folder)
     scene = open_scene(read)
-    with search_display(console) as watch:
-        report = diagnose(scene, read.recordings, watch=watch)
+    with crew() as workers, search_display(console) as watch:
+        report = diagnose(scene, read.recordings, watch=watch, crew=workers)
     report = replace(report, notes=(*report.notes, *read.notes))
     write_gap(report, folder)
     if (table := table_of(scene)) is not None:

@@ -16,7 +16,9 @@ from rich.progress import track
 from rich.table import Table as Grid
 
 from models.errors import OptionError
+from models.shooting.crew import Crew
 from pipeline.command_line import DebugOption, JsonOption, app, console, standard_output
+from pipeline.pair import crew
 
 
 @app.command("gapcheck")
@@ -62,11 +64,12 @@ def gapcheck(
         cases = [(kind, seed + k) for kind in kinds for k in range(seeds)]
         for number, (kind, own) in enumerate(track(cases, "worlds", console=console)):
             play(kind, own, shots, fps, Path(scratch) / f"sealed-{number:04d}.json", place / f"{number:04d}")
-        opened = [
-            judge(kind, own, place / f"{number:04d}")
-            for number, (kind, own) in enumerate(track(cases, "diagnosis", console=console))
-        ]
-        measured = list(_measured(real, place)) if real is not None else []
+        with crew() as workers:
+            opened = [
+                judge(kind, own, place / f"{number:04d}", workers)
+                for number, (kind, own) in enumerate(track(cases, "diagnosis", console=console))
+            ]
+            measured = list(_measured(real, place, workers)) if real is not None else []
     if as_json:
         print(json.dumps({"cases": [_row(one) for one in opened], "measured": measured}, allow_nan=False))
         return
@@ -118,7 +121,7 @@ def _row(one: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _measured(real: Path, place: Path) -> Iterator[dict[str, Any]]:
+def _measured(real: Path, place: Path, workers: Crew) -> Iterator[dict[str, Any]]:
     """A row for each set of measurements that lies in `real`."""
     from diagnosis.diagnose import diagnose
     from pipeline.gap_files import write_gap
@@ -134,7 +137,7 @@ def _measured(real: Path, place: Path) -> Iterator[dict[str, Any]]:
             console.print(f"{one.name}: {missing.filename} is not there; left out", markup=False)
             continue
         read = read_track_folders([folder])
-        report = diagnose(open_scene(read), read.recordings)
+        report = diagnose(open_scene(read), read.recordings, crew=workers)
         write_gap(report, folder / "gap")
         told = report.gap.closing
         said = report.effects or (report.verdict,)

@@ -16,6 +16,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.verdict import Report
 from models.errors import TruerollError
 from models.gap_scene import GapScene, Recording
+from models.shooting.crew import ALONE, Crew
 from pipeline.gap_files import write_gap
 from pipeline.gap_scenes import open_scene
 from pipeline.gapcheck.kind import Kind
@@ -63,11 +64,11 @@ def play_drawn(kind: Kind, drawn: Mapping[str, Any], sealed: Path, folder: Path)
         raise WorldFailed(f"the world of {kind.name!r} did not play: {said[-1] if said else 'no reason given'}")
 
 
-def judge(kind: Kind, seed: int, folder: Path) -> Opened:
+def judge(kind: Kind, seed: int, folder: Path, workers: Crew = ALONE) -> Opened:
     """Diagnose a track folder, write its report, and only then look at what was withheld."""
     read = read_track_folders([folder])
     scene = kind.simulator(open_scene(read))
-    report = diagnose(scene, read.recordings, seed)
+    report = diagnose(scene, read.recordings, seed, crew=workers)
     write_gap(report, folder / "gap")
     told = report.gap.closing
     names = report.effects or (report.verdict,)
