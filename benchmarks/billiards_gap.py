@@ -1,13 +1,14 @@
 """The diagnosis of foreign billiards: is nothing called nothing, is a missing effect named, how much of the gap closes?
 
-    PYTHONPATH=. python benchmarks/billiards_gap.py [KIND...] [--seeds 1] [--first 0] [--rows FILE.csv] [--show]
+    PYTHONPATH=. python benchmarks/billiards_gap.py [KIND...] [--seeds 1] [--first 0] [--rows FILE.csv] [--pair] [--show]
 
 The truth is worlds/billiards_table.py, run as a process: twelve shots of two to five balls on a table of its own per
 seed, filmed for 2 s each, 62.5 pictures a second, noise of 0.3 px at 350 px to the metre. The simulator that
 is diagnosed has rolling resistance, sliding friction, spin decay and the restitution of cushions and balls, but what
 the kind withholds. What is weak is as strong as 4 to 6 of the standard deviations that somebody who
 knows its name finds it with, all else adjusted. Every case is a row of FILE.csv, and is not tried again where it stands
-there already; the table is printed from all rows.
+there already; the table is printed from all rows. With --pair two processes work on each, as they do for the user;
+the CPU seconds are then those of one of them.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import argparse
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +31,12 @@ from diagnosis.verdict import Report
 from models.billiards.gap import billiards_scene
 from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS
 from models.gap_scene import GapScene, Recording
+from models.shooting.crew import ALONE, Crew
 from pipeline.gapcheck.billiards_kinds import NOT_HELD
 from pipeline.gapcheck.billiards_strengths import Effects
 from pipeline.gapcheck.blind import told_apart
 from pipeline.gapcheck.oracle import oracle_of
+from pipeline.pair import crew
 
 
 def scene_of(case: Case, shots: tuple[Recording, ...]) -> GapScene:
@@ -65,7 +69,9 @@ def just_seen(case: Case, seed: int) -> float:
     return float(np.random.default_rng([7181, seed, *case.name.encode()]).uniform(*NEAR)) / seen
 
 
-def row_of(case: Case, seed: int, shots: tuple[Recording, ...], report: Report, acted: Effects, cpu: float) -> Row:
+def row_of(
+    case: Case, seed: int, shots: tuple[Recording, ...], report: Report, acted: Effects, took: tuple[float, float]
+) -> Row:
     """What one case gave."""
     told, first, named = report.gap.closing, report.candidates[0], " + ".join(report.effects)
     group = " | ".join(first.group) if report.verdict == "group" else ""
@@ -76,7 +82,7 @@ def row_of(case: Case, seed: int, shots: tuple[Recording, ...], report: Report, 
         right=int(right(case, shots, report)), grouped=int(any(n in first.group for n in case.kind.lacks)),
         probability=report.probability, p_value=report.p_value, before=told.before, after=told.after,
         floor=told.floor, closed=told.closed if told.resolved else float("nan"), low=told.interval[0],
-        high=told.interval[1], phase=phase, phase_right=_acts_in(case, phase), cpu=cpu,
+        high=told.interval[1], phase=phase, phase_right=_acts_in(case, phase), cpu=took[0], wall=took[1],
         truth=", ".join(f"{name}.{p} {v:.3g}" for name in case.kind.lacks for p, v in acted.get(name, {}).items()),
         found=", ".join(strengths),
     )  # fmt: skip
@@ -105,13 +111,13 @@ def _acts_in(case: Case, phase: str) -> int:
     return int(any(phase in phases[name] for name in lacks)) if lacks else -1
 
 
-def trial(case: Case, seed: int) -> Row:
+def trial(case: Case, seed: int, workers: Crew = ALONE) -> Row:
     """Play, film, diagnose, judge."""
     shots, acted = recordings(case, seed, just_seen(case, seed) if case.harder == "weak" else 1.0)
-    begun = time.process_time()
-    report = diagnose(scene_of(case, shots), shots)
-    cpu = time.process_time() - begun
-    return row_of(case, seed, shots, report, acted, cpu)
+    begun = time.process_time(), time.perf_counter()
+    report = diagnose(scene_of(case, shots), shots, crew=workers)
+    took = time.process_time() - begun[0], time.perf_counter() - begun[1]
+    return row_of(case, seed, shots, report, acted, took)
 
 
 def main() -> None:
@@ -120,16 +126,17 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--rows", type=Path, help="where rows are kept")
+    parser.add_argument("--pair", action="store_true", help="let two processes work, as they do for the user")
     parser.add_argument("--show", action="store_true", help="only print the table of the rows there are")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as scratch:
+    with tempfile.TemporaryDirectory() as scratch, crew() if options.pair else nullcontext(ALONE) as workers:
         path = options.rows or Path(scratch) / "rows.csv"
         rows = read_rows(path, Row)
         done = {(row.kind, row.seed) for row in rows}
         for seed in range(options.first, options.first + (0 if options.show else options.seeds)):
             for name in options.kinds or CASES:
                 if (name, seed) not in done:
-                    rows.append(trial(CASES[name], seed))
+                    rows.append(trial(CASES[name], seed, workers))
                     append(rows[-1], path)
                     print(rows[-1].line(), file=sys.stderr, flush=True)
         print(told(rows))

@@ -56,7 +56,9 @@ class Row:
     phase_right: int
     """1 where what is missing acts there, 0 where not, -1 where nothing is missing."""
     cpu: float
-    """s"""
+    """s, of the process that diagnoses."""
+    wall: float
+    """s, by the clock."""
     truth: str
     found: str
 
@@ -65,7 +67,7 @@ class Row:
         return (
             f"{'right' if self.right else 'WRONG'} {self.kind:36} {self.seed:4} {self.said:32} {self.probability:.3f}"
             f" [{self.truth}] [{self.found}] {1e3 * self.before:.2f} to {1e3 * self.after:.2f} of"
-            f" {1e3 * self.floor:.2f} mm{closed}, {self.cpu:.0f} CPU s"
+            f" {1e3 * self.floor:.2f} mm{closed}, {self.cpu:.0f} CPU s, {self.wall:.0f} s"
         )
 
 
@@ -90,12 +92,12 @@ def _closing(rows: Sequence[Row]) -> Iterator[str]:
         yield f"closed there: median {np.median(shares):.3f}, 10th percentile {np.quantile(shares, 0.1):.3f}"
     placed = [row.phase_right for row in rows if row.phase_right >= 0 and row.asked != "trap"]
     yield f"largest phase is one in which what is missing acts: {Rate(sum(placed), len(placed))} asked 90 %"
-    cpu = [row.cpu for row in rows]
-    if cpu:
-        yield (
-            f"CPU s of 12 shots: median {np.median(cpu):.0f}, 90th percentile {np.quantile(cpu, 0.9):.0f}, largest"
-            f" {max(cpu):.0f}; asked 45 s on two cores"
-        )
+    for words, took in (("CPU s", [row.cpu for row in rows]), ("s by the clock", [row.wall for row in rows])):
+        if took:
+            yield (
+                f"{words} of 12 shots: median {np.median(took):.0f}, 90th percentile {np.quantile(took, 0.9):.0f},"
+                f" largest {max(took):.0f}; asked 45 s on two cores"
+            )
 
 
 def _calibration(rows: Sequence[Row]) -> Iterator[str]:

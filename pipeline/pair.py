@@ -6,10 +6,10 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
@@ -18,7 +18,13 @@ from typing import Any
 from models.shooting.crew import ALONE, Crew, Work
 
 _AHEAD = 2
-"""jobs that the helper has at most: the next one lies ready when it has done one."""
+"""lots of jobs that the helper has at most: the next one lies ready when it has done one."""
+_LOT = 4e-3
+"""s that a lot should take: messages cost a tenth of that."""
+_SWITCH = 5e-4
+"""s, after which the helper's work lets it listen."""
+_SUBJECT, _JOBS, _SKIP = range(3)
+"""what is sent: what to work on; a lot's number, the work and its jobs; the number of a lot that was taken back."""
 
 
 @contextmanager
@@ -43,32 +49,6 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
-@dataclass(slots=True)
-class _Round:
-    """Jobs of one call: who has which, and what came of them."""
-
-    subject: Any
-    work: Work
-    jobs: Sequence[tuple[Any, ...]]
-    left: deque[int] = field(init=False)
-    """nobody has begun them."""
-    away: deque[int] = field(default_factory=deque)
-    """the helper has them, in their order."""
-    done: dict[int, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.left = deque(range(len(self.jobs)))
-
-    def do(self, k: int) -> None:
-        """Here."""
-        self.done[k] = self.work(self.subject, *self.jobs[k])
-
-    def return_all(self) -> None:
-        """Nobody has what was away."""
-        self.left.extendleft(reversed(self.away))
-        self.away.clear()
-
-
 class Pair:
     """This process and a helper, which is asked for nothing until it has started; if it is lost, this one goes on."""
 
@@ -79,9 +59,11 @@ class Pair:
         self._process.start()
         theirs.close()
         self.handed_over = 0
-        """jobs that the helper was given."""
+        """lots that the helper was given."""
         self._started = False
         self._subject: Any = None
+        self._pace: dict[Work, float] = {}
+        """s that a job of each kind took here at last."""
 
     @property
     def ready(self) -> bool:
@@ -99,16 +81,10 @@ class Pair:
     def each(self, subject: Any, work: Work, jobs: Sequence[tuple[Any, ...]]) -> list[Any]:
         if len(jobs) < 2 or not self.ready:
             return ALONE.each(subject, work, jobs)
-        round_ = _Round(subject, work, jobs)
         if subject is not self._subject:
-            self._send(round_, ("subject", subject))
+            self._send((_SUBJECT, subject))
             self._subject = subject
-        try:
-            self._share_out(round_)
-        finally:
-            while round_.away and self._receive() is not None:  # or it would be taken for answers to the next call
-                round_.away.popleft()
-        return [round_.done[k] for k in range(len(jobs))]
+        return _Round(self, work, jobs).answers()
 
     def close(self) -> None:
         """End the helper, whatever it does."""
@@ -116,77 +92,149 @@ class Pair:
         self._process.terminate()
         self._process.join()
 
-    def _share_out(self, round_: _Round) -> None:
-        while round_.left or round_.away:
-            while not self._line.closed and len(round_.away) < min(_AHEAD, len(round_.left)):
-                self._hand_out(round_)
-            if round_.left:
-                round_.do(round_.left.popleft())
-            while round_.away and (not round_.left or self._line.poll()):
-                self._take_in(round_)
+    def lot_of(self, work: Work) -> int:
+        """How many jobs should be handed over together, to be worth a message."""
+        pace = self._pace.get(work, 0.0)
+        return max(int(_LOT / pace), 1) if pace else 1
 
-    def _hand_out(self, round_: _Round) -> None:
-        k = round_.left.pop()
-        round_.away.append(k)
+    def here(self, work: Work, job: tuple[Any, ...]) -> Any:
+        """What a job gives, done by this process."""
+        begun = time.perf_counter()
+        found = work(self._subject, *job)
+        self._pace[work] = time.perf_counter() - begun
+        return found
+
+    def hand_over(self, work: Work, jobs: list[tuple[Any, ...]]) -> int:
+        """Number of the lot that the helper now has."""
         self.handed_over += 1
-        self._send(round_, (round_.work, round_.jobs[k]))
+        self._send((_JOBS, self.handed_over, work, jobs))
+        return self.handed_over
 
-    def _send(self, round_: _Round, message: tuple[Any, ...]) -> None:
-        try:
-            self._line.send(message)
-        except OSError:
-            self._lost(round_)
+    def take_back(self, lot: int) -> None:
+        """The helper need not begin it any more."""
+        self._send((_SKIP, lot))
 
-    def _take_in(self, round_: _Round) -> None:
-        """The helper's next result; what it could not do is done here, so that its error shows where it belongs."""
-        answer = self._receive()
-        if answer is None:
-            self._lost(round_)
-            return
-        k, (well, result) = round_.away.popleft(), answer
-        if well:
-            round_.done[k] = result
-        else:
-            round_.do(k)
+    def answers(self, wait: bool) -> Iterator[tuple[int, list[Any] | None]]:
+        """What the helper has done by now, or the next that it does: number of a lot and its answers, None for one that
+        failed; nothing once it is lost."""
+        while not self._line.closed and (wait or self._line.poll()):
+            answer = self._receive()
+            wait = False
+            if answer is not None:
+                yield answer
 
-    def _receive(self) -> tuple[bool, Any] | None:
+    @property
+    def lost(self) -> bool:
+        return self._line.closed
+
+    def _send(self, message: tuple[Any, ...]) -> None:
+        if not self._line.closed:
+            try:
+                self._line.send(message)
+            except OSError:
+                self.close()
+
+    def _receive(self) -> tuple[int, list[Any] | None] | None:
         """None where nobody is there any more."""
         try:
-            answer: tuple[bool, Any] = self._line.recv()
+            answer: tuple[int, list[Any] | None] = self._line.recv()
         except (OSError, EOFError):
-            self._line.close()
+            self.close()
             return None
         return answer
 
-    def _lost(self, round_: _Round) -> None:
-        round_.return_all()
-        self.close()
+
+class _Round:
+    """Jobs of one call: this process begins with the first, the helper with the last."""
+
+    def __init__(self, pair: Pair, work: Work, jobs: Sequence[tuple[Any, ...]]) -> None:
+        self._pair, self._work, self._jobs = pair, work, jobs
+        self._left = deque(range(len(jobs)))
+        """nobody has begun them."""
+        self._away: dict[int, list[int]] = {}
+        """the helper has these lots, by their numbers in its order."""
+        self._done: dict[int, Any] = {}
+
+    def answers(self) -> list[Any]:
+        """Of all jobs, in their order."""
+        try:
+            while len(self._done) < len(self._jobs):
+                self._share_out()
+                if not self._left and len(self._away) > 1:
+                    self._take_back()
+                if self._left:
+                    self._do(self._left.popleft())
+                self._take_in(wait=not self._left and len(self._away) == 1)
+        finally:
+            for lot in self._away:  # of a call that has failed
+                self._pair.take_back(lot)
+        return [self._done[k] for k in range(len(self._jobs))]
+
+    def _share_out(self) -> None:
+        while not self._pair.lost and len(self._away) < _AHEAD:
+            fair = (len(self._left) - sum(map(len, self._away.values()))) // 2
+            own = [self._left.pop() for _ in range(min(self._pair.lot_of(self._work), fair))]
+            if not own:
+                return
+            self._away[self._pair.hand_over(self._work, [self._jobs[k] for k in own])] = own
+
+    def _take_back(self) -> None:
+        """The last lot: nobody waits while the helper has more than the one that it is at."""
+        lot, own = self._away.popitem()
+        self._pair.take_back(lot)
+        self._left.extend(own)
+
+    def _take_in(self, wait: bool) -> None:
+        for lot, answers in self._pair.answers(wait):
+            own = self._away.pop(lot, [])
+            if answers is None:  # done here, so that its error shows where it belongs
+                for k in own:
+                    self._do(k)
+            else:
+                self._done.update(zip(own, answers, strict=False))  # nobody waits for what was taken back
+        if self._pair.lost:
+            self._left.extend(k for own in self._away.values() for k in own)
+            self._away.clear()
+
+    def _do(self, k: int) -> None:
+        self._done[k] = self._pair.here(self._work, self._jobs[k])
 
 
 def _help(line: Connection) -> None:
     """Do what is asked until nobody asks any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks decides what an interrupt ends
+    sys.setswitchinterval(_SWITCH)
     asked: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
-    line.send((True, None))
-    threading.Thread(target=_listen, args=(line, asked), daemon=True).start()
-    subject = None
+    skipped: set[int] = set()
+    line.send((0, None))
+    threading.Thread(target=_listen, args=(line, asked, skipped), daemon=True).start()
+    subject: Any = None
     while True:
-        work, content = asked.get()
-        if work == "subject":
-            subject = content
+        kind, *content = asked.get()
+        if kind == _SUBJECT:
+            (subject,) = content
             continue
+        lot, work, jobs = content
+        if lot in skipped:
+            skipped.discard(lot)
+            continue
+        answers: list[Any] | None
         try:
-            answer = True, work(subject, *content)
-        except Exception as error:  # the other process meets the same one
-            answer = False, repr(error)
+            answers = [work(subject, *job) for job in jobs]
+        except Exception:  # the other process meets the same one
+            answers = None
         with suppress(OSError):
-            line.send(answer)
+            line.send((lot, answers))
 
 
-def _listen(line: Connection, asked: SimpleQueue[tuple[Any, ...]]) -> None:
+def _listen(line: Connection, asked: SimpleQueue[tuple[Any, ...]], skipped: set[int]) -> None:
     """Read all that is sent at once, so that neither side waits for the other to read."""
     while True:
         try:
-            asked.put(line.recv())
+            message = line.recv()
         except (OSError, EOFError):
             os._exit(0)
+        if message[0] == _SKIP:
+            skipped.add(message[1])
+        else:
+            asked.put(message)
