@@ -1,6 +1,6 @@
 """The diagnosis of foreign billiards: is nothing called nothing, is a missing effect named, how much of the gap closes?
 
-    PYTHONPATH=. python benchmarks/billiards_gap.py [KIND...] [--seeds 1] [--first 0] [--rows FILE.csv] [--pair] [--show]
+    PYTHONPATH=. python benchmarks/billiards_gap.py [KIND...] [--seeds 1] [--first 0] [--rows F.csv] [--pair] [--show]
 
 The truth is worlds/billiards_table.py, run as a process: twelve shots of two to five balls on a table of its own per
 seed, filmed for 2 s each, 62.5 pictures a second, noise of 0.3 px at 350 px to the metre. The simulator that

@@ -19,7 +19,7 @@ from diagnosis.growing import sought_anew
 from diagnosis.hypotheses import Hypothesis, Search, Watch, signatures_of, told_by, unwatched
 from diagnosis.signatures import Signatures
 from diagnosis.split import FEW
-from diagnosis.trying import LEFT, begun_from, on_its_way, tried, with_details
+from diagnosis.trying import LEFT, begun_from, details_of, on_its_way, tried, with_details
 from diagnosis.unknown import SUSPICIOUS, agreement
 
 Floats = NDArray[np.float64]
@@ -34,6 +34,8 @@ _ONLY_TOGETHER = 1.5
 """times what the best single effect promises, from which two are tried at once; 20 more are beyond chance."""
 _REFUTED = 40.0
 """log evidence from which a hypothesis stays refuted on longer windows, which tell more."""
+_NO_STRENGTH = 0.05
+"""chance that what is not there has as large a strength, above which an effect has none."""
 _WORTH = 6.0
 """chi2 that an effect beside others must promise to be refitted: half of what it would need to be adopted."""
 
@@ -169,12 +171,25 @@ def _best_needed(state: Search, size: int) -> Hypothesis | None:
 
 
 def needed(state: Search, one: Hypothesis) -> bool:
-    """Whether leaving out any of its effects costs more than chance among as many choices explains, and not less than
-    what stays unexplained: a small effect beside a large misfit only stands in for it."""
-    return all(
+    """Whether every effect has a strength, and leaving it out costs more than chance among as many choices explains,
+    and not less than what stays unexplained: a small effect beside a large misfit only stands in for it."""
+    return all(_has_strength(state.question, one.fitted, name) for name in one.names) and all(
         chance(state, one, name) < SIGNIFICANT and lacking(state, one, name).cost - one.fitted.cost >= _left(state, one)
         for name in one.names
     )
+
+
+def _has_strength(question: Question, fitted: Fitted, name: str) -> bool:
+    """Whether an effect, with what its law leaves open, is told from none of it, as far as it has parameters: what a
+    fit gains by an effect of no strength is a window on another path."""
+    names = (name, *details_of(question, frozenset({name})))
+    own = question.mask(names) & fitted.free
+    if not own.any():
+        return True
+    here = own[fitted.free]
+    strength = (fitted.shared - question.neutral)[own]
+    square = float(strength @ np.linalg.pinv(fitted.shooting.covariance[np.ix_(here, here)]) @ strength)
+    return bool(square > chi2.isf(_NO_STRENGTH, len(strength)))
 
 
 def _left(state: Search, one: Hypothesis) -> float:

@@ -27,6 +27,8 @@ TOLERANCE, TOLERANCE_OF_SLOPES = 3e-10, 1e-7
 """m and m/s, error of one step; where derivatives are carried also theirs, for a change of the input by its unit."""
 NEARLY = 1e-6
 """m/s: below this speed rolling ends in closed form, for its direction turns without bound."""
+HOPELESS = 1e30
+"""m and m/s, error of a step that is much too long, as all where drag outweighs a friction that is nearly none."""
 _LEFT, _TIME = 6, 7
 """Of the eight numbers that are followed: place (2), r or velocity (2), U or spin (2), f and the time."""
 
@@ -73,7 +75,10 @@ def step(m, radius, p, phase, h, k, y):  # type: ignore[no-untyped-def]
         scale = 1.0
         if 4 <= i < 6:
             scale = 2.0 / 7.0 * y[_LEFT].real if phase == SLIDE else radius.real
-        worst = max(worst, scale * size_of(h * miss))
+        size = scale * size_of(h * miss)
+        if not size < HOPELESS:  # NaN too: numbers overflowed on the way
+            return HOPELESS
+        worst = max(worst, size)
     return worst
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pucks import Filming, Pucks, film
 
@@ -10,7 +12,7 @@ from diagnosis.hypotheses import Hypothesis, Search
 from diagnosis.noise import estimate_noise, with_noise
 from diagnosis.pieces import stretches
 from diagnosis.trying import tried
-from diagnosis.which import TRIED, adopted, search, stand_ins
+from diagnosis.which import TRIED, adopted, needed, search, stand_ins
 
 TRUTH = {"friction.mu": 0.02, "slope.slope_x": 2.0, "slope.slope_y": -1.0, "air_drag.k": 0.1}
 
@@ -50,3 +52,15 @@ def test_sets_that_share_an_effect_do_not_crowd_out_what_stands_in_for_it() -> N
     likelier = sorted(state.tried.values(), key=lambda one: one.fitted.cost)[: TRIED + 1]
     assert twin not in [one.names for one in likelier]
     assert twin in stand_ins(state, best)
+
+
+def test_an_effect_of_no_strength_is_not_needed_whatever_a_lost_window_costs_without_it() -> None:
+    question = question_of(Pucks(), 0.0)
+    for drag, wanted in ((0.2, True), (0.0, False)):
+        filmed = film(np.random.default_rng(3), {"friction.mu": 0.02, "viscous_drag.k": drag}, Filming(shots=6))
+        base = fit(question, stretches(question, with_noise(filmed, estimate_noise(filmed))))
+        lost = replace(base, shooting=replace(base.shooting, cost=base.cost + 1e3))
+        state = Search(question, Hypothesis(frozenset(), lost), alone=lost)
+        one = tried(state, frozenset({"viscous_drag"}), state.base)
+        state.lend(one, frozenset())  # it has been begun like the larger one, and stays where it is
+        assert needed(state, one) is wanted

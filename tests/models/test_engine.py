@@ -308,3 +308,12 @@ def test_wrong_physics_is_named() -> None:
         with pytest.raises(ValueError, match=word):
             Physics.of(effects, *laws)
     assert len(parameters.NAMES) == len(parameters.neutral())
+
+
+def test_a_friction_that_is_nearly_none_is_like_none_where_drag_outweighs_it() -> None:
+    """A slide that would last for weeks: steps of its tenth overflow, and a path without numbers never ends."""
+    ball = one(0.4, 0.5, 1.7, 0.6, 3.4, -19.0, 0)
+    drag = {"air_drag": {"k": 0.18}}
+    none = simulate(ball, CAROM, Physics.of(drag), 0.5).at(0.5)
+    nearly = simulate(ball, CAROM, Physics.of({**drag, "sliding_friction": {"mu": 4e-8}}), 0.5).at(0.5)
+    np.testing.assert_allclose(nearly, none, atol=1e-4)
