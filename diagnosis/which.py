@@ -180,12 +180,11 @@ def needed(state: Search, one: Hypothesis) -> bool:
 
 
 def _has_strength(question: Question, fitted: Fitted, name: str) -> bool:
-    """Whether an effect, with what its law leaves open, is told from none of it, as far as it has parameters: what a
-    fit gains by an effect of no strength is a window on another path."""
-    names = (name, *details_of(question, frozenset({name})))
-    own = question.mask(names) & fitted.free
-    if not own.any():
+    """Whether an effect, with what its law leaves open, is told from none of it; another form has no strength to tell.
+    What a fit gains by an effect of no strength is a window on another path."""
+    if not question.mask((name,)).any():
         return True
+    own = question.mask((name, *details_of(question, frozenset({name})))) & fitted.free
     here = own[fitted.free]
     strength = (fitted.shared - question.neutral)[own]
     square = float(strength @ np.linalg.pinv(fitted.shooting.covariance[np.ix_(here, here)]) @ strength)
