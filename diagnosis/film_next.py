@@ -94,11 +94,11 @@ def _separation(
 
 
 def _like(question: Question, found: Residuals, shot: int) -> str:
-    """A shot by its number, how fast it is and where it goes."""
-    here = found.shot == shot
-    fastest = f"up to {float(np.quantile(found.speed[here], 0.9)):.1f} {question.scene.unit}/s"
-    first = found.velocity[here][0]
-    if len(first) < 2 or question.scene.unit != "m":
+    """A shot by its number, how fast its fastest body is and where that goes then."""
+    here = np.flatnonzero(found.shot == shot)
+    top = here[int(np.argmax(found.speed[here]))]
+    fastest, velocity = f"up to {float(found.speed[top]):.1f} {question.scene.unit}/s", found.velocity[top]
+    if len(velocity) < 2 or question.scene.unit != "m":
         return f"shot {shot} ({fastest})"
-    angle = np.degrees(np.arctan2(first[1], first[0]))
-    return f"shot {shot} ({fastest}, begun at {angle:.0f} degrees from x)"
+    angle = np.degrees(np.arctan2(velocity[1], velocity[0]))
+    return f"shot {shot} ({fastest}, there at {angle:.0f} degrees from x)"

@@ -53,7 +53,7 @@ def folders_of_shots(origins: Mapping[int, str]) -> str:
     """Which shot lies in which folder, a sentence; empty where all lie in one."""
     if not origins:
         return ""
-    return f"Shots by their numbers: {', '.join(f'{shot} is {name}' for shot, name in sorted(origins.items()))}."
+    return f"Shots by their numbers: {'; '.join(f'{shot} is {name}' for shot, name in sorted(origins.items()))}."
 
 
 def _mostly_at(report: Report) -> str:
@@ -73,16 +73,19 @@ def closed_sentence(report: Report) -> str:
     if not math.isfinite(told.before):
         return "Nothing could be predicted on the shots that were left over: they begin too uncertainly, or lie still."
     before, after, floor = (length(value, gap.metric) for value in (told.before, told.after, told.floor))
-    if report.verdict == "unknown" and told.after == told.before:
+    if report.verdict == "unknown" and not told.after < told.before:
         return (
             f"Predicted {gap.horizon:.2f} s ahead on shots that chose nothing, the simulator is off by {before}, where"
             f" {floor} could be reached; no effect of the library takes that error away."
         )
+    if not told.floor < told.before:
+        return f"Predicted {gap.horizon:.2f} s ahead, the simulator is off by {before}, which is noise."
     if not told.resolved:
         return f"Predicted {gap.horizon:.2f} s ahead, the simulator is off by {before}; of that, {floor} is noise."
-    it = "them" if len(report.effects) > 1 else "it"
+    it = "adding them" if len(report.effects) > 1 else "adding it"
+    it = "what comes nearest" if report.verdict == "unknown" else it
     return (
-        f"Predicted {gap.horizon:.2f} s ahead on shots that chose nothing, adding {it} takes the error from {before} "
+        f"Predicted {gap.horizon:.2f} s ahead on shots that chose nothing, {it} takes the error from {before} "
         f"to {after} of a possible {floor}: {told.closed:.0%} of the gap closed "
         f"({told.interval[0]:.0%} to {told.interval[1]:.0%})."
     )

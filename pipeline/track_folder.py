@@ -75,7 +75,7 @@ class TrackFolder:
     notes: tuple[str, ...] = ()
     """What is odd about the tracks, as sentences."""
     origins: Mapping[int, str] = field(default_factory=dict)
-    """By shot: the name of its folder, where there are several."""
+    """By shot: the name of its folder, where there are several, and its number there."""
 
 
 def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
@@ -97,11 +97,20 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
             )
     if len(read) == 1:
         return first
-    shots = [(one, place.name) for folder, place in zip(read, places, strict=True) for one in folder.recordings]
+    shots = [
+        (one, _called(one, folder, place))
+        for folder, place in zip(read, places, strict=True)
+        for one in folder.recordings
+    ]
     numbered = tuple(replace(one, shot=number) for number, (one, _) in enumerate(shots))
     origins = {number: name for number, (_, name) in enumerate(shots)}
     notes = tuple(note for folder in read for note in folder.notes)
     return replace(first, recordings=numbered, notes=notes, origins=origins)
+
+
+def _called(shot: Recording, folder: TrackFolder, place: Path) -> str:
+    """A shot by its folder, and by its number there where it is not the only one."""
+    return place.name if len(folder.recordings) == 1 else f"{place.name}, shot {shot.shot}"
 
 
 def _elsewhere(one: SceneEntry, other: SceneEntry) -> bool:

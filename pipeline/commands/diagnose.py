@@ -86,4 +86,5 @@ def _tell(report: Report, folder: Path, origins: Mapping[int, str]) -> None:
         screen.print(escape(folders_of_shots(origins)))
     print(f"Look at {folder / 'gap.html'}; trueroll view {folder} draws where it shows")
     if (folder / PROFILE).is_file():
-        print(f"The next run of this table can start from what was found: --profile {folder / PROFILE}")
+        found = "what comes nearest, which is not enough" if report.verdict == "unknown" else "what was found"
+        print(f"The next run of this table can start from {found}: --profile {folder / PROFILE}")

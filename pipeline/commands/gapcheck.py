@@ -41,8 +41,8 @@ def gapcheck(
     A world plays as a process of its own and writes a track folder; which effect it withheld is sealed until the report
     is written. Prints who was found, false alarms, unknowns, the closed part of the gap, and calibration.
 
-    On one idle core this takes some eight minutes; `--all` about forty, for a table takes a minute. Bodies that slide,
-    fly and swing take three together (`--only slide`, `flight` or `pendulum`).
+    On two idle cores this takes some six minutes; `--all` about twenty, for a table takes half a minute. Bodies that
+    slide, fly and swing take three together (`--only slide`, `flight` or `pendulum`).
     """
     from pipeline.gapcheck.blind import judge, play
     from pipeline.gapcheck.kinds import KINDS, USUAL

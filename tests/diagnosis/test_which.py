@@ -13,6 +13,10 @@ from diagnosis.noise import estimate_noise, with_noise
 from diagnosis.pieces import stretches
 from diagnosis.trying import tried
 from diagnosis.which import TRIED, adopted, needed, search, stand_ins
+from models.billiards.gap import billiards_scene
+from models.billiards.tables import PRESETS
+from models.gap_scene import Recording
+from models.shooting.shoot import Shooting
 
 TRUTH = {"friction.mu": 0.02, "slope.slope_x": 2.0, "slope.slope_y": -1.0, "air_drag.k": 0.1}
 
@@ -64,3 +68,25 @@ def test_an_effect_of_no_strength_is_not_needed_whatever_a_lost_window_costs_wit
         one = tried(state, frozenset({"viscous_drag"}), state.base)
         state.lend(one, frozenset())  # it has been begun like the larger one, and stays where it is
         assert needed(state, one) is wanted
+
+
+def test_another_law_needs_no_strength_of_what_it_leaves_open() -> None:
+    """Of a friction under the nose that is as the books have it nothing is told; the law is needed all the same."""
+    question = question_of(billiards_scene(PRESETS["pool-9ft"], ()), 0.0)
+    t = np.arange(30) / 60
+    pieces = (Recording(0, np.arange(30), t, ("cue",), np.outer(t, (1.0, 0.5))[:, None], np.full((30, 1), 1e-3)),)
+
+    def claimed(cost: float, *names: str) -> Fitted:
+        free = question.mask((*question.scene.assumed, *names))
+        shared = np.where(free, question.natural, question.neutral)
+        count = int(free.sum())
+        found = Shooting(
+            (np.zeros(7),), shared[free], np.eye(count), np.zeros(count, bool), cost, 1.0, -cost, 1.0, (), True
+        )
+        return Fitted(pieces, names, question.assumed_forms, free, shared, found)
+
+    base, law = claimed(5000.0), claimed(50.0, "cushion_friction", "cushion_cloth")
+    state = Search(question, Hypothesis(frozenset(), base), alone=base)
+    one = state.tried[frozenset({"cushion_law"})] = Hypothesis(frozenset({"cushion_law"}), law)
+    state.lend(one, frozenset())
+    assert needed(state, one)

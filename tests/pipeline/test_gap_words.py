@@ -16,7 +16,7 @@ from models.gap_scene import Recording
 from models.scene import Table
 from pipeline.gap_figures import figures
 from pipeline.gap_page import write_gap_page
-from pipeline.gap_words import causes, folders_of_shots, gap_sentence, strength, undecided
+from pipeline.gap_words import causes, closed_sentence, folders_of_shots, gap_sentence, strength, undecided
 
 NOTHING = Closing(0.02, 0.02, 0.01, float("nan"), (-1.0, 1.0), False)
 
@@ -107,7 +107,7 @@ def test_shots_are_named_by_their_folders_and_titles_say_so(tmp_path: Path) -> N
     page = (tmp_path / "gap.html").read_text(encoding="utf-8")
     assert "on held-out shot 7 (carom_F8)" in page
     assert "<td>shot 7 (carom_F8)</td>" in page
-    assert "Shots by their numbers: 0 is carom_F1, 7 is carom_F8." in page
+    assert "Shots by their numbers: 0 is carom_F1; 7 is carom_F8." in page
     assert folders_of_shots({}) == ""
 
 
@@ -217,3 +217,16 @@ def test_effects_that_are_missing_together_are_one_cause_of_their_whole_probabil
     apart = causes(replace(told, effects=("air_drag",)))
     assert [one.name for one in apart] == ["air drag", "lift by spin", "something unknown"]
     assert [one.probability for one in apart] == [0.46, 0.44, 0.1]
+
+
+def test_what_comes_nearest_is_not_called_added_and_noise_is_no_larger_than_the_error() -> None:
+    gap = gap_of(straight(), 0.3, 0.1)
+    nearest = Closing(0.067, 0.05, 0.006, 0.45, (0.3, 0.6), True)
+    told = replace(report("unknown"), gap=replace(gap, closing=nearest))
+    assert "what comes nearest takes the error from 67 mm to 50 mm" in closed_sentence(told)
+    worse = replace(told, gap=replace(gap, closing=replace(nearest, after=0.068)))
+    assert "no effect of the library takes that error away" in closed_sentence(worse)
+    noise = replace(nearest, before=0.00162, after=0.00162, floor=0.00173, resolved=False)
+    assert closed_sentence(replace(report("none"), gap=replace(gap, closing=noise))).endswith(
+        "1.62 mm, which is noise."
+    )
