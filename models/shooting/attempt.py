@@ -19,11 +19,6 @@ HUBER = 2.5
 """standard deviations where the loss of an observation turns linear."""
 
 
-def attempt(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Attempt:
-    """Simulate every window, with slopes."""
-    return sloped_everywhere(problem, glanced(problem, starts, shared))[0]
-
-
 def sloped_everywhere(problem: Problem, point: Attempt) -> tuple[Attempt, list[ShotBlock]]:
     """An attempt with all slopes, and the normal equations of every shot."""
     shots = range(len(problem.shots))

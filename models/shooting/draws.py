@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shooting.attempt import attempt, normal_block
+from models.shooting.attempt import glanced, sloped_everywhere
 from models.shooting.elimination import LEAST_KNOWN
 from models.shooting.problem import Problem
 from models.shooting.shared_numbers import bounds, prior_knowledge, values_of
@@ -24,8 +24,7 @@ def drawn(
     between the draws.
     """
     problem = Problem(model, model.windows, (tuple(range(len(model.windows))),))
-    point = attempt(problem, starts, shared)
-    block = normal_block(problem, point, 0)
+    _, (block,) = sloped_everywhere(problem, glanced(problem, starts, shared))
     size = len(block.gradient)
     whole = np.block([[block.states, block.coupling], [block.coupling.T, block.shared]])
     whole[size:, size:] += np.diag(prior_knowledge(model.unknowns, shared)[1])
