@@ -24,6 +24,11 @@ SHARP_PX = 1.0
 """A shorter streak has no direction."""
 STREAK_WORTH = 10.0
 """What the streak of a moving ball counts beyond that of a ball at rest, of which there are many more."""
+REACH_CELLS = (-1, 0, 1, 2)
+"""A ball's place and size are learnt at so many cells about its centre, from the one left of and above it: wherever a
+peak may come to stand, two balls that look like one included, the cell must know how far off it is."""
+NEAR_SHARE, NEAR_RADII = 0.25, 0.6
+"""What such a cell counts beside the four around the centre, within this."""
 HUBER = 2.5
 """Standard deviations from which a miss counts linearly (Huber 1964, doi:10.1214/aoms/1177703732)."""
 
@@ -37,11 +42,11 @@ class Targets:
     counted: Tensor
     """(B, h, w) 0 where the score is free."""
     weight: Tensor
-    """(B, N, 4) of the four cells around every centre, bilinear, 0 for balls that are not there."""
+    """(K,) of the cells that tell of a ball, each beside the ball it tells of."""
     cell: Tensor
-    """(B, N, 4) flat index of those cells."""
-    balls: Tensor
-    """(B, N, 7) columns of `training_data.COLUMNS`, 0 for none."""
+    """(K,) flat index of the cell into (B, h, w)."""
+    ball: Tensor
+    """(K, 7) columns of `training_data.COLUMNS`."""
 
 
 def targets_of(balls: Tensor, side: int) -> Targets:
@@ -55,13 +60,15 @@ def targets_of(balls: Tensor, side: int) -> Targets:
     dy = grid[None, None, :, None] - balls[..., 1, None, None]  # (B, N, h, 1)
     peaks = _peaks(balls, dx, dy) * clear[..., None, None]
     score = peaks.amax(dim=1)
-    weight, cell = _around(balls, cells)
+    weight, cell = _around(balls, cells)  # (B, N, 16)
     weight = weight * clear[..., None]
     nearest = cell.gather(2, weight.argmax(dim=2, keepdim=True))[..., 0]
     score.flatten(1).scatter_reduce_(1, nearest, clear.float(), "amax")
     free = (there & ~clear)[..., None, None] & (dx**2 + dy**2 < (IGNORED_RADII * balls[..., 2, None, None]) ** 2)
     counted = (~free.any(dim=1) | (score > 0.6)).float()
-    return Targets(score, counted, weight, cell, balls)
+    picture, ball, which = torch.nonzero(weight, as_tuple=True)
+    flat = picture * cells**2 + cell[picture, ball, which]
+    return Targets(score, counted, weight[picture, ball, which], flat, balls[picture, ball])
 
 
 def _peaks(balls: Tensor, dx: Tensor, dy: Tensor) -> Tensor:
@@ -75,7 +82,7 @@ def _peaks(balls: Tensor, dx: Tensor, dy: Tensor) -> Tensor:
 
 
 def _direction(balls: Tensor) -> tuple[Tensor, Tensor]:
-    """Length (B, N) px and unit vector (B, N, 2) of the streaks; (1, 0) for sharp balls."""
+    """Length (...) px and unit vector (..., 2) of the streaks of balls (..., 7); (1, 0) for sharp ones."""
     streak = balls[..., 3:5]
     length = streak.norm(dim=-1)
     flat = torch.tensor([1.0, 0.0]).expand_as(streak)
@@ -83,48 +90,43 @@ def _direction(balls: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _around(balls: Tensor, cells: int) -> tuple[Tensor, Tensor]:
-    """Bilinear weights and flat indices (B, N, 4) of the cells around the centres; weight 0 outside the picture."""
+    """Weights and flat indices (B, N, 16) of the cells around the centres; weight 0 outside the picture."""
     at = (balls[..., :2] + 0.5) / STRIDE - 0.5
     low = at.floor()
-    share = at - low
+    reach = (NEAR_RADII * balls[..., 2] / STRIDE)[..., None]  # (B, N, 1) cells
     weights, indices = [], []
-    for right in (0, 1):
-        for below in (0, 1):
-            x, y = low[..., 0] + right, low[..., 1] + below
-            inside = (x >= 0) & (x < cells) & (y >= 0) & (y < cells)
-            wx = share[..., 0] if right else 1 - share[..., 0]
-            wy = share[..., 1] if below else 1 - share[..., 1]
-            weights.append(wx * wy * inside)
-            indices.append((y.clamp(0, cells - 1) * cells + x.clamp(0, cells - 1)).long())
+    for below in REACH_CELLS:
+        for right in REACH_CELLS:
+            cell = low + torch.tensor([right, below])
+            inside = ((cell >= 0) & (cell < cells)).all(dim=-1)
+            off = cell - at
+            bilinear = (1 - off.abs()).clamp(min=0).prod(dim=-1)
+            near = NEAR_SHARE * (off.norm(dim=-1) < reach[..., 0])
+            weights.append(torch.maximum(bilinear, near) * inside)
+            x, y = cell.clamp(0, cells - 1).unbind(dim=-1)
+            indices.append((y * cells + x).long())
     return torch.stack(weights, dim=-1), torch.stack(indices, dim=-1)
 
 
 def loss_of(maps: Tensor, targets: Targets) -> tuple[Tensor, dict[str, float]]:
     """Loss of maps (B, 12, h, w), and its parts."""
-    parts = {"score": _score_loss(maps[:, 0], targets)}
-    at, weight = _read(maps, targets)  # (B, N, 4, 12), (B, N, 4)
-    total = weight.sum().clamp(min=1.0)
     cells = maps.shape[-1]
-    column, row = targets.cell % cells, targets.cell // cells
-    middle = (torch.stack([column, row], dim=-1).float() + 0.5) * STRIDE - 0.5
-    miss = middle + STRIDE * at[..., 1:3] - targets.balls[:, :, None, :2]
-    parts["centre"] = (weight * _centre_loss(miss, at, targets.balls)).sum() / total
-    radius = torch.log(targets.balls[..., 2].clamp(min=0.1) / RADIUS_UNIT_PX)[..., None]
-    parts["radius"] = (
-        3
-        * (
-            weight
-            * torch.nn.functional.smooth_l1_loss(at[..., 3], radius.expand_as(weight), reduction="none", beta=0.1)
-        ).sum()
-        / total
-    )
-    streak = doubled(targets.balls[..., 3:5])[:, :, None].expand(*weight.shape, 2)
-    rare = 1 + STREAK_WORTH * (targets.balls[..., 3:5].norm(dim=-1) > 2 * SHARP_PX).float()[..., None]
-    off = torch.nn.functional.smooth_l1_loss(at[..., 4:6], streak, reduction="none", beta=0.3).sum(-1)
-    parts["streak"] = (weight * rare * off).sum() / total
-    look = targets.balls[..., 5].long()[..., None].expand_as(weight)
-    given = torch.nn.functional.cross_entropy(at[..., LOOK:].flatten(0, 2), look.flatten(), reduction="none")
-    parts["look"] = 0.3 * (weight.flatten() * given).sum() / total
+    at = maps.movedim(1, -1).reshape(-1, maps.shape[1])[targets.cell]  # (K, 12)
+    ball, weight = targets.ball, targets.weight / targets.weight.sum().clamp(min=1.0)
+    place = targets.cell % cells**2
+    middle = (torch.stack([place % cells, place // cells], dim=-1).float() + 0.5) * STRIDE - 0.5
+    smooth, entropy = torch.nn.functional.smooth_l1_loss, torch.nn.functional.cross_entropy
+    radius = torch.log(ball[:, 2] / RADIUS_UNIT_PX)
+    rare = 1 + STREAK_WORTH * (ball[:, 3:5].norm(dim=-1) > 2 * SHARP_PX).float()
+    off = smooth(at[:, 4:6], doubled(ball[:, 3:5]), reduction="none", beta=0.3).sum(-1)
+    given = entropy(at[:, LOOK:], ball[:, 5].long(), reduction="none")
+    parts = {
+        "score": _score_loss(maps[:, 0], targets),
+        "centre": (weight * _centre_loss(middle + STRIDE * at[:, 1:3] - ball[:, :2], at, ball)).sum(),
+        "radius": 3 * (weight * smooth(at[:, 3], radius, reduction="none", beta=0.1)).sum(),
+        "streak": (weight * rare * off).sum(),
+        "look": 0.3 * (weight * given).sum(),
+    }
     loss = torch.stack(list(parts.values())).sum()
     return loss, {name: float(part.detach()) for name, part in parts.items()}
 
@@ -136,14 +138,6 @@ def doubled(streak: Tensor) -> Tensor:
     return torch.stack([(x**2 - y**2) / length, 2 * x * y / length], dim=-1) / STREAK_UNIT_PX
 
 
-def _read(maps: Tensor, targets: Targets) -> tuple[Tensor, Tensor]:
-    """Channels (B, N, 4, 12) of the cells around every centre, with their weights (B, N, 4)."""
-    flat = maps.flatten(2).transpose(1, 2)  # (B, hw, 12)
-    b, n, _ = targets.cell.shape
-    index = targets.cell.reshape(b, -1, 1).expand(-1, -1, maps.shape[1])
-    return flat.gather(1, index).reshape(b, n, 4, maps.shape[1]), targets.weight
-
-
 def _score_loss(logit: Tensor, targets: Targets) -> Tensor:
     """Focal loss with soft neighbours (Law and Deng 2018, arXiv:1808.01244, eq. 1), per ball."""
     probability = torch.sigmoid(logit).clamp(1e-6, 1 - 1e-6)
@@ -153,14 +147,14 @@ def _score_loss(logit: Tensor, targets: Targets) -> Tensor:
     return ((missed + wrong) * targets.counted).sum() / found.sum().clamp(min=1.0)
 
 
-def _centre_loss(miss: Tensor, at: Tensor, balls: Tensor) -> Tensor:
-    """Negative log likelihood (B, N, 4) of misses (B, N, 4, 2) px across and along the streaks."""
-    _, along = _direction(balls)
-    ahead = (miss * along[:, :, None]).sum(-1)
-    beside = miss[..., 1] * along[:, :, None, 0] - miss[..., 0] * along[:, :, None, 1]
+def _centre_loss(miss: Tensor, at: Tensor, ball: Tensor) -> Tensor:
+    """Negative log likelihood (K,) of misses (K, 2) px across and along the streaks."""
+    _, along = _direction(ball)
+    ahead = (miss * along).sum(-1)
+    beside = miss[:, 1] * along[:, 0] - miss[:, 0] * along[:, 1]
     total = torch.zeros_like(ahead)
     for off, channel in ((beside, 6), (ahead, 7)):
-        log_sigma = at[..., channel].clamp(*SIGMA_LIMITS)
+        log_sigma = at[:, channel].clamp(*SIGMA_LIMITS)
         z = (off / log_sigma.exp()).abs()
         total = total + torch.where(z < HUBER, 0.5 * z**2, HUBER * z - 0.5 * HUBER**2) + log_sigma
     return total

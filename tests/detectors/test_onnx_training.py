@@ -109,16 +109,15 @@ def perfect_maps(balls: torch.Tensor, side: int) -> torch.Tensor:
     cells = side // 4
     maps = torch.zeros((1, 12, cells, cells))
     maps[:, 0] = torch.logit(targets.score.clamp(1e-4, 1 - 1e-4))
-    for k in range(len(BALLS)):
-        for cell in targets.cell[0, k].tolist():
-            row, column = divmod(cell, cells)
-            x, y, radius = balls[0, k, :3].tolist()
-            maps[0, 1, row, column] = (x - (column * 4 + 1.5)) / 4
-            maps[0, 2, row, column] = (y - (row * 4 + 1.5)) / 4
-            maps[0, 3, row, column] = np.log(radius / 7.0)
-            maps[0, 4:6, row, column] = doubled(balls[0, k, 3:5])
-            maps[0, 6:8, row, column] = -4.0
-            maps[0, 8 + int(balls[0, k, 5]), row, column] = 20.0
+    for cell, ball in zip(targets.cell.tolist(), targets.ball, strict=True):
+        row, column = divmod(cell, cells)
+        x, y, radius = ball[:3].tolist()
+        maps[0, 1, row, column] = (x - (column * 4 + 1.5)) / 4
+        maps[0, 2, row, column] = (y - (row * 4 + 1.5)) / 4
+        maps[0, 3, row, column] = np.log(radius / 7.0)
+        maps[0, 4:6, row, column] = doubled(ball[3:5])
+        maps[0, 6:8, row, column] = -4.0
+        maps[0, 8 + int(ball[5]), row, column] = 20.0
     return maps
 
 
@@ -149,6 +148,21 @@ def test_the_truth_costs_less_than_anything_near_it() -> None:
                 continue  # below the least sigma nothing changes
             worse, _ = loss_of(off, targets)
             assert float(worse) >= float(best) - 1e-4, f"channel {channel} {change:+}"
+
+
+def test_a_cell_between_two_balls_costs_least_where_it_owns_to_the_way_to_either() -> None:
+    balls = balls_for([(38.0, 41.5, 7.0, 0.0, 0.0, 1), (45.0, 41.5, 7.0, 0.0, 0.0, 1)])
+    targets = targets_of(balls, SIZE_PX)
+    row, column = 10, 10  # its middle, (41.5, 41.5), is as far from the one as from the other
+
+    def cost(sigma: float) -> float:
+        maps = perfect_maps(balls, SIZE_PX)
+        maps[0, 1:3, row, column] = 0.0
+        maps[0, 6:8, row, column] = np.log(sigma)
+        return loss_of(maps, targets)[1]["centre"]
+
+    costs = {sigma: cost(sigma) for sigma in (0.3, 1.0, 2.5, 10.0)}
+    assert min(costs, key=lambda sigma: costs[sigma]) == 2.5  # 3.5 px along one axis, none along the other
 
 
 def test_hidden_balls_neither_count_nor_cost() -> None:
