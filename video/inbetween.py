@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.trajectory import State
 from video.chroma import has_squares, square_colours
 from video.clip import Clip
 from video.empty_table import plate_of
@@ -15,13 +16,14 @@ from video.exposure import fastest, with_exposure
 from video.flow import Interpolator, OpticalFlow
 from video.flow_regions import Region, coarse, open_regions
 from video.gallery import Gallery
-from video.pasting import Layer, paste
+from video.pasting import Layer, Turned, paste
 from video.pixels import fill_mixed
 from video.plate import Plate
 from video.sharp_balls import SharpBalls, learn_sharp, sharp_pair, sharpest_rows
 from video.sightings import Sightings
+from video.spin import Spin, halves_apart, spin_between, spins_of
 from video.sprites import STREAKED_RADII, Outline, Peeled, Sprite, peel, taps_along
-from video.turning import bends_between
+from video.turning import Bends, bends_between
 from video.visible_balls import shown_balls
 
 Floats = NDArray[np.float64]
@@ -30,6 +32,10 @@ Mask = NDArray[np.bool_]
 Picture = NDArray[np.uint8]
 
 OPTICAL_FLOW, NO_SHARP = OpticalFlow(), SharpBalls({})
+MOST_TURNED_RADII = 1.5
+"""Radii that a ball may go during an exposure for what is on it to be followed round."""
+FLOW_WORTH = 1.5
+"""How many times less alike than optical flow, which fits them to each other, the spin may leave two sightings."""
 ALIKE_RADII = 0.4
 """Radii by which the ends of two streaks may differ and look alike."""
 DISSOLVE = (0.3, 0.7)
@@ -67,8 +73,8 @@ class Seen:
     """None where it is not in that picture."""
     sharp: tuple[Sprite | None, Sprite | None] | None
     """The ball without its streak, in the light of either side; None where neither is streaked."""
-    bends: tuple[Singles, Singles] | None
-    """How what is on the ball goes round, there and back."""
+    turn: Spin | Bends | None
+    """How what is on the ball goes round."""
     covered: bool = False
     """It is missing from one picture because another ball hides it there: it does not fade."""
 
@@ -78,19 +84,19 @@ class Seen:
             return []
         if self.covered:
             share = float(self.sides[0] is None)
-        bends = (None, None) if self.bends is None else (share * self.bends[0], (1 - share) * self.bends[1])
+        turns = (None, None) if self.turn is None else self.turn.looked_up(share)
         if self.sharp is None:
-            return self._mixed(self.sides, centre[None], share, bends)
+            return self._mixed(self.sides, centre[None], share, turns)
         way = way if np.isfinite(way).all() else np.zeros((1, 2))
         alike = [sprite if sprite is not None and self._like(sprite.way, way) else None for sprite in self.sides]
         if alike == [None, None]:
-            return self._mixed(self.sharp, centre + taps_along(way), share, bends)
+            return self._mixed(self.sharp, centre + taps_along(way), share, (None, None))
         # a sighting that is streaked alike is truer than any streak made anew
-        parts = zip(alike, self.sides, (1 - share, share), bends, strict=True)
-        kept = [(sprite, weight, bend) for sprite, _, weight, bend in parts if sprite is not None]
+        parts = zip(alike, self.sides, (1 - share, share), turns, strict=True)
+        kept = [(sprite, weight, turn) for sprite, _, weight, turn in parts if sprite is not None]
         shown = sum(weight for side, weight in zip(self.sides, (1 - share, share), strict=True) if side is not None)
         times = shown / sum(weight for _, weight, _ in kept)
-        return [Layer(sprite, centre[None], weight * times, bend) for sprite, weight, bend in kept]
+        return [Layer(sprite, centre[None], weight * times, turn) for sprite, weight, turn in kept]
 
     def _like(self, way: Floats, wanted: Floats) -> bool:
         """Whether two streaks look the same."""
@@ -102,10 +108,10 @@ class Seen:
         sides: tuple[Sprite | None, Sprite | None],
         places: Floats,
         share: float,
-        bends: tuple[Singles | None, Singles | None],
+        turns: tuple[Turned | None, Turned | None],
     ) -> list[Layer]:
-        parts = zip(sides, (1 - share, share), bends, strict=True)
-        return [Layer(sprite, places, weight, bend) for sprite, weight, bend in parts if sprite is not None]
+        parts = zip(sides, (1 - share, share), turns, strict=True)
+        return [Layer(sprite, places, weight, turn) for sprite, weight, turn in parts if sprite is not None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +200,10 @@ def open_interval(
     again = before is not None and before.row == row - 1 and sightings.taken_out(row - 1) == balls
     known = before.sides[1] if before is not None and again else _part(sightings, plate, row, first, balls)
     sides = (known, _part(sightings, plate, row + 1, second, balls))
-    seen = [_seen(sightings, sharp, row, ball, pair, anew) for ball, pair in zip(balls, _pairs(sides), strict=True)]
+    state = spins_of(sightings, row)
+    seen = [
+        _seen(sightings, sharp, row, ball, pair, state, anew) for ball, pair in zip(balls, _pairs(sides), strict=True)
+    ]
     step = sightings.carry(float(sightings.t[row + 1]), float(sightings.t[row]))
     later = sides[1].behind if step is None else _warped(sides[1].behind, step)
     small: tuple[Picture, Picture] | None = None
@@ -217,17 +226,30 @@ def _seen(
     row: int,
     ball: int,
     sides: tuple[Sprite | None, Sprite | None],
+    state: State,
     anew: bool,
 ) -> Seen:
-    """A ball on both pictures: sharp where it was streaked, else with what turns on it."""
+    """A ball on both pictures: sharp where it was streaked, and what turns on it."""
     radius = float(np.nanmean(sightings.radius[row : row + 2, ball]))
     longest = max((sprite.streak for sprite in sides if sprite is not None), default=0.0)
+    first, second = sides
+    spin: Spin | None = None
+    if first is not None and second is not None and longest < MOST_TURNED_RADII * radius:
+        spin = spin_between(sightings, row, ball, state, (first, second), radius)
     if anew or longest > STREAKED_RADII * radius:
         t = float(sightings.t[row])
-        return Seen(ball, radius, sides, sharp_pair(sharp, ball, t, radius, sides), None)
-    first, second = sides
-    bends = None if first is None or second is None else bends_between(first, second, radius)
-    return Seen(ball, radius, sides, None, bends, _covered(sightings, row, ball, sides))
+        return Seen(ball, radius, sides, sharp_pair(sharp, ball, t, radius, sides), spin)
+    turn = spin if first is None or second is None else _better(spin, first, second, radius)
+    return Seen(ball, radius, sides, None, turn, _covered(sightings, row, ball, sides))
+
+
+def _better(spin: Spin | None, first: Sprite, second: Sprite, radius: float) -> Spin | Bends | None:
+    """How what is on a ball goes round: by its spin, unless optical flow makes the two sightings far more alike."""
+    bends = bends_between(first, second, radius)
+    if spin is None or bends is None:
+        return bends if spin is None else spin
+    apart, flowed = (halves_apart((first, second), radius, way.looked_up(0.5)) for way in (spin, bends))
+    return spin if apart < FLOW_WORTH * flowed else bends
 
 
 def _covered(sightings: Sightings, row: int, ball: int, sides: tuple[Sprite | None, Sprite | None]) -> bool:

@@ -25,16 +25,27 @@ MOST_SHADES = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Layer:
-    """A sprite with the places (P, 2) px of its centre, over which it is averaged, and a weight.
+class Turned:
+    """Where what a ball shows lies in a sighting of it from which it went round; g pixels around its centre."""
 
-    `bend` (g, g, 2) px is taken from every pixel's place relative to the centre before the sprite is looked up.
-    """
+    bend: Singles
+    """(g, g, 2) px, taken from every pixel's place before the sighting is looked up."""
+    facing: Singles | None = None
+    """(g, g) how much each place counts, 0 to 1: out of sight not at all; None: all alike."""
+    inner: Singles | None = None
+    """(g, g) share of each pixel that goes round, the rest is the ball's edge; None: all of it."""
+    light: Singles | None = None
+    """(g, g, 3) levels by which the light, which does not go round, makes it brighter here than it was there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """A sprite with the places (P, 2) px of its centre, over which it is averaged, and a weight."""
 
     sprite: Sprite
     places: Floats
     weight: float
-    bend: Singles | None = None
+    turned: Turned | None = None
 
 
 def paste(picture: Picture, balls: Sequence[Sequence[Layer]], still: Sequence[Outline] = ()) -> list[Box]:
@@ -133,8 +144,8 @@ def _free(balls: Sequence[Outline], box: Box) -> Singles | None:
 
 def _looked_up(layer: Layer, corner: Floats, box: Box) -> tuple[Singles, Singles | None]:
     """Colours and mask (h, w, 4), and how well they were seen (h, w), of a layer in a box; None: wholly."""
-    if layer.bend is not None:
-        return _bent(layer, layer.bend, corner, box)
+    if layer.turned is not None:
+        return _turned(layer, layer.turned, corner, box)
     cover = _moved(layer.sprite.cover, corner + layer.places[0], box, cv2.INTER_CUBIC)
     for place in layer.places[1:]:
         cover += _moved(layer.sprite.cover, corner + place, box, cv2.INTER_CUBIC)
@@ -146,18 +157,32 @@ def _looked_up(layer: Layer, corner: Floats, box: Box) -> tuple[Singles, Singles
     return cover, 1 - _moved(hidden, corner + _middle(layer.places), box, cv2.INTER_LINEAR)
 
 
-def _bent(layer: Layer, bend: Singles, corner: Floats, box: Box) -> tuple[Singles, Singles | None]:
+def _turned(layer: Layer, turned: Turned, corner: Floats, box: Box) -> tuple[Singles, Singles | None]:
     """The same where what is on the ball goes round with it."""
     place = _middle(layer.places)
     shift = (np.array(box[:2]) - corner - place).astype(np.float32)
-    turned = _moved(bend, place - (bend.shape[0] - 1) / 2, box, cv2.INTER_LINEAR)
-    where = grid(box[3] - box[1], box[2] - box[0]) + shift - turned
-    cover = cv2.remap(layer.sprite.cover, where, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
+    first = place - (turned.bend.shape[0] - 1) / 2
+    there = grid(box[3] - box[1], box[2] - box[0]) + shift
+    where = there - _moved(turned.bend, first, box, cv2.INTER_LINEAR)
+    cover = _remapped(layer.sprite.cover, where, cv2.INTER_CUBIC)
     hidden = layer.sprite.hidden
-    if hidden is None:
-        return np.asarray(cover, dtype=np.float32), None
-    seen = 1 - cv2.remap(hidden, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    return np.asarray(cover, dtype=np.float32), np.asarray(seen, dtype=np.float32)
+    seen = None if hidden is None else 1 - _remapped(hidden, where, cv2.INTER_LINEAR)
+    if turned.light is not None:
+        cover[..., :3] += _moved(turned.light, first, box, cv2.INTER_LINEAR) * cover[..., 3:]
+    if turned.facing is not None:
+        facing = 1 - _moved(1 - turned.facing, first, box, cv2.INTER_LINEAR)
+        seen = facing if seen is None else seen * facing
+    if turned.inner is not None:
+        inner = _moved(turned.inner, first, box, cv2.INTER_LINEAR)
+        still = _remapped(layer.sprite.cover, there, cv2.INTER_CUBIC)
+        cover = still + (cover - still) * inner[..., None]
+        uncovered = 1.0 if hidden is None else 1 - _remapped(hidden, there, cv2.INTER_LINEAR)
+        seen = None if seen is None else np.asarray(uncovered + (seen - uncovered) * inner, dtype=np.float32)
+    return cover, seen
+
+
+def _remapped(patch: Singles, where: Singles, flags: int) -> Singles:
+    return np.asarray(cv2.remap(patch, where, None, flags, borderMode=cv2.BORDER_CONSTANT), dtype=np.float32)
 
 
 def _corner(layer: Layer) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from video.flow import flow_between, grid
+from video.pasting import Turned
 from video.sprites import Sprite
 
 Floats = NDArray[np.float64]
@@ -29,8 +31,22 @@ TO_GREY = np.array([[0.299, 0.587, 0.114, 0.0], [0.0, 0.0, 0.0, 1.0]], dtype=np.
 """Of a cover: brightness (ITU-R BT.601-7) times mask, and mask."""
 
 
-def bends_between(first: Sprite, second: Sprite, radius: float) -> tuple[Singles, Singles] | None:
-    """Ways (g, g, 2) px of what is on a ball from the first sighting to the second, and back; the centre is the ball's.
+@dataclass(frozen=True, slots=True)
+class Bends:
+    """Ways of what is on a ball from one sighting to the next, and back."""
+
+    there: Singles
+    """(g, g, 2) px, the centre is the ball's."""
+    back: Singles
+    """(g, g, 2) px"""
+
+    def looked_up(self, share: float) -> tuple[Turned, Turned]:
+        """Where what shows at a share of the time, 0 to 1, lies in the sighting before and in that after."""
+        return Turned(np.float32(share) * self.there), Turned(np.float32(1 - share) * self.back)
+
+
+def bends_between(first: Sprite, second: Sprite, radius: float) -> Bends | None:
+    """How what is on a ball goes from the first sighting to the second.
 
     None where turning the one into the other explains nothing: plain, blurred or hidden balls.
     """
@@ -45,7 +61,7 @@ def bends_between(first: Sprite, second: Sprite, radius: float) -> tuple[Singles
         if not _explains(way, a, b):
             return None
         bends.append(_small(way, half, times, radius))
-    return bends[0], bends[1]
+    return Bends(bends[0], bends[1])
 
 
 @lru_cache(maxsize=64)

@@ -31,7 +31,7 @@ RATE = 30
 
 def scene(motion: Floats | None = None) -> Scene:
     """An orthogonal view from far above."""
-    matrix = np.array([[SCALE, 0, 0, MARGIN], [0, SCALE, 0, MARGIN], [0, 0, 1e-9, 1.0]])
+    matrix = np.array([[SCALE, 0, 0, MARGIN], [0, SCALE, 0, MARGIN], [0, 0, -1e-9, 1.0]])
     corners = TABLE.corners * SCALE + MARGIN
     camera = Camera(matrix, WIDTH, HEIGHT, corners, np.eye(8), "cloth", 100.0, 1.0, motion)
     return Scene(TABLE, camera, np.array([45.0, -30.0, 10.0]), ())

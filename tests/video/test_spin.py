@@ -1,0 +1,140 @@
+"""Painted balls, lit from a fixed side, that roll by as much as their spin says, or otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import staged_shot as shot
+from numpy.typing import NDArray
+
+from video.inbetween import open_interval
+from video.plate import Plate
+from video.sightings import Sightings, sight
+from video.spin import Spin, spin_between, spins_of
+from video.sprites import Outline, Sprite, peel
+
+Floats = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+TIMES = np.arange(12) / 12
+"""s; the ball rolls 1.3 radii, and turns by 75 degrees, from each to the next."""
+ROW = 5
+RADIUS = shot.RADIUS * shot.SCALE
+WHITE, RED, YELLOW = (np.array(rgb, dtype=float) for rgb in ([235, 232, 220], [190, 30, 40], [220, 190, 40]))
+
+
+def turned_by(t: float) -> Floats:
+    """Rotation (3, 3) of the rolling ball in axes right, down and up: what is on top goes to the right."""
+    angle = (shot.place(t)[0, 0] - 0.3) / shot.RADIUS
+    return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+
+
+def paint(on_ball: Floats) -> Floats:
+    """Colours (..., 3) of a striped ball with a spot, by places (..., 3) on it."""
+    stripe, spot = np.abs(on_ball[..., 1] - 0.2 * on_ball[..., 0]) < 0.3, on_ball @ [0.55, 0.6, 0.58] > 0.9
+    return np.where(spot[..., None], YELLOW, np.where(stripe[..., None], RED, WHITE))
+
+
+def film(t: float, turn: Floats | None = None, plain: bool = False, gloss: bool = True) -> Picture:
+    """The picture at time t: the painted ball turned, its gloss where the lamp is."""
+    picture = shot.cloth().astype(float)
+    centre = shot.place(t)[0] * shot.SCALE + shot.MARGIN
+    fine = 4
+    y, x = (np.mgrid[0 : shot.HEIGHT * fine, 0 : shot.WIDTH * fine] + 0.5) / fine - 0.5
+    u, v = (x - centre[0]) / RADIUS, (y - centre[1]) / RADIUS
+    on = u**2 + v**2 < 1
+    outward = np.stack([u[on], v[on], np.sqrt(1 - u[on] ** 2 - v[on] ** 2)], axis=-1)
+    body = outward @ (turned_by(t) if turn is None else turn)
+    seen = (np.broadcast_to(RED, body.shape) if plain else paint(body)) * (0.55 + 0.45 * outward[:, 2:])
+    if gloss:
+        seen = seen + 120 * (outward @ [-0.3, -0.3, 0.905] > 0.985)[:, None]
+    large = np.repeat(np.repeat(picture, fine, axis=0), fine, axis=1)
+    large[on] = np.clip(seen, 0, 255)
+    small = cv2.resize(large, (shot.WIDTH, shot.HEIGHT), interpolation=cv2.INTER_AREA)
+    return np.asarray(np.rint(small), dtype=np.uint8)
+
+
+def sightings(spinning: bool = True) -> Sightings:
+    fit = shot.fit(TIMES)
+    spin = np.zeros_like(fit.trajectory.spin)
+    rolls = 0.9 / shot.RADIUS if spinning else np.nan
+    spin[fit.trajectory.ball == 0, 0] = [0.0, 0.0, np.nan]
+    spin[1, 0, 1] = rolls
+    moving = replace(fit, trajectory=replace(fit.trajectory, spin=spin))
+    return sight(shot.scene(), shot.tracks(TIMES), moving)
+
+
+def plate() -> Plate:
+    return Plate(shot.cloth(), np.ones((shot.HEIGHT, shot.WIDTH), dtype=bool))
+
+
+def sprite_of(picture: Picture, t: float) -> Sprite:
+    centre = shot.place(t)[0] * shot.SCALE + shot.MARGIN
+    sprite = peel(picture, [Outline(centre[None], centre, RADIUS)], [], plate(), None).sprites[0]
+    assert sprite is not None
+    return sprite
+
+
+def spin_of(first: Picture, second: Picture) -> Spin | None:
+    seen = sightings()
+    sides = (sprite_of(first, float(TIMES[ROW])), sprite_of(second, float(TIMES[ROW + 1])))
+    return spin_between(seen, ROW, 0, spins_of(seen, ROW), sides, RADIUS)
+
+
+def made_error(seen: Sightings, share: float) -> float:
+    """Root mean squared error, levels, on the ball of a picture made at a share of the time."""
+    first, second = (film(float(t)) for t in TIMES[ROW : ROW + 2])
+    t = float(TIMES[ROW] + share * (TIMES[ROW + 1] - TIMES[ROW]))
+    interval = open_interval(seen, plate(), ROW, first, second)
+    made = interval.at(t, seen.centres(t, seen.state(np.array([t])).xy[0]))
+    centre = shot.place(t)[0] * shot.SCALE + shot.MARGIN
+    y, x = np.mgrid[0 : shot.HEIGHT, 0 : shot.WIDTH]
+    on = np.hypot(x - centre[0], y - centre[1]) < RADIUS
+    return float(np.sqrt(((made.astype(float) - film(t)) ** 2)[on].mean()))
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5, 0.75])
+def test_paint_goes_round_with_the_spin_further_than_flow_can_follow(share: float) -> None:
+    assert made_error(sightings(), share) < 0.6 * made_error(sightings(spinning=False), share)
+
+
+def test_what_is_on_top_of_a_ball_goes_where_the_ball_rolls() -> None:
+    spin = spin_of(film(float(TIMES[ROW])), film(float(TIMES[ROW + 1])))
+    assert spin is not None
+    step = 0.9 * (TIMES[1] - TIMES[0]) / shot.RADIUS
+    assert spin.until(1.0) @ [0, 0, 1] == pytest.approx([np.sin(step), 0, np.cos(step)], abs=1e-6)
+    assert spin.until(0.3) @ [0, 0, 1] == pytest.approx([np.sin(0.3 * step), 0, np.cos(0.3 * step)], abs=1e-6)
+    assert spin.until(0.0) == pytest.approx(np.eye(3), abs=1e-9)
+
+
+def test_paint_that_does_not_turn_as_the_spin_says_is_not_turned() -> None:
+    first, other = turned_by(0.2), turned_by(0.2) @ cv2.Rodrigues(np.array([1.2, 0.0, 0.5]))[0]
+    slid = film(float(TIMES[ROW]), turn=first), film(float(TIMES[ROW + 1]), turn=other)
+    assert spin_of(*slid) is None
+
+
+def test_gloss_stays_where_it_is_on_a_plain_ball() -> None:
+    first, second = (film(float(t), plain=True) for t in TIMES[ROW : ROW + 2])
+    spin = spin_of(first, second)
+    turned = None if spin is None else spin.looked_up(0.5)[0]
+    assert turned is None or turned.inner is None or float(turned.inner.mean()) < 0.02
+
+
+def test_gloss_is_told_from_paint_where_both_meet() -> None:
+    spin = spin_of(film(float(TIMES[ROW])), film(float(TIMES[ROW + 1])))
+    assert spin is not None
+    middle = spin.light.shape[0] // 2
+    lamp = tuple(np.rint(middle + RADIUS * np.array([-0.3, -0.3])).astype(int)[::-1])
+    dull = film(float(TIMES[ROW]), gloss=False), film(float(TIMES[ROW + 1]), gloss=False)
+    without = spin_of(*dull)
+    assert without is not None
+    assert float(spin.light[lamp].max()) > float(without.light[lamp].max()) + 10
+
+
+def test_a_ball_whose_spin_is_not_known_has_none_to_turn_by() -> None:
+    seen = sightings(spinning=False)
+    sides = tuple(sprite_of(film(float(t)), float(t)) for t in TIMES[ROW : ROW + 2])
+    assert spin_between(seen, ROW, 0, spins_of(seen, ROW), (sides[0], sides[1]), RADIUS) is None

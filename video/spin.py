@@ -1,0 +1,243 @@
+"""What is on a ball goes round as the fitted spin turns it: dots, stripes and numbers, out of sight and into it.
+
+A ball that rolls its own radius turns by 57 degrees; what is on it goes further between two pictures than optical flow
+can follow, and half of it goes out of sight. How it turns is known from its motion. What does not turn is the light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.trajectory import State
+from video.flow import grid
+from video.pasting import Turned
+from video.sightings import Sightings
+from video.sprites import Sprite
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+STEPS = 16
+"""Parts of the time between two pictures over which the spin is added up."""
+SEEN_TURN = 0.3
+"""px that what is on a ball must go for its turn to matter."""
+RIM = (0.78, 0.95)
+"""Radii between which what goes round passes into the edge, which does not: fringe and mask are its own."""
+MOST_FLAT, LEAST_WEIGHT = 0.93, 0.03
+"""Radii from the centre beyond which a sighting shows edge; and what a place out of sight counts."""
+FACING = (0.25, 0.45)
+"""Cosines between the way out of a ball and that to the camera from which a place is seen at all, and well."""
+CHANGED_LEVELS = 30.0
+"""Levels of 255 by which a place must look otherwise for something to have moved there: light changes by less."""
+LEAST_GAIN, LEAST_KNOWN = 0.5, 0.15
+"""Share of the squared change that may be left for a turn to be believed; and that must be at places which both
+sightings show, for the question to be answered."""
+PAINT_LEVELS = 50.0
+"""Change, levels of 255, that is paint rather than light where the question cannot be answered."""
+SMALLEST = np.ones((3, 3), dtype=np.uint8)
+"""px around a place within which the same colour is as good: edges are a pixel off."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spin:
+    """How a ball goes round from one picture to the next, in axes right, down and towards the camera."""
+
+    parts: Floats
+    """(K + 1, 3, 3) rotations from the first picture on, after equal parts of the time."""
+    radius: float
+    """px"""
+    moved: Singles
+    """(g, g) how sure it is, 0 to 1, that a place shows another paint in the second sighting than in the first."""
+    light: Singles
+    """(g, g, 3) levels by which lamps make a place brighter than others, whatever paint is there."""
+
+    def until(self, share: float) -> Floats:
+        """Rotation (3, 3) from the first picture to a share of the time, 0 to 1."""
+        place = share * (len(self.parts) - 1)
+        k = min(int(place), len(self.parts) - 2)
+        step, _ = cv2.Rodrigues(self.parts[k + 1] @ self.parts[k].T)
+        return np.asarray(_rotation((place - k) * step[:, 0]) @ self.parts[k], dtype=np.float64)
+
+    def looked_up(self, share: float) -> tuple[Turned, Turned]:
+        """Where what shows at a share of the time, 0 to 1, lies in the sighting before and in that after.
+
+        Paint goes round only where some has moved, here or where it came from or goes to: gloss and shade stay.
+        """
+        outward, inner = _near_half(self.radius)
+        now = self.until(share)
+        there = [outward @ turn.T.astype(np.float32) for turn in (now.T, self.until(1.0) @ now.T)]
+        bends = [_bend(outward, place, self.radius) for place in there]
+        moved = self.moved
+        for bend, place in zip(bends, there, strict=True):
+            moved = np.maximum(moved, np.where(place[..., 2] > 0, _bent(self.moved, bend), 0))
+        inner = np.asarray(inner * moved, dtype=np.float32)
+        before, after = (
+            Turned(bend, np.clip(place[..., 2], LEAST_WEIGHT, 1) ** 2, inner, self.light - _bent(self.light, bend))
+            for bend, place in zip(bends, there, strict=True)
+        )
+        return before, after
+
+
+def spins_of(sightings: Sightings, row: int) -> State:
+    """The state of all balls (STEPS, N) in the middles of equal parts of the time from a row's picture to the next."""
+    first, last = sightings.t[row : row + 2]
+    return sightings.state(first + (last - first) * (np.arange(STEPS) + 0.5) / STEPS)
+
+
+def spin_between(
+    sightings: Sightings, row: int, ball: int, state: State, sides: tuple[Sprite, Sprite], radius: float
+) -> Spin | None:
+    """How a ball goes round from the picture of a row to the next, by `spins_of` the row.
+
+    None where its spin is not known, where it hardly turns, and where what the sightings show contradicts it.
+    """
+    parts = _fitted(sightings, row, ball, state)
+    if parts is None or np.linalg.norm(cv2.Rodrigues(parts[-1])[0]) * radius < SEEN_TURN:
+        return None
+    seen = (_around(sides[0], radius), _around(sides[1], radius))
+    moved, light, explained = _told_apart(seen, parts[-1], radius)
+    return Spin(parts, radius, moved, light) if explained else None
+
+
+def halves_apart(sides: tuple[Sprite, Sprite], radius: float, views: tuple[Turned, Turned]) -> float:
+    """Mean squared difference, levels^2, of what two sightings make of a ball at one time between them."""
+    outward, _ = _near_half(radius)
+    made, weight = [], (outward[..., 2] > FACING[1]).astype(np.float32)
+    for sprite, turned in zip(sides, views, strict=True):
+        seen = _around(sprite, radius)
+        there = _bent(seen, turned.bend)
+        if turned.light is not None:
+            there = there + turned.light
+        if turned.inner is not None:
+            there = seen + (there - seen) * turned.inner[..., None]
+        if turned.facing is not None:
+            weight = np.minimum(weight, turned.facing)
+        made.append(there)
+    return float((weight * ((made[0] - made[1]) ** 2).mean(axis=2)).sum() / max(float(weight.sum()), 1e-6))
+
+
+def _rotation(vector: Floats) -> Floats:
+    return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=np.float64))[0], dtype=np.float64)
+
+
+@lru_cache(maxsize=64)
+def _near_half(radius: float) -> tuple[Singles, Singles]:
+    """Ways out of a ball (g, g, 3) at the pixels around its centre, and the share (g, g) of each that can go round."""
+    half = int(np.ceil(1.15 * radius)) + 2
+    y, x = (np.mgrid[-half : half + 1, -half : half + 1] / radius).astype(np.float32)
+    square = x * x + y * y
+    inner = np.clip((RIM[1] - np.sqrt(square)) / (RIM[1] - RIM[0]), 0, 1)
+    return np.stack([x, y, np.sqrt(np.maximum(1 - square, 0))], axis=-1), inner.astype(np.float32)
+
+
+def _bend(outward: Singles, there: Singles, radius: float) -> Singles:
+    """(g, g, 2) px from where what lies at `there` (g, g, 3) on the ball is seen to its pixel; off the ball none.
+
+    What is out of sight or on the edge is looked up at the nearest place that is not.
+    """
+    reach = np.maximum(np.hypot(there[..., 0], there[..., 1]), 1e-6)
+    kept = np.where(there[..., 2] < 0, MOST_FLAT, np.minimum(reach, MOST_FLAT)) / reach
+    on = np.hypot(outward[..., 0], outward[..., 1]) < 1
+    way = (outward[..., :2] - there[..., :2] * kept[..., None]) * np.float32(radius)
+    return np.asarray(np.where(on[..., None], way, 0), dtype=np.float32)
+
+
+def _bent(patch: Singles, bend: Singles) -> Singles:
+    """A patch (g, g, ...) looked up where a bend (g, g, 2) says."""
+    side = bend.shape[0]
+    return np.asarray(cv2.remap(patch, grid(side, side) - bend, None, cv2.INTER_LINEAR), dtype=np.float32)
+
+
+def _fitted(sightings: Sightings, row: int, ball: int, state: State) -> Floats | None:
+    """Rotations (K + 1, 3, 3) after parts of the time from one picture to the next, in the picture's axes."""
+    spin = state.w[:, ball].copy()
+    spin[:, 2] = np.nan_to_num(spin[:, 2])  # about the upright: no way of a ball tells it
+    if not np.isfinite(spin).all() or state.measured[:, ball].any():
+        return None
+    axes = _axes(sightings, state.xy[:, ball].mean(axis=0), float(sightings.t[row]))
+    step = float(sightings.t[row + 1] - sightings.t[row]) / len(spin)
+    parts = [np.eye(3)]
+    for vector in np.linalg.det(axes) * spin @ axes.T * step:
+        parts.append(_rotation(vector) @ parts[-1])
+    return np.stack(parts)
+
+
+def _axes(sightings: Sightings, xy: Floats, t: float) -> Floats:
+    """(3, 3) rows: the picture's right and down, and the way to the camera, where a ball is, in the table's axes."""
+    camera, size = sightings.scene.camera, sightings.scene.table.ball_radius
+    steps = 0.5 * size * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    shown = [sightings.shown(camera.to_pixels((xy + step[:2])[None], size + float(step[2])), t)[0] for step in steps]
+    right, down = (np.array(shown[1:]) - shown[0]).T
+    right = right / np.linalg.norm(right)
+    down = down - (down @ right) * right
+    down = down / np.linalg.norm(down)
+    near = np.cross(right, down)
+    return np.stack([right, down, near if near @ (camera.eye - np.array([*xy, size])) > 0 else -near])
+
+
+def _around(sprite: Sprite, radius: float) -> Singles:
+    """(g, g, 3) levels of a sighting around the ball's centre."""
+    half = int(np.ceil(1.15 * radius)) + 2
+    centre = sprite.centre - (sprite.x, sprite.y) - sprite.inset
+    shift = np.array([[1, 0, half - centre[0]], [0, 1, half - centre[1]]])
+    cover = cv2.warpAffine(sprite.cover, shift, (2 * half + 1, 2 * half + 1), flags=cv2.INTER_CUBIC)
+    return np.asarray(cover[..., :3] / np.maximum(cover[..., 3:], 0.2), dtype=np.float32)
+
+
+def _told_apart(seen: tuple[Singles, Singles], turn: Floats, radius: float) -> tuple[Singles, Singles, bool]:
+    """What of two sightings is paint that moved (g, g), what light (g, g, 3), and whether the turn explains them.
+
+    What is brighter, in both, than its paint is in the other one is so by a lamp. What looks otherwise than before must
+    have come round.
+    """
+    outward, inner = _near_half(radius)
+    still, turned, known, gains = [], [], [], []
+    for own, other, there in ((*seen, turn), (*seen[::-1], turn.T)):
+        place = outward @ there.T.astype(np.float32)
+        bend = _bend(outward, place, radius)
+        most, least = cv2.dilate(other, SMALLEST), cv2.erode(other, SMALLEST)
+        most_there, least_there = _bent(most, bend), _bent(least, bend)
+        still.append(_beyond(own, most, least))
+        gains.append(_beyond(own, most_there, least_there))
+        turned.append(np.abs(gains[-1]).max(axis=2))
+        known.append(np.clip((place[..., 2] - FACING[0]) / (FACING[1] - FACING[0]), 0, 1))
+    changed = np.maximum(*(np.abs(one).max(axis=2) for one in still))
+    moved = 1 - np.exp(-((changed / CHANGED_LEVELS) ** 2))
+    light = _light(seen, gains, known, inner > 0) * inner[..., None]
+    explained = _is_explained(inner * moved, [np.abs(one).max(axis=2) for one in still], turned, known)
+    return moved.astype(np.float32), light.astype(np.float32), explained
+
+
+def _beyond(own: Singles, most: Singles, least: Singles) -> Singles:
+    """(g, g, 3) levels by which a sighting is above the most or, negative, below the least."""
+    return np.asarray(np.maximum(own - most, 0) - np.maximum(least - own, 0), dtype=np.float32)
+
+
+def _is_explained(weight: Singles, still: list[Singles], turned: list[Singles], known: list[Singles]) -> bool:
+    """Whether, of the change in weighted places (g, g) of both sightings, turning leaves little."""
+    change = [float((weight * one**2).sum()) for one in still]
+    answered = sum(float((weight * k * one**2).sum()) for k, one in zip(known, still, strict=True))
+    left = sum(float((weight * k * one**2).sum()) for k, one in zip(known, turned, strict=True))
+    if answered < LEAST_KNOWN * sum(change):
+        return bool(sum(change) > PAINT_LEVELS**2 * 2 * float(weight.sum()))
+    return left < LEAST_GAIN * answered
+
+
+def _light(seen: tuple[Singles, Singles], gains: list[Singles], known: list[Singles], on: NDArray[np.bool_]) -> Singles:
+    """(g, g, 3) levels by which places are brighter in both sightings than their paint is elsewhere on the ball.
+
+    Where only one sighting shows that paint elsewhere, it cannot be darker than the darkest on the ball.
+    """
+    paints = np.concatenate([seen[0][on], seen[1][on]])
+    darkest, brightest = (np.percentile(paints, share, axis=0).astype(np.float32) for share in (10, 90))
+    room = np.maximum(np.minimum(*seen) - darkest, 0), np.maximum(brightest - np.maximum(*seen), 0)
+    alone = [np.clip(gain, -room[1], room[0]) for gain in gains]
+    agreed = np.where(gains[0] * gains[1] > 0, np.sign(gains[0]) * np.minimum(*np.abs(gains)), 0)
+    first, second = (share[..., None] for share in known)
+    light = first * second * agreed + first * (1 - second) * alone[0] + second * (1 - first) * alone[1]
+    return np.asarray(light, dtype=np.float32)
