@@ -78,13 +78,16 @@ class Seen:
     covered: bool = False
     """It is missing from one picture because another ball hides it there: it does not fade."""
 
-    def layers(self, centre: Floats, way: Floats, share: float) -> list[Layer]:
-        """What to lay for the ball at `centre` (2,) px that goes `way` (P, 2) px around it."""
+    def layers(self, centre: Floats, way: Floats, share: float, gone: float) -> list[Layer]:
+        """What to lay for the ball at `centre` (2,) px that goes `way` (P, 2) px around it.
+
+        At a share of the time, 0 to 1, it has `gone` for another of that in which it moves: as long as it rests it
+        looks as it did.
+        """
         if not np.isfinite(centre).all():
             return []
-        if self.covered:
-            share = float(self.sides[0] is None)
         turns = (None, None) if self.turn is None else self.turn.looked_up(share)
+        share = float(self.sides[0] is None) if self.covered else gone
         if self.sharp is None:
             return self._mixed(self.sides, centre[None], share, turns)
         way = way if np.isfinite(way).all() else np.zeros((1, 2))
@@ -147,7 +150,8 @@ class Interval:
         for region in self.regions:
             region.lay(picture, share, moved)
         ways = np.zeros((1, *centres.shape)) if ways is None else ways
-        layers = [seen.layers(centres[seen.ball], ways[:, seen.ball], share) for seen in self.balls]
+        gone = self.sightings.gone_at(t)
+        layers = [seen.layers(centres[seen.ball], ways[:, seen.ball], share, gone[seen.ball]) for seen in self.balls]
         changed = paste(picture, layers, self.still)
         if self.squared:
             for box in (*changed, *(region.box for region in self.regions if moved is None)):

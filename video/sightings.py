@@ -29,6 +29,9 @@ RADIUS_RATIO = (0.8, 1.3)
 OVERLAP, SLOW_RADII = 0.9, 1.0
 """Share of the sum of two radii within which one ball hides a part of the other in the picture, and the radii that both
 go in a gap up to which optical flow follows what is left of them better than it can be cut out."""
+GAP_POINTS, LEAST_STEP = 17, 0.01
+"""Places of a ball from one picture to the next by which it is told when it moves, and px between two of them by which
+it does."""
 STREAK_POINTS = 7
 """Points along the way of a streaked ball: enough to follow a rebound within one exposure."""
 
@@ -59,6 +62,8 @@ class Sightings:
     """(T, P, N, 2) px, relative to the centre: where the ball goes while the shutter is open; P = 1 without streaks."""
     colour: NDArray[np.uint8]
     """(N, 3) sRGB"""
+    gone: Floats
+    """(T - 1, G, N) share of the time for which a ball moves, from this picture to the next, at evenly spaced times."""
     exposure: float = 0.0
     """s for which the shutter was open, by the streaks; 0 where none was seen."""
 
@@ -116,11 +121,25 @@ class Sightings:
         return apply_homography(motion[:, None] if np.ndim(t) else motion, px)
 
     def centres(self, t: float | Floats, xy: Floats) -> Floats:
-        """Pixels (..., N, 2) of balls at `xy` (..., N, 2) m at times (...), carried by what was seen around."""
-        rows, share = self.places(t)
-        share = share[..., None, None]
+        """Pixels (..., N, 2) of balls at `xy` (..., N, 2) m at times (...), carried by what was seen around.
+
+        The miss of the motion in one picture passes into that in the next while the ball moves: one at rest that is
+        about to be struck lies where it was seen.
+        """
+        rows, _ = self.places(t)
+        share = self.gone_at(t)[..., None]
         drift = self.offset[rows] * (1 - share) + self.offset[np.minimum(rows + 1, len(self.t) - 1)] * share
         return np.asarray(self.project(xy, t) + drift, dtype=np.float64)
+
+    def gone_at(self, t: float | Floats) -> Floats:
+        """(..., N) share of the time for which a ball moves between two pictures that is past at times (...)."""
+        rows, share = self.places(t)
+        if not len(self.gone):
+            return np.zeros((*rows.shape, self.centre.shape[1]))
+        place = share * (self.gone.shape[1] - 1)
+        low = np.minimum(place.astype(np.intp), self.gone.shape[1] - 2)
+        part = (place - low)[..., None]
+        return np.asarray(self.gone[rows, low] * (1 - part) + self.gone[rows, low + 1] * part, dtype=np.float64)
 
     def ways(self, t: Floats, exposure: float | Floats) -> Floats:
         """(K, P, N, 2) px, relative to the middle: every ball's way while a shutter is open for s around times (K,).
@@ -183,30 +202,29 @@ def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:
     offset[~(observed & np.isfinite(put[..., 0]))] = 0
     exposure = _exposure(tracks, modelled.v)
     radius = _radii(scene, tracks, np.where(np.isfinite(xy), xy, tracks.xy))
-    moves = _moves(scene, tracks, fit.trajectory, radius)
+    inside_gaps = _in_gaps(scene, tracks, fit.trajectory)
+    moves = _moves(scene, tracks, inside_gaps[:, ::4], radius)
     if camera.motion is None:
         offset, centre = _steadied(offset, centre, put, observed, moves)
     return Sightings(
         scene=scene, trajectory=fit.trajectory, span=_spans(fit.trajectory), frame=tracks.frame, t=tracks.t,
         centre=centre, offset=offset, radius=radius, observed=observed,
-        moves=moves,
+        moves=moves, gone=_shares_gone(inside_gaps),
         way=_ways(scene, tracks, fit.trajectory, exposure), exposure=exposure,
         colour=np.array([lab_to_rgb(lab) for lab in tracks.colour], dtype=np.uint8).reshape(-1, 3),
     )  # fmt: skip
 
 
 def _steadied(offset: Floats, centre: Floats, put: Floats, observed: Mask, moves: Mask) -> tuple[Floats, Floats]:
-    """Offsets and centres (T, N, 2) px where a ball that rests has one place for as long as it rests.
+    """Offsets and centres (T, N, 2) px where a ball that rests has one place from the first such picture to the last.
 
     The circle of a ball that another one half hides jumps; the median over its rest does not.
     """
     offset, centre = offset.copy(), centre.copy()
-    edge = np.ones((1, moves.shape[1]), dtype=np.bool_)
-    rests = ~(np.concatenate([~edge, moves]) | np.concatenate([moves, ~edge]))
-    for ball in range(rests.shape[1]):
-        turns = np.flatnonzero(np.diff(np.concatenate([[False], rests[:, ball], [False]])))
+    for ball in range(moves.shape[1]):
+        turns = np.flatnonzero(np.diff(np.concatenate([[False], ~moves[:, ball], [False]])))
         for start, end in turns.reshape(-1, 2):
-            run = np.arange(start, end)
+            run = np.arange(start, end + 1)
             seen = run[observed[run, ball] & np.isfinite(put[run, ball, 0])]
             if len(seen):
                 offset[run, ball] = np.median(offset[seen, ball], axis=0)
@@ -237,11 +255,26 @@ def _spans(trajectory: Trajectory) -> Floats:
     return spans
 
 
-def _moves(scene: Scene, tracks: Tracks, trajectory: Trajectory, radius: Floats) -> Mask:
-    """(T - 1, N) where a ball's way between two pictures is more than `LEAST_SHIFT`, or it was seen to move."""
-    share = np.linspace(0, 1, 5)
+def _in_gaps(scene: Scene, tracks: Tracks, trajectory: Trajectory) -> Floats:
+    """(T - 1, G, N, 2) px of the reference picture, balls at evenly spaced times from one picture to the next."""
+    share = np.linspace(0, 1, GAP_POINTS)
     times = tracks.t[:-1, None] + np.diff(tracks.t)[:, None] * share
-    px = scene.camera.to_pixels(trajectory.at(times).xy, scene.table.ball_radius)
+    return scene.camera.to_pixels(trajectory.at(times).xy, scene.table.ball_radius)
+
+
+def _shares_gone(px: Floats) -> Floats:
+    """(T - 1, G, N) shares of the time in which balls move, of gaps (T - 1, G, N, 2) px; of all of it if they rest."""
+    steps = np.linalg.norm(np.diff(px, axis=1), axis=-1)
+    moving = (steps > LEAST_STEP).astype(np.float64)
+    none = ~moving.any(axis=1, keepdims=True)
+    moving = np.where(none, 1.0, moving)
+    gone = np.concatenate([np.zeros_like(moving[:, :1]), np.cumsum(moving, axis=1)], axis=1)
+    return np.asarray(gone / gone[:, -1:], dtype=np.float64)
+
+
+def _moves(scene: Scene, tracks: Tracks, px: Floats, radius: Floats) -> Mask:
+    """(T - 1, N) where a ball's way between two pictures, (T - 1, G, N, 2) px, is more than `LEAST_SHIFT`, or it was
+    seen to move."""
     low = np.where(np.isfinite(px), px, np.inf).min(axis=1)
     high = np.where(np.isfinite(px), px, -np.inf).max(axis=1)
     put = (high - low).max(axis=-1) > LEAST_SHIFT

@@ -108,6 +108,21 @@ def test_a_ball_at_rest_has_one_place_though_it_was_measured_at_many() -> None:
     np.testing.assert_array_equal(sightings.centre[moving, 0], measured[moving, 0])
 
 
+def test_a_ball_lies_where_it_was_seen_until_it_is_struck() -> None:
+    """It was seen 2 px off after the strike; before it, that tells nothing."""
+    times = np.array([0.0, 0.04, 0.16, 0.2])
+    tracks = shot.tracks(times)
+    px = tracks.px.copy()
+    px[2, 0] += [0.0, 2.0]
+    sightings = sight(shot.scene(), replace(tracks, px=px), shot.fit(times))
+    before, after = 0.09, 0.13  # struck at 0.1 s, between the pictures of 0.04 and 0.16 s
+    for t, off in ((before, 0.0), (after, 1.0)):
+        state = sightings.state(np.array([t]))
+        placed, put = sightings.centres(t, state.xy[0])[0], sightings.project(state.xy[0], t)[0]
+        assert placed - put == pytest.approx([0.0, off], abs=0.15)
+    assert sightings.gone_at(before)[0] == 0
+
+
 def test_behind_a_peeled_ball_is_the_cloth_without_its_shadow() -> None:
     peeled = peel(shot.film(0.5), [outline(0.5)], [outline(0.5, 1)], perfect_plate(), None)
     assert difference(peeled.behind, shot.film(0.5, shown=(1,))).max() <= 6
