@@ -37,6 +37,10 @@ CHANGED_LEVELS = 30.0
 LEAST_GAIN, LEAST_KNOWN = 0.5, 0.15
 """Share of the squared change that may be left for a turn to be believed; and that must be at places which both
 sightings show, for the question to be answered."""
+UPRIGHT_RAD = tuple(sign * np.radians(angle) for angle in (8, 16, 24, 34, 46, 60) for sign in (1, -1))
+"""Turns about the upright from one picture to the next that are tried: cues and cushions give them."""
+EXPLAINED_WELL, UPRIGHT_WORTH = 0.2, 0.3
+"""Share of the change that is left where no such turn is sought, and what a radian of it must explain more."""
 PAINT_LEVELS = 50.0
 """Change, levels of 255, that is paint rather than light where the question cannot be answered."""
 SMALLEST = np.ones((3, 3), dtype=np.uint8)
@@ -96,12 +100,25 @@ def spin_between(
 
     None where its spin is not known, where it hardly turns, and where what the sightings show contradicts it.
     """
-    parts = _fitted(sightings, row, ball, state)
-    if parts is None or np.linalg.norm(cv2.Rodrigues(parts[-1])[0]) * radius < SEEN_TURN:
+    spin = _fitted(sightings, row, ball, state)
+    if spin is None:
         return None
-    seen = (_around(sides[0], radius), _around(sides[1], radius))
-    moved, light, explained = _told_apart(seen, parts[-1], radius)
-    return Spin(parts, radius, moved, light) if explained else None
+    fitted = _summed(spin)
+    if _angle(fitted[-1]) * radius < SEEN_TURN and np.isfinite(state.w[:, ball, 2]).all():
+        return None
+    pair = _Pair.of(sides, radius)
+    parts = fitted
+    if not np.isfinite(state.w[:, ball, 2]).all():
+        # About the upright, which no way of a ball tells, it may turn as it likes: what it shows says how.
+        upright = _axes(sightings, state.xy[:, ball].mean(axis=0), float(sightings.t[row]))[:, 2]
+        tried = [(pair.cost(fitted[-1]), 0, fitted)]
+        for number, angle in enumerate(UPRIGHT_RAD, start=1) if tried[0][0] > EXPLAINED_WELL else ():
+            other = _summed(spin + angle / len(spin) * upright)
+            tried.append((pair.cost(other[-1]) + UPRIGHT_WORTH * abs(angle), number, other))
+        parts = min(tried, key=lambda one: one[:2])[2]
+    if not pair.explained_by(parts[-1]):
+        return None
+    return Spin(parts, radius, pair.moved, pair.light(parts[-1]))
 
 
 def halves_apart(sides: tuple[Sprite, Sprite], radius: float, views: tuple[Turned, Turned]) -> float:
@@ -154,17 +171,26 @@ def _bent(patch: Singles, bend: Singles) -> Singles:
 
 
 def _fitted(sightings: Sightings, row: int, ball: int, state: State) -> Floats | None:
-    """Rotations (K + 1, 3, 3) after parts of the time from one picture to the next, in the picture's axes."""
+    """Rotation vectors (K, 3) in parts of the time from one picture to the next, in the picture's axes."""
     spin = state.w[:, ball].copy()
-    spin[:, 2] = np.nan_to_num(spin[:, 2])  # about the upright: no way of a ball tells it
+    spin[:, 2] = np.nan_to_num(spin[:, 2])
     if not np.isfinite(spin).all() or state.measured[:, ball].any():
         return None
     axes = _axes(sightings, state.xy[:, ball].mean(axis=0), float(sightings.t[row]))
     step = float(sightings.t[row + 1] - sightings.t[row]) / len(spin)
+    return np.asarray(np.linalg.det(axes) * spin @ axes.T * step, dtype=np.float64)
+
+
+def _summed(vectors: Floats) -> Floats:
+    """Rotations (K + 1, 3, 3) after each of so many vectors (K, 3)."""
     parts = [np.eye(3)]
-    for vector in np.linalg.det(axes) * spin @ axes.T * step:
+    for vector in vectors:
         parts.append(_rotation(vector) @ parts[-1])
     return np.stack(parts)
+
+
+def _angle(turn: Floats) -> float:
+    return float(np.linalg.norm(cv2.Rodrigues(turn)[0]))
 
 
 def _axes(sightings: Sightings, xy: Floats, t: float) -> Floats:
@@ -189,43 +215,77 @@ def _around(sprite: Sprite, radius: float) -> Singles:
     return np.asarray(cover[..., :3] / np.maximum(cover[..., 3:], 0.2), dtype=np.float32)
 
 
-def _told_apart(seen: tuple[Singles, Singles], turn: Floats, radius: float) -> tuple[Singles, Singles, bool]:
-    """What of two sightings is paint that moved (g, g), what light (g, g, 3), and whether the turn explains them.
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """Two sightings of a ball, and what differs between them."""
 
-    What is brighter, in both, than its paint is in the other one is so by a lamp. What looks otherwise than before must
-    have come round.
-    """
-    outward, inner = _near_half(radius)
-    still, turned, known, gains = [], [], [], []
-    for own, other, there in ((*seen, turn), (*seen[::-1], turn.T)):
-        place = outward @ there.T.astype(np.float32)
-        bend = _bend(outward, place, radius)
-        most, least = cv2.dilate(other, SMALLEST), cv2.erode(other, SMALLEST)
-        most_there, least_there = _bent(most, bend), _bent(least, bend)
-        still.append(_beyond(own, most, least))
-        gains.append(_beyond(own, most_there, least_there))
-        turned.append(np.abs(gains[-1]).max(axis=2))
-        known.append(np.clip((place[..., 2] - FACING[0]) / (FACING[1] - FACING[0]), 0, 1))
-    changed = np.maximum(*(np.abs(one).max(axis=2) for one in still))
-    moved = 1 - np.exp(-((changed / CHANGED_LEVELS) ** 2))
-    light = _light(seen, gains, known, inner > 0) * inner[..., None]
-    explained = _is_explained(inner * moved, [np.abs(one).max(axis=2) for one in still], turned, known)
-    return moved.astype(np.float32), light.astype(np.float32), explained
+    seen: tuple[Singles, Singles]
+    """(g, g, 3)"""
+    radius: float
+    wide: tuple[tuple[Singles, Singles], tuple[Singles, Singles]]
+    """The most and the least (g, g, 3) of either within a pixel: edges are a pixel off."""
+    still: tuple[Singles, Singles]
+    """(g, g) levels by which either shows something that the other does not show there."""
+    moved: Singles
+    """(g, g) how sure it is, 0 to 1, that another paint shows."""
+
+    @classmethod
+    def of(cls, sides: tuple[Sprite, Sprite], radius: float) -> _Pair:
+        seen = _around(sides[0], radius), _around(sides[1], radius)
+        wide = tuple((cv2.dilate(one, SMALLEST), cv2.erode(one, SMALLEST)) for one in seen)
+        still = _beyond(seen[0], *wide[1]), _beyond(seen[1], *wide[0])
+        changes = np.abs(still[0]).max(axis=2), np.abs(still[1]).max(axis=2)
+        moved = 1 - np.exp(-((np.maximum(*changes) / CHANGED_LEVELS) ** 2))
+        return cls(seen, radius, (wide[0], wide[1]), changes, moved.astype(np.float32))
+
+    def gains(self, turn: Floats) -> tuple[list[Singles], list[Singles]]:
+        """Levels (g, g, 3) of both sightings that are beyond what their paint shows in the other one, turned there, and
+        how well (g, g) it is seen there, 0 to 1."""
+        outward, _ = _near_half(self.radius)
+        gains, known = [], []
+        for own, other, there in zip(self.seen, self.wide[::-1], (turn, turn.T), strict=True):
+            place = outward @ there.T.astype(np.float32)
+            bend = _bend(outward, place, self.radius)
+            gains.append(_beyond(own, _bent(other[0], bend), _bent(other[1], bend)))
+            known.append(np.clip((place[..., 2] - FACING[0]) / (FACING[1] - FACING[0]), 0, 1))
+        return gains, known
+
+    def _account(self, turn: Floats) -> tuple[float, float, float]:
+        """Squared change where another paint shows; its part at places that both show; what a turn leaves there."""
+        gains, known = self.gains(turn)
+        weight = _near_half(self.radius)[1] * self.moved
+        change = answered = left = 0.0
+        for still, gain, share in zip(self.still, gains, known, strict=True):
+            change += float((weight * still**2).sum())
+            answered += float((weight * share * still**2).sum())
+            left += float((weight * share * np.abs(gain).max(axis=2) ** 2).sum())
+        return change, answered, left
+
+    def cost(self, turn: Floats) -> float:
+        """Share of the squared change that a turn leaves, half of what nothing is known of included."""
+        change, answered, left = self._account(turn)
+        return (left + 0.5 * (change - answered)) / max(change, 1e-6)
+
+    def explained_by(self, turn: Floats) -> bool:
+        """Whether a turn leaves little of the change."""
+        change, answered, left = self._account(turn)
+        if answered < LEAST_KNOWN * change:
+            area = float((_near_half(self.radius)[1] * self.moved).sum())
+            return change > PAINT_LEVELS**2 * 2 * area
+        return left < LEAST_GAIN * answered
+
+    def light(self, turn: Floats) -> Singles:
+        """(g, g, 3) levels by which lamps make a place brighter than others, whatever paint is there.
+
+        What is brighter, in both sightings, than its paint is in the other one is so by a lamp.
+        """
+        inner = _near_half(self.radius)[1]
+        return np.asarray(_light(self.seen, *self.gains(turn), inner > 0) * inner[..., None], dtype=np.float32)
 
 
 def _beyond(own: Singles, most: Singles, least: Singles) -> Singles:
     """(g, g, 3) levels by which a sighting is above the most or, negative, below the least."""
     return np.asarray(np.maximum(own - most, 0) - np.maximum(least - own, 0), dtype=np.float32)
-
-
-def _is_explained(weight: Singles, still: list[Singles], turned: list[Singles], known: list[Singles]) -> bool:
-    """Whether, of the change in weighted places (g, g) of both sightings, turning leaves little."""
-    change = [float((weight * one**2).sum()) for one in still]
-    answered = sum(float((weight * k * one**2).sum()) for k, one in zip(known, still, strict=True))
-    left = sum(float((weight * k * one**2).sum()) for k, one in zip(known, turned, strict=True))
-    if answered < LEAST_KNOWN * sum(change):
-        return bool(sum(change) > PAINT_LEVELS**2 * 2 * float(weight.sum()))
-    return left < LEAST_GAIN * answered
 
 
 def _light(seen: tuple[Singles, Singles], gains: list[Singles], known: list[Singles], on: NDArray[np.bool_]) -> Singles:

@@ -57,14 +57,14 @@ def film(t: float, turn: Floats | None = None, plain: bool = False, gloss: bool 
     return np.asarray(np.rint(small), dtype=np.uint8)
 
 
-def sightings(spinning: bool = True) -> Sightings:
-    fit = shot.fit(TIMES)
+def sightings(spinning: bool = True, times: Floats = TIMES) -> Sightings:
+    fit = shot.fit(times)
     spin = np.zeros_like(fit.trajectory.spin)
     rolls = 0.9 / shot.RADIUS if spinning else np.nan
     spin[fit.trajectory.ball == 0, 0] = [0.0, 0.0, np.nan]
     spin[1, 0, 1] = rolls
     moving = replace(fit, trajectory=replace(fit.trajectory, spin=spin))
-    return sight(shot.scene(), shot.tracks(TIMES), moving)
+    return sight(shot.scene(), shot.tracks(times), moving)
 
 
 def plate() -> Plate:
@@ -78,9 +78,9 @@ def sprite_of(picture: Picture, t: float) -> Sprite:
     return sprite
 
 
-def spin_of(first: Picture, second: Picture) -> Spin | None:
-    seen = sightings()
-    sides = (sprite_of(first, float(TIMES[ROW])), sprite_of(second, float(TIMES[ROW + 1])))
+def spin_of(first: Picture, second: Picture, times: Floats = TIMES) -> Spin | None:
+    seen = sightings(times=times)
+    sides = (sprite_of(first, float(times[ROW])), sprite_of(second, float(times[ROW + 1])))
     return spin_between(seen, ROW, 0, spins_of(seen, ROW), sides, RADIUS)
 
 
@@ -108,6 +108,18 @@ def test_what_is_on_top_of_a_ball_goes_where_the_ball_rolls() -> None:
     assert spin.until(1.0) @ [0, 0, 1] == pytest.approx([np.sin(step), 0, np.cos(step)], abs=1e-6)
     assert spin.until(0.3) @ [0, 0, 1] == pytest.approx([np.sin(0.3 * step), 0, np.cos(0.3 * step)], abs=1e-6)
     assert spin.until(0.0) == pytest.approx(np.eye(3), abs=1e-9)
+
+
+@pytest.mark.parametrize("angle", [-0.6, 0.4])
+def test_a_turn_about_the_upright_is_told_by_what_the_ball_shows(angle: float) -> None:
+    times, parts = TIMES / 3 + 0.2, 200
+    step = 0.9 * (times[1] - times[0]) / shot.RADIUS / parts
+    rolled = np.linalg.matrix_power(cv2.Rodrigues(np.array([0.0, step, angle / parts]))[0], parts)
+    first = turned_by(float(times[ROW]))
+    spin = spin_of(film(float(times[ROW]), first), film(float(times[ROW + 1]), rolled @ first), times)
+    assert spin is not None
+    off, _ = cv2.Rodrigues(spin.until(1.0) @ rolled.T)
+    assert np.linalg.norm(off) < 0.2 < abs(angle)
 
 
 def test_paint_that_does_not_turn_as_the_spin_says_is_not_turned() -> None:
