@@ -14,7 +14,7 @@ from detectors.centres import CHANNELS
 
 WIDTHS = (16, 28, 64)
 """Channels at a half, a quarter and an eighth of the picture's side."""
-BLOCKS = 4
+BLOCKS = 6
 """Blocks at an eighth; each sees 32 px further."""
 RARE_LOGIT = -4.6
 """Score before anything is learnt: one cell in a hundred is a centre (Lin et al. 2017, arXiv:1708.02002)."""

@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
-LEAST_SCORE = 0.55
+LEAST_SCORE = 0.42
 """Probability from which a ball is reported."""
 SIZE_BAND = (0.7, 1.4)
 """Seen over predicted radius of what can be a ball of this table."""
