@@ -24,8 +24,8 @@ Singles = NDArray[np.float32]
 
 STEPS = 16
 """Parts of the time between two pictures over which the spin is added up."""
-SEEN_TURN = 0.3
-"""px that what is on a ball must go for its turn to matter."""
+LEAST_MOVED = 0.003
+"""Share of a ball on which another paint must show for its turn to matter."""
 RIM = (0.78, 0.95)
 """Radii between which what goes round passes into the edge, which does not: fringe and mask are its own."""
 MOST_FLAT, LEAST_WEIGHT = 0.93, 0.03
@@ -98,27 +98,21 @@ def spin_between(
 ) -> Spin | None:
     """How a ball goes round from the picture of a row to the next, by `spins_of` the row.
 
-    None where its spin is not known, where it hardly turns, and where what the sightings show contradicts it.
+    None where its spin is not known, where nothing on it is seen to move, and where what is seen contradicts it.
     """
     spin = _fitted(sightings, row, ball, state)
     if spin is None:
         return None
-    fitted = _summed(spin)
-    if _angle(fitted[-1]) * radius < SEEN_TURN and np.isfinite(state.w[:, ball, 2]).all():
-        return None
     pair = _Pair.of(sides, radius)
-    parts = fitted
-    if not np.isfinite(state.w[:, ball, 2]).all():
+    if pair.moved_share < LEAST_MOVED:
+        return None
+    parts = _summed(spin)
+    if not np.isfinite(state.w[:, ball, 2]).all() and pair.cost(parts[-1]) > EXPLAINED_WELL:
         # About the upright, which no way of a ball tells, it may turn as it likes: what it shows says how.
         upright = _axes(sightings, state.xy[:, ball].mean(axis=0), float(sightings.t[row]))[:, 2]
-        tried = [(pair.cost(fitted[-1]), 0, fitted)]
-        for number, angle in enumerate(UPRIGHT_RAD, start=1) if tried[0][0] > EXPLAINED_WELL else ():
-            other = _summed(spin + angle / len(spin) * upright)
-            tried.append((pair.cost(other[-1]) + UPRIGHT_WORTH * abs(angle), number, other))
-        parts = min(tried, key=lambda one: one[:2])[2]
-    if not pair.explained_by(parts[-1]):
-        return None
-    return Spin(parts, radius, pair.moved, pair.light(parts[-1]))
+        tried = [(angle, _summed(spin + angle / len(spin) * upright)) for angle in (0.0, *UPRIGHT_RAD)]
+        _, parts = min(tried, key=lambda one: pair.cost(one[1][-1]) + UPRIGHT_WORTH * abs(one[0]))
+    return Spin(parts, radius, pair.moved, pair.light(parts[-1])) if pair.explained_by(parts[-1]) else None
 
 
 def halves_apart(sides: tuple[Sprite, Sprite], radius: float, views: tuple[Turned, Turned]) -> float:
@@ -189,10 +183,6 @@ def _summed(vectors: Floats) -> Floats:
     return np.stack(parts)
 
 
-def _angle(turn: Floats) -> float:
-    return float(np.linalg.norm(cv2.Rodrigues(turn)[0]))
-
-
 def _axes(sightings: Sightings, xy: Floats, t: float) -> Floats:
     """(3, 3) rows: the picture's right and down, and the way to the camera, where a ball is, in the table's axes."""
     camera, size = sightings.scene.camera, sightings.scene.table.ball_radius
@@ -237,6 +227,12 @@ class _Pair:
         changes = np.abs(still[0]).max(axis=2), np.abs(still[1]).max(axis=2)
         moved = 1 - np.exp(-((np.maximum(*changes) / CHANGED_LEVELS) ** 2))
         return cls(seen, radius, (wide[0], wide[1]), changes, moved.astype(np.float32))
+
+    @property
+    def moved_share(self) -> float:
+        """Of what can go round."""
+        inner = _near_half(self.radius)[1]
+        return float((inner * self.moved).sum() / inner.sum())
 
     def gains(self, turn: Floats) -> tuple[list[Singles], list[Singles]]:
         """Levels (g, g, 3) of both sightings that are beyond what their paint shows in the other one, turned there, and
