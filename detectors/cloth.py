@@ -19,6 +19,7 @@ from models.scene import Floats
 Floats32 = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
+Places = NDArray[np.int64]
 
 SHADOW_WEIGHT = 0.5
 """Share at which a darker shade of the cloth's own colour counts: mostly it is a shadow."""
@@ -77,6 +78,11 @@ class Cloth:
     def _weighed(self, difference: Floats32) -> Floats32:
         first, second, along = cv2.split(cv2.transform(difference, self.basis.astype(np.float32)))
         return np.asarray(cv2.merge((first, second, cv2.max(along, SHADOW_WEIGHT * along))), dtype=np.float32)
+
+    def unlike(self, working: Bytes, row: Places, column: Places) -> Floats32:
+        """How unlike the cloth (n,) some pixels of a picture are, markings not told apart, shadows weighed down."""
+        away = self._weighed((working[row, column] - self.colour[row, column])[None])[0]
+        return np.asarray(np.sqrt((away**2).sum(axis=1)), dtype=np.float32)
 
     def moved(self, working: Bytes, part: tuple[slice, slice] = WHOLE) -> Bytes:
         """How far (h, w) a part of a picture differs from the median picture, grey levels."""

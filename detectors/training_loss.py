@@ -18,6 +18,9 @@ PEAK_RADII, LEAST_PEAK_PX = 0.3, 2.2
 """Standard deviation of a peak in the score's target."""
 STREAK_PEAK_SHARE = 0.08
 """The same along a streak in addition, share of its length: its middle is less sharply placed."""
+SURE_STREAK_SHARE, SURE_PX = 0.12, 2.0
+"""How far off its middle a cell may still say that a streak is there: this share of its length along it, and as much
+more as a cell reaches. One cell alone would have to know what the picture does not tell, and would say it faintly."""
 IGNORED_RADII = 1.0
 """About a ball that may be found or not, the score is free within this."""
 SHARP_PX = 1.0
@@ -74,11 +77,13 @@ def targets_of(balls: Tensor, side: int) -> Targets:
 def _peaks(balls: Tensor, dx: Tensor, dy: Tensor) -> Tensor:
     """Gaussians (B, N, h, w), longer along streaks."""
     length, along = _direction(balls)
+    length = length[..., None, None]
     sigma = torch.clamp(PEAK_RADII * balls[..., 2], min=LEAST_PEAK_PX)[..., None, None]
-    longer = sigma + STREAK_PEAK_SHARE * length[..., None, None]
     ahead = dx * along[..., 0, None, None] + dy * along[..., 1, None, None]
     beside = dy * along[..., 0, None, None] - dx * along[..., 1, None, None]
-    return torch.exp(-0.5 * ((ahead / longer) ** 2 + (beside / sigma) ** 2))
+    peaks = torch.exp(-0.5 * ((ahead / (sigma + STREAK_PEAK_SHARE * length)) ** 2 + (beside / sigma) ** 2))
+    middle = (ahead.abs() < SURE_PX + SURE_STREAK_SHARE * length) & (beside.abs() < SURE_PX)
+    return peaks.masked_fill(middle & (length > 2 * SHARP_PX), 1.0)
 
 
 def _direction(balls: Tensor) -> tuple[Tensor, Tensor]:
@@ -93,7 +98,8 @@ def _around(balls: Tensor, cells: int) -> tuple[Tensor, Tensor]:
     """Weights and flat indices (B, N, 16) of the cells around the centres; weight 0 outside the picture."""
     at = (balls[..., :2] + 0.5) / STRIDE - 0.5
     low = at.floor()
-    reach = (NEAR_RADII * balls[..., 2] / STRIDE)[..., None]  # (B, N, 1) cells
+    far = NEAR_RADII * balls[..., 2] + SURE_STREAK_SHARE * balls[..., 3:5].norm(dim=-1)
+    reach = (far / STRIDE)[..., None]  # (B, N, 1) cells
     weights, indices = [], []
     for below in REACH_CELLS:
         for right in REACH_CELLS:

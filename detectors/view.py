@@ -79,12 +79,33 @@ class View:
             return np.ascontiguousarray(crop)
         return np.asarray(cv2.resize(crop, (w, h), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
+    def enlarged(self, rgb: Bytes, frame: int | None, part: tuple[slice, slice], factor: float) -> Bytes:
+        """A part (rows, columns) of the working picture of a whole one (H, W, 3), about `factor` times as large."""
+        rows, columns = part
+        size = round((columns.stop - columns.start) * factor), round((rows.stop - rows.start) * factor)
+        motion = self.scene.camera.motion
+        if motion is not None and frame is not None:
+            grown = np.array([size[0] / (columns.stop - columns.start), size[1] / (rows.stop - rows.start)])
+            shift = (0.5 - np.array([columns.start, rows.start])) * grown - 0.5
+            matrix = np.diag([*grown, 1.0]) + np.column_stack([np.zeros((3, 2)), [*shift, 0.0]])
+            matrix = matrix @ self._from_frame(motion[frame])
+            return np.asarray(cv2.warpPerspective(rgb, matrix, size, flags=cv2.INTER_LINEAR), dtype=np.uint8)
+        (x0, y0, _, _), s = self.box, self.scale
+        left, right = x0 + round(columns.start / s), x0 + round(columns.stop / s)
+        top, bottom = y0 + round(rows.start / s), y0 + round(rows.stop / s)
+        way = cv2.INTER_AREA if size[0] < right - left else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(rgb[top:bottom, left:right], size, interpolation=way), dtype=np.uint8)
+
     def _followed(self, rgb: Bytes, motion: Floats) -> Bytes:
         h, w = self.radius.shape
+        matrix = self._from_frame(motion)
+        return np.asarray(cv2.warpPerspective(rgb, matrix, (w, h), flags=cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def _from_frame(self, motion: Floats) -> Floats:
+        """Homography (3, 3) from px of a frame to working px; `motion` (3, 3) takes reference px to the frame's."""
         s, (x0, y0) = self.scale, self.box[:2]
         to_working = np.array([[s, 0, (0.5 - x0) * s - 0.5], [0, s, (0.5 - y0) * s - 0.5], [0, 0, 1.0]])
-        matrix = to_working @ np.linalg.inv(motion)
-        return np.asarray(cv2.warpPerspective(rgb, matrix, (w, h), flags=cv2.INTER_LINEAR), dtype=np.uint8)
+        return np.asarray(to_working @ np.linalg.inv(motion))
 
     def window(self, part: tuple[slice, slice]) -> View:
         """A part of the working picture, given by its rows and columns, as a view of its own."""

@@ -165,6 +165,16 @@ def test_a_cell_between_two_balls_costs_least_where_it_owns_to_the_way_to_either
     assert min(costs, key=lambda sigma: costs[sigma]) == 2.5  # 3.5 px along one axis, none along the other
 
 
+def test_a_streak_is_there_at_every_cell_about_its_middle_along_it() -> None:
+    streak = torch.tensor([[[50.0, 49.5, 7.0, 40.0, 0.0, 2.0, 1.0]]])
+    sharp = torch.tensor([[[50.0, 49.5, 7.0, 0.0, 0.0, 2.0, 1.0]]])
+    rows, columns = (targets_of(streak, SIZE_PX).score[0] > 0.999).nonzero().T
+    assert set(rows.tolist()) == {12}
+    # 0.12 x 40 px and the reach of a cell to either side of x = 50, cells' middles at 4 i + 1.5.
+    assert columns.tolist() == [11, 12, 13]
+    assert int((targets_of(sharp, SIZE_PX).score > 0.999).sum()) == 1
+
+
 def test_hidden_balls_neither_count_nor_cost() -> None:
     hidden = balls_for(BALLS[:1])
     hidden[0, 0, 6] = 0.2

@@ -1,0 +1,187 @@
+"""What a network saw, judged by the whole picture: which of it are balls, where they are, and how they move.
+
+The network says what is a ball, roughly where, and how sure it is of that; edges in the whole picture say it finer
+where they are clear, and what an exposure adds up to says it where a ball is a streak. All errors are known, so a
+centre is their weighted mean. What the network is not sure of is a ball if the picture alone says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detectors.centres import Centres
+from detectors.cloth import Cloth
+from detectors.colour import ball_coats
+from detectors.found import NO_BALLS, Found, inside, without_overlaps
+from detectors.found import chained as found_chained
+from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, outlined
+from detectors.sweep import fitted_sweep
+from detectors.view import View
+from models.detections import Detections
+from models.scene import apply_homography
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+
+LEAST_SCORE = 0.42
+"""Probability from which a ball is reported."""
+SIZE_BAND = (0.7, 1.4)
+"""Seen over predicted radius of what can be a ball of this table."""
+DOUBTFUL_SCORE, DOUBTFUL_BAND = 0.3, (0.5, 1.6)
+"""The same for what is a ball only if its outline is whole: what the network half sees, or sees in the wrong size."""
+FAINT_SCORE = 0.12
+"""The same for what moves: a ball only if what an exposure adds up to explains the picture. The network cannot say well
+where the middle of a streak is, so that many cells share what one would say of a ball at rest."""
+STREAK_RADII = 1.0
+"""Way during the exposure, ball radii, from which a ball that the network sees move counts as a streak: the outline of
+one that moved less is nearly a circle, and places it better than the network does."""
+MARK_STARTS = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
+"""Where the centre of a ball may be whose mark the network sees: so far off, in what the ball is larger."""
+CLEAR_SCORE = 0.7
+"""Probability from which the network is sure that something is there, be it of the wrong size."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judge:
+    """Makes balls of what a network saw, px of the working picture."""
+
+    view: View
+    cloth: Cloth
+
+    def likely(self, seen: Centres) -> Bools:
+        """What (K,) is a ball by the network's word, or may prove one."""
+        known = self._within(seen, DOUBTFUL_SCORE, DOUBTFUL_BAND)
+        return np.asarray(known | (streaked(seen) & self._within(seen, FAINT_SCORE, DOUBTFUL_BAND)))
+
+    def sure(self, seen: Centres) -> Bools:
+        """What (K,) is a ball by the network's word alone."""
+        return self._within(seen, LEAST_SCORE, SIZE_BAND)
+
+    def _within(self, seen: Centres, score: float, band: tuple[float, float]) -> Bools:
+        ratio = seen.radius / value_at(self.view.radius, seen.centre)
+        return np.asarray((seen.score > score) & (ratio > band[0]) & (ratio < band[1]))
+
+    def there(self, home: Floats, frame: int) -> Floats:
+        """Working px (n, 2) to px of a frame."""
+        motion, reference = self.view.scene.camera.motion, self.view.to_picture(home)
+        return reference if motion is None else apply_homography(motion[frame], reference)
+
+    def measured(self, rgb: Bytes, seen: Centres, frame: int) -> tuple[Detections, Floats]:
+        """Balls, and where (n, 2), working px, the network's word alone counts."""
+        moves = streaked(seen)
+        moving, resting = seen.take(moves), seen.take(~moves | ~self.sure(seen))
+        sharp, support = self._outlined(rgb, resting, frame)
+        sharp, support = self._around_marks(rgb, resting, sharp, support, frame)
+        believed = (self.sure(resting) & ~streaked(resting)) | (support > _needed(resting))
+        resting, sharp, support = resting.take(believed), sharp.take(believed), support[believed]
+        by_light, moves = self._swept_by_light(rgb, resting, sharp, support)
+        at_rest = sharp.take((support > CLEAR_SUPPORT) & ~moves)
+        swept = found_chained(self._swept_as_seen(rgb, moving, at_rest, frame), by_light)
+        within = inside(sharp.centre, swept) & (swept.score[:, None] >= sharp.score)
+        kept = ~moves & ((support > CLEAR_SUPPORT) | ~within.any(axis=0))
+        found = without_overlaps(found_chained(swept, sharp.take(kept)), self.view.scene, frame)
+        coats = ball_coats(rgb, found.centre, found.radius)
+        frames = np.full(len(found.score), frame, dtype=np.int64)
+        unclear = np.concatenate([moving.centre[self.sure(moving)], resting.centre[support <= LEAST_SUPPORT]])
+        return Detections(
+            frames, found.centre, found.radius, found.streak, coats.colour, coats.white, coats.white_rim, coats.value,
+            found.score, found.sigma, found.sigma_along,
+        ), unclear  # fmt: skip
+
+    def _swept_by_light(self, rgb: Bytes, home: Centres, sharp: Found, support: Floats) -> tuple[Found, Bools]:
+        """Streaks among balls without a whole outline, by what an exposure adds up to; which (n,) of them are some."""
+        radius = value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
+        moves, found = np.zeros(len(support), dtype=bool), NO_BALLS
+        for row in np.flatnonzero(support < CLEAR_SUPPORT):
+            clear = support > CLEAR_SUPPORT
+            clear[row] = False
+            others, size = sharp.take(clear), float(radius[row])
+            sweep = fitted_sweep(rgb, sharp.centre[row], size, others.centre, others.radius, self.cloth.basis)
+            if sweep is not None and sweep.believed(size):
+                moves[row] = True
+                place, way = sweep.centre[None], sweep.way[None]
+                errors = np.array([sweep.across]), np.array([sweep.along])
+                found = found_chained(found, Found(place, radius[[row]], way, sharp.score[[row]], *errors))
+        return found, moves
+
+    def _swept_as_seen(self, rgb: Bytes, home: Centres, at_rest: Found, frame: int) -> Found:
+        """Streaks that the network sees: what an exposure that goes its way adds up to, else its word."""
+        radius = value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
+        told = _swept(self._placed(home, frame))
+        others = at_rest.take(~np.asarray(inside(at_rest.centre, told).any(axis=0)))
+        kept = self.sure(home)
+        for row, size in enumerate(radius.tolist()):
+            centre, way = told.centre[row], told.streak[row]
+            sweep = fitted_sweep(rgb, centre, size, others.centre, others.radius, self.cloth.basis, way)
+            if sweep is not None and sweep.believed(size):
+                told.centre[row], told.streak[row] = sweep.centre, sweep.way
+                told.sigma[row], told.sigma_along[row] = sweep.across, sweep.along
+                kept[row] = True
+        return told.take(kept)
+
+    def _outlined(self, rgb: Bytes, seen: Centres, frame: int) -> tuple[Found, Floats]:
+        """Balls at rest where their outlines are, and the support of these."""
+        expected = value_at(self.view.radius, seen.centre).astype(np.float64) / self.view.scale
+        beneath = np.asarray(value_at(self.cloth.colour, seen.centre), dtype=np.float64)
+        around = Surroundings(expected, beneath, self.cloth.basis, self.view.scene)
+        found, support = outlined(rgb, self._placed(seen, frame), around, frame)
+        # What only its outline makes a ball is as likely one as the least that is reported.
+        return replace(found, score=np.maximum(found.score, LEAST_SCORE)), support
+
+    def _around_marks(
+        self, rgb: Bytes, seen: Centres, sharp: Found, support: Floats, frame: int
+    ) -> tuple[Found, Floats]:
+        """The same with what is too small for a ball taken for a mark on one: the outline about it that is whole."""
+        expected = value_at(self.view.radius, seen.centre).astype(np.float64)
+        room = expected - seen.radius
+        small = (seen.radius < SIZE_BAND[0] * expected) & (seen.score > CLEAR_SCORE)
+        marks = np.flatnonzero(small & (support < _needed(seen)))
+        if not len(marks):
+            return sharp, support
+        starts = seen.take(np.repeat(marks, len(MARK_STARTS)))
+        away = np.repeat(room[marks], len(MARK_STARTS))
+        wide = np.maximum(starts.across, away)
+        at = starts.centre + away[:, None] * np.tile(MARK_STARTS, (len(marks), 1))
+        tried, held = self._outlined(rgb, replace(starts, centre=at, across=wide, along=wide), frame)
+        best = held.reshape(len(marks), -1).argmax(axis=1) + np.arange(len(marks)) * len(MARK_STARTS)
+        better = held[best] > support[marks]
+        best, marks = best[better], marks[better]
+        columns = {name: getattr(sharp, name).copy() for name in Found.__slots__}
+        for name, column in columns.items():
+            column[marks] = getattr(tried, name)[best]
+        support = support.copy()
+        support[marks] = held[best]
+        return Found(**columns), support
+
+    def _placed(self, seen: Centres, frame: int) -> Centres:
+        """What was seen in the working picture, in px of the frame."""
+        return seen.placed(lambda px: self.there(px, frame), 1 / self.view.scale)
+
+
+def _needed(seen: Centres) -> Floats:
+    """Support (K,) of its outline that makes a ball of what the network is not sure of, or sees in the wrong size."""
+    return np.where(seen.score > CLEAR_SCORE, CLEAR_SUPPORT, WHOLE_SUPPORT)
+
+
+def streaked(seen: Centres) -> Bools:
+    """Which balls (K,) the network sees move."""
+    return np.asarray(np.linalg.norm(seen.streak, axis=1) > STREAK_RADII * seen.radius)
+
+
+def _swept(seen: Centres) -> Found:
+    """Streaks, as the network sees them."""
+    columns = seen.centre, seen.radius, seen.streak, seen.score, seen.across, np.maximum(seen.along, seen.across)
+    return Found(*(column.copy() for column in columns))
+
+
+def value_at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
+    """Values (n,) of a picture at working px (n, 2)."""
+    h, w = mask.shape[:2]
+    u = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
+    v = np.clip(np.rint(working[..., 1]).astype(int), 0, h - 1)
+    return np.asarray(mask[v, u])

@@ -1,0 +1,84 @@
+"""What becomes of what a network saw: balls, where the picture bears it out."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from drawn import PX_PER_M, RADIUS, Ball, draw, drawn_scene, spread_balls
+
+from detectors.centres import LOOKS, Centres
+from detectors.cloth import learn_cloth
+from detectors.judge import CLEAR_SCORE, FAINT_SCORE, LEAST_SCORE, Judge
+from detectors.view import view_of
+
+SIZE_PX = RADIUS * PX_PER_M
+WHITE, BLUE, PALE = (235.0, 235.0, 225.0), (30.0, 60.0, 200.0), (52.0, 135.0, 185.0)
+
+
+def judge_of(picture: np.ndarray) -> Judge:
+    view = view_of(drawn_scene())
+    return Judge(view, learn_cloth([view.picture(picture)], view))
+
+
+def seen(judge: Judge, *balls: tuple[float, float, float, tuple[float, float], float]) -> Centres:
+    """Peaks at px of the picture: x, y, radius over a ball's, streak px, score."""
+    centre = judge.view.to_working(np.array([[x, y] for x, y, *_ in balls]))
+    scale, count = judge.view.scale, len(balls)
+    sigma = np.full(count, 0.6 * scale)
+    return Centres(
+        centre,
+        np.array([SIZE_PX * scale * relative for _, _, relative, _, _ in balls]),
+        np.array([streak for *_, streak, _ in balls]) * scale,
+        np.array([score for *_, score in balls]),
+        sigma,
+        sigma,
+        np.full((count, len(LOOKS)), 1 / len(LOOKS)),
+    )
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_a_ball_of_which_only_a_mark_is_seen_is_found_whole(turn: int) -> None:
+    """A white patch off the middle of a dark ball has the clearer outline of the two."""
+    ball, angle = Ball(301.4, 170.7, BLUE), np.pi / 2 * turn
+    picture = draw([ball], np.random.default_rng(1))
+    at = np.array([ball.x, ball.y]) + 0.5 * SIZE_PX * np.array([np.cos(angle), np.sin(angle)])
+    centre = tuple(int(c) for c in np.rint(16 * at))
+    cv2.circle(picture, centre, round(16 * 0.6 * SIZE_PX), WHITE, -1, cv2.LINE_AA, 4)
+    judge = judge_of(picture)
+    found, _ = judge.measured(picture, seen(judge, (float(at[0]), float(at[1]), 0.6, (0.0, 0.0), 0.9)), 0)
+    assert len(found) == 1
+    assert np.linalg.norm(found.centre[0] - (ball.x, ball.y)) < 0.8
+    assert found.radius[0] == pytest.approx(SIZE_PX, rel=0.1)
+
+
+def test_a_mark_on_the_cloth_is_no_ball() -> None:
+    rng = np.random.default_rng(2)
+    picture = draw(spread_balls(rng, (WHITE, BLUE), 3), rng)
+    picture[168:174, 298:304] = (20, 20, 20)
+    judge = judge_of(picture)
+    found, _ = judge.measured(picture, seen(judge, (300.5, 170.5, 0.55, (0.0, 0.0), 0.95)), 0)
+    assert len(found) == 0
+
+
+def test_a_faint_streak_is_a_ball_where_the_picture_adds_up_to_one() -> None:
+    ball = Ball(330.3, 175.6, WHITE, (24.0, 7.0))
+    picture = draw([ball], np.random.default_rng(3))
+    judge = judge_of(picture)
+    faint = (FAINT_SCORE + LEAST_SCORE) / 2
+    there, away = (ball.x + 2, ball.y + 1, 1.0, (20.0, 8.0), faint), (200.0, 250.0, 1.0, (20.0, 8.0), faint)
+    found, _ = judge.measured(picture, seen(judge, there, away), 0)
+    assert len(found) == 1
+    assert np.linalg.norm(found.centre[0] - (ball.x, ball.y)) < 1.0
+    assert np.abs(np.abs(found.streak[0]) - np.abs(ball.streak)).max() < 2.5
+
+
+def test_a_streak_takes_no_ball_away_that_is_surer_than_itself() -> None:
+    """The ball is nearly of the cloth's colour: its outline alone would not keep it."""
+    ball = Ball(300.0, 170.0, PALE)
+    picture = draw([ball], np.random.default_rng(4), noise=6.0)
+    judge = judge_of(picture)
+    streak = (ball.x + 2.2 * SIZE_PX, ball.y + 3.0, 1.0, (4.0 * SIZE_PX, 0.0), CLEAR_SCORE)
+    for score, kept in ((0.95, True), (0.5, False)):
+        found, _ = judge.measured(picture, seen(judge, (ball.x, ball.y, 1.0, (0.0, 0.0), score), streak), 0)
+        assert bool((np.linalg.norm(found.streak, axis=1) == 0).any()) is kept
