@@ -17,7 +17,7 @@ from models.trajectory import State
 from video.flow import grid
 from video.pasting import Turned
 from video.sightings import Sightings
-from video.sprites import Sprite
+from video.sprites import Sprite, reach_around
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -100,19 +100,24 @@ def spin_between(
 
     None where its spin is not known, where nothing on it is seen to move, and where what is seen contradicts it.
     """
-    spin = _fitted(sightings, row, ball, state)
+    axes = _axes(sightings, state.xy[:, ball].mean(axis=0), float(sightings.t[row]))
+    spin = _fitted(state, ball, axes, float(sightings.t[row + 1] - sightings.t[row]))
     if spin is None:
         return None
     pair = _Pair.of(sides, radius)
     if pair.moved_share < LEAST_MOVED:
         return None
     parts = _summed(spin)
-    if not np.isfinite(state.w[:, ball, 2]).all() and pair.cost(parts[-1]) > EXPLAINED_WELL:
+    account = pair.turned(parts[-1])
+    if not np.isfinite(state.w[:, ball, 2]).all() and account.cost > EXPLAINED_WELL:
         # About the upright, which no way of a ball tells, it may turn as it likes: what it shows says how.
-        upright = _axes(sightings, state.xy[:, ball].mean(axis=0), float(sightings.t[row]))[:, 2]
-        tried = [(angle, _summed(spin + angle / len(spin) * upright)) for angle in (0.0, *UPRIGHT_RAD)]
-        _, parts = min(tried, key=lambda one: pair.cost(one[1][-1]) + UPRIGHT_WORTH * abs(one[0]))
-    return Spin(parts, radius, pair.moved, pair.light(parts[-1])) if pair.explained_by(parts[-1]) else None
+        least = account.cost
+        for angle in UPRIGHT_RAD:
+            other = _summed(spin + angle / len(spin) * axes[:, 2])
+            tried = pair.turned(other[-1])
+            if tried.cost + UPRIGHT_WORTH * abs(angle) < least:
+                least, parts, account = tried.cost + UPRIGHT_WORTH * abs(angle), other, tried
+    return Spin(parts, radius, pair.moved, account.light()) if account.explained else None
 
 
 def halves_apart(sides: tuple[Sprite, Sprite], radius: float, views: tuple[Turned, Turned]) -> float:
@@ -139,7 +144,7 @@ def _rotation(vector: Floats) -> Floats:
 @lru_cache(maxsize=64)
 def _near_half(radius: float) -> tuple[Singles, Singles]:
     """Ways out of a ball (g, g, 3) at the pixels around its centre, and the share (g, g) of each that can go round."""
-    half = int(np.ceil(1.15 * radius)) + 2
+    half = reach_around(radius)
     y, x = (np.mgrid[-half : half + 1, -half : half + 1] / radius).astype(np.float32)
     square = x * x + y * y
     inner = np.clip((RIM[1] - np.sqrt(square)) / (RIM[1] - RIM[0]), 0, 1)
@@ -164,15 +169,13 @@ def _bent(patch: Singles, bend: Singles) -> Singles:
     return np.asarray(cv2.remap(patch, grid(side, side) - bend, None, cv2.INTER_LINEAR), dtype=np.float32)
 
 
-def _fitted(sightings: Sightings, row: int, ball: int, state: State) -> Floats | None:
+def _fitted(state: State, ball: int, axes: Floats, seconds: float) -> Floats | None:
     """Rotation vectors (K, 3) in parts of the time from one picture to the next, in the picture's axes."""
     spin = state.w[:, ball].copy()
     spin[:, 2] = np.nan_to_num(spin[:, 2])
     if not np.isfinite(spin).all() or state.measured[:, ball].any():
         return None
-    axes = _axes(sightings, state.xy[:, ball].mean(axis=0), float(sightings.t[row]))
-    step = float(sightings.t[row + 1] - sightings.t[row]) / len(spin)
-    return np.asarray(np.linalg.det(axes) * spin @ axes.T * step, dtype=np.float64)
+    return np.asarray(np.linalg.det(axes) * spin @ axes.T * (seconds / len(spin)), dtype=np.float64)
 
 
 def _summed(vectors: Floats) -> Floats:
@@ -196,12 +199,13 @@ def _axes(sightings: Sightings, xy: Floats, t: float) -> Floats:
     return np.stack([right, down, near if near @ (camera.eye - np.array([*xy, size])) > 0 else -near])
 
 
+@lru_cache(maxsize=64)
 def _around(sprite: Sprite, radius: float) -> Singles:
-    """(g, g, 3) levels of a sighting around the ball's centre."""
-    half = int(np.ceil(1.15 * radius)) + 2
-    centre = sprite.centre - (sprite.x, sprite.y) - sprite.inset
-    shift = np.array([[1, 0, half - centre[0]], [0, 1, half - centre[1]]])
-    cover = cv2.warpAffine(sprite.cover, shift, (2 * half + 1, 2 * half + 1), flags=cv2.INTER_CUBIC)
+    """(g, g, 3) levels of a sighting around the ball's centre.
+
+    Shared, not to be written into: a sighting ends one gap and begins the next.
+    """
+    cover = sprite.around(sprite.cover, reach_around(radius))
     return np.asarray(cover[..., :3] / np.maximum(cover[..., 3:], 0.2), dtype=np.float32)
 
 
@@ -234,49 +238,64 @@ class _Pair:
         inner = _near_half(self.radius)[1]
         return float((inner * self.moved).sum() / inner.sum())
 
-    def gains(self, turn: Floats) -> tuple[list[Singles], list[Singles]]:
-        """Levels (g, g, 3) of both sightings that are beyond what their paint shows in the other one, turned there, and
-        how well (g, g) it is seen there, 0 to 1."""
-        outward, _ = _near_half(self.radius)
+    def turned(self, turn: Floats) -> _Account:
+        """What a turn (3, 3) from the first sighting to the second leaves of their difference."""
+        outward, inner = _near_half(self.radius)
         gains, known = [], []
         for own, other, there in zip(self.seen, self.wide[::-1], (turn, turn.T), strict=True):
             place = outward @ there.T.astype(np.float32)
             bend = _bend(outward, place, self.radius)
             gains.append(_beyond(own, _bent(other[0], bend), _bent(other[1], bend)))
             known.append(np.clip((place[..., 2] - FACING[0]) / (FACING[1] - FACING[0]), 0, 1))
-        return gains, known
-
-    def _account(self, turn: Floats) -> tuple[float, float, float]:
-        """Squared change where another paint shows; its part at places that both show; what a turn leaves there."""
-        gains, known = self.gains(turn)
-        weight = _near_half(self.radius)[1] * self.moved
+        weight = inner * self.moved
         change = answered = left = 0.0
         for still, gain, share in zip(self.still, gains, known, strict=True):
             change += float((weight * still**2).sum())
             answered += float((weight * share * still**2).sum())
             left += float((weight * share * np.abs(gain).max(axis=2) ** 2).sum())
-        return change, answered, left
+        return _Account(self.seen, inner, gains, known, float(weight.sum()), change, answered, left)
 
-    def cost(self, turn: Floats) -> float:
-        """Share of the squared change that a turn leaves, half of what nothing is known of included."""
-        change, answered, left = self._account(turn)
-        return (left + 0.5 * (change - answered)) / max(change, 1e-6)
 
-    def explained_by(self, turn: Floats) -> bool:
-        """Whether a turn leaves little of the change."""
-        change, answered, left = self._account(turn)
-        if answered < LEAST_KNOWN * change:
-            area = float((_near_half(self.radius)[1] * self.moved).sum())
-            return change > PAINT_LEVELS**2 * 2 * area
-        return left < LEAST_GAIN * answered
+@dataclass(frozen=True, slots=True)
+class _Account:
+    """What a turn leaves of the difference between two sightings."""
 
-    def light(self, turn: Floats) -> Singles:
+    seen: tuple[Singles, Singles]
+    """(g, g, 3)"""
+    inner: Singles
+    """(g, g) share that can go round."""
+    gains: list[Singles]
+    """Levels (g, g, 3) of both that are beyond what their paint shows in the other one, turned there."""
+    known: list[Singles]
+    """How well (g, g) that is seen there, 0 to 1."""
+    area: float
+    """px on which another paint shows."""
+    change: float
+    """levels^2 px by which it does."""
+    answered: float
+    """The part of it at places that both show."""
+    left: float
+    """What of that the turn leaves."""
+
+    @property
+    def cost(self) -> float:
+        """Share of the change that is left, half of what nothing is known of included."""
+        return (self.left + 0.5 * (self.change - self.answered)) / max(self.change, 1e-6)
+
+    @property
+    def explained(self) -> bool:
+        """Whether little of the change is left."""
+        if self.answered < LEAST_KNOWN * self.change:
+            return self.change > PAINT_LEVELS**2 * 2 * self.area
+        return self.left < LEAST_GAIN * self.answered
+
+    def light(self) -> Singles:
         """(g, g, 3) levels by which lamps make a place brighter than others, whatever paint is there.
 
         What is brighter, in both sightings, than its paint is in the other one is so by a lamp.
         """
-        inner = _near_half(self.radius)[1]
-        return np.asarray(_light(self.seen, *self.gains(turn), inner > 0) * inner[..., None], dtype=np.float32)
+        light = _light(self.seen, self.gains, self.known, self.inner > 0)
+        return np.asarray(light * self.inner[..., None], dtype=np.float32)
 
 
 def _beyond(own: Singles, most: Singles, least: Singles) -> Singles:

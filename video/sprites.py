@@ -45,6 +45,11 @@ STREAKED_RADII = 0.5
 """Radii that a ball goes during an exposure from which it is a streak."""
 
 
+def reach_around(radius: float) -> int:
+    """px to each side of a ball's centre within which its sightings are compared: the ball and its edge."""
+    return int(np.ceil(1.15 * radius)) + 2
+
+
 @dataclass(frozen=True, slots=True)
 class Outline:
     """Where a ball is during the exposure of a picture: a disc along a way; px."""
@@ -122,6 +127,18 @@ class Sprite:
     def streak(self) -> float:
         """px, how far it went."""
         return float(np.hypot(*np.ptp(self.way, axis=0)))
+
+    def around(self, patch: Singles, half: int, times: float = 1.0) -> Singles:
+        """A patch (k, l, ...) like the cover as (n, n, ...): `half` px to each side of the ball's centre."""
+        centre = self.in_cover
+        side = round((2 * half + 1) * times)
+        shift = np.array([[times, 0, times * (half - centre[0])], [0, times, times * (half - centre[1])]])
+        return np.asarray(cv2.warpAffine(patch, shift, (side, side), flags=cv2.INTER_CUBIC), dtype=np.float32)
+
+    @property
+    def in_cover(self) -> Floats:
+        """(2,) px, where the ball's centre is in the cover."""
+        return np.asarray(self.centre - (self.x, self.y) - self.inset, dtype=np.float64)
 
     @property
     def hidden(self) -> Singles | None:

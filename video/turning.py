@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from video.flow import flow_between, grid
 from video.pasting import Turned
-from video.sprites import Sprite
+from video.sprites import Sprite, reach_around
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -50,7 +50,7 @@ def bends_between(first: Sprite, second: Sprite, radius: float) -> Bends | None:
 
     None where turning the one into the other explains nothing: plain, blurred or hidden balls.
     """
-    half = int(np.ceil(1.15 * radius)) + 2
+    half = reach_around(radius)
     times = float(np.clip(LEAST_SIDE / (2 * half + 1), 1.0, LARGEST_TIMES))
     if not all(_is_seen(sprite, half, radius) for sprite in (first, second)):
         return None
@@ -70,33 +70,20 @@ def _view(sprite: Sprite, half: int, times: float) -> Picture:
 
     Shared, not to be written into: a ball is seen once for the way to it and once for the way on.
     """
-    grey, mask = cv2.split(_around(cv2.transform(sprite.cover, TO_GREY), sprite, half, times))
+    grey, mask = cv2.split(sprite.around(cv2.transform(sprite.cover, TO_GREY), half, times))
     mask = np.clip(mask, 0, 1)
     mean = cv2.sumElems(grey)[0] / max(cv2.sumElems(mask)[0], 1.0)
     return np.asarray(cv2.add(grey, np.float32(mean) * (1 - mask), dtype=cv2.CV_8U), dtype=np.uint8)
 
 
-def _around(patch: Singles, sprite: Sprite, half: int, times: float) -> Singles:
-    """A patch of the sprite's cover, resampled to (n, n) around the centre of the ball."""
-    centre = _centre(sprite)
-    side = round((2 * half + 1) * times)
-    shift = np.array([[times, 0, times * (half - centre[0])], [0, times, times * (half - centre[1])]])
-    return np.asarray(cv2.warpAffine(patch, shift, (side, side), flags=cv2.INTER_CUBIC), dtype=np.float32)
-
-
-def _centre(sprite: Sprite) -> Floats:
-    """(2,) px of the ball in the sprite's cover."""
-    return np.asarray(sprite.centre - (sprite.x, sprite.y) - sprite.inset, dtype=np.float64)
-
-
 def _is_seen(sprite: Sprite, half: int, radius: float) -> bool:
     """Whether the ball is seen but for its rim, and neither another ball nor the border hides any of it."""
-    centre, within = _centre(sprite), SEEN_RADII * radius
+    centre, within = sprite.in_cover, SEEN_RADII * radius
     rows, columns = sprite.seen.shape
     inside = min(centre) >= within and centre[0] + within <= columns - 1 and centre[1] + within <= rows - 1
     if inside and sprite.hidden is None:
         return True
-    seen = _around(sprite.seen, sprite, half, 1.0)
+    seen = sprite.around(sprite.seen, half)
     place = np.arange(2 * half + 1) - half
     return bool(seen[np.hypot(place[None], place[:, None]) < within].min() >= 0.5)
 
