@@ -84,7 +84,7 @@ def render_slow_motion(
     """
     rate = min(max(clip.rate, LEAST_RATE), MOST_RATE)
     times = _times(scenery.sightings, rate, options)
-    preset, crf = ("ultrafast", 26) if options.quick else ("veryfast", 20)
+    preset, crf = ("ultrafast", 26) if options.quick else ("veryfast", 23)
     tuning = SLOW_TUNING if options.slow >= TUNED_FROM and not options.quick else ""
     marks = chosen_marks(marks_of(scenery.sightings, fit)) if options.style == "umpire" else []
     again = sum(len(replay_times(scenery.sightings, mark, float(rate), options.slow)) for mark in marks)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import platform
+import subprocess
+import sys
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +17,8 @@ from numpy.typing import NDArray
 
 from models.errors import ClipError
 from video.writer import VideoWriter
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def picture(k: int, width: int = 64, height: int = 48) -> NDArray[np.uint8]:
@@ -55,6 +61,35 @@ def test_odd_sizes_are_padded_with_their_own_edge(tmp_path: Path) -> None:
 def test_the_same_pictures_give_the_same_bytes(tmp_path: Path) -> None:
     one, two = (write(tmp_path / name, 40, Fraction(30)) for name in ("a.mp4", "b.mp4"))
     assert one.read_bytes() == two.read_bytes()
+
+
+DIRTY = """
+import hashlib, sys
+from fractions import Fraction
+from pathlib import Path
+import numpy as np
+from video.writer import VideoWriter
+
+rng = np.random.default_rng(1)
+cloth = rng.normal(90, 6, (520, 900, 1)) + np.array([0.0, 30.0, 60.0])
+with VideoWriter(Path(sys.argv[1]), 854, 480, Fraction(30)) as video:
+    for k in range(4):
+        picture = np.clip(cloth[k : 480 + k, 2 * k : 854 + 2 * k] + rng.normal(0, 2, (480, 854, 1)), 0, 255)
+        picture[440 + 3 * k : 470 + 3 * k, 780 + 9 * k : 810 + 9 * k] = (240, 40, 30)
+        video.write(picture.astype(np.uint8))
+print(hashlib.sha256(Path(sys.argv[1]).read_bytes()).hexdigest())
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc fills fresh memory as one asks")
+def test_the_bytes_do_not_depend_on_what_memory_held_before(tmp_path: Path) -> None:
+    """Neither side is a multiple of 16: what x264 fills up must not be read before it is."""
+    made = set()
+    for filled in ("0", "1", "2", "3"):
+        facts = os.environ | {"MALLOC_PERTURB_": filled, "PYTHONPATH": str(ROOT)}
+        asked = [sys.executable, "-c", DIRTY, str(tmp_path / f"{filled}.mp4")]
+        made.add(subprocess.run(asked, env=facts, check=True, capture_output=True, text=True).stdout)
+    assert len(made) == 1
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
