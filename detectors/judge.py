@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
-LEAST_SCORE = 0.42
+LEAST_SCORE = 0.5
 """Probability from which a ball is reported."""
 SIZE_BAND = (0.7, 1.4)
 """Seen over predicted radius of what can be a ball of this table."""
@@ -42,9 +42,8 @@ STREAK_RADII = 1.0
 one that moved less is nearly a circle, and places it better than the network does."""
 MARK_STARTS = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
 """Where the centre of a ball may be whose mark the network sees: so far off, in what the ball is larger."""
-CLEAR_SCORE, NEARLY_WHOLE_SUPPORT = 0.7, 0.85
-"""Probability from which the network is sure that something is there, be it of the wrong size, and the support that the
-outline of a ball of the right size needs then."""
+CLEAR_SCORE = 0.7
+"""Probability from which the network is sure that something is there, be it of the wrong size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +165,7 @@ class Judge:
 
 def _needed(seen: Centres) -> Floats:
     """Support (K,) of its outline that makes a ball of what the network is not sure of, or sees in the wrong size."""
-    return np.where(seen.score > CLEAR_SCORE, NEARLY_WHOLE_SUPPORT, WHOLE_SUPPORT)
+    return np.where(seen.score > CLEAR_SCORE, CLEAR_SUPPORT, WHOLE_SUPPORT)
 
 
 def streaked(seen: Centres) -> Bools:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from detectors.training_data import Pictures, read_pictures, training_file
 from detectors.training_loss import CLEAR_SHARE, LEAST_RADIUS_PX
 
 Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
 
 CALIBRATION_FILE, FIGURES_FILE = 0, 1
 """Which held-out pictures fit the calibration, and which others give the figures."""
@@ -68,21 +71,32 @@ class Matches:
 
 def checked(network: BallNetwork, folder: Path) -> tuple[Calibration, Figures]:
     """Calibration from one set of held-out pictures, figures from another."""
-    fitted = calibration_of(matched(network, Calibration(), _held_out(folder, CALIBRATION_FILE)))
-    return fitted, figures_of(network, fitted, _held_out(folder, FIGURES_FILE))
+    fitted = calibration_of(matched(network, Calibration(), held_out(folder, CALIBRATION_FILE)))
+    shown = held_out(folder, FIGURES_FILE)
+    return fitted, figures_of(matched(network, fitted, shown), len(shown))
 
 
-def _held_out(folder: Path, number: int) -> Pictures:
+def held_out(folder: Path, number: int) -> Pictures:
+    """A file of pictures that training never showed; drawn where it is missing."""
     return read_pictures(training_file(folder, number, held_out=True))
 
 
 def matched(network: BallNetwork, calibration: Calibration, pictures: Pictures) -> Matches:
     """Every peak of every picture, beside the ball it belongs to; peaks on hidden balls are left out."""
     shipped = ShippedNetwork(network, calibration).eval()
+
+    def maps_of(rgb: Bytes) -> Floats32:
+        with torch.no_grad():
+            return np.asarray(shipped(torch.from_numpy(rgb[None])).numpy()[0])
+
+    return matched_maps(maps_of, pictures)
+
+
+def matched_maps(maps_of: Callable[[Bytes], Floats32], pictures: Pictures) -> Matches:
+    """The same of a function from a picture (S, S, 3) to maps (12, S / 4, S / 4) whose score is a probability."""
     rows, balls, found = [], 0, 0
     for rgb, given in zip(pictures.rgb, pictures.balls, strict=True):
-        with torch.no_grad():
-            maps = shipped(torch.from_numpy(rgb[None])).numpy()[0]
+        maps = maps_of(rgb)
         there = given[~np.isnan(given[:, 0])].astype(np.float64)
         seen = read_maps(maps, LEAST_SCORE)
         part, of_ball = _compared(seen, there)
@@ -150,15 +164,14 @@ def logistic_fit(x: Floats, true: NDArray[np.bool_]) -> tuple[float, float]:
     return float(beta[0]), float(beta[1])
 
 
-def figures_of(network: BallNetwork, calibration: Calibration, pictures: Pictures) -> Figures:
-    """What the calibrated network does with pictures."""
-    peaks = matched(network, calibration, pictures)
+def figures_of(peaks: Matches, pictures: int) -> Figures:
+    """What the calibrated network did with so many pictures."""
     given, good = peaks.score > SCORE, (peaks.score > SCORE) & peaks.true
     sharp, swept = good & (peaks.streak <= SHARP_PX), good & (peaks.streak > SHARP_PX)
     pulls = peaks.miss[good] / peaks.sigma[good]
     across, along = np.sqrt((peaks.miss[swept] ** 2).mean(axis=0)) if swept.any() else (np.nan, np.nan)
     return Figures(
-        len(pictures),
+        pictures,
         peaks.balls,
         peaks.found / max(peaks.balls, 1),
         float(peaks.true[given].mean()) if given.any() else 0.0,
