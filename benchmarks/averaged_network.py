@@ -35,8 +35,8 @@ def main() -> None:
     given = asked.parse_args()
     models = [onnx.load(str(path)) for path in given.networks]
     made = averaged(*models)
-    made_of = [json.loads(facts(model)[RECIPE]) for model in models]
-    tell(made, RECIPE, {"mean_of": made_of})
+    first, second = (json.loads(facts(model)[RECIPE]) for model in models)
+    tell(made, RECIPE, second | {"mean_with": first})
     left = calibration_of(matched_maps(saved(made, given.out).maps, held_out(given.work, CALIBRATION_FILE)))
     tell(made, CALIBRATION, asdict(calibrate(made, left)))
     shown = held_out(given.work, FIGURES_FILE)
