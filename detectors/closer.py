@@ -39,8 +39,8 @@ LEAST_UNLIKE = 0.5
 """Difference from the cloth, over that of the balls that were seen, of what may be another: shade differs less."""
 LEAST_HALF_RADII, LEAST_AREA = 0.3, 0.2
 """Half width, ball radii, and area, in balls, that it must have."""
-MARGIN_RADII, CONTEXT_PX = 2.0, 16
-"""Picture around such a part that the network is shown with it: ball radii, and px of the closer picture as well."""
+CONTEXT_PX = 16
+"""Px of the closer picture around such a part and its surroundings that the network is shown with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ def looked_closer(shown: Shown, view: View, cloth: Cloth, model: BallModel, seen
     if not again.any():
         return seen
     parts, looked = [], np.zeros_like(again)
-    for part in windows(again, view, MARGIN_RADII):
+    for part in windows(again, view):
         factor = min(CLOSE_RADIUS_PX / float(view.radius[part][again[part]].max()), MOST_CLOSER)
         if factor >= LEAST_CLOSER:
             parts.append(_closer(shown, view, model, part, factor))

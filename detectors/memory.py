@@ -74,12 +74,12 @@ def around(places: Bools, reach: float) -> Bools:
     return np.asarray(cv2.dilate(places.astype(np.uint8), disc_kernel(reach)) > 0)
 
 
-def windows(touched: Bools, view: View, margin_radii: float = MARGIN_RADII) -> list[tuple[slice, slice]]:
+def windows(touched: Bools, view: View) -> list[tuple[slice, slice]]:
     """Rows and columns of the parts of the picture that hold the touched places and their surroundings."""
     h, w = touched.shape
     if touched.all():
         return [(slice(0, h), slice(0, w))]
-    margin = int(np.ceil(margin_radii * float(view.radius.max()) / BLOCK))
+    margin = int(np.ceil(MARGIN_RADII * float(view.radius.max()) / BLOCK))
     grown = cv2.dilate(_blocks(touched).astype(np.uint8), np.ones((2 * margin + 1, 2 * margin + 1), np.uint8))
     _, _, stats, _ = cv2.connectedComponentsWithStats(grown)
     boxes = [(x * BLOCK, y * BLOCK, (x + dx) * BLOCK, (y + dy) * BLOCK) for x, y, dx, dy, _ in stats[1:].tolist()]
