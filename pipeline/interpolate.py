@@ -114,7 +114,7 @@ def interpolate_clip(
     with aside(video) as place, _folder(frames) as folder:
         silent = place.with_name(f".{video.name}.silent{place.name.removeprefix('.' + video.name)}")
         try:
-            with VideoWriter(silent, window.width, seen.height, rate, crf=16, time_base=base, direct=True) as writer:
+            with VideoWriter(silent, window.width, seen.height, rate, crf=18, time_base=base, direct=True) as writer:
                 for k, picture in enumerate(pictures_at(seen, scenery, times, making)):
                     shown = window.cut(picture, k)
                     writer.write(shown, None if even else float(wanted.slow * (times[k] - times[0])))
