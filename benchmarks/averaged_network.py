@@ -22,9 +22,17 @@ from onnx import numpy_helper
 
 from detectors.export import Calibration
 from detectors.onnx_model import CentreModel, open_model
-from detectors.training_check import CALIBRATION_FILE, FIGURES_FILE, calibration_of, figures_of, held_out, matched_maps
+from detectors.training_check import (
+    CALIBRATION_FILE,
+    FIGURES_FILE,
+    as_facts,
+    calibration_of,
+    figures_of,
+    held_out,
+    matched_maps,
+)
 
-FIGURES, RECIPE, CALIBRATION = "trueroll.held_out", "trueroll.recipe", "trueroll.calibration"
+RECIPE = "trueroll.recipe"
 
 
 def main() -> None:
@@ -38,13 +46,13 @@ def main() -> None:
     first, second = (json.loads(facts(model)[RECIPE]) for model in models)
     tell(made, RECIPE, second | {"mean_with": first})
     left = calibration_of(matched_maps(saved(made, given.out).maps, held_out(given.work, CALIBRATION_FILE)))
-    tell(made, CALIBRATION, asdict(calibrate(made, left)))
-    shown = held_out(given.work, FIGURES_FILE)
-    figures = asdict(figures_of(matched_maps(saved(made, given.out).maps, shown), len(shown)))
-    tell(made, FIGURES, {name: round(float(value), 4) for name, value in figures.items()})
-    saved(made, given.out)
+    calibration, shown = calibrate(made, left), held_out(given.work, FIGURES_FILE)
+    figures = figures_of(matched_maps(saved(made, given.out).maps, shown), len(shown))
+    for key, value in as_facts(calibration, figures).items():
+        tell(made, key, value)
+    onnx.save(made, str(given.out))
     print("calibrated by", {name: round(value, 3) for name, value in asdict(left).items()})
-    print(json.dumps(figures))
+    print(json.dumps(asdict(figures)))
 
 
 def saved(model: onnx.ModelProto, path: Path) -> CentreModel:

@@ -17,7 +17,7 @@ from detectors.centres import Centres, chained
 from detectors.cloth import Cloth, disc_kernel
 from detectors.memory import around, windows
 from detectors.onnx_model import BallModel
-from detectors.view import View
+from detectors.view import View, pixel_at, value_at
 
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
@@ -58,7 +58,7 @@ class Shown:
 
 def looked_closer(shown: Shown, view: View, cloth: Cloth, model: BallModel, seen: Centres) -> Centres:
     """What the network saw, px of the working picture, and in the place of what crowds there what it sees closer."""
-    seen_well = seen.take((seen.score > LEAST_SCORE) & _inside(view.centres, seen))
+    seen_well = seen.take((seen.score > LEAST_SCORE) & value_at(view.centres, seen.centre))
     again = _discs(seen_well.take(_crowded(seen_well)), REACH_RADII, view)
     odd = _unexplained(shown, view, cloth, seen_well)
     if odd.any():
@@ -72,7 +72,7 @@ def looked_closer(shown: Shown, view: View, cloth: Cloth, model: BallModel, seen
             parts.append(_closer(shown, view, model, part, factor))
             looked[part] |= again[part]
     closer = chained(parts)
-    return chained([seen.take(~_inside(looked, seen)), closer.take(_inside(looked, closer))])
+    return chained([seen.take(~value_at(looked, seen.centre)), closer.take(value_at(looked, closer.centre))])
 
 
 def _crowded(seen: Centres) -> Bools:
@@ -90,7 +90,7 @@ def _unexplained(shown: Shown, view: View, cloth: Cloth, seen: Centres) -> Bools
     found = np.zeros(beside.shape, dtype=bool)
     if not len(row):
         return found
-    balls = cloth.unlike(shown.working, *_cells(seen, beside.shape))
+    balls = cloth.unlike(shown.working, *pixel_at(beside.shape, seen.centre))
     unlike = cloth.unlike(shown.working, row, column) > max(cloth.threshold, LEAST_UNLIKE * float(np.median(balls)))
     if np.count_nonzero(unlike) < LEAST_AREA * np.pi * view.typical**2:
         return found
@@ -125,14 +125,3 @@ def _discs(seen: Centres, radii: float, view: View) -> Bools:
     for (x, y), radius in zip(np.rint(seen.centre).astype(int).tolist(), seen.radius.tolist(), strict=True):
         cv2.circle(drawn, (x, y), int(np.ceil(radii * radius)), 1, -1)
     return drawn.view(np.bool_)
-
-
-def _inside(mask: Bools, seen: Centres) -> Bools:
-    """Which balls (K,) have their centre in a mask (h, w)."""
-    return np.asarray(mask[_cells(seen, mask.shape)])
-
-
-def _cells(seen: Centres, shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Row and column (K,) of the pixel of a picture (h, w) that each ball's centre is nearest to."""
-    column, row = np.clip(np.rint(seen.centre).astype(int), 0, np.array(shape[::-1]) - 1).T
-    return row, column

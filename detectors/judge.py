@@ -8,7 +8,6 @@ centre is their weighted mean. What the network is not sure of is a ball if the 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from detectors.found import NO_BALLS, Found, inside, without_overlaps
 from detectors.found import chained as found_chained
 from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, outlined
 from detectors.sweep import fitted_sweep
-from detectors.view import View
+from detectors.view import View, value_at
 from models.detections import Detections
 from models.scene import apply_homography
 
@@ -177,11 +176,3 @@ def _swept(seen: Centres) -> Found:
     """Streaks, as the network sees them."""
     columns = seen.centre, seen.radius, seen.streak, seen.score, seen.across, np.maximum(seen.along, seen.across)
     return Found(*(column.copy() for column in columns))
-
-
-def value_at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
-    """Values (n,) of a picture at working px (n, 2)."""
-    h, w = mask.shape[:2]
-    u = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
-    v = np.clip(np.rint(working[..., 1]).astype(int), 0, h - 1)
-    return np.asarray(mask[v, u])

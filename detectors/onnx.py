@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from detectors.centres import COARSE_STRIDE, Centres, chained, not_echoes
 from detectors.closer import Shown, looked_closer
 from detectors.cloth import Cloth, learn_cloth
-from detectors.judge import CLEAR_SCORE, Judge, streaked, value_at
+from detectors.judge import CLEAR_SCORE, Judge, streaked
 from detectors.memory import CHANGED_SHARE, REACH_RADII, RENEWED_PICTURES, around, windows
 from detectors.onnx_model import BallModel, CentreModel
-from detectors.view import View, view_of
+from detectors.view import View, value_at, view_of
 from models.detections import Detections
 from models.scene import Scene, apply_homography
 

@@ -6,6 +6,7 @@ All searching happens there, so its cost depends on the table and not on the res
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -125,6 +126,19 @@ class View:
     def predicted_radius(self, px: Floats) -> Floats:
         """Radius (...) px of the reference picture that a ball has at reference px (..., 2)."""
         return predicted_radius(self.scene, px)
+
+
+def pixel_at(shape: tuple[int, ...], working: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Row and column (n,) of the pixel of a picture (h, w) that is nearest to working px (n, 2)."""
+    h, w = shape[:2]
+    column = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
+    row = np.clip(np.rint(working[..., 1]).astype(int), 0, h - 1)
+    return row, column
+
+
+def value_at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
+    """Values (n,) of a picture (h, w, ...) at working px (n, 2)."""
+    return np.asarray(mask[pixel_at(mask.shape, working)])
 
 
 def view_of(scene: Scene) -> View:

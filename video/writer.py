@@ -18,8 +18,8 @@ from video.planes import FORMAT, planes_of
 
 STEADY = "force-cfr=1:mbtree=0"
 """Parameters of x264 without which videos are not what they should be: `force-cfr` keeps the rerun 0.41 viewer from
-hanging; how x264 0.165 spreads bits over a tree of blocks reads memory that nobody wrote where a side is no multiple of
-16, so that two runs would differ in bytes now and then."""
+hanging; how x264 0.165 spreads bits over a tree of blocks reads memory that nobody wrote, at 64 x 48 and 854 x 480 px
+for two, so that two runs would differ in bytes now and then."""
 
 
 class VideoWriter:

@@ -83,7 +83,7 @@ print(hashlib.sha256(Path(sys.argv[1]).read_bytes()).hexdigest())
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc fills fresh memory as one asks")
 def test_the_bytes_do_not_depend_on_what_memory_held_before(tmp_path: Path) -> None:
-    """Neither side is a multiple of 16: what x264 fills up must not be read before it is."""
+    """At this size x264 reads, for its tree of blocks, what it never wrote."""
     made = set()
     for filled in ("0", "1", "2", "3"):
         facts = os.environ | {"MALLOC_PERTURB_": filled, "PYTHONPATH": str(ROOT)}
