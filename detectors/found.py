@@ -57,15 +57,20 @@ def inside(points: Floats, streaks: Found) -> Bools:
 
 
 def without_overlaps(found: Found, scene: Scene, frame: int) -> Found:
-    """The best ones of those that cannot stand beside each other."""
+    """The best ones of rivals: of those that cannot stand beside each other."""
     radius = scene.table.ball_radius
     xy = scene.camera.to_table(found.centre, radius, frame)
     apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1) > APART_RADII * radius
     seen = np.linalg.norm(found.centre[:, None] - found.centre[None], axis=-1)
     apart &= seen > APART_SEEN_RADII * found.radius[:, None]
+    return found.take(best_first(found, apart))
+
+
+def best_first(found: Found, possible: Bools) -> NDArray[np.int64]:
+    """Rows of balls, streaks and what is likelier first, of which `possible` (N, N) says that each two can be."""
     kept: list[int] = []
     streaked = np.linalg.norm(found.streak, axis=1) > 0
     for row in np.lexsort((-found.score, ~streaked)).tolist():
-        if apart[row, kept].all():
+        if possible[row, kept].all():
             kept.append(row)
-    return found.take(np.array(kept, dtype=np.int64))
+    return np.array(kept, dtype=np.int64)

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from detectors.apart import stood_apart
 from detectors.centres import Centres
 from detectors.cloth import Cloth
 from detectors.colour import ball_coats
-from detectors.found import NO_BALLS, Found, inside, without_overlaps
+from detectors.found import NO_BALLS, Found, inside
 from detectors.found import chained as found_chained
 from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, outlined
 from detectors.sweep import fitted_sweep
@@ -83,7 +84,7 @@ class Judge:
         swept = found_chained(self._swept_as_seen(rgb, moving, at_rest, frame), by_light)
         within = inside(sharp.centre, swept) & (swept.score[:, None] >= sharp.score)
         kept = ~moves & ((support > CLEAR_SUPPORT) | ~within.any(axis=0))
-        found = without_overlaps(found_chained(swept, sharp.take(kept)), self.view.scene, frame)
+        found = stood_apart(found_chained(swept, sharp.take(kept)), self.view.scene, frame)
         coats = ball_coats(rgb, found.centre, found.radius)
         frames = np.full(len(found.score), frame, dtype=np.int64)
         unclear = np.concatenate([moving.centre[self.sure(moving)], resting.centre[support <= LEAST_SUPPORT]])
@@ -93,7 +94,10 @@ class Judge:
         ), unclear  # fmt: skip
 
     def _swept_by_light(self, rgb: Bytes, home: Centres, sharp: Found, support: Floats) -> tuple[Found, Bools]:
-        """Streaks among balls without a whole outline, by what an exposure adds up to; which (n,) of them are some."""
+        """Streaks among balls without a whole outline, by what an exposure adds up to; which (n,) of them are some.
+
+        None of them goes over a ball of which the network is sure: a row of balls adds up to a streak as well.
+        """
         radius = value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
         moves, found = np.zeros(len(support), dtype=bool), NO_BALLS
         for row in np.flatnonzero(support < CLEAR_SUPPORT):
@@ -101,11 +105,14 @@ class Judge:
             clear[row] = False
             others, size = sharp.take(clear), float(radius[row])
             sweep = fitted_sweep(rgb, sharp.centre[row], size, others.centre, others.radius, self.cloth.basis)
-            if sweep is not None and sweep.believed(size):
+            if sweep is None or not sweep.believed(size):
+                continue
+            place, way = sweep.centre[None], sweep.way[None]
+            errors = np.array([sweep.across]), np.array([sweep.along])
+            swept = Found(place, radius[[row]], way, sharp.score[[row]], *errors)
+            if not inside(sharp.centre[_other_balls(home, row)], swept).any():
                 moves[row] = True
-                place, way = sweep.centre[None], sweep.way[None]
-                errors = np.array([sweep.across]), np.array([sweep.along])
-                found = found_chained(found, Found(place, radius[[row]], way, sharp.score[[row]], *errors))
+                found = found_chained(found, swept)
         return found, moves
 
     def _swept_as_seen(self, rgb: Bytes, home: Centres, at_rest: Found, frame: int) -> Found:
@@ -170,6 +177,13 @@ def _needed(seen: Centres) -> Floats:
 def streaked(seen: Centres) -> Bools:
     """Which balls (K,) the network sees move."""
     return np.asarray(np.linalg.norm(seen.streak, axis=1) > STREAK_RADII * seen.radius)
+
+
+def _other_balls(seen: Centres, row: int) -> Bools:
+    """Which balls (K,) besides one the network is sure of."""
+    other = seen.score > CLEAR_SCORE
+    other[row] = False
+    return other
 
 
 def _swept(seen: Centres) -> Found:

@@ -82,3 +82,16 @@ def test_a_streak_takes_no_ball_away_that_is_surer_than_itself() -> None:
     for score, kept in ((0.95, True), (0.5, False)):
         found, _ = judge.measured(picture, seen(judge, (ball.x, ball.y, 1.0, (0.0, 0.0), score), streak), 0)
         assert bool((np.linalg.norm(found.streak, axis=1) == 0).any()) is kept
+
+
+def test_a_row_of_balls_that_the_network_is_sure_of_is_no_streak() -> None:
+    """Balls of one colour that touch add up to what a ball leaves that moves by; their outlines are broken."""
+    step = 2 * SIZE_PX
+    row = [Ball(280.0 + k * step, 170.0, WHITE) for k in range(4)]
+    picture = cv2.GaussianBlur(draw(row, np.random.default_rng(5)), (0, 0), 2.5)
+    judge = judge_of(picture)
+    found, _ = judge.measured(picture, seen(judge, *((b.x, b.y, 1.0, (0.0, 0.0), 0.95) for b in row)), 0)
+    assert len(found) == 4
+    assert not found.streak.any()
+    gap = np.abs(found.centre[:, None] - np.array([[b.x, b.y] for b in row])).max(axis=2).min(axis=0)
+    assert gap.max() < 0.4 * SIZE_PX
