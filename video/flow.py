@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from video.crawl import with_crawls
+
 Picture = NDArray[np.uint8]
 Singles = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -76,7 +78,7 @@ class OpticalFlow:
         size = (-(-width // shrink), -(-height // shrink))
         small = tuple(_resized(picture, size) for picture in (first, second))
         grey = [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for picture in small]
-        there, back = (flow_between(a, b, finest=max(2 - shrink, 0)) for a, b in (grey, grey[::-1]))
+        there, back = (with_crawls(flow_between(a, b, max(2 - shrink, 0)), a, b) for a, b in (grey, grey[::-1]))
         grids = grid(height, width), grid(*grey[0].shape)
         return _Opened((first, second), (small[0], small[1]), there, back, *grids, wide=shrink == WIDE).at
 
