@@ -100,7 +100,7 @@ class Judge:
         """
         radius = value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
         moves, found = np.zeros(len(support), dtype=bool), NO_BALLS
-        for row in np.flatnonzero(support < CLEAR_SUPPORT):
+        for row in np.flatnonzero(support < CLEAR_SUPPORT).tolist():
             clear = support > CLEAR_SUPPORT
             clear[row] = False
             others, size = sharp.take(clear), float(radius[row])

@@ -47,7 +47,7 @@ LEAST_GAIN = 1.1
 TURNS = 10
 HUBER = 2.0
 """Root mean square misses from which a pixel counts less."""
-FLOOR_PX, FLOOR_SHARE = 0.25, 0.02
+FLOOR_PX, FLOOR_SHARE = 0.25, 0.04
 """Error of the centre that no picture shows: px, and along the streak in addition a share of its length. Measured on
 drawn streaks: light that changes along the way moves the middle."""
 HOPELESS_LEFT = 0.5

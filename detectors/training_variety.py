@@ -1,4 +1,4 @@
-"""One training picture in many forms: turned, mirrored, nearer or farther, in another light, with more noise."""
+"""One training picture in many forms: turned, mirrored, nearer or farther, in another light, with litter or noise."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from detectors.training_litter import littered
+
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 
-TURNED_SHARE, RELIT_SHARE = 0.5, 0.7
-"""Share of pictures turned by any angle and scaled, and of those in another light."""
+TURNED_SHARE, LITTERED_SHARE, RELIT_SHARE = 0.5, 0.4, 0.7
+"""Share of pictures turned by any angle and scaled, of those with litter on the cloth, and in another light."""
 ZOOM = (0.75, 1.35)
 RADII_PX = (3.5, 13.0)
 """Balls are kept within the sizes that the network is made for."""
@@ -24,6 +26,8 @@ def vary(rng: np.random.Generator, rgb: Bytes, balls: Floats32) -> tuple[Bytes, 
     rgb, balls = turned(rgb, balls, int(rng.integers(8)))
     if rng.random() < TURNED_SHARE:
         rgb, balls = _zoomed(rng, rgb, balls)
+    if rng.random() < LITTERED_SHARE:
+        rgb = littered(rng, rgb, balls)
     if rng.random() < RELIT_SHARE:
         rgb = _relit(rng, rgb)
     return rgb, balls

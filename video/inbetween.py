@@ -89,17 +89,18 @@ class Seen:
         turns = (None, None) if self.turn is None else self.turn.looked_up(share)
         share = float(self.sides[0] is None) if self.covered else gone
         if self.sharp is None:
-            return self._mixed(self.sides, centre[None], share, turns)
+            return self._mixed(self.sides, centre[None], (1 - share, share), turns)
         way = way if np.isfinite(way).all() else np.zeros((1, 2))
         alike = [sprite if sprite is not None and self._like(sprite.way, way) else None for sprite in self.sides]
         if alike == [None, None]:
-            return self._mixed(self.sharp, centre + taps_along(way), share, (None, None))
+            return self._mixed(self.sharp, centre + taps_along(way), (1 - share, share), (None, None))
         # a sighting that is streaked alike is truer than any streak made anew
-        parts = zip(alike, self.sides, (1 - share, share), turns, strict=True)
-        kept = [(sprite, weight, turn) for sprite, _, weight, turn in parts if sprite is not None]
-        shown = sum(weight for side, weight in zip(self.sides, (1 - share, share), strict=True) if side is not None)
-        times = shown / sum(weight for _, weight, _ in kept)
-        return [Layer(sprite, centre[None], weight * times, turn) for sprite, weight, turn in kept]
+        weights = (1 - share, share)
+        shown = sum(weight for side, weight in zip(self.sides, weights, strict=True) if side is not None)
+        told = sum(weight for sprite, weight in zip(alike, weights, strict=True) if sprite is not None)
+        # Where the one that is alike counts for nothing at this time, still it is the one to show.
+        weights = (weights[0] * shown / told, weights[1] * shown / told) if told > 0 else (shown, shown)
+        return self._mixed((alike[0], alike[1]), centre[None], weights, turns)
 
     def _like(self, way: Floats, wanted: Floats) -> bool:
         """Whether two streaks look the same."""
@@ -110,10 +111,10 @@ class Seen:
     def _mixed(
         sides: tuple[Sprite | None, Sprite | None],
         places: Floats,
-        share: float,
+        weights: tuple[float, float],
         turns: tuple[Turned | None, Turned | None],
     ) -> list[Layer]:
-        parts = zip(sides, (1 - share, share), turns, strict=True)
+        parts = zip(sides, weights, turns, strict=True)
         return [Layer(sprite, places, weight, turn) for sprite, weight, turn in parts if sprite is not None]
 
 
