@@ -23,7 +23,9 @@ def found_at(centre: np.ndarray, sigma: np.ndarray | float, score: np.ndarray | 
 def rack(rows: int = 5) -> np.ndarray:
     """Px of balls that touch in a triangle."""
     step = 2 * SIZE_PX
-    return MIDDLE + np.array([[r * step * np.sqrt(0.75), (i - r / 2) * step] for r in range(rows) for i in range(r + 1)])
+    return MIDDLE + np.array(
+        [[r * step * np.sqrt(0.75), (i - r / 2) * step] for r in range(rows) for i in range(r + 1)]
+    )
 
 
 def closest(centre: np.ndarray) -> float:

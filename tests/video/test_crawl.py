@@ -53,9 +53,13 @@ def test_what_turns_is_left_to_the_flow() -> None:
     second = np.asarray(cv2.warpAffine(first, turn, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REFLECT), dtype=np.uint8)
     flow = flow_between(first, second)
     x, y = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
-    truth = np.stack([turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] - x, turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] - y], -1)
+    truth = np.stack(
+        [turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] - x, turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] - y], -1
+    )
     inner = np.s_[16:-16, 16:-16]
-    before, after = (np.linalg.norm((f - truth)[inner], axis=-1).mean() for f in (flow, with_crawls(flow, first, second)))
+    before, after = (
+        np.linalg.norm((f - truth)[inner], axis=-1).mean() for f in (flow, with_crawls(flow, first, second))
+    )
     assert after < before + 0.05
 
 

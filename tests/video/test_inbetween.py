@@ -19,7 +19,7 @@ from models.trajectory import Trajectory
 from video.clip import Clip, open_clip, read_frames
 from video.empty_table import plate_of, swept_by
 from video.gallery import Gallery
-from video.inbetween import open_interval
+from video.inbetween import Seen, open_interval
 from video.pasting import Layer, paste
 from video.plate import UNDER, Plate, learn_plate
 from video.sightings import Sightings, sight
@@ -246,6 +246,20 @@ def test_streaks_are_cut_along_the_way_of_the_exposure() -> None:
     assert len(way) > 1
     assert np.ptp(way[:, 0]) == pytest.approx(0.9 * 0.02 * shot.SCALE, rel=0.01)
     assert len(sightings.outline(20, 1).way) == 1
+
+
+@pytest.mark.parametrize(("gone", "alike"), [(0.0, 1), (1.0, 0), (0.3, 1)])
+def test_the_streak_that_is_alike_is_shown_whole_even_at_the_other_end(gone: float, alike: int) -> None:
+    """Before a ball is struck its second sighting counts for nothing; if it alone looks right, it is shown."""
+    sprite = peel(shot.film(0.5), [outline(0.5)], [outline(0.5, 1)], perfect_plate(), None).sprites[0]
+    assert sprite is not None
+    way = np.linspace([-6.0, 0.0], [6.0, 0.0], 9)
+    streaked, other = replace(sprite, way=way), replace(sprite, way=way[:, ::-1])
+    sides = (other, streaked) if alike else (streaked, other)
+    ball = Seen(0, 8.0, sides, (sprite, sprite), None)
+    layers = ball.layers(np.array([50.0, 60.0]), way, 0.4, gone)
+    assert [layer.sprite is streaked for layer in layers] == [True]
+    assert layers[0].weight == pytest.approx(1.0)
 
 
 def test_tracks_and_fit_of_different_shots_are_refused() -> None:
