@@ -1,4 +1,4 @@
-"""The mean of the weights of two ball networks, one trained on from the other: so the shipped one was made.
+"""The mean of the weights of two ball networks, one trained on from the other: from such a one the shipped one went on.
 
     python -m benchmarks.averaged_network ONE.onnx TWO.onnx -o FILE.onnx [--work training]
 
