@@ -70,7 +70,7 @@ def detect_in_picture(rgb: Bytes, scene: Scene, options: DetectOptions | None = 
     """The balls in one still picture (H, W, 3); they all have frame 0."""
     options = options or DetectOptions()
     pictures = [(0, rgb)]
-    if chosen(options, scene) == "hough":
+    if chosen(options, scene, still=True) == "hough":
         return ball_finder(with_seen_size(scene, pictures), pictures).look(rgb)
     return network_finder(scene, pictures, open_model(model_file(options))).look(rgb)
 

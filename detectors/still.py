@@ -55,7 +55,7 @@ def balls_in_still(rgb: Bytes, name: str, detect: DetectOptions, calibrate: Cali
         return _anywhere(rgb, detect, f"{missing}; balls were looked for in the whole picture")
     seen = detect_in_picture(rgb, scene, detect)
     kinds = name_kinds(Look(seen.colour, seen.white, seen.white, seen.white_rim, seen.value), scene.table.game)
-    made_by = why_chosen(detect, scene)
+    made_by = why_chosen(detect, scene, still=True)
     return _sorted(StillBalls(seen.centre, seen.radius, kinds, seen.score, seen.sigma, made_by=made_by))
 
 

@@ -148,7 +148,8 @@ def calibration_of(peaks: Matches) -> Calibration:
     slope, offset = logistic_fit(logit, peaks.true)
     good = peaks.true & (peaks.score > SCORE)
     pulls = peaks.miss[good] / peaks.sigma[good]
-    return Calibration(slope, offset, float(np.std(pulls[np.abs(pulls) < MOST_PULL])))
+    small = pulls[np.abs(pulls) < MOST_PULL]
+    return Calibration(slope, offset, float(np.std(small)) if len(small) > 1 else 1.0)
 
 
 def logistic_fit(x: Floats, true: NDArray[np.bool_]) -> tuple[float, float]:
@@ -169,6 +170,7 @@ def figures_of(peaks: Matches, pictures: int) -> Figures:
     given, good = peaks.score > SCORE, (peaks.score > SCORE) & peaks.true
     sharp, swept = good & (peaks.streak <= SHARP_PX), good & (peaks.streak > SHARP_PX)
     pulls = peaks.miss[good] / peaks.sigma[good]
+    small, told = pulls[np.abs(pulls) < MOST_PULL], peaks.look_right[good]
     across, along = np.sqrt((peaks.miss[swept] ** 2).mean(axis=0)) if swept.any() else (np.nan, np.nan)
     return Figures(
         pictures,
@@ -178,8 +180,8 @@ def figures_of(peaks: Matches, pictures: int) -> Figures:
         float(np.sqrt((peaks.miss[sharp] ** 2).mean())) if sharp.any() else float("nan"),
         float(across),
         float(along),
-        float(np.std(pulls[np.abs(pulls) < MOST_PULL])),
-        float(np.nanmean(peaks.look_right[good])) if good.any() else 0.0,
+        float(np.std(small)) if len(small) else float("nan"),
+        float(np.nanmean(told)) if np.isfinite(told).any() else 0.0,
     )
 
 

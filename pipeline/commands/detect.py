@@ -47,7 +47,7 @@ def detect(
     images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER", help="A still picture, or a folder of them.")],
     out: Annotated[Path, typer.Option("-o", "--out", parser=named, metavar="FILE.csv", help="The table of balls.")],
     detector: Annotated[
-        Literal["auto", "hough", "onnx"], typer.Option(help="Which detector: auto takes the better one and says why.")
+        Literal["auto", "hough", "onnx"], typer.Option(help="Which detector: auto takes the network in still pictures.")
     ] = "auto",
     model: Annotated[Path | None, typer.Option(help="File of an ONNX ball detector.")] = None,
     corners: Annotated[str | None, typer.Option(help="Corners of the playing surface: x,y,x,y,x,y,x,y in px.")] = None,
@@ -57,10 +57,14 @@ def detect(
     debug: DebugOption = False,
 ) -> None:
     """Balls in still pictures: centre, radius, kind, score and error of each, in px."""
-    pictures = _pictures(images)
     options = DetectOptions(detector, None if model is None else str(model))
-    if model is not None and not model_file(options).is_file():
+    if model is not None and detector != "hough" and not model_file(options).is_file():
         raise OptionError(f"--model is the file of an ONNX ball detector; {model} is not there")
+    if model is not None and detector == "hough":
+        raise OptionError("--detector hough runs no network, but one was named with --model; leave out one of them")
+    if out.is_dir():
+        raise OptionError(f"-o is the table that is written, such as balls.csv; {out} is a folder")
+    pictures = _pictures(images)
     refuse_closed(out.parent)
     calibrate = CalibrateOptions(corners, table, ball_radius)
     rows, failed, makers = [], [], set()
@@ -96,6 +100,8 @@ def _pictures(images: Path) -> list[tuple[str, Path]]:
     """Names for the table, and files."""
     if images.is_file():
         return [(images.name, images)]
+    if not images.exists():
+        raise OptionError(f"{images} is not there; a picture or a folder of pictures was expected")
     found = (
         sorted(p for p in images.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file()) if images.is_dir() else []
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +17,10 @@ from pipeline.command_line import DebugOption, JsonOption, app, console, named
 
 NEEDED = ("onnx", "onnxscript")
 """Packages of the extra `train`."""
+
+
+TOLD_EVERY_S = 30.0
+"""How often a file or a pipe is told how far the training is."""
 
 
 @app.command("train-detector")
@@ -48,21 +53,35 @@ def train_detector(
     refuse_closed(out.parent)
     refuse_closed(work)
     from detectors.recipe import make_detector  # torch, which takes seconds to import
-    from detectors.training import TrainOptions
+    from detectors.training import CHECKPOINT, TrainOptions, steps_done
 
     options = TrainOptions(steps=steps, hours=hours, batch=batch, files=files, threads=threads, seed=seed, start=start)
+    if (work / CHECKPOINT).exists():
+        console.print(f"{work} holds a training: it goes on from step {steps_done(work)}")
+    out.parent.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bars:
-        bar = bars.add_task("training", total=1.0)
+        bar = bars.add_task("drawing the first pictures to train on", total=1.0)
+        told = time.monotonic()
 
         def watch(step: int, done: float, parts: dict[str, float]) -> None:
-            loss = sum(parts.values())
-            bars.update(bar, completed=done, description=f"step {step}, loss {loss:.2f}")
+            nonlocal told
+            at = f"step {step}, loss {sum(parts.values()):.2f}" if done < 1 else f"step {step}; checking on other halls"
+            bars.update(bar, completed=done, description=at)
+            if not console.is_terminal and time.monotonic() - told > TOLD_EVERY_S:
+                told = time.monotonic()
+                console.print(f"{done:.0%}: {at}")
 
-        out.parent.mkdir(parents=True, exist_ok=True)
-        figures = make_detector(work, options, out, watch)
+        try:
+            figures = make_detector(work, options, out, watch)
+        except KeyboardInterrupt:
+            console.print(f"{work} keeps pictures and the training so far; the same command goes on from there")
+            raise
     if as_json:
         print(json.dumps({"file": str(out), **figures}))
+        return
+    if "sharp_rms_px" not in figures:
+        print(f"{out}: a network that finds no ball yet; train it longer, the same command with more --hours goes on")
         return
     print(
         f"{out}: recall {figures['recall']:.1%}, precision {figures['precision']:.1%}, centres "

@@ -31,6 +31,8 @@ def test_the_elevation_is_that_of_the_camera(degrees: float) -> None:
 def test_a_low_camera_takes_the_network_and_a_high_one_circles() -> None:
     assert chosen(DetectOptions(), scene_from(20.0)) == "onnx"
     assert chosen(DetectOptions(), scene_from(85.0)) == "hough"
+    assert chosen(DetectOptions(), scene_from(85.0), still=True) == "onnx"
+    assert chosen(DetectOptions(detector="hough"), scene_from(85.0), still=True) == "hough"
 
 
 def test_what_is_asked_for_is_taken_at_any_height() -> None:

@@ -13,13 +13,14 @@ from detectors.hough import ball_finder
 from detectors.options import DetectOptions
 from models.errors import ModelError
 
+HOUGH = DetectOptions(detector="hough")
 COLOURS = ((230, 230, 220), (200, 30, 40), (240, 190, 30), (20, 20, 25), (120, 40, 130), (30, 110, 60), (20, 60, 120))
 
 
 def test_every_ball_is_found_and_nothing_else() -> None:
     rng = np.random.default_rng(1)
     balls = spread_balls(rng, COLOURS)
-    found = detect_in_picture(draw(balls, rng), drawn_scene())
+    found = detect_in_picture(draw(balls, rng), drawn_scene(), HOUGH)
     assert len(found) == len(balls)
     assert np.linalg.norm(misses(found, balls), axis=1).max() < 0.6
 
@@ -45,7 +46,7 @@ def test_touching_balls_are_told_apart() -> None:
         for row in range(5)
         for place in range(row + 1)
     ]
-    found = detect_in_picture(draw(rack, rng), drawn_scene())
+    found = detect_in_picture(draw(rack, rng), drawn_scene(), HOUGH)
     assert len(found) == 15
     assert np.linalg.norm(misses(found, rack), axis=1).max() < 1.0
 
@@ -69,7 +70,7 @@ def test_a_cue_that_touches_the_cue_ball_does_not_hide_it() -> None:
     rng = np.random.default_rng(5)
     picture = draw([Ball(300.4, 180.2)], rng)
     cv2.line(picture, (291, 180), (20, 140), (205, 170, 120), 5, cv2.LINE_AA)
-    found = detect_in_picture(picture, drawn_scene())
+    found = detect_in_picture(picture, drawn_scene(), HOUGH)
     assert len(found) == 1
     assert np.linalg.norm(found.centre[0] - [300.4, 180.2]) < 0.8
 
@@ -91,12 +92,12 @@ def test_projected_lines_and_rings_are_no_balls() -> None:
     picture = draw([Ball(200.0, 120.0, (200, 30, 40))], rng)
     cv2.line(picture, (100, 300), (560, 90), (90, 230, 240), 2, cv2.LINE_AA)
     cv2.circle(picture, (420, 230), 17, (90, 230, 240), 2, cv2.LINE_AA)
-    found = detect_in_picture(picture, drawn_scene())
+    found = detect_in_picture(picture, drawn_scene(), HOUGH)
     assert len(found) == 1
 
 
 def test_an_empty_table_holds_no_balls() -> None:
-    found = detect_in_picture(draw([], np.random.default_rng(8)), drawn_scene())
+    found = detect_in_picture(draw([], np.random.default_rng(8)), drawn_scene(), HOUGH)
     assert len(found) == 0
 
 
@@ -112,7 +113,7 @@ def test_a_wrong_ball_size_is_put_right(factor: float) -> None:
 def test_colour_and_white_tell_the_cue_ball() -> None:
     rng = np.random.default_rng(10)
     balls = [Ball(150, 150), Ball(300, 150, (200, 30, 40)), Ball(450, 150, (240, 190, 30))]
-    found = detect_in_picture(draw(balls, rng), drawn_scene())
+    found = detect_in_picture(draw(balls, rng), drawn_scene(), HOUGH)
     order = np.argsort(found.centre[:, 0])
     assert found.white[order[0]] > 0.9
     assert (found.white[order[1:]] < 0.1).all()
@@ -122,7 +123,7 @@ def test_colour_and_white_tell_the_cue_ball() -> None:
 
 def test_the_same_picture_gives_the_same_bytes() -> None:
     picture = draw(spread_balls(np.random.default_rng(11), COLOURS), np.random.default_rng(12))
-    first, second = detect_in_picture(picture, drawn_scene()), detect_in_picture(picture, drawn_scene())
+    first, second = detect_in_picture(picture, drawn_scene(), HOUGH), detect_in_picture(picture, drawn_scene(), HOUGH)
     assert first.centre.tobytes() == second.centre.tobytes()
     assert first.sigma.tobytes() == second.sigma.tobytes()
 

@@ -15,7 +15,7 @@ from detectors.export import Calibration, ShippedNetwork, disagreement, export
 from detectors.network import BallNetwork
 from detectors.onnx_model import CentreModel, model_facts, open_model
 from detectors.training import TrainOptions, as_input, train
-from detectors.training_check import Matches, calibration_of, logistic_fit
+from detectors.training_check import Matches, as_facts, calibration_of, figures_of, logistic_fit
 from detectors.training_data import PICTURES_PER_FILE, read_pictures, stacked, training_file
 from detectors.training_loss import doubled, loss_of, targets_of
 from detectors.training_variety import placed, turned, vary
@@ -207,6 +207,16 @@ def test_a_turned_picture_keeps_its_balls_under_their_pixels() -> None:
             middle = np.array([(x * weight).sum(), (y * weight).sum()]) / weight.sum()
             assert middle == pytest.approx(moved[0, :2], abs=0.1)
             assert moved[0, 2] == pytest.approx(7 * zoom, rel=1e-5)
+
+
+def test_a_network_that_finds_nothing_has_figures_all_the_same() -> None:
+    """After a minute of training there are none of its own; what cannot be told is left out of the file."""
+    none, pairs = np.empty(0), np.empty((0, 2))
+    nothing = Matches(none, none.astype(bool), pairs, pairs, none, none, 12, 0)
+    figures = figures_of(nothing, 3)
+    assert (figures.recall, figures.precision, figures.look_right) == (0.0, 0.0, 0.0)
+    facts = as_facts(Calibration(1.0, 0.0, 1.0), figures)
+    assert "sharp_rms_px" not in facts["trueroll.held_out"]
 
 
 def test_variety_never_invents_a_ball(pictures: list[TrainingPicture]) -> None:
