@@ -33,17 +33,25 @@ LEAST_AREA = 160
 """px that a way must explain better for it to be one."""
 
 
-def with_crawls(flow: Singles, first: Picture, second: Picture) -> Singles:
-    """A flow (h, w, 2) px from one grey picture to another, with the ways of what crawls where these agree better."""
+def crawling_ways(first: Picture, second: Picture) -> list[Singles]:
+    """The ways (2,) px that something may crawl from one grey picture (h, w) to another; back, the opposite ones."""
     if min(first.shape) < LOCAL_PX:
-        return flow
+        return []
     changed = cv2.blur(cv2.absdiff(first, second), (WINDOW, WINDOW)) > LEAST_CHANGE
-    if np.count_nonzero(changed) < LEAST_AREA:
+    return _ways(first, second, changed) if np.count_nonzero(changed) >= LEAST_AREA else []
+
+
+def with_crawls(flow: Singles, first: Picture, second: Picture, ways: list[Singles], grid: Singles) -> Singles:
+    """A flow (h, w, 2) px from one grey picture to another, with the ways of what crawls where these agree better.
+
+    `grid` (h, w, 2) px is every pixel's own place.
+    """
+    if not ways:
         return flow
-    cost = _differences(first, second, flow)
-    for way in _ways(first, second, changed):
-        crawl = np.broadcast_to(np.asarray(way, dtype=np.float32), flow.shape)
-        theirs = _differences(first, second, crawl)
+    cost = _differences(first, second, grid + flow)
+    for way in ways:
+        crawl = np.broadcast_to(way, flow.shape)
+        theirs = _differences(first, second, grid + crawl)
         better = (cost - theirs > BETTER) & (theirs < SURE)
         if np.count_nonzero(better) >= LEAST_AREA:
             # Between the letters that say so the ground goes with them.
@@ -53,15 +61,13 @@ def with_crawls(flow: Singles, first: Picture, second: Picture) -> Singles:
     return flow
 
 
-def _differences(first: Picture, second: Picture, flow: Singles) -> Singles:
-    """(h, w) levels by which both ends of the ways differ, around each pixel."""
-    height, width = first.shape
-    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    there = cv2.remap(second, x + flow[..., 0], y + flow[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+def _differences(first: Picture, second: Picture, where: Singles) -> Singles:
+    """(h, w) levels by which each pixel of the one picture and where (h, w, 2) px it leads differ, around it."""
+    there = cv2.remap(second, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(cv2.blur(cv2.absdiff(first, np.asarray(there)).astype(np.float32), (WINDOW, WINDOW)))
 
 
-def _ways(first: Picture, second: Picture, changed: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def _ways(first: Picture, second: Picture, changed: NDArray[np.bool_]) -> list[Singles]:
     """The likeliest ways (x, y) px of what changed as a whole, to a fraction of a px."""
     height, width = (cv2.getOptimalDFTSize(side) for side in first.shape)
     weight = cv2.GaussianBlur(changed.astype(np.float32), (0, 0), 2.0)
@@ -73,15 +79,16 @@ def _ways(first: Picture, second: Picture, changed: NDArray[np.bool_]) -> list[t
         framed[: first.shape[0], : first.shape[1]] = detail
         spectra.append(np.fft.rfft2(framed))
     cross = np.conj(spectra[0]) * spectra[1]
-    peaks = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-6) * _softness(height, width), s=(height, width))
-    found: list[tuple[float, float]] = []
+    softness = _softness(height, width)
+    peaks = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-6) * softness, s=(height, width))
+    least, found = LEAST_SHARE * softness.mean(), list[Singles]()
     for _ in range(2 * MOST_WAYS):
         row, column = np.unravel_index(int(peaks.argmax()), peaks.shape)
-        if len(found) == MOST_WAYS or peaks[row, column] < LEAST_SHARE * _softness(height, width).mean():
+        if len(found) == MOST_WAYS or peaks[row, column] < least:
             break
         way = _top(peaks, int(row), int(column))
         if np.hypot(*way) > LEAST_WAY_PX:
-            found.append(way)
+            found.append(np.array(way, dtype=np.float32))
         for dy in range(-2, 3):
             peaks[(row + dy) % height, (column + np.arange(-2, 3)) % width] = 0
     return found

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from video.crawl import with_crawls
+from video.crawl import crawling_ways, with_crawls
 
 Picture = NDArray[np.uint8]
 Singles = NDArray[np.float32]
@@ -78,8 +78,11 @@ class OpticalFlow:
         size = (-(-width // shrink), -(-height // shrink))
         small = tuple(_resized(picture, size) for picture in (first, second))
         grey = [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for picture in small]
-        there, back = (with_crawls(flow_between(a, b, max(2 - shrink, 0)), a, b) for a, b in (grey, grey[::-1]))
-        grids = grid(height, width), grid(*grey[0].shape)
+        grids, finest = (grid(height, width), grid(*grey[0].shape)), max(2 - shrink, 0)
+        a, b = grey
+        ways = crawling_ways(a, b)
+        there = with_crawls(flow_between(a, b, finest), a, b, ways, grids[1])
+        back = with_crawls(flow_between(b, a, finest), b, a, [-way for way in ways], grids[1])
         return _Opened((first, second), (small[0], small[1]), there, back, *grids, wide=shrink == WIDE).at
 
 

@@ -58,10 +58,10 @@ def detect(
 ) -> None:
     """Balls in still pictures: centre, radius, kind, score and error of each, in px."""
     options = DetectOptions(detector, None if model is None else str(model))
-    if model is not None and detector != "hough" and not model_file(options).is_file():
-        raise OptionError(f"--model is the file of an ONNX ball detector; {model} is not there")
     if model is not None and detector == "hough":
         raise OptionError("--detector hough runs no network, but one was named with --model; leave out one of them")
+    if model is not None and not model_file(options).is_file():
+        raise OptionError(f"--model is the file of an ONNX ball detector; {model} is not there")
     if out.is_dir():
         raise OptionError(f"-o is the table that is written, such as balls.csv; {out} is a folder")
     pictures = _pictures(images)

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from video.crawl import with_crawls
-from video.flow import OpticalFlow, flow_between
+from video.crawl import crawling_ways, with_crawls
+from video.flow import OpticalFlow, flow_between, grid
 
 HEIGHT, WIDTH, LINE = 96, 400, slice(56, 76)
 TEXT = "SIDE POCKET LIVE FROM THE HALL THE FRAME STANDS AT FOUR ALL AND IT IS TABLE TWO NEXT"
@@ -29,10 +29,14 @@ def crawling(at: float, height: int = HEIGHT) -> np.ndarray:
     return np.clip(picture + np.random.default_rng(int(at) + 500).normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
 
 
+def followed(flow: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return with_crawls(flow, first, second, crawling_ways(first, second), grid(*first.shape))
+
+
 @pytest.mark.parametrize("way", [-27.0, 14.5, -41.0])
 def test_a_line_of_text_goes_one_way(way: float) -> None:
     first, second = crawling(-300.0), crawling(-300.0 + way)
-    flow = with_crawls(flow_between(first, second), first, second)
+    flow = followed(flow_between(first, second), first, second)
     inner = flow[60:72, 60:340]
     assert np.abs(inner[..., 0] - way).mean() < 0.5
     assert np.abs(inner[..., 1]).mean() < 0.3
@@ -43,7 +47,7 @@ def test_where_nothing_crawls_the_flow_is_as_it_was() -> None:
     first = ground()
     second = np.clip(first + np.random.default_rng(0).normal(0, 2, first.shape), 0, 255).astype(np.uint8)
     flow = flow_between(first, second)
-    assert with_crawls(flow, first, second) is flow
+    assert followed(flow, first, second) is flow
 
 
 def test_what_turns_is_left_to_the_flow() -> None:
@@ -57,16 +61,14 @@ def test_what_turns_is_left_to_the_flow() -> None:
         [turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] - x, turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] - y], -1
     )
     inner = np.s_[16:-16, 16:-16]
-    before, after = (
-        np.linalg.norm((f - truth)[inner], axis=-1).mean() for f in (flow, with_crawls(flow, first, second))
-    )
+    before, after = (np.linalg.norm((f - truth)[inner], axis=-1).mean() for f in (flow, followed(flow, first, second)))
     assert after < before + 0.05
 
 
 def test_a_picture_smaller_than_the_window_is_left_alone() -> None:
     small = np.zeros((6, 40), np.uint8)
     flow = np.zeros((6, 40, 2), np.float32)
-    assert with_crawls(flow, small, small + 50) is flow
+    assert followed(flow, small, small + 50) is flow
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5])
