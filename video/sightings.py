@@ -29,6 +29,9 @@ RADIUS_RATIO = (0.8, 1.3)
 OVERLAP, SLOW_RADII = 0.9, 1.0
 """Share of the sum of two radii within which one ball hides a part of the other in the picture, and the radii that both
 go in a gap up to which optical flow follows what is left of them better than it can be cut out."""
+GUESSED_RADII = 2.0
+"""The same of a ball that was not seen in one of both pictures: where it lies there is a guess, and what is cut out by
+it holds half of the other ball."""
 GAP_POINTS, LEAST_STEP = 17, 0.01
 """Places of a ball from one picture to the next by which it is told when it moves, and px between two of them by which
 it does."""
@@ -181,7 +184,8 @@ class Sightings:
         apart = np.linalg.norm(self.centre[row : row + 2, :, None] - self.centre[row : row + 2, None], axis=-1)
         over = (apart < reach).any(axis=0) & ~np.eye(len(radius), dtype=np.bool_)
         goes = np.linalg.norm(self.centre[row + 1] - self.centre[row], axis=-1)
-        fast = ~(goes < SLOW_RADII * radius)
+        seen = self.observed[row] & self.observed[row + 1]
+        fast = ~(goes < np.where(seen, SLOW_RADII, GUESSED_RADII) * radius)
         return np.asarray(over.any(axis=1) & ~fast & ~(over & fast).any(axis=1), dtype=np.bool_)
 
 

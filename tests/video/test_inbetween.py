@@ -90,6 +90,18 @@ def test_slow_balls_that_lie_over_each_other_are_left_to_the_flow() -> None:
         assert beside(seen(), 20, below).taken_out(20) == taken
 
 
+def test_a_ball_over_another_that_was_not_seen_is_left_to_the_flow_for_longer() -> None:
+    """Where it lies is a guess: cut out there, it would take half of the other one along."""
+    for every, radii, taken in ((3, 1.6, ()), (4, 2.1, (0, 1))):
+        sightings = beside(seen(TIMES[::every]), 5, -1.2)
+        goes = np.linalg.norm(np.diff(sightings.centre[5:7, 0], axis=0)) / sightings.radius[5, 0]
+        assert goes == pytest.approx(radii, abs=0.1)
+        observed = sightings.observed.copy()
+        observed[6, 0] = False
+        assert replace(sightings, observed=observed).taken_out(5) == taken
+        assert sightings.taken_out(5) == (0, 1)
+
+
 def beside(sightings: Sightings, row: int, below: float) -> Sightings:
     """The resting ball so many radii below the middle of the way that the other one goes after the picture `row`."""
     centre = sightings.centre.copy()
