@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -80,11 +80,24 @@ def _common(
 
 def with_settings(function: Callable[..., None]) -> Callable[..., None]:
     """The command with the option of every stage appended, as one `options` argument."""
+    return with_settings_but(())(function)
+
+
+def with_settings_but(without: Collection[str]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The same for a command that some options, by their names, mean nothing to."""
+
+    def decorated(function: Callable[..., None]) -> Callable[..., None]:
+        return _with_settings(function, without)
+
+    return decorated
+
+
+def _with_settings(function: Callable[..., None], without: Collection[str]) -> Callable[..., None]:
     from pipeline.options import collect, parameters  # what the stages need is heavy, and not every command takes it
 
     own = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "options"]
     names = {p.name for p in own}
-    extra = parameters()
+    extra = parameters(without)
 
     def command(**values: Any) -> None:
         options = collect({p.name: values[p.name] for p in extra})

@@ -6,7 +6,7 @@ import ast
 import inspect
 import math
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
@@ -103,10 +103,12 @@ def _sentence(words: str) -> str:
     return start if start.endswith((".", "!", "?")) or not start else start + "."
 
 
-def parameters() -> list[inspect.Parameter]:
-    """The settings as keyword parameters that typer understands."""
+def parameters(without: Collection[str] = ()) -> list[inspect.Parameter]:
+    """The settings as keyword parameters that typer understands, but for those of some names."""
     made = []
     for setting in run_settings().values():
+        if setting.name in without:
+            continue
         panel = "For researchers" if setting.parts[0] in EXPERT_PARTS and len(setting.parts) == 1 else None
         option = typer.Option(setting.default, setting.flag, help=setting.help, rich_help_panel=panel)
         kind = inspect.Parameter.KEYWORD_ONLY
@@ -115,9 +117,11 @@ def parameters() -> list[inspect.Parameter]:
 
 
 def collect(values: dict[str, Any]) -> RunOptions:
-    """Options of all stages from values by setting name."""
+    """Options of all stages from values by setting name; what is left out has its default."""
     options = RunOptions()
     for name, setting in run_settings().items():
+        if name not in values:
+            continue
         value = _read(name, values[name])
         _check_range(setting, value)
         for part in setting.parts:

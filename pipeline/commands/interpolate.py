@@ -19,7 +19,7 @@ from pipeline.command_line import (
     named,
     open_cache,
     standard_output,
-    with_settings,
+    with_settings_but,
 )
 from pipeline.options import RunOptions
 
@@ -28,12 +28,13 @@ if TYPE_CHECKING:
 
 MOST = 100
 VIDEOS = (".mp4", ".m4v", ".mov")
+DRAWN = ("slow", "trim_still", "style")
+"""Settings of the annotated slow motion."""
 
 
 @app.command("interpolate")
-@with_settings
+@with_settings_but(DRAWN)
 def interpolate(
-    context: typer.Context,
     source: Annotated[
         Path, typer.Argument(metavar="CLIP|tracks.csv", help="A clip of a shot, or particles: columns id, x, y (z), t.")
     ],
@@ -51,6 +52,9 @@ def interpolate(
             "--rate", help="Pictures per second of the video, 24 to 240, such as 60 or 60000/1001; no factor."
         ),
     ] = None,
+    slow: Annotated[
+        float, typer.Option("--slow", min=1, max=MOST, help="Times slower than the clip; 1: in its own time.")
+    ] = 1.0,
     shutter: Annotated[
         float | None,
         typer.Option(
@@ -83,16 +87,8 @@ def interpolate(
         return
     from pipeline.interpolate import InterpolateOptions
 
-    # slow motion is eightfold elsewhere; here the pictures are asked for, and are shown in time unless told otherwise
-    slow = options.render.slow if _given(context, "slow") else 1.0
     wanted = InterpolateOptions(factor, None if rate is None else _rate(rate), slow, shutter, upright, elsewhere)
     _interpolate_clip(source, _video(source, out, wanted), frames, wanted, options, cache, as_json)
-
-
-def _given(context: typer.Context, name: str) -> bool:
-    """Whether an option was written on the command line."""
-    source = context.get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
 
 
 def _rate(text: str) -> Fraction:
