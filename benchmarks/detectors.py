@@ -13,12 +13,14 @@ import argparse
 import sys
 import time
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 # A script's own folder comes first, and there this file hides the package of the same name.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import cv2
+import numpy as np
 from detector_cases import (
     DATA,
     HIGH_ELEVATION,
@@ -31,10 +33,11 @@ from detector_cases import (
     still_cases,
 )
 from detector_scores import HEADER, Tally, line, score
+from numpy.typing import NDArray
 
 from detectors.ball_size import with_seen_size
-from detectors.hough import ball_finder
-from detectors.onnx import network_finder
+from detectors.hough import BallFinder, ball_finder
+from detectors.onnx import NetworkFinder, network_finder
 from detectors.onnx_model import SHIPPED, BallModel, open_model
 
 
@@ -62,7 +65,7 @@ def main() -> None:
             print(f"{name}: left out, {DATA} is not there")
             continue
         tallies = {detector: Tally() for detector in given.detectors.split(",")}
-        finders: dict[tuple[str, int], object] = {}
+        finders: dict[tuple[str, int], Learnt] = {}
         for case in sources[name]():
             for detector, tally in tallies.items():
                 _run(case, detector, model, tally, finders)
@@ -75,16 +78,25 @@ def main() -> None:
             print(f"kinds of the stills: {right} of {pairs.total()} right; {wrong or 'none wrong'}", flush=True)
 
 
-def _run(case: Case, detector: str, model: BallModel, tally: Tally, finders: dict[tuple[str, int], object]) -> None:
+@dataclass(frozen=True)
+class Learnt:
+    """A detector and the pictures it learnt from: while it is kept, no others have their address."""
+
+    finder: BallFinder | NetworkFinder
+    pictures: list[tuple[int, NDArray[np.uint8]]]
+
+
+def _run(case: Case, detector: str, model: BallModel, tally: Tally, finders: dict[tuple[str, int], Learnt]) -> None:
     key = (detector, id(case.learnt))
     if key not in finders:
         finders.clear() if len(finders) > 3 else None
         if detector == "hough":
-            finders[key] = ball_finder(with_seen_size(case.scene, case.learnt[:3]), case.learnt)
+            made = ball_finder(with_seen_size(case.scene, case.learnt[:3]), case.learnt)
         else:
-            finders[key] = network_finder(case.scene, case.learnt, model)
+            made = network_finder(case.scene, case.learnt, model)
+        finders[key] = Learnt(made, case.learnt)
     start = time.process_time()
-    found = finders[key].look(case.rgb, case.frame)  # type: ignore[attr-defined]
+    found = finders[key].finder.look(case.rgb, case.frame)
     tally.seconds += time.process_time() - start
     tally.pictures += 1
     score(case, found, tally)

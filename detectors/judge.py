@@ -1,8 +1,9 @@
 """What a network saw, judged by the whole picture: which of it are balls, where they are, and how they move.
 
 The network says what is a ball, roughly where, and how sure it is of that; edges in the whole picture say it finer
-where they are clear, and what an exposure adds up to says it where a ball is a streak. All errors are known, so a
-centre is their weighted mean. What the network is not sure of is a ball if the picture alone says so.
+where they are clear, and a second network, which is shown each streak straightened, says it where a ball is one. All
+errors are known, so a centre is their weighted mean. What the network is not sure of is a ball if the picture alone
+says so: by its outline, or by what an exposure adds up to.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from detectors.colour import ball_coats
 from detectors.found import NO_BALLS, Found, inside
 from detectors.found import chained as found_chained
 from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, outlined
+from detectors.streak_model import MeasuredStreak, StreakModel
 from detectors.sweep import fitted_sweep
 from detectors.view import View, value_at
 from models.detections import Detections
@@ -38,8 +40,10 @@ FAINT_SCORE = 0.12
 """The same for what moves: a ball only if what an exposure adds up to explains the picture. The network cannot say well
 where the middle of a streak is, so that many cells share what one would say of a ball at rest."""
 STREAK_RADII = 1.0
-"""Way during the exposure, ball radii, from which a ball that the network sees move counts as a streak: the outline of
-one that moved less is nearly a circle, and places it better than the network does."""
+"""Way during the exposure, ball radii, from which the network's word alone makes a streak of a ball."""
+MAYBE_RADII, MOVED_RADII = 0.35, 0.5
+"""Way that it tells from which the ball is looked at as a streak, and way that is seen there from which it is one: the
+outline of a ball that moved less is nearly a circle, and places it better."""
 MARK_STARTS = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
 """Where the centre of a ball may be whose mark the network sees: so far off, in what the ball is larger."""
 CLEAR_SCORE = 0.7
@@ -52,6 +56,7 @@ class Judge:
 
     view: View
     cloth: Cloth
+    closer: StreakModel
 
     def likely(self, seen: Centres) -> Bools:
         """What (K,) is a ball by the network's word, or may prove one."""
@@ -73,21 +78,22 @@ class Judge:
 
     def measured(self, rgb: Bytes, seen: Centres, frame: int) -> tuple[Detections, Floats]:
         """Balls, and where (n, 2), working px, the network's word alone counts."""
-        moves = streaked(seen)
-        moving, resting = seen.take(moves), seen.take(~moves | ~self.sure(seen))
+        told, moves = self._closer(rgb, seen, frame)
+        sure = self.sure(seen)
+        resting, doubted = seen.take(~moves | ~sure), moves[~moves | ~sure]
         sharp, support = self._outlined(rgb, resting, frame)
         sharp, support = self._around_marks(rgb, resting, sharp, support, frame)
-        believed = (self.sure(resting) & ~streaked(resting)) | (support > _needed(resting))
+        believed = (self.sure(resting) & ~doubted) | (support > _needed(resting))
         resting, sharp, support = resting.take(believed), sharp.take(believed), support[believed]
-        by_light, moves = self._swept_by_light(rgb, resting, sharp, support)
-        at_rest = sharp.take((support > CLEAR_SUPPORT) & ~moves)
-        swept = found_chained(self._swept_as_seen(rgb, moving, at_rest, frame), by_light)
+        by_light, swept_too = self._swept_by_light(rgb, resting, sharp, support)
+        at_rest = sharp.take((support > CLEAR_SUPPORT) & ~swept_too)
+        swept = found_chained(self._borne_out(rgb, told.take(moves), sure[moves], at_rest), by_light)
         within = inside(sharp.centre, swept) & (swept.score[:, None] >= sharp.score)
-        kept = ~moves & ((support > CLEAR_SUPPORT) | ~within.any(axis=0))
+        kept = ~swept_too & ((support > CLEAR_SUPPORT) | ~within.any(axis=0))
         found = stood_apart(found_chained(swept, sharp.take(kept)), self.view.scene, frame)
         coats = ball_coats(rgb, found.centre, found.radius)
         frames = np.full(len(found.score), frame, dtype=np.int64)
-        unclear = np.concatenate([moving.centre[self.sure(moving)], resting.centre[support <= LEAST_SUPPORT]])
+        unclear = np.concatenate([seen.centre[moves & sure], resting.centre[support <= LEAST_SUPPORT]])
         return Detections(
             frames, found.centre, found.radius, found.streak, coats.colour, coats.white, coats.white_rim, coats.value,
             found.score, found.sigma, found.sigma_along,
@@ -107,28 +113,34 @@ class Judge:
             sweep = fitted_sweep(rgb, sharp.centre[row], size, others.centre, others.radius, self.cloth.basis)
             if sweep is None or not sweep.believed(size):
                 continue
-            place, way = sweep.centre[None], sweep.way[None]
-            errors = np.array([sweep.across]), np.array([sweep.along])
-            swept = Found(place, radius[[row]], way, sharp.score[[row]], *errors)
+            found_there = self.closer.measured(rgb, sweep.centre, size, sweep.way)
+            swept = _streak(found_there, size, float(sharp.score[row]))
             if not inside(sharp.centre[_other_balls(home, row)], swept).any():
                 moves[row] = True
                 found = found_chained(found, swept)
         return found, moves
 
-    def _swept_as_seen(self, rgb: Bytes, home: Centres, at_rest: Found, frame: int) -> Found:
-        """Streaks that the network sees: what an exposure that goes its way adds up to, else its word."""
+    def _closer(self, rgb: Bytes, home: Centres, frame: int) -> tuple[Found, Bools]:
+        """What the network saw, px of the frame, what may be streaks measured closer; which (K,) of it are some."""
         radius = value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
-        told = _swept(self._placed(home, frame))
+        told, moves = _swept(self._placed(home, frame)), np.zeros(len(home), dtype=bool)
+        way = np.linalg.norm(home.streak, axis=1) / home.radius
+        for row in np.flatnonzero(way > np.where(self.sure(home), MAYBE_RADII, STREAK_RADII)).tolist():
+            at = self.closer.measured(rgb, told.centre[row], float(radius[row]), told.streak[row])
+            moves[row] = float(np.linalg.norm(at.way)) > MOVED_RADII * radius[row]
+            told.centre[row], told.streak[row], told.radius[row] = at.centre, at.way, radius[row]
+            told.sigma[row], told.sigma_along[row] = at.across, max(at.along, at.across)
+        return told, moves
+
+    def _borne_out(self, rgb: Bytes, told: Found, sure: Bools, at_rest: Found) -> Found:
+        """Those streaks of which the network is sure, and those to which an exposure adds up."""
         others = at_rest.take(~np.asarray(inside(at_rest.centre, told).any(axis=0)))
-        kept = self.sure(home)
-        for row, size in enumerate(radius.tolist()):
-            centre, way = told.centre[row], told.streak[row]
-            sweep = fitted_sweep(rgb, centre, size, others.centre, others.radius, self.cloth.basis, way)
-            if sweep is not None and sweep.believed(size):
-                told.centre[row], told.streak[row] = sweep.centre, sweep.way
-                told.sigma[row], told.sigma_along[row] = sweep.across, sweep.along
-                kept[row] = True
-        return told.take(kept)
+        borne = sure.copy()
+        for row in np.flatnonzero(~sure).tolist():
+            place, size, way = told.centre[row], float(told.radius[row]), told.streak[row]
+            sweep = fitted_sweep(rgb, place, size, others.centre, others.radius, self.cloth.basis, way)
+            borne[row] = sweep is not None and sweep.believed(size)
+        return told.take(borne)
 
     def _outlined(self, rgb: Bytes, seen: Centres, frame: int) -> tuple[Found, Floats]:
         """Balls at rest where their outlines are, and the support of these."""
@@ -184,6 +196,12 @@ def _other_balls(seen: Centres, row: int) -> Bools:
     other = seen.score > CLEAR_SCORE
     other[row] = False
     return other
+
+
+def _streak(at: MeasuredStreak, radius: float, score: float) -> Found:
+    """One streak of a ball of a radius, px."""
+    numbers = (np.array([number]) for number in (score, at.across, max(at.along, at.across)))
+    return Found(at.centre[None], np.array([radius]), at.way[None], *numbers)
 
 
 def _swept(seen: Centres) -> Found:

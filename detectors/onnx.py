@@ -18,6 +18,7 @@ from detectors.cloth import Cloth, learn_cloth
 from detectors.judge import CLEAR_SCORE, Judge, streaked
 from detectors.memory import CHANGED_SHARE, REACH_RADII, RENEWED_PICTURES, around, windows
 from detectors.onnx_model import BallModel, CentreModel
+from detectors.streak_model import open_streak_model
 from detectors.view import View, value_at, view_of
 from models.detections import Detections
 from models.scene import Scene, apply_homography
@@ -59,7 +60,7 @@ class NetworkFinder:
     @property
     def judge(self) -> Judge:
         """Of what the network sees."""
-        return Judge(self.view, self.cloth)
+        return Judge(self.view, self.cloth, open_streak_model())
 
     def look(self, rgb: Bytes, frame: int = 0) -> Detections:
         """The balls in a picture (H, W, 3)."""

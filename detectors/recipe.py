@@ -1,4 +1,4 @@
-"""From nothing to a detector in a file: train, check on held-out halls, calibrate, export."""
+"""From nothing to a network in a file: train, check on held-out halls, calibrate, export."""
 
 from __future__ import annotations
 
@@ -10,9 +10,16 @@ import torch
 
 from detectors.export import export
 from detectors.network import WIDTHS
-from detectors.training import TrainOptions, Watch, steps_done, train
-from detectors.training_check import as_facts, checked
+from detectors.onnx_model import model_facts
+from detectors.streak_export import export_streaks, figures_of, sigma_factor
+from detectors.streak_network import WIDTHS as STREAK_WIDTHS
+from detectors.streak_pictures import FORMS, read_streaks, streak_file
+from detectors.streak_training import CHECKPOINT as STREAK_CHECKPOINT
+from detectors.streak_training import train_streaks
+from detectors.training import CHECKPOINT, train
+from detectors.training_check import CALIBRATION_FILE, FIGURES_FILE, as_facts, checked
 from detectors.training_data import PICTURES_PER_FILE
+from detectors.training_loop import TrainOptions, Watch, steps_done
 from video.training_pictures import SIZE_PX
 
 
@@ -23,15 +30,36 @@ def make_detector(work: Path, options: TrainOptions, out: Path, watch: Watch) ->
     network = train(work, options, watch)
     calibration, figures = checked(network, work)
     facts = as_facts(calibration, figures)
-    recipe = {
+    recipe = _recipe(options, work / CHECKPOINT) | {"widths": list(WIDTHS)}
+    export(network, calibration, {**facts, "trueroll.recipe": recipe}, out)
+    return facts["trueroll.held_out"]
+
+
+def make_streaks(work: Path, seer: Path, options: TrainOptions, out: Path, watch: Watch) -> dict[str, float]:
+    """The same for the network that measures the streaks which the ball network in the file `seer` sees."""
+    torch.set_num_threads(options.threads)
+    cv2.setNumThreads(1)
+    network = train_streaks(work, seer, options, watch)
+    known, unknown = (
+        read_streaks(streak_file(work, number, seer, held_out=True)) for number in (CALIBRATION_FILE, FIGURES_FILE)
+    )
+    factor = sigma_factor(network, known)
+    figures = figures_of(network, factor, unknown)
+    made = {
+        "widths": list(STREAK_WIDTHS),
+        "forms": FORMS,
+        "seen_by": model_facts(seer).get("trueroll.recipe", seer.name),
+    }
+    return export_streaks(network, factor, figures, _recipe(options, work / STREAK_CHECKPOINT) | made, out)
+
+
+def _recipe(options: TrainOptions, checkpoint: Path) -> dict[str, object]:
+    return {
         **asdict(options),
         "start": options.start.name if options.start else None,
-        "steps_done": steps_done(work),
-        "widths": list(WIDTHS),
+        "steps_done": steps_done(checkpoint),
         "picture_px": SIZE_PX,
         "pictures_per_file": PICTURES_PER_FILE,
         "pictures": "drawn by video/training_pictures.py; no real frame",
         "torch": torch.__version__,
     }
-    export(network, calibration, {**facts, "trueroll.recipe": recipe}, out)
-    return facts["trueroll.held_out"]

@@ -1,9 +1,10 @@
-"""trueroll train-detector: train the ball network on drawn halls and write it as ONNX."""
+"""trueroll train-detector: train the networks of the detector on drawn halls and write them as ONNX."""
 
 from __future__ import annotations
 
 import json
 import time
+from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -17,47 +18,84 @@ from pipeline.command_line import DebugOption, JsonOption, app, console, named
 
 NEEDED = ("onnx", "onnxscript")
 """Packages of the extra `train`."""
-
-
 TOLD_EVERY_S = 30.0
 """How often a file or a pipe is told how far the training is."""
 
 
+class Part(StrEnum):
+    """Which network is trained."""
+
+    BALLS = "balls"
+    STREAKS = "streaks"
+
+
+AT_ONCE = {Part.BALLS: 16, Part.STREAKS: 128}
+"""Pictures per step, where none are asked for."""
+
+
 @app.command("train-detector")
 def train_detector(
+    part: Annotated[
+        Part, typer.Option("--part", help="What finds balls, or what measures the streaks that it finds.")
+    ] = Part.BALLS,
     out: Annotated[
-        Path, typer.Option("-o", "--out", parser=named, metavar="FILE.onnx", help="The trained detector.")
-    ] = Path("balls.onnx"),
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            parser=named,
+            metavar="FILE.onnx",
+            help="The trained network.",
+            show_default="balls.onnx or streaks.onnx",
+        ),
+    ] = None,
     work: Annotated[
         Path, typer.Option("--work", help="Folder of drawn pictures and checkpoints; run again, it goes on from there.")
     ] = Path("training"),
     hours: Annotated[float, typer.Option(min=0.001, help="Longest time to train, interruptions not counted.")] = 3.0,
     steps: Annotated[int, typer.Option(min=1, help="Most steps to train.")] = 12000,
-    batch: Annotated[int, typer.Option(min=1, help="Pictures per step.")] = 16,
+    batch: Annotated[
+        int | None, typer.Option(min=1, help="Pictures per step.", show_default="16, or 128 streaks")
+    ] = None,
     files: Annotated[int, typer.Option(min=1, help="Files of 240 drawn pictures to train on.")] = 100,
     threads: Annotated[int, typer.Option(min=1, help="Threads of the processor to use.")] = 2,
     start: Annotated[
         Path | None,
         typer.Option("--from", parser=named, metavar="FILE.onnx", help="A network of trueroll's own to go on from."),
     ] = None,
+    seer: Annotated[
+        Path | None,
+        typer.Option("--seen-by", parser=named, metavar="FILE.onnx", help="What sees the streaks; the shipped one."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the first weights and the order of pictures.")] = 0,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Train the ball detector on drawn halls, check it on halls it never saw, and write it as ONNX."""
+    """Train a network of the detector on drawn halls, check it on halls it never saw, and write it as ONNX."""
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         raise OptionError(
             f"Writing ONNX needs {' and '.join(missing)}; install trueroll with the extra train: .[train]"
         )
+    if part is Part.STREAKS and start is not None:
+        raise OptionError("--from goes with --part balls; streaks are learnt from nothing")
+    if out is None:
+        out = Path(f"{part.value}.onnx")
     refuse_closed(out.parent)
     refuse_closed(work)
-    from detectors.recipe import make_detector  # torch, which takes seconds to import
-    from detectors.training import CHECKPOINT, TrainOptions, steps_done
+    from detectors.onnx_model import SHIPPED, CentreModel, open_model
+    from detectors.recipe import make_detector, make_streaks  # torch, which takes seconds to import
+    from detectors.streak_training import CHECKPOINT as STREAK_CHECKPOINT
+    from detectors.training import CHECKPOINT
+    from detectors.training_loop import TrainOptions, steps_done
 
-    options = TrainOptions(steps=steps, hours=hours, batch=batch, files=files, threads=threads, seed=seed, start=start)
-    if (work / CHECKPOINT).exists():
-        console.print(f"{work} holds a training: it goes on from step {steps_done(work)}")
+    seer = SHIPPED if seer is None else seer
+    if not isinstance(open_model(seer), CentreModel):
+        raise OptionError(f"--seen-by {seer} is a YOLO export, which sees no streaks; take a network of trueroll's own")
+    options = TrainOptions(steps, hours, batch or AT_ONCE[part], files, threads, seed, start)
+    kept = work / (CHECKPOINT if part is Part.BALLS else STREAK_CHECKPOINT)
+    if kept.exists():
+        console.print(f"{work} holds a training: it goes on from step {steps_done(kept)}")
     out.parent.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bars:
@@ -73,17 +111,31 @@ def train_detector(
                 console.print(f"{done:.0%}: {at}")
 
         try:
-            figures = make_detector(work, options, out, watch)
+            if part is Part.BALLS:
+                figures = make_detector(work, options, out, watch)
+            else:
+                figures = make_streaks(work, seer, options, out, watch)
         except KeyboardInterrupt:
             console.print(f"{work} keeps pictures and the training so far; the same command goes on from there")
             raise
     if as_json:
         print(json.dumps({"file": str(out), **figures}))
         return
+    print(f"{out}: {_balls_told(figures) if part is Part.BALLS else _streaks_told(figures)}")
+
+
+def _balls_told(figures: dict[str, float]) -> str:
     if "sharp_rms_px" not in figures:
-        print(f"{out}: a network that finds no ball yet; train it longer, the same command with more --hours goes on")
-        return
-    print(
-        f"{out}: recall {figures['recall']:.1%}, precision {figures['precision']:.1%}, centres "
+        return "a network that finds no ball yet; train it longer, the same command with more --hours goes on"
+    return (
+        f"recall {figures['recall']:.1%}, precision {figures['precision']:.1%}, centres "
         f"{figures['sharp_rms_px']:.2f} px RMS per axis on drawn halls that it never saw"
+    )
+
+
+def _streaks_told(figures: dict[str, float]) -> str:
+    return (
+        f"centres of {figures['streaks']:.0f} streaks in drawn halls that it never saw to {figures['along']:.2f} ball "
+        f"radii RMS along them and {figures['across']:.2f} across, from {figures['shown_along']:.2f} and "
+        f"{figures['shown_across']:.2f}"
     )

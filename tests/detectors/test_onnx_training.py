@@ -11,12 +11,14 @@ import pytest
 import torch
 
 from detectors.centres import STREAK_UNIT_PX, read_maps
-from detectors.export import Calibration, ShippedNetwork, disagreement, export
+from detectors.export import Calibration, ShippedNetwork, export, pictures_tried
 from detectors.network import BallNetwork
 from detectors.onnx_model import CentreModel, model_facts, open_model
-from detectors.training import TrainOptions, as_input, train
+from detectors.onnx_writer import disagreement
+from detectors.training import as_input, train
 from detectors.training_check import Matches, as_facts, calibration_of, figures_of, logistic_fit
 from detectors.training_data import PICTURES_PER_FILE, read_pictures, stacked, training_file
+from detectors.training_loop import TrainOptions
 from detectors.training_loss import doubled, loss_of, targets_of
 from detectors.training_variety import placed, turned, vary
 from detectors.warm_start import start_from
@@ -300,7 +302,7 @@ def test_the_exported_network_says_what_it_is_and_agrees_with_the_trained_one(tm
     calibration = Calibration(1.7, -0.4, 1.3)
     path = tmp_path / "balls.onnx"
     export(network, calibration, {"trueroll.recipe": {"steps": 3}}, path)
-    assert disagreement(ShippedNetwork(network, calibration), path) < 1e-3
+    assert disagreement(ShippedNetwork(network, calibration), path, pictures_tried()) < 1e-3
     facts = model_facts(path)
     assert facts["trueroll.schema"] == "trueroll.balls/1"
     assert facts["trueroll.stride"] == "4"

@@ -98,7 +98,7 @@ def test_the_finder_says_how_far_a_fast_ball_went() -> None:
     assert (np.linalg.norm(np.delete(found.streak, moving, axis=0), axis=1) == 0).all()
 
 
-def test_a_streak_that_the_network_sees_is_measured_where_light_adds_up() -> None:
+def test_a_streak_that_the_network_sees_is_measured() -> None:
     fast = Ball(330.3, 225.6, (235, 235, 225), (20.0, -15.0))
     picture = draw([fast], np.random.default_rng(8))
     finder = finder_told((fast.x + 4.0, fast.y), (26.0, -10.0))
@@ -107,11 +107,11 @@ def test_a_streak_that_the_network_sees_is_measured_where_light_adds_up() -> Non
     assert abs(streak @ fast.streak) == pytest.approx(np.hypot(*fast.streak) ** 2, rel=0.15)
 
 
-def test_a_streak_that_the_picture_does_not_show_is_the_networks_word() -> None:
+def test_a_streak_that_the_picture_does_not_show_stays_about_where_the_network_saw_it() -> None:
     picture = draw([], np.random.default_rng(8))
     told = finder_told((330.0, 225.0), (26.0, -10.0)).look(picture)
-    assert told.centre[0] == pytest.approx((330.0, 225.0), abs=1e-6)
-    assert told.sigma[0] == pytest.approx(3.0, rel=1e-6)
+    assert told.centre[0] == pytest.approx((330.0, 225.0), abs=2.0)
+    assert told.sigma_along[0] > 2.0
 
 
 def test_a_ball_at_rest_is_none_that_moved_because_the_network_says_so() -> None:
