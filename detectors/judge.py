@@ -20,7 +20,7 @@ from detectors.colour import ball_coats
 from detectors.found import NO_BALLS, Found, inside
 from detectors.found import chained as found_chained
 from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, outlined
-from detectors.streak_model import MeasuredStreak, StreakModel
+from detectors.streak_model import LEAST_WAY_RADII, MeasuredStreak, StreakModel
 from detectors.sweep import fitted_sweep
 from detectors.view import View, value_at
 from models.detections import Detections
@@ -41,9 +41,9 @@ FAINT_SCORE = 0.12
 where the middle of a streak is, so that many cells share what one would say of a ball at rest."""
 STREAK_RADII = 1.0
 """Way during the exposure, ball radii, from which the network's word alone makes a streak of a ball."""
-MAYBE_RADII, MOVED_RADII = 0.35, 0.5
-"""Way that it tells from which the ball is looked at as a streak, and way that is seen there from which it is one: the
-outline of a ball that moved less is nearly a circle, and places it better."""
+MOVED_RADII = 0.5
+"""Way that is seen, where a ball that may be one is looked at as a streak, from which it is one: the outline of a ball
+that moved less is nearly a circle, and places it better."""
 MARK_STARTS = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
 """Where the centre of a ball may be whose mark the network sees: so far off, in what the ball is larger."""
 CLEAR_SCORE = 0.7
@@ -113,8 +113,8 @@ class Judge:
             sweep = fitted_sweep(rgb, sharp.centre[row], size, others.centre, others.radius, self.cloth.basis)
             if sweep is None or not sweep.believed(size):
                 continue
-            found_there = self.closer.measured(rgb, sweep.centre, size, sweep.way)
-            swept = _streak(found_there, size, float(sharp.score[row]))
+            at = self.closer.measured(rgb, sweep.centre, size, sweep.way)
+            swept = _streak(at, size, float(sharp.score[row]))
             if not inside(sharp.centre[_other_balls(home, row)], swept).any():
                 moves[row] = True
                 found = found_chained(found, swept)
@@ -125,7 +125,7 @@ class Judge:
         radius = value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
         told, moves = _swept(self._placed(home, frame)), np.zeros(len(home), dtype=bool)
         way = np.linalg.norm(home.streak, axis=1) / home.radius
-        for row in np.flatnonzero(way > np.where(self.sure(home), MAYBE_RADII, STREAK_RADII)).tolist():
+        for row in np.flatnonzero(way > np.where(self.sure(home), LEAST_WAY_RADII, STREAK_RADII)).tolist():
             at = self.closer.measured(rgb, told.centre[row], float(radius[row]), told.streak[row])
             moves[row] = float(np.linalg.norm(at.way)) > MOVED_RADII * radius[row]
             told.centre[row], told.streak[row], told.radius[row] = at.centre, at.way, radius[row]

@@ -21,7 +21,7 @@ SHIPPED = Path(__file__).parent / "weights" / "streaks.onnx"
 LOOKS = 2
 """How often a streak is looked at, the second time as the first one found it."""
 LEAST_WAY_RADII = 0.35
-"""A shorter way has no direction to turn it by."""
+"""Shorter ways are none: they have no direction to turn them by."""
 MIRRORED = np.array([[1, 1, 1, 1], [-1, 1, 1, -1], [1, -1, 1, -1], [-1, -1, 1, 1]], dtype=np.float64)
 """Signs of what is told of a picture as it is, mirrored end to end, side to side, and both ways."""
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from detectors.centres import Centres
 from detectors.onnx_model import BallModel, open_model
 from detectors.straightened import COLUMNS, ROWS, Straight
+from detectors.streak_model import LEAST_WAY_RADII
 from detectors.training_data import read_pictures, training_file
 from detectors.training_variety import vary
 
@@ -24,8 +25,6 @@ FORMS = 6
 """In how many forms a training picture is shown to the ball network."""
 LEAST_SCORE = 0.12
 """From which the ball network's word of a streak counts: see `judge.FAINT_SCORE`."""
-LEAST_WAY_RADII = 0.35
-"""Shorter ways that it tells are none."""
 LEAST_VISIBLE, LEAST_RADIUS_PX = 0.35, 3.3
 """Of a ball that is measured: share that nothing hides, and size."""
 SIZE_BAND = (0.6, 1.6)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from detectors.centres import SIGMA_LIMITS
+from detectors.streak_model import MIRRORED
 from detectors.streak_network import TOLD, StreakNetwork
 from detectors.streak_pictures import StreakPictures, read_streaks, streak_file
 from detectors.training import as_input
@@ -26,8 +27,6 @@ FILES_AT_ONCE = 40
 STEPS_PER_FILE = 50
 DARKER, TINTED = 0.2, 0.1
 """Standard deviations of the logarithms of gamma and of the gain of each colour, by which a batch is lit anew."""
-MIRRORED = np.array([[-1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0]], dtype=np.float32)
-"""Signs of what is told of a picture mirrored end to end, and side to side."""
 
 
 def train_streaks(folder: Path, seer: Path, options: TrainOptions, watch: Watch) -> StreakNetwork:
@@ -55,9 +54,9 @@ class MeasuringStreaks:
     def loss(self, network: StreakNetwork, step: int) -> tuple[Tensor, dict[str, float]]:
         """Of the streaks of a step, all mirrored in one way and in one light."""
         shown, told, rng = self._batch(step)
-        for axis, signs in ((2, MIRRORED[0]), (1, MIRRORED[1])):
+        for axis, signs in ((2, MIRRORED[1]), (1, MIRRORED[2])):
             if rng.random() < 0.5:
-                shown, told = np.flip(shown, axis), told * signs
+                shown, told = np.flip(shown, axis), told * signs.astype(np.float32)
         light = as_input(np.ascontiguousarray(shown)).clamp(min=1e-3) ** float(np.exp(rng.normal(0, DARKER)))
         gain = torch.from_numpy(np.exp(rng.normal(0, TINTED, (1, 3, 1, 1))).astype(np.float32))
         return streak_loss(network(light * gain), torch.from_numpy(told))

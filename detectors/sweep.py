@@ -47,17 +47,12 @@ LEAST_GAIN = 1.1
 TURNS = 10
 HUBER = 2.0
 """Root mean square misses from which a pixel counts less."""
-FLOOR_PX, FLOOR_SHARE = 0.25, 0.04
-"""Error of the centre that no picture shows: px, and along the streak in addition a share of its length. Measured on
-drawn streaks: light that changes along the way moves the middle."""
 HOPELESS_LEFT = 0.5
 """Share of the contrast left by the rough streak from which it is not looked at closely."""
 MOST_LEFT, MOST_OF_REST = 0.15, 0.5
 """Share of the contrast that a streak may leave, of all and of what a ball at rest leaves."""
 WAY_BAND = (0.8, 7.5)
 """Ways, ball radii, that are believed."""
-CORRELATED_PX = 4.0
-"""Pixels that miss together, in area: compression and what the model leaves out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +63,6 @@ class Sweep:
     """(2,) of the ball at mid-exposure."""
     way: Floats
     """(2,) travelled during the exposure, sign unknown."""
-    across: float
-    along: float
-    """Sigma of the centre."""
     left: float
     """Squared miss of the picture, over that of bare cloth."""
     left_at_rest: float
@@ -124,9 +116,8 @@ def fitted_sweep(
         return None
     colours = _colours(rgb, at, basis)
     place = np.concatenate([centre, way])
-    weights = np.ones(len(at))
     damping, best = 1e-2, np.inf
-    miss, slopes = _miss(place, at, colours, radius), np.empty((0, 4))
+    miss = _miss(place, at, colours, radius)
     bare = max(float(((colours - np.median(colours, axis=0)) ** 2).sum()), 1e-9)
     if (miss**2).sum() > HOPELESS_LEFT * bare:
         return None
@@ -150,20 +141,8 @@ def fitted_sweep(
         if np.abs(step).max() < 0.01:
             break
     resting = _miss(np.append(rest, [1e-3, 0.0]), at, colours, radius)
-    return _sweep(place, weights, slopes, miss, float((resting**2).sum()), bare)
-
-
-def _sweep(place: Floats, weights: Floats, slopes: Floats, miss: Floats, resting: float, bare: float) -> Sweep:
-    level = float((weights[:, None] * miss**2).sum() / max(weights.sum(), 1.0)) / miss.shape[1]
-    normal = np.einsum("n,nci,ncj->ij", weights, slopes, slopes) + 1e-9 * np.eye(4)
-    covariance = np.linalg.inv(normal)[:2, :2] * level * CORRELATED_PX
-    length = max(float(np.linalg.norm(place[2:])), 1e-9)
-    unit = place[2:] / length
-    across = float(np.sqrt(np.array([-unit[1], unit[0]]) @ covariance @ np.array([-unit[1], unit[0]])))
-    along = float(np.sqrt(unit @ covariance @ unit))
-    along = float(np.sqrt(along**2 + FLOOR_PX**2 + (FLOOR_SHARE * length) ** 2))
     left = float((miss**2).sum()) / bare
-    return Sweep(place[:2], place[2:], float(np.hypot(across, FLOOR_PX)), along, left, resting / bare)
+    return Sweep(place[:2], place[2:], left, float((resting**2).sum()) / bare)
 
 
 def _rough(
