@@ -20,6 +20,7 @@ from detectors.colour import ball_coats
 from detectors.found import NO_BALLS, Found, inside
 from detectors.found import chained as found_chained
 from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, outlined
+from detectors.refine import softened
 from detectors.streak_model import LEAST_WAY_RADII, MeasuredStreak, StreakModel
 from detectors.sweep import fitted_sweep
 from detectors.view import View, value_at
@@ -81,8 +82,9 @@ class Judge:
         told, moves = self._closer(rgb, seen, frame)
         sure = self.sure(seen)
         resting, doubted = seen.take(~moves | ~sure), moves[~moves | ~sure]
-        sharp, support = self._outlined(rgb, resting, frame)
-        sharp, support = self._around_marks(rgb, resting, sharp, support, frame)
+        soft = softened(rgb)
+        sharp, support = self._outlined(rgb, soft, resting, frame)
+        sharp, support = self._around_marks(rgb, soft, resting, sharp, support, frame)
         believed = (self.sure(resting) & ~doubted) | (support > _needed(resting))
         resting, sharp, support = resting.take(believed), sharp.take(believed), support[believed]
         by_light, swept_too = self._swept_by_light(rgb, resting, sharp, support)
@@ -142,17 +144,17 @@ class Judge:
             borne[row] = sweep is not None and sweep.believed(size)
         return told.take(borne)
 
-    def _outlined(self, rgb: Bytes, seen: Centres, frame: int) -> tuple[Found, Floats]:
+    def _outlined(self, rgb: Bytes, soft: Bytes, seen: Centres, frame: int) -> tuple[Found, Floats]:
         """Balls at rest where their outlines are, and the support of these."""
         expected = value_at(self.view.radius, seen.centre).astype(np.float64) / self.view.scale
         beneath = np.asarray(value_at(self.cloth.colour, seen.centre), dtype=np.float64)
         around = Surroundings(expected, beneath, self.cloth.basis, self.view.scene)
-        found, support = outlined(rgb, self._placed(seen, frame), around, frame)
+        found, support = outlined(rgb, soft, self._placed(seen, frame), around, frame)
         # What only its outline makes a ball is as likely one as the least that is reported.
         return replace(found, score=np.maximum(found.score, LEAST_SCORE)), support
 
     def _around_marks(
-        self, rgb: Bytes, seen: Centres, sharp: Found, support: Floats, frame: int
+        self, rgb: Bytes, soft: Bytes, seen: Centres, sharp: Found, support: Floats, frame: int
     ) -> tuple[Found, Floats]:
         """The same with what is too small for a ball taken for a mark on one: the outline about it that is whole."""
         expected = value_at(self.view.radius, seen.centre).astype(np.float64)
@@ -165,7 +167,7 @@ class Judge:
         away = np.repeat(room[marks], len(MARK_STARTS))
         wide = np.maximum(starts.across, away)
         at = starts.centre + away[:, None] * np.tile(MARK_STARTS, (len(marks), 1))
-        tried, held = self._outlined(rgb, replace(starts, centre=at, across=wide, along=wide), frame)
+        tried, held = self._outlined(rgb, soft, replace(starts, centre=at, across=wide, along=wide), frame)
         best = held.reshape(len(marks), -1).argmax(axis=1) + np.arange(len(marks)) * len(MARK_STARTS)
         better = held[best] > support[marks]
         best, marks = best[better], marks[better]

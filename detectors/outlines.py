@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from detectors.centres import Centres
 from detectors.found import Found
-from detectors.refine import FARTHEST, Circles, fit_circles, softened
+from detectors.refine import FARTHEST, Circles, fit_circles
 from models.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -51,9 +51,9 @@ class Surroundings:
     scene: Scene
 
 
-def outlined(rgb: Bytes, seen: Centres, around: Surroundings, frame: int) -> tuple[Found, Floats]:
-    """Sharp balls in a picture (H, W, 3), px, and the support (K,) of their outlines, 0 where they have none."""
-    circles = _circles(rgb, seen.centre, around, frame)
+def outlined(rgb: Bytes, soft: Bytes, seen: Centres, around: Surroundings, frame: int) -> tuple[Found, Floats]:
+    """Sharp balls in a picture (H, W, 3) and `softened`, px; support (K,) of their outlines, 0 where there are none."""
+    circles = _circles(rgb, soft, seen.centre, around, frame)
     broken = np.minimum(1 + BROKEN_WORTH * (1 - np.minimum(circles.support, 1.0)), MOST_BROKEN)
     circles = replace(circles, sigma=circles.sigma * broken)
     own = np.hypot(seen.across, seen.along) / np.sqrt(2)
@@ -69,9 +69,8 @@ def outlined(rgb: Bytes, seen: Centres, around: Surroundings, frame: int) -> tup
     return Found(centre, radius, np.zeros_like(centre), seen.score, sigma, sigma), np.where(good, circles.support, 0.0)
 
 
-def _circles(rgb: Bytes, guessed: Floats, around: Surroundings, frame: int) -> Circles:
+def _circles(rgb: Bytes, soft: Bytes, guessed: Floats, around: Surroundings, frame: int) -> Circles:
     """Circles (K,) near guesses (K, 2) px, those of hidden balls through the open part of their outlines."""
-    soft = softened(rgb)
     circles = fit_circles(rgb, soft, guessed, around.expected, around.beneath, around.basis)
     before = _before(circles, around.scene, frame)
     behind = ~np.isnan(before[..., 2]).all(axis=1)

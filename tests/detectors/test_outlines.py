@@ -11,6 +11,7 @@ from drawn import drawn_scene
 
 from detectors.centres import Centres
 from detectors.outlines import Surroundings, outlined
+from detectors.refine import softened
 from models.scene import Camera, Scene
 from video.renderer_camera import look_at
 
@@ -30,13 +31,14 @@ def low_scene() -> Scene:
     return replace(scene, camera=camera)
 
 
-def picture_of(centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Discs (n, 2) px on cloth, the nearest last."""
+def picture_of(centres: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Discs (n, 2) px on cloth, the nearest last; and the same softened."""
     rgb = np.full((360, 640, 3), CLOTH, np.uint8)
     for (x, y), radius, colour in zip(centres, radii, (FAR, NEAR), strict=False):
         place = (round(x * 2**SUBPIXEL), round(y * 2**SUBPIXEL))
         cv2.circle(rgb, place, round(radius * 2**SUBPIXEL), colour, -1, cv2.LINE_AA, SUBPIXEL)
-    return cv2.GaussianBlur(rgb, (0, 0), 0.7)
+    rgb = cv2.GaussianBlur(rgb, (0, 0), 0.7)
+    return rgb, softened(rgb)
 
 
 def seen_at(centres: np.ndarray, radii: np.ndarray, sigma: float) -> Centres:
@@ -61,7 +63,7 @@ def test_a_ball_behind_another_is_placed_by_the_open_part_of_its_outline(aside: 
     apart = np.linalg.norm(truth[0] - truth[1])
     assert apart < 1.5 * radii.mean()  # the picture shows what the test is about
     seen = seen_at(truth + np.array([[0.8, -0.6], [-0.5, 0.7]]), radii, 1.5)
-    found, support = outlined(picture_of(truth, radii), seen, around(scene, radii), 0)
+    found, support = outlined(*picture_of(truth, radii), seen, around(scene, radii), 0)
     assert np.linalg.norm(found.centre - truth, axis=1).max() < 0.35
     assert (support > 0.9).all()
 
@@ -70,7 +72,7 @@ def test_a_whole_outline_counts_against_a_network_that_is_surer_than_it_should_b
     scene = drawn_scene()
     truth, radii = np.array([[301.3, 170.6]]), np.array([11.0])
     seen = seen_at(truth + np.array([[3.0, -2.0]]), radii, 0.3)
-    found, support = outlined(picture_of(truth, radii), seen, around(scene, radii), 0)
+    found, support = outlined(*picture_of(truth, radii), seen, around(scene, radii), 0)
     assert support[0] > 0.9
     assert np.linalg.norm(found.centre - truth) < 0.6
 
@@ -78,7 +80,7 @@ def test_a_whole_outline_counts_against_a_network_that_is_surer_than_it_should_b
 def test_without_an_outline_the_network_s_word_stands() -> None:
     scene = drawn_scene()
     seen = seen_at(np.array([[301.3, 170.6]]), np.array([11.0]), 0.7)
-    found, support = outlined(picture_of(np.empty((0, 2)), np.empty(0)), seen, around(scene, np.array([11.0])), 0)
+    found, support = outlined(*picture_of(np.empty((0, 2)), np.empty(0)), seen, around(scene, np.array([11.0])), 0)
     assert support[0] == 0
     assert found.centre[0] == pytest.approx(seen.centre[0])
     assert found.sigma[0] == pytest.approx(0.7)
