@@ -35,6 +35,9 @@ it holds half of the other ball."""
 GAP_POINTS, LEAST_STEP = 17, 0.01
 """Places of a ball from one picture to the next by which it is told when it moves, and px between two of them by which
 it does."""
+LEAST_SPEED, LONGER, BLURRED_RADII = 0.1, 1.2, 1.0
+"""m/s from which a streak tells how long the shutter was open, how many times longer than from picture to picture an
+error may make that, and the radii that a ball goes in it from which detectors see a streak."""
 STREAK_POINTS = 7
 """Points along the way of a streaked ball: enough to follow a rebound within one exposure."""
 
@@ -204,7 +207,7 @@ def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:
     centre = np.where(observed[..., None], tracks.px, np.where(inside, put, np.nan))
     offset = tracks.px - put
     offset[~(observed & np.isfinite(put[..., 0]))] = 0
-    exposure = _exposure(tracks, modelled.v)
+    exposure = _exposure(tracks, modelled.v, height)
     radius = _radii(scene, tracks, np.where(np.isfinite(xy), xy, tracks.xy))
     inside_gaps = _in_gaps(scene, tracks, fit.trajectory)
     moves = _moves(scene, tracks, inside_gaps[:, ::4], radius)
@@ -296,10 +299,21 @@ def _ways(scene: Scene, tracks: Tracks, trajectory: Trajectory, exposure: float)
     return np.asarray(px - px[:, [STREAK_POINTS // 2]], dtype=np.float64)
 
 
-def _exposure(tracks: Tracks, v: Floats) -> float:
-    """Median of streak length over speed where balls are streaked, s, at most the time between two pictures."""
-    length, speed = np.linalg.norm(tracks.streak, axis=-1), np.linalg.norm(v, axis=-1)
-    streaked = tracks.observed & (length > 0) & np.isfinite(speed) & (speed > 0.1)
-    if not streaked.any() or len(tracks.t) < 2:
+def _exposure(tracks: Tracks, v: Floats, radius: float) -> float:
+    """Median of streak length over speed where balls of a radius, m, are streaked, s; 0 where streaks are no measure.
+
+    No shutter is open for longer than from one picture to the next, and one that blurs a ball blurs all that are as
+    fast: what neither holds for is two balls taken for one, or a hand.
+    """
+    if len(tracks.t) < 2:
         return 0.0
-    return float(min(np.median(length[streaked] / speed[streaked]), np.median(np.diff(tracks.t))))
+    step = float(np.median(np.diff(tracks.t)))
+    length, speed = np.linalg.norm(tracks.streak, axis=-1), np.linalg.norm(v, axis=-1)
+    told = tracks.observed & np.isfinite(speed) & (speed > LEAST_SPEED)
+    open_for = length[told] / speed[told]
+    streaked = (open_for > 0) & (open_for < LONGER * step)
+    if not streaked.any():
+        return 0.0
+    exposure = min(float(np.median(open_for[streaked])), step)
+    blurred = speed[told] * exposure > BLURRED_RADII * radius
+    return 0.0 if blurred.any() and streaked[blurred].mean() < 0.5 else exposure
