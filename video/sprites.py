@@ -274,7 +274,8 @@ def _cut(
         return None
     tight = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     shade = np.clip((seen + 2) / (empty + 2), *SHADE_LIMITS) - 1
-    shade = _smoothed_under(shade * (touched > 0)[..., None], ball > 0.99)
+    # Where another ball is, the picture tells that ball's colour and no shade.
+    shade = _smoothed_under(shade * ((touched > 0) & (mine >= 1))[..., None], ball > 0.99)
     if outline.streaked:
         return _matted(seen, empty, shade, outline, box)
     sure = (mine[..., None] * mask)[tight]

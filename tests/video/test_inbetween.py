@@ -64,6 +64,20 @@ def test_a_ball_pasted_where_it_was_gives_the_picture_back() -> None:
     assert difference(again, picture).max() <= 3
 
 
+def test_a_ball_does_not_take_the_colour_of_its_neighbour_for_its_shade() -> None:
+    """Two balls that touch, both taken out: pasted elsewhere, one leaves the cloth beside it as it is."""
+    other = outline(0.5)
+    below = np.array([0, 1.9 * other.radius])
+    beside_it = replace(other, way=other.way + below, centre=other.centre + below)
+    picture = shot.film(0.5)
+    x, y = np.meshgrid(np.arange(shot.WIDTH), np.arange(shot.HEIGHT))
+    picture[np.hypot(x - beside_it.centre[0], y - beside_it.centre[1]) < beside_it.radius] = (250, 245, 240)
+    sprite = peel(picture, [other, beside_it], [], perfect_plate(), None).sprites[1]
+    assert sprite is not None
+    tint = np.ptp(sprite.shade, axis=2)
+    assert tint.max() < 0.15
+
+
 def test_the_bright_fringe_of_a_ball_goes_with_it() -> None:
     def fringed(t: float) -> Picture:
         y, x = np.mgrid[0 : shot.HEIGHT, 0 : shot.WIDTH]
@@ -258,6 +272,24 @@ def test_streaks_are_cut_along_the_way_of_the_exposure() -> None:
     assert len(way) > 1
     assert np.ptp(way[:, 0]) == pytest.approx(0.9 * 0.02 * shot.SCALE, rel=0.01)
     assert len(sightings.outline(20, 1).way) == 1
+
+
+@pytest.mark.parametrize(
+    ("rows", "opened", "exposure"),
+    [
+        (slice(4, None), 0.08, 0.08),
+        (slice(6, 7), 0.9, 0.0),  # longer than from picture to picture: two balls taken for one
+        (slice(6, 7), 0.08, 0.0),  # no other picture is blurred, though the ball is as fast
+        (slice(6, 7), 0.05, 0.05),  # too short to be seen everywhere
+    ],
+)
+def test_a_streak_tells_the_exposure_unless_other_pictures_contradict_it(
+    rows: slice, opened: float, exposure: float
+) -> None:
+    times = TIMES[::3]
+    tracks = shot.tracks(times)
+    tracks.streak[rows, 0, 0] = 0.9 * opened
+    assert sight(shot.scene(), tracks, shot.fit(times)).exposure == pytest.approx(exposure, rel=1e-6)
 
 
 @pytest.mark.parametrize(("gone", "alike"), [(0.0, 1), (1.0, 0), (0.3, 1)])
