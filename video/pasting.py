@@ -36,6 +36,15 @@ class Turned:
     """(g, g) share of each pixel that goes round, the rest is the ball's edge; None: all of it."""
     light: Singles | None = None
     """(g, g, 3) levels by which the light, which does not go round, makes it brighter here than it was there."""
+    darkest: Singles | None = None
+    """(3,) levels below which no light leaves it: gloss that is taken for broader than it is would leave a hole."""
+
+    def lit(self, colour: Singles, light: Singles, mask: Singles | float = 1.0) -> Singles:
+        """Colours (h, w, 3) times a mask (h, w, 1) with a light (h, w, 3) added."""
+        there = colour + light * mask
+        if self.darkest is None:
+            return np.asarray(there, dtype=np.float32)
+        return np.asarray(np.maximum(there, np.minimum(colour, self.darkest * mask)), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +177,8 @@ def _turned(layer: Layer, turned: Turned, corner: Floats, box: Box) -> tuple[Sin
     hidden = layer.sprite.hidden
     seen = None if hidden is None else 1 - _remapped(hidden, where, cv2.INTER_LINEAR)
     if turned.light is not None:
-        cover[..., :3] += _moved(turned.light, first, box, cv2.INTER_LINEAR) * cover[..., 3:]
+        light = _moved(turned.light, first, box, cv2.INTER_LINEAR)
+        cover[..., :3] = turned.lit(cover[..., :3], light, cover[..., 3:])
     if turned.facing is not None:
         facing = 1 - _moved(1 - turned.facing, first, box, cv2.INTER_LINEAR)
         seen = facing if seen is None else seen * facing

@@ -59,6 +59,8 @@ class Spin:
     """(g, g) how sure it is, 0 to 1, that a place shows another paint in the second sighting than in the first."""
     light: Singles
     """(g, g, 3) levels by which lamps make a place brighter than others, whatever paint is there."""
+    darkest: Singles
+    """(3,) levels of the darkest paint."""
 
     def until(self, share: float) -> Floats:
         """Rotation (3, 3) from the first picture to a share of the time, 0 to 1."""
@@ -81,7 +83,13 @@ class Spin:
             moved = np.maximum(moved, np.where(place[..., 2] > 0, _bent(self.moved, bend), 0))
         inner = np.asarray(inner * moved, dtype=np.float32)
         before, after = (
-            Turned(bend, np.clip(place[..., 2], LEAST_WEIGHT, 1) ** 2, inner, self.light - _bent(self.light, bend))
+            Turned(
+                bend,
+                np.clip(place[..., 2], LEAST_WEIGHT, 1) ** 2,
+                inner,
+                self.light - _bent(self.light, bend),
+                self.darkest,
+            )
             for bend, place in zip(bends, there, strict=True)
         )
         return before, after
@@ -117,7 +125,7 @@ def spin_between(
             tried = pair.turned(other[-1])
             if tried.cost + UPRIGHT_WORTH * abs(angle) < least:
                 least, parts, account = tried.cost + UPRIGHT_WORTH * abs(angle), other, tried
-    return Spin(parts, radius, pair.moved, account.light()) if account.explained else None
+    return Spin(parts, radius, pair.moved, account.light(), account.paints[0]) if account.explained else None
 
 
 def halves_apart(sides: tuple[Sprite, Sprite], radius: float, views: tuple[Turned, Turned]) -> float:
@@ -128,7 +136,7 @@ def halves_apart(sides: tuple[Sprite, Sprite], radius: float, views: tuple[Turne
         seen = _around(sprite, radius)
         there = _bent(seen, turned.bend)
         if turned.light is not None:
-            there = there + turned.light
+            there = turned.lit(there, turned.light)
         if turned.inner is not None:
             there = seen + (there - seen) * turned.inner[..., None]
         if turned.facing is not None:
@@ -289,12 +297,20 @@ class _Account:
             return self.change > PAINT_LEVELS**2 * 2 * self.area
         return self.left < LEAST_GAIN * self.answered
 
+    @property
+    def paints(self) -> tuple[Singles, Singles]:
+        """(3,) levels of the darkest paint on the ball, and of the brightest."""
+        on = self.inner > 0
+        seen = np.concatenate([self.seen[0][on], self.seen[1][on]])
+        darkest, brightest = (np.percentile(seen, share, axis=0).astype(np.float32) for share in (10, 90))
+        return darkest, brightest
+
     def light(self) -> Singles:
         """(g, g, 3) levels by which lamps make a place brighter than others, whatever paint is there.
 
         What is brighter, in both sightings, than its paint is in the other one is so by a lamp.
         """
-        light = _light(self.seen, self.gains, self.known, self.inner > 0)
+        light = _light(self.seen, self.gains, self.known, self.paints)
         return np.asarray(light * self.inner[..., None], dtype=np.float32)
 
 
@@ -303,13 +319,14 @@ def _beyond(own: Singles, most: Singles, least: Singles) -> Singles:
     return np.asarray(np.maximum(own - most, 0) - np.maximum(least - own, 0), dtype=np.float32)
 
 
-def _light(seen: tuple[Singles, Singles], gains: list[Singles], known: list[Singles], on: NDArray[np.bool_]) -> Singles:
+def _light(
+    seen: tuple[Singles, Singles], gains: list[Singles], known: list[Singles], paints: tuple[Singles, Singles]
+) -> Singles:
     """(g, g, 3) levels by which places are brighter in both sightings than their paint is elsewhere on the ball.
 
     Where only one sighting shows that paint elsewhere, it cannot be darker than the darkest on the ball.
     """
-    paints = np.concatenate([seen[0][on], seen[1][on]])
-    darkest, brightest = (np.percentile(paints, share, axis=0).astype(np.float32) for share in (10, 90))
+    darkest, brightest = paints
     room = np.maximum(np.minimum(*seen) - darkest, 0), np.maximum(brightest - np.maximum(*seen), 0)
     alone = [np.clip(gain, -room[1], room[0]) for gain in gains]
     agreed = np.where(gains[0] * gains[1] > 0, np.sign(gains[0]) * np.minimum(*np.abs(gains)), 0)

@@ -11,6 +11,7 @@ import staged_shot as shot
 from numpy.typing import NDArray
 
 from video.inbetween import open_interval
+from video.pasting import Turned
 from video.plate import Plate
 from video.sightings import Sightings, sight
 from video.spin import Spin, spin_between, spins_of
@@ -150,3 +151,15 @@ def test_a_ball_whose_spin_is_not_known_has_none_to_turn_by() -> None:
     seen = sightings(spinning=False)
     sides = tuple(sprite_of(film(float(t)), float(t)) for t in TIMES[ROW : ROW + 2])
     assert spin_between(seen, ROW, 0, spins_of(seen, ROW), (sides[0], sides[1]), RADIUS) is None
+
+
+def test_no_light_leaves_a_hole_in_a_ball() -> None:
+    """Gloss that was taken for broader than it is makes a place at most as dark as the darkest paint, or as it was."""
+    colour = np.array([[[200.0, 200.0, 200.0], [90.0, 90.0, 90.0], [20.0, 20.0, 20.0]]], dtype=np.float32)
+    light = np.full((1, 3, 3), -150.0, dtype=np.float32)
+    bend = np.zeros((1, 3, 2), dtype=np.float32)
+    kept = Turned(bend, darkest=np.full(3, 40.0, dtype=np.float32)).lit(colour, light)
+    assert kept[0, :, 0].tolist() == [50.0, 40.0, 20.0]
+    half = Turned(bend, darkest=np.full(3, 40.0, dtype=np.float32)).lit(0.5 * colour, light, 0.5)
+    assert half[0, :, 0].tolist() == [25.0, 20.0, 10.0]
+    assert Turned(bend).lit(colour, light)[0, 2, 0] == -130.0
