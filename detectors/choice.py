@@ -13,7 +13,7 @@ from models.scene import Scene
 OBLIQUE_DEG = 50.0
 """A camera lower than this over the table makes balls hide each other, and shows their dark undersides: there the
 network, which has learnt both, finds more. Straight above it invents balls in hands, tips and racks that circles do
-not, and it does not measure long streaks. Measured on rendered halls and on broadcasts (docs/detectors.md)."""
+not, and explains no more. Measured on rendered halls and on broadcasts (docs/detectors.md)."""
 
 
 def chosen(options: DetectOptions, scene: Scene, still: bool = False) -> Literal["hough", "onnx"]:
