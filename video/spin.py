@@ -125,7 +125,10 @@ def spin_between(
             tried = pair.turned(other[-1])
             if tried.cost + UPRIGHT_WORTH * abs(angle) < least:
                 least, parts, account = tried.cost + UPRIGHT_WORTH * abs(angle), other, tried
-    return Spin(parts, radius, pair.moved, account.light(), account.paints[0]) if account.explained else None
+    if not account.explained:
+        return None
+    paints = account.paints()
+    return Spin(parts, radius, pair.moved, account.light(paints), paints[0])
 
 
 def halves_apart(sides: tuple[Sprite, Sprite], radius: float, views: tuple[Turned, Turned]) -> float:
@@ -297,7 +300,6 @@ class _Account:
             return self.change > PAINT_LEVELS**2 * 2 * self.area
         return self.left < LEAST_GAIN * self.answered
 
-    @property
     def paints(self) -> tuple[Singles, Singles]:
         """(3,) levels of the darkest paint on the ball, and of the brightest."""
         on = self.inner > 0
@@ -305,12 +307,12 @@ class _Account:
         darkest, brightest = (np.percentile(seen, share, axis=0).astype(np.float32) for share in (10, 90))
         return darkest, brightest
 
-    def light(self) -> Singles:
-        """(g, g, 3) levels by which lamps make a place brighter than others, whatever paint is there.
+    def light(self, paints: tuple[Singles, Singles]) -> Singles:
+        """(g, g, 3) levels by which lamps make a place brighter than others, whatever of the `paints` is there.
 
         What is brighter, in both sightings, than its paint is in the other one is so by a lamp.
         """
-        light = _light(self.seen, self.gains, self.known, self.paints)
+        light = _light(self.seen, self.gains, self.known, paints)
         return np.asarray(light * self.inner[..., None], dtype=np.float32)
 
 
