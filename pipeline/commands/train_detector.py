@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from models.errors import OptionError
+from models.errors import ModelError, OptionError
 from pipeline.chain import refuse_closed
 from pipeline.command_line import DebugOption, JsonOption, app, console, named
 
@@ -61,11 +61,13 @@ def train_detector(
     threads: Annotated[int, typer.Option(min=1, help="Threads of the processor to use.")] = 2,
     start: Annotated[
         Path | None,
-        typer.Option("--from", parser=named, metavar="FILE.onnx", help="A network of trueroll's own to go on from."),
+        typer.Option("--from", parser=named, metavar="FILE.onnx", help="Ball network of trueroll's own to go on from."),
     ] = None,
     seer: Annotated[
         Path | None,
-        typer.Option("--seen-by", parser=named, metavar="FILE.onnx", help="What sees the streaks; the shipped one."),
+        typer.Option(
+            "--seen-by", parser=named, metavar="FILE.onnx", help="Of --part streaks: what sees them, else the shipped."
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the first weights and the order of pictures.")] = 0,
     as_json: JsonOption = False,
@@ -79,23 +81,27 @@ def train_detector(
         )
     if part is Part.STREAKS and start is not None:
         raise OptionError("--from goes with --part balls; streaks are learnt from nothing")
+    if part is Part.BALLS and seer is not None:
+        raise OptionError("--seen-by goes with --part streaks; it names the ball network that sees them")
     if out is None:
         out = Path(f"{part.value}.onnx")
+    if out.is_dir():
+        raise OptionError(f"-o is the file that is written, such as {part.value}.onnx; {out} is a folder")
     refuse_closed(out.parent)
     refuse_closed(work)
-    from detectors.onnx_model import SHIPPED, CentreModel, open_model
+    from detectors.onnx_model import SHIPPED
     from detectors.recipe import make_detector, make_streaks  # torch, which takes seconds to import
     from detectors.streak_training import CHECKPOINT as STREAK_CHECKPOINT
     from detectors.training import CHECKPOINT
     from detectors.training_loop import TrainOptions, steps_done
 
-    seer = SHIPPED if seer is None else seer
-    if not isinstance(open_model(seer), CentreModel):
-        raise OptionError(f"--seen-by {seer} is a YOLO export, which sees no streaks; take a network of trueroll's own")
+    seer = SHIPPED if seer is None else _seeing(seer)
     options = TrainOptions(steps, hours, batch or AT_ONCE[part], files, threads, seed, start)
     kept = work / (CHECKPOINT if part is Part.BALLS else STREAK_CHECKPOINT)
-    if kept.exists():
+    if kept.exists() and steps_done(kept):
         console.print(f"{work} holds a training: it goes on from step {steps_done(kept)}")
+    elif not console.is_terminal:
+        console.print(f"Drawing pictures into {work}, then training for {hours:g} h or {steps} steps", soft_wrap=True)
     out.parent.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bars:
@@ -124,6 +130,23 @@ def train_detector(
     print(f"{out}: {_balls_told(figures) if part is Part.BALLS else _streaks_told(figures)}")
 
 
+def _seeing(path: Path) -> Path:
+    """A file that holds a ball network which tells of streaks; OptionError for any other."""
+    from detectors.onnx_model import CentreModel, open_model
+
+    if not path.is_file():
+        raise OptionError(f"--seen-by {path} is not there")
+    try:
+        sees = isinstance(open_model(path), CentreModel)
+    except ModelError as error:
+        raise OptionError(
+            f"--seen-by {path} should be a ball network of trueroll's own; it cannot be opened as one"
+        ) from error
+    if not sees:
+        raise OptionError(f"--seen-by {path} is a YOLO export, which sees no streaks; take a network of trueroll's own")
+    return path
+
+
 def _balls_told(figures: dict[str, float]) -> str:
     if "sharp_rms_px" not in figures:
         return "a network that finds no ball yet; train it longer, the same command with more --hours goes on"
@@ -134,8 +157,10 @@ def _balls_told(figures: dict[str, float]) -> str:
 
 
 def _streaks_told(figures: dict[str, float]) -> str:
+    along, across, told = figures["along"], figures["across"], (figures["shown_along"], figures["shown_across"])
+    before = f"by the ball network's word alone {told[0]:.2f} and {told[1]:.2f}"
+    longer = "; it is worse than that word: train it longer" if along > told[0] or across > told[1] else ""
     return (
-        f"centres of {figures['streaks']:.0f} streaks in drawn halls that it never saw to {figures['along']:.2f} ball "
-        f"radii RMS along them and {figures['across']:.2f} across, from {figures['shown_along']:.2f} and "
-        f"{figures['shown_across']:.2f}"
+        f"middles of {figures['streaks']:.0f} streaks in drawn halls that it never saw miss by {along:.2f} ball radii "
+        f"RMS along them and {across:.2f} across, {before}{longer}"
     )
