@@ -77,7 +77,8 @@ def train_detector(
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         raise OptionError(
-            f"Writing ONNX needs {' and '.join(missing)}; install trueroll with the extra train: .[train]"
+            f"Writing ONNX needs {' and '.join(missing)}; install trueroll with the extra train: "
+            "python -m pip install -e .[train]"
         )
     if part is Part.STREAKS and start is not None:
         raise OptionError("--from goes with --part balls; streaks are learnt from nothing")
@@ -95,7 +96,8 @@ def train_detector(
     from detectors.training import CHECKPOINT
     from detectors.training_loop import TrainOptions, steps_done
 
-    seer = SHIPPED if seer is None else _seeing(seer)
+    seer = SHIPPED if seer is None else _own_network(seer, "--seen-by")
+    start = None if start is None else _own_network(start, "--from")
     options = TrainOptions(steps, hours, batch or AT_ONCE[part], files, threads, seed, start)
     kept = work / (CHECKPOINT if part is Part.BALLS else STREAK_CHECKPOINT)
     if kept.exists() and steps_done(kept):
@@ -130,20 +132,19 @@ def train_detector(
     print(f"{out}: {_balls_told(figures) if part is Part.BALLS else _streaks_told(figures)}")
 
 
-def _seeing(path: Path) -> Path:
-    """A file that holds a ball network which tells of streaks; OptionError for any other."""
+def _own_network(path: Path, option: str) -> Path:
+    """A file that holds a ball network of the project's own; OptionError for any other, before anything is drawn."""
     from detectors.onnx_model import CentreModel, open_model
 
+    wanted = f"{option} {path} should be a file with a ball network of trueroll's own"
     if not path.is_file():
-        raise OptionError(f"--seen-by {path} is not there")
+        raise OptionError(f"{wanted}; it is {'a folder' if path.is_dir() else 'not there'}")
     try:
-        sees = isinstance(open_model(path), CentreModel)
+        own = isinstance(open_model(path), CentreModel)
     except ModelError as error:
-        raise OptionError(
-            f"--seen-by {path} should be a ball network of trueroll's own; it cannot be opened as one"
-        ) from error
-    if not sees:
-        raise OptionError(f"--seen-by {path} is a YOLO export, which sees no streaks; take a network of trueroll's own")
+        raise OptionError(f"{wanted}; it cannot be opened as one") from error
+    if not own:
+        raise OptionError(f"{wanted}; it is a YOLO export, which sees no streaks and cannot be trained on")
     return path
 
 
