@@ -20,7 +20,7 @@ RARE_LOGIT = -4.6
 """Score before anything is learnt: one cell in a hundred is a centre (Lin et al. 2017, arXiv:1708.02002)."""
 
 
-def _step(into: int, out: int, side: int = 3, stride: int = 1, groups: int = 1) -> nn.Sequential:
+def convolved(into: int, out: int, side: int = 3, stride: int = 1, groups: int = 1) -> nn.Sequential:
     """Convolution, batch normalisation, ReLU."""
     conv = nn.Conv2d(into, out, side, stride, side // 2, groups=groups, bias=False)
     return nn.Sequential(conv, nn.BatchNorm2d(out), nn.ReLU(inplace=True))
@@ -32,8 +32,8 @@ class Block(nn.Module):
     def __init__(self, width: int) -> None:
         super().__init__()
         self.inner = nn.Sequential(
-            _step(width, width, side=5, groups=width),
-            _step(width, 2 * width, side=1),
+            convolved(width, width, side=5, groups=width),
+            convolved(width, 2 * width, side=1),
             nn.Conv2d(2 * width, width, 1, bias=False),
             nn.BatchNorm2d(width),
         )
@@ -50,12 +50,12 @@ class BallNetwork(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         half, quarter, eighth = WIDTHS
-        self.stem = nn.Sequential(_step(3, half, stride=2), _step(half, quarter, stride=2))
-        self.down = _step(quarter, eighth, stride=2)
+        self.stem = nn.Sequential(convolved(3, half, stride=2), convolved(half, quarter, stride=2))
+        self.down = convolved(quarter, eighth, stride=2)
         self.blocks = nn.Sequential(*(Block(eighth) for _ in range(BLOCKS)))
         self.side = nn.Conv2d(quarter, quarter, 1, bias=False)
         self.up = nn.Conv2d(eighth, quarter, 1, bias=False)
-        self.merge = nn.Sequential(nn.BatchNorm2d(quarter), nn.ReLU(inplace=True), _step(quarter, quarter))
+        self.merge = nn.Sequential(nn.BatchNorm2d(quarter), nn.ReLU(inplace=True), convolved(quarter, quarter))
         self.head = nn.Conv2d(quarter, len(CHANNELS), 1)
         start = torch.zeros(len(CHANNELS))
         start[CHANNELS.index("score")] = RARE_LOGIT

@@ -17,14 +17,13 @@ from detectors.streak_model import SCHEMA
 from detectors.streak_network import TOLD, StreakNetwork
 from detectors.streak_pictures import StreakPictures
 from detectors.training import as_input
+from detectors.training_check import MOST_PULL
 
 Floats = NDArray[np.float64]
 
 AT_ONCE = 256
 CLEAR_SHARE = 0.5
 """Visible share of the balls that the figures are of."""
-MOST_PULL = 6.0
-"""Standard deviations beyond which a miss is another thing seen rather than an error."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from detectors.network import convolved
 from detectors.straightened import COLUMNS, ROWS
 
 WIDTHS = (16, 32, 64)
@@ -14,19 +15,13 @@ TOLD = ("ahead", "beside", "longer", "aside")
 """What is told of a streak beside the one that was shown, ball radii: see `Straight.told`."""
 
 
-def _step(into: int, out: int, side: int = 3, stride: int = 1) -> nn.Sequential:
-    """Convolution, batch normalisation, ReLU."""
-    conv = nn.Conv2d(into, out, side, stride, side // 2, bias=False)
-    return nn.Sequential(conv, nn.BatchNorm2d(out), nn.ReLU(inplace=True))
-
-
 class Block(nn.Module):
     """Two convolutions beside the identity (He et al. 2015, arXiv:1512.03385)."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
         last = nn.Conv2d(width, width, 3, 1, 1, bias=False)
-        self.inner = nn.Sequential(_step(width, width), last, nn.BatchNorm2d(width))
+        self.inner = nn.Sequential(convolved(width, width), last, nn.BatchNorm2d(width))
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, h, w) to the same."""
@@ -41,10 +36,10 @@ class StreakNetwork(nn.Module):
         super().__init__()
         half, quarter, eighth = WIDTHS
         self.seen = nn.Sequential(
-            _step(3, half, 5, 2),
-            _step(half, quarter, 3, 2),
+            convolved(3, half, 5, 2),
+            convolved(half, quarter, 3, 2),
             Block(quarter),
-            _step(quarter, eighth, 3, 2),
+            convolved(quarter, eighth, 3, 2),
             Block(eighth),
         )
         cells = eighth * (ROWS // 8) * (COLUMNS // 8)

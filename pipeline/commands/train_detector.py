@@ -100,8 +100,8 @@ def train_detector(
     start = None if start is None else _own_network(start, "--from")
     options = TrainOptions(steps, hours, batch or AT_ONCE[part], files, threads, seed, start)
     kept = work / (CHECKPOINT if part is Part.BALLS else STREAK_CHECKPOINT)
-    if kept.exists() and steps_done(kept):
-        console.print(f"{work} holds a training: it goes on from step {steps_done(kept)}")
+    if kept.exists() and (done_before := steps_done(kept)):
+        console.print(f"{work} holds a training: it goes on from step {done_before}")
     elif not console.is_terminal:
         console.print(f"Drawing pictures into {work}, then training for {hours:g} h or {steps} steps", soft_wrap=True)
     out.parent.mkdir(parents=True, exist_ok=True)
