@@ -34,8 +34,11 @@ SIGMA_LIMITS = (-4.0, 3.5)
 """Of log(sigma / px)."""
 LEAST_SCORE = 0.05
 """Below this a peak is not read."""
-APART_RADII, STREAK_RADII = 0.8, 0.5
+APART_RADII, STREAK_RADII = 0.6, 0.5
 """Of two peaks nearer than this the weaker one is the other's echo; the same for one beside the middle of a streak."""
+OWN_SCORE, OWN_WAY = 0.5, 0.5
+"""What lies in a streak, is seen with such a score, and moves otherwise by this share of the streak, is a ball of its
+own: an echo tells of the same way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +127,15 @@ def not_echoes(found: Centres) -> Bools:
     inside = np.clip(ahead, -length / 2, length / 2)
     apart = np.linalg.norm(off - inside[..., None] * along[None], axis=-1)
     near = apart < np.where(np.abs(inside) < 1, APART_RADII, STREAK_RADII) * found.radius[:, None]
+    beside = np.linalg.norm(off, axis=-1) > APART_RADII * found.radius[:, None]
+    near &= ~(beside & (found.score > OWN_SCORE)[:, None] & (_unlike(found.streak) > OWN_WAY * length))
     kept = np.zeros(len(found), dtype=bool)
     for row in range(len(found)):
         kept[row] = not (near[row] & kept).any()
     return kept
+
+
+def _unlike(streaks: Floats) -> Floats:
+    """Differences (K, K), px, between streaks (K, 2) whose signs are unknown."""
+    apart = (np.linalg.norm(streaks[:, None] + sign * streaks[None], axis=-1) for sign in (-1, 1))
+    return np.asarray(np.minimum(*apart), dtype=np.float64)

@@ -87,10 +87,10 @@ class Judge:
         sharp, support = self._around_marks(rgb, soft, resting, sharp, support, frame)
         believed = (self.sure(resting) & ~doubted) | (support > _needed(resting))
         resting, sharp, support = resting.take(believed), sharp.take(believed), support[believed]
-        by_light, swept_too = self._swept_by_light(rgb, resting, sharp, support)
+        by_light, swept_too = self._swept_by_light(rgb, resting, sharp, support, told.take(moves & sure))
         at_rest = sharp.take((support > CLEAR_SUPPORT) & ~swept_too)
         swept = found_chained(self._borne_out(rgb, told.take(moves), sure[moves], at_rest), by_light)
-        within = inside(sharp.centre, swept) & (swept.score[:, None] >= sharp.score)
+        within = inside(sharp.centre, swept) & (swept.score[:, None] >= sharp.score) & (sharp.score < CLEAR_SCORE)
         kept = ~swept_too & ((support > CLEAR_SUPPORT) | ~within.any(axis=0))
         found = stood_apart(found_chained(swept, sharp.take(kept)), self.view.scene, frame)
         coats = ball_coats(rgb, found.centre, found.radius)
@@ -101,10 +101,13 @@ class Judge:
             found.score, found.sigma, found.sigma_along,
         ), unclear  # fmt: skip
 
-    def _swept_by_light(self, rgb: Bytes, home: Centres, sharp: Found, support: Floats) -> tuple[Found, Bools]:
+    def _swept_by_light(
+        self, rgb: Bytes, home: Centres, sharp: Found, support: Floats, told: Found
+    ) -> tuple[Found, Bools]:
         """Streaks among balls without a whole outline, by what an exposure adds up to; which (n,) of them are some.
 
-        None of them goes over a ball of which the network is sure: a row of balls adds up to a streak as well.
+        None of them goes over a ball of which the network is sure: a row of balls adds up to a streak as well. None is
+        one of those that the network told already: what stands before a streak is not the streak.
         """
         radius = value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
         moves, found = np.zeros(len(support), dtype=bool), NO_BALLS
@@ -117,7 +120,8 @@ class Judge:
                 continue
             at = self.closer.measured(rgb, sweep.centre, size, sweep.way)
             swept = _streak(at, size, float(sharp.score[row]))
-            if not inside(sharp.centre[_other_balls(home, row)], swept).any():
+            known = inside(swept.centre, told).any()
+            if not known and not inside(sharp.centre[_other_balls(home, row)], swept).any():
                 moves[row] = True
                 found = found_chained(found, swept)
         return found, moves

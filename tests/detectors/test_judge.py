@@ -74,15 +74,28 @@ def test_a_faint_streak_is_a_ball_where_the_picture_adds_up_to_one() -> None:
     assert np.abs(np.abs(found.streak[0]) - np.abs(ball.streak)).max() < 2.5
 
 
-def test_a_streak_takes_no_ball_away_that_is_surer_than_itself() -> None:
+def test_a_streak_takes_no_ball_away_that_is_sure_or_surer_than_itself() -> None:
     """The ball is nearly of the cloth's colour: its outline alone would not keep it."""
     ball = Ball(300.0, 170.0, PALE)
     picture = draw([ball], np.random.default_rng(4), noise=6.0)
     judge = judge_of(picture)
-    streak = (ball.x + 2.2 * SIZE_PX, ball.y + 3.0, 1.0, (4.0 * SIZE_PX, 0.0), CLEAR_SCORE)
-    for score, kept in ((0.95, True), (0.5, False)):
+    for score, streak_score, kept in ((0.95, CLEAR_SCORE, True), (0.8, 0.95, True), (0.5, CLEAR_SCORE, False)):
+        streak = (ball.x + 2.2 * SIZE_PX, ball.y + 3.0, 1.0, (4.0 * SIZE_PX, 0.0), streak_score)
         found, _ = judge.measured(picture, seen(judge, (ball.x, ball.y, 1.0, (0.0, 0.0), score), streak), 0)
         assert bool((np.linalg.norm(found.streak, axis=1) == 0).any()) is kept
+
+
+def test_a_ball_before_a_streak_is_not_the_streak() -> None:
+    """Its outline is broken, and an exposure that goes by beneath it explains the picture about it."""
+    moving = Ball(330.0, 172.0, WHITE, (4.5 * SIZE_PX, 0.0))
+    ball = Ball(moving.x + 1.7 * SIZE_PX, moving.y + 1.2 * SIZE_PX, PALE)
+    picture = cv2.GaussianBlur(draw([moving, ball], np.random.default_rng(6)), (0, 0), 2.0)
+    judge = judge_of(picture)
+    streak = (moving.x, moving.y, 1.0, moving.streak, 0.95)
+    found, _ = judge.measured(picture, seen(judge, streak, (ball.x, ball.y, 1.0, (0.0, 0.0), 0.8)), 0)
+    rests = np.linalg.norm(found.streak, axis=1) == 0
+    assert rests.tolist() == [False, True]
+    assert np.linalg.norm(found.centre[rests] - (ball.x, ball.y)) < 0.4 * SIZE_PX
 
 
 def test_a_row_of_balls_that_the_network_is_sure_of_is_no_streak() -> None:

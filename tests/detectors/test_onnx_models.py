@@ -148,6 +148,19 @@ def test_a_ball_on_the_border_of_two_tiles_is_one_ball() -> None:
     assert not_echoes(one).tolist() == [True, False]
 
 
+@pytest.mark.parametrize(
+    ("way", "score", "kept"),
+    [((0.0, 0.0), 0.8, True), ((1.0, 29.0), 0.8, True), ((-33.0, 1.0), 0.8, False), ((0.0, 0.0), 0.3, False)],
+)
+def test_what_stands_before_a_streak_is_no_echo_of_it(way: tuple[float, float], score: float, kept: bool) -> None:
+    """An echo tells of the way that the streak goes, whatever its sign, or is faint."""
+    one = Centres(
+        np.array([[50.0, 50.0], [64.0, 51.0]]), np.full(2, 8.0), np.array([(36.0, 0.0), way]), np.array([0.9, score]),
+        np.ones(2), np.ones(2), np.full((2, 4), np.nan),
+    )  # fmt: skip
+    assert not_echoes(one).tolist() == [True, kept]
+
+
 def test_a_half_precision_network_runs(tmp_path: Path) -> None:
     path = write_network(tmp_path / "m.onnx", columns_of_v8(1, 0))
     model = onnx.load(path)
