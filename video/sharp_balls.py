@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +27,12 @@ FAST_RADII, SLOW_RADII = 1.0, 0.3
 longer than that."""
 FAR, PER_SECOND, MOST_OLD = 0.1, 0.05, 0.3
 """What a sighting from another time costs against the radii of streak of one at hand: at once, per s, at most."""
+
+BORDER_SHARE, BORDER_LEVELS = 0.3, 10.0
+"""Step between neighbouring pixels of the ground, share of its brightness and of these levels of 255, that is a border:
+of a cushion, a pocket, a line."""
+DARK = 16
+"""Levels below which the ground is too dark to tell how a ball shades it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +66,26 @@ def learn_sharp(sightings: Sightings, gallery: Gallery, plate: Plate) -> SharpBa
     for row, picture in gallery.at(wanted):
         motion = sightings.motion(float(sightings.t[row]))
         for index in wanted[row]:
-            sprite = peel(picture, [sightings.outline(row, index)], [], plate, motion).sprites[0]
+            peeled = peel(picture, [sightings.outline(row, index)], [], plate, motion)
+            sprite = peeled.sprites[0]
             if sprite is not None:
+                sprite = over_plain_ground(sprite, peeled.behind)
                 found[index].append((float(sightings.t[row]), sprite, float(sightings.radius[row, index])))
     return SharpBalls({ball: tuple(sprites) for ball, sprites in found.items()})
+
+
+def over_plain_ground(sprite: Sprite, behind: Picture) -> Sprite:
+    """A sprite whose shade goes on evenly over borders and dark parts of the ground `behind` it: they stay there."""
+    height, width = sprite.shade.shape[:2]
+    ground = cv2.cvtColor(behind[sprite.y : sprite.y + height, sprite.x : sprite.x + width], cv2.COLOR_RGB2GRAY)
+    step = cv2.morphologyEx(ground, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)).astype(np.float32)
+    border = ((step > BORDER_SHARE * (ground + BORDER_LEVELS)) | (ground < DARK)).astype(np.uint8)
+    plain = cv2.blur(1 - cv2.dilate(border, np.ones((5, 5), np.uint8)).astype(np.float32), (3, 3))[..., None]
+    if plain.min() == 1:
+        return sprite
+    size = 2 * (min(height, width) // 8) + 1
+    about = cv2.blur(sprite.shade * plain, (size, size)) / np.maximum(cv2.blur(plain, (size, size))[..., None], 0.1)
+    return replace(sprite, shade=(plain * sprite.shade + (1 - plain) * about).astype(np.float32))
 
 
 def sharpest_rows(sightings: Sightings) -> dict[int, list[int]]:
