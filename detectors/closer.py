@@ -33,8 +33,6 @@ LEAST_CLOSER = 0.9
 are: the network sees them at other places of its grid, and without what else the picture shows."""
 REACH_RADII = 1.3
 """How far about such balls the closer look replaces the first."""
-DOUBTED_SCORE, DOUBTED_BAND = 0.5, (0.6, 1.5)
-"""Probability below which what the network sees is looked at again, where its size over a ball's is within the band."""
 BESIDE_RADII, COVERED_RADII = 2.0, 1.2
 """How far about a ball another is suspected, and how far it explains itself what is no cloth."""
 LEAST_UNLIKE = 0.35
@@ -62,7 +60,6 @@ def looked_closer(shown: Shown, view: View, cloth: Cloth, model: BallModel, seen
     """What the network saw, px of the working picture, and in the place of what crowds there what it sees closer."""
     seen_well = seen.take((seen.score > LEAST_SCORE) & value_at(view.centres, seen.centre))
     again = _discs(seen_well.take(_crowded(seen_well)), REACH_RADII, view)
-    again |= _discs(_half_seen(seen, view), REACH_RADII, view)
     odd = _unexplained(shown, view, cloth, seen_well)
     if odd.any():
         again |= around(odd, view.typical)
@@ -84,13 +81,6 @@ def _crowded(seen: Centres) -> Bools:
     near = apart < CROWDED_RADII * seen.radius
     np.fill_diagonal(near, False)
     return np.asarray(near.any(axis=1))
-
-
-def _half_seen(seen: Centres, view: View) -> Centres:
-    """What may be a ball, and is not sure to be one or none."""
-    ratio = seen.radius / value_at(view.radius, seen.centre)
-    possible = (ratio > DOUBTED_BAND[0]) & (ratio < DOUBTED_BAND[1]) & value_at(view.centres, seen.centre)
-    return seen.take(possible & (seen.score < DOUBTED_SCORE))
 
 
 def _unexplained(shown: Shown, view: View, cloth: Cloth, seen: Centres) -> Bools:

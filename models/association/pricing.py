@@ -48,6 +48,8 @@ STILL = 3
 """Sightings that a ball counts at birth where the next pictures show it at rest."""
 FREE, MET, BUMPED, STRUCK, OFF = range(5)
 """A ball went on freely, through foreseen contacts, through unforeseen ones, was struck, or was badly measured."""
+HURRY, HURRY_SLACK_RADII = 12.0, 1.0
+"""What a streak costs that is longer than the ball can have gone since the last picture; and radii that it may be."""
 PULL = 10.0
 """Most that it may cost to be moved against the push of the only ball near."""
 
@@ -133,10 +135,24 @@ def make_bid(reading: Reading, sightings: Sightings, now: Ints, dt: float, table
             _log_normal(z, foresight.free, p_free[:, 0] + wild, s, extra, along) + np.log(OUTLIER),
         ]
     )  # (5, N, K)
+    density -= HURRY * _hurried(reading, sightings, now, pace * dt, dt, table)
     mode = np.argmax(density, axis=0)
     seen = _detection_chance(reading, foresight, table)
     cost = -density.max(axis=0) - np.log(seen)[:, None] + np.log(CLUTTER) + _tint(reading, sightings, now, table)
     return Bid(cost, -np.log(1 - seen), mode, pace, foresight, p_free, p_contact)
+
+
+def _hurried(reading: Reading, sightings: Sightings, now: Ints, way: Floats, dt: float, table: Table) -> Floats:
+    """(5, N, K) 1 where a streak is too long for a ball in a mode; at play near it a ball goes `way` (N,) m.
+
+    No shutter is open for longer than from picture to picture. Only a blow by something that is not tracked makes a
+    ball faster than what plays near it, and that begins where the ball was.
+    """
+    length, slack = np.hypot(*sightings.streak[now].T)[None], HURRY_SLACK_RADII * table.ball_radius
+    furthest = (way + 2 * np.sqrt(reading.p[:, 2]) * dt + slack)[:, None]
+    gone = np.hypot(*np.moveaxis(sightings.xy[now][None] - reading.xy[:, None], 2, 0))
+    known = length > furthest
+    return np.stack([known, known, known, known & (length > 2 * gone + slack), known]).astype(np.float64)
 
 
 def _tint(reading: Reading, sightings: Sightings, now: Ints, table: Table) -> Floats:

@@ -84,15 +84,6 @@ def test_what_no_ball_explains_beside_one_is_looked_at_again() -> None:
     assert np.linalg.norm(found.centre[:, None] - truth[None], axis=-1).min(axis=0).max() < 0.3
 
 
-def test_what_is_half_seen_is_looked_at_again_unless_it_has_another_size() -> None:
-    picture, view = dotted()
-    lonely = view.to_working(np.array(BALLS[2:]))
-    for size, again in ((1.0, True), (0.4, False)):
-        model = DotModel()
-        looked(picture, view, model, peaks(lonely + 1.0, size * view.typical, 0.2))
-        assert bool(model.shown) == again
-
-
 def test_balls_that_stand_alone_are_looked_at_once() -> None:
     view, model = dotted()[1], DotModel()
     seen = peaks(view.to_working(np.array(BALLS)[[0, 2]]), view.typical, 0.9)

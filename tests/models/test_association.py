@@ -119,6 +119,19 @@ def test_a_streak_that_goes_nowhere_is_no_ball() -> None:
     assert len(associate(detections, seen.frame, seen.t, overhead()).ids) == 2
 
 
+def test_a_slow_ball_takes_no_streak_that_it_cannot_have_left() -> None:
+    """An edge of a cushion that looks like a streak beside a ball that is hidden for a picture; no shutter is open so
+    long that the ball could have gone that way. A shorter one it takes."""
+    seen = _two_balls(np.random.default_rng(24))
+    hidden = (seen.ball == 1) & (seen.detections.frame == 20)
+    kept = replace(seen, detections=_keep(seen.detections, ~hidden))
+    place = seen.px[20, 1] + [4.0, 2.0]
+    for length, taken in ((60.0, False), (8.0, True)):
+        detections = _with(kept, np.array([20]), place[None], streak=[0.4 * length, 0.9 * length], sigma_along=3.0)
+        tracks = associate(detections, seen.frame, seen.t, overhead())
+        assert bool((np.hypot(*(tracks.px[20] - place).T) < 1.0).any()) is taken
+
+
 def test_a_ball_keeps_off_a_shadow_of_the_cloths_colour() -> None:
     seen = _two_balls(np.random.default_rng(22))
     hidden = (seen.ball == 1) & (seen.detections.frame >= 20) & (seen.detections.frame < 30)
