@@ -62,6 +62,16 @@ def test_a_mark_on_the_cloth_is_no_ball() -> None:
     assert len(found) == 0
 
 
+@pytest.mark.parametrize(("size", "balls"), [(0.68, 0), (0.9, 1)])
+def test_a_spot_that_the_network_takes_for_a_small_ball_is_none(size: float, balls: int) -> None:
+    rng = np.random.default_rng(7)
+    picture = draw(spread_balls(rng, (WHITE, BLUE), 3), rng)
+    cv2.circle(picture, (16 * 300, 16 * 250), round(16 * size * SIZE_PX), (20, 20, 20), -1, cv2.LINE_AA, 4)
+    judge = judge_of(picture)
+    found, _ = judge.measured(picture, seen(judge, (300.3, 250.2, size, (0.0, 0.0), 0.95)), 0)
+    assert len(found) == balls
+
+
 def test_a_faint_streak_is_a_ball_where_the_picture_adds_up_to_one() -> None:
     ball = Ball(330.3, 175.6, WHITE, (24.0, 7.0))
     picture = draw([ball], np.random.default_rng(3))
