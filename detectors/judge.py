@@ -33,8 +33,8 @@ Bools = NDArray[np.bool_]
 
 LEAST_SCORE = 0.5
 """Probability from which a ball is reported."""
-SIZE_BAND = (0.7, 1.4)
-"""Seen over predicted radius of what can be a ball of this table."""
+SIZE_BAND = (0.76, 1.4)
+"""Seen over predicted radius of what can be a ball of this table: spots are seen with .7."""
 DOUBTFUL_SCORE, DOUBTFUL_BAND = 0.25, (0.5, 1.6)
 """The same for what is a ball only if its outline is whole: what the network half sees, or sees in the wrong size."""
 LEAST_CLEAR_SIZE = 0.8
