@@ -107,8 +107,7 @@ class Judge:
 
     def _spots(self, home: Centres, sharp: Found, support: Floats) -> Bools:
         """Which (n,) have a clear outline that is too small for a ball: spots on the cloth."""
-        radius = value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
-        return np.asarray((support > CLEAR_SUPPORT) & (sharp.radius < LEAST_CLEAR_SIZE * radius))
+        return np.asarray((support > CLEAR_SUPPORT) & (sharp.radius < LEAST_CLEAR_SIZE * self._size(home)))
 
     def _swept_by_light(
         self, rgb: Bytes, home: Centres, sharp: Found, support: Floats, told: Found
@@ -118,7 +117,7 @@ class Judge:
         None of them goes over a ball of which the network is sure: a row of balls adds up to a streak as well. None is
         one of those that the network told already: what stands before a streak is not the streak.
         """
-        radius = value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
+        radius = self._size(home)
         moves, found = np.zeros(len(support), dtype=bool), NO_BALLS
         for row in np.flatnonzero(support < CLEAR_SUPPORT).tolist():
             clear = support > CLEAR_SUPPORT
@@ -137,7 +136,7 @@ class Judge:
 
     def _closer(self, rgb: Bytes, home: Centres, frame: int) -> tuple[Found, Bools]:
         """What the network saw, px of the frame, what may be streaks measured closer; which (K,) of it are some."""
-        radius = value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale
+        radius = self._size(home)
         told, moves = _swept(self._placed(home, frame)), np.zeros(len(home), dtype=bool)
         way = np.linalg.norm(home.streak, axis=1) / home.radius
         for row in np.flatnonzero(way > np.where(self.sure(home), LEAST_WAY_RADII, STREAK_RADII)).tolist():
@@ -159,7 +158,7 @@ class Judge:
 
     def _outlined(self, rgb: Bytes, soft: Bytes, seen: Centres, frame: int) -> tuple[Found, Floats]:
         """Balls at rest where their outlines are, and the support of these."""
-        expected = value_at(self.view.radius, seen.centre).astype(np.float64) / self.view.scale
+        expected = self._size(seen)
         beneath = np.asarray(value_at(self.cloth.colour, seen.centre), dtype=np.float64)
         around = Surroundings(expected, beneath, self.cloth.basis, self.view.scene)
         found, support = outlined(rgb, soft, self._placed(seen, frame), around, frame)
@@ -190,6 +189,10 @@ class Judge:
         support = support.copy()
         support[marks] = held[best]
         return Found(**columns), support
+
+    def _size(self, home: Centres) -> Floats:
+        """Radius (K,) that a ball of this table has where each was seen, px of a frame."""
+        return np.asarray(value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale)
 
     def _placed(self, seen: Centres, frame: int) -> Centres:
         """What was seen in the working picture, in px of the frame."""
