@@ -17,6 +17,8 @@ from detectors.apart import stood_apart
 from detectors.centres import Centres
 from detectors.cloth import Cloth
 from detectors.colour import ball_coats
+from detectors.columns import with_rows
+from detectors.disc_model import DiscModel
 from detectors.found import NO_BALLS, Found, inside
 from detectors.found import chained as found_chained
 from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, outlined
@@ -60,7 +62,8 @@ class Judge:
 
     view: View
     cloth: Cloth
-    closer: StreakModel
+    streaks: StreakModel
+    discs: DiscModel
 
     def likely(self, seen: Centres) -> Bools:
         """What (K,) is a ball by the network's word, or may prove one."""
@@ -126,7 +129,7 @@ class Judge:
             sweep = fitted_sweep(rgb, sharp.centre[row], size, others.centre, others.radius, self.cloth.basis)
             if sweep is None or not sweep.believed(size):
                 continue
-            at = self.closer.measured(rgb, sweep.centre, size, sweep.way)
+            at = self.streaks.measured(rgb, sweep.centre, size, sweep.way)
             swept = _streak(at, size, float(sharp.score[row]))
             known = inside(swept.centre, told).any()
             if not known and not inside(sharp.centre[_other_balls(home, row)], swept).any():
@@ -140,7 +143,7 @@ class Judge:
         told, moves = _swept(self._placed(home, frame)), np.zeros(len(home), dtype=bool)
         way = np.linalg.norm(home.streak, axis=1) / home.radius
         for row in np.flatnonzero(way > np.where(self.sure(home), LEAST_WAY_RADII, STREAK_RADII)).tolist():
-            at = self.closer.measured(rgb, told.centre[row], float(radius[row]), told.streak[row])
+            at = self.streaks.measured(rgb, told.centre[row], float(radius[row]), told.streak[row])
             moves[row] = float(np.linalg.norm(at.way)) > MOVED_RADII * radius[row]
             told.centre[row], told.streak[row], told.radius[row] = at.centre, at.way, radius[row]
             told.sigma[row], told.sigma_along[row] = at.across, max(at.along, at.across)
@@ -161,7 +164,7 @@ class Judge:
         expected = self._size(seen)
         beneath = np.asarray(value_at(self.cloth.colour, seen.centre), dtype=np.float64)
         around = Surroundings(expected, beneath, self.cloth.basis, self.view.scene)
-        found, support = outlined(rgb, soft, self._placed(seen, frame), around, frame)
+        found, support = outlined(rgb, soft, self._placed(seen, frame), around, self.discs, frame)
         # What only its outline makes a ball is as likely one as the least that is reported.
         return replace(found, score=np.maximum(found.score, LEAST_SCORE)), support
 
@@ -183,12 +186,9 @@ class Judge:
         best = held.reshape(len(marks), -1).argmax(axis=1) + np.arange(len(marks)) * len(MARK_STARTS)
         better = held[best] > support[marks]
         best, marks = best[better], marks[better]
-        columns = {name: getattr(sharp, name).copy() for name in Found.__slots__}
-        for name, column in columns.items():
-            column[marks] = getattr(tried, name)[best]
         support = support.copy()
         support[marks] = held[best]
-        return Found(**columns), support
+        return with_rows(sharp, marks, tried.take(best)), support
 
     def _size(self, home: Centres) -> Floats:
         """Radius (K,) that a ball of this table has where each was seen, px of a frame."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from detectors.centres import COARSE_STRIDE, Centres, chained, not_echoes
 from detectors.closer import Shown, looked_closer
 from detectors.cloth import Cloth, learn_cloth
+from detectors.disc_model import open_disc_model
 from detectors.judge import CLEAR_SCORE, Judge, streaked
 from detectors.memory import CHANGED_SHARE, REACH_RADII, RENEWED_PICTURES, around, windows
 from detectors.onnx_model import BallModel, CentreModel
@@ -60,7 +61,7 @@ class NetworkFinder:
     @property
     def judge(self) -> Judge:
         """Of what the network sees."""
-        return Judge(self.view, self.cloth, open_streak_model())
+        return Judge(self.view, self.cloth, open_streak_model(), open_disc_model())
 
     def look(self, rgb: Bytes, frame: int = 0) -> Detections:
         """The balls in a picture (H, W, 3)."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from detectors.centres import CHANNELS, COARSE_STRIDE, Centres, chained, not_echoes, read_maps
 from detectors.yolo import Classes, Layout, class_count, classes_of, layout_of, letterboxed, read_boxes
 from models.errors import ModelError
-from video.inference import onnxruntime
+from video.inference import onnxruntime, opened
 
 Floats32 = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
@@ -121,13 +121,7 @@ def open_model(path: Path) -> BallModel:
 
 @lru_cache(maxsize=4)
 def _opened(path: Path, changed: int) -> BallModel:
-    try:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        options.log_severity_level = 4
-        session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime has a dozen exception types without a common one of its own
-        raise ModelError(f"{path} cannot be read as an ONNX network; {EXPECTED}") from error
+    session = opened(path, EXPECTED)
     facts = dict(session.get_modelmeta().custom_metadata_map)
     if "trueroll.schema" in facts:
         return _own(path, session, facts)

@@ -6,21 +6,31 @@ from dataclasses import asdict
 from pathlib import Path
 
 import cv2
+import numpy as np
 import torch
 
+from detectors.disc_export import disc_figures, export_discs
+from detectors.disc_network import WIDTHS as DISC_WIDTHS
+from detectors.disc_pictures import DiscPictures, discs_in, shown_balls
+from detectors.disc_training import CHECKPOINT as DISC_CHECKPOINT
+from detectors.disc_training import train_discs
 from detectors.export import export
+from detectors.measuring_export import sigma_factor
 from detectors.network import WIDTHS
 from detectors.onnx_model import model_facts
-from detectors.streak_export import export_streaks, figures_of, sigma_factor
+from detectors.streak_export import export_streaks, streak_figures
 from detectors.streak_network import WIDTHS as STREAK_WIDTHS
 from detectors.streak_pictures import FORMS, read_streaks, streak_file
 from detectors.streak_training import CHECKPOINT as STREAK_CHECKPOINT
 from detectors.streak_training import train_streaks
 from detectors.training import CHECKPOINT, train
 from detectors.training_check import CALIBRATION_FILE, FIGURES_FILE, as_facts, checked
-from detectors.training_data import PICTURES_PER_FILE
+from detectors.training_data import PICTURES_PER_FILE, read_pictures, training_file
 from detectors.training_loop import TrainOptions, Watch, steps_done
 from video.training_pictures import SIZE_PX
+
+CHECKPOINTS = {"balls": CHECKPOINT, "streaks": STREAK_CHECKPOINT, "discs": DISC_CHECKPOINT}
+"""What keeps the training of each network, by what it sees."""
 
 
 def make_detector(work: Path, options: TrainOptions, out: Path, watch: Watch) -> dict[str, float]:
@@ -43,14 +53,31 @@ def make_streaks(work: Path, seer: Path, options: TrainOptions, out: Path, watch
     known, unknown = (
         read_streaks(streak_file(work, number, seer, held_out=True)) for number in (CALIBRATION_FILE, FIGURES_FILE)
     )
-    factor = sigma_factor(network, known)
-    figures = figures_of(network, factor, unknown)
+    factor = sigma_factor(network, known.shown, known.told)
+    figures = streak_figures(network, factor, unknown)
     made = {
         "widths": list(STREAK_WIDTHS),
         "forms": FORMS,
         "seen_by": model_facts(seer).get("trueroll.recipe", seer.name),
     }
     return export_streaks(network, factor, figures, _recipe(options, work / STREAK_CHECKPOINT) | made, out)
+
+
+def make_discs(work: Path, options: TrainOptions, out: Path, watch: Watch) -> dict[str, float]:
+    """The same for the network that measures balls at rest."""
+    torch.set_num_threads(options.threads)
+    cv2.setNumThreads(1)
+    network = train_discs(work, options, watch)
+    known, unknown = (_held_out_discs(work, number) for number in (CALIBRATION_FILE, FIGURES_FILE))
+    factor = sigma_factor(network, known.shown, known.told)
+    figures = disc_figures(network, factor, unknown)
+    recipe = _recipe(options, work / DISC_CHECKPOINT) | {"widths": list(DISC_WIDTHS)}
+    return export_discs(network, factor, figures, recipe, out)
+
+
+def _held_out_discs(work: Path, number: int) -> DiscPictures:
+    discs = discs_in(read_pictures(training_file(work, number, held_out=True)))
+    return shown_balls(np.random.default_rng(number), [(discs, row) for row in range(len(discs))])
 
 
 def _recipe(options: TrainOptions, checkpoint: Path) -> dict[str, object]:

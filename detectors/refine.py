@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detectors.cloth import SHADOW_WEIGHT
+from detectors.columns import with_rows
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -132,10 +133,7 @@ def second_chances(
     best = np.argmax(worth, axis=1)
     better = worth[np.arange(len(doubtful)), best] > circles.support[doubtful] + 0.1
     rows, chosen = doubtful[better], (np.arange(len(doubtful)) * RESTARTS + best)[better]
-    columns = {name: getattr(circles, name).copy() for name in Circles.__slots__}
-    for name, column in columns.items():
-        column[rows] = getattr(again, name)[chosen]
-    return Circles(**columns)
+    return with_rows(circles, rows, again.take(chosen))
 
 
 def _edges(

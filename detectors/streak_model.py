@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from detectors.straightened import Straight
 from models.errors import ModelError
-from video.inference import onnxruntime
+from video.inference import onnxruntime, opened
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -65,13 +65,7 @@ class StreakModel:
 @lru_cache(maxsize=2)
 def open_streak_model(path: Path = SHIPPED) -> StreakModel:
     """The network in an ONNX file; ModelError, one sentence, where it is none."""
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.log_severity_level = 4
-    try:
-        session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime has a dozen exception types without a common one of its own
-        raise ModelError(f"{path} cannot be read as an ONNX network") from error
+    session = opened(path)
     schema = session.get_modelmeta().custom_metadata_map.get("trueroll.schema", "another kind of network")
     if schema != SCHEMA:
         raise ModelError(f"{path} follows {schema}; a network that measures streaks follows {SCHEMA}")

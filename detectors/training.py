@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from detectors.network import BallNetwork
+from detectors.shelf import Shelf
 from detectors.training_data import Pictures, read_pictures, training_file
 from detectors.training_loop import TrainOptions, Watch, trained
 from detectors.training_loss import loss_of, targets_of
@@ -22,8 +23,7 @@ Floats32 = NDArray[np.float32]
 
 CHECKPOINT = "checkpoint.pt"
 FILES_AT_ONCE = 20
-"""Picture files held in memory; one is exchanged for another every so many steps."""
-STEPS_PER_FILE = 50
+"""Picture files held in memory."""
 FIRST_SEEN = 64
 """Pictures whose statistics the normalisations of a network from a file begin with."""
 
@@ -39,9 +39,14 @@ class FindingBalls:
 
     folder: Path
     options: TrainOptions
-    shelf: list[Pictures] = field(default_factory=list)
-    """Files of pictures at hand."""
     checkpoint: str = CHECKPOINT
+    shelf: Shelf[Pictures] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.shelf = Shelf(self._read, self.options.files, FILES_AT_ONCE)
+
+    def _read(self, number: int, turn: int) -> Pictures:
+        return read_pictures(training_file(self.folder, number))
 
     def empty(self) -> BallNetwork:
         """A network whose weights do not matter yet."""
@@ -63,14 +68,8 @@ class FindingBalls:
     def _batch(self, step: int) -> tuple[Bytes, Floats32]:
         """Pictures (B, S, S, 3) and balls (B, N, 7)."""
         rng = np.random.default_rng((self.options.seed, step))
-        if not self.shelf or step % STEPS_PER_FILE == 0:
-            # After an interruption the shelf is filled with the files that were on it.
-            turn = step // STEPS_PER_FILE
-            numbers = range(max(turn - FILES_AT_ONCE + 1, 0), turn + 1) if not self.shelf else [turn]
-            files = [training_file(self.folder, number % self.options.files) for number in numbers]
-            self.shelf.extend(read_pictures(path) for path in files)
-            del self.shelf[:-FILES_AT_ONCE]
-        chosen = [self.shelf[i] for i in rng.integers(0, len(self.shelf), self.options.batch)]
+        held = self.shelf.at(step)
+        chosen = [held[i] for i in rng.integers(0, len(held), self.options.batch)]
         rows = [int(rng.integers(len(pictures))) for pictures in chosen]
         varied = [vary(rng, p.rgb[row], p.balls[row]) for p, row in zip(chosen, rows, strict=True)]
         return np.stack([rgb for rgb, _ in varied]), np.stack([balls for _, balls in varied])

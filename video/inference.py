@@ -7,6 +7,25 @@ import os
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
+from pathlib import Path
+
 import onnxruntime
 
-__all__ = ["onnxruntime"]
+from models.errors import ModelError
+
+__all__ = ["onnxruntime", "opened"]
+
+
+def opened(path: Path, expected: str = "") -> onnxruntime.InferenceSession:
+    """The network in an ONNX file, run by one thread; ModelError, one sentence, where it cannot be read.
+
+    `expected` ends that sentence: what the file should hold.
+    """
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        return onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime has a dozen exception types without a common one of its own
+        told = f"; {expected}" if expected else ""
+        raise ModelError(f"{path} cannot be read as an ONNX network{told}") from error

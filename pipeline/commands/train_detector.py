@@ -27,16 +27,18 @@ class Part(StrEnum):
 
     BALLS = "balls"
     STREAKS = "streaks"
+    DISCS = "discs"
 
 
-AT_ONCE = {Part.BALLS: 16, Part.STREAKS: 128}
+AT_ONCE = {Part.BALLS: 16, Part.STREAKS: 128, Part.DISCS: 128}
 """Pictures per step, where none are asked for."""
 
 
 @app.command("train-detector")
 def train_detector(
     part: Annotated[
-        Part, typer.Option("--part", help="What finds balls, or what measures the streaks that it finds.")
+        Part,
+        typer.Option("--part", help="What finds balls, or what measures closer the streaks or balls at rest it finds."),
     ] = Part.BALLS,
     out: Annotated[
         Path | None,
@@ -46,7 +48,7 @@ def train_detector(
             parser=named,
             metavar="FILE.onnx",
             help="The trained network.",
-            show_default="balls.onnx or streaks.onnx",
+            show_default="PART.onnx",
         ),
     ] = None,
     work: Annotated[
@@ -55,7 +57,7 @@ def train_detector(
     hours: Annotated[float, typer.Option(min=0.001, help="Longest time to train, interruptions not counted.")] = 3.0,
     steps: Annotated[int, typer.Option(min=1, help="Most steps to train.")] = 12000,
     batch: Annotated[
-        int | None, typer.Option(min=1, help="Pictures per step.", show_default="16, or 128 streaks")
+        int | None, typer.Option(min=1, help="Pictures per step.", show_default="16, or 128 streaks or discs")
     ] = None,
     files: Annotated[int, typer.Option(min=1, help="Files of 240 drawn pictures to train on.")] = 100,
     threads: Annotated[int, typer.Option(min=1, help="Threads of the processor to use.")] = 2,
@@ -80,9 +82,9 @@ def train_detector(
             f"Writing ONNX needs {' and '.join(missing)}; install trueroll with the extra train: "
             "python -m pip install -e .[train]"
         )
-    if part is Part.STREAKS and start is not None:
-        raise OptionError("--from goes with --part balls; streaks are learnt from nothing")
-    if part is Part.BALLS and seer is not None:
+    if part is not Part.BALLS and start is not None:
+        raise OptionError(f"--from goes with --part balls; {part.value} are learnt from nothing")
+    if part is not Part.STREAKS and seer is not None:
         raise OptionError("--seen-by goes with --part streaks; it names the ball network that sees them")
     if out is None:
         out = Path(f"{part.value}.onnx")
@@ -91,15 +93,13 @@ def train_detector(
     refuse_closed(out.parent)
     refuse_closed(work)
     from detectors.onnx_model import SHIPPED
-    from detectors.recipe import make_detector, make_streaks  # torch, which takes seconds to import
-    from detectors.streak_training import CHECKPOINT as STREAK_CHECKPOINT
-    from detectors.training import CHECKPOINT
+    from detectors.recipe import CHECKPOINTS, make_detector, make_discs, make_streaks  # torch: seconds to import
     from detectors.training_loop import TrainOptions, steps_done
 
     seer = SHIPPED if seer is None else _own_network(seer, "--seen-by")
     start = None if start is None else _own_network(start, "--from")
     options = TrainOptions(steps, hours, batch or AT_ONCE[part], files, threads, seed, start)
-    kept = work / (CHECKPOINT if part is Part.BALLS else STREAK_CHECKPOINT)
+    kept = work / CHECKPOINTS[part.value]
     if kept.exists() and (done_before := steps_done(kept)):
         console.print(f"{work} holds a training: it goes on from step {done_before}")
     elif not console.is_terminal:
@@ -119,17 +119,17 @@ def train_detector(
                 console.print(f"{done:.0%}: {at}")
 
         try:
-            if part is Part.BALLS:
-                figures = make_detector(work, options, out, watch)
-            else:
+            if part is Part.STREAKS:
                 figures = make_streaks(work, seer, options, out, watch)
+            else:
+                figures = (make_detector if part is Part.BALLS else make_discs)(work, options, out, watch)
         except KeyboardInterrupt:
             console.print(f"{work} keeps pictures and the training so far; the same command goes on from there")
             raise
     if as_json:
         print(json.dumps({"file": str(out), **figures}))
         return
-    print(f"{out}: {_balls_told(figures) if part is Part.BALLS else _streaks_told(figures)}")
+    print(f"{out}: {TOLD[part](figures)}")
 
 
 def _own_network(path: Path, option: str) -> Path:
@@ -165,3 +165,13 @@ def _streaks_told(figures: dict[str, float]) -> str:
         f"middles of {figures['streaks']:.0f} streaks in drawn halls that it never saw miss by {along:.2f} ball radii "
         f"RMS along them and {across:.2f} across, {before}{longer}"
     )
+
+
+def _discs_told(figures: dict[str, float]) -> str:
+    return (
+        f"centres of {figures['discs']:.0f} balls at rest in drawn halls that it never saw miss by "
+        f"{figures['right']:.3f} ball radii RMS across and {figures['down']:.3f} down"
+    )
+
+
+TOLD = {Part.BALLS: _balls_told, Part.STREAKS: _streaks_told, Part.DISCS: _discs_told}

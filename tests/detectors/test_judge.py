@@ -9,6 +9,7 @@ from drawn import PX_PER_M, RADIUS, Ball, draw, drawn_scene, spread_balls
 
 from detectors.centres import LOOKS, Centres
 from detectors.cloth import learn_cloth
+from detectors.disc_model import open_disc_model
 from detectors.judge import CLEAR_SCORE, FAINT_SCORE, LEAST_SCORE, Judge
 from detectors.streak_model import open_streak_model
 from detectors.view import view_of
@@ -19,7 +20,7 @@ WHITE, BLUE, PALE = (235.0, 235.0, 225.0), (30.0, 60.0, 200.0), (52.0, 135.0, 18
 
 def judge_of(picture: np.ndarray) -> Judge:
     view = view_of(drawn_scene())
-    return Judge(view, learn_cloth([view.picture(picture)], view), open_streak_model())
+    return Judge(view, learn_cloth([view.picture(picture)], view), open_streak_model(), open_disc_model())
 
 
 def seen(judge: Judge, *balls: tuple[float, float, float, tuple[float, float], float]) -> Centres:

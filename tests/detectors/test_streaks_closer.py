@@ -11,13 +11,15 @@ import pytest
 import torch
 from drawn import PX_PER_M, RADIUS, Ball, draw
 
+from detectors.measuring import measuring_loss
+from detectors.measuring_export import Shipped, sigma_factor
 from detectors.onnx_model import SHIPPED, model_facts
 from detectors.straightened import COLUMNS, MARGIN_RADII, RADIUS_PX, ROWS, Straight
-from detectors.streak_export import ShippedStreaks, StreakFigures, export_streaks, figures_of, sigma_factor
+from detectors.streak_export import StreakFigures, export_streaks, streak_figures
 from detectors.streak_model import MIRRORED, open_streak_model
-from detectors.streak_network import StreakNetwork
+from detectors.streak_network import TOLD, streak_network
 from detectors.streak_pictures import StreakPictures, read_streaks, streak_file
-from detectors.streak_training import streak_loss, train_streaks
+from detectors.streak_training import train_streaks
 from detectors.training_data import stacked
 from detectors.training_loop import TrainOptions
 from models.errors import ModelError
@@ -81,14 +83,16 @@ def test_what_is_told_of_a_mirrored_picture_is_the_same_with_other_signs() -> No
 
 def test_the_truth_costs_least() -> None:
     told = torch.tensor([[0.3, -0.1, 0.5, 0.2]])
-    best = float(streak_loss(torch.cat([told, torch.full((1, 4), -2.0)], 1), told)[0])
+    best = float(measuring_loss(torch.cat([told, torch.full((1, 4), -2.0)], 1), told, TOLD)[0])
     for k in range(4):
         off = told.clone()
         off[0, k] += 0.1
-        assert float(streak_loss(torch.cat([off, torch.full((1, 4), -2.0)], 1), told)[0]) > best
+        assert float(measuring_loss(torch.cat([off, torch.full((1, 4), -2.0)], 1), told, TOLD)[0]) > best
     # Where the miss is 0.1, the width that costs least is 0.1.
     widths = np.log([0.03, 0.1, 0.3])
-    costs = [float(streak_loss(torch.cat([told + 0.1, torch.full((1, 4), float(w))], 1), told)[0]) for w in widths]
+    costs = [
+        float(measuring_loss(torch.cat([told + 0.1, torch.full((1, 4), float(w))], 1), told, TOLD)[0]) for w in widths
+    ]
     assert np.argmin(costs) == 1
 
 
@@ -160,22 +164,22 @@ def test_training_learns_what_it_is_shown_and_goes_on_after_an_interruption(tmp_
 
 def test_errors_are_made_honest_on_held_out_streaks() -> None:
     torch.manual_seed(0)
-    network, rng = StreakNetwork(), np.random.default_rng(0)
+    network, rng = streak_network(), np.random.default_rng(0)
     shown = rng.integers(0, 256, (400, ROWS, COLUMNS, 3), dtype=np.uint8)
     with torch.no_grad():
         said = network.eval()(torch.from_numpy(shown).permute(0, 3, 1, 2).float() / 255).numpy()
     told = said[:, :4] + 1.5 * np.exp(said[:, 4:]) * rng.normal(size=(400, 4))
     ones = np.ones(400, np.float32)
     pictures = StreakPictures(shown, told.astype(np.float32), 8 * ones, ones)
-    factor = sigma_factor(network, pictures)
+    factor = sigma_factor(network, pictures.shown, pictures.told)
     assert factor == pytest.approx(1.5, rel=0.1)
-    assert figures_of(network, factor, pictures).pull_std == pytest.approx(1, abs=0.05)
+    assert streak_figures(network, factor, pictures).pull_std == pytest.approx(1, abs=0.05)
 
 
 def test_the_exported_network_says_what_it_is_and_agrees_with_the_trained_one(tmp_path: Path) -> None:
     pytest.importorskip("onnxscript", reason="needs the extra train")
     torch.manual_seed(0)
-    network, path = StreakNetwork().eval(), tmp_path / "streaks.onnx"
+    network, path = streak_network().eval(), tmp_path / "streaks.onnx"
     export_streaks(network, 1.4, StreakFigures(3, 0.4, 0.2, 0.1, 0.05, 0.08, 1.0), {"steps_done": 7}, path)
     facts = model_facts(path)
     assert facts["trueroll.schema"] == "trueroll.streaks/1"
@@ -184,7 +188,7 @@ def test_the_exported_network_says_what_it_is_and_agrees_with_the_trained_one(tm
     told, sigma = open_streak_model(path).told(shown)
     with torch.no_grad():
         forms = np.stack([shown, shown[:, ::-1], shown[::-1], shown[::-1, ::-1]])
-        raw = ShippedStreaks(network, 1.4)(torch.from_numpy(forms)).numpy()
+        raw = Shipped(network, 1.4)(torch.from_numpy(forms)).numpy()
     assert told == pytest.approx((MIRRORED * raw[:, :4]).mean(axis=0), abs=1e-3)
     assert sigma == pytest.approx(np.exp(raw[:, 4:]).mean(axis=0), rel=1e-2)
 

@@ -113,6 +113,8 @@ def test_a_bad_clip_is_one_line_and_leaves_nothing(trueroll: Terminal, name: str
         (("train-detector", "--part", "balls", "--seen-by", "balls.onnx"), "--part streaks"),
         (("train-detector", "--part", "streaks", "--from", "balls.onnx"), "--part balls"),
         (("train-detector", "--part", "streaks", "--seen-by", "nowhere.onnx"), "not there"),
+        (("train-detector", "--part", "discs", "--seen-by", "balls.onnx"), "--part streaks"),
+        (("train-detector", "--part", "discs", "--from", "balls.onnx"), "--part balls"),
         (("train-detector", "--from", "nowhere.onnx"), "not there"),
         (("train-detector", "--from", "."), "a folder"),
         (("run", "x.mp4", "-o", ""), "--out"),

@@ -1,0 +1,56 @@
+"""Balls at rest measured closer by a network that is shown each by itself, in one size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detectors.upright import Upright
+from models.errors import ModelError
+from video.inference import onnxruntime, opened
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+SCHEMA = "trueroll.discs/1"
+SHIPPED = Path(__file__).parent / "weights" / "discs.onnx"
+LOOKS = 2
+"""How often a ball is looked at, the second time where the first one found it."""
+MIRRORED = np.array([-1.0, 1.0])
+"""Signs of what is told of a picture mirrored side to side."""
+
+
+@dataclass(frozen=True, slots=True)
+class DiscModel:
+    """The network in an ONNX file."""
+
+    session: onnxruntime.InferenceSession
+
+    def measured(self, rgb: Bytes, centre: Floats, radius: Floats) -> tuple[Floats, Floats]:
+        """Centres (K, 2) px, and sigmas (K,), of balls of radii (K,) px near centres (K, 2), in a picture (H, W, 3)."""
+        at, sigma = [Upright(place, float(size)) for place, size in zip(centre, radius, strict=True)], np.zeros((0, 2))
+        for _ in range(LOOKS if at else 0):
+            told, sigma = self.told(np.stack([ball.picture(rgb) for ball in at]))
+            at = [ball.moved(word) for ball, word in zip(at, told, strict=True)]
+        return np.array([ball.centre for ball in at]).reshape(-1, 2), radius * np.sqrt((sigma**2).mean(axis=1))
+
+    def told(self, shown: Bytes) -> tuple[Floats, Floats]:
+        """What pictures (K, SIDE, SIDE, 3) tell (K, 2), see `Upright.told`, and its sigmas (K, 2)."""
+        forms = np.concatenate([shown, shown[:, :, ::-1]])
+        said = np.asarray(self.session.run(None, {"shown": forms})[0], dtype=np.float64).reshape(2, -1, 4)
+        said[1, :, :2] *= MIRRORED
+        return said[..., :2].mean(axis=0), np.exp(said[..., 2:]).mean(axis=0)
+
+
+@lru_cache(maxsize=2)
+def open_disc_model(path: Path = SHIPPED) -> DiscModel:
+    """The network in an ONNX file; ModelError, one sentence, where it is none."""
+    session = opened(path)
+    schema = session.get_modelmeta().custom_metadata_map.get("trueroll.schema", "another kind of network")
+    if schema != SCHEMA:
+        raise ModelError(f"{path} follows {schema}; a network that measures balls at rest follows {SCHEMA}")
+    return DiscModel(session)
