@@ -21,7 +21,7 @@ from detectors.columns import with_rows
 from detectors.disc_model import DiscModel
 from detectors.found import NO_BALLS, Found, inside
 from detectors.found import chained as found_chained
-from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, outlined
+from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, measured_closer, outlined
 from detectors.refine import softened
 from detectors.streak_model import LEAST_WAY_RADII, MeasuredStreak, StreakModel
 from detectors.sweep import fitted_sweep
@@ -94,6 +94,7 @@ class Judge:
         believed = (self.sure(resting) & ~doubted) | (support > _needed(resting))
         believed &= ~self._spots(resting, sharp, support)
         resting, sharp, support = resting.take(believed), sharp.take(believed), support[believed]
+        sharp = measured_closer(rgb, soft, sharp, support, self._around(resting), self.discs, frame)
         by_light, swept_too = self._swept_by_light(rgb, resting, sharp, support, told.take(moves & sure))
         at_rest = sharp.take((support > CLEAR_SUPPORT) & ~swept_too)
         swept = found_chained(self._borne_out(rgb, told.take(moves), sure[moves], at_rest), by_light)
@@ -161,12 +162,14 @@ class Judge:
 
     def _outlined(self, rgb: Bytes, soft: Bytes, seen: Centres, frame: int) -> tuple[Found, Floats]:
         """Balls at rest where their outlines are, and the support of these."""
-        expected = self._size(seen)
-        beneath = np.asarray(value_at(self.cloth.colour, seen.centre), dtype=np.float64)
-        around = Surroundings(expected, beneath, self.cloth.basis, self.view.scene)
-        found, support = outlined(rgb, soft, self._placed(seen, frame), around, self.discs, frame)
+        found, support = outlined(rgb, soft, self._placed(seen, frame), self._around(seen), frame)
         # What only its outline makes a ball is as likely one as the least that is reported.
         return replace(found, score=np.maximum(found.score, LEAST_SCORE)), support
+
+    def _around(self, seen: Centres) -> Surroundings:
+        """What the outlines of what was seen, working px, are sought against."""
+        beneath = np.asarray(value_at(self.cloth.colour, seen.centre), dtype=np.float64)
+        return Surroundings(self._size(seen), beneath, self.cloth.basis, self.view.scene)
 
     def _around_marks(
         self, rgb: Bytes, soft: Bytes, seen: Centres, sharp: Found, support: Floats, frame: int

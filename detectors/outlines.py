@@ -68,54 +68,60 @@ class Surroundings:
         return replace(self, expected=self.expected[rows], beneath=self.beneath[rows])
 
 
-def outlined(
-    rgb: Bytes, soft: Bytes, seen: Centres, around: Surroundings, closer: DiscModel, frame: int
-) -> tuple[Found, Floats]:
-    """Sharp balls in a picture (H, W, 3) and `softened`, px; support (K,) of their outlines, 0 where there are none.
-
-    A ball that its outline leaves in doubt is looked at closer, and its outline is sought anew from there.
-    """
+def outlined(rgb: Bytes, soft: Bytes, seen: Centres, around: Surroundings, frame: int) -> tuple[Found, Floats]:
+    """Sharp balls in a picture (H, W, 3) and `softened`, px; support (K,) of their outlines, 0 where there are none."""
     circles = fit_circles(rgb, soft, seen.centre, around.expected, around.beneath, around.basis)
     circles = _behind_others(rgb, soft, seen.centre, circles, around, frame)
-    found, support = _weighed(seen, circles, around.expected, CIRCLE_WORTH)
+    return _weighed(seen, circles, around.expected, CIRCLE_WORTH)
+
+
+def measured_closer(
+    rgb: Bytes, soft: Bytes, found: Found, support: Floats, around: Surroundings, closer: DiscModel, frame: int
+) -> Found:
+    """The same balls, those that their outlines leave in doubt looked at closer, and their outlines sought from there.
+
+    What is a ball was said by its first outline of a support (K,); only where it is, is said better.
+    """
     doubted = np.flatnonzero(found.sigma > DOUBTED_PX)
     centre, sigma = closer.measured(rgb, found.centre[doubted], around.expected[doubted])
     sigma = FILMED_FACTOR * sigma
     sees = sigma < MOST_UNSURE * found.sigma[doubted]
-    if sees.any():
-        doubted, centre, sigma = doubted[sees], centre[sees], sigma[sees]
-        word = replace(seen.take(doubted), centre=centre, across=sigma, along=sigma)
-        better = _sought_anew(rgb, soft, word, doubted, circles, around, frame)
-        # What is a ball was said by its first outline; only where it is, is said better.
-        found = with_rows(found, doubted, replace(better, radius=found.radius[doubted]))
-    return found, support
-
-
-def _sought_anew(
-    rgb: Bytes, soft: Bytes, word: Centres, rows: Rows, circles: Circles, around: Surroundings, frame: int
-) -> Found:
-    """Some of the balls, by the word of what looked closer at them and the circles that start from there."""
-    moved = with_rows(circles, rows, replace(circles.take(rows), centre=word.centre))
-    before, near = _before(moved, around.scene, frame)[rows], around.take(rows)
+    if not sees.any():
+        return found
+    doubted, word = doubted[sees], replace(found.take(doubted[sees]), centre=centre[sees], sigma=sigma[sees])
+    others = with_rows(found, doubted, word)
+    known = Circles(others.centre, others.radius, others.sigma, support)
+    near, before = around.take(doubted), _before(known, around.scene, frame)[doubted]
     anew = fit_circles(rgb, soft, word.centre, near.expected, near.beneath, near.basis, before)
-    return _weighed(word, anew, near.expected, CLOSER_WORTH)[0]
+    centre, sigma, _ = _between(word.centre, word.sigma, anew, near.expected, CLOSER_WORTH)
+    return with_rows(found, doubted, replace(word, centre=centre, sigma=sigma, sigma_along=sigma))
 
 
 def _weighed(seen: Centres, circles: Circles, expected: Floats, worth: float) -> tuple[Found, Floats]:
-    """Balls between what a network saw and their circles, which count `worth` times sharper than their sigmas say."""
-    broken = np.minimum(1 + BROKEN_WORTH * (1 - np.minimum(circles.support, 1.0)), MOST_BROKEN)
-    circles = replace(circles, sigma=circles.sigma * broken)
+    """Balls between what a network saw and their circles; support (K,) of these, 0 where they are another thing's."""
     own = np.hypot(seen.across, seen.along) / np.sqrt(2)
-    apart = np.linalg.norm(circles.centre - seen.centre, axis=1)
-    agree = apart < MOST_APART * np.hypot(own, circles.sigma)
+    centre, sigma, good = _between(seen.centre, own, circles, expected, worth)
+    radius = np.where(good, circles.radius, seen.radius)
+    return Found(centre, radius, np.zeros_like(centre), seen.score, sigma, sigma), np.where(good, circles.support, 0.0)
+
+
+def _between(
+    place: Floats, own: Floats, circles: Circles, expected: Floats, worth: float
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Centres (K, 2) between places with errors (K,) and circles, their errors, and which circles are good for one.
+
+    Circles count `worth` times sharper than their sigmas say.
+    """
+    broken = np.minimum(1 + BROKEN_WORTH * (1 - np.minimum(circles.support, 1.0)), MOST_BROKEN)
+    theirs = circles.sigma * broken
+    apart = np.linalg.norm(circles.centre - place, axis=1)
+    agree = apart < MOST_APART * np.hypot(own, theirs)
     agree |= (circles.support > WHOLE_SUPPORT) & (apart < MOST_APART_RADII * expected)
     good = agree & (circles.support > LEAST_SUPPORT)
-    counted = circles.sigma / worth
+    counted = theirs / worth
     share = np.where(good, own**2 / (own**2 + counted**2), 0.0)
-    centre = seen.centre + share[:, None] * (circles.centre - seen.centre)
-    radius = np.where(good, circles.radius, seen.radius)
-    sigma = np.hypot(share * circles.sigma, (1 - share) * own)
-    return Found(centre, radius, np.zeros_like(centre), seen.score, sigma, sigma), np.where(good, circles.support, 0.0)
+    centre = place + share[:, None] * (circles.centre - place)
+    return centre, np.hypot(share * theirs, (1 - share) * own), good
 
 
 def _behind_others(

@@ -19,7 +19,7 @@ from detectors.disc_pictures import discs_in, shown_balls
 from detectors.disc_training import train_discs
 from detectors.measuring_export import Shipped
 from detectors.onnx_model import SHIPPED, model_facts
-from detectors.outlines import DOUBTED_PX, FILMED_FACTOR, Surroundings, outlined
+from detectors.outlines import DOUBTED_PX, FILMED_FACTOR, Surroundings, measured_closer, outlined
 from detectors.refine import softened
 from detectors.training_data import Pictures, read_pictures, stacked
 from detectors.training_loop import TrainOptions
@@ -128,12 +128,14 @@ def test_only_what_its_outline_leaves_in_doubt_is_looked_at_closer() -> None:
     picture = draw([Ball(200.0, 150.0, WHITE)], rng)
     seen = seen_at(np.array([[200.0, 150.0], [400.0, 200.0]]), 1.0)
     around = Surroundings(np.full(2, SIZE_PX), np.tile(CLOTH, (2, 1)), np.eye(3), drawn_scene())
-    model = Pointing(place)
-    found, support = outlined(picture, softened(picture), seen, around, model, 0)
+    model, soft = Pointing(place), softened(picture)
+    first, support = outlined(picture, soft, seen, around, 0)
+    found = measured_closer(picture, soft, first, support, around, model, 0)
     assert [len(asked) for asked in model.asked] == [1]
     assert found.centre[0] == pytest.approx([200, 150], abs=0.2)
     assert found.sigma[0] < DOUBTED_PX
     assert found.centre[1] == pytest.approx(place, abs=0.01)
+    assert first.centre[1] == pytest.approx([400, 200])  # nothing is there but the network's word
     assert found.sigma[1] == pytest.approx(FILMED_FACTOR * 0.05, rel=0.05)
     assert support[0] > 0.9
     assert support[1] == 0

@@ -10,7 +10,6 @@ import pytest
 from drawn import drawn_scene
 
 from detectors.centres import Centres
-from detectors.disc_model import open_disc_model
 from detectors.outlines import Surroundings, outlined
 from detectors.refine import softened
 from models.scene import Camera, Scene
@@ -64,7 +63,7 @@ def test_a_ball_behind_another_is_placed_by_the_open_part_of_its_outline(aside: 
     apart = np.linalg.norm(truth[0] - truth[1])
     assert apart < 1.5 * radii.mean()  # the picture shows what the test is about
     seen = seen_at(truth + np.array([[0.8, -0.6], [-0.5, 0.7]]), radii, 1.5)
-    found, support = outlined(*picture_of(truth, radii), seen, around(scene, radii), open_disc_model(), 0)
+    found, support = outlined(*picture_of(truth, radii), seen, around(scene, radii), 0)
     assert np.linalg.norm(found.centre - truth, axis=1).max() < 0.35
     assert (support > 0.9).all()
 
@@ -73,7 +72,7 @@ def test_a_whole_outline_counts_against_a_network_that_is_surer_than_it_should_b
     scene = drawn_scene()
     truth, radii = np.array([[301.3, 170.6]]), np.array([11.0])
     seen = seen_at(truth + np.array([[3.0, -2.0]]), radii, 0.3)
-    found, support = outlined(*picture_of(truth, radii), seen, around(scene, radii), open_disc_model(), 0)
+    found, support = outlined(*picture_of(truth, radii), seen, around(scene, radii), 0)
     assert support[0] > 0.9
     assert np.linalg.norm(found.centre - truth) < 0.6
 
@@ -81,8 +80,7 @@ def test_a_whole_outline_counts_against_a_network_that_is_surer_than_it_should_b
 def test_without_an_outline_the_network_s_word_stands() -> None:
     scene = drawn_scene()
     seen = seen_at(np.array([[301.3, 170.6]]), np.array([11.0]), 0.7)
-    bare, near = picture_of(np.empty((0, 2)), np.empty(0)), around(scene, np.array([11.0]))
-    found, support = outlined(*bare, seen, near, open_disc_model(), 0)
+    found, support = outlined(*picture_of(np.empty((0, 2)), np.empty(0)), seen, around(scene, np.array([11.0])), 0)
     assert support[0] == 0
     assert found.centre[0] == pytest.approx(seen.centre[0])
     assert found.sigma[0] == pytest.approx(0.7)
