@@ -18,8 +18,8 @@ Bytes = NDArray[np.uint8]
 
 SCHEMA = "trueroll.discs/1"
 SHIPPED = Path(__file__).parent / "weights" / "discs.onnx"
-LOOKS = 2
-"""How often a ball is looked at, the second time where the first one found it."""
+MOVED_RADII = 0.1
+"""How far from where it was thought a ball is looked at once more, from where it was found."""
 MIRRORED = np.array([-1.0, 1.0])
 """Signs of what is told of a picture mirrored side to side."""
 
@@ -32,11 +32,20 @@ class DiscModel:
 
     def measured(self, rgb: Bytes, centre: Floats, radius: Floats) -> tuple[Floats, Floats]:
         """Centres (K, 2) px, and sigmas (K,), of balls of radii (K,) px near centres (K, 2), in a picture (H, W, 3)."""
-        at, sigma = [Upright(place, float(size)) for place, size in zip(centre, radius, strict=True)], np.zeros((0, 2))
-        for _ in range(LOOKS if at else 0):
-            told, sigma = self.told(np.stack([ball.picture(rgb) for ball in at]))
-            at = [ball.moved(word) for ball, word in zip(at, told, strict=True)]
-        return np.array([ball.centre for ball in at]).reshape(-1, 2), radius * np.sqrt((sigma**2).mean(axis=1))
+        if not len(centre):
+            return centre, radius
+        place, sigma = self._look(rgb, centre, radius)
+        again = np.flatnonzero(np.linalg.norm(place - centre, axis=1) > MOVED_RADII * radius)
+        if len(again):
+            place[again], sigma[again] = self._look(rgb, place[again], radius[again])
+        return place, sigma
+
+    def _look(self, rgb: Bytes, centre: Floats, radius: Floats) -> tuple[Floats, Floats]:
+        """The same (K >= 1) by one look."""
+        at = [Upright(place, float(size)) for place, size in zip(centre, radius, strict=True)]
+        told, sigma = self.told(np.stack([ball.picture(rgb) for ball in at]))
+        found = [ball.moved(word).centre for ball, word in zip(at, told, strict=True)]
+        return np.array(found), radius * np.sqrt((sigma**2).mean(axis=1))
 
     def told(self, shown: Bytes) -> tuple[Floats, Floats]:
         """What pictures (K, SIDE, SIDE, 3) tell (K, 2), see `Upright.told`, and its sigmas (K, 2)."""

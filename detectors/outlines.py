@@ -36,7 +36,7 @@ BROKEN_WORTH, MOST_BROKEN = 7.0, 2.5
 """How much less sharply than its sigma says a circle places a ball of which a share of the outline has no edge: so many
 times that share, and so many times at the most. A stripe, a shadow or a neighbour draws such circles aside; measured on
 drawn tables, where they missed by two to three sigmas."""
-DOUBTED_PX = 0.2
+DOUBTED_PX = 0.25
 """Error of a centre from which a ball is looked at closer, by itself."""
 FILMED_FACTOR = 2.0
 """Error of what looks closer over what it says: it learnt it from drawn pictures. On the marked stills and the boxes of
