@@ -44,7 +44,7 @@ broadcasts it misses by 1.6 to 2.3 times its sigmas, the marks' own errors inclu
 MOST_UNSURE = 3.0
 """Its error over that of what is known, beyond which it sees no ball there. Below, its word counts in place of the ball
 network's even where it is the less sure: its sigmas are the honest ones. On four drawn sets (1,237 balls) centres are
-good to 0.24 px so, to 0.27 with the mean of both words, to 0.28 with the surer of the two, and to 0.41 without it."""
+good to 0.25 px so, to 0.27 with the mean of both words, to 0.28 with the surer of the two, and to 0.41 without it."""
 CLOSER_WORTH = 1.0
 """As CIRCLE_WORTH, against a network that looked closer."""
 SAME_RADII = 0.3
