@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detectors.upright import Upright
-from models.errors import ModelError
-from video.inference import onnxruntime, opened
+from video.inference import onnxruntime, opened_measuring
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -58,8 +57,4 @@ class DiscModel:
 @lru_cache(maxsize=2)
 def open_disc_model(path: Path = SHIPPED) -> DiscModel:
     """The network in an ONNX file; ModelError, one sentence, where it is none."""
-    session = opened(path)
-    schema = session.get_modelmeta().custom_metadata_map.get("trueroll.schema", "another kind of network")
-    if schema != SCHEMA:
-        raise ModelError(f"{path} follows {schema}; a network that measures balls at rest follows {SCHEMA}")
-    return DiscModel(session)
+    return DiscModel(opened_measuring(path, SCHEMA, "balls at rest"))

@@ -1,8 +1,8 @@
 """What a network saw, judged by the whole picture: which of it are balls, where they are, and how they move.
 
 The network says what is a ball, roughly where, and how sure it is of that; edges in the whole picture say it finer
-where they are clear, and a second network, which is shown each streak straightened, says it where a ball is one. All
-errors are known, so a centre is their weighted mean. What the network is not sure of is a ball if the picture alone
+where they are clear, and networks that are shown one ball or one streak each say it where they are not, or it moves.
+All errors are known, so a centre is their weighted mean. What the network is not sure of is a ball if the picture alone
 says so: by its outline, or by what an exposure adds up to.
 """
 

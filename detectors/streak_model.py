@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detectors.straightened import Straight
-from models.errors import ModelError
-from video.inference import onnxruntime, opened
+from video.inference import onnxruntime, opened_measuring
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -65,8 +64,4 @@ class StreakModel:
 @lru_cache(maxsize=2)
 def open_streak_model(path: Path = SHIPPED) -> StreakModel:
     """The network in an ONNX file; ModelError, one sentence, where it is none."""
-    session = opened(path)
-    schema = session.get_modelmeta().custom_metadata_map.get("trueroll.schema", "another kind of network")
-    if schema != SCHEMA:
-        raise ModelError(f"{path} follows {schema}; a network that measures streaks follows {SCHEMA}")
-    return StreakModel(session)
+    return StreakModel(opened_measuring(path, SCHEMA, "streaks"))

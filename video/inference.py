@@ -13,7 +13,7 @@ import onnxruntime
 
 from models.errors import ModelError
 
-__all__ = ["onnxruntime", "opened"]
+__all__ = ["onnxruntime", "opened", "opened_measuring"]
 
 
 def opened(path: Path, expected: str = "") -> onnxruntime.InferenceSession:
@@ -29,3 +29,12 @@ def opened(path: Path, expected: str = "") -> onnxruntime.InferenceSession:
     except Exception as error:  # onnxruntime has a dozen exception types without a common one of its own
         told = f"; {expected}" if expected else ""
         raise ModelError(f"{path} cannot be read as an ONNX network{told}") from error
+
+
+def opened_measuring(path: Path, schema: str, what: str) -> onnxruntime.InferenceSession:
+    """The network in an ONNX file that measures `what` and follows a schema of the project's own; else ModelError."""
+    session = opened(path)
+    follows = session.get_modelmeta().custom_metadata_map.get("trueroll.schema", "another kind of network")
+    if follows != schema:
+        raise ModelError(f"{path} follows {follows}; a network that measures {what} follows {schema}")
+    return session
