@@ -31,8 +31,11 @@ def stood_apart(found: Found, scene: Scene, frame: int) -> Found:
     """The best ones of balls, px of a frame, that can stand beside each other, moved so that no two overlap."""
     if len(found.score) < 2:
         return found
-    ground = _Ground.beneath(found, scene, frame)
+    xy = scene.camera.to_table(found.centre, scene.table.ball_radius, frame)
     seen = _distances(found.centre)[0] > APART_SEEN_RADII * found.radius[:, None]
+    if seen.all() and (_distances(xy)[0] > 2 * scene.table.ball_radius).all():
+        return found.take(best_first(found, seen))
+    ground = _Ground.beneath(found, scene, frame)
     rows = best_first(found, ground.possible() & seen)
     return replace(found.take(rows), centre=found.centre[rows] + ground.take(rows).shifts())
 

@@ -22,7 +22,7 @@ from detectors.disc_model import DiscModel
 from detectors.found import NO_BALLS, Found, inside
 from detectors.found import chained as found_chained
 from detectors.outlines import CLEAR_SUPPORT, LEAST_SUPPORT, WHOLE_SUPPORT, Surroundings, measured_closer, outlined
-from detectors.refine import softened
+from detectors.refine import Circles, softened
 from detectors.streak_model import LEAST_WAY_RADII, MeasuredStreak, StreakModel
 from detectors.sweep import fitted_sweep
 from detectors.view import View, value_at
@@ -57,6 +57,17 @@ CLEAR_SCORE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
+class Judged:
+    """What the whole picture says of K things that a network saw."""
+
+    balls: Detections
+    unclear: Floats
+    """(n, 2) working px where the network's word alone counts."""
+    refuted: Bools
+    """(K,) which of them are none by the picture: to look again is worth it only after something has changed there."""
+
+
+@dataclass(frozen=True, slots=True)
 class Judge:
     """Makes balls of what a network saw, px of the working picture."""
 
@@ -83,18 +94,22 @@ class Judge:
         motion, reference = self.view.scene.camera.motion, self.view.to_picture(home)
         return reference if motion is None else apply_homography(motion[frame], reference)
 
-    def measured(self, rgb: Bytes, seen: Centres, frame: int) -> tuple[Detections, Floats]:
-        """Balls, and where (n, 2), working px, the network's word alone counts."""
+    def measured(self, rgb: Bytes, seen: Centres, frame: int) -> Judged:
+        """Balls at rest and streaks among what was seen in the working picture of a picture (H, W, 3)."""
         told, moves = self._closer(rgb, seen, frame)
         sure = self.sure(seen)
-        resting, doubted = seen.take(~moves | ~sure), moves[~moves | ~sure]
+        rows = np.flatnonzero(~moves | ~sure)
+        resting, doubted = seen.take(rows), moves[rows]
         soft = softened(rgb)
-        sharp, support = self._outlined(rgb, soft, resting, frame)
-        sharp, support = self._around_marks(rgb, soft, resting, sharp, support, frame)
-        believed = (self.sure(resting) & ~doubted) | (support > _needed(resting))
-        believed &= ~self._spots(resting, sharp, support)
-        resting, sharp, support = resting.take(believed), sharp.take(believed), support[believed]
-        sharp = measured_closer(rgb, soft, sharp, support, self._around(resting), self.discs, frame)
+        sharp, outlines = self._outlined(rgb, soft, resting, frame)
+        sharp, outlines = self._around_marks(rgb, soft, resting, sharp, outlines, frame)
+        believed = (self.sure(resting) & ~doubted) | (outlines.support > _needed(resting))
+        believed &= ~self._spots(resting, sharp, outlines.support)
+        refuted = np.zeros(len(seen), dtype=bool)
+        refuted[rows[~believed & ~doubted]] = True
+        resting, sharp, outlines = resting.take(believed), sharp.take(believed), outlines.take(believed)
+        sharp = measured_closer(rgb, soft, sharp, outlines, self._around(resting), self.discs, frame)
+        support = outlines.support
         by_light, swept_too = self._swept_by_light(rgb, resting, sharp, support, told.take(moves & sure))
         at_rest = sharp.take((support > CLEAR_SUPPORT) & ~swept_too)
         swept = found_chained(self._borne_out(rgb, told.take(moves), sure[moves], at_rest), by_light)
@@ -104,10 +119,11 @@ class Judge:
         coats = ball_coats(rgb, found.centre, found.radius)
         frames = np.full(len(found.score), frame, dtype=np.int64)
         unclear = np.concatenate([seen.centre[moves & sure], resting.centre[support <= LEAST_SUPPORT]])
-        return Detections(
+        balls = Detections(
             frames, found.centre, found.radius, found.streak, coats.colour, coats.white, coats.white_rim, coats.value,
             found.score, found.sigma, found.sigma_along,
-        ), unclear  # fmt: skip
+        )  # fmt: skip
+        return Judged(balls, unclear, refuted)
 
     def _spots(self, home: Centres, sharp: Found, support: Floats) -> Bools:
         """Which (n,) have a clear outline that is too small for a ball: spots on the cloth."""
@@ -160,11 +176,11 @@ class Judge:
             borne[row] = sweep is not None and sweep.believed(size)
         return told.take(borne)
 
-    def _outlined(self, rgb: Bytes, soft: Bytes, seen: Centres, frame: int) -> tuple[Found, Floats]:
-        """Balls at rest where their outlines are, and the support of these."""
-        found, support = outlined(rgb, soft, self._placed(seen, frame), self._around(seen), frame)
+    def _outlined(self, rgb: Bytes, soft: Bytes, seen: Centres, frame: int) -> tuple[Found, Circles]:
+        """Balls at rest where their outlines are, and these."""
+        found, outlines = outlined(rgb, soft, self._placed(seen, frame), self._around(seen), frame)
         # What only its outline makes a ball is as likely one as the least that is reported.
-        return replace(found, score=np.maximum(found.score, LEAST_SCORE)), support
+        return replace(found, score=np.maximum(found.score, LEAST_SCORE)), outlines
 
     def _around(self, seen: Centres) -> Surroundings:
         """What the outlines of what was seen, working px, are sought against."""
@@ -172,26 +188,24 @@ class Judge:
         return Surroundings(self._size(seen), beneath, self.cloth.basis, self.view.scene)
 
     def _around_marks(
-        self, rgb: Bytes, soft: Bytes, seen: Centres, sharp: Found, support: Floats, frame: int
-    ) -> tuple[Found, Floats]:
+        self, rgb: Bytes, soft: Bytes, seen: Centres, sharp: Found, outlines: Circles, frame: int
+    ) -> tuple[Found, Circles]:
         """The same with what is too small for a ball taken for a mark on one: the outline about it that is whole."""
         expected = value_at(self.view.radius, seen.centre).astype(np.float64)
         room = expected - seen.radius
         small = (seen.radius < SIZE_BAND[0] * expected) & (seen.score > CLEAR_SCORE)
-        marks = np.flatnonzero(small & (support < _needed(seen)))
+        marks = np.flatnonzero(small & (outlines.support < _needed(seen)))
         if not len(marks):
-            return sharp, support
+            return sharp, outlines
         starts = seen.take(np.repeat(marks, len(MARK_STARTS)))
         away = np.repeat(room[marks], len(MARK_STARTS))
         wide = np.maximum(starts.across, away)
         at = starts.centre + away[:, None] * np.tile(MARK_STARTS, (len(marks), 1))
         tried, held = self._outlined(rgb, soft, replace(starts, centre=at, across=wide, along=wide), frame)
-        best = held.reshape(len(marks), -1).argmax(axis=1) + np.arange(len(marks)) * len(MARK_STARTS)
-        better = held[best] > support[marks]
+        best = held.support.reshape(len(marks), -1).argmax(axis=1) + np.arange(len(marks)) * len(MARK_STARTS)
+        better = held.support[best] > outlines.support[marks]
         best, marks = best[better], marks[better]
-        support = support.copy()
-        support[marks] = held[best]
-        return with_rows(sharp, marks, tried.take(best)), support
+        return with_rows(sharp, marks, tried.take(best)), with_rows(outlines, marks, held.take(best))
 
     def _size(self, home: Centres) -> Floats:
         """Radius (K,) that a ball of this table has where each was seen, px of a frame."""

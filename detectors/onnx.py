@@ -43,7 +43,7 @@ class Glimpse:
     searched: Bytes
     """(h, w, 3) working picture as it was when the network looked at each place last."""
     seen: Centres
-    """What it saw there, working px."""
+    """What it saw there, working px, less what the picture refuted."""
     unclear: Floats
     """(n, 2) working px of the balls that have no clear outline."""
     age: int
@@ -75,10 +75,10 @@ class NetworkFinder:
         working = self.view.picture(rgb, frame)
         touched = self._touched(working, memory)
         seen = self._seen(rgb, working, touched, memory, frame)
-        found, unclear = self.judge.measured(rgb, seen, frame)
+        judged = self.judge.measured(rgb, seen, frame)
         searched = working if memory is None else cv2.copyTo(working, touched.view(np.uint8), memory.searched.copy())
         age = 0 if touched.all() or memory is None else memory.age + 1
-        return found, Glimpse(searched, seen, unclear, age)
+        return judged.balls, Glimpse(searched, seen.take(~judged.refuted), judged.unclear, age)
 
     def _touched(self, working: Bytes, memory: Glimpse | None) -> Bools:
         """Where (h, w) the network has to look at a working picture."""
@@ -93,7 +93,8 @@ class NetworkFinder:
 
     def sizes(self, rgb: Bytes, frame: int) -> Floats:
         """Seen over predicted radius (n,) of the clear sharp balls in a picture (H, W, 3)."""
-        seen = self.follow(rgb, frame, None)[1].seen
+        working = self.view.picture(rgb, frame)
+        seen = self._seen(rgb, working, self._touched(working, None), None, frame)
         clear = self.judge.sure(seen) & (seen.score > CLEAR_SCORE) & ~streaked(seen)
         return np.asarray(seen.radius[clear] / value_at(self.view.radius, seen.centre[clear]), dtype=np.float64)
 

@@ -47,6 +47,8 @@ network's even where it is the less sure: its sigmas are the honest ones. On fou
 good to 0.25 px so, to 0.27 with the mean of both words, to 0.28 with the surer of the two, and to 0.41 without it."""
 CLOSER_WORTH = 1.0
 """As CIRCLE_WORTH, against a network that looked closer."""
+SAME_OUTLINE_RADII = 0.05
+"""A circle nearer than this to where a closer look places its ball would be found again from there."""
 SAME_RADII = 0.3
 """Circles nearer than this are the same ball's."""
 
@@ -68,19 +70,19 @@ class Surroundings:
         return replace(self, expected=self.expected[rows], beneath=self.beneath[rows])
 
 
-def outlined(rgb: Bytes, soft: Bytes, seen: Centres, around: Surroundings, frame: int) -> tuple[Found, Floats]:
-    """Sharp balls in a picture (H, W, 3) and `softened`, px; support (K,) of their outlines, 0 where there are none."""
+def outlined(rgb: Bytes, soft: Bytes, seen: Centres, around: Surroundings, frame: int) -> tuple[Found, Circles]:
+    """Sharp balls in a picture (H, W, 3) and `softened`, px; their outlines, of support 0 where there are none."""
     circles = fit_circles(rgb, soft, seen.centre, around.expected, around.beneath, around.basis)
     circles = _behind_others(rgb, soft, seen.centre, circles, around, frame)
     return _weighed(seen, circles, around.expected, CIRCLE_WORTH)
 
 
 def measured_closer(
-    rgb: Bytes, soft: Bytes, found: Found, support: Floats, around: Surroundings, closer: DiscModel, frame: int
+    rgb: Bytes, soft: Bytes, found: Found, outlines: Circles, around: Surroundings, closer: DiscModel, frame: int
 ) -> Found:
-    """The same balls, those that their outlines leave in doubt looked at closer, and their outlines sought from there.
+    """The same balls, those that their outlines leave in doubt looked at closer, and other outlines sought from there.
 
-    What is a ball was said by its first outline of a support (K,); only where it is, is said better.
+    What is a ball was said by its first outline; only where it is, is said better.
     """
     doubted = np.flatnonzero(found.sigma > DOUBTED_PX)
     centre, sigma = closer.measured(rgb, found.centre[doubted], around.expected[doubted])
@@ -89,20 +91,27 @@ def measured_closer(
     if not sees.any():
         return found
     doubted, word = doubted[sees], replace(found.take(doubted[sees]), centre=centre[sees], sigma=sigma[sees])
-    others = with_rows(found, doubted, word)
-    known = Circles(others.centre, others.radius, others.sigma, support)
-    near, before = around.take(doubted), _before(known, around.scene, frame)[doubted]
-    anew = fit_circles(rgb, soft, word.centre, near.expected, near.beneath, near.basis, before)
-    centre, sigma, _ = _between(word.centre, word.sigma, anew, near.expected, CLOSER_WORTH)
+    expected, circles = around.expected[doubted], outlines.take(doubted)
+    there = np.linalg.norm(circles.centre - word.centre, axis=1) < SAME_OUTLINE_RADII * expected
+    anew = np.flatnonzero(~there | (circles.support < LEAST_SUPPORT))
+    if len(anew):
+        others = with_rows(found, doubted, word)
+        known = Circles(others.centre, others.radius, others.sigma, outlines.support)
+        rows = doubted[anew]
+        near, before = around.take(rows), _before(known, around.scene, frame)[rows]
+        sought = fit_circles(rgb, soft, word.centre[anew], near.expected, near.beneath, near.basis, before)
+        circles = with_rows(circles, anew, sought)
+    centre, sigma, _ = _between(word.centre, word.sigma, circles, expected, CLOSER_WORTH)
     return with_rows(found, doubted, replace(word, centre=centre, sigma=sigma, sigma_along=sigma))
 
 
-def _weighed(seen: Centres, circles: Circles, expected: Floats, worth: float) -> tuple[Found, Floats]:
-    """Balls between what a network saw and their circles; support (K,) of these, 0 where they are another thing's."""
+def _weighed(seen: Centres, circles: Circles, expected: Floats, worth: float) -> tuple[Found, Circles]:
+    """Balls between what a network saw and their circles; these, of support 0 where they are another thing's."""
     own = np.hypot(seen.across, seen.along) / np.sqrt(2)
     centre, sigma, good = _between(seen.centre, own, circles, expected, worth)
     radius = np.where(good, circles.radius, seen.radius)
-    return Found(centre, radius, np.zeros_like(centre), seen.score, sigma, sigma), np.where(good, circles.support, 0.0)
+    found = Found(centre, radius, np.zeros_like(centre), seen.score, sigma, sigma)
+    return found, replace(circles, support=np.where(good, circles.support, 0.0))
 
 
 def _between(
@@ -139,14 +148,15 @@ def _behind_others(
 
 def _before(circles: Circles, scene: Scene, frame: int) -> Floats:
     """Centre and radius (K, M, 3) px, NaN for none, of those circles that stand before each and may hide part of it."""
-    height = scene.table.ball_radius
-    xy = scene.camera.to_table(circles.centre, height, frame)
-    away = np.linalg.norm(np.column_stack([xy, np.full(len(xy), height)]) - scene.camera.eye, axis=1)
     apart = np.linalg.norm(circles.centre[:, None] - circles.centre[None], axis=-1)
     touch = apart < FARTHEST * circles.radius[:, None] + circles.radius
-    other = apart > SAME_RADII * circles.radius
-    hides = touch & other & (away < away[:, None]) & (circles.support > CLEAR_SUPPORT)
-    before = np.full((len(xy), max(1, int(hides.sum(axis=1).max(initial=0))), 3), np.nan)
+    hides = touch & (apart > SAME_RADII * circles.radius) & (circles.support > CLEAR_SUPPORT)
+    if hides.any():
+        height = scene.table.ball_radius
+        xy = scene.camera.to_table(circles.centre, height, frame)
+        away = np.linalg.norm(np.column_stack([xy, np.full(len(xy), height)]) - scene.camera.eye, axis=1)
+        hides &= away < away[:, None]
+    before = np.full((len(hides), max(1, int(hides.sum(axis=1).max(initial=0))), 3), np.nan)
     discs = np.column_stack([circles.centre, circles.radius])
     for row, hiding in zip(before, hides, strict=True):
         row[: hiding.sum()] = discs[hiding]

@@ -64,6 +64,8 @@ RESTARTS, RESTART_RADII = 6, 0.6
 ANGLES = np.arange(RAYS) * (2 * np.pi / RAYS)
 DIRECTIONS = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
 DISTANCES = np.linspace(NEAREST, FARTHEST, STEPS)
+EACH_RAY, ABOUT_BEST = np.arange(RAYS), np.arange(-4, 5)
+"""Indices of the rays, and of the samples about an edge that say where it is."""
 DESIGN = np.column_stack([DIRECTIONS, np.ones(RAYS)])
 SQUARES = (DESIGN[:, :, None] * DESIGN[:, None, :]).reshape(RAYS, 9)
 """Products of the design's columns: the normal equations are linear in the weights."""
@@ -162,22 +164,25 @@ def _edges(
     bare = 1 / (1 + np.sqrt(np.einsum("kasc,kasc->kas", away, away)) / BARE_LEVELS)
     expected = gradient / (gradient + SATURATION) * near_circle[:, None] * (COVERED_WORTH + bare)
     best = np.argmax(expected, axis=2)
-    near = np.clip(best[..., None] + np.arange(-4, 5), 0, len(at) - 1)
-    local = np.take_along_axis(gradient, near, 2)
-    weight = np.clip(local - 0.5 * local.max(axis=2, keepdims=True), 0, None)
+    near = np.minimum(np.maximum(best[..., None] + ABOUT_BEST, 0), len(at) - 1)
+    balls = np.arange(len(centre))[:, None]
+    local = gradient[balls[..., None], EACH_RAY[:, None], near]
+    weight = np.maximum(local - 0.5 * local.max(axis=2, keepdims=True), 0)
     place = (weight * at[near]).sum(axis=2) / np.maximum(weight.sum(axis=2), 1e-9)
-    strength = np.take_along_axis(gradient, best[..., None], 2)[..., 0]
+    strength = gradient[balls, EACH_RAY, best]
     if hidden is not None:
         rim = np.argmin(np.abs(at - likely[:, None]), axis=1)
-        strength[np.take_along_axis(hidden, rim[:, None, None], 2)[..., 0]] = np.nan
+        strength[hidden[balls, EACH_RAY, rim[:, None]]] = np.nan
     return place * radius[:, None], strength
 
 
 def _hidden(centre: Floats, radius: Floats, at: Floats, before: Floats) -> Bools:
     """Whether discs hide the places (K, A, S) at distances (S,), ball radii, on the rays about centres (K, 2)."""
-    ray = centre[:, None, None] + radius[:, None, None, None] * DIRECTIONS[:, None] * at[:, None]
-    apart = np.linalg.norm(ray[:, :, :, None] - before[:, None, None, :, :2], axis=-1)
-    return np.asarray((apart < HIDING_RADII * before[:, None, None, :, 2]).any(axis=-1))
+    ray = centre[:, :, None, None] + radius[:, None, None, None] * DIRECTIONS.T[:, :, None] * at
+    hidden = np.zeros((len(centre), RAYS, len(at)), dtype=bool)
+    for disc in before.transpose(1, 2, 0)[..., None, None]:
+        hidden |= (ray[:, 0] - disc[0]) ** 2 + (ray[:, 1] - disc[1]) ** 2 < (HIDING_RADII * disc[2]) ** 2
+    return hidden
 
 
 def ray_profiles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, basis: Floats) -> NDArray[np.float32]:
@@ -219,14 +224,16 @@ def _fit(edge: Floats, strength: Floats, radius: Floats, loose: float) -> tuple[
     """Shift (K, 2), change of radius (K,), weights (K, A) and residuals (K, A) of circles through edges (K, A)."""
     offset = edge - radius[:, None]
     design, squares = DESIGN, SQUARES
-    clear = np.clip((np.nan_to_num(strength) - LEAST_GRADIENT) / LEAST_GRADIENT, 0, 1)
+    # What is hidden is NaN: fmax makes 0 of it.
+    clear = np.minimum(np.fmax((strength - LEAST_GRADIENT) / LEAST_GRADIENT, 0), 1)
     scale = np.maximum(loose * radius, 0.8)[:, None]
     shift = np.zeros((len(edge), 3))
-    shift[:, 2] = np.median(offset, axis=1)
-    shift[:, 2] = np.clip(shift[:, 2], -0.1 * radius, 0.1 * radius)
+    # The median of an even number, without what numpy's does beside.
+    median = np.partition(offset, [RAYS // 2 - 1, RAYS // 2], axis=1)[:, RAYS // 2 - 1 : RAYS // 2 + 1].mean(axis=1)
+    shift[:, 2] = np.minimum(np.maximum(median, -0.1 * radius), 0.1 * radius)
     for _ in range(4):
         residual = offset - shift @ design.T
-        weights = clear * np.clip(1 - (residual / scale) ** 2, 0, None) ** 2
+        weights = clear * np.maximum(1 - (residual / scale) ** 2, 0) ** 2
         normal = (weights @ squares).reshape(-1, 3, 3)
         right = (weights * offset) @ design
         # The predicted radius is worth a few rays, and the guess a little: a one-sided arc stays put.

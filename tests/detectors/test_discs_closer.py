@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,7 +22,7 @@ from detectors.disc_training import train_discs
 from detectors.measuring_export import Shipped
 from detectors.onnx_model import SHIPPED, model_facts
 from detectors.outlines import DOUBTED_PX, FILMED_FACTOR, Surroundings, measured_closer, outlined
-from detectors.refine import softened
+from detectors.refine import Circles, fit_circles, softened
 from detectors.training_data import Pictures, read_pictures, stacked
 from detectors.training_loop import TrainOptions
 from detectors.upright import RADIUS_PX, SIDE, Upright
@@ -129,16 +131,38 @@ def test_only_what_its_outline_leaves_in_doubt_is_looked_at_closer() -> None:
     seen = seen_at(np.array([[200.0, 150.0], [400.0, 200.0]]), 1.0)
     around = Surroundings(np.full(2, SIZE_PX), np.tile(CLOTH, (2, 1)), np.eye(3), drawn_scene())
     model, soft = Pointing(place), softened(picture)
-    first, support = outlined(picture, soft, seen, around, 0)
-    found = measured_closer(picture, soft, first, support, around, model, 0)
+    first, outlines = outlined(picture, soft, seen, around, 0)
+    found = measured_closer(picture, soft, first, outlines, around, model, 0)
     assert [len(asked) for asked in model.asked] == [1]
     assert found.centre[0] == pytest.approx([200, 150], abs=0.2)
     assert found.sigma[0] < DOUBTED_PX
     assert found.centre[1] == pytest.approx(place, abs=0.01)
     assert first.centre[1] == pytest.approx([400, 200])  # nothing is there but the network's word
     assert found.sigma[1] == pytest.approx(FILMED_FACTOR * 0.05, rel=0.05)
-    assert support[0] > 0.9
-    assert support[1] == 0
+    assert outlines.support[0] > 0.9
+    assert outlines.support[1] == 0
+
+
+@pytest.mark.parametrize(("off", "times"), [(0.0, 0), (0.2, 1)])
+def test_an_outline_is_sought_anew_only_where_the_closer_look_moves_the_ball(
+    off: float, times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    picture = draw([Ball(200.0, 150.0, WHITE)], np.random.default_rng(4))
+    seen, soft = seen_at(np.array([[201.0, 150.0]]), 1.0), softened(picture)
+    around = Surroundings(np.full(1, SIZE_PX), np.array([CLOTH]), np.eye(3), drawn_scene())
+    first, outlines = outlined(picture, soft, seen, around, 0)
+    doubted = replace(first, sigma=np.full(1, 2 * DOUBTED_PX))
+    sought = list[np.ndarray]()
+
+    def counted(rgb: np.ndarray, soft: np.ndarray, centre: np.ndarray, *rest: Any) -> Circles:
+        sought.append(centre)
+        return fit_circles(rgb, soft, centre, *rest)
+
+    monkeypatch.setattr("detectors.outlines.fit_circles", counted)
+    model = Pointing(np.array([200.0 + off * SIZE_PX, 150.0]))
+    found = measured_closer(picture, soft, doubted, outlines, around, model, 0)
+    assert len(sought) == times
+    assert found.centre[0] == pytest.approx([200.0 + 0.5 * off * SIZE_PX, 150.0], abs=0.5 * off * SIZE_PX + 0.2)
 
 
 def some(folder: Path) -> Pictures:

@@ -48,7 +48,7 @@ def test_a_ball_of_which_only_a_mark_is_seen_is_found_whole(turn: int) -> None:
     centre = tuple(int(c) for c in np.rint(16 * at))
     cv2.circle(picture, centre, round(16 * 0.6 * SIZE_PX), WHITE, -1, cv2.LINE_AA, 4)
     judge = judge_of(picture)
-    found, _ = judge.measured(picture, seen(judge, (float(at[0]), float(at[1]), 0.6, (0.0, 0.0), 0.9)), 0)
+    found = judge.measured(picture, seen(judge, (float(at[0]), float(at[1]), 0.6, (0.0, 0.0), 0.9)), 0).balls
     assert len(found) == 1
     assert np.linalg.norm(found.centre[0] - (ball.x, ball.y)) < 0.8
     assert found.radius[0] == pytest.approx(SIZE_PX, rel=0.1)
@@ -59,8 +59,9 @@ def test_a_mark_on_the_cloth_is_no_ball() -> None:
     picture = draw(spread_balls(rng, (WHITE, BLUE), 3), rng)
     picture[168:174, 298:304] = (20, 20, 20)
     judge = judge_of(picture)
-    found, _ = judge.measured(picture, seen(judge, (300.5, 170.5, 0.55, (0.0, 0.0), 0.95)), 0)
-    assert len(found) == 0
+    judged = judge.measured(picture, seen(judge, (300.5, 170.5, 0.55, (0.0, 0.0), 0.95)), 0)
+    assert len(judged.balls) == 0
+    assert judged.refuted.tolist() == [True]
 
 
 @pytest.mark.parametrize(("size", "balls"), [(0.68, 0), (0.9, 1)])
@@ -69,7 +70,7 @@ def test_a_spot_that_the_network_takes_for_a_small_ball_is_none(size: float, bal
     picture = draw(spread_balls(rng, (WHITE, BLUE), 3), rng)
     cv2.circle(picture, (16 * 300, 16 * 250), round(16 * size * SIZE_PX), (20, 20, 20), -1, cv2.LINE_AA, 4)
     judge = judge_of(picture)
-    found, _ = judge.measured(picture, seen(judge, (300.3, 250.2, size, (0.0, 0.0), 0.95)), 0)
+    found = judge.measured(picture, seen(judge, (300.3, 250.2, size, (0.0, 0.0), 0.95)), 0).balls
     assert len(found) == balls
 
 
@@ -79,7 +80,7 @@ def test_a_faint_streak_is_a_ball_where_the_picture_adds_up_to_one() -> None:
     judge = judge_of(picture)
     faint = (FAINT_SCORE + LEAST_SCORE) / 2
     there, away = (ball.x + 2, ball.y + 1, 1.0, (20.0, 8.0), faint), (200.0, 250.0, 1.0, (20.0, 8.0), faint)
-    found, _ = judge.measured(picture, seen(judge, there, away), 0)
+    found = judge.measured(picture, seen(judge, there, away), 0).balls
     assert len(found) == 1
     assert np.linalg.norm(found.centre[0] - (ball.x, ball.y)) < 1.0
     assert np.abs(np.abs(found.streak[0]) - np.abs(ball.streak)).max() < 2.5
@@ -92,7 +93,7 @@ def test_a_streak_takes_no_ball_away_that_is_sure_or_surer_than_itself() -> None
     judge = judge_of(picture)
     for score, streak_score, kept in ((0.95, CLEAR_SCORE, True), (0.8, 0.95, True), (0.5, CLEAR_SCORE, False)):
         streak = (ball.x + 2.2 * SIZE_PX, ball.y + 3.0, 1.0, (4.0 * SIZE_PX, 0.0), streak_score)
-        found, _ = judge.measured(picture, seen(judge, (ball.x, ball.y, 1.0, (0.0, 0.0), score), streak), 0)
+        found = judge.measured(picture, seen(judge, (ball.x, ball.y, 1.0, (0.0, 0.0), score), streak), 0).balls
         assert bool((np.linalg.norm(found.streak, axis=1) == 0).any()) is kept
 
 
@@ -103,7 +104,7 @@ def test_a_ball_before_a_streak_is_not_the_streak() -> None:
     picture = cv2.GaussianBlur(draw([moving, ball], np.random.default_rng(6)), (0, 0), 2.0)
     judge = judge_of(picture)
     streak = (moving.x, moving.y, 1.0, moving.streak, 0.95)
-    found, _ = judge.measured(picture, seen(judge, streak, (ball.x, ball.y, 1.0, (0.0, 0.0), 0.8)), 0)
+    found = judge.measured(picture, seen(judge, streak, (ball.x, ball.y, 1.0, (0.0, 0.0), 0.8)), 0).balls
     rests = np.linalg.norm(found.streak, axis=1) == 0
     assert rests.tolist() == [False, True]
     assert np.linalg.norm(found.centre[rests] - (ball.x, ball.y)) < 0.4 * SIZE_PX
@@ -115,8 +116,9 @@ def test_a_row_of_balls_that_the_network_is_sure_of_is_no_streak() -> None:
     row = [Ball(280.0 + k * step, 170.0, WHITE) for k in range(4)]
     picture = cv2.GaussianBlur(draw(row, np.random.default_rng(5)), (0, 0), 2.5)
     judge = judge_of(picture)
-    found, _ = judge.measured(picture, seen(judge, *((b.x, b.y, 1.0, (0.0, 0.0), 0.95) for b in row)), 0)
-    assert len(found) == 4
-    assert not found.streak.any()
-    gap = np.abs(found.centre[:, None] - np.array([[b.x, b.y] for b in row])).max(axis=2).min(axis=0)
+    judged = judge.measured(picture, seen(judge, *((b.x, b.y, 1.0, (0.0, 0.0), 0.95) for b in row)), 0)
+    assert len(judged.balls) == 4
+    assert not judged.balls.streak.any()
+    assert not judged.refuted.any()
+    gap = np.abs(judged.balls.centre[:, None] - np.array([[b.x, b.y] for b in row])).max(axis=2).min(axis=0)
     assert gap.max() < 0.4 * SIZE_PX
