@@ -63,24 +63,24 @@ def test_a_ball_behind_another_is_placed_by_the_open_part_of_its_outline(aside: 
     apart = np.linalg.norm(truth[0] - truth[1])
     assert apart < 1.5 * radii.mean()  # the picture shows what the test is about
     seen = seen_at(truth + np.array([[0.8, -0.6], [-0.5, 0.7]]), radii, 1.5)
-    found, support = outlined(*picture_of(truth, radii), seen, around(scene, radii), 0)
+    found, outlines = outlined(*picture_of(truth, radii), seen, around(scene, radii), 0)
     assert np.linalg.norm(found.centre - truth, axis=1).max() < 0.35
-    assert (support > 0.9).all()
+    assert (outlines.support > 0.9).all()
 
 
 def test_a_whole_outline_counts_against_a_network_that_is_surer_than_it_should_be() -> None:
     scene = drawn_scene()
     truth, radii = np.array([[301.3, 170.6]]), np.array([11.0])
     seen = seen_at(truth + np.array([[3.0, -2.0]]), radii, 0.3)
-    found, support = outlined(*picture_of(truth, radii), seen, around(scene, radii), 0)
-    assert support[0] > 0.9
+    found, outlines = outlined(*picture_of(truth, radii), seen, around(scene, radii), 0)
+    assert outlines.support[0] > 0.9
     assert np.linalg.norm(found.centre - truth) < 0.6
 
 
 def test_without_an_outline_the_network_s_word_stands() -> None:
     scene = drawn_scene()
     seen = seen_at(np.array([[301.3, 170.6]]), np.array([11.0]), 0.7)
-    found, support = outlined(*picture_of(np.empty((0, 2)), np.empty(0)), seen, around(scene, np.array([11.0])), 0)
-    assert support[0] == 0
+    found, outlines = outlined(*picture_of(np.empty((0, 2)), np.empty(0)), seen, around(scene, np.array([11.0])), 0)
+    assert outlines.support[0] == 0
     assert found.centre[0] == pytest.approx(seen.centre[0])
     assert found.sigma[0] == pytest.approx(0.7)
