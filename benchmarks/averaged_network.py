@@ -20,9 +20,9 @@ import numpy as np
 import onnx
 from onnx import numpy_helper
 
-from detectors.export import Calibration
-from detectors.onnx_model import CentreModel, open_model
-from detectors.training_check import (
+from detectors.network.network_file import CentreModel, open_model
+from detectors.training.ball_export import Calibration
+from detectors.training.evaluation import (
     CALIBRATION_FILE,
     FIGURES_FILE,
     as_facts,

@@ -29,7 +29,7 @@ from fractions import Fraction
 from multiprocessing import get_context
 from pathlib import Path
 
-from pipeline.cli import spare_collections, spare_threads
+from pipeline.engine.process_setup import spare_collections, spare_threads
 
 spare_threads()  # as the program does, before numpy is there
 spare_collections()
@@ -201,11 +201,11 @@ class Cost:
 def cost(folder: Path, clip: Path) -> Cost:
     """The chain, and decoding once and encoding its slow motion once, in this process, a fresh one."""
     sys.path.insert(0, str(ROOT))  # before the scripts here, one of which is called as a package is
-    from pipeline.cache import Cache
     from pipeline.chain import run_clip
+    from pipeline.engine.result_cache import Cache
     from pipeline.options import RunOptions
-    from video.clip import open_clip
-    from video.shots import find_shots
+    from video.calibration.shot_cuts import find_shots
+    from video.io.clip import open_clip
 
     watch, out = Stopwatch(), folder / f"out {clip.stem}"
     whole = _cpu(lambda: run_clip(clip, out, RunOptions(), Cache(folder / f"cache {clip.stem}"), watch) and None)

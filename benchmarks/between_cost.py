@@ -16,14 +16,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from models.progress import Progress, silent
-from pipeline.cache import Cache, default_root
+from models.core.progress import Progress, silent
 from pipeline.chain import fit_graph, fitted
+from pipeline.engine.result_cache import Cache, default_root
 from pipeline.options import RunOptions
-from video.clip import read_frames
-from video.drawn_balls import balls_at
-from video.inbetween import Scenery, open_interval, scenery_of
-from video.sightings import sight
+from video.io.clip import read_frames
+from video.matting.ball_timeline import sight
+from video.overlay.ball_outlines import balls_at
+from video.synthesis.frame_synthesis import Scenery, open_interval, scenery_of
 
 FOOTAGE = Path(__file__).resolve().parents[2] / "shared" / "data" / "billiards"
 FACTOR, GAPS = 8, 12

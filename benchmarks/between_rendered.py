@@ -18,7 +18,7 @@ from rich.progress import Progress
 from run_folder import ROOT
 from withheld import Withheld, pictures_of, withhold
 
-from video.renderer import Motion, View, seen_centres
+from video.rendering.scene_renderer import Motion, View, seen_centres
 
 sys.path.insert(0, str(ROOT / "sample_videos"))
 import make

@@ -1,6 +1,6 @@
 """The cases of `billiards_gap.py`: the kinds of the blind check, and harder ones, as recordings.
 
-What is withheld and how strong it is says `pipeline/gapcheck/billiards_kinds.py`, how tables are played on and filmed
+What is withheld and how strong it is says `pipeline/experiments/gapcheck/billiards_cases.py`, how tables are played on and filmed
 `worlds/billiards_table.py`: `trueroll gapcheck --fps 62.5` sees the same shots of the same kind and seed.
 """
 
@@ -14,11 +14,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from models.gap_scene import Recording
-from pipeline.gapcheck.billiards_kinds import BILLIARDS, FROM_NOTHING, SINGLE, BilliardsKind
-from pipeline.gapcheck.billiards_strengths import Effects
-from pipeline.gapcheck.blind import play_drawn
-from pipeline.track_folder import read_track_folders
+from models.estimation.gap_scenes.gap_scene import Recording
+from pipeline.experiments.gapcheck.billiards_cases import BILLIARDS, FROM_NOTHING, SINGLE, BilliardsKind
+from pipeline.experiments.gapcheck.billiards_strengths import Effects
+from pipeline.experiments.gapcheck.blind_case import play_drawn
+from pipeline.io.track_folder import read_track_folders
 
 FPS = 62.5
 """Pictures a second: 16 samples of the world."""

@@ -27,16 +27,16 @@ from foreign_shots import TABLE
 from row_files import append, read_rows
 
 from diagnosis.diagnose import diagnose
-from diagnosis.verdict import Report
-from models.billiards.gap import billiards_scene
-from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS
-from models.gap_scene import GapScene, Recording
-from models.shooting.crew import ALONE, Crew
-from pipeline.gapcheck.billiards_kinds import NOT_HELD
-from pipeline.gapcheck.billiards_strengths import Effects
-from pipeline.gapcheck.blind import told_apart
-from pipeline.gapcheck.oracle import oracle_of
-from pipeline.pair import crew
+from diagnosis.verdicts.verdict import Report
+from models.estimation.gap_scenes.billiards_scene import billiards_scene
+from models.estimation.gap_scenes.gap_scene import GapScene, Recording
+from models.numerics.executor import ALONE, Crew
+from models.physics.effects.catalogue import BILLIARDS, BILLIARDS_LAWS
+from pipeline.engine.helper_process import crew
+from pipeline.experiments.gapcheck.billiards_cases import NOT_HELD
+from pipeline.experiments.gapcheck.billiards_strengths import Effects
+from pipeline.experiments.gapcheck.blind_case import told_apart
+from pipeline.experiments.gapcheck.gap_oracle import oracle_of
 
 
 def scene_of(case: Case, shots: tuple[Recording, ...]) -> GapScene:

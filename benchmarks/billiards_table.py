@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pipeline.gapcheck.marks import BINS, Rate
+from pipeline.experiments.gapcheck.case_scores import BINS, Rate
 
 GOALS = (
     ("one", "one effect missing, natural strength: named", "asked 90 %"),

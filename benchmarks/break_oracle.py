@@ -14,10 +14,10 @@ import numpy as np
 from break_shots import BALLS, HZ, PX_PER_M, Break, Filmed, R, scene
 from numpy.typing import NDArray
 
-from models.fit import Fit
-from models.fitting.fit_shot import fit_story
-from models.fitting.story import Contact, ContactKind, Span, Story
-from models.tracks import Tracks
+from models.core.fit_result import Fit
+from models.core.tracks import Tracks
+from models.estimation.reconstruction.fit_shot import fit_story
+from models.estimation.segmentation.contact_graph import Contact, ContactKind, Span, Story
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow.csv
 from numpy.typing import NDArray
 
-from models.detections import Detections
-from models.scene import Camera, Scene, Table
+from models.core.detections import Detections
+from models.core.scene import Camera, Scene, Table
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

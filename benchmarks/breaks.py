@@ -31,10 +31,10 @@ from break_shots import HZ, Break, Filmed, film, happened, scene
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
-from models.association.associate import associate
-from models.fit import Fit
-from models.fitting.fit_shot import fit_shot
-from models.tracks import Tracks
+from models.core.fit_result import Fit
+from models.core.tracks import Tracks
+from models.estimation.reconstruction.fit_shot import fit_shot
+from models.tracking.build_tracks import associate
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 from filmed import asked_clips, filmed_clips, with_measured_noise
 
-from models.billiards.cushion_chains import CushionChains, Leg, Rebound, chain_priors, glide, legs_of
-from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
-from models.effects.effect import Prior
-from models.fitting.fit_shot import fit_shot
-from models.scene import Table
-from models.shooting.shoot import Shooting, ShootingOptions, priors_of, shoot
+from models.core.scene import Table
+from models.estimation.multiple_shooting.shooting_fit import Shooting, ShootingOptions, priors_of, shoot
+from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.whole_shot.cushion_chains import CushionChains, Leg, Rebound, chain_priors, glide, legs_of
+from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, mirror, stronge
+from models.physics.effect import Prior
 
 LAWS: dict[str, Rebound] = {
     "mirror": mirror.rebound,

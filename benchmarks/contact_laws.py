@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from models.billiards import parameters
-from models.billiards.cushions import han_2005, mathavan_2010, stronge
-from models.billiards.impacts import mass_spring
+from models.physics.billiards import parameters
+from models.physics.billiards.ball_ball import mass_spring
+from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, stronge
 
 Floats = NDArray[np.float64]
 

@@ -20,9 +20,9 @@ import numpy as np
 from pairs import GRAVITY, LENGTH, WIDTH, Meeting, R, Truth, film, happened, scene
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, make_interp_spline
 
-from models.billiards.motion import Friction, kinematics
-from models.fitting.fit_shot import fit_shot
-from models.tracks import Tracks
+from models.core.tracks import Tracks
+from models.estimation.reconstruction.fit_shot import fit_shot
+from models.physics.billiards.cloth.closed_form_motion import Friction, kinematics
 
 RATES = (30, 60, 240)
 NOISE, CLOSING = 1e-3, 1.0

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detectors.options import DetectOptions
-from detectors.still import balls_in_still
-from models.scene import Scene
-from video.clip import open_clip, read_frames
-from video.options import CalibrateOptions
-from video.renderer import make_view
-from video.renderer_camera import look_at
-from video.table_finder import find_scene, scene_in_picture
-from video.training_hall import HELD_OUT_ELEVATION, Hall, random_hall
-from video.training_pictures import filmed
+from detectors.still_images import balls_in_still
+from models.core.scene import Scene
+from video.calibration.table_finder import find_scene, scene_in_picture
+from video.io.clip import open_clip, read_frames
+from video.io.options import CalibrateOptions
+from video.rendering.pinhole_camera import look_at
+from video.rendering.random_hall import HELD_OUT_ELEVATION, Hall, random_hall
+from video.rendering.scene_renderer import make_view
+from video.rendering.training_images import filmed
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 LEAST_VISIBLE = 0.5

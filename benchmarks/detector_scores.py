@@ -8,8 +8,8 @@ import numpy as np
 from detector_cases import Case
 from numpy.typing import NDArray
 
-from models.detections import Detections
-from video.training_layout import MOST_STREAK_PX
+from models.core.detections import Detections
+from video.rendering.ball_arrangement import MOST_STREAK_PX
 
 
 @dataclass

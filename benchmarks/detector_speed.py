@@ -23,11 +23,11 @@ import numpy as np
 from detector_cases import DATA
 
 from detectors.detect import Detector, hough_detector, network_detector
-from detectors.onnx_model import SHIPPED
+from detectors.network.network_file import SHIPPED
 from detectors.options import DetectOptions
-from video.clip import Clip, open_clip, read_frames
-from video.options import CalibrateOptions
-from video.table_finder import find_scene
+from video.calibration.table_finder import find_scene
+from video.io.clip import Clip, open_clip, read_frames
+from video.io.options import CalibrateOptions
 
 CLIPS = ("snooker_null_grad_stoss_1_0003_0009", "pool8_game2_clip1", "carom_F1")
 

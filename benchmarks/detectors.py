@@ -35,10 +35,10 @@ from detector_cases import (
 from detector_scores import HEADER, Tally, line, score
 from numpy.typing import NDArray
 
-from detectors.ball_size import with_seen_size
-from detectors.hough import BallFinder, ball_finder
-from detectors.onnx import NetworkFinder, network_finder
-from detectors.onnx_model import SHIPPED, BallModel, open_model
+from detectors.apparent_ball_size import with_seen_size
+from detectors.hough.hough_detector import BallFinder, ball_finder
+from detectors.network.network_detector import NetworkFinder, network_finder
+from detectors.network.network_file import SHIPPED, BallModel, open_model
 
 
 def main() -> None:

@@ -25,11 +25,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.engine import BALL, FIRST, KIND, SECOND, TIME
-from models.billiards.parameters import BALL_LAWS, CUSHION_LAWS, SLOPE_Y, Physics
-from models.billiards.simulate import Balls, energy, simulate
-from models.billiards.tables import PRESETS
-from models.scene import Table
+from models.core.scene import Table
+from models.physics.billiards.parameters import BALL_LAWS, CUSHION_LAWS, SLOPE_Y, Physics
+from models.physics.billiards.simulation.event_engine import BALL, FIRST, KIND, SECOND, TIME
+from models.physics.billiards.simulation.simulate_shot import Balls, energy, simulate
+from models.physics.billiards.tables import PRESETS
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 
 ROOT = Path(__file__).resolve().parent.parent
-PROGRAM = "from pipeline.cli import main; main()"
+PROGRAM = "from pipeline.cli.main import main; main()"
 COMPARED = (".csv", ".json", ".npz", ".png", ".mp4")
 """What is equal byte for byte after equal runs; recordings, pages and logs hold times and random names."""
 QUICK = ("--quick", "--slow", "1")

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from run_folder import FOOTAGE, ROOT, RunFolder, read_run, run_clip
 
-from models.clock import Clock
-from models.fitting.exposures import clock_of
-from models.noise import FLOOR, estimate_noise, with_noise
-from models.scene import Camera, Scene, Table
-from models.time_jumps import TimeJump, time_jumps, with_pauses
-from models.tracks import Tracks
+from models.core.capture_clock import Clock
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
+from models.estimation.gap_scenes.time_jumps import TimeJump, time_jumps, with_pauses
+from models.estimation.reconstruction.capture_times import clock_of
+from models.tracking.track_noise import FLOOR, estimate_noise, with_noise
 
 _UNCERTAIN = np.empty(0)
 

@@ -16,10 +16,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards import parameters
-from models.billiards.cushions import han_2005, mathavan_2010, stronge
-from models.billiards.cushions.nose import COSINE, NOSE_HEIGHT, SINE, approach, push
-from models.billiards.impacts import alciatore
+from models.physics.billiards import parameters
+from models.physics.billiards.ball_ball import alciatore
+from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, stronge
+from models.physics.billiards.ball_cushion.cushion_contact import COSINE, NOSE_HEIGHT, SINE, approach, push
 
 Floats = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow.csv
 from numpy.typing import NDArray
 
-from models.billiards.beginnings import beginning
-from models.billiards.stretches import Stretch
-from models.scene import Table
+from models.core.scene import Table
+from models.estimation.whole_shot.initial_states import beginning
+from models.estimation.whole_shot.shot_segments import Stretch
 
 Floats = NDArray[np.float64]
 

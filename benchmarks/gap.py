@@ -3,7 +3,7 @@
     PYTHONPATH=. python benchmarks/gap.py [--asked near none] [--scene slide] [--seeds 5] [--first 0] [--rows FILE.csv]
 
 Worlds that share no code with the diagnosis (worlds/slide.py, flight.py, pendulum.py) play 12 shots at 60 pictures a
-second with noise of 0.3 px, strengths drawn anew for every seed from natural ones (pipeline/gapcheck/kinds.py says
+second with noise of 0.3 px, strengths drawn anew for every seed from natural ones (pipeline/experiments/gapcheck/case_catalogue.py says
 which and why), or so weak that an effect is 4 to 6 standard deviations once everything else is adjusted. Every case is
 a row of FILE.csv, and is not tried again where it stands there already; the table is printed from all rows.
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from pipeline.gapcheck.body_kinds import BODIES, TRAPS, BodyKind
+from pipeline.experiments.gapcheck.body_cases import BODIES, TRAPS, BodyKind
 
 NEAR = (4.0, 6.0)
 """standard deviations of a strength just above the noise."""

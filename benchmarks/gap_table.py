@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from gap_trial import Row
 
-from pipeline.gapcheck.marks import BINS, Rate
+from pipeline.experiments.gapcheck.case_scores import BINS, Rate
 
 GOALS = (
     ("natural", "natural strength: named", 0.90), ("natural+", "or in a group that an oracle cannot split", 0.97),

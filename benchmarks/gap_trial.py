@@ -15,13 +15,13 @@ import numpy as np
 from gap_cases import NEAR, Case
 
 from diagnosis.diagnose import diagnose
-from diagnosis.verdict import Report
-from models.effects.effect import Effect
-from models.gap_scene import GapScene, Recording
-from pipeline.gap_scenes import open_scene
-from pipeline.gapcheck.blind import WORLDS, answer
-from pipeline.gapcheck.oracle import Oracle, oracle_of
-from pipeline.track_folder import TrackFolder, read_track_folders
+from diagnosis.verdicts.verdict import Report
+from models.estimation.gap_scenes.gap_scene import GapScene, Recording
+from models.physics.effect import Effect
+from pipeline.experiments.gapcheck.blind_case import WORLDS, answer
+from pipeline.experiments.gapcheck.gap_oracle import Oracle, oracle_of
+from pipeline.io.track_folder import TrackFolder, read_track_folders
+from pipeline.io.track_folder_scene import open_scene
 
 POWERLESS = 1e-9
 """share of its natural strength that an effect out of the library may have."""

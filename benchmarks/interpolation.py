@@ -26,7 +26,7 @@ from between_truth import CLASSES, Lying, Passing, lying_in, oracle_picture, pas
 from run_folder import FOOTAGE, ROOT, read_run, run_clip
 from withheld import Withheld, made_by_trueroll, pictures_of, withhold
 
-from video.chroma import square_colours
+from video.io.chroma import square_colours
 
 CLIPS = ("carom_F1", "pool8_game2_clip1", "snooker_video_13_0030_0034")
 SEED, DRAWN, WORST = 7, 8, 12

@@ -18,13 +18,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from springs import LOST, truth
 
-from models.curves import CUBIC, CURVES, LINEAR
-from models.neural.catalogue import CONSTRAINT_NET, RIVALS, THESIS
-from models.neural.method import Budget, Fitted, Floats, Method
-from models.neural.second_order import SECOND_ORDER
-from models.neural.simulator import FOURIER, SMOOTH
-from models.neural.steps import Euler
-from models.neural.training import Schedule
+from models.neural.common.integration_steps import Euler
+from models.neural.common.method_interface import Budget, Fitted, Floats, Method
+from models.neural.common.network_training import Schedule
+from models.neural.common.spline_methods import CUBIC, CURVES, LINEAR
+from models.neural.method_catalogue import CONSTRAINT_NET, RIVALS, THESIS
+from models.neural.networks.neural_runge_kutta import FOURIER, SMOOTH
+from models.neural.networks.second_order_network import SECOND_ORDER
 
 SECONDS, FUTURE = 2.5, 1.0
 ADAM = Schedule(adam=3000)

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from foreign_shots import PX_PER_M, TABLE, filmed, played, shot_of, table_of
 
-from models.billiards.playing import ABSENT, NUMBERS, Laws
-from models.billiards.whole_fit import fit_table, unknowns_of
+from models.estimation.whole_shot.table_fit import fit_table, unknowns_of
+from models.physics.billiards.simulation.parametrised_shot import ABSENT, NUMBERS, Laws
 
 NOISE = 1.0 / PX_PER_M
 LAWS = ("mirror", "mathavan_2010")

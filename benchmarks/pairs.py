@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
 
 Floats = NDArray[np.float64]
 

@@ -21,12 +21,12 @@ import numpy as np
 from prediction_shots import LAWS, LEAD, film, happened, scene
 from run_folder import ROOT
 
-from models.errors import TrackError
-from models.forecast.hindsight import hindsight
-from models.forecast.outlook import Outlook
-from models.forecast.prediction import Prediction, predict
-from models.forecast.present import outlook_at
-from pipeline.seen_shot import read_seen_shot
+from models.core.errors import TrackError
+from models.estimation.forecast.current_state import outlook_at
+from models.estimation.forecast.ensemble_prediction import Prediction, predict
+from models.estimation.forecast.forecast_check import hindsight
+from models.estimation.forecast.state_estimate import Outlook
+from pipeline.io.observed_shot import read_seen_shot
 
 AHEAD = (0.25, 0.5, 1.0, 2.0, 3.0)
 """s"""

@@ -13,7 +13,7 @@ import pyarrow.csv
 from numpy.typing import NDArray
 from pairs import LENGTH, PX_PER_M, WIDTH, R, scene
 
-from models.tracks import Tracks
+from models.core.tracks import Tracks
 
 Floats = NDArray[np.float64]
 

@@ -27,15 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from models.detections import Detections
-from models.events import Events
-from models.fit import Fit, Parameter, Trust
-from models.forecast.foresight import Foresight, Foresights
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
-from models.trajectory import Trajectory
-from pipeline.recording.write import write_recording
-from video.clip import Clip, open_clip
+from models.core.detections import Detections
+from models.core.events import Events
+from models.core.fit_result import Fit, Parameter, Trust
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
+from models.estimation.forecast.forecast_values import Foresight, Foresights
+from pipeline.reporting.recording.recording_file import write_recording
+from video.io.clip import Clip, open_clip
 
 Floats = NDArray[np.float64]
 

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from residual_shots import LACKING, SCATTER, TABLE, filmed
 
-from models.billiards.cushion_chains import Leg
-from models.correction.residual import ResidualChains
-from models.correction.training import prediction_errors, train_residual, typical
+from models.estimation.neural_residual.residual_training import prediction_errors, train_residual, typical
+from models.estimation.neural_residual.residual_windows import ResidualChains
+from models.estimation.whole_shot.cushion_chains import Leg
 
 FITTED, STOPPING, HELD_OUT = 8, 7, 7
 LAW = "mirror"

@@ -16,11 +16,11 @@ import numpy as np
 from filmed import asked_clips, filmed_clips, with_measured_noise
 from run_folder import FOOTAGE
 
-from models.billiards.cushion_chains import Leg, legs_of
-from models.correction.residual import ResidualChains
-from models.correction.training import prediction_errors, train_residual
-from models.fitting.fit_shot import fit_shot
-from models.scene import Table
+from models.core.scene import Table
+from models.estimation.neural_residual.residual_training import prediction_errors, train_residual
+from models.estimation.neural_residual.residual_windows import ResidualChains
+from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.whole_shot.cushion_chains import Leg, legs_of
 
 QUARTERS = 4
 MOVED = 0.02

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.cushion_chains import Bounce, Leg
-from models.scene import CUSHIONS, Table
+from models.core.scene import CUSHIONS, Table
+from models.estimation.whole_shot.cushion_chains import Bounce, Leg
 from worlds.billiards import CUSHION, play
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from run_folder import RunFolder
 
-from video.clip import open_clip, read_frames
+from video.io.clip import open_clip, read_frames
 
 COLOURS = {
     "cue": (255, 255, 255),

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from foreign_shots import PX_PER_M, TABLE, filmed, played, shot_of, table_of
 
-from models.billiards.playing import Laws
-from models.billiards.whole_fit import TableFit, fit_table
+from models.estimation.whole_shot.table_fit import TableFit, fit_table
+from models.physics.billiards.simulation.parametrised_shot import Laws
 
 SECONDS, SHOTS = 2.0, 3
 LAWS = ("mirror", "mathavan_2010")

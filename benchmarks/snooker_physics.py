@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 from filmed import Filmed, asked_clips, filmed_clips, with_measured_noise
 
-from models.billiards.free_paths import PIECE, FreePath, FreePaths, cloth_priors, free_paths, rest_place
-from models.events import Events
-from models.fitting.fit_shot import fit_shot
-from models.shooting.shoot import Shooting, priors_of, shoot
+from models.core.events import Events
+from models.estimation.multiple_shooting.shooting_fit import Shooting, priors_of, shoot
+from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.whole_shot.free_paths import PIECE, FreePath, FreePaths, cloth_priors, free_paths, rest_place
 
 MOVED = 0.02
 """m: a path shorter than this tells nothing of friction."""

@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, interp1d, make_interp_spline
 
-from models.pendulum.angles import swing
-from models.springs.latent import Latent, infer
-from pipeline.thesis.pendulum import KINDS, swung
+from models.estimation.pendulum.pendulum_fit import swing
+from models.estimation.springs.latent_inference import Latent, infer
+from pipeline.experiments.thesis.scenes.double_pendulum_scene import KINDS, swung
 
 CASES = [
     *((kind, fps, noise) for kind in ("soft", "medium") for fps, noise in ((30, 0.1), (30, 0.5), (15, 0.1))),

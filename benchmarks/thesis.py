@@ -24,14 +24,14 @@ from pathlib import Path
 import numpy as np
 from springs import CASES, FUTURE, measure, truth
 
-from models.curves import AKIMA, CUBIC, LINEAR
-from models.neural.method import Budget, Method
-from models.springs.latent import infer
-from pipeline.thesis.boxes import SPEEDS, boxes
-from pipeline.thesis.methods import CONSTRAINT_NET, TAUGHT, methods_for
-from pipeline.thesis.pendulum import STARTS, double_pendulum, real_pendulum
-from pipeline.thesis.physics import ArmsFit, BoxesFit
-from pipeline.thesis.series import Case, Series, mean_square
+from models.estimation.springs.latent_inference import infer
+from models.neural.common.method_interface import Budget, Method
+from models.neural.common.spline_methods import AKIMA, CUBIC, LINEAR
+from pipeline.experiments.thesis.compared_methods import CONSTRAINT_NET, TAUGHT, methods_for
+from pipeline.experiments.thesis.physics_methods import ArmsFit, BoxesFit
+from pipeline.experiments.thesis.scenes.boxes_scene import SPEEDS, boxes
+from pipeline.experiments.thesis.scenes.double_pendulum_scene import STARTS, double_pendulum, real_pendulum
+from pipeline.experiments.thesis.scenes.withheld_series import Case, Series, mean_square
 
 RATES = (60.0, 30.0, 15.0)
 SECONDS, FIT_SECONDS = 2.5, 10.0
@@ -86,8 +86,8 @@ def summed(rows: list[Scores]) -> str:
 
 def net(asked: Asked) -> None:
     """The claim of the thesis, figure 6; its network's variants with the first seed alone."""
-    from models.neural.catalogue import THESIS
-    from models.neural.simulator import RUNGE_KUTTA
+    from models.neural.method_catalogue import THESIS
+    from models.neural.networks.neural_runge_kutta import RUNGE_KUTTA
 
     for method in (RUNGE_KUTTA, *(method for method in THESIS if method is not RUNGE_KUTTA)):
         seeds = asked.seeds if method is RUNGE_KUTTA else asked.seeds[:1]

@@ -24,10 +24,10 @@ import numpy as np
 from pairs import LENGTH, WIDTH, Meeting, R, Truth, film, happened
 from scipy.stats import norm
 
-from models.calls.touch import Encounter, watch
-from models.calls.weighing import geometry_alone, weigh
-from models.fitting.segmentation import Samples
-from models.tracks import Tracks
+from models.core.tracks import Tracks
+from models.estimation.contact_test.contact_moment import Encounter, watch
+from models.estimation.contact_test.contact_probability import geometry_alone, weigh
+from models.estimation.segmentation.track_segmentation import Samples
 
 GAPS_MM = (-1.0, -0.3, -0.1, -0.03, 0.1, 0.3, 1.0)
 """Least distance of the surfaces on free paths, negative for overlaps."""

@@ -12,7 +12,7 @@ import av
 import numpy as np
 from PIL import Image
 
-from video.clip import Clip, open_clip, read_frames
+from video.io.clip import Clip, open_clip, read_frames
 
 EVEN_SHARE = 0.15
 """Share of a step by which a withheld picture may be shown off its place: further, its moment is not known."""

@@ -8,18 +8,18 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from detectors.ball_size import with_seen_size
-from detectors.choice import chosen
-from detectors.cloth import learn_cloth
-from detectors.hough import BallFinder, ball_finder
-from detectors.onnx import NetworkFinder, network_finder
-from detectors.onnx_model import SHIPPED, open_model
+from detectors.apparent_ball_size import with_seen_size
+from detectors.hough.hough_detector import BallFinder, ball_finder
+from detectors.measurement.cloth_background import learn_cloth
+from detectors.measurement.working_view import view_of
+from detectors.network.network_detector import NetworkFinder, network_finder
+from detectors.network.network_file import SHIPPED, open_model
 from detectors.options import DetectOptions
-from detectors.view import view_of
-from models.detections import Detections
-from models.progress import Progress, silent
-from models.scene import Scene
-from video.clip import Clip, read_frames
+from detectors.select_detector import chosen
+from models.core.detections import Detections
+from models.core.progress import Progress, silent
+from models.core.scene import Scene
+from video.io.clip import Clip, read_frames
 
 Bytes = NDArray[np.uint8]
 

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import norm
 
-from diagnosis.exchanged import names_given_back
-from diagnosis.hypotheses import Watch, unwatched
-from diagnosis.noise import with_noise
-from diagnosis.pieces import LEAST
-from diagnosis.reporting import reported, undecidable
-from diagnosis.split import Split, split_shots
-from diagnosis.study import studied
-from diagnosis.verdict import Report
-from models.gap_scene import GapScene, Recording
-from models.shooting.crew import ALONE, Crew
+from diagnosis.fitting.diagnosis_windows import LEAST
+from diagnosis.fitting.noise_estimation import with_noise
+from diagnosis.fitting.shot_split import Split, split_shots
+from diagnosis.fitting.swapped_names import names_given_back
+from diagnosis.selection.hypotheses import Watch, unwatched
+from diagnosis.selection.study import studied
+from diagnosis.verdicts.diagnosis_report import reported, undecidable
+from diagnosis.verdicts.verdict import Report
+from models.estimation.gap_scenes.gap_scene import GapScene, Recording
+from models.numerics.executor import ALONE, Crew
 
 _BY_CHANCE = 1e-4
 """chance that a body which lies still seems to move."""

@@ -20,20 +20,20 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import pyarrow as pa
 from pyarrow import csv
 
-from models.errors import OptionError
-from models.events import Events
-from models.fit import Fit, Trust
-from models.progress import Progress, silent
-from models.scene import Scene
-from models.tracks import Tracks
-from models.trajectory import Trajectory
-from pipeline.cache import Cache, default_root
+from models.core.errors import OptionError
+from models.core.events import Events
+from models.core.fit_result import Fit, Trust
+from models.core.progress import Progress, silent
+from models.core.scene import Scene
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
 from pipeline.chain import default_folder, run_clip
+from pipeline.engine.result_cache import Cache, default_root
+from pipeline.io.run_folder import TEXT
 from pipeline.options import collect, run_settings
-from pipeline.run_folder import TEXT
-from pipeline.verdict import run_trust
-from pipeline.viewer import Viewer, has_display, recordings_of, start_viewer
-from video.clip import Clip
+from pipeline.reporting.recording.rerun_viewer import Viewer, has_display, recordings_of, start_viewer
+from pipeline.reporting.text.run_trust import run_trust
+from video.io.clip import Clip
 
 if TYPE_CHECKING:
     import pandas as pd

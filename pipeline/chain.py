@@ -13,31 +13,31 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from models.errors import ClipError, OptionError
-from models.events import Events
-from models.fit import Fit, Trust
-from models.scene import Scene
-from models.tracks import Tracks
-from pipeline.cache import Cache, Entry
-from pipeline.fingerprint import Look
-from pipeline.graph import Graph, Watcher, stage_value
+from models.core.errors import ClipError, OptionError
+from models.core.events import Events
+from models.core.fit_result import Fit, Trust
+from models.core.scene import Scene
+from models.core.tracks import Tracks
+from pipeline.engine.atomic_write import aside
+from pipeline.engine.result_cache import Cache, Entry
+from pipeline.engine.source_fingerprint import Look
+from pipeline.engine.stage import Stage
+from pipeline.engine.stage_graph import Graph, Watcher, stage_value
 from pipeline.options import RunOptions, told_apart
-from pipeline.publish import aside
-from pipeline.sentences import told
-from pipeline.stage import Stage
-from pipeline.stages.calibrate import calibrate_stage
-from pipeline.stages.detect import detect_stage
-from pipeline.stages.export import export_stage
-from pipeline.stages.fit import fit_stage
-from pipeline.stages.forecast import forecast_stage
-from pipeline.stages.read import read_stage
-from pipeline.stages.record import RecordOptions, record_stage
-from pipeline.stages.render import render_stage
-from pipeline.stages.report import ReportOptions, report_stage
-from pipeline.stages.shots import Shot, shot_stage
-from pipeline.stages.track import track_stage
-from pipeline.verdict import run_trust
-from video.clip import Clip, check_file, clip_digest
+from pipeline.reporting.text.run_trust import run_trust
+from pipeline.reporting.text.sentences import told
+from pipeline.stages.calibrate_stage import calibrate_stage
+from pipeline.stages.detect_stage import detect_stage
+from pipeline.stages.export_stage import export_stage
+from pipeline.stages.fit_stage import fit_stage
+from pipeline.stages.forecast_stage import forecast_stage
+from pipeline.stages.read_stage import read_stage
+from pipeline.stages.record_stage import RecordOptions, record_stage
+from pipeline.stages.render_stage import render_stage
+from pipeline.stages.report_stage import ReportOptions, report_stage
+from pipeline.stages.shot_stage import Shot, shot_stage
+from pipeline.stages.track_stage import track_stage
+from video.io.clip import Clip, check_file, clip_digest
 
 FILES: Mapping[str, tuple[str, ...]] = {
     "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),

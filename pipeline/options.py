@@ -15,10 +15,10 @@ from typing import Any, get_type_hints
 import typer
 
 from detectors.options import DetectOptions
-from models.errors import OptionError
-from models.options import FitOptions, ForecastOptions, TrackOptions
-from pipeline.stages.read import ReadOptions
-from video.options import CalibrateOptions, RenderOptions
+from models.core.errors import OptionError
+from models.core.options import FitOptions, ForecastOptions, TrackOptions
+from pipeline.stages.read_stage import ReadOptions
+from video.io.options import CalibrateOptions, RenderOptions
 
 SMALLEST = math.ulp(0.0)
 """The least number above 0."""
@@ -137,7 +137,7 @@ def _read(name: str, value: Any) -> Any:
     """The content of a file where a setting names one and its content is what counts."""
     if name != "profile" or not value or value.startswith("{"):
         return value
-    from pipeline.profile import profile_text  # pydantic is slow to import
+    from pipeline.io.table_profile import profile_text  # pydantic is slow to import
 
     return profile_text(Path(value))
 

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from rich.progress import Progress, TaskID
 from shots import FOREIGN_EFFECTS, FOREIGN_LAWS, OUR_EFFECTS, OUR_LAWS, SAMPLES, Sample
 
-from video.renderer import Motion, Poses, View, make_view, render_picture, seen_centres
-from video.renderer_props import CUE_LENGTH, Rod, cue_rods, hand_rods
+from video.rendering.player_props import CUE_LENGTH, Rod, cue_rods, hand_rods
+from video.rendering.scene_renderer import Motion, Poses, View, make_view, render_picture, seen_centres
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -7,9 +7,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from models.scene import Camera, Table
-from video.renderer_camera import look_at
-from video.renderer_look import BallLook, Lamp, Look, carom_ball, pool_ball, snooker_ball
+from models.core.scene import Camera, Table
+from video.rendering.pinhole_camera import look_at
+from video.rendering.scene_appearance import BallLook, Lamp, Look, carom_ball, pool_ball, snooker_ball
 
 OUR_EFFECTS = {
     "sliding_friction": {"mu": 0.2},

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from models.effects.catalogue import BILLIARDS
-from models.flight.gap import flight_scene
-from models.pendulum.gap import pendulum_scene
-from models.slide.gap import slide_scene
-from pipeline.commands import ORDER
+from models.estimation.gap_scenes.flight_scene import flight_scene
+from models.estimation.gap_scenes.pendulum_scene import pendulum_scene
+from models.estimation.gap_scenes.sliding_scene import slide_scene
+from models.physics.effects.catalogue import BILLIARDS
+from pipeline.cli.commands import ORDER
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])

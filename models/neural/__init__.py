@@ -1,1 +1,1 @@
-"""Networks that learn a motion from its coordinates: the simulator of Chen 2022, better ones, and its rivals."""
+"""Networks that learn a motion from its coordinates: the simulator of Chen 2022, its extensions and its rivals."""

@@ -10,17 +10,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipeline.cache import Cache
 from pipeline.chain import Run, digest_of, note_source, refuse_closed, run_clip, unchanging
-from pipeline.fingerprint import Look
-from pipeline.graph import Graph, Watcher, stage_value
+from pipeline.engine.atomic_write import aside
+from pipeline.engine.result_cache import Cache
+from pipeline.engine.source_fingerprint import Look
+from pipeline.engine.stage_graph import Graph, Watcher, stage_value
 from pipeline.options import RunOptions
-from pipeline.publish import aside
-from pipeline.sentences import one_sentence
-from pipeline.stages.read import read_stage
-from pipeline.stages.shots import Shot, shots_stage
-from video.clip import Clip
-from video.shots import LONG_S, Shots
+from pipeline.reporting.text.sentences import one_sentence
+from pipeline.stages.read_stage import read_stage
+from pipeline.stages.shot_stage import Shot, shots_stage
+from video.calibration.shot_cuts import LONG_S, Shots
+from video.io.clip import Clip
 
 TABLES = {"tracks.csv": ("frame", "t"), "events.csv": ("frame", "t"), "trajectory.csv": ("t",)}
 """What is put together, and what of it counts from the beginning of a shot."""

@@ -21,11 +21,11 @@ from typing import IO, Any, Self
 
 import psutil
 
-from models.errors import TruerollError
-from pipeline.batch import runner
-from pipeline.batch.job import TRIES, Job, Limits, Row, failed, seconds_told
-from pipeline.cache import Cache
-from pipeline.publish import clear_left
+from models.core.errors import TruerollError
+from pipeline.batch import clip_runner
+from pipeline.batch.clip_job import TRIES, Job, Limits, Row, failed, seconds_told
+from pipeline.engine.atomic_write import clear_left
+from pipeline.engine.result_cache import Cache
 
 LOOK_S = 0.1
 """s between two looks at the memory of a process: at 2 GB/s it grows by 200 MB meanwhile."""
@@ -185,7 +185,7 @@ class Supervised:
         if self._child is None:
             errors = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
             process = subprocess.Popen(
-                runner.command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, bufsize=0
+                clip_runner.command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, bufsize=0
             )
             self._child = _Child(process, errors)
 

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.detections import Detections
-from models.scene import Camera, Scene, Table
+from models.core.detections import Detections
+from models.core.scene import Camera, Scene, Table
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

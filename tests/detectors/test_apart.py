@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from drawn import PX_PER_M, RADIUS, drawn_scene
 
-from detectors.apart import stood_apart
-from detectors.found import Found
+from detectors.measurement.frame_detections import Found
+from detectors.measurement.overlap_resolution import stood_apart
 
 SIZE_PX = RADIUS * PX_PER_M
 MIDDLE = np.array([300.0, 170.0])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from detectors.choice import chosen, elevation, why_chosen, with_choice_noted
 from detectors.options import DetectOptions
-from models.scene import Camera, Scene, Table
+from detectors.select_detector import chosen, elevation, why_chosen, with_choice_noted
+from models.core.scene import Camera, Scene, Table
 
 
 def scene_from(degrees: float) -> Scene:

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from drawn import Ball, draw, drawn_scene
 
-from detectors.centres import LOOKS, Centres
-from detectors.closer import CLOSE_RADIUS_PX, Shown, looked_closer
-from detectors.cloth import learn_cloth
-from detectors.view import View, view_of
+from detectors.measurement.cloth_background import learn_cloth
+from detectors.measurement.working_view import View, view_of
+from detectors.network.peak_decoding import LOOKS, Centres
+from detectors.network.second_pass import CLOSE_RADIUS_PX, Shown, looked_closer
 
 DOT = (255, 0, 255)
 BALLS = ((300.0, 170.0), (309.0, 176.0), (450.0, 120.0))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from detectors.colour import ball_coats
+from detectors.measurement.ball_colour import ball_coats
 
 Floats = NDArray[np.float64]
 RADIUS = 14

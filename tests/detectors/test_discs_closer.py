@@ -13,21 +13,21 @@ import pytest
 import torch
 from drawn import CLOTH, PX_PER_M, RADIUS, Ball, draw, drawn_scene
 
-from detectors.centres import Centres
-from detectors.disc_export import DiscFigures, disc_figures, export_discs
-from detectors.disc_model import MIRRORED, DiscModel, open_disc_model
-from detectors.disc_network import disc_network
-from detectors.disc_pictures import discs_in, shown_balls
-from detectors.disc_training import train_discs
-from detectors.measuring_export import Shipped
-from detectors.onnx_model import SHIPPED, model_facts
-from detectors.outlines import DOUBTED_PX, FILMED_FACTOR, Surroundings, measured_closer, outlined
-from detectors.refine import Circles, fit_circles, softened
-from detectors.training_data import Pictures, read_pictures, stacked
-from detectors.training_loop import TrainOptions
-from detectors.upright import RADIUS_PX, SIDE, Upright
-from models.errors import ModelError
-from video.training_pictures import practice_pictures
+from detectors.measurement.circle_fit import Circles, fit_circles, softened
+from detectors.network.disc_crop import RADIUS_PX, SIDE, Upright
+from detectors.network.disc_regressor import MIRRORED, DiscModel, open_disc_model
+from detectors.network.network_file import SHIPPED, model_facts
+from detectors.network.outline_fusion import DOUBTED_PX, FILMED_FACTOR, Surroundings, measured_closer, outlined
+from detectors.network.peak_decoding import Centres
+from detectors.training.data.disc_samples import discs_in, shown_balls
+from detectors.training.data.training_shards import Pictures, read_pictures, stacked
+from detectors.training.disc_export import DiscFigures, disc_figures, export_discs
+from detectors.training.disc_training import train_discs
+from detectors.training.networks.disc_network import disc_network
+from detectors.training.offset_export import Shipped
+from detectors.training.training_loop import TrainOptions
+from models.core.errors import ModelError
+from video.rendering.training_images import practice_pictures
 
 SIZE_PX = RADIUS * PX_PER_M
 WHITE = (235.0, 235.0, 225.0)
@@ -158,7 +158,7 @@ def test_an_outline_is_sought_anew_only_where_the_closer_look_moves_the_ball(
         sought.append(centre)
         return fit_circles(rgb, soft, centre, *rest)
 
-    monkeypatch.setattr("detectors.outlines.fit_circles", counted)
+    monkeypatch.setattr("detectors.network.outline_fusion.fit_circles", counted)
     model = Pointing(np.array([200.0 + off * SIZE_PX, 150.0]))
     found = measured_closer(picture, soft, doubted, outlines, around, model, 0)
     assert len(sought) == times

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from drawn import CLOTH, HEIGHT, PX_PER_M, RADIUS, WIDTH, Ball, draw, drawn_scene, misses, spread_balls
 
-from detectors.ball_size import with_seen_size
+from detectors.apparent_ball_size import with_seen_size
 from detectors.detect import detect_in_picture
-from detectors.hough import ball_finder
+from detectors.hough.hough_detector import ball_finder
 from detectors.options import DetectOptions
-from models.errors import ModelError
+from models.core.errors import ModelError
 
 HOUGH = DetectOptions(detector="hough")
 COLOURS = ((230, 230, 220), (200, 30, 40), (240, 190, 30), (20, 20, 25), (120, 40, 130), (30, 110, 60), (20, 60, 120))

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from drawn import PX_PER_M, RADIUS, Ball, draw, drawn_scene, spread_balls
 
-from detectors.centres import LOOKS, Centres
-from detectors.cloth import learn_cloth
-from detectors.disc_model import open_disc_model
-from detectors.judge import CLEAR_SCORE, FAINT_SCORE, LEAST_SCORE, Judge
-from detectors.streak_model import open_streak_model
-from detectors.view import view_of
+from detectors.measurement.cloth_background import learn_cloth
+from detectors.measurement.working_view import view_of
+from detectors.network.disc_regressor import open_disc_model
+from detectors.network.peak_decoding import LOOKS, Centres
+from detectors.network.postprocessing import CLEAR_SCORE, FAINT_SCORE, LEAST_SCORE, Judge
+from detectors.network.streak_regressor import open_streak_model
 
 SIZE_PX = RADIUS * PX_PER_M
 WHITE, BLUE, PALE = (235.0, 235.0, 225.0), (30.0, 60.0, 200.0), (52.0, 135.0, 185.0)

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 from drawn import Ball, draw, drawn_scene
 
-from detectors.hough import ball_finder
-from detectors.memory import Memory, touched_places, windows
-from models.detections import Detections
+from detectors.hough.hough_detector import ball_finder
+from detectors.measurement.frame_change import Memory, touched_places, windows
+from models.core.detections import Detections
 
 REST = [Ball(150.2, 150.7), Ball(300.6, 90.3, (200, 30, 40)), Ball(480.1, 200.4, (240, 190, 30))]
 

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from drawn import HEIGHT, RADIUS, WIDTH, Ball, draw, drawn_scene, misses, spread_balls
 
-from detectors.anywhere import balls_anywhere
 from detectors.detect import detect_in_picture
-from detectors.onnx import NetworkFinder, network_finder
-from detectors.onnx_model import SHIPPED, BallModel, model_facts, open_model
+from detectors.network.network_detector import NetworkFinder, network_finder
+from detectors.network.network_file import SHIPPED, BallModel, model_facts, open_model
+from detectors.network.table_free_detection import balls_anywhere
 from detectors.options import DetectOptions
-from models.scene import Camera
+from models.core.scene import Camera
 
 COLOURS = ((230, 230, 220), (200, 30, 40), (240, 190, 30), (25, 25, 30), (120, 40, 130), (30, 110, 60), (170, 80, 30))
 ONNX = DetectOptions(detector="onnx")
@@ -40,7 +40,7 @@ def finder_for(model: BallModel, *pictures: np.ndarray) -> NetworkFinder:
 def test_the_library_that_runs_networks_is_told_to_report_to_nobody(tmp_path: Path) -> None:
     """Where it may report, it names its session in a file among the temporary ones as soon as it is imported."""
     facts = {name: word for name, word in os.environ.items() if name != "ORT_DISABLE_TELEMETRY"}
-    code = "from detectors.onnx_model import SHIPPED, open_model; open_model(SHIPPED)"
+    code = "from detectors.network.network_file import SHIPPED, open_model; open_model(SHIPPED)"
     home = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
     subprocess.run([sys.executable, "-c", code], env=facts | home, check=True)
     assert not list(tmp_path.iterdir())

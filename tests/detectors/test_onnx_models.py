@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from drawn import Ball, draw, drawn_scene
 
-from detectors.centres import Centres, not_echoes
-from detectors.onnx import network_finder
-from detectors.onnx_model import open_model, tiles
-from detectors.yolo import classes_of, layout_of, letterboxed
-from models.errors import ModelError
+from detectors.network.network_detector import network_finder
+from detectors.network.network_file import open_model, tiles
+from detectors.network.peak_decoding import Centres, not_echoes
+from detectors.network.yolo_decoding import classes_of, layout_of, letterboxed
+from models.core.errors import ModelError
 
 onnx = pytest.importorskip("onnx", reason="needs the extra train")
 SIDE = 64

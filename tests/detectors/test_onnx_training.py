@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 import torch
 
-from detectors.centres import STREAK_UNIT_PX, read_maps
-from detectors.export import Calibration, ShippedNetwork, export, pictures_tried
-from detectors.network import BallNetwork
-from detectors.onnx_model import CentreModel, model_facts, open_model
-from detectors.onnx_writer import disagreement
-from detectors.training import as_input, train
-from detectors.training_check import Matches, as_facts, calibration_of, figures_of, logistic_fit
-from detectors.training_data import PICTURES_PER_FILE, read_pictures, stacked, training_file
-from detectors.training_loop import TrainOptions
-from detectors.training_loss import doubled, loss_of, targets_of
-from detectors.training_variety import placed, turned, vary
-from detectors.warm_start import start_from
-from video.training_hall import HELD_OUT_ELEVATION, random_hall
-from video.training_pictures import SIZE_PX, TrainingPicture, practice_pictures
+from detectors.network.network_file import CentreModel, model_facts, open_model
+from detectors.network.peak_decoding import STREAK_UNIT_PX, read_maps
+from detectors.training.ball_export import Calibration, ShippedNetwork, export, pictures_tried
+from detectors.training.ball_training import as_input, train
+from detectors.training.data.augmentation import placed, turned, vary
+from detectors.training.data.training_shards import PICTURES_PER_FILE, read_pictures, stacked, training_file
+from detectors.training.evaluation import Matches, as_facts, calibration_of, figures_of, logistic_fit
+from detectors.training.networks.ball_network import BallNetwork
+from detectors.training.networks.training_loss import doubled, loss_of, targets_of
+from detectors.training.networks.warm_start import start_from
+from detectors.training.onnx_export import disagreement
+from detectors.training.training_loop import TrainOptions
+from video.rendering.random_hall import HELD_OUT_ELEVATION, random_hall
+from video.rendering.training_images import SIZE_PX, TrainingPicture, practice_pictures
 
 FEW = 6
 
@@ -51,8 +51,8 @@ def test_truth_is_within_what_the_network_is_made_for(pictures: list[TrainingPic
 
 def test_a_ball_is_drawn_where_the_truth_says() -> None:
     """A picture with one ball less differs from the other in a disc about that ball's centre, half lit or not."""
-    from video.renderer import expose, make_view
-    from video.training_layout import random_layout
+    from video.rendering.ball_arrangement import random_layout
+    from video.rendering.scene_renderer import expose, make_view
 
     rng = np.random.default_rng(11)
     hall = random_hall(rng, SIZE_PX)

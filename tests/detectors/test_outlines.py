@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from drawn import drawn_scene
 
-from detectors.centres import Centres
-from detectors.outlines import Surroundings, outlined
-from detectors.refine import softened
-from models.scene import Camera, Scene
-from video.renderer_camera import look_at
+from detectors.measurement.circle_fit import softened
+from detectors.network.outline_fusion import Surroundings, outlined
+from detectors.network.peak_decoding import Centres
+from models.core.scene import Camera, Scene
+from video.rendering.pinhole_camera import look_at
 
 CLOTH = (40, 120, 170)
 NEAR, FAR = (230, 225, 215), (190, 40, 50)

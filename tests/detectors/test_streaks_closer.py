@@ -11,19 +11,19 @@ import pytest
 import torch
 from drawn import PX_PER_M, RADIUS, Ball, draw
 
-from detectors.measuring import measuring_loss
-from detectors.measuring_export import Shipped, sigma_factor
-from detectors.onnx_model import SHIPPED, model_facts
-from detectors.straightened import COLUMNS, MARGIN_RADII, RADIUS_PX, ROWS, Straight
-from detectors.streak_export import StreakFigures, export_streaks, streak_figures
-from detectors.streak_model import MIRRORED, open_streak_model
-from detectors.streak_network import TOLD, streak_network
-from detectors.streak_pictures import StreakPictures, read_streaks, streak_file
-from detectors.streak_training import train_streaks
-from detectors.training_data import stacked
-from detectors.training_loop import TrainOptions
-from models.errors import ModelError
-from video.training_pictures import practice_pictures
+from detectors.network.network_file import SHIPPED, model_facts
+from detectors.network.streak_crop import COLUMNS, MARGIN_RADII, RADIUS_PX, ROWS, Straight
+from detectors.network.streak_regressor import MIRRORED, open_streak_model
+from detectors.training.data.streak_samples import StreakPictures, read_streaks, streak_file
+from detectors.training.data.training_shards import stacked
+from detectors.training.networks.offset_network import measuring_loss
+from detectors.training.networks.streak_network import TOLD, streak_network
+from detectors.training.offset_export import Shipped, sigma_factor
+from detectors.training.streak_export import StreakFigures, export_streaks, streak_figures
+from detectors.training.streak_training import train_streaks
+from detectors.training.training_loop import TrainOptions
+from models.core.errors import ModelError
+from video.rendering.training_images import practice_pictures
 
 SIZE_PX = RADIUS * PX_PER_M
 WHITE = (235.0, 235.0, 225.0)

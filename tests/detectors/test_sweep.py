@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from drawn import PX_PER_M, RADIUS, Ball, draw, drawn_scene
 
-from detectors.centres import Centres
-from detectors.onnx import NetworkFinder, network_finder
-from detectors.onnx_model import SHIPPED, open_model
-from detectors.sweep import Sweep, fitted_sweep, share_covered
-from detectors.view import view_of
+from detectors.measurement.motion_blur import Sweep, fitted_sweep, share_covered
+from detectors.measurement.working_view import view_of
+from detectors.network.network_detector import NetworkFinder, network_finder
+from detectors.network.network_file import SHIPPED, open_model
+from detectors.network.peak_decoding import Centres
 
 RADIUS_PX = RADIUS * PX_PER_M
 COLOURS = ((230, 230, 220), (200, 30, 40), (240, 190, 30), (120, 40, 130))

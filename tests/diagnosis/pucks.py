@@ -13,9 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from models.effects.effect import EffectKind, Prior
-from models.gap_scene import Alternatives, Covariates, Mask, Recording
-from models.shooting.windows import Flow, Window
+from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Mask, Recording
+from models.estimation.multiple_shooting.shooting_windows import Flow, Window
+from models.physics.effect import EffectKind, Prior
 
 Floats = NDArray[np.float64]
 Force = Callable[[Floats, Floats], Floats]

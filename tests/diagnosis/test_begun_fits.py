@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from pucks import Filming, Pucks, film
 
-from diagnosis.fitting import Fitted, Question, fit, look, nearest, question_of
-from diagnosis.hypotheses import Hypothesis, Search
-from diagnosis.noise import estimate_noise, with_noise
-from diagnosis.pieces import stretches
-from diagnosis.unknown import explained
-from diagnosis.which import chance, lacking, needed
-from models.gap_scene import Recording
-from models.shooting.windows import glance
+from diagnosis.fitting.diagnosis_windows import stretches
+from diagnosis.fitting.hypothesis_fits import Fitted, Question, fit, look, nearest, question_of
+from diagnosis.fitting.noise_estimation import estimate_noise, with_noise
+from diagnosis.selection.effect_selection import chance, lacking, needed
+from diagnosis.selection.hypotheses import Hypothesis, Search
+from diagnosis.selection.unknown_effects import explained
+from models.estimation.gap_scenes.gap_scene import Recording
+from models.estimation.multiple_shooting.shooting_windows import glance
 
 PLAIN = {"friction.mu": 0.02}
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from pucks import Filming, Pucks, film
 
-from diagnosis.candidates import strengths
-from diagnosis.fitting import fit, question_of
+from diagnosis.fitting.hypothesis_fits import fit, question_of
+from diagnosis.verdicts.candidate_probabilities import strengths
 
 
 def test_a_strength_that_no_shot_told_is_marked_and_others_are_not() -> None:

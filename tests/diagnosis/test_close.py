@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from diagnosis.close import surprise_of
+from diagnosis.fitting.gap_closure import surprise_of
 
 TOLD = np.diag([1.0, 4.0, 1e-6])
 BETTER = np.diag([0.1, 0.8, 0.99e-6])

@@ -9,8 +9,8 @@ import pytest
 from pucks import CATALOGUE, LENS, SCALE, Filming, Pucks, film
 
 from diagnosis.diagnose import diagnose
-from diagnosis.verdict import Report
-from models.gap_scene import Recording
+from diagnosis.verdicts.verdict import Report
+from models.estimation.gap_scenes.gap_scene import Recording
 
 FRICTION = {"friction.mu": 0.02}
 SHORT = Filming(shots=8, fps=30)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from diagnosis.diagnose import diagnose
-from diagnosis.exchanged import names_given_back
-from models.gap_scene import Recording
-from models.slide.gap import slide_scene
+from diagnosis.fitting.swapped_names import names_given_back
+from models.estimation.gap_scenes.gap_scene import Recording
+from models.estimation.gap_scenes.sliding_scene import slide_scene
 
 NOISE = 1e-3
 """m"""

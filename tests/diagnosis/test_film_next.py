@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from pucks import Filming, Pucks, film
 
-from diagnosis.film_next import film_to_see, film_what_is_left
-from diagnosis.fitting import Fitted, Question, Seen, fit, look, question_of
-from diagnosis.residuals import Residuals, residuals
-from diagnosis.signatures import signatures
-from diagnosis.where import places
-from models.gap_scene import Recording
+from diagnosis.fitting.fit_residuals import Residuals, residuals
+from diagnosis.fitting.hypothesis_fits import Fitted, Question, Seen, fit, look, question_of
+from diagnosis.selection.signatures import signatures
+from diagnosis.verdicts.experiment_design import film_to_see, film_what_is_left
+from diagnosis.verdicts.localisation import places
+from models.estimation.gap_scenes.gap_scene import Recording
 
 FRICTION = {"friction.mu": 0.02}
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from pucks import Filming, Pucks, film
 
-from diagnosis import growing
-from diagnosis.fitting import Fitted, Question, fit, follow, question_of
-from diagnosis.growing import begun_like, not_followed, sought_anew
-from diagnosis.noise import estimate_noise, with_noise
-from diagnosis.pieces import fit_adaptively, stretches
-from models.gap_scene import Recording
+from diagnosis.fitting import window_growth
+from diagnosis.fitting.diagnosis_windows import fit_adaptively, stretches
+from diagnosis.fitting.hypothesis_fits import Fitted, Question, fit, follow, question_of
+from diagnosis.fitting.noise_estimation import estimate_noise, with_noise
+from diagnosis.fitting.window_growth import begun_like, not_followed, sought_anew
+from models.estimation.gap_scenes.gap_scene import Recording
 
 QUESTION = question_of(Pucks(), 0.0)
 
@@ -69,7 +69,7 @@ def test_an_odd_shot_is_sought_under_the_numbers_that_the_others_tell(monkeypatc
         numbers.append(like.shared)
         return follow(question, pieces, like, anew=anew)
 
-    monkeypatch.setattr(growing, "follow", followed)
+    monkeypatch.setattr(window_growth, "follow", followed)
     assert sought_anew(QUESTION, bent).cost <= bent.cost
     assert not np.allclose(bent.shared, others.shared, atol=1e-4)
     np.testing.assert_allclose(numbers[0], others.shared, atol=1e-6)

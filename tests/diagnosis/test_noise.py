@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pucks import Filming, film
 
-from diagnosis.noise import estimate_noise, with_noise
+from diagnosis.fitting.noise_estimation import estimate_noise, with_noise
 
 GLIDING = {"friction.mu": 0.02, "air_drag.k": 0.1}
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.other_shots import folds
-from models.gap_scene import Recording
+from diagnosis.selection.cross_shot_evidence import folds
+from models.estimation.gap_scenes.gap_scene import Recording
 
 ONE = Recording(0, np.arange(9), np.arange(9) / 60, ("a",), np.zeros((9, 1, 2)), np.full((9, 1), 1e-3))
 SHOTS = tuple(replace(ONE, shot=number) for number in (4, 1, 7))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnose import diagnose
-from models.flight.gap import flight_scene
-from models.gap_scene import Recording, neutral_values
+from models.estimation.gap_scenes.flight_scene import flight_scene
+from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
 
 NOISE = 0.003
 """m"""

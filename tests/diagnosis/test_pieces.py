@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from pucks import Pucks
 
-from diagnosis.fitting import question_of
-from diagnosis.pieces import fit_adaptively
-from models.gap_scene import Recording
+from diagnosis.fitting.diagnosis_windows import fit_adaptively
+from diagnosis.fitting.hypothesis_fits import question_of
+from models.estimation.gap_scenes.gap_scene import Recording
 
 
 def test_a_body_that_was_seen_at_the_beginning_alone_is_no_stumbling_block() -> None:

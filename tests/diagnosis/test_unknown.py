@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.candidates import leading
 from diagnosis.diagnose import diagnose
-from diagnosis.unknown import SUSPICIOUS, Doubt, least_gain
-from models.flight.gap import flight_scene
-from models.gap_scene import Recording, neutral_values
+from diagnosis.selection.unknown_effects import SUSPICIOUS, Doubt, least_gain
+from diagnosis.verdicts.candidate_probabilities import leading
+from models.estimation.gap_scenes.flight_scene import flight_scene
+from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
 
 NOISE = 0.003
 """m"""

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.blocks import Block, Finding, Structure
-from diagnosis.residuals import DRAWS, Residuals
-from diagnosis.where import places, shape
-from models.gap_scene import Recording
+from diagnosis.fitting.fit_residuals import DRAWS, Residuals
+from diagnosis.fitting.residual_blocks import Block, Finding, Structure
+from diagnosis.verdicts.localisation import places, shape
+from models.estimation.gap_scenes.gap_scene import Recording
 
 ROWS = 480
 PHASES = ("free_roll", "cushion_contact", "ball_contact")

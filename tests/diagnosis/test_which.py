@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 from pucks import Filming, Pucks, film
 
-from diagnosis.fitting import Fitted, fit, question_of
-from diagnosis.hypotheses import Hypothesis, Search
-from diagnosis.noise import estimate_noise, with_noise
-from diagnosis.pieces import stretches
-from diagnosis.trying import tried
-from diagnosis.which import TRIED, adopted, needed, search, stand_ins
-from models.billiards.gap import billiards_scene
-from models.billiards.tables import PRESETS
-from models.gap_scene import Recording
-from models.shooting.shoot import Shooting
+from diagnosis.fitting.diagnosis_windows import stretches
+from diagnosis.fitting.hypothesis_fits import Fitted, fit, question_of
+from diagnosis.fitting.noise_estimation import estimate_noise, with_noise
+from diagnosis.selection.effect_selection import TRIED, adopted, needed, search, stand_ins
+from diagnosis.selection.hypotheses import Hypothesis, Search
+from diagnosis.selection.hypothesis_trials import tried
+from models.estimation.gap_scenes.billiards_scene import billiards_scene
+from models.estimation.gap_scenes.gap_scene import Recording
+from models.estimation.multiple_shooting.shooting_fit import Shooting
+from models.physics.billiards.tables import PRESETS
 
 TRUTH = {"friction.mu": 0.02, "slope.slope_x": 2.0, "slope.slope_y": -1.0, "air_drag.k": 0.1}
 

@@ -8,9 +8,9 @@ import fixed_step_table
 import numpy as np
 from numpy.typing import NDArray
 
-from models.detections import Detections
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
+from models.core.detections import Detections
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
 
 Floats = NDArray[np.float64]
 

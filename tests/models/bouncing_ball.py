@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.effects.effect import Prior
-from models.shooting.windows import Flow, Window
+from models.estimation.multiple_shooting.shooting_windows import Flow, Window
+from models.physics.effect import Prior
 
 Floats = NDArray[np.float64]
 

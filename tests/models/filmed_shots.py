@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import fixed_step_table as truth
 import numpy as np
 
-from models.fit import Fit
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
+from models.core.fit_result import Fit
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
 
 RADIUS, LENGTH, WIDTH = 0.028575, 2.54, 1.27
 PX_PER_M = 400.0

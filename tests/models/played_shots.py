@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.billiards.playing import ABSENT, NUMBERS, Laws, played
-from models.billiards.shots import Shots
-from models.billiards.stretches import Stretch
-from models.billiards.view import View
-from models.effects.effect import Prior
-from models.scene import Table
+from models.core.scene import Table
+from models.estimation.whole_shot.shot_segments import Stretch
+from models.estimation.whole_shot.shot_windows import Shots
+from models.physics.billiards.calibration_errors import View
+from models.physics.billiards.simulation.parametrised_shot import ABSENT, NUMBERS, Laws, played
+from models.physics.effect import Prior
 
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
 VIEW = View(np.array([1.27, 0.635]), 1.27)

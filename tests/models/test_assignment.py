@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from models.assignment import assigned
+from models.numerics.assignment import assigned
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 3), (5, 9), (9, 5), (16, 32), (0, 3), (3, 0)])

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from association_shots import POOL, R, Seen, break_shot, observe, overhead, owners, play, scattered, switches
 
-from models.association.associate import associate
-from models.association.sightings import sight
-from models.association.stitching import make_tracklet, stitch
-from models.detections import Detections
-from models.errors import TrackError
-from models.options import TrackOptions
-from models.scene import Scene, Table
-from models.tracks import Tracks
+from models.core.detections import Detections
+from models.core.errors import TrackError
+from models.core.options import TrackOptions
+from models.core.scene import Scene, Table
+from models.core.tracks import Tracks
+from models.tracking.build_tracks import associate
+from models.tracking.table_detections import sight
+from models.tracking.tracklet_linking import make_tracklet, stitch
 
 CLOTH = overhead().cloth_lab
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from models.billiards import parameters
-from models.billiards.impacts import alciatore, mass_spring
+from models.physics.billiards import parameters
+from models.physics.billiards.ball_ball import alciatore, mass_spring
 
 Floats = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from models.billiards.forces import accelerate
-from models.billiards.parameters import Physics
-from models.billiards.pieces import END, SLIDE
-from models.billiards.simulate import Balls, Run, simulate
-from models.billiards.tables import PRESETS
+from models.physics.billiards.cloth.forces import accelerate
+from models.physics.billiards.cloth.motion_pieces import END, SLIDE
+from models.physics.billiards.parameters import Physics
+from models.physics.billiards.simulation.simulate_shot import Balls, Run, simulate
+from models.physics.billiards.tables import PRESETS
 
 Floats = NDArray[np.float64]
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from played_shots import SIGMA, TABLE, numbers, opening
 
-from diagnosis.fitting import allowed, fit, question_of
-from diagnosis.pieces import fit_adaptively, stretches
-from diagnosis.trying import effects_of
-from models.billiards.beginnings import beginning, strikes
-from models.billiards.gap import billiards_scene
-from models.billiards.playing import NUMBERS, Laws, packed, played
-from models.gap_scene import Recording, neutral_values
-from models.shooting.windows import narrowed
+from diagnosis.fitting.diagnosis_windows import fit_adaptively, stretches
+from diagnosis.fitting.hypothesis_fits import allowed, fit, question_of
+from diagnosis.selection.hypothesis_trials import effects_of
+from models.estimation.gap_scenes.billiards_scene import billiards_scene
+from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
+from models.estimation.multiple_shooting.shooting_windows import narrowed
+from models.estimation.whole_shot.initial_states import beginning, strikes
+from models.physics.billiards.simulation.parametrised_shot import NUMBERS, Laws, packed, played
 
 WAIT = 20
 """pictures before the strike"""

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.boxes.bodies import Bodies, assembled, groups
-from models.boxes.fit import fit_boxes
-from models.boxes.following import Beginning, Follower, at_rest
-from models.boxes.world import World
+from models.estimation.rigid_bodies.body_clusters import Bodies, assembled, groups
+from models.estimation.rigid_bodies.body_trajectories import Beginning, Follower, at_rest
+from models.estimation.rigid_bodies.rigid_body_fit import fit_boxes
+from models.estimation.rigid_bodies.world_parameters import World
 
 Floats = NDArray[np.float64]
 

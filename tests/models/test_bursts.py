@@ -9,13 +9,13 @@ import pytest
 from filmed_shots import RADIUS, Filmed, film, scene
 from numpy.typing import NDArray
 
-from models.bursts.burst import Burst
-from models.bursts.play import OVERLAP_SIGMA, Play
-from models.bursts.search import search
-from models.bursts.told import told
-from models.fit import Fit
-from models.fitting.fit_shot import fit_shot
-from models.options import FitOptions
+from models.core.fit_result import Fit
+from models.core.options import FitOptions
+from models.estimation.break_shot.break_data import Burst
+from models.estimation.break_shot.break_posterior import told
+from models.estimation.break_shot.break_search import search
+from models.estimation.break_shot.break_simulation import OVERLAP_SIGMA, Play
+from models.estimation.reconstruction.fit_shot import fit_shot
 
 Floats = NDArray[np.float64]
 

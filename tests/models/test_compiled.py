@@ -11,7 +11,7 @@ from textwrap import dedent
 ROOT = Path(__file__).resolve().parents[2]
 
 CALLEE = """
-from models.compiled import compiled
+from models.numerics.jit import compiled
 
 @compiled
 def inner(x):
@@ -19,7 +19,7 @@ def inner(x):
 """
 CALLER = """
 from models.billiards.callee import inner
-from models.compiled import compiled
+from models.numerics.jit import compiled
 
 @compiled
 def outer(x):

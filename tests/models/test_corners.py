@@ -8,10 +8,10 @@ import pytest
 from filmed_shots import DELAY, Filmed, film
 from told_stories import PRICES, moving, named, refined, resting
 
-from models.fitting.corners import with_corners
-from models.fitting.encounters import total_cost
-from models.fitting.solution import Data, Solution
-from models.fitting.story import Contact
+from models.estimation.joint_fit.fit_solution import Data, Solution
+from models.estimation.segmentation.contact_graph import Contact
+from models.estimation.structure_search.ball_encounters import total_cost
+from models.estimation.structure_search.corner_cushions import with_corners
 
 
 def into_a_corner(seed: int, beside: float, seconds: float = 2.5) -> tuple[Filmed, Solution, Data]:

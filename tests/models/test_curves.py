@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from models.curves import AKIMA, CUBIC, CURVES, LINEAR, QUINTIC
-from models.neural.method import Budget, Floats, Method
+from models.neural.common.method_interface import Budget, Floats, Method
+from models.neural.common.spline_methods import AKIMA, CUBIC, CURVES, LINEAR, QUINTIC
 
 
 def polynomial(t: Floats, degree: int) -> Floats:

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.billiards.cushion_chains import Bounce, CushionChains, Leg, chain_priors, glide, legs_of
-from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
-from models.events import Events
-from models.scene import CUSHIONS, Table
-from models.shooting.shoot import shoot
-from models.tracks import Tracks
+from models.core.events import Events
+from models.core.scene import CUSHIONS, Table
+from models.core.tracks import Tracks
+from models.estimation.multiple_shooting.shooting_fit import shoot
+from models.estimation.whole_shot.cushion_chains import Bounce, CushionChains, Leg, chain_priors, glide, legs_of
+from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, mirror, stronge
 
 Floats = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from models.billiards import parameters
-from models.billiards.cushions import han_2005, mathavan_2010, stronge
-from models.billiards.cushions.nose import COSINE, SINE
+from models.physics.billiards import parameters
+from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, stronge
+from models.physics.billiards.ball_cushion.cushion_contact import COSINE, SINE
 
 Floats = NDArray[np.float64]
 Rebound = Callable[..., tuple[float, ...]]

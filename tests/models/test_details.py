@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from played_shots import SIGMA, TABLE, numbers, opening
 
-from diagnosis.candidates import group_of
-from diagnosis.fitting import fit, question_of
-from diagnosis.hypotheses import Hypothesis, Search, signatures_of
-from diagnosis.pieces import fit_begun
-from diagnosis.trying import begun_from, details_of, effects_of, tried, with_details
-from diagnosis.which import lacking, proposals
-from models.billiards.gap import billiards_scene
-from models.billiards.playing import Laws, packed, played
-from models.gap_scene import Recording
+from diagnosis.fitting.diagnosis_windows import fit_begun
+from diagnosis.fitting.hypothesis_fits import fit, question_of
+from diagnosis.selection.effect_selection import lacking, proposals
+from diagnosis.selection.hypotheses import Hypothesis, Search, signatures_of
+from diagnosis.selection.hypothesis_trials import begun_from, details_of, effects_of, tried, with_details
+from diagnosis.verdicts.candidate_probabilities import group_of
+from models.estimation.gap_scenes.billiards_scene import billiards_scene
+from models.estimation.gap_scenes.gap_scene import Recording
+from models.physics.billiards.simulation.parametrised_shot import Laws, packed, played
 
 SPEED, POWER = "cushion_restitution_speed", "cushion_restitution_power"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from bouncing_ball import filmed
 
-from models.shooting.draws import drawn
-from models.shooting.shoot import shoot
+from models.estimation.multiple_shooting.posterior_samples import drawn
+from models.estimation.multiple_shooting.shooting_fit import shoot
 
 
 def test_draws_scatter_as_the_fit_says() -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from filmed_shots import Filmed, match, random_shot
 
-from models.fitting.fit_shot import fit_shot
-from models.tracks import Tracks
+from models.core.tracks import Tracks
+from models.estimation.reconstruction.fit_shot import fit_shot
 
 PER_PICTURE = ("frame", "t", "xy", "px", "sigma", "sigma_along", "streak", "radius_px")
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from models.billiards.parameters import BALL_LAWS, CUSHION_LAWS, NAMES, neutral
-from models.billiards.view import ON_PICTURE
-from models.effects.catalogue import BILLIARDS, BILLIARDS_LAWS, prior_of
-from models.effects.effect import Effect, Prior
-from pipeline.fingerprint import ROOT, source_hashes
+from models.physics.billiards.calibration_errors import ON_PICTURE
+from models.physics.billiards.parameters import BALL_LAWS, CUSHION_LAWS, NAMES, neutral
+from models.physics.effect import Effect, Prior
+from models.physics.effects.catalogue import BILLIARDS, BILLIARDS_LAWS, prior_of
+from pipeline.engine.source_fingerprint import ROOT, source_hashes
 
 
 @pytest.mark.parametrize("effect", BILLIARDS, ids=lambda effect: effect.name)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.shooting.elimination import ShotBlock, eliminate, log_determinant, solved
-from models.shooting.lack_of_fit import correlation_factor
+from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
+from models.estimation.multiple_shooting.state_elimination import ShotBlock, eliminate, log_determinant, solved
 
 Floats = NDArray[np.float64]
 

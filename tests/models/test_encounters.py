@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from filmed_shots import RADIUS, WIDTH, Filmed, film
 
-from models.billiards.motion import Friction, kinematics
-from models.fitting.cascades import cascade
-from models.fitting.fit_shot import fit_shot
-from models.fitting.story import Contact, Span, Story
+from models.estimation.joint_fit.contact_cascades import cascade
+from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.segmentation.contact_graph import Contact, Span, Story
+from models.physics.billiards.cloth.closed_form_motion import Friction, kinematics
 
 CLOTH = Friction(0.2, 0.01)
 GAP = 0.004

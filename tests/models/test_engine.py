@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.billiards import contacts, parameters
-from models.billiards.engine import FIRST, KIND, SECOND, SPEED, TIME
-from models.billiards.parameters import BALL_LAWS, CUSHION_LAWS, USES, Physics
-from models.billiards.simulate import Balls, energy, simulate
-from models.billiards.tables import PRESETS
-from models.scene import Table
+from models.core.scene import Table
+from models.physics.billiards import parameters
+from models.physics.billiards.parameters import BALL_LAWS, CUSHION_LAWS, USES, Physics
+from models.physics.billiards.simulation import contact_resolution
+from models.physics.billiards.simulation.event_engine import FIRST, KIND, SECOND, SPEED, TIME
+from models.physics.billiards.simulation.simulate_shot import Balls, energy, simulate
+from models.physics.billiards.tables import PRESETS
 
 Floats = NDArray[np.float64]
 
@@ -70,16 +71,19 @@ def rack(gap: float, seed: int = 1) -> Balls:
 
 
 def test_compiled_code_knows_the_laws_by_their_places() -> None:
-    modules = [*(getattr(contacts, n) for n in CUSHION_LAWS), *(getattr(contacts, n) for n in BALL_LAWS)]
+    modules = [
+        *(getattr(contact_resolution, n) for n in CUSHION_LAWS),
+        *(getattr(contact_resolution, n) for n in BALL_LAWS),
+    ]
     for module, name in zip(modules, (*CUSHION_LAWS, *BALL_LAWS), strict=True):
         assert tuple(USES[name]) == tuple(module.USES)
     p, ball = physics().values, (1.0, 0.5, 3.0, 4.0, 20.0)
     for code, name in enumerate(CUSHION_LAWS):
-        direct = getattr(contacts, name).rebound(*ball, 0.03, 0.2, p)
-        assert contacts.rebound(code, *ball, 0.03, 0.2, p) == direct
+        direct = getattr(contact_resolution, name).rebound(*ball, 0.03, 0.2, p)
+        assert contact_resolution.rebound(code, *ball, 0.03, 0.2, p) == direct
     pair = (*ball, -1.0, 0.2, 1.0, -5.0, 9.0, 0.03, 0.029, 0.2, 0.19)
     for code, name in enumerate(BALL_LAWS):
-        assert contacts.collide(code, *pair, p) == getattr(contacts, name).collide(*pair, p)
+        assert contact_resolution.collide(code, *pair, p) == getattr(contact_resolution, name).collide(*pair, p)
 
 
 def test_a_ball_struck_without_spin_rolls_at_five_sevenths_of_its_speed() -> None:

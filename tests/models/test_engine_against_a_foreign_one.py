@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.billiards.parameters import Physics
-from models.billiards.simulate import Balls, simulate
-from models.billiards.tables import PRESETS
+from models.physics.billiards.parameters import Physics
+from models.physics.billiards.simulation.simulate_shot import Balls, simulate
+from models.physics.billiards.tables import PRESETS
 
 Floats = NDArray[np.float64]
 

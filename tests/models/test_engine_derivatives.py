@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.billiards.parameters import BALL_LAWS, CUSHION_LAWS, NAMES, USES, Physics
-from models.billiards.simulate import Balls, Run, simulate
-from models.billiards.tables import PRESETS
-from models.scene import Table
+from models.core.scene import Table
+from models.physics.billiards.parameters import BALL_LAWS, CUSHION_LAWS, NAMES, USES, Physics
+from models.physics.billiards.simulation.simulate_shot import Balls, Run, simulate
+from models.physics.billiards.tables import PRESETS
 
 Floats = NDArray[np.float64]
 

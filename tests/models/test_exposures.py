@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.clock import Clock
-from models.fitting.exposures import clock_of
-from models.tracks import Tracks
+from models.core.capture_clock import Clock
+from models.core.tracks import Tracks
+from models.estimation.reconstruction.capture_times import clock_of
 
 Floats = NDArray[np.float64]
 SIGMA, FLOOR = 5e-4, 2e-4

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from filmed_shots import DELAY, RADIUS, film
 
-from models.fitting.fit_shot import fit_shot, fit_story
-from models.fitting.story import Contact, Span, Story
+from models.estimation.reconstruction.fit_shot import fit_shot, fit_story
+from models.estimation.segmentation.contact_graph import Contact, Span, Story
 
 START, V = np.array([[1.2, 0.6]]), np.array([[1.6, 0.5]])
 

@@ -9,9 +9,9 @@ import pytest
 from filmed_shots import PX_PER_M, RADIUS, film, match, position_rms_px, random_shot, scene
 from fixed_step_table import GRIPPING, MIRROR, SPEED_DEPENDENT
 
-from models.fitting.fit_shot import fit_shot
-from models.options import FitOptions
-from models.tracks import Tracks
+from models.core.options import FitOptions
+from models.core.tracks import Tracks
+from models.estimation.reconstruction.fit_shot import fit_shot
 
 STILL = np.zeros((1, 2))
 
@@ -153,7 +153,7 @@ def test_a_fit_that_fails_shows_what_was_measured(monkeypatch: pytest.MonkeyPatc
     def fails(*_: object, **__: object) -> None:
         raise np.linalg.LinAlgError("no solution")
 
-    monkeypatch.setattr("models.fitting.fit_shot.refine", fails)
+    monkeypatch.setattr("models.estimation.reconstruction.fit_shot.refine", fails)
     shot = random_shot(3)
     fit = fit_shot(shot.tracks, shot.scene)
     assert fit.trust.light == "red"

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.fit import Fit
-from models.fitting.fit_shot import fit_shot
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
+from models.core.fit_result import Fit
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
+from models.estimation.reconstruction.fit_shot import fit_shot
 
 RADIUS, LENGTH, WIDTH = 0.03075, 2.84, 1.42
 PX_PER_M = (740 - 134) / (LENGTH - 2 * RADIUS)

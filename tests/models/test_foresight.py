@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.events import Events
-from models.forecast.foresee import APART, MOST_FANS, foresee, viewpoints
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
+from models.core.events import Events
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
+from models.estimation.forecast.forecast_fans import APART, MOST_FANS, foresee, viewpoints
 
 R = 0.028575
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, R, 0.17, False)
@@ -86,7 +86,7 @@ def test_what_cannot_be_played_on_has_no_fan_and_stops_no_run(
     def refuse(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("models.forecast.foresee.drawn_courses", refuse)
+    monkeypatch.setattr("models.estimation.forecast.forecast_fans.drawn_courses", refuse)
     assert foresee(*rolling(), events_at(("strike", 0.5, 1.0))).fans == ()
 
 

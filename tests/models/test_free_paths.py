@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.billiards.free_paths import FreePath, FreePaths, free_paths
-from models.events import Events
-from models.shooting.shoot import Shooting, shoot
-from models.tracks import Tracks
+from models.core.events import Events
+from models.core.tracks import Tracks
+from models.estimation.multiple_shooting.shooting_fit import Shooting, shoot
+from models.estimation.whole_shot.free_paths import FreePath, FreePaths, free_paths
 
 Floats = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from played_shots import LAWS, SIGMA, TABLE, filmed, numbers
 
-from models.billiards.beginnings import beginning
-from models.billiards.growth import Guess, goes_on, grown, next_view
-from models.billiards.playing import packed
-from models.billiards.shots import Shots
-from models.billiards.whole_fit import unknowns_of
-from models.shooting.shoot import ShootingOptions
+from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
+from models.estimation.whole_shot.continuation_fit import Guess, goes_on, grown, next_view
+from models.estimation.whole_shot.initial_states import beginning
+from models.estimation.whole_shot.shot_windows import Shots
+from models.estimation.whole_shot.table_fit import unknowns_of
+from models.physics.billiards.simulation.parametrised_shot import packed
 
 
 def seen_shot(seed: int, seconds: float = 4.0) -> tuple[Shots, np.ndarray]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from models.imports import imports_of
+from models.core.source_imports import imports_of
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.association.kinds import SNOOKER_COLOURS, name_ids, name_kinds
-from models.association.look import Look, look_of
-from models.detections import Detections
+from models.core.detections import Detections
+from models.tracking.appearance import Look, look_of
+from models.tracking.ball_classes import SNOOKER_COLOURS, name_ids, name_kinds
 
 
 def _look(colours: list[tuple[float, float, float]], white: list[float]) -> Look:

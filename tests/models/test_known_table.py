@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from played_shots import SIGMA, TABLE, filmed, numbers
 
-from models.billiards.beginnings import beginning
-from models.billiards.known_table import known_table
-from models.billiards.playing import Laws
-from models.billiards.whole_fit import fit_known, unknowns_of
+from models.estimation.whole_shot.initial_states import beginning
+from models.estimation.whole_shot.table_fit import fit_known, unknowns_of
+from models.estimation.whole_shot.table_prior import known_table
+from models.physics.billiards.simulation.parametrised_shot import Laws
 
 KNOWN = {
     "sliding_friction.mu": (0.2, 0.002), "rolling_resistance.mu": (0.01, 0.0001), "spin_decay.rate": (10.0, 0.5),

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from models.springs.colliding import nearest_jolt
-from models.springs.coordinates import Coordinates
-from models.springs.latent import Latent, infer
-from models.springs.parsimony import REST_AT_START
-from models.springs.system import Springs, motion, rate, springs
-from models.springs.untold import sentences
+from models.estimation.springs.colliding_particles import nearest_jolt
+from models.estimation.springs.coordinate_series import Coordinates
+from models.estimation.springs.identifiability import sentences
+from models.estimation.springs.latent_inference import Latent, infer
+from models.estimation.springs.model_reduction import REST_AT_START
+from models.physics.springs.spring_system import Springs, motion, rate, springs
 
 Floats = NDArray[np.float64]
 

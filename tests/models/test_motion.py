@@ -6,7 +6,7 @@ import fixed_step_table as truth
 import numpy as np
 import pytest
 
-from models.billiards.motion import (
+from models.physics.billiards.cloth.closed_form_motion import (
     Friction,
     kinematics,
     kinematics_jacobian,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from filmed_shots import RADIUS, Filmed, film
 
-from models.fitting.fit_shot import fit_shot
+from models.estimation.reconstruction.fit_shot import fit_shot
 
 FPS = 8
 """Pictures a second: one is taken 25 ms before the strike, the next 100 ms after it."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.noise import outliers
+from models.tracking.track_noise import outliers
 
 Floats = NDArray[np.float64]
 T = np.arange(12) / 30

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.particles.bodies_by_name import named_bodies
-from models.particles.explain import Floats, Particles, between, curve_through, explain
-from models.particles.foretell import foretell, going_on, growth_of, misses
+from models.estimation.particles.body_names import named_bodies
+from models.estimation.particles.particle_fit import Floats, Particles, between, curve_through, explain
+from models.estimation.particles.particle_prediction import foretell, going_on, growth_of, misses
 
 GRAVITY = np.array([0.0, 981.0])
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from models.pendulum.angles import swing
-from models.pendulum.arms import NAMES, energy, flow, moved, rate
+from models.estimation.pendulum.pendulum_fit import swing
+from models.physics.pendulum.double_pendulum import NAMES, energy, flow, moved, rate
 
 Floats = NDArray[np.float64]
 

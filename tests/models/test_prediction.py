@@ -8,15 +8,15 @@ from math import erf, sqrt
 import numpy as np
 import pytest
 
-from models.billiards.parameters import CUSHION_LAWS
-from models.errors import TrackError
-from models.fit import Trust
-from models.forecast.hindsight import hindsight
-from models.forecast.outlook import PER_BALL, SHARED, Outlook, law_probabilities
-from models.forecast.prediction import Prediction, predict
-from models.forecast.present import outlook_at
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
+from models.core.errors import TrackError
+from models.core.fit_result import Trust
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
+from models.estimation.forecast.current_state import outlook_at
+from models.estimation.forecast.ensemble_prediction import Prediction, predict
+from models.estimation.forecast.forecast_check import hindsight
+from models.estimation.forecast.state_estimate import PER_BALL, SHARED, Outlook, law_probabilities
+from models.physics.billiards.parameters import CUSHION_LAWS
 
 R, G, MU = 0.028575, 9.81, 0.01
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, R, 0.17, False)

@@ -10,11 +10,11 @@ import pytest
 from filmed_shots import DELAY, RADIUS, Filmed, film, scene
 from told_stories import moving, refined, resting
 
-from models.billiards.motion import Friction
-from models.fitting.rebounds import doubled, with_rebounds_retold
-from models.fitting.refinement import refine
-from models.fitting.solution import Data, Solution
-from models.fitting.story import Contact, Span, Story
+from models.estimation.joint_fit.fit_solution import Data, Solution
+from models.estimation.joint_fit.joint_refinement import refine
+from models.estimation.segmentation.contact_graph import Contact, Span, Story
+from models.estimation.structure_search.missed_cushions import doubled, with_rebounds_retold
+from models.physics.billiards.cloth.closed_form_motion import Friction
 
 
 def corner() -> Solution:

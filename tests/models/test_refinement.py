@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from filmed_shots import RADIUS, scene
 
-from models.billiards.motion import Friction
-from models.fitting.knowledge import RUBBER, Rows, known
-from models.fitting.refinement import _in_order, _linearise, _moved
-from models.fitting.skeleton import begins, numbers_of, skeleton_of, solution_with
-from models.fitting.solution import Data, Solution, owners_among
-from models.fitting.story import Contact, Span, Story
+from models.estimation.joint_fit.fit_arrays import begins, numbers_of, skeleton_of, solution_with
+from models.estimation.joint_fit.fit_solution import Data, Solution, owners_among
+from models.estimation.joint_fit.joint_refinement import _in_order, _linearise, _moved
+from models.estimation.joint_fit.physics_priors import RUBBER, Rows, known
+from models.estimation.segmentation.contact_graph import Contact, Span, Story
+from models.physics.billiards.cloth.closed_form_motion import Friction
 
 
 def state(x: float, y: float, vx: float, vy: float) -> np.ndarray:

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.forecast.regions import level_by_neighbours, level_of_normal, levels_by_neighbours, outlyingness
+from models.estimation.forecast.probability_regions import (
+    level_by_neighbours,
+    level_of_normal,
+    levels_by_neighbours,
+    outlyingness,
+)
 
 
 def test_the_level_of_a_normal_distribution_is_the_chi2_of_two_degrees_of_freedom() -> None:

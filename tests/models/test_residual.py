@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.billiards.cushion_chains import Bounce, CushionChains, Leg, glide
-from models.billiards.cushions import han_2005, mathavan_2010, mirror, stronge
-from models.billiards.parameters import CUSHION_LAWS
-from models.billiards.residual import CLOTH_WEIGHTS, WEIGHTS
-from models.correction.residual import ResidualChains, residual_priors
-from models.correction.training import GAIN, prediction_errors, train_residual, typical
-from models.scene import Table
-from models.shooting.shoot import shoot
+from models.core.scene import Table
+from models.estimation.multiple_shooting.shooting_fit import shoot
+from models.estimation.neural_residual.corrected_motion import CLOTH_WEIGHTS, WEIGHTS
+from models.estimation.neural_residual.residual_training import GAIN, prediction_errors, train_residual, typical
+from models.estimation.neural_residual.residual_windows import ResidualChains, residual_priors
+from models.estimation.whole_shot.cushion_chains import Bounce, CushionChains, Leg, glide
+from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, mirror, stronge
+from models.physics.billiards.parameters import CUSHION_LAWS
 
 Floats = NDArray[np.float64]
 

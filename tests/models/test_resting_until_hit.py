@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.fitting.segmentation import Samples, Segment
-from models.fitting.tidying import resting_until_hit
+from models.estimation.segmentation.jitter_removal import resting_until_hit
+from models.estimation.segmentation.track_segmentation import Samples, Segment
 
 T = np.arange(60) / 30
 STRIKE = 0.5

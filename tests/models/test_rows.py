@@ -6,11 +6,11 @@ import numpy as np
 from filmed_shots import DELAY, RADIUS, Filmed, film
 from told_stories import PRICES, moving, named, refined, resting
 
-from models.fitting.encounters import Answers, total_cost
-from models.fitting.releases import released
-from models.fitting.rows import with_rows
-from models.fitting.solution import Data, Solution
-from models.fitting.story import Contact
+from models.estimation.joint_fit.fit_solution import Data, Solution
+from models.estimation.segmentation.contact_graph import Contact
+from models.estimation.structure_search.ball_encounters import Answers, total_cost
+from models.estimation.structure_search.contact_chains import with_rows
+from models.estimation.structure_search.contact_removal import released
 
 
 def onto_a_pair(seed: int, told: int) -> tuple[Filmed, Solution, Data]:

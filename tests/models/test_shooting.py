@@ -9,10 +9,10 @@ import pytest
 from bouncing_ball import NOTHING, Bounces, filmed, flight
 from numpy.typing import NDArray
 
-from models.effects.effect import Prior
-from models.shooting.lack_of_fit import correlation_factor
-from models.shooting.shoot import Shooting, parameters_of, priors_of, shoot
-from models.shooting.windows import SENSITIVE, Flow, Window, sensitive_from
+from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
+from models.estimation.multiple_shooting.shooting_fit import Shooting, parameters_of, priors_of, shoot
+from models.estimation.multiple_shooting.shooting_windows import SENSITIVE, Flow, Window, sensitive_from
+from models.physics.effect import Prior
 
 TRUTH = np.array([9.81, 0.8])
 

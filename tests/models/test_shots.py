@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from played_shots import filmed, numbers, shots, unknown
 
-from models.billiards.playing import NUMBERS, packed
-from models.billiards.view import View, seen
+from models.physics.billiards.calibration_errors import View, seen
+from models.physics.billiards.simulation.parametrised_shot import NUMBERS, packed
 
 ODD = {
     "slope__slope_x": 1.5, "slope__slope_y": -0.8, "air_drag__k": 0.02, "viscous_drag__k": 0.03, "nap__mu": 0.001,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.flight.gap import flight_scene
-from models.gap_scene import Recording, neutral_values
-from models.pendulum.gap import pendulum_scene
-from models.slide.gap import slide_scene
-from models.smooth_motion import SmoothScene
+from models.estimation.gap_scenes.contact_free_scene import SmoothScene
+from models.estimation.gap_scenes.flight_scene import flight_scene
+from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
+from models.estimation.gap_scenes.pendulum_scene import pendulum_scene
+from models.estimation.gap_scenes.sliding_scene import slide_scene
 
 BRAKE = [0.2, 0.1, 0.05, 0.01]
 """of the probe, in every scene the last parameters."""

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models import integrators
-from models.integrators import EULER, IMPLICIT_MIDPOINT, METHODS, RADAU, RK4, SYMPLECTIC_EULER, Method
-from models.springs.system import Springs, energy, fastest, flow, motion, rate, slope, springs
-from models.springs.tangents import flows
+from models.numerics import integrators
+from models.numerics.integrators import EULER, IMPLICIT_MIDPOINT, METHODS, RADAU, RK4, SYMPLECTIC_EULER, Method
+from models.physics.springs.spring_system import Springs, energy, fastest, flow, motion, rate, slope, springs
+from models.physics.springs.spring_tangents import flows
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from filmed_shots import DELAY, RADIUS, Filmed, film
 
-from models.fitting.fit_shot import fit_shot
+from models.estimation.reconstruction.fit_shot import fit_shot
 
 FPS = 8
 TIP_RADII = 0.2

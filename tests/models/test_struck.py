@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.association.struck import struck_ball
+from models.tracking.cue_ball import struck_ball
 
 R = 0.0286
 PICTURES = np.arange(30)

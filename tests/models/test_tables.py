@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from models.billiards.tables import PRESETS, parse_table, with_ball_radius
-from models.errors import OptionError
+from models.core.errors import OptionError
+from models.physics.billiards.tables import PRESETS, parse_table, with_ball_radius
 
 
 @pytest.mark.parametrize("name", PRESETS)

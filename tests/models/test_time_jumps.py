@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.time_jumps import time_jumps, with_pauses
-from models.tracks import Tracks
+from models.core.tracks import Tracks
+from models.estimation.gap_scenes.time_jumps import time_jumps, with_pauses
 
 FPS, SIGMA, DECELERATION = 30.0, 0.0003, 0.1
 

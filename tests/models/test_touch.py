@@ -7,10 +7,18 @@ import pytest
 from filmed_shots import RADIUS, film
 from scipy.stats import norm
 
-from models.calls.touch import SHARED, Cushion, Encounter, free_paths, met_paths, nearest, watch
-from models.calls.weighing import geometry_alone, weigh
-from models.fitting.contacts import INWARD
-from models.fitting.segmentation import Samples
+from models.estimation.contact_test.contact_moment import (
+    SHARED,
+    Cushion,
+    Encounter,
+    free_paths,
+    met_paths,
+    nearest,
+    watch,
+)
+from models.estimation.contact_test.contact_probability import geometry_alone, weigh
+from models.estimation.segmentation.contact_classification import INWARD
+from models.estimation.segmentation.track_segmentation import Samples
 
 REACH = 2 * RADIUS
 SLIPS = np.array([[0.3, -0.1], [0.0, 0.2]])

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.association.associate import associate
-from models.detections import Detections
-from models.noise import estimate_noise, with_noise
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
+from models.core.detections import Detections
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
+from models.tracking.build_tracks import associate
+from models.tracking.track_noise import estimate_noise, with_noise
 
 PLACE = np.array([0.7, 0.4])
 SIGMA_PX = 0.8

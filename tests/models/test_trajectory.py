@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from filmed_shots import random_shot
 
-from models.baselines import cubic_pieces, linear_pieces, smooth_pieces
-from models.fitting.fit_shot import fit_shot
-from models.trajectory import Trajectory
+from models.core.trajectory import Trajectory
+from models.estimation.reconstruction.fit_shot import fit_shot
+from models.numerics.splines import cubic_pieces, linear_pieces, smooth_pieces
 
 
 def one_parabola() -> Trajectory:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from models.fit import Light, Trust
-from models.fitting.trust import light, with_doubts
+from models.core.fit_result import Light, Trust
+from models.estimation.joint_fit.trust_level import light, with_doubts
 
 
 @pytest.mark.parametrize(("share", "colour"), [(0.95, "green"), (0.75, "amber"), (0.3, "red")])

@@ -7,10 +7,10 @@ import pytest
 from association_shots import R, overhead
 from numpy.typing import NDArray
 
-from models.association.sightings import Sightings, sight
-from models.association.stitching import Tracklet, make_tracklet
-from models.association.uncrossing import uncrossed
-from models.detections import Detections
+from models.core.detections import Detections
+from models.tracking.identity_switches import uncrossed
+from models.tracking.table_detections import Sightings, sight
+from models.tracking.tracklet_linking import Tracklet, make_tracklet
 
 Floats = NDArray[np.float64]
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from played_shots import SIGMA, TABLE, filmed, numbers
 
-from models.billiards.beginnings import beginning
-from models.billiards.growth import grown_if_lawful
-from models.billiards.playing import NUMBERS, Laws
-from models.billiards.shots import Shots
-from models.billiards.stretches import Stretch
-from models.billiards.whole_fit import fit_table, numbers_of, unknowns_of
-from models.shooting.shoot import ShootingOptions
+from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
+from models.estimation.whole_shot.continuation_fit import grown_if_lawful
+from models.estimation.whole_shot.initial_states import beginning
+from models.estimation.whole_shot.shot_segments import Stretch
+from models.estimation.whole_shot.shot_windows import Shots
+from models.estimation.whole_shot.table_fit import fit_table, numbers_of, unknowns_of
+from models.physics.billiards.simulation.parametrised_shot import NUMBERS, Laws
 
 MIRROR, HAN = Laws("mirror", "inelastic"), Laws("han_2005", "inelastic")
 

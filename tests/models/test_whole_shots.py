@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from played_shots import LAWS, SIGMA, TABLE, numbers, opening
 
-from models.billiards.playing import packed, played, spins
-from models.billiards.whole_shots import MOST_BALLS, with_laws
-from models.fit import Fit, Trust
-from models.options import FitOptions
-from models.tracks import Tracks
+from models.core.fit_result import Fit, Trust
+from models.core.options import FitOptions
+from models.core.tracks import Tracks
+from models.estimation.whole_shot.whole_shot_fit import MOST_BALLS, with_laws
+from models.physics.billiards.simulation.parametrised_shot import packed, played, spins
 
 SECONDS = 4.0
 

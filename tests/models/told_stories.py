@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from filmed_shots import Filmed
 
-from models.fitting.refinement import refine
-from models.fitting.solution import Data, Solution, gather
-from models.fitting.story import Contact, Span, Story
+from models.estimation.joint_fit.fit_solution import Data, Solution, gather
+from models.estimation.joint_fit.joint_refinement import refine
+from models.estimation.segmentation.contact_graph import Contact, Span, Story
 
 PRICES = (20.0, 150.0)
 """Of contacts with a cause and without."""

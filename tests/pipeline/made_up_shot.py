@@ -8,14 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from models.detections import Detections
-from models.events import Events
-from models.fit import Fit, Parameter, Trust
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
-from models.trajectory import Trajectory
-from video.clip import Clip, open_clip
-from video.writer import VideoWriter
+from models.core.detections import Detections
+from models.core.events import Events
+from models.core.fit_result import Fit, Parameter, Trust
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
+from video.io.clip import Clip, open_clip
+from video.io.video_writer import VideoWriter
 
 RATE = 30
 FRAMES = 24

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from pipeline.cli import main
+from pipeline.cli.main import main
 
 
 @dataclass(frozen=True, slots=True)

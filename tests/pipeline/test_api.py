@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pyarrow import csv
 
-from models.errors import ClipError, OptionError
+from models.core.errors import ClipError, OptionError
 from pipeline import api
 from pipeline.api import Run, run
 

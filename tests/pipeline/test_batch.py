@@ -28,21 +28,21 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from models.errors import ClipError, OptionError
-from pipeline.batch import processes, runner
-from pipeline.batch.cluster import judge, local_client
-from pipeline.batch.display import BatchDisplay
-from pipeline.batch.finding import find_clips, folders_of, largest_first
-from pipeline.batch.job import Job, Limits, Row, settings_of
-from pipeline.batch.summary import as_csv, as_page, write_summary
+from models.core.errors import ClipError, OptionError
+from pipeline.batch import clip_processes, clip_runner
+from pipeline.batch.batch_display import BatchDisplay
+from pipeline.batch.batch_summary import as_csv, as_page, write_summary
+from pipeline.batch.clip_discovery import find_clips, folders_of, largest_first
+from pipeline.batch.clip_job import Job, Limits, Row, settings_of
+from pipeline.batch.dask_cluster import judge, local_client
+from pipeline.batch.dask_worker import code
+from pipeline.batch.folder_watch import arriving
 from pipeline.batch.supervision import Supervised
-from pipeline.batch.watching import arriving
-from pipeline.batch.worker import code
-from pipeline.cache import Cache, CacheLost, Key
 from pipeline.chain import default_folder, unchanging
+from pipeline.engine.atomic_write import aside, clear_left, machine
+from pipeline.engine.result_cache import Cache, CacheLost, Key
 from pipeline.options import RunOptions
-from pipeline.publish import aside, clear_left, machine
-from video.clip import clip_digest, open_clip, read_frames
+from video.io.clip import clip_digest, open_clip, read_frames
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -175,7 +175,7 @@ def test_a_process_without_a_clip_leaves_without_farewells(tmp_path: Path, monke
     (tmp_path / "sitecustomize.py").write_text(LATE)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    with subprocess.Popen(runner.command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(clip_runner.command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert b"ready" in process.stdout.readline()
         process.terminate()
@@ -204,12 +204,12 @@ while True:
 def test_processes_are_told_to_leave_together_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for k in range(2):
-        monkeypatch.setattr(runner, "command", lambda k=k: [sys.executable, "-c", SLOW_TO_LEAVE, str(k)])
-        processes.begin(1)
+        monkeypatch.setattr(clip_runner, "command", lambda k=k: [sys.executable, "-c", SLOW_TO_LEAVE, str(k)])
+        clip_processes.begin(1)
     while len(list(tmp_path.glob("stands *"))) < 2:
         time.sleep(0.01)
-    children = [one._child.process for one in processes._ALL if one._child is not None]
-    processes.end_all()
+    children = [one._child.process for one in clip_processes._ALL if one._child is not None]
+    clip_processes.end_all()
     assert [child.returncode for child in children] == [0, 0]
     assert [path.read_text() for path in tmp_path.glob("told *")] == ["once ", "once "]
 
@@ -276,8 +276,8 @@ def test_what_a_dead_process_of_this_machine_left_goes_at_once(tmp_path: Path) -
 DYING_CALLER = """
 import os, sys
 from pathlib import Path
-from pipeline.batch.cluster import check_workers
-from pipeline.cache import Cache
+from pipeline.batch.dask_cluster import check_workers
+from pipeline.engine.result_cache import Cache
 
 class Client:
     def wait_for_workers(self, *_, **__): pass
@@ -328,8 +328,8 @@ def test_the_summary_is_ordered_escaped_and_equal_for_equal_results(tmp_path: Pa
 def test_a_watched_folder_gives_clips_once_they_rest_and_again_when_they_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.batch.watching.LOOK_S", 0.05)
-    monkeypatch.setattr("pipeline.batch.watching.REST_S", 0.2)
+    monkeypatch.setattr("pipeline.batch.folder_watch.LOOK_S", 0.05)
+    monkeypatch.setattr("pipeline.batch.folder_watch.REST_S", 0.2)
 
     def come() -> None:
         time.sleep(0.2)
@@ -354,16 +354,18 @@ def scheduler() -> Iterator[str]:
     dask = [sys.executable, "-m", "dask"]
     worker = [*dask, "worker", address, "--nthreads", "1", "--nworkers", "2", "--no-dashboard", "--host", "127.0.0.1"]
     commands = [[*dask, "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"], worker]
-    processes = [subprocess.Popen(c, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for c in commands]
+    clip_processes = [
+        subprocess.Popen(c, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for c in commands
+    ]
     yield address
-    for process in reversed(processes):
+    for process in reversed(clip_processes):
         process.terminate()
         process.wait(20)
 
 
 def batch(folder: Path, *arguments: str) -> tuple[int, dict[str, str], str]:
     """`trueroll batch`: its status, the sentence of each clip, and what it said against us."""
-    command = [sys.executable, "-c", "from pipeline.cli import main; main()", "batch", "in", "-o", "out", "--json"]
+    command = [sys.executable, "-c", "from pipeline.cli.main import main; main()", "batch", "in", "-o", "out", "--json"]
     done = subprocess.run(
         [*command, "--cache", "cache", *arguments], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True, text=True, timeout=120, check=False,
@@ -432,7 +434,7 @@ def test_a_watched_batch_runs_what_comes_and_ends_when_nothing_does(tmp_path: Pa
 def interruptible(folder: Path, *arguments: str) -> subprocess.Popen[str]:
     """A batch that hears Ctrl-C even where the tests were started in the background."""
     program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    command = [sys.executable, "-c", f"{program}from pipeline.cli import main; main()", "batch", "in", "-o", "out"]
+    command = [sys.executable, "-c", f"{program}from pipeline.cli.main import main; main()", "batch", "in", "-o", "out"]
     return subprocess.Popen(
         [*command, "--cache", "cache", *arguments], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from pipeline.batch.gap import diagnose_tables, tables_of
-from pipeline.batch.job import Row
+from pipeline.actions.diagnose_batch import diagnose_tables, tables_of
+from pipeline.batch.clip_job import Row
 
 GREEN, GREENER, BLUE = (40.0, -30.0, 20.0), (44.0, -33.0, 22.0), (35.0, 5.0, -45.0)
 

@@ -14,14 +14,14 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.cache import Cache, Entry, Key
+from pipeline.engine.result_cache import Cache, Entry, Key
 
 ROOT = Path(__file__).resolve().parents[2]
 
 WORKER = """
 import sys, time
 from pathlib import Path
-from pipeline.cache import Cache, Key
+from pipeline.engine.result_cache import Cache, Key
 
 root, log, seconds = Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3])
 
@@ -189,7 +189,7 @@ def test_all_who_begin_a_cache_at_once_find_the_same_one(tmp_path: Path, monkeyp
         time.sleep(0.05)
         return drawn()
 
-    monkeypatch.setattr("pipeline.cache.uuid.uuid4", slowly)
+    monkeypatch.setattr("pipeline.engine.result_cache.uuid.uuid4", slowly)
 
     def begin(_: int) -> str:
         together.wait()

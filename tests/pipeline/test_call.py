@@ -12,9 +12,9 @@ import pytest
 from PIL import Image
 from terminal import Terminal, terminal
 
-from models.scene import Scene
-from pipeline.run_folder import read_record
-from pipeline.tables import write_events, write_scene, write_tracks, write_trajectory
+from models.core.scene import Scene
+from pipeline.io.run_folder import read_record
+from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
 
 trueroll = pytest.fixture(terminal)
 

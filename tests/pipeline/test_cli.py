@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from terminal import Terminal, terminal
 
-from pipeline.batch.finding import find_clips, folders_of
-from pipeline.cli import spare_threads
-from pipeline.command_line import app
-from pipeline.commands import ORDER, first_sentence, load
+from pipeline.batch.clip_discovery import find_clips, folders_of
+from pipeline.cli.commands import ORDER, first_sentence, load
+from pipeline.engine.process_setup import spare_threads
 from pipeline.options import run_settings
-from video.writer import VideoWriter
+from pipeline.terminal.command_line import app
+from video.io.video_writer import VideoWriter
 
 trueroll = pytest.fixture(terminal)
 
@@ -199,7 +199,7 @@ def test_what_nobody_foresaw_is_one_line_too(trueroll: Terminal, monkeypatch: py
     def fail(*_: object) -> None:
         raise ZeroDivisionError("a sum\nof nothing")
 
-    monkeypatch.setattr("pipeline.commands.run.run_clip", fail)
+    monkeypatch.setattr("pipeline.cli.commands.run_command.run_clip", fail)
     said = trueroll("run", "x.mp4")
     assert said.status == 1
     assert said.err.count("\n") == 1
@@ -210,7 +210,7 @@ def test_an_interrupted_run_says_so(trueroll: Terminal, monkeypatch: pytest.Monk
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pipeline.commands.run.run_clip", stop)
+    monkeypatch.setattr("pipeline.cli.commands.run_command.run_clip", stop)
     said = trueroll("run", "x.mp4")
     assert said.status == 130
     assert said.err == "trueroll: interrupted; nothing half-written is left\n"
@@ -218,15 +218,15 @@ def test_an_interrupted_run_says_so(trueroll: Terminal, monkeypatch: pytest.Monk
 
 INTERRUPTED_AT = """
 import atexit, signal, sys
-import pipeline.cli
+import pipeline.cli.main
 
 class WhileLoading:
     def find_spec(self, name, path, target=None):
-        if name == "pipeline.execute":
+        if name == "pipeline.cli.execute":
             signal.raise_signal(signal.SIGINT)
 
 {moment}
-pipeline.cli.main()
+pipeline.cli.main.main()
 """
 
 
@@ -252,7 +252,7 @@ def test_an_interrupt_that_a_finaliser_swallows_is_raised_again(
         Swallows()
         time.sleep(20)
 
-    monkeypatch.setattr("pipeline.commands.run.run_clip", work)
+    monkeypatch.setattr("pipeline.cli.commands.run_command.run_clip", work)
     assert trueroll("run", "x.mp4").status == 130
 
 
@@ -278,7 +278,7 @@ def test_help_names_every_command_and_so_does_no_argument(trueroll: Terminal) ->
 
 def test_help_of_the_program_waits_for_nothing_heavy() -> None:
     code = (
-        "import sys; from pipeline.execute import execute; execute(['--help']);"
+        "import sys; from pipeline.cli.execute import execute; execute(['--help']);"
         "print(sorted({'numpy', 'av', 'cv2', 'scipy', 'torch', 'numba', 'rerun', 'plotly'} & sys.modules.keys()))"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import embedding
-from pipeline.embedding import data_uri, write_page
+from pipeline.reporting.pages import page_embedding
+from pipeline.reporting.pages.page_embedding import data_uri, write_page
 
 
 def test_a_streamed_file_is_the_same_as_one_held_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(embedding, "CHUNK", 3 * 7)
+    monkeypatch.setattr(page_embedding, "CHUNK", 3 * 7)
     film, still = tmp_path / "film", tmp_path / "still"
     film.write_bytes(np.random.default_rng(1).bytes(1000))
     still.write_bytes(b"still")

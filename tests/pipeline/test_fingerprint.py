@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.fingerprint import ROOT, library_versions, source_hashes
+from pipeline.engine.source_fingerprint import ROOT, library_versions, source_hashes
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_a_new_import_counts_at_once(house: Path) -> None:
 
 
 def test_the_fit_does_not_depend_on_drawing_and_the_drawing_depends_on_its_fonts() -> None:
-    fit, render = source_hashes("pipeline.stages.fit"), source_hashes("pipeline.stages.render")
+    fit, render = source_hashes("pipeline.stages.fit_stage"), source_hashes("pipeline.stages.render_stage")
     assert not [name for name in fit if name.startswith(("video/", "detectors/"))]
     assert [name for name in render if name.endswith(".ttf")]
     assert not [name for name in render if name.startswith("detectors/")]
@@ -104,4 +104,4 @@ def test_every_font_template_and_network_counts_for_a_stage() -> None:
 
 
 def test_the_page_of_the_report_does_not_make_the_detection_stale() -> None:
-    assert "pipeline/templates/report.html" not in source_hashes("pipeline.stages.detect")
+    assert "pipeline/templates/report.html" not in source_hashes("pipeline.stages.detect_stage")

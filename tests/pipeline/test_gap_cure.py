@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.close import Closing
-from diagnosis.verdict import Gap, Report, Strength
-from models.billiards.tables import PRESETS
-from pipeline.gap_cure import write_cure
+from diagnosis.fitting.gap_closure import Closing
+from diagnosis.verdicts.verdict import Gap, Report, Strength
+from models.physics.billiards.tables import PRESETS
+from pipeline.io.profile_export import write_cure
 
 TABLE = PRESETS["pool-9ft"]
 

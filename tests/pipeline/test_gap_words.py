@@ -9,14 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.close import Ahead, Closing
-from diagnosis.verdict import Candidate, EffectShare, Gap, Place, Report, Strength
-from models.billiards.tables import PRESETS
-from models.gap_scene import Recording
-from models.scene import Table
-from pipeline.gap_figures import figures
-from pipeline.gap_page import write_gap_page
-from pipeline.gap_words import causes, closed_sentence, folders_of_shots, gap_sentence, strength, undecided
+from diagnosis.fitting.gap_closure import Ahead, Closing
+from diagnosis.verdicts.verdict import Candidate, EffectShare, Gap, Place, Report, Strength
+from models.core.scene import Table
+from models.estimation.gap_scenes.gap_scene import Recording
+from models.physics.billiards.tables import PRESETS
+from pipeline.reporting.figures.gap_figures import figures
+from pipeline.reporting.pages.gap_page import write_gap_page
+from pipeline.reporting.text.gap_sentences import (
+    causes,
+    closed_sentence,
+    folders_of_shots,
+    gap_sentence,
+    strength,
+    undecided,
+)
 
 NOTHING = Closing(0.02, 0.02, 0.01, float("nan"), (-1.0, 1.0), False)
 

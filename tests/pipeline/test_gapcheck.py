@@ -12,15 +12,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.execute import execute
-from pipeline.gap_scenes import open_scene
-from pipeline.gapcheck.billiards_kinds import BILLIARDS, BilliardsKind
-from pipeline.gapcheck.blind import Opened, answer, play
-from pipeline.gapcheck.body_kinds import BODIES
-from pipeline.gapcheck.kind import Kind
-from pipeline.gapcheck.kinds import KINDS, USUAL
-from pipeline.gapcheck.marks import Rate, calibration, confusion, marks_of
-from pipeline.track_folder import read_track_folders
+from pipeline.cli.execute import execute
+from pipeline.experiments.gapcheck.billiards_cases import BILLIARDS, BilliardsKind
+from pipeline.experiments.gapcheck.blind_case import Opened, answer, play
+from pipeline.experiments.gapcheck.body_cases import BODIES
+from pipeline.experiments.gapcheck.case_catalogue import KINDS, USUAL
+from pipeline.experiments.gapcheck.case_kind import Kind
+from pipeline.experiments.gapcheck.case_scores import Rate, calibration, confusion, marks_of
+from pipeline.io.track_folder import read_track_folders
+from pipeline.io.track_folder_scene import open_scene
 
 FRICTION = next(kind for kind in BODIES if kind.name == "slide, friction")
 CLEAN = next(kind for kind in BODIES if kind.name == "slide, nothing missing")
@@ -129,7 +129,7 @@ def test_nothing_to_check_is_said(capsys: pytest.CaptureFixture[str]) -> None:
 def test_kinds_whose_engine_is_not_there_are_left_out(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("pipeline.commands.gapcheck.find_spec", lambda name: None)
+    monkeypatch.setattr("pipeline.cli.commands.gapcheck_command.find_spec", lambda name: None)
     assert execute(["gapcheck", "--only", "by MuJoCo", "--json"]) == 0
     told = capsys.readouterr()
     assert json.loads(told.out)["cases"] == []

@@ -12,13 +12,13 @@ from xml.etree import ElementTree
 import pytest
 from PIL import Image
 
-from models.errors import OptionError
-from models.progress import Progress
-from pipeline.cache import Cache
-from pipeline.fingerprint import source_hashes
-from pipeline.graph import Graph, stage_value
-from pipeline.picture import write_picture
-from pipeline.stage import Stage
+from models.core.errors import OptionError
+from models.core.progress import Progress
+from pipeline.engine.graph_drawing import write_picture
+from pipeline.engine.result_cache import Cache
+from pipeline.engine.source_fingerprint import source_hashes
+from pipeline.engine.stage import Stage
+from pipeline.engine.stage_graph import Graph, stage_value
 
 NAMES = ("read", "detect", "fit", "render", "report")
 NEEDS = {"read": (), "detect": ("read",), "fit": ("detect",), "render": ("read", "fit"), "report": ("fit", "render")}
@@ -71,7 +71,7 @@ def code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text)
-    monkeypatch.setattr("pipeline.graph.source_hashes", partial(source_hashes, root=folder))
+    monkeypatch.setattr("pipeline.engine.stage_graph.source_hashes", partial(source_hashes, root=folder))
     return folder
 
 
@@ -137,7 +137,7 @@ def test_code_that_all_stages_share_reruns_all(code: Path, cache: Cache) -> None
 
 def test_another_version_of_a_library_reruns_all(code: Path, cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
     chain().run(cache, Log())
-    monkeypatch.setattr("pipeline.graph.library_versions", lambda: {"numpy": "99"})
+    monkeypatch.setattr("pipeline.engine.stage_graph.library_versions", lambda: {"numpy": "99"})
     assert why(chain(), cache)["read"] == "a library has another version"
     assert ran(chain(), cache) == list(NAMES)
 

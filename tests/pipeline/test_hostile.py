@@ -12,13 +12,13 @@ import av
 import numpy as np
 import pytest
 
-from detectors.onnx_model import open_model
-from models.errors import ClipError, ModelError
-from models.scene import Table
-from pipeline.sentences import told
-from pipeline.values import load_value
-from video.clip import open_clip
-from video.timestamps import nominal_rate
+from detectors.network.network_file import open_model
+from models.core.errors import ClipError, ModelError
+from models.core.scene import Table
+from pipeline.engine.value_files import load_value
+from pipeline.reporting.text.sentences import told
+from video.io.clip import open_clip
+from video.io.timestamps import nominal_rate
 
 
 def film(path: Path, rate: Fraction = Fraction(25), gap: int = 0, **metadata: str) -> Path:

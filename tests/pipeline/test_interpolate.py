@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.execute import execute
-from pipeline.publish import aside, machine, new_folder
+from pipeline.cli.execute import execute
+from pipeline.engine.atomic_write import aside, machine, new_folder
 
 SAMPLE = Path(__file__).parents[2] / "sample_videos" / "overhead_pool.mp4"
 

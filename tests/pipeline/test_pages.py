@@ -14,17 +14,17 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
-from diagnosis.close import Ahead, Closing
-from diagnosis.verdict import Candidate, Gap, Place, Report, Strength
-from models.gap_scene import Recording
-from pipeline.batch.job import Row
-from pipeline.batch.summary import as_page
-from pipeline.gap_page import write_gap_page
-from pipeline.report import ReportFiles, write_report
-from pipeline.thesis.page import write_results
-from pipeline.thesis.plan import Depth, Plan
-from pipeline.thesis.series import Case
-from pipeline.thesis.trials import Trial
+from diagnosis.fitting.gap_closure import Ahead, Closing
+from diagnosis.verdicts.verdict import Candidate, Gap, Place, Report, Strength
+from models.estimation.gap_scenes.gap_scene import Recording
+from pipeline.batch.batch_summary import as_page
+from pipeline.batch.clip_job import Row
+from pipeline.experiments.thesis.experiment_plan import Depth, Plan
+from pipeline.experiments.thesis.scenes.withheld_series import Case
+from pipeline.experiments.thesis.thesis_page import write_results
+from pipeline.experiments.thesis.trials import Trial
+from pipeline.reporting.pages.gap_page import write_gap_page
+from pipeline.reporting.pages.run_report import ReportFiles, write_report
 
 SLOWER = 2.0
 WIDTHS = (1280, 390)

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from diagnosis.fitting import fit, question_of
-from models.gap_scene import Recording
-from models.shooting.crew import ALONE, Crew
-from models.slide.gap import slide_scene
-from pipeline.pair import Pair
+from diagnosis.fitting.hypothesis_fits import fit, question_of
+from models.estimation.gap_scenes.gap_scene import Recording
+from models.estimation.gap_scenes.sliding_scene import slide_scene
+from models.numerics.executor import ALONE, Crew
+from pipeline.engine.helper_process import Pair
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.particles.explain import Explained
-from pipeline.execute import execute
-from pipeline.particles import described, physics
+from models.estimation.particles.particle_fit import Explained
+from pipeline.cli.execute import execute
+from pipeline.io.particle_files import described, physics
 
 RATE, SAMPLES = 20.0, 31
 

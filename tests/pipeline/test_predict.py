@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.execute import execute
-from pipeline.seen_shot import read_seen_shot
+from pipeline.cli.execute import execute
+from pipeline.io.observed_shot import read_seen_shot
 
 R, G, MU, V = 0.028575, 9.81, 0.01, 0.8
 SCENE: dict[str, Any] = {

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from test_gap_cure import TABLE, of, told
 
-from models.errors import OptionError
-from pipeline.gap_cure import PROFILE, write_cure
+from models.core.errors import OptionError
+from pipeline.io.profile_export import PROFILE, write_cure
+from pipeline.io.table_profile import profile_text, table_of
 from pipeline.options import RunOptions, collect, run_settings, told_apart
-from pipeline.profile import profile_text, table_of
 
 
 def written(folder: Path) -> Path:

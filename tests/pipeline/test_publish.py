@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.publish import LEFT_S, aside, folder_aside
-from pipeline.sentences import one_sentence
+from pipeline.engine.atomic_write import LEFT_S, aside, folder_aside
+from pipeline.reporting.text.sentences import one_sentence
 
 
 def tear(path: Path, error: BaseException) -> None:

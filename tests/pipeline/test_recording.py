@@ -11,14 +11,14 @@ import pytest
 import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 
-from models.forecast.foresight import Foresight, Foresights
-from models.progress import Progress
-from pipeline.recording.live import LiveRecording, LiveWatcher
-from pipeline.recording.plan import magnification
-from pipeline.recording.shot import shot_of
-from pipeline.recording.stream import finish
-from pipeline.recording.write import write_recording
-from pipeline.sampling import few_points, kinetic_energy
+from models.core.progress import Progress
+from models.estimation.forecast.forecast_values import Foresight, Foresights
+from pipeline.reporting.figures.motion_samples import few_points, kinetic_energy
+from pipeline.reporting.recording.live_recording import LiveRecording, LiveWatcher
+from pipeline.reporting.recording.plan_layer import magnification
+from pipeline.reporting.recording.recorded_shot import shot_of
+from pipeline.reporting.recording.recording_file import write_recording
+from pipeline.reporting.recording.recording_stream import finish
 
 
 def recorded(folder: Path, motion: np.ndarray | None = None) -> dict[str, list[Chunk]]:

@@ -10,10 +10,10 @@ import made_up_shot as shot
 import numpy as np
 import pytest
 
-from pipeline.report import ReportFiles, event_rows, write_report
-from pipeline.report_figures import plan_figure, speed_figure
-from pipeline.sentences import event_sentence
-from pipeline.verdict import run_trust
+from pipeline.reporting.figures.run_figures import plan_figure, speed_figure
+from pipeline.reporting.pages.run_report import ReportFiles, event_rows, write_report
+from pipeline.reporting.text.run_trust import run_trust
+from pipeline.reporting.text.sentences import event_sentence
 
 
 @pytest.fixture(scope="module")

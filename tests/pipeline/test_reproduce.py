@@ -10,21 +10,46 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.curves import CUBIC, CURVES, LINEAR
-from models.neural.method import Budget, Fitted, Floats, Method
-from pipeline.cache import Cache
-from pipeline.execute import execute
-from pipeline.thesis.boxes import bodies
-from pipeline.thesis.figures import loss_curves
-from pipeline.thesis.lessons import swings
-from pipeline.thesis.methods import EACH_KIND, PHYSICS_NAME, SLOW_NETS, TAUGHT, THESIS_NETS, given, methods_for
-from pipeline.thesis.page import learning, sheets
-from pipeline.thesis.pendulum import GRAVITY, LENGTH, RECORDING, as_angles, as_points, recording_in, swung
-from pipeline.thesis.plan import BASE, FIRST_VARIANT, Depth, Plan, cases, left_out, tasks, trained
-from pipeline.thesis.pool import pool, shots_of
-from pipeline.thesis.series import Case, Series, filmed
-from pipeline.thesis.trials import LOST, Trial, tried
-from pipeline.thesis.words import cells, compared, sentences
+from models.neural.common.method_interface import Budget, Fitted, Floats, Method
+from models.neural.common.spline_methods import CUBIC, CURVES, LINEAR
+from pipeline.cli.execute import execute
+from pipeline.engine.result_cache import Cache
+from pipeline.experiments.thesis.compared_methods import (
+    EACH_KIND,
+    PHYSICS_NAME,
+    SLOW_NETS,
+    TAUGHT,
+    THESIS_NETS,
+    given,
+    methods_for,
+)
+from pipeline.experiments.thesis.experiment_plan import (
+    BASE,
+    FIRST_VARIANT,
+    Depth,
+    Plan,
+    cases,
+    left_out,
+    tasks,
+    trained,
+)
+from pipeline.experiments.thesis.scenes.boxes_scene import bodies
+from pipeline.experiments.thesis.scenes.constraint_lessons import swings
+from pipeline.experiments.thesis.scenes.double_pendulum_scene import (
+    GRAVITY,
+    LENGTH,
+    RECORDING,
+    as_angles,
+    as_points,
+    recording_in,
+    swung,
+)
+from pipeline.experiments.thesis.scenes.pool_scene import pool, shots_of
+from pipeline.experiments.thesis.scenes.withheld_series import Case, Series, filmed
+from pipeline.experiments.thesis.thesis_figures import loss_curves
+from pipeline.experiments.thesis.thesis_page import learning, sheets
+from pipeline.experiments.thesis.thesis_sentences import cells, compared, sentences
+from pipeline.experiments.thesis.trials import LOST, Trial, tried
 
 CASE = Case("double-pendulum", "soft", 30.0, 0.1, 0)
 
@@ -284,7 +309,7 @@ def only_curves(monkeypatch: pytest.MonkeyPatch) -> None:
     def curves(scene: str, variant: str, run: Path | None) -> list[Method]:
         return list(CURVES)
 
-    monkeypatch.setattr("pipeline.thesis.plan.methods_for", curves)
+    monkeypatch.setattr("pipeline.experiments.thesis.experiment_plan.methods_for", curves)
 
 
 @pytest.mark.usefixtures("only_curves")

@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_videos" / "carom_match.mp4"
 PROGRAM = """import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests themselves run in the background
-from pipeline.cli import main
+from pipeline.cli.main import main
 main()"""
 SECONDS = 1.5
 """Of the sample: a strike, a contact of two balls and one with a cushion."""

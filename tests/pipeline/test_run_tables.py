@@ -11,11 +11,11 @@ import made_up_shot as shot
 import numpy as np
 import pytest
 
-from models.fit import Fit, Laws, Parameter
-from models.scene import Scene
-from models.tracks import Tracks
-from pipeline.tables import write_events, write_scene, write_tracks, write_trajectory
-from video.clip import Clip
+from models.core.fit_result import Fit, Laws, Parameter
+from models.core.scene import Scene
+from models.core.tracks import Tracks
+from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
+from video.io.clip import Clip
 
 TRACKS = "shot,frame,t,id,kind,x_px,y_px,x,y,sigma,radius_px,observed"
 EVENTS = "shot,kind,t,t_sigma,frame,a,b,x,y,probability,gap_mm,gap_mm_sigma,speed"

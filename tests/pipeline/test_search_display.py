@@ -9,7 +9,7 @@ import numba
 import pytest
 from rich.console import Console
 
-from pipeline.search_display import COMPILING, search_display
+from pipeline.terminal.search_display import COMPILING, search_display
 
 
 @numba.njit

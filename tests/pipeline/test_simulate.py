@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.execute import execute
-from pipeline.shot_file import read_shot
+from pipeline.cli.execute import execute
+from pipeline.io.shot_file import read_shot
 
 SHOT: dict[str, Any] = {
     "scene": "billiards",

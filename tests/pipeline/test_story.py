@@ -8,11 +8,11 @@ import made_up_shot as shot
 import numpy as np
 import pytest
 
-from models.events import Events
-from models.fit import Fit
-from models.tracks import Tracks
-from models.trajectory import Trajectory
-from pipeline.story import tell
+from models.core.events import Events
+from models.core.fit_result import Fit
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
+from pipeline.reporting.text.shot_summary import tell
 
 T = np.linspace(0, 2, 61)
 TOUCH = 0.8

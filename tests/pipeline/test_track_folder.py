@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from models.errors import OptionError
-from pipeline.track_folder import read_track_folders
+from models.core.errors import OptionError
+from pipeline.io.track_folder import read_track_folders
 
 ROWS = "0,0,0.0,cue,1.0,0.5\n0,1,0.1,cue,1.1,0.5\n"
 

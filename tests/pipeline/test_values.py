@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
-from models.scene import Scene
-from pipeline.values import load_value, save_value
-from video.clip import Clip
+from models.core.scene import Scene
+from pipeline.engine.value_files import load_value, save_value
+from video.io.clip import Clip
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from terminal import Terminal, terminal
 
-from models.errors import OptionError, TruerollError
-from pipeline.viewer import free_port, recordings_of, show_recordings
+from models.core.errors import OptionError, TruerollError
+from pipeline.reporting.recording.rerun_viewer import free_port, recordings_of, show_recordings
 
 trueroll = pytest.fixture(terminal)
 
@@ -24,7 +24,7 @@ exit 3
 @pytest.fixture(autouse=True)
 def usual_ports(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if nothing else listened on this machine."""
-    monkeypatch.setattr("pipeline.viewer.free_port", lambda wanted: wanted)
+    monkeypatch.setattr("pipeline.reporting.recording.rerun_viewer.free_port", lambda wanted: wanted)
 
 
 @pytest.fixture

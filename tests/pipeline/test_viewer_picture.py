@@ -15,9 +15,9 @@ from browser import chromium
 from PIL import Image
 from test_recording import made_up_fans
 
-from pipeline.recording.write import write_recording
-from pipeline.viewer import free_port, open_viewer
-from video.palette import KIND_COLOURS, on_any_ground
+from pipeline.reporting.recording.recording_file import write_recording
+from pipeline.reporting.recording.rerun_viewer import free_port, open_viewer
+from video.drawing.palette import KIND_COLOURS, on_any_ground
 
 PATIENCE = 90.0
 """s that a viewer on a busy machine without a graphics card may take."""

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.events import Events
-from models.fit import Fit, Trust
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
-from models.trajectory import Trajectory
-from video.clip import Clip, open_clip
-from video.writer import VideoWriter
+from models.core.events import Events
+from models.core.fit_result import Fit, Trust
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
+from video.io.clip import Clip, open_clip
+from video.io.video_writer import VideoWriter
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.scene import NOSE_HEIGHT_RADII, Camera, Table, apply_homography
+from models.core.scene import NOSE_HEIGHT_RADII, Camera, Table, apply_homography
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -8,7 +8,7 @@ from itertools import islice
 
 import pytest
 
-from video.ahead import ahead
+from video.io.prefetch import ahead
 
 
 def test_results_come_in_order_from_another_thread() -> None:

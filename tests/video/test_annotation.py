@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import staged_shot as shot
 
-from models.events import Events
-from models.fit import Fit
-from models.tracks import Tracks
-from video.annotation import GO_STEP, MOST_WORDS, Annotation, annotate
-from video.layout import Side, overlap
-from video.motion_marks import marks_of, path_of
-from video.overlay import Balls
-from video.sightings import sight
+from models.core.events import Events
+from models.core.fit_result import Fit
+from models.core.tracks import Tracks
+from video.drawing.label_layout import Side, overlap
+from video.matting.ball_timeline import sight
+from video.overlay.annotation import GO_STEP, MOST_WORDS, Annotation, annotate
+from video.overlay.frame_overlay import Balls
+from video.overlay.motion_marks import marks_of, path_of
 
 TIMES = np.arange(31) / shot.RATE
 

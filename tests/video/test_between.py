@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import staged_shot as shot
 
-from video.between import between, even_rate, times_between
-from video.clip import read_frames
-from video.writer import VideoWriter
+from video.io.clip import read_frames
+from video.io.video_writer import VideoWriter
+from video.overlay.plain_interpolation import between, even_rate, times_between
 
 FACTOR = 4
 

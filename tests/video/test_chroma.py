@@ -10,11 +10,11 @@ import pytest
 import staged_shot as shot
 from numpy.typing import NDArray
 
-from video.chroma import has_squares, square_colours
-from video.clip import read_frames
-from video.inbetween import open_interval
-from video.plate import Plate
-from video.sightings import sight
+from video.io.chroma import has_squares, square_colours
+from video.io.clip import read_frames
+from video.matting.background_plate import Plate
+from video.matting.ball_timeline import sight
+from video.synthesis.frame_synthesis import open_interval
 
 Picture = NDArray[np.uint8]
 TIMES = np.arange(31) / shot.RATE

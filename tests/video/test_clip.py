@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.errors import ClipError
-from video.clip import Clip, open_clip, read_frames
-from video.timestamps import nominal_rate, presentation_times
+from models.core.errors import ClipError
+from video.io.clip import Clip, open_clip, read_frames
+from video.io.timestamps import nominal_rate, presentation_times
 
 Picture = NDArray[np.uint8]
 

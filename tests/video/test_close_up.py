@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from video.close_up import CAPTION, TILE, Outline, Scenery, close_up, strip
-from video.palette import FLASH
+from video.drawing.palette import FLASH
+from video.overlay.close_up import CAPTION, TILE, Outline, Scenery, close_up, strip
 
 
 def scene(*centres: tuple[float, float], line: np.ndarray | None = None) -> Scenery:

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from video.crawl import crawling_ways, with_crawls
-from video.flow import OpticalFlow, flow_between, grid
+from video.flow.optical_flow import OpticalFlow, flow_between, grid
+from video.flow.ticker import crawling_ways, with_crawls
 
 HEIGHT, WIDTH, LINE = 96, 400, slice(56, 76)
 TEXT = "SIDE POCKET LIVE FROM THE HALL THE FRAME STANDS AT FOUR ALL AND IT IS TABLE TWO NEXT"

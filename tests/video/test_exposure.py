@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from video.exposure import SHARES, _misfits, believed_share
+from video.matting.shutter_time import SHARES, _misfits, believed_share
 
 Floats = NDArray[np.float64]
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.forecast.regions import outlyingness
-from models.scene import Table
-from video.fan import Fan, draw_fans
-from video.inset import SHIFT, SUPERSAMPLE, furnished
-from video.plan import CLOTH, WIDTH, colours_of, draw_plan
+from models.core.scene import Table
+from models.estimation.forecast.probability_regions import outlyingness
+from video.drawing.prediction_fan import Fan, draw_fans
+from video.drawing.table_inset import SHIFT, SUPERSAMPLE, furnished
+from video.drawing.table_plan import CLOTH, WIDTH, colours_of, draw_plan
 
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from video.flow import Blend, OfFunction, OpticalFlow
-from video.flow_regions import find_stirred, open_regions
+from video.flow.moving_regions import find_stirred, open_regions
+from video.flow.optical_flow import Blend, OfFunction, OpticalFlow
 
 Picture = NDArray[np.uint8]
 HEIGHT, WIDTH = 160, 240

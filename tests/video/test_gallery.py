@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from video import gallery
-from video.clip import open_clip, read_frames
-from video.gallery import Gallery
-from video.writer import VideoWriter
+from video.io.clip import open_clip, read_frames
+from video.io.video_writer import VideoWriter
+from video.matting import frame_store
+from video.matting.frame_store import Gallery
 
 LATER = frozenset({2, 5, 9})
 
@@ -26,7 +26,7 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
         seen.append(list(indices))
         return read_frames(clip, indices=indices)
 
-    monkeypatch.setattr(gallery, "read_frames", read)
+    monkeypatch.setattr(frame_store, "read_frames", read)
     return seen
 
 
@@ -58,7 +58,7 @@ def test_what_is_asked_for_later_is_read_on_the_way(tmp_path: Path, looks: list[
 def test_what_does_not_fit_is_read_again(
     tmp_path: Path, looks: list[list[int]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gallery, "MOST_BYTES", 2 * 64 * 48 * 3)
+    monkeypatch.setattr(frame_store, "MOST_BYTES", 2 * 64 * 48 * 3)
     rows, truth = made(tmp_path)
     list(rows.at([0]))
     assert sorted(rows.kept) == [2, 5]

@@ -11,19 +11,19 @@ import staged_shot as shot
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from models.events import Events
-from models.fit import Fit, Trust
-from models.scene import Camera, Scene, Table
-from models.tracks import Tracks
-from models.trajectory import Trajectory
-from video.clip import Clip, open_clip, read_frames
-from video.empty_table import plate_of, swept_by
-from video.gallery import Gallery
-from video.inbetween import Seen, open_interval
-from video.pasting import Layer, paste
-from video.plate import UNDER, Plate, learn_plate
-from video.sightings import Sightings, sight
-from video.sprites import Outline, peel
+from models.core.events import Events
+from models.core.fit_result import Fit, Trust
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
+from video.io.clip import Clip, open_clip, read_frames
+from video.matting.background_plate import UNDER, Plate, learn_plate
+from video.matting.ball_matting import Outline, peel
+from video.matting.ball_timeline import Sightings, sight
+from video.matting.compositing import Layer, paste
+from video.matting.frame_store import Gallery
+from video.matting.hidden_background import plate_of, swept_by
+from video.synthesis.frame_synthesis import Seen, open_interval
 
 Picture = NDArray[np.uint8]
 TIMES = np.arange(31) / shot.RATE

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.errors import OptionError
-from video.onnx_between import OnnxNetwork
+from models.core.errors import OptionError
+from video.flow.onnx_interpolation import OnnxNetwork
 
 onnx = pytest.importorskip("onnx")
 H, W = 50, 70

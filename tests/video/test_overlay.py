@@ -5,11 +5,9 @@ import pytest
 import staged_shot as shot
 from numpy.typing import NDArray
 
-from models.scene import Camera, Scene
-from video.inset import plan_of
-from video.layout import Side, overlap, place_label, place_panel
-from video.overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_ring, draw_trail, error_text, uncovered
-from video.palette import (
+from models.core.scene import Camera, Scene
+from video.drawing.label_layout import Side, overlap, place_label, place_panel
+from video.drawing.palette import (
     BRIGHT,
     INK,
     KIND_COLOURS,
@@ -21,7 +19,19 @@ from video.palette import (
     legible,
     on_any_ground,
 )
-from video.text import lay, lay_sparse, text_mask, write
+from video.drawing.table_inset import plan_of
+from video.drawing.text import lay, lay_sparse, text_mask, write
+from video.overlay.frame_overlay import (
+    Balls,
+    Clock,
+    Label,
+    draw_flash,
+    draw_measured,
+    draw_ring,
+    draw_trail,
+    error_text,
+    uncovered,
+)
 
 Picture = NDArray[np.uint8]
 Floats = NDArray[np.float64]

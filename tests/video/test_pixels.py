@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from video.pixels import CELL, dots, fill_cells, fill_mixed, lay_over, paint, unlike
+from video.io.pixel_kernels import CELL, dots, fill_cells, fill_mixed, lay_over, paint, unlike
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])

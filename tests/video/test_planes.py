@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from video.planes import planes_of
+from video.io.yuv_planes import planes_of
 
 
 def _exact(rgb: NDArray[np.uint8]) -> list[NDArray[np.float64]]:

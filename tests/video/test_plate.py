@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from video.plate import SHADED, UNDER, Plate, learn_plate
+from video.matting.background_plate import SHADED, UNDER, Plate, learn_plate
 
 Picture = NDArray[np.uint8]
 SIZE, BALL, RADIUS = 96, (40, 48), 8

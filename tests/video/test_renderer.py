@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.scene import Camera, Table
-from video.renderer import Motion, Poses, View, develop, expose, make_view, render_picture, seen_centres
-from video.renderer_camera import look_at, project
-from video.renderer_look import BallLook, Lamp, Look, pool_ball
-from video.renderer_props import cue_rods
+from models.core.scene import Camera, Table
+from video.rendering.pinhole_camera import look_at, project
+from video.rendering.player_props import cue_rods
+from video.rendering.scene_appearance import BallLook, Lamp, Look, pool_ball
+from video.rendering.scene_renderer import Motion, Poses, View, develop, expose, make_view, render_picture, seen_centres
 
 TABLE = Table("small", "carom", 1.0, 0.5, 0.0286, 0.17, False)
 WHITE = BallLook("cue", (1.0, 1.0, 1.0))

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from video.clip import open_clip
-from video.repeats import QUIET, ChangeMeter, mark_repeats
+from video.io.clip import open_clip
+from video.io.duplicate_frames import QUIET, ChangeMeter, mark_repeats
 
 WIDTH, HEIGHT = 360, 180
 Picture = NDArray[np.uint8]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from video.pasting import Layer, paste
-from video.plate import Plate
-from video.sharp_balls import over_plain_ground
-from video.sharpness import grown, lit_like, sharpened, streaked
-from video.sprites import Outline, Sprite, peel, taps_along
+from video.matting.background_plate import Plate
+from video.matting.ball_matting import Outline, Sprite, peel, taps_along
+from video.matting.compositing import Layer, paste
+from video.matting.deblur import grown, lit_like, sharpened, streaked
+from video.matting.sharp_balls import over_plain_ground
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from video.clip import Clip, open_clip, read_frames
-from video.shots import MARGIN_S, find_shots, motions
+from video.calibration.shot_cuts import MARGIN_S, find_shots, motions
+from video.io.clip import Clip, open_clip, read_frames
 
 RATE = 25
 HEIGHT, WIDTH = 180, 320

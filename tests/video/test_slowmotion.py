@@ -13,16 +13,16 @@ import pytest
 import staged_shot as shot
 from numpy.typing import NDArray
 
-from models.events import Events
-from models.fit import Fit, Trust
-from models.tracks import Tracks
-from models.trajectory import Trajectory
-from video.clip import Clip
-from video.drawn_balls import balls_at
-from video.inbetween import Scenery, scenery_of
-from video.options import RenderOptions
-from video.sightings import sight
-from video.slowmotion import render_poster, render_slow_motion
+from models.core.events import Events
+from models.core.fit_result import Fit, Trust
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
+from video.io.clip import Clip
+from video.io.options import RenderOptions
+from video.matting.ball_timeline import sight
+from video.overlay.ball_outlines import balls_at
+from video.overlay.slow_motion import render_poster, render_slow_motion
+from video.synthesis.frame_synthesis import Scenery, scenery_of
 
 Picture = NDArray[np.uint8]
 

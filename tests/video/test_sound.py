@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import staged_shot as shot
 
-from video.clip import open_clip
-from video.sound import add_sound
-from video.writer import VideoWriter
+from video.io.audio import add_sound
+from video.io.clip import open_clip
+from video.io.video_writer import VideoWriter
 
 TONE, SAMPLES = 440.0, 44100
 SILENCE = 0.2

@@ -10,12 +10,12 @@ import pytest
 import staged_shot as shot
 from numpy.typing import NDArray
 
-from video.inbetween import open_interval
-from video.pasting import Turned
-from video.plate import Plate
-from video.sightings import Sightings, sight
-from video.spin import Spin, spin_between, spins_of
-from video.sprites import Outline, Sprite, peel
+from video.matting.background_plate import Plate
+from video.matting.ball_matting import Outline, Sprite, peel
+from video.matting.ball_timeline import Sightings, sight
+from video.matting.compositing import Turned
+from video.synthesis.ball_rotation import Spin, spin_between, spins_of
+from video.synthesis.frame_synthesis import open_interval
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]

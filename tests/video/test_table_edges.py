@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from video.table_edges import DEPTHS, POSITIONS, Side, fit_line, peaks
+from video.calibration.table_edges import DEPTHS, POSITIONS, Side, fit_line, peaks
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from table_pictures import Floats, Look, Picture, corner_error, draw_table, looking, moved, small_motion, write_clip
 
-from models.billiards.tables import PRESETS
-from models.errors import OptionError, TableNotFound
-from models.scene import Camera, Scene, apply_homography
-from video.clip import open_clip
-from video.options import CalibrateOptions
-from video.table_camera import orient
-from video.table_finder import find_scene, parse_corners, search_picture
+from models.core.errors import OptionError, TableNotFound
+from models.core.scene import Camera, Scene, apply_homography
+from models.physics.billiards.tables import PRESETS
+from video.calibration.camera_model import orient
+from video.calibration.table_finder import find_scene, parse_corners, search_picture
+from video.io.clip import open_clip
+from video.io.options import CalibrateOptions
 
 SIZE = (960, 540)
 TABLE = PRESETS["pool-9ft"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.billiards.tables import PRESETS
-from video.table_balls import BallSizes
-from video.table_preset import COMMON, COULD_BE, SURE, guess_table
+from models.physics.billiards.tables import PRESETS
+from video.calibration.ball_size import BallSizes
+from video.calibration.table_classifier import COMMON, COULD_BE, SURE, guess_table
 
 
 def _sizes(name: str, sigma: float = 0.03, factor: float = 1.0) -> BallSizes:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from video.text import lay, number_mask, rounded_mask, text_mask
-from video.tile import Ink, stacked
+from video.drawing.mask_tile import Ink, stacked
+from video.drawing.text import lay, number_mask, rounded_mask, text_mask
 
 INKS = (
     Ink(rounded_mask(60, 24, 6), 0, 0, (20, 22, 30), 0.72),

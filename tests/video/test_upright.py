@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import staged_shot as shot
 
-from video.sightings import sight
-from video.upright import window_lefts, window_width
+from video.matting.ball_timeline import sight
+from video.overlay.vertical_crop import window_lefts, window_width
 
 TIMES = np.arange(31) / shot.RATE
 

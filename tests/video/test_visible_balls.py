@@ -8,9 +8,9 @@ import numpy as np
 import staged_shot as shot
 from numpy.typing import NDArray
 
-from video.plate import Plate
-from video.sightings import Sightings, sight
-from video.visible_balls import shown_balls
+from video.matting.background_plate import Plate
+from video.matting.ball_timeline import Sightings, sight
+from video.matting.visible_balls import shown_balls
 
 ROW = 15
 TIMES = np.arange(31) / shot.RATE

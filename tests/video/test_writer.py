@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.errors import ClipError
-from video.writer import VideoWriter
+from models.core.errors import ClipError
+from video.io.video_writer import VideoWriter
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -68,7 +68,7 @@ import hashlib, sys
 from fractions import Fraction
 from pathlib import Path
 import numpy as np
-from video.writer import VideoWriter
+from video.io.video_writer import VideoWriter
 
 rng = np.random.default_rng(1)
 cloth = rng.normal(90, 6, (520, 900, 1)) + np.array([0.0, 30.0, 60.0])

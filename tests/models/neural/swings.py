@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.neural.method import Floats
+from models.neural.common.method_interface import Floats
 
 
 def circle(t: Floats, turns: float = 1.0) -> Floats:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from swings import circle, mse
 
-from models.curves import CUBIC, LINEAR
-from models.neural.chosen import Chosen
-from models.neural.method import Budget, Fitted, Floats, LostMotion
-from models.neural.simulator import SMOOTH
-from models.neural.training import Schedule
+from models.neural.common.method_interface import Budget, Fitted, Floats, LostMotion
+from models.neural.common.network_training import Schedule
+from models.neural.common.spline_methods import CUBIC, LINEAR
+from models.neural.method_selection import Chosen
+from models.neural.networks.neural_runge_kutta import SMOOTH
 
 TIMES = np.linspace(0, 1, 25)
 MIDDLES = (TIMES[1:] + TIMES[:-1]) / 2

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from models.neural.steps import Euler, Leapfrog, RungeKutta, Slope, Step, Yoshida, march, settled
+from models.neural.common.integration_steps import Euler, Leapfrog, RungeKutta, Slope, Step, Yoshida, march, settled
 
 
 def slope(x: Tensor, t: Tensor) -> Tensor:

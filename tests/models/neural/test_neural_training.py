@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from models.neural.clock import Clock
-from models.neural.method import Budget, LostMotion
-from models.neural.perceptron import Perceptron, count_parameters, seeded
-from models.neural.training import Schedule, train
+from models.neural.common.method_interface import Budget, LostMotion
+from models.neural.common.network_training import Schedule, train
+from models.neural.common.perceptron import Perceptron, count_parameters, seeded
+from models.neural.common.time_encoding import Clock
 
 
 class Bowl(nn.Module):

@@ -10,15 +10,15 @@ import torch
 from scipy.integrate import solve_ivp
 from swings import circle, mse
 
-from models.curves import CUBIC, LINEAR
-from models.neural.constraint import CONSTRAINT_NET
-from models.neural.flow import LearntFlow
-from models.neural.hamiltonian import HAMILTONIAN, SEPARABLE, HamiltonianLaw, SeparableLaw
-from models.neural.interaction import INTERACTION, InteractionLaw, nearest
-from models.neural.method import Budget, Floats
-from models.neural.second_order import PLAIN_FLOW, SECOND_ORDER, FirstOrder
-from models.neural.taught import TAUGHT_SCHEDULE, TaughtConstraintNet
-from models.neural.training import Schedule
+from models.neural.common.method_interface import Budget, Floats
+from models.neural.common.network_training import Schedule
+from models.neural.common.spline_methods import CUBIC, LINEAR
+from models.neural.networks.constraint_net import CONSTRAINT_NET
+from models.neural.networks.hamiltonian_network import HAMILTONIAN, SEPARABLE, HamiltonianLaw, SeparableLaw
+from models.neural.networks.interaction_network import INTERACTION, InteractionLaw, nearest
+from models.neural.networks.neural_flow import LearntFlow
+from models.neural.networks.pretrained_constraint_net import TAUGHT_SCHEDULE, TaughtConstraintNet
+from models.neural.networks.second_order_network import PLAIN_FLOW, SECOND_ORDER, FirstOrder
 
 SHORT = Schedule(adam=200, rate=5e-3)
 FLOWS = (SECOND_ORDER, PLAIN_FLOW, HAMILTONIAN, SEPARABLE, INTERACTION)

@@ -10,9 +10,10 @@ import torch
 from swings import circle, mse
 from torch import nn
 
-from models.curves import LINEAR
-from models.neural.method import Budget
-from models.neural.simulator import (
+from models.neural.common.method_interface import Budget
+from models.neural.common.network_training import Schedule
+from models.neural.common.spline_methods import LINEAR
+from models.neural.networks.neural_runge_kutta import (
     CORRECTED,
     EULER,
     EXTRAPOLATION,
@@ -22,7 +23,6 @@ from models.neural.simulator import (
     SMOOTH,
     NeuralSimulator,
 )
-from models.neural.training import Schedule
 
 TIMES = np.linspace(0, 1, 17)
 MIDDLES = (TIMES[1:] + TIMES[:-1]) / 2

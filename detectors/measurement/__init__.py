@@ -1,0 +1,1 @@
+"""Measurements that every detector uses: cloth background, circle fits, motion blur, colour, overlaps."""

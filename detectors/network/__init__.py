@@ -1,0 +1,1 @@
+"""Detection by networks in ONNX files: decoding, second pass on crops, post-processing."""

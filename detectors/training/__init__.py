@@ -1,0 +1,1 @@
+"""Training, evaluation and export of the detection networks. Needs the `train` extra."""

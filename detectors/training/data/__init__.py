@@ -1,0 +1,1 @@
+"""Training samples: rendered frames on disk, augmentation, distractors and crops."""

@@ -1,0 +1,1 @@
+"""The torch networks, their targets and losses."""

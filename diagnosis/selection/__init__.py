@@ -1,0 +1,1 @@
+"""Which effects are missing: signatures propose, joint refits decide."""

@@ -1,0 +1,1 @@
+"""The result of a diagnosis as values: verdict, candidates, localisation, experiment design."""

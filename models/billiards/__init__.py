@@ -1,1 +1,0 @@
-"""The billiards scene: tables, motion on cloth, contacts."""

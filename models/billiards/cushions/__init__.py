@@ -1,1 +1,0 @@
-"""Ball against cushion: one file per published law."""

@@ -1,1 +1,0 @@
-"""Ball against ball: one file per published law."""

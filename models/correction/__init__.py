@@ -1,1 +1,0 @@
-"""A neural correction inside the integrator, where the physics leaves structure."""

@@ -1,1 +1,0 @@
-"""What acts on a ball: one effect per file, listed in the catalogue."""

@@ -1,0 +1,1 @@
+"""Did two bodies touch: competing hypotheses about one moment, and the answers to calls."""

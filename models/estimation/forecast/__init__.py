@@ -1,0 +1,1 @@
+"""Prediction of the rest of a shot from any moment, with its uncertainty."""

@@ -1,0 +1,1 @@
+"""The joint refinement of all segments, contacts and coefficients of a clip."""

@@ -1,0 +1,1 @@
+"""A small network that corrects the contact and cloth models of billiards, and its training."""

@@ -1,0 +1,1 @@
+"""Particles of which only coordinates are known: the model that explains them, and a prediction."""

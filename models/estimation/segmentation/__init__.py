@@ -1,0 +1,1 @@
+"""Tracks cut into segments of motion, and the causes of the cuts."""

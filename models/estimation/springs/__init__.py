@@ -1,0 +1,1 @@
+"""Latent inference of a mass-spring-damper system from coordinates alone."""

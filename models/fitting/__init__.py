@@ -1,1 +1,0 @@
-"""Tracks to a fit: the story of a shot, its contacts, its motion between them, and how far to trust it."""

@@ -1,1 +1,0 @@
-"""The rest of a shot from any moment, with how far it can be known."""

@@ -1,0 +1,1 @@
+"""Parts that all learnt methods share: interface, perceptron, scaling, integration steps, training, splines."""

@@ -1,1 +1,0 @@
-"""Pendulums of rigid arms: their motion, and what angles say of them."""

@@ -1,0 +1,1 @@
+"""Physical models: forces, contacts and simulation. Nothing here is fitted to data."""

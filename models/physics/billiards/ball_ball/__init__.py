@@ -1,0 +1,1 @@
+"""Contact of two balls: one file per published model."""

@@ -1,0 +1,1 @@
+"""Contact of a ball with a cushion: one file per published model."""

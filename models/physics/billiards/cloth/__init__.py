@@ -1,0 +1,1 @@
+"""Motion of one ball on the cloth between contacts: sliding, rolling, resting."""

@@ -1,0 +1,1 @@
+"""Effects that act on a ball while it moves on the cloth or through the air."""

@@ -1,0 +1,1 @@
+"""Effects that act when a ball meets another ball or a cushion."""

@@ -1,0 +1,1 @@
+"""Effects of the camera: they change what is observed, not the motion."""

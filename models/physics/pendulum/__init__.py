@@ -1,0 +1,1 @@
+"""Pendulums of rigid arms."""

@@ -1,1 +1,0 @@
-"""Multiple shooting with Levenberg-Marquardt, over any model that offers states, numbers and slopes."""

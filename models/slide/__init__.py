@@ -1,1 +1,0 @@
-"""Bodies that slide on a plane."""

@@ -1,1 +1,0 @@
-"""Particles, springs, dampers and pins: their motion, and what coordinates alone tell of them."""

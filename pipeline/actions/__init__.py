@@ -1,0 +1,1 @@
+"""What single commands do beyond the chain: calls, interpolation, prediction of particles."""

@@ -1,0 +1,1 @@
+"""The program: its entry point, its error handling, and its commands."""

@@ -1,0 +1,48 @@
+"""trueroll cache: list, size and prune."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Annotated
+
+import typer
+from rich.table import Table as Grid
+
+from models.core.errors import OptionError
+from pipeline.terminal.command_line import CacheOption, DebugOption, JsonOption, app, open_cache, standard_output
+
+
+@app.command("cache")
+def show_cache(
+    prune: Annotated[bool, typer.Option("--prune", help="Remove entries by age or until the rest fits.")] = False,
+    older_than: Annotated[float | None, typer.Option("--older-than", help="Age in days since the last use.")] = None,
+    max_size: Annotated[float | None, typer.Option("--max-size", help="Largest size to keep, in MB.")] = None,
+    cache: CacheOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """List, size and prune the cache."""
+    store = open_cache(cache)
+    if prune:
+        if older_than is None and max_size is None:
+            raise OptionError("Pruning needs to know what to remove: give --older-than DAYS or --max-size MB")
+        for flag, value, unit in (("--older-than", older_than, "days"), ("--max-size", max_size, "MB")):
+            if value is not None and not 0 <= value < math.inf:
+                raise OptionError(f"{flag} is a number of {unit} that is 0 or more; got {value:g}")
+        removed = store.prune(
+            older_than_s=None if older_than is None else 86400 * older_than,
+            largest_bytes=None if max_size is None else round(1e6 * max_size),
+        )
+        print(f"Removed {len(removed)} entries, {sum(entry.size for entry in removed) / 1e6:.1f} MB")
+    entries = list(store.entries())
+    if as_json:
+        print(json.dumps([{"stage": e.stage, "key": e.key, "size": e.size, "used": e.used} for e in entries]))
+        return
+    grid = Grid("stage", "entries", "MB", "made in s", box=None, pad_edge=False)
+    for stage in sorted({entry.stage for entry in entries}):
+        rows = [entry for entry in entries if entry.stage == stage]
+        size, seconds = sum(e.size for e in rows) / 1e6, sum(e.seconds for e in rows)
+        grid.add_row(stage, str(len(rows)), f"{size:.1f}", f"{seconds:.1f}")
+    standard_output().print(grid)
+    print(f"{len(entries)} entries, {sum(entry.size for entry in entries) / 1e6:.1f} MB in {store.root}")

@@ -1,0 +1,33 @@
+"""trueroll view: the recording of a run in the rerun viewer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.chain import default_folder, run_clip
+from pipeline.options import RunOptions
+from pipeline.terminal.command_line import CacheOption, DebugOption, app, console, open_cache
+from pipeline.terminal.progress_display import StageDisplay
+
+
+@app.command("view")
+def view(
+    target: Annotated[
+        Path, typer.Argument(metavar="CLIP|DIR", help="A run's folder, a batch's, an .rrd, or a clip to run first.")
+    ],
+    web: Annotated[bool, typer.Option("--web", help="In the browser instead of the native viewer.")] = False,
+    cache: CacheOption = None,
+    debug: DebugOption = False,
+) -> None:
+    """The recording of a run, or of every run of a batch, in the rerun viewer."""
+    from pipeline.reporting.recording.rerun_viewer import recordings_of, show_recordings
+
+    shown = target
+    if not target.is_dir() and target.suffix != ".rrd":
+        shown = default_folder(target)
+        with StageDisplay(console, str(target)) as display:
+            run_clip(target, shown, RunOptions(), open_cache(cache), display)
+    raise typer.Exit(show_recordings(recordings_of(shown), web=web))

@@ -1,0 +1,1 @@
+"""The DAG runner: stages, their graph, the cache of results, and atomic writing."""

@@ -1,0 +1,1 @@
+"""Experiments that check the program itself: the thesis reproduced, the diagnosis tested blind."""

@@ -1,0 +1,165 @@
+"""The kinds of case of bodies that slide, fly and swing.
+
+Strengths are natural ones, drawn evenly between two values: mu of plastic, wood and metal on smooth floors 0.1 to 0.4;
+drag of balls and shuttles in air by g / (terminal speed)^2, 0.22 1/m for a shuttle, 0.02 for a tennis ball; bearings of
+swinging rods as recorded pendulums show them, 0.02 to 0.2 1/s; floors and walls that are off by 2 to 10 mm/m; a draught
+of 1 to 4 m/s; lift by spin of balls that are sliced. Noise is 0.3 px of a camera that sees the scene whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from models.estimation.gap_scenes.gap_scene import GapScene
+
+Ranges = Mapping[str, Mapping[str, tuple[float, float]]]
+
+NOISE = {"slide": 0.9e-3, "flight": 3e-3, "pendulum": 2e-3}
+"""m or rad, one standard deviation."""
+SECONDS = {"slide": 1.5, "flight": 1.3, "pendulum": 2.5}
+BOTH_SIGNS = ("slope_x", "slope_y", "wind_x", "s", "angle", "c")
+"""Parameters that may be of either sign."""
+
+
+@dataclass(frozen=True, slots=True)
+class BodyKind:
+    """A world of a body, what acts there, and what of it the simulator has."""
+
+    name: str
+    scene: str
+    acts: Ranges
+    """Effects that act, with the least and the largest natural value of each parameter."""
+    model: tuple[str, ...] = ()
+    """Effects of them that the simulator has."""
+    foreign: bool = False
+    """Whether what it lacks is in no library: the right answer is `unknown`."""
+    camera: Mapping[str, float] = field(default_factory=dict)
+    """correlation, outliers, missing."""
+    throw: Mapping[str, float] = field(default_factory=dict)
+    """speed, angle: what is the same in all shots."""
+    engine: str = ""
+    """The package that plays it; our own small integrators where there is none."""
+    family: frozenset[str] = frozenset()
+    """Effects of the library any of which, and nothing else, is a right name for what acts in another form."""
+
+    @property
+    def withheld(self) -> frozenset[str]:
+        """What the simulator lacks."""
+        return frozenset(self.acts) - set(self.model)
+
+    @property
+    def world(self) -> str:
+        return f"{self.scene}_{self.engine}" if self.engine else self.scene
+
+    @property
+    def trap(self) -> bool:
+        return bool(self.throw)
+
+    @property
+    def forms(self) -> tuple[str, ...]:
+        """None: bodies have no choice of laws."""
+        return ()
+
+    def simulator(self, scene: GapScene) -> GapScene:
+        """The scene as it is: track folders of bodies say all of it."""
+        return scene
+
+    def is_named_by(self, names: frozenset[str]) -> bool:
+        """Whether these names, and no others, are a right answer."""
+        return names <= self.family if self.family else names == self.withheld
+
+    def drawn(self, seed: int, shots: int, fps: float) -> dict[str, Any]:
+        """An experiment of this kind, as the worlds read it."""
+        rng = np.random.default_rng([seed, *self.name.encode()])
+        effects = {name: {p: _value(rng, p, span) for p, span in ranges.items()} for name, ranges in self.acts.items()}
+        return {
+            "effects": effects, "model": list(self.model), "seed": int(rng.integers(2**31)), "shots": shots, "fps": fps,
+            "seconds": SECONDS[self.scene], "noise": NOISE[self.scene], "throw": dict(self.throw), **self.camera,
+        }  # fmt: skip
+
+
+def _value(rng: np.random.Generator, name: str, span: tuple[float, float]) -> float:
+    sign = rng.choice([-1.0, 1.0]) if name in BOTH_SIGNS else 1.0
+    return float(sign * rng.uniform(*span))
+
+
+FRICTION = {"sliding_friction": {"mu": (0.1, 0.4)}}
+SLOPE = {"slope": {"slope_x": (2.0, 10.0), "slope_y": (2.0, 10.0)}}
+DRAG = {"air_drag": {"k": (0.02, 0.2)}}
+SPIN = {"magnus": {"s": (0.2, 1.0)}}
+JOINT = {"joint_friction": {"viscous": (0.02, 0.2), "dry": (0.05, 0.4)}}
+CROOKED = {"gravity_tilt": {"angle": (0.01, 0.05)}}
+DRAGS = frozenset({"air_drag", "viscous_drag"})
+ROUGH = {"correlation": 0.5}
+SLOPPY = {"outliers": 0.01, "missing": 0.03}
+
+BODIES = (
+    BodyKind("slide, nothing missing", "slide", FRICTION, ("sliding_friction",)),
+    BodyKind("slide, nothing missing, correlated noise", "slide", FRICTION, ("sliding_friction",), camera=ROUGH),
+    BodyKind("slide, nothing missing, outliers and gaps", "slide", FRICTION, ("sliding_friction",), camera=SLOPPY),
+    BodyKind("slide, friction", "slide", FRICTION),
+    BodyKind("slide, viscous drag", "slide", {"viscous_drag": {"k": (0.2, 1.0)}}),
+    BodyKind("slide, air drag", "slide", {**FRICTION, "air_drag": {"k": (0.3, 1.0)}}, ("sliding_friction",)),
+    BodyKind("slide, slope", "slide", {**FRICTION, **SLOPE}, ("sliding_friction",)),
+    BodyKind("slide, friction and slope", "slide", {**FRICTION, **SLOPE}),
+    BodyKind(
+        "slide, sticky patch", "slide",
+        {**FRICTION, "sticky_patch": {"mu": (0.2, 0.5), "x": (-0.2, 0.2), "y": (-0.2, 0.2)}},
+        ("sliding_friction",), foreign=True,
+    ),
+    BodyKind("slide, curl", "slide", {**FRICTION, "curl": {"c": (0.1, 0.4)}}, ("sliding_friction",), foreign=True),
+    BodyKind("slide, friction and air drag", "slide", {**FRICTION, "air_drag": {"k": (0.3, 1.0)}}),
+    BodyKind("slide, drag with speed^1.5", "slide", {**FRICTION, "drag_power": {"k": (0.3, 1.0), "power": (1.5, 1.5)}},
+         ("sliding_friction",), family=DRAGS),
+    BodyKind("flight, nothing missing", "flight", DRAG, ("air_drag",)),
+    BodyKind("flight, nothing missing, correlated noise", "flight", DRAG, ("air_drag",), camera=ROUGH),
+    BodyKind("flight, nothing missing, outliers and gaps", "flight", DRAG, ("air_drag",), camera=SLOPPY),
+    BodyKind("flight, air drag", "flight", DRAG),
+    BodyKind("flight, viscous drag", "flight", {"viscous_drag": {"k": (0.1, 0.6)}}),
+    BodyKind("flight, wind", "flight", {**DRAG, "wind": {"wind_x": (1.0, 4.0)}}, ("air_drag",)),
+    BodyKind("flight, lift by spin", "flight", {**DRAG, **SPIN}, ("air_drag",)),
+    BodyKind("flight, air drag and lift by spin", "flight", {**DRAG, **SPIN}),
+    BodyKind("flight, air drag and wind", "flight", {**DRAG, "wind": {"wind_x": (1.0, 4.0)}}),
+    BodyKind("flight, drag with speed^1.5", "flight", {"drag_power": {"k": (0.03, 0.3), "power": (1.5, 1.5)}},
+         family=DRAGS),
+    BodyKind("flight, gusts", "flight", {**DRAG, "gust": {"speed": (4.0, 8.0), "period": (0.4, 0.8)}}, ("air_drag",),
+         foreign=True),
+    BodyKind("pendulum, nothing missing", "pendulum", JOINT, ("joint_friction",)),
+    BodyKind("pendulum, nothing missing, correlated noise", "pendulum", JOINT, ("joint_friction",), camera=ROUGH),
+    BodyKind("pendulum, nothing missing, outliers and gaps", "pendulum", JOINT, ("joint_friction",), camera=SLOPPY),
+    BodyKind("pendulum, joint friction", "pendulum", JOINT),
+    BodyKind("pendulum, air drag", "pendulum", {"air_drag": {"k": (0.02, 0.1)}}),
+    BodyKind("pendulum, crooked camera", "pendulum", {**JOINT, **CROOKED}, ("joint_friction",)),
+    BodyKind("pendulum, joint friction and crooked camera", "pendulum", {**JOINT, **CROOKED}),
+    BodyKind("pendulum, drag with speed^1.5", "pendulum", {"drag_power": {"k": (0.03, 0.15), "power": (1.5, 1.5)}},
+         family=frozenset({"joint_friction", "air_drag"})),
+    BodyKind("pendulum, spiral spring", "pendulum", {**JOINT, "spiral_spring": {"k": (2.0, 10.0)}}, ("joint_friction",),
+         foreign=True),
+    BodyKind("pendulum, magnet", "pendulum", {**JOINT, "magnet": {"m": (1.0, 4.0)}}, ("joint_friction",), foreign=True),
+)  # fmt: skip
+"""What acts, and what is seen of it, as cameras usually see it."""
+
+BY_MUJOCO = (
+    BodyKind("pendulum by MuJoCo, nothing missing", "pendulum", JOINT, ("joint_friction",), engine="mujoco"),
+    BodyKind("pendulum by MuJoCo, joint friction", "pendulum", JOINT, engine="mujoco"),
+    BodyKind(
+        "pendulum by MuJoCo, crooked camera", "pendulum", {**JOINT, **CROOKED}, ("joint_friction",), engine="mujoco"
+    ),
+)
+"""The same rod by an engine that others wrote."""
+
+TRAPS = (
+    BodyKind(
+        "slide, slope along the one way of all bodies",
+        "slide",
+        {**FRICTION, "slope": {"slope_x": (2.0, 6.0), "slope_y": (0.0, 0.0)}},
+        ("sliding_friction",),
+        throw={"angle": 0.0},
+    ),
+    BodyKind("flight, air drag at one speed and angle", "flight", DRAG, throw={"speed": 9.0, "angle": 1.2}),
+)
+"""Shots of which no two differ in what would tell the cause: a group, or what is named as unidentifiable."""

@@ -1,0 +1,1 @@
+"""The scenes of the thesis as series of coordinates with withheld frames."""

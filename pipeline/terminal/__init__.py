@@ -1,0 +1,1 @@
+"""Parts that commands share on a terminal: common options and progress displays."""

@@ -1,0 +1,1 @@
+"""Drawing primitives: colours, text, masks, label placement, plans of the table."""

@@ -1,0 +1,1 @@
+"""Reading and writing of clips, images and sound, and conversions between pixel formats."""

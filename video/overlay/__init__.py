@@ -1,0 +1,1 @@
+"""Annotated slow motion, plain interpolation, close-ups, replays and posters."""

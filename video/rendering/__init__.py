@@ -1,0 +1,1 @@
+"""The renderer of test and training scenes, and the scenes themselves."""
