@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.reconstruction.fit_shot import fit_story
 from models.estimation.segmentation.contact_graph import Contact, ContactKind, Span, Story
-
-Floats = NDArray[np.float64]
 
 SLOWEST = 0.005
 """m/s of closing: slower contacts change nothing that a picture shows."""
@@ -37,7 +36,7 @@ class _Telling:
     contacts: list[Contact]
     last: list[int]
 
-    def meet(self, kind: str, t: float, balls: list[int], states: list[Floats], cushion: str) -> None:
+    def meet(self, kind: str, t: float, balls: list[int], states: list[FloatArray], cushion: str) -> None:
         number, before, after = len(self.contacts), tuple(self.last[ball] for ball in balls), []
         for ball, state in zip(balls, states, strict=True):
             self.spans[self.last[ball]] = replace(self.spans[self.last[ball]], end=number)
@@ -59,7 +58,7 @@ def oracle(shown: Break, filmed: Filmed, burst: float) -> tuple[Fit, Tracks]:
     return fit_story(true_story(shown, filmed, begin, first), tracks, scene(False)), tracks
 
 
-def true_tracks(filmed: Filmed, begin: Floats) -> Tracks:
+def true_tracks(filmed: Filmed, begin: FloatArray) -> Tracks:
     """Sightings under their true names, of each ball from `begin` (N,) s of the film on."""
     seen, many = filmed.detections, (len(filmed.t), BALLS)
     px, xy = np.full((*many, 2), np.nan), np.full((*many, 2), np.nan)
@@ -81,7 +80,7 @@ def owners(filmed: Filmed) -> NDArray[np.int64]:
     return owner
 
 
-def true_story(shown: Break, filmed: Filmed, begin: Floats, first: float) -> Story:
+def true_story(shown: Break, filmed: Filmed, begin: FloatArray, first: float) -> Story:
     """Spans and contacts later than `first`, in s of the world; balls start at `begin` (N,), or as the film does."""
     starts = np.where(np.isfinite(begin), begin, min(float(filmed.t[0]) - filmed.strike, 0.0))
     telling = _Telling([], [], list(range(BALLS)))
@@ -107,7 +106,7 @@ def _balls(shown: Break, e: int) -> list[int]:
     return [int(shown.a[e]), int(shown.b[e])] if shown.kind[e] == "ball" else [int(shown.a[e])]
 
 
-def _state(shown: Break, ball: int, t: float) -> Floats:
+def _state(shown: Break, ball: int, t: float) -> FloatArray:
     """(8,) of a ball just after t, s of the world: as the next sample has it, moved back."""
     sample = min(int(np.ceil(t * HZ + 1e-6)), len(shown.xy) - 1)
     v = shown.v[sample, ball]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from models.core.typing import FloatArray, IntArray
 
 PATIENCE = 15
 """Pictures that a track waits for its next detection."""
@@ -15,17 +13,17 @@ GATE = 0.3
 """m: farther detections are never joined to a track."""
 
 
-def nearest(pictures: list[Floats]) -> list[Ints]:
+def nearest(pictures: list[FloatArray]) -> list[IntArray]:
     """Track numbers of the detections (K, 2) m of every picture: each goes to the nearest last place, nearest first."""
     return _tracked(pictures, blend=0.0, greedy=True)
 
 
-def constant_velocity(pictures: list[Floats]) -> list[Ints]:
+def constant_velocity(pictures: list[FloatArray]) -> list[IntArray]:
     """As SORT (Bewley 2016, doi:10.1109/ICIP.2016.7533003) does it: a filter of constant velocity, then Hungarian."""
     return _tracked(pictures, blend=0.6, greedy=False)
 
 
-def _tracked(pictures: list[Floats], blend: float, greedy: bool) -> list[Ints]:
+def _tracked(pictures: list[FloatArray], blend: float, greedy: bool) -> list[IntArray]:
     """`blend` is the share of a new velocity in the filtered one; 0 foresees no motion."""
     place, velocity, missed = np.empty((0, 2)), np.empty((0, 2)), np.empty(0, np.int64)
     names = []
@@ -50,13 +48,13 @@ def _tracked(pictures: list[Floats], blend: float, greedy: bool) -> list[Ints]:
     return names
 
 
-def _cheapest(apart: Floats) -> tuple[Ints, Ints]:
+def _cheapest(apart: FloatArray) -> tuple[IntArray, IntArray]:
     rows, columns = linear_sum_assignment(np.minimum(apart, 10 * GATE))
     near = apart[rows, columns] < GATE
     return rows[near], columns[near]
 
 
-def _nearest_first(apart: Floats) -> tuple[Ints, Ints]:
+def _nearest_first(apart: FloatArray) -> tuple[IntArray, IntArray]:
     apart = apart.copy()
     found = []
     while apart.size and apart.min() < GATE:

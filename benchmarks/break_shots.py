@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from models.core.detections import Detections
 from models.core.scene import Camera, Scene, Table
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from models.core.typing import FloatArray, IntArray
 
 WORLD = Path(__file__).resolve().parent.parent / "worlds" / "billiards.py"
 R, LENGTH, WIDTH, BALLS = 0.028575, 2.54, 1.27, 16
@@ -31,20 +29,20 @@ HZ = 1000
 class Break:
     """What happened: T samples a millisecond apart of N balls, and E contacts."""
 
-    xy: Floats
+    xy: FloatArray
     """(T, N, 2) m."""
-    v: Floats
+    v: FloatArray
     """(T, N, 2) m/s."""
-    slip: Floats
+    slip: FloatArray
     """(T, N, 2) m/s of the point that touches the cloth."""
     on_table: NDArray[np.bool_]
     """(T, N) not fallen into a pocket."""
     kind: NDArray[np.str_]
     """(E,) ball or cushion; t (E,) s, a (E,) ball, b (E,) ball or cushion by name, speed (E,) m/s."""
-    t: Floats
+    t: FloatArray
     a: NDArray[np.str_]
     b: NDArray[np.str_]
-    speed: Floats
+    speed: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +50,11 @@ class Filmed:
     """Detections without names, at pictures `frame` (T,) shown at `t` (T,) s of the film."""
 
     detections: Detections
-    frame: Ints
-    t: Floats
-    ball: Ints
+    frame: IntArray
+    t: FloatArray
+    ball: IntArray
     """(K,) which ball each detection is: the trackers do not see it."""
-    xy: Floats
+    xy: FloatArray
     """(T, N, 2) m without noise; NaN once potted."""
     strike: float
     """s of the film at which the world began."""

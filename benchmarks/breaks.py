@@ -33,11 +33,9 @@ from scipy.interpolate import Akima1DInterpolator
 
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray, IntArray
 from models.estimation.reconstruction.fit_shot import fit_shot
 from models.tracking.build_tracks import associate
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FAST, SLOW = 0.06, 0.03
 """m/s of closing: contacts that have to be found, and contacts that may be told."""
@@ -167,7 +165,7 @@ def score_oracle(seed: int, fps: float, noise: float, pockets: bool, truth: Path
     return OracleScore(seed, *contacts[:2], contacts[-2], promised, *places, silent[-2], still[0], still[2])
 
 
-def owners(tracks: Tracks, filmed: Filmed) -> Ints:
+def owners(tracks: Tracks, filmed: Filmed) -> IntArray:
     """Which true ball (T, M tracks) each sighting of a track is; -1 where it has none."""
     owner = np.full(tracks.observed.shape, -1)
     for picture, track in np.argwhere(tracks.observed):
@@ -177,7 +175,7 @@ def owners(tracks: Tracks, filmed: Filmed) -> Ints:
     return owner
 
 
-def switches(owner: Ints) -> int:
+def switches(owner: IntArray) -> int:
     """How often a true ball is seen in another track than before; an exchange of two balls counts twice."""
     total = 0
     for ball in range(int(owner.max()) + 1):
@@ -186,7 +184,7 @@ def switches(owner: Ints) -> int:
     return total
 
 
-def rival_switches(tracker: Callable[[list[Floats]], list[Ints]], filmed: Filmed) -> int:
+def rival_switches(tracker: Callable[[list[FloatArray]], list[IntArray]], filmed: Filmed) -> int:
     """`switches` of a tracker without physics, on the same detections in metres."""
     xy = scene(False).camera.to_table(filmed.detections.centre, scene(False).table.ball_radius)
     rows = [np.flatnonzero(filmed.detections.frame == picture) for picture in filmed.frame]
@@ -198,7 +196,7 @@ def rival_switches(tracker: Callable[[list[Floats]], list[Ints]], filmed: Filmed
 
 
 def score_contacts(
-    fit: Fit, tracks: Tracks, owner: Ints, shown: Break, filmed: Filmed
+    fit: Fit, tracks: Tracks, owner: IntArray, shown: Break, filmed: Filmed
 ) -> tuple[int, int, int, int, int, int, int, int, float, float]:
     """Contacts, found, told, true, after the burst and in it; median and RMS error of the times found after it, ms."""
     window = 0.5 * float(np.median(np.diff(filmed.t)))
@@ -236,7 +234,7 @@ def _parties(kind: str, a: str, b: str) -> tuple[str, ...]:
     return tuple(sorted((a, b))) if kind == "ball" else (a, b)
 
 
-def _claimed(fit: Fit, k: int, tracks: Tracks, owner: Ints) -> set[tuple[str, ...]]:
+def _claimed(fit: Fit, k: int, tracks: Tracks, owner: IntArray) -> set[tuple[str, ...]]:
     """Parties that an event may mean: by the true balls that its tracks follow just before it, or just after."""
     found = set()
     for side in (-1, 0):
@@ -248,7 +246,7 @@ def _claimed(fit: Fit, k: int, tracks: Tracks, owner: Ints) -> set[tuple[str, ..
     return found
 
 
-def _followed(tracks: Tracks, owner: Ints, name: str, t: float, side: int) -> str:
+def _followed(tracks: Tracks, owner: IntArray, name: str, t: float, side: int) -> str:
     column = owner[:, tracks.ids.index(name)]
     rows = np.flatnonzero(column >= 0)
     row = rows[np.clip(np.searchsorted(tracks.t[rows], t) + side, 0, len(rows) - 1)]
@@ -256,7 +254,7 @@ def _followed(tracks: Tracks, owner: Ints, name: str, t: float, side: int) -> st
 
 
 def score_places(
-    fit: Fit, tracks: Tracks, owner: Ints, shown: Break, filmed: Filmed
+    fit: Fit, tracks: Tracks, owner: IntArray, shown: Break, filmed: Filmed
 ) -> tuple[float, float, float, float]:
     """RMS per axis in mm: near contacts of the fit and of Akima, then elsewhere; after the burst, both known there."""
     t = filmed.strike + np.arange(len(shown.xy)) / HZ
@@ -281,7 +279,7 @@ def score_places(
     )  # type: ignore[return-value]  # fmt: skip
 
 
-def _followed_paths(state: Floats, t: Floats, tracks: Tracks, mine: NDArray[np.bool_]) -> Floats:
+def _followed_paths(state: FloatArray, t: FloatArray, tracks: Tracks, mine: NDArray[np.bool_]) -> FloatArray:
     """Places (M, 2) of one true ball: of the track that follows it (T, tracks) at the nearest picture."""
     picture, track = np.nonzero(mine)
     if not len(picture):
@@ -322,7 +320,7 @@ def print_oracle(scores: list[OracleScore]) -> None:
         print(f"{name}: {np.nanmedian(values):.3g} ({pooled:.3g})")
 
 
-def _over(ours: Floats, theirs: Floats) -> tuple[Floats, float]:
+def _over(ours: FloatArray, theirs: FloatArray) -> tuple[FloatArray, float]:
     """Ratios of two root mean squares (S,), and of those of all."""
     return ours / theirs, float(np.sqrt(np.nanmean(ours**2) / np.nanmean(theirs**2)))
 

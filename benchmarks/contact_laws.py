@@ -13,14 +13,12 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from models.core.typing import FloatArray
 from models.physics.billiards import parameters
 from models.physics.billiards.ball_ball import mass_spring
 from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, stronge
-
-Floats = NDArray[np.float64]
 
 CUSHIONS = {"han_2005": han_2005, "mathavan_2010": mathavan_2010, "stronge": stronge}
 RADIUS, MASS = 0.028575, 0.17
@@ -32,13 +30,13 @@ STIFFNESS = (1e4, 1e5, 1e6, 1e7, 1e8)
 """N/m; phenolic balls at 1 m/s are near 2e7."""
 
 
-def physics(e: float, mu: float, cloth: float) -> Floats:
+def physics(e: float, mu: float, cloth: float) -> FloatArray:
     p = parameters.neutral()
     p[parameters.CUSHION_E], p[parameters.CUSHION_MU], p[parameters.SLIDING_MU] = e, mu, cloth
     return p
 
 
-def rebound(name: str, degrees: float, roll: float, side: float, p: Floats) -> tuple[float, float, float]:
+def rebound(name: str, degrees: float, roll: float, side: float, p: FloatArray) -> tuple[float, float, float]:
     """Speed after, angle to the normal after (degrees), side spin after (v / R) of a ball of 1 m/s."""
     vn, vt = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     spin = np.array([-roll * vt, roll * vn, side]) / RADIUS
@@ -81,7 +79,9 @@ def plot_cushions(path: Path) -> None:
     plt.close(figure)
 
 
-def spring_run(x: Floats, v: Floats, stiffness: float, e: float, seconds: float) -> tuple[Floats, Floats, float]:
+def spring_run(
+    x: FloatArray, v: FloatArray, stiffness: float, e: float, seconds: float
+) -> tuple[FloatArray, FloatArray, float]:
     """Places (N, 2), velocities (N, 2) after `seconds` of balls that push each other by springs, and how long any did.
 
     Chen 2022, eqs 1 to 6, without gravity; a spring acts on overlapping balls and its damper returns e for a pair.
@@ -90,7 +90,7 @@ def spring_run(x: Floats, v: Floats, stiffness: float, e: float, seconds: float)
     pairs = [(i, j) for i in range(count) for j in range(i + 1, count)]
     damper = 2 * mass_spring.damping_ratio(max(e, 1e-12)) * np.sqrt(stiffness * MASS / 2)
 
-    def rates(_: float, y: Floats) -> Floats:
+    def rates(_: float, y: FloatArray) -> FloatArray:
         places, speeds = y[: 2 * count].reshape(-1, 2), y[2 * count : 4 * count].reshape(-1, 2)
         force, touching = np.zeros((count, 2)), 0.0
         for i, j in pairs:
@@ -111,7 +111,7 @@ def spring_run(x: Floats, v: Floats, stiffness: float, e: float, seconds: float)
     return end[: 2 * count].reshape(-1, 2), end[2 * count : 4 * count].reshape(-1, 2), float(end[-1])
 
 
-def impulses(x: Floats, v: Floats, e: float) -> Floats:
+def impulses(x: FloatArray, v: FloatArray, e: float) -> FloatArray:
     """Velocities (N, 2) of touching balls after impulses in pairs, the fastest closing first, until none closes."""
     v = v.copy()
     normals = {

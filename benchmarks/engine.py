@@ -23,15 +23,13 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from models.physics.billiards.parameters import BALL_LAWS, CUSHION_LAWS, SLOPE_Y, Physics
 from models.physics.billiards.simulation.event_engine import BALL, FIRST, KIND, SECOND, TIME
 from models.physics.billiards.simulation.simulate_shot import Balls, energy, simulate
 from models.physics.billiards.tables import PRESETS
-
-Floats = NDArray[np.float64]
 
 HERE = Path(__file__).resolve().parent
 WORLD = HERE.parent / "worlds" / "billiards.py"
@@ -122,7 +120,7 @@ def table_of_symmetries(shots: int) -> None:
         print(f"| {' | '.join(laws)} | {' | '.join(f'{one:.1e}' for one in worst)} |", flush=True)
 
 
-def foreign(balls: list[Balls], laws: tuple[str, str], seconds: list[float], folder: Path) -> list[Floats]:
+def foreign(balls: list[Balls], laws: tuple[str, str], seconds: list[float], folder: Path) -> list[FloatArray]:
     """Places (T, 4, 2) of every shot as the foreign engine has them, `HZ` a second."""
     words, names = [], ("x", "y", "vx", "vy", "wx", "wy", "wz")
     for number, (one, last) in enumerate(zip(balls, seconds, strict=True)):
@@ -142,7 +140,7 @@ def foreign(balls: list[Balls], laws: tuple[str, str], seconds: list[float], fol
     return [_places(folder / str(number)) for number in range(len(balls))]
 
 
-def _places(folder: Path) -> Floats:
+def _places(folder: Path) -> FloatArray:
     with (folder / "trajectory.csv").open() as file:
         rows = [(float(row["x"]), float(row["y"])) for row in csv.DictReader(file)]
     return np.array(rows).reshape(-1, 4, 2)

@@ -14,20 +14,18 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.physics.billiards import parameters
 from models.physics.billiards.ball_ball import alciatore
 from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, stronge
 from models.physics.billiards.ball_cushion.cushion_contact import COSINE, NOSE_HEIGHT, SINE, approach, push
 
-Floats = NDArray[np.float64]
-
 RADIUS, MASS = 0.028575, 0.17
 SURFACE = np.array([1.0, 1.0, RADIUS, RADIUS, RADIUS])
 
 
-def cushion_contacts(count: int) -> Iterator[tuple[Floats, Floats]]:
+def cushion_contacts(count: int) -> Iterator[tuple[FloatArray, FloatArray]]:
     """vn, vt, wn, wt, wz of 0.2 to 3 m/s with spins, a third rolling; and the parameters."""
     rng = np.random.default_rng(1)
     for i in range(count):
@@ -40,7 +38,7 @@ def cushion_contacts(count: int) -> Iterator[tuple[Floats, Floats]]:
         yield ball, p
 
 
-def han_there(ball: Floats, p: Floats) -> Floats:
+def han_there(ball: FloatArray, p: FloatArray) -> FloatArray:
     """pooltool's frame has x into the cushion and z up: ours."""
     from pooltool.physics.resolve.ball_cushion.han_2005.model import han2005
 
@@ -50,7 +48,7 @@ def han_there(ball: Floats, p: Floats) -> Floats:
     return np.array([after[1, 0], after[1, 1], *after[2]])
 
 
-def mathavan_there(ball: Floats, p: Floats, steps: int) -> Floats:
+def mathavan_there(ball: FloatArray, p: FloatArray, steps: int) -> FloatArray:
     """pooltool's frame has y into the cushion and x along it, so its x is our -t."""
     from pooltool.physics.resolve.ball_cushion.mathavan_2010.model import solve
 
@@ -61,7 +59,7 @@ def mathavan_there(ball: Floats, p: Floats, steps: int) -> Floats:
     return np.array([y, -x, wy, -wx, wz])
 
 
-def stronge_there(ball: Floats, p: Floats) -> Floats:
+def stronge_there(ball: FloatArray, p: FloatArray) -> FloatArray:
     """pooltool's one-dimensional solution along the slip, put back by our axes; its omega_ratio is our RATIO."""
     from pooltool.physics.resolve.stronge_compliant import resolve_collinear_compliant_frictional_inelastic_collision
 
@@ -75,7 +73,7 @@ def stronge_there(ball: Floats, p: Floats) -> Floats:
     return np.array(push(*ball, RADIUS, (1 + e) * closing, -share * st, -share * sk))
 
 
-def apart(law: object, there: Floats, ball: Floats, p: Floats) -> float:
+def apart(law: object, there: FloatArray, ball: FloatArray, p: FloatArray) -> float:
     here = np.array(law.rebound(*ball, RADIUS, MASS, p))  # type: ignore[attr-defined]
     return float(np.abs((here - there) * SURFACE).max() / ball[0])
 
@@ -100,7 +98,7 @@ def print_cushions() -> None:
     print_row("stronge, e above 1 / omega ratio", [apart(stronge, stronge_there(b, p), b, p) for b, p in stiff])
 
 
-def ball_there(a: Floats, b: Floats, e: float, mu: float) -> Floats:
+def ball_there(a: FloatArray, b: FloatArray, e: float, mu: float) -> FloatArray:
     from pooltool.physics.resolve.ball_ball.frictional_inelastic import _resolve_ball_ball
 
     one = np.array([[0.0, 0.0, 0.0], [a[0], a[1], 0.0], a[2:]])

@@ -10,13 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow.csv
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from models.estimation.whole_shot.initial_states import beginning
 from models.estimation.whole_shot.shot_segments import Stretch
-
-Floats = NDArray[np.float64]
 
 WORLD = Path(__file__).resolve().parent.parent / "worlds" / "billiards.py"
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
@@ -60,7 +58,7 @@ def shot_of(
             "effects": effects, "laws": {"cushion": law, "ball": "inelastic"}}  # fmt: skip
 
 
-def played(shot: dict[str, object], folder: Path, seconds: float) -> tuple[Floats, list[str]]:
+def played(shot: dict[str, object], folder: Path, seconds: float) -> tuple[FloatArray, list[str]]:
     """(T, 3, 2) m at the pictures of the film, and the kinds of all events until then."""
     (folder / "shot.json").write_text(json.dumps(shot))
     subprocess.run([sys.executable, str(WORLD), str(folder / "shot.json"), str(folder)], check=True)
@@ -72,7 +70,7 @@ def played(shot: dict[str, object], folder: Path, seconds: float) -> tuple[Float
     return np.asarray(xy[::EVERY][: round(FPS * seconds)]), kinds
 
 
-def filmed(xy: Floats, number: int, noise: float, rng: np.random.Generator) -> Stretch:
+def filmed(xy: FloatArray, number: int, noise: float, rng: np.random.Generator) -> Stretch:
     """What a camera gives of it, begun from that alone."""
     seen, t = xy + noise * rng.normal(size=xy.shape), np.arange(len(xy)) / FPS
     start, moving = beginning(t, seen, np.full(xy.shape[:2], noise))

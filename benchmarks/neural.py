@@ -18,8 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from springs import LOST, truth
 
+from models.core.typing import FloatArray
 from models.neural.common.integration_steps import Euler
-from models.neural.common.method_interface import Budget, Fitted, Floats, Method
+from models.neural.common.method_interface import Budget, Fitted, Method
 from models.neural.common.network_training import Schedule
 from models.neural.common.spline_methods import CUBIC, CURVES, LINEAR
 from models.neural.method_catalogue import CONSTRAINT_NET, RIVALS, THESIS
@@ -47,12 +48,12 @@ CHEAP = tuple(method for method in RIVALS if method is not CONSTRAINT_NET)
 class Scene:
     """A series; every other frame of the first `frames` is shown."""
 
-    t: Floats
-    x: Floats
+    t: FloatArray
+    x: FloatArray
     frames: int
     noise: float
 
-    def seen(self, seed: int) -> Floats:
+    def seen(self, seed: int) -> FloatArray:
         return self.x + self.noise * np.random.default_rng(seed).standard_normal(self.x.shape)
 
     def learn(self, method: Method, seed: int) -> Fitted:

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 WORLD = Path(__file__).resolve().parent.parent / "worlds" / "billiards.py"
 GRAVITY = 9.81
@@ -32,11 +30,11 @@ TOLD_AT_ONCE = 50
 class Meeting:
     """Two rolling or sliding balls at the moment that counts, as the truth is asked for."""
 
-    x: Floats
+    x: FloatArray
     """(2, 2) m, centres."""
-    v: Floats
+    v: FloatArray
     """(2, 2) m/s."""
-    slip: Floats
+    slip: FloatArray
     """(2, 2) m/s, velocity of the points that touch the cloth."""
     mu_s: float = 0.2
     mu_r: float = 0.01
@@ -51,9 +49,9 @@ class Meeting:
 class Truth:
     """What the world says: samples a millisecond apart, and the first contact of the two balls."""
 
-    t: Floats
+    t: FloatArray
     """(T,) s."""
-    xy: Floats
+    xy: FloatArray
     """(T, 2, 2) m."""
     contact: float
     """s; NaN where the balls never touch."""
@@ -71,7 +69,7 @@ def scene() -> Scene:
     return Scene(table, camera, np.array([40.0, -30.0, 10.0]), ())
 
 
-def _earlier(meeting: Meeting, ball: int) -> tuple[Floats, Floats, Floats]:
+def _earlier(meeting: Meeting, ball: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Place, velocity and slip (2,) each, `before` s earlier on the path without a contact."""
     x, v, slip, time = meeting.x[ball], meeting.v[ball], meeting.slip[ball], meeting.before
     speed, sliding = float(np.hypot(*v)), float(np.hypot(*slip))

@@ -10,12 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow.csv
-from numpy.typing import NDArray
 from pairs import LENGTH, PX_PER_M, WIDTH, R, scene
 
 from models.core.tracks import Tracks
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 WORLD = Path(__file__).resolve().parent.parent / "worlds" / "billiards.py"
 FPS, NOISE, LEAD = 60.0, 1e-3, 0.2
@@ -32,11 +30,11 @@ class Shot:
     """What happened, a sample a millisecond."""
 
     name: str
-    t: Floats
+    t: FloatArray
     """(T,) s of the film."""
-    xy: Floats
+    xy: FloatArray
     """(T, 3, 2) m."""
-    contacts: Floats
+    contacts: FloatArray
     """(E,) s."""
 
 

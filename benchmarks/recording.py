@@ -24,7 +24,6 @@ from pathlib import Path
 import av
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from models.core.detections import Detections
@@ -33,11 +32,10 @@ from models.core.fit_result import Fit, Parameter, Trust
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
+from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import Foresight, Foresights
 from pipeline.reporting.recording.recording_file import write_recording
 from video.io.clip import Clip, open_clip
-
-Floats = NDArray[np.float64]
 
 SECONDS, RATE, WIDTH, HEIGHT = 10, 60, 1920, 1080
 PX_PER_M = 680.0
@@ -120,7 +118,7 @@ def table_from_above() -> Scene:
 
 def rolling(table: Table, balls: int, rng: np.random.Generator) -> tuple[Trajectory, list[tuple[float, int, str]]]:
     """Balls that slow down evenly and leave the cushions as they came, and when they do."""
-    pieces: list[tuple[int, float, float, Floats]] = []
+    pieces: list[tuple[int, float, float, FloatArray]] = []
     bounces: list[tuple[float, int, str]] = []
     low, high = np.full(2, table.ball_radius), np.array([table.length, table.width]) - table.ball_radius
     for ball in range(balls):
@@ -144,7 +142,7 @@ def rolling(table: Table, balls: int, rng: np.random.Generator) -> tuple[Traject
     ), sorted(bounces)  # fmt: skip
 
 
-def reach(x: Floats, v: Floats, brake: Floats, low: Floats, high: Floats) -> tuple[float, int]:
+def reach(x: FloatArray, v: FloatArray, brake: FloatArray, low: FloatArray, high: FloatArray) -> tuple[float, int]:
     """How long (s) a ball rolls until a nose stops it, and along which axis."""
     times = []
     for axis in (0, 1):

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
+from models.core.typing import FloatArray
 from models.estimation.whole_shot.cushion_chains import Bounce, Leg
 from worlds.billiards import CUSHION, play
-
-Floats = NDArray[np.float64]
 
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
 FPS, NOISE, HZ, SECONDS = 30.0, 0.001, 120, 3.2
@@ -46,7 +44,7 @@ def _table(lacking: str, rng: np.random.Generator) -> tuple[dict[str, dict[str, 
     return effects, "mathavan_2010" if lacking == "mathavan" else "mirror"
 
 
-def _played(rng: np.random.Generator, effects: dict[str, dict[str, float]], law: str) -> tuple[Floats, Floats]:
+def _played(rng: np.random.Generator, effects: dict[str, dict[str, float]], law: str) -> tuple[FloatArray, FloatArray]:
     """Samples (T, 2) at `HZ` and events of a ball struck at 0.8 to 3 m/s above or below its middle.
 
     No shot has side spin from the cue, which no path shows before a cushion: it would decide every prediction.
@@ -62,7 +60,7 @@ def _played(rng: np.random.Generator, effects: dict[str, dict[str, float]], law:
     return samples[:, 0, :2], events[events[:, 0] == CUSHION]
 
 
-def _legs(played: tuple[Floats, Floats], number: int, rng: np.random.Generator) -> tuple[Leg, ...]:
+def _legs(played: tuple[FloatArray, FloatArray], number: int, rng: np.random.Generator) -> tuple[Leg, ...]:
     xy, events = played
     every = round(HZ / FPS)
     seen = xy[::every] + NOISE * rng.standard_normal(xy[::every].shape)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from detectors.hough.hough_detector import ball_finder
 from models.core.detections import Detections
 from models.core.scene import Scene
-
-Bytes = NDArray[np.uint8]
+from models.core.typing import ByteArray
 
 FACTORS = (0.8, 0.89, 1.0, 1.12, 1.25)
 """Radii that are tried, over the predicted one; a circle fit reaches 5 % to either side of each."""
@@ -27,7 +26,7 @@ REPEATS = 3
 CLEAR_SCORE = 0.9
 
 
-def with_seen_size(scene: Scene, pictures: list[tuple[int, Bytes]]) -> Scene:
+def with_seen_size(scene: Scene, pictures: list[tuple[int, ByteArray]]) -> Scene:
     """The scene with the ball radius as seen in (frame, picture (H, W, 3)); unchanged where no ball is clear."""
     score, seen = _tried(scene, pictures, 1.0)
     if score > 0 and abs(seen - 1) <= AGREED:
@@ -46,7 +45,7 @@ def with_seen_size(scene: Scene, pictures: list[tuple[int, Bytes]]) -> Scene:
     return _resized(scene, factor)
 
 
-def _tried(scene: Scene, pictures: list[tuple[int, Bytes]], factor: float) -> tuple[float, float]:
+def _tried(scene: Scene, pictures: list[tuple[int, ByteArray]], factor: float) -> tuple[float, float]:
     """How well balls of `factor` times the predicted size fit: sum of clear scores, their seen size over this one."""
     resized = _resized(scene, factor)
     finder = ball_finder(resized, pictures)

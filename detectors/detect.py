@@ -19,9 +19,8 @@ from detectors.select_detector import chosen
 from models.core.detections import Detections
 from models.core.progress import Progress, silent
 from models.core.scene import Scene
+from models.core.typing import ByteArray
 from video.io.clip import Clip, read_frames
-
-Bytes = NDArray[np.uint8]
 
 LEARNING_PICTURES = 15
 """Pictures, spread over the clip, from which the empty table is learnt."""
@@ -35,11 +34,11 @@ M = TypeVar("M")
 class Detector(Protocol[M]):
     """Anything that finds balls in one picture of a clip; M is what it keeps from one picture for the next."""
 
-    def look(self, rgb: Bytes, frame: int = 0) -> Detections:
+    def look(self, rgb: ByteArray, frame: int = 0) -> Detections:
         """The balls in picture `frame` (H, W, 3)."""
         ...
 
-    def follow(self, rgb: Bytes, frame: int, memory: M | None) -> tuple[Detections, M]:
+    def follow(self, rgb: ByteArray, frame: int, memory: M | None) -> tuple[Detections, M]:
         """The same for one picture after another: `memory` is what the call for the picture before gave."""
         ...
 
@@ -66,7 +65,7 @@ def _followed(detector: Detector[M], clip: Clip, progress: Progress) -> Detectio
     return joined(seen)
 
 
-def detect_in_picture(rgb: Bytes, scene: Scene, options: DetectOptions | None = None) -> Detections:
+def detect_in_picture(rgb: ByteArray, scene: Scene, options: DetectOptions | None = None) -> Detections:
     """The balls in one still picture (H, W, 3); they all have frame 0."""
     options = options or DetectOptions()
     pictures = [(0, rgb)]
@@ -78,7 +77,7 @@ def detect_in_picture(rgb: Bytes, scene: Scene, options: DetectOptions | None = 
 def hough_detector(clip: Clip, scene: Scene, options: DetectOptions) -> BallFinder:
     """The detector without a network, made ready for a clip: read once, where the size of the balls is right."""
     few, learnt = _spread(clip.distinct, SIZE_PICTURES), _learning(clip, options)
-    view, whole, seen = view_of(scene), list[tuple[int, Bytes]](), list[Bytes]()
+    view, whole, seen = view_of(scene), list[tuple[int, ByteArray]](), list[ByteArray]()
     for frame, rgb in read_frames(clip, indices=np.union1d(few, learnt)):
         if frame in few:
             whole.append((frame, rgb))

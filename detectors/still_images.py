@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from detectors.detect import detect_in_picture, model_file
 from detectors.network.network_file import open_model
@@ -14,13 +13,11 @@ from detectors.network.table_free_detection import balls_anywhere
 from detectors.options import DetectOptions
 from detectors.select_detector import why_chosen
 from models.core.errors import TableNotFound
+from models.core.typing import ByteArray, FloatArray
 from models.tracking.appearance import Look
 from models.tracking.ball_classes import name_kinds
 from video.calibration.table_finder import scene_in_picture
 from video.io.options import CalibrateOptions
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 
 KIND_OF_LOOK = {"white": "cue", "black": "eight", "coloured": "solid", "striped": "stripe"}
 """What a ball is called whose table is not known: the names of pool, which has all four looks."""
@@ -31,13 +28,13 @@ CLEAR_LOOK = 0.6
 class StillBalls:
     """The K balls of a picture, from left to right."""
 
-    centre: Floats
+    centre: FloatArray
     """(K, 2) px."""
-    radius: Floats
+    radius: FloatArray
     kind: tuple[str, ...]
     """(K,) of `models.core.tracks.KINDS`."""
-    score: Floats
-    sigma: Floats
+    score: FloatArray
+    sigma: FloatArray
     """(K,) px per axis."""
     note: str = ""
     """A sentence on what was not as it should be."""
@@ -45,7 +42,7 @@ class StillBalls:
     """Which detector saw them, and why."""
 
 
-def balls_in_still(rgb: Bytes, name: str, detect: DetectOptions, calibrate: CalibrateOptions) -> StillBalls:
+def balls_in_still(rgb: ByteArray, name: str, detect: DetectOptions, calibrate: CalibrateOptions) -> StillBalls:
     """The balls in a picture (H, W, 3); TableNotFound where there is no table and no network to do without."""
     try:
         scene = scene_in_picture(rgb, calibrate, name)
@@ -59,7 +56,7 @@ def balls_in_still(rgb: Bytes, name: str, detect: DetectOptions, calibrate: Cali
     return _sorted(StillBalls(seen.centre, seen.radius, kinds, seen.score, seen.sigma, made_by=made_by))
 
 
-def _anywhere(rgb: Bytes, detect: DetectOptions, note: str) -> StillBalls:
+def _anywhere(rgb: ByteArray, detect: DetectOptions, note: str) -> StillBalls:
     seen = balls_anywhere(rgb, open_model(model_file(detect)))
     best = [int(np.argmax(look)) if np.nanmax(look, initial=0.0) > CLEAR_LOOK else -1 for look in seen.look]
     kinds = tuple("ball" if k < 0 else KIND_OF_LOOK[LOOKS[k]] for k in best)

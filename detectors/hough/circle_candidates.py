@@ -10,11 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detectors.measurement.cloth_background import Floats32
 from detectors.measurement.working_view import View
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, Float32Array, FloatArray
 
 LEAST_VOTES = 0.22
 """Share of a full circle's votes below which a peak is not looked at."""
@@ -26,7 +23,7 @@ EDGE_THICKNESS_PX = 2.5
 """Pixels that vote for one centre across a sharp edge."""
 
 
-def candidate_centres(contrast: Floats32, foreground: Bools, view: View) -> tuple[Floats, Floats]:
+def candidate_centres(contrast: Float32Array, foreground: BoolArray, view: View) -> tuple[FloatArray, FloatArray]:
     """Peaks of the votes: working px (n, 2) and share of a full circle's votes (n,), strongest first."""
     votes = _votes(contrast, foreground, view)
     window = 2 * int(max(1, round(0.45 * float(view.radius.min())))) + 1
@@ -38,7 +35,7 @@ def candidate_centres(contrast: Floats32, foreground: Bools, view: View) -> tupl
     return np.column_stack([x, y]).astype(np.float64), votes[y, x].astype(np.float64)
 
 
-def _votes(contrast: Floats32, foreground: Bools, view: View) -> Floats32:
+def _votes(contrast: Float32Array, foreground: BoolArray, view: View) -> Float32Array:
     h, w = foreground.shape
     rows, gradient = _edges(contrast, foreground)
     strength = np.linalg.norm(gradient, axis=1)
@@ -55,7 +52,7 @@ def _votes(contrast: Floats32, foreground: Bools, view: View) -> Floats32:
     return _spread(votes.reshape(h, w).astype(np.float32), view)
 
 
-def _spread(votes: Floats32, view: View) -> Floats32:
+def _spread(votes: Float32Array, view: View) -> Float32Array:
     """Votes summed over their scatter, as a share of what a full circle gives."""
     sigma = 0.9 + 0.06 * view.typical
     blurred = cv2.GaussianBlur(votes, (0, 0), sigma)
@@ -63,7 +60,7 @@ def _spread(votes: Floats32, view: View) -> Floats32:
     return np.asarray(blurred / full, dtype=np.float32)
 
 
-def _edges(contrast: Floats32, foreground: Bools) -> tuple[NDArray[np.int64], Floats]:
+def _edges(contrast: Float32Array, foreground: BoolArray) -> tuple[NDArray[np.int64], FloatArray]:
     """Edge pixels near the foreground: index (n,) into the flat picture, gradient (n, 2) of the strongest channel."""
     h, w = foreground.shape
     near = cv2.dilate(foreground.astype(np.uint8), np.ones((5, 5), np.uint8))

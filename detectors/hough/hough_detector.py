@@ -20,10 +20,7 @@ from detectors.measurement.frame_detections import NO_BALLS, Found, chained, ins
 from detectors.measurement.working_view import View, view_of
 from models.core.detections import Detections
 from models.core.scene import Scene, apply_homography
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, ByteArray, FloatArray
 
 LEAST_SUPPORT = 0.6
 """Share of a circle's rays that must end at an edge."""
@@ -56,11 +53,11 @@ class BallFinder:
     view: View
     cloth: Cloth
 
-    def look(self, rgb: Bytes, frame: int = 0) -> Detections:
+    def look(self, rgb: ByteArray, frame: int = 0) -> Detections:
         """The balls in a picture (H, W, 3)."""
         return self.follow(rgb, frame, None)[0]
 
-    def follow(self, rgb: Bytes, frame: int, memory: Memory | None) -> tuple[Detections, Memory]:
+    def follow(self, rgb: ByteArray, frame: int, memory: Memory | None) -> tuple[Detections, Memory]:
         """The balls in a picture (H, W, 3) of a clip, and what to hand over with the next one: that is faster.
 
         The memory's arrays are written over.
@@ -77,7 +74,7 @@ class BallFinder:
         found = without_overlaps(joined(discs, swept), self.view.scene, frame)
         return _as_detections(rgb, found, frame), self._remembered(working, touched, scan, discs, frame, memory)
 
-    def _known(self, rgb: Bytes, soft: Bytes, frame: int, memory: Memory | None, touched: Bools) -> Found:
+    def _known(self, rgb: ByteArray, soft: ByteArray, frame: int, memory: Memory | None, touched: BoolArray) -> Found:
         """Sharp balls of the picture before, measured anew; where one is lost, the place counts as touched."""
         if memory is None:
             return NO_BALLS
@@ -102,7 +99,7 @@ class BallFinder:
         return found
 
     def _remembered(
-        self, working: Bytes, touched: Bools, scan: Scan, discs: Found, frame: int, memory: Memory | None
+        self, working: ByteArray, touched: BoolArray, scan: Scan, discs: Found, frame: int, memory: Memory | None
     ) -> Memory:
         home = self._home(discs.centre, frame)
         relative = discs.radius / self.view.predicted_radius(self.view.to_picture(home))
@@ -111,7 +108,7 @@ class BallFinder:
         cv2.copyTo(working, touched.astype(np.uint8), memory.searched)
         return Memory(scan, memory.searched, home, relative, memory.age + 1)
 
-    def _scan(self, working: Bytes, parts: list[tuple[slice, slice]], memory: Memory | None) -> Scan:
+    def _scan(self, working: ByteArray, parts: list[tuple[slice, slice]], memory: Memory | None) -> Scan:
         """The scan of the picture before, done anew in parts of the picture."""
         h, w = self.view.radius.shape
         if memory is None:
@@ -133,12 +130,14 @@ class BallFinder:
             scan.moving[part] = opened > 0
         return scan
 
-    def _guesses(self, scan: Scan, part: tuple[slice, slice]) -> Floats:
+    def _guesses(self, scan: Scan, part: tuple[slice, slice]) -> FloatArray:
         """Working px (n, 2) where balls may be in a part of the picture."""
         guesses, _ = candidate_centres(scan.contrast[part], scan.foreground[part], self.view.window(part))
         return np.add(guesses, (part[1].start, part[0].start), dtype=np.float64)
 
-    def _discs(self, rgb: Bytes, soft: Bytes, frame: int, guesses: Floats, known: Found, scan: Scan) -> Found:
+    def _discs(
+        self, rgb: ByteArray, soft: ByteArray, frame: int, guesses: FloatArray, known: Found, scan: Scan
+    ) -> Found:
         """Sharp balls near guesses (n, 2), working px, beside the known ones."""
         guesses = guesses[_cover(scan.foreground, guesses, self.view) > LEAST_GUESS_COVER]
         guessed = self.view.to_picture(guesses)
@@ -159,14 +158,14 @@ class BallFinder:
         doubtful = _at(intruders, home) | (_at(self.view.pockets, home) & (found.score < CLEAR_SCORE))
         return found.take(sure | ~doubtful)
 
-    def _balls(self, circles: Circles, foreground: Bools, frame: int) -> Found:
+    def _balls(self, circles: Circles, foreground: BoolArray, frame: int) -> Found:
         """Circles that are round, differ from the cloth and lie on the table."""
         home = self._home(circles.centre, frame)
         cover = _cover(foreground, home, self.view)
         good = _at(self.view.centres, home) & (circles.support > LEAST_SUPPORT) & (cover > LEAST_COVER)
         return without_overlaps(_of_circles(circles, cover).take(good), self.view.scene, frame)
 
-    def _intruders(self, found: Found, scan: Scan, frame: int) -> Bools:
+    def _intruders(self, found: Found, scan: Scan, frame: int) -> BoolArray:
         """Shapes (h, w) that balls do not account for: hands and sleeves are larger than the discs on them."""
         inside = (scan.foreground & self.view.centres & ~self.view.pockets).astype(np.uint8)
         wide = cv2.morphologyEx(inside, cv2.MORPH_OPEN, disc_kernel(CUE_RADII * self.view.typical))
@@ -183,22 +182,22 @@ class BallFinder:
         intruder[0] = False
         return np.asarray(intruder[labels] if intruder.any() else np.zeros(labels.shape, dtype=bool))
 
-    def _home(self, px: Floats, frame: int) -> Floats:
+    def _home(self, px: FloatArray, frame: int) -> FloatArray:
         """Px (n, 2) of a frame to working px."""
         return self.view.to_working(_moved_back(self.view.scene, px, frame))
 
-    def _beneath(self, home: Floats) -> Floats:
+    def _beneath(self, home: FloatArray) -> FloatArray:
         """RGB (n, 3) of the empty table at working px (n, 2)."""
         return np.asarray(_at(self.cloth.colour, home), dtype=np.float64)
 
-    def _discs_drawn(self, home: Floats) -> Bools:
+    def _discs_drawn(self, home: FloatArray) -> BoolArray:
         """(h, w) working px within 1.15 radii of balls at working px (n, 2)."""
         drawn = np.zeros(self.view.radius.shape, np.uint8)
         for (x, y), r in zip(home, _at(self.view.radius, home), strict=True):
             cv2.circle(drawn, (round(x * 16), round(y * 16)), round(1.15 * float(r) * 16), 1, -1, shift=4)
         return np.asarray(drawn > 0)
 
-    def _swept(self, rgb: Bytes, streaks: Streaks, discs: Found, frame: int) -> Found:
+    def _swept(self, rgb: ByteArray, streaks: Streaks, discs: Found, frame: int) -> Found:
         """Streaks in px of the picture, without short ones that a disc explains."""
         ends = [self.view.to_picture(streaks.centre + side * streaks.vector / 2) for side in (-1, 1)]
         first, last = (_moved(self.view.scene, end, frame) for end in ends)
@@ -220,23 +219,23 @@ class BallFinder:
         return swept.take(~explained)
 
 
-def ball_finder(scene: Scene, pictures: Iterable[tuple[int, Bytes]]) -> BallFinder:
+def ball_finder(scene: Scene, pictures: Iterable[tuple[int, ByteArray]]) -> BallFinder:
     """A finder for a scene that learns the cloth from (frame, picture (H, W, 3)) of the clip."""
     view = view_of(scene)
     return BallFinder(view, learn_cloth([view.picture(rgb, frame) for frame, rgb in pictures], view))
 
 
-def _moved(scene: Scene, px: Floats, frame: int) -> Floats:
+def _moved(scene: Scene, px: FloatArray, frame: int) -> FloatArray:
     motion = scene.camera.motion
     return px if motion is None else apply_homography(motion[frame], px)
 
 
-def _moved_back(scene: Scene, px: Floats, frame: int) -> Floats:
+def _moved_back(scene: Scene, px: FloatArray, frame: int) -> FloatArray:
     motion = scene.camera.motion
     return px if motion is None else apply_homography(np.linalg.inv(motion[frame]), px)
 
 
-def _at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
+def _at(mask: NDArray[Any], working: FloatArray) -> NDArray[Any]:
     """Values (n,) of a picture at working px (n, 2)."""
     h, w = mask.shape[:2]
     u = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
@@ -244,25 +243,25 @@ def _at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
     return np.asarray(mask[v, u])
 
 
-def _ring(foreground: Bools, home: Floats, view: View) -> Floats:
+def _ring(foreground: BoolArray, home: FloatArray, view: View) -> FloatArray:
     """Share (n,) of the ring around discs at working px (n, 2) that is not cloth."""
     radius = _at(view.radius, home)
     ring = home[:, None] + RING_RADII * radius[:, None, None] * DIRECTIONS
     return np.asarray(_at(foreground, ring).mean(axis=1), dtype=np.float64)
 
 
-def _cover(foreground: Bools, home: Floats, view: View) -> Floats:
+def _cover(foreground: BoolArray, home: FloatArray, view: View) -> FloatArray:
     radius = _at(view.radius, home)
     return np.asarray(_at(foreground, home[:, None] + 0.85 * radius[:, None, None] * PLACES).mean(axis=1))
 
 
-def _of_circles(circles: Circles, cover: Floats) -> Found:
+def _of_circles(circles: Circles, cover: FloatArray) -> Found:
     score = np.clip(circles.support, 0, 1) * np.minimum(cover / 0.85, 1.0)
     none = np.zeros_like(circles.centre)
     return Found(circles.centre, circles.radius, none, score, circles.sigma, circles.sigma)
 
 
-def _as_detections(rgb: Bytes, found: Found, frame: int) -> Detections:
+def _as_detections(rgb: ByteArray, found: Found, frame: int) -> Detections:
     coats = ball_coats(rgb, found.centre, found.radius)
     frames = np.full(len(found.score), frame, dtype=np.int64)
     score = np.clip(found.score, 0, 1)

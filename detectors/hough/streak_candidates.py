@@ -6,14 +6,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from detectors.measurement.cloth_background import Floats32
 from detectors.measurement.working_view import View
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
 FAINT_SHARE = 0.25
 """Share of a blob's own contrast below which a pixel is not part of it."""
@@ -37,17 +32,17 @@ LEAST_FILL = 0.80
 class Streaks:
     """K capsules, working px."""
 
-    centre: Floats
+    centre: FloatArray
     """(K, 2) middle of the streak: the place at mid-exposure."""
-    vector: Floats
+    vector: FloatArray
     """(K, 2) from one end's disc to the other's, sign unknown."""
-    radius: Floats
+    radius: FloatArray
     """(K,)"""
-    fill: Floats
+    fill: FloatArray
     """(K,) overlap of blob and capsule over their union."""
 
 
-def find_streaks(moving: Bools, strength: Floats32, view: View) -> Streaks:
+def find_streaks(moving: BoolArray, strength: Float32Array, view: View) -> Streaks:
     """Capsules among the blobs of what differs from both the cloth and the median picture, working px."""
     left, top, width, height = cv2.boundingRect(moving.astype(np.uint8))
     if width == 0:
@@ -72,26 +67,26 @@ def find_streaks(moving: Bools, strength: Floats32, view: View) -> Streaks:
     return _stacked(found)
 
 
-def _stacked(found: list[tuple[Floats, Floats, float, float]]) -> Streaks:
+def _stacked(found: list[tuple[FloatArray, FloatArray, float, float]]) -> Streaks:
     if not found:
         return Streaks(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
     centre, vector, radius, fill = (np.array(column) for column in zip(*found, strict=True))
     return Streaks(centre, vector, radius, fill)
 
 
-def refine_streaks(rgb: Bytes, rough: Streaks, basis: Floats) -> Streaks:
+def refine_streaks(rgb: ByteArray, rough: Streaks, basis: FloatArray) -> Streaks:
     """Middles and lengths in the whole picture, px: the two sides and the two ends, each at half its height."""
     fine = [_refined(rgb, *one, basis) for one in zip(*_columns(rough), strict=True)]
     return _stacked([one for one in fine if one is not None])
 
 
-def _columns(streaks: Streaks) -> tuple[Floats, Floats, Floats, Floats]:
+def _columns(streaks: Streaks) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     return streaks.centre, streaks.vector, streaks.radius, streaks.fill
 
 
 def _refined(
-    rgb: Bytes, centre: Floats, vector: Floats, radius: float, fill: float, basis: Floats
-) -> tuple[Floats, Floats, float, float] | None:
+    rgb: ByteArray, centre: FloatArray, vector: FloatArray, radius: float, fill: float, basis: FloatArray
+) -> tuple[FloatArray, FloatArray, float, float] | None:
     """One streak in the whole picture; None where it is not the same from both ends, as a ball with its shadow."""
     length = float(np.linalg.norm(vector))
     along = vector / length
@@ -115,14 +110,16 @@ def _refined(
     return moved, along * exposed, radius, fill
 
 
-def _lopsided(profile: Floats, at: Floats, middle: float, reach: float) -> float:
+def _lopsided(profile: FloatArray, at: FloatArray, middle: float, reach: float) -> float:
     """Mean difference of both halves of a profile (n,) about its middle, over its mean."""
     offsets = np.arange(0.0, reach, 0.5)
     before, after = np.interp(middle - offsets, at, profile), np.interp(middle + offsets, at, profile)
     return float(np.abs(before - after).mean() / max(float((before + after).mean()) / 2, 1e-9))
 
 
-def _share(rgb: Bytes, at: Floats, u: Floats, v: Floats, length: float, radius: float, basis: Floats) -> Floats:
+def _share(
+    rgb: ByteArray, at: FloatArray, u: FloatArray, v: FloatArray, length: float, radius: float, basis: FloatArray
+) -> FloatArray:
     """How much of the ball's colour (n, m) is mixed into the cloth's at px (n, m, 2)."""
     place = at.astype(np.float32)
     seen = cv2.remap(rgb, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -131,11 +128,11 @@ def _share(rgb: Bytes, at: Floats, u: Floats, v: Floats, length: float, radius: 
     outer = (np.abs(v) > 1.5 * radius)[None] & np.ones(len(u), dtype=bool)[:, None]
     cloth = np.median(colours[outer], axis=0)
     ball = np.median(colours[inner], axis=0) - cloth
-    mixed: Floats = (colours - cloth) @ ball / max(float(ball @ ball), 1e-9)
+    mixed: FloatArray = (colours - cloth) @ ball / max(float(ball @ ball), 1e-9)
     return mixed
 
 
-def _crossings(profile: Floats, at: Floats, level: float) -> tuple[float, float] | None:
+def _crossings(profile: FloatArray, at: FloatArray, level: float) -> tuple[float, float] | None:
     """Where a hump (n,) rises and falls through a share of its height."""
     high = profile > level * float(np.quantile(profile, 0.9))
     inside = np.flatnonzero(high)
@@ -148,7 +145,7 @@ def _crossings(profile: Floats, at: Floats, level: float) -> tuple[float, float]
     return float(rise), float(fall)
 
 
-def _capsule(blob: Bools, corner: Floats, view: View) -> tuple[Floats, Floats, float, float] | None:
+def _capsule(blob: BoolArray, corner: FloatArray, view: View) -> tuple[FloatArray, FloatArray, float, float] | None:
     """The capsule of the expected width that covers a blob (h, w), None where it is another shape."""
     points = np.column_stack(np.nonzero(blob)[::-1]).astype(np.float64) + corner
     if len(points) < 12:
@@ -170,7 +167,7 @@ def _capsule(blob: Bools, corner: Floats, view: View) -> tuple[Floats, Floats, f
     return (centre, along * length, radius, fill) if fill > LEAST_FILL else None
 
 
-def _waist(along: Floats, reach: tuple[float, float], width: float) -> float:
+def _waist(along: FloatArray, reach: tuple[float, float], width: float) -> float:
     """Least width between the round ends of points (n,) along the axis, over the width."""
     bins = np.arange(reach[0] + width / 2, reach[1] - width / 2 + 2.0, 2.0)
     if len(bins) < 2:
@@ -178,13 +175,13 @@ def _waist(along: Floats, reach: tuple[float, float], width: float) -> float:
     return float(np.histogram(along, bins)[0].min() / (2.0 * width))
 
 
-def _extent(along: Floats) -> tuple[float, float]:
+def _extent(along: FloatArray) -> tuple[float, float]:
     """Both ends of points (n,), pixel edges included, single stray pixels left out."""
     low, high = np.quantile(along, (0.004, 0.996))
     return float(low) - 0.5, float(high) + 0.5
 
 
-def _overlap(points: Floats, centre: Floats, vector: Floats, radius: float) -> float:
+def _overlap(points: FloatArray, centre: FloatArray, vector: FloatArray, radius: float) -> float:
     """Intersection over union of pixels (n, 2) and a capsule."""
     length = float(np.linalg.norm(vector))
     at = points - centre

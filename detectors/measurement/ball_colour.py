@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
+from models.core.typing import ByteArray, FloatArray
 
 SAMPLES = 64
 REACH = 0.75
@@ -41,20 +40,20 @@ PLACES = np.sqrt(_N / SAMPLES)[:, None] * np.column_stack([np.cos(_N * _TURN), n
 class Coats:
     """How K balls are painted; as the columns of `Detections`."""
 
-    colour: Floats
-    white: Floats
-    white_rim: Floats
-    value: Floats
+    colour: FloatArray
+    white: FloatArray
+    white_rim: FloatArray
+    value: FloatArray
 
 
-def disc_samples(rgb: Bytes, centre: Floats, radius: Floats, reach: float = REACH) -> NDArray[np.float32]:
+def disc_samples(rgb: ByteArray, centre: FloatArray, radius: FloatArray, reach: float = REACH) -> NDArray[np.float32]:
     """RGB (K, SAMPLES, 3) inside discs."""
     at = (centre[:, None] + reach * radius[:, None, None] * PLACES).astype(np.float32)
     found = cv2.remap(rgb, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(found.reshape(len(centre), SAMPLES, 3), dtype=np.float32)
 
 
-def ball_coats(rgb: Bytes, centre: Floats, radius: Floats) -> Coats:
+def ball_coats(rgb: ByteArray, centre: FloatArray, radius: FloatArray) -> Coats:
     """How balls at (K, 2) px with radii (K,) px are painted.
 
     White is what is as white as the palest of the picture: light is yellow in one hall and green in another.
@@ -74,12 +73,12 @@ def ball_coats(rgb: Bytes, centre: Floats, radius: Floats) -> Coats:
     return Coats(colour, pale.mean(axis=1), pale[:, rim].mean(axis=1), _value(inner, counted))
 
 
-def _lab(rgb: NDArray[np.float32]) -> Floats:
+def _lab(rgb: NDArray[np.float32]) -> FloatArray:
     """CIE L*a*b* (K, n, 3) of RGB (K, n, 3) of 0 to 255."""
     return np.asarray(cv2.cvtColor(rgb / np.float32(255), cv2.COLOR_RGB2LAB), dtype=np.float64)
 
 
-def _without_highlight(lab: Floats) -> NDArray[np.bool_]:
+def _without_highlight(lab: FloatArray) -> NDArray[np.bool_]:
     """Which samples (K, n) are not among the brightest of their ball."""
     lightness = lab[..., 0]
     last = int((SAMPLES - 1) * (1 - HIGHLIGHT_SHARE))
@@ -87,7 +86,7 @@ def _without_highlight(lab: Floats) -> NDArray[np.bool_]:
     return dim
 
 
-def _value(rgb: NDArray[np.float32], counted: NDArray[np.bool_]) -> Floats:
+def _value(rgb: NDArray[np.float32], counted: NDArray[np.bool_]) -> FloatArray:
     """Median (K,) of the brightest channel, 0 to 1, of the samples (K, n, 3) that count, (K, n), some of each."""
     ranked = np.sort(np.where(counted, rgb.max(axis=2), np.inf), axis=1)
     row, count = np.arange(len(ranked)), counted.sum(axis=1)
@@ -95,14 +94,14 @@ def _value(rgb: NDArray[np.float32], counted: NDArray[np.bool_]) -> Floats:
     return np.asarray(middle / 255, dtype=np.float64)
 
 
-def _is_white(lab: Floats, white: Floats) -> NDArray[np.bool_]:
+def _is_white(lab: FloatArray, white: FloatArray) -> NDArray[np.bool_]:
     """Which of the samples (K, n, 3) are `white` (3,), in the light or in shade."""
     tint = lab[..., 1:] / np.maximum(lab[..., :1], 1.0) - white[1:] / white[0]
     alike = (np.hypot(tint[..., 0], tint[..., 1]) < TINT_APART) & (lab[..., 0] > DARKER * white[0])
     return np.asarray(alike, dtype=np.bool_)
 
 
-def _white_of(lab: Floats) -> Floats:
+def _white_of(lab: FloatArray) -> FloatArray:
     """CIE L*a*b* (3,) of white in a picture, from the samples (K, n, 3) of its balls."""
     chroma = np.hypot(lab[..., 1], lab[..., 2])
     pale = np.where(_without_highlight(lab), lab[..., 0] - PALE_CHROMA * chroma, -np.inf).ravel()

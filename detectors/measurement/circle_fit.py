@@ -15,10 +15,7 @@ from numpy.typing import NDArray
 
 from detectors.measurement.cloth_background import SHADOW_WEIGHT
 from detectors.measurement.columns import with_rows
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, ByteArray, FloatArray
 
 RAYS = 48
 STEPS = 32
@@ -75,22 +72,28 @@ SQUARES = (DESIGN[:, :, None] * DESIGN[:, None, :]).reshape(RAYS, 9)
 class Circles:
     """K fitted circles, px."""
 
-    centre: Floats
+    centre: FloatArray
     """(K, 2)"""
-    radius: Floats
+    radius: FloatArray
     """(K,)"""
-    sigma: Floats
+    sigma: FloatArray
     """(K,) one standard deviation per axis."""
-    support: Floats
+    support: FloatArray
     """(K,) share of the rays whose edge lies on the circle."""
 
-    def take(self, rows: NDArray[np.int64] | Bools) -> Circles:
+    def take(self, rows: NDArray[np.int64] | BoolArray) -> Circles:
         """Some of the rows."""
         return Circles(*(getattr(self, name)[rows] for name in self.__slots__))
 
 
 def fit_circles(
-    rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, cloth: Floats, basis: Floats, before: Floats | None = None
+    rgb: ByteArray,
+    soft: ByteArray,
+    centre: FloatArray,
+    radius: FloatArray,
+    cloth: FloatArray,
+    basis: FloatArray,
+    before: FloatArray | None = None,
 ) -> Circles:
     """Circles near guesses: centres (K, 2) px, expected radii (K,) px, in a picture (H, W, 3) and `softened`.
 
@@ -109,7 +112,13 @@ def fit_circles(
 
 
 def measure_again(
-    rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, relative: Floats, cloth: Floats, basis: Floats
+    rgb: ByteArray,
+    soft: ByteArray,
+    centre: FloatArray,
+    radius: FloatArray,
+    relative: FloatArray,
+    cloth: FloatArray,
+    basis: FloatArray,
 ) -> Circles:
     """Circles that were at centres (K, 2) px, of `relative` times the expected radii (K,) px, a picture ago."""
     if not len(centre):
@@ -120,7 +129,7 @@ def measure_again(
 
 
 def second_chances(
-    rgb: Bytes, soft: Bytes, circles: Circles, expected: Floats, cloth: Floats, basis: Floats
+    rgb: ByteArray, soft: ByteArray, circles: Circles, expected: FloatArray, cloth: FloatArray, basis: FloatArray
 ) -> Circles:
     """Try circles with doubtful support again from places around them: a stripe or a number is a strong false start."""
     doubtful = np.flatnonzero((circles.support > DOUBTFUL[0]) & (circles.support < DOUBTFUL[1]))
@@ -139,16 +148,16 @@ def second_chances(
 
 
 def _edges(
-    rgb: Bytes,
-    soft: Bytes,
-    centre: Floats,
-    radius: Floats,
-    likely: Floats,
+    rgb: ByteArray,
+    soft: ByteArray,
+    centre: FloatArray,
+    radius: FloatArray,
+    likely: FloatArray,
     prior: float,
-    cloth: Floats,
-    basis: Floats,
-    before: Floats | None = None,
-) -> tuple[Floats, Floats]:
+    cloth: FloatArray,
+    basis: FloatArray,
+    before: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray]:
     """Edge on every ray: distance (K, A) px from the centre, gradient (K, A), NaN where other discs hide it."""
     profile = ray_profiles(rgb, soft, centre, radius, basis)
     half = 2
@@ -176,7 +185,7 @@ def _edges(
     return place * radius[:, None], strength
 
 
-def _hidden(centre: Floats, radius: Floats, at: Floats, before: Floats) -> Bools:
+def _hidden(centre: FloatArray, radius: FloatArray, at: FloatArray, before: FloatArray) -> BoolArray:
     """Whether discs hide the places (K, A, S) at distances (S,), ball radii, on the rays about centres (K, 2)."""
     ray = centre[:, :, None, None] + radius[:, None, None, None] * DIRECTIONS.T[:, :, None] * at
     hidden = np.zeros((len(centre), RAYS, len(at)), dtype=bool)
@@ -185,7 +194,9 @@ def _hidden(centre: Floats, radius: Floats, at: Floats, before: Floats) -> Bools
     return hidden
 
 
-def ray_profiles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, basis: Floats) -> NDArray[np.float32]:
+def ray_profiles(
+    rgb: ByteArray, soft: ByteArray, centre: FloatArray, radius: FloatArray, basis: FloatArray
+) -> NDArray[np.float32]:
     """Colours (K, A, S, 3) along the rays, in the cloth's basis with brightness weighed down."""
     k = len(centre)
     offsets = DIRECTIONS[:, None] * DISTANCES[None, :, None]
@@ -194,12 +205,14 @@ def ray_profiles(rgb: Bytes, soft: Bytes, centre: Floats, radius: Floats, basis:
     return _colours_at(rgb, soft, flat, weighed(basis)).reshape(k, RAYS, STEPS, 3)
 
 
-def weighed(basis: Floats) -> NDArray[np.float32]:
+def weighed(basis: FloatArray) -> NDArray[np.float32]:
     """Takes RGB to the cloth's basis with brightness weighed down (3, 3)."""
     return np.asarray(basis * np.array([[1.0], [1.0], [SHADOW_WEIGHT]]), dtype=np.float32)
 
 
-def _colours_at(rgb: Bytes, soft: Bytes, at: NDArray[np.float32], taken: NDArray[np.float32]) -> NDArray[np.float32]:
+def _colours_at(
+    rgb: ByteArray, soft: ByteArray, at: NDArray[np.float32], taken: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """Colours (n, m, 3) at px (n, m, 2): those of the surroundings with the brightness of the place itself.
 
     `taken` (3, 3) takes RGB to the colours that are wanted.
@@ -211,7 +224,7 @@ def _colours_at(rgb: Bytes, soft: Bytes, at: NDArray[np.float32], taken: NDArray
     return np.asarray(cv2.add(found, cv2.transform(sharp.astype(np.float32), lighter)), dtype=np.float32)
 
 
-def softened(rgb: Bytes) -> Bytes:
+def softened(rgb: ByteArray) -> ByteArray:
     """The picture (H, W, 3) averaged over 3 x 3 pixels, where colours are read.
 
     Clips hold colour at half the resolution (4:2:0) and decoders repeat it: its edges stand on even pixels only, and a
@@ -220,7 +233,9 @@ def softened(rgb: Bytes) -> Bytes:
     return np.asarray(cv2.blur(rgb, (3, 3)), dtype=np.uint8)
 
 
-def _fit(edge: Floats, strength: Floats, radius: Floats, loose: float) -> tuple[Floats, Floats, Floats, Floats]:
+def _fit(
+    edge: FloatArray, strength: FloatArray, radius: FloatArray, loose: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Shift (K, 2), change of radius (K,), weights (K, A) and residuals (K, A) of circles through edges (K, A)."""
     offset = edge - radius[:, None]
     design, squares = DESIGN, SQUARES
@@ -245,7 +260,12 @@ def _fit(edge: Floats, strength: Floats, radius: Floats, loose: float) -> tuple[
 
 
 def _measured(
-    centre: Floats, seen: Floats, expected: Floats, weights: Floats, residual: Floats, strength: Floats
+    centre: FloatArray,
+    seen: FloatArray,
+    expected: FloatArray,
+    weights: FloatArray,
+    residual: FloatArray,
+    strength: FloatArray,
 ) -> Circles:
     tight = np.maximum(TIGHT_RADII * expected, TIGHT_PX)[:, None]
     good = (np.abs(residual) < 2 * tight) & (strength > LEAST_GRADIENT)

@@ -14,12 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detectors.measurement.working_view import View
-from models.core.scene import Floats
-
-Floats32 = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
-Places = NDArray[np.int64]
+from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 
 SHADOW_WEIGHT = 0.5
 """Share at which a darker shade of the cloth's own colour counts: mostly it is a shadow."""
@@ -44,20 +39,20 @@ WHOLE = (slice(None), slice(None))
 class Cloth:
     """The empty table in the working picture."""
 
-    colour: Floats32
+    colour: Float32Array
     """(h, w, 3) RGB of the empty table, markings included."""
     marked: NDArray[np.int64]
     """(n,) flat places of the markings: a cue that lay there for long is taken for one, so plain cloth passes too."""
-    plain: Floats32
+    plain: Float32Array
     """(n, 3) RGB of the plain cloth there."""
-    plate: Bytes
+    plate: ByteArray
     """(h, w, 3) RGB median of the pictures, balls at rest included."""
-    basis: Floats
+    basis: FloatArray
     """(3, 3) rows: two axes across the cloth's colour, one along it (brightness)."""
     threshold: float
     """Grey levels above which a pixel is not cloth."""
 
-    def contrast(self, working: Bytes, part: tuple[slice, slice] = WHOLE) -> Floats32:
+    def contrast(self, working: ByteArray, part: tuple[slice, slice] = WHOLE) -> Float32Array:
         """Signed differences (h, w, 3) from the empty table along `basis`, darker cloth weighed down.
 
         Of a part of the picture, given by its rows and columns.
@@ -75,22 +70,22 @@ class Cloth:
         found[y - top, x - left] = np.where(nearer, plain, marked)
         return found
 
-    def _weighed(self, difference: Floats32) -> Floats32:
+    def _weighed(self, difference: Float32Array) -> Float32Array:
         first, second, along = cv2.split(cv2.transform(difference, self.basis.astype(np.float32)))
         return np.asarray(cv2.merge((first, second, cv2.max(along, SHADOW_WEIGHT * along))), dtype=np.float32)
 
-    def unlike(self, working: Bytes, row: Places, column: Places) -> Floats32:
+    def unlike(self, working: ByteArray, row: IntArray, column: IntArray) -> Float32Array:
         """How unlike the cloth (n,) some pixels of a picture are, markings not told apart, shadows weighed down."""
         away = self._weighed((working[row, column] - self.colour[row, column])[None])[0]
         return np.asarray(np.sqrt((away**2).sum(axis=1)), dtype=np.float32)
 
-    def moved(self, working: Bytes, part: tuple[slice, slice] = WHOLE) -> Bytes:
+    def moved(self, working: ByteArray, part: tuple[slice, slice] = WHOLE) -> ByteArray:
         """How far (h, w) a part of a picture differs from the median picture, grey levels."""
         red, green, blue = cv2.split(cv2.absdiff(working[part], self.plate[part]))
         return np.asarray(cv2.max(cv2.max(red, green), blue), dtype=np.uint8)
 
 
-def learn_cloth(workings: list[Bytes], view: View) -> Cloth:
+def learn_cloth(workings: list[ByteArray], view: View) -> Cloth:
     """The empty table from a few working pictures (h, w, 3), one is enough."""
     plate = np.median(np.stack(workings), axis=0).astype(np.float32)
     smooth = _followed(plate, _smooth_cloth(plate, view), view)
@@ -105,26 +100,26 @@ def learn_cloth(workings: list[Bytes], view: View) -> Cloth:
     return Cloth(colour, marked, smooth.reshape(-1, 3)[marked], plate_bytes, basis, threshold)
 
 
-def size(contrast: Floats32) -> Floats32:
+def size(contrast: Float32Array) -> Float32Array:
     """Length (h, w) of the differences (h, w, 3)."""
     first, second, along = cv2.split(contrast)
     return np.asarray(cv2.magnitude(cv2.magnitude(first, second), along), dtype=np.float32)
 
 
-def colour_basis(rgb: Floats) -> Floats:
+def colour_basis(rgb: FloatArray) -> FloatArray:
     """Orthonormal rows (3, 3); the last one points along a colour (3,)."""
     along = rgb / max(float(np.linalg.norm(rgb)), 1e-9)
     _, _, rows = np.linalg.svd(along[None])
     return np.vstack([rows[1:], along])
 
 
-def _noise(plate: Floats32, smooth: Floats32, view: View) -> float:
+def _noise(plate: Float32Array, smooth: Float32Array, view: View) -> float:
     """Standard deviation of cloth pixels about the smooth cloth, without the outliers."""
     residual = (plate - smooth)[view.cloth]
     return float(1.4826 * np.median(np.abs(residual - np.median(residual, axis=0))))
 
 
-def _smooth_cloth(plate: Floats32, view: View) -> Floats32:
+def _smooth_cloth(plate: Float32Array, view: View) -> Float32Array:
     """Polynomial (h, w, 3) of the cloth's colour, fitted to the pixels that have it."""
     h, w = plate.shape[:2]
     powers = np.arange(DEGREE + 1)
@@ -144,16 +139,16 @@ def _smooth_cloth(plate: Floats32, view: View) -> Floats32:
     return np.asarray(np.clip(np.stack(surface, axis=-1), 0, 255), dtype=np.float32)
 
 
-def _cloth_coloured(colours: Floats, cloth_lab: Floats) -> Bools:
+def _cloth_coloured(colours: FloatArray, cloth_lab: FloatArray) -> BoolArray:
     """Which colours (n, 3) are near the cloth's; the nearest half where few are."""
     lab = cv2.cvtColor((colours[None] / 255).astype(np.float32), cv2.COLOR_RGB2LAB)[0]
     # Light differs over a table, hue does not: lightness counts a third.
     distance = np.linalg.norm((lab - cloth_lab) * np.array([0.33, 1.0, 1.0]), axis=1)
-    near: Bools = distance < max(12.0, float(np.median(distance)))
+    near: BoolArray = distance < max(12.0, float(np.median(distance)))
     return near
 
 
-def _followed(plate: Floats32, smooth: Floats32, view: View) -> Floats32:
+def _followed(plate: Float32Array, smooth: Float32Array, view: View) -> Float32Array:
     """The smooth cloth (h, w, 3), with what changes over many radii and no polynomial follows, such as lamps."""
     residual = plate - smooth
     level = cv2.magnitude(cv2.magnitude(residual[..., 0], residual[..., 1]), residual[..., 2])
@@ -164,7 +159,7 @@ def _followed(plate: Floats32, smooth: Floats32, view: View) -> Floats32:
     return np.asarray(np.clip(smooth + gradual, 0, 255), dtype=np.float32)
 
 
-def _as_wide_as_balls(away: Bools, view: View) -> Bools:
+def _as_wide_as_balls(away: BoolArray, view: View) -> BoolArray:
     """Where a difference is as wide as a ball, with its surroundings."""
     # The number of a ball may have the colour of the cloth.
     _, labels, stats, _ = cv2.connectedComponentsWithStats((~away).astype(np.uint8), connectivity=4)
@@ -175,7 +170,7 @@ def _as_wide_as_balls(away: Bools, view: View) -> Bools:
     return np.asarray(cv2.dilate(opened, kernel) > 0)
 
 
-def disc_kernel(radius: float) -> Bytes:
+def disc_kernel(radius: float) -> ByteArray:
     """Structuring element of a radius in px, at least 1."""
     n = 2 * max(1, round(radius)) + 1
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (n, n)), dtype=np.uint8)

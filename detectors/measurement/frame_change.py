@@ -10,14 +10,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from detectors.measurement.cloth_background import Floats32, disc_kernel
+from detectors.measurement.cloth_background import disc_kernel
 from detectors.measurement.working_view import View
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
 CHANGED_SHARE = 0.4
 """Share of the cloth's threshold by which a place, averaged over 3 x 3 working px, has changed."""
@@ -37,11 +33,11 @@ RENEWED_PICTURES = 15
 class Scan:
     """What a working picture (h, w) shows that the empty table does not."""
 
-    contrast: Floats32
+    contrast: Float32Array
     """(h, w, 3)"""
-    strength: Floats32
-    foreground: Bools
-    moving: Bools
+    strength: Float32Array
+    foreground: BoolArray
+    moving: BoolArray
     """Neither cloth nor part of the median picture."""
 
 
@@ -50,17 +46,17 @@ class Memory:
     """The state of a search through a clip; its arrays are written over from picture to picture."""
 
     scan: Scan
-    searched: Bytes
+    searched: ByteArray
     """(h, w, 3) working picture as it was when each place was searched last."""
-    home: Floats
+    home: FloatArray
     """(n, 2) working px of the sharp balls of the last picture."""
-    relative: Floats
+    relative: FloatArray
     """(n,) their seen radius over the predicted one."""
     age: int
     """Pictures since all of it was searched."""
 
 
-def touched_places(memory: Memory | None, working: Bytes, view: View, threshold: float) -> Bools:
+def touched_places(memory: Memory | None, working: ByteArray, view: View, threshold: float) -> BoolArray:
     """Where (h, w) balls have to be looked for anew in a working picture."""
     if memory is None or memory.age >= RENEWED_PICTURES:
         return np.ones(view.radius.shape, dtype=bool)
@@ -69,12 +65,12 @@ def touched_places(memory: Memory | None, working: Bytes, view: View, threshold:
     return _whole(around(_blocks(changed & view.area), REACH_RADII * view.typical / BLOCK), view)
 
 
-def around(places: Bools, reach: float) -> Bools:
+def around(places: BoolArray, reach: float) -> BoolArray:
     """What lies within a reach, px, of places (h, w)."""
     return np.asarray(cv2.dilate(places.astype(np.uint8), disc_kernel(reach)) > 0)
 
 
-def windows(touched: Bools, view: View) -> list[tuple[slice, slice]]:
+def windows(touched: BoolArray, view: View) -> list[tuple[slice, slice]]:
     """Rows and columns of the parts of the picture that hold the touched places and their surroundings."""
     h, w = touched.shape
     if touched.all():
@@ -88,7 +84,7 @@ def windows(touched: Bools, view: View) -> list[tuple[slice, slice]]:
     return [(slice(y0, min(y1, h)), slice(x0, min(x1, w))) for x0, y0, x1, y1 in boxes]
 
 
-def _blocks(places: Bools) -> Bools:
+def _blocks(places: BoolArray) -> BoolArray:
     """Which blocks (h / BLOCK, w / BLOCK), rounded up, hold any of the places (h, w)."""
     h, w = places.shape
     padded = np.pad(places, ((0, -h % BLOCK), (0, -w % BLOCK)))
@@ -96,7 +92,7 @@ def _blocks(places: Bools) -> Bools:
     return np.asarray(np.logical_or.reduce([rows[:, k::BLOCK] for k in range(BLOCK)]))
 
 
-def _whole(blocks: Bools, view: View) -> Bools:
+def _whole(blocks: BoolArray, view: View) -> BoolArray:
     """The places (h, w) in blocks."""
     h, w = view.radius.shape
     return np.ascontiguousarray(blocks.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)[:h, :w])

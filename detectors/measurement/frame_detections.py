@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Scene
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, FloatArray
 
 APART_RADII = 1.75
 """Two balls are at least two radii apart on the table; less than this, with the errors, and one of them is none."""
@@ -22,14 +20,14 @@ APART_SEEN_RADII = 0.9
 class Found:
     """Balls in one picture, columns as in `Detections`, px of that picture."""
 
-    centre: Floats
-    radius: Floats
-    streak: Floats
-    score: Floats
-    sigma: Floats
-    sigma_along: Floats
+    centre: FloatArray
+    radius: FloatArray
+    streak: FloatArray
+    score: FloatArray
+    sigma: FloatArray
+    sigma_along: FloatArray
 
-    def take(self, rows: NDArray[np.int64] | Bools) -> Found:
+    def take(self, rows: NDArray[np.int64] | BoolArray) -> Found:
         """Some of the rows."""
         return Found(*(getattr(self, name)[rows] for name in self.__slots__))
 
@@ -46,7 +44,7 @@ def chained(first: Found, second: Found) -> Found:
     return Found(*(np.concatenate([getattr(first, n), getattr(second, n)]) for n in Found.__slots__))
 
 
-def inside(points: Floats, streaks: Found) -> Bools:
+def inside(points: FloatArray, streaks: Found) -> BoolArray:
     """Whether points (n, 2) lie in streaks: (K, n)."""
     length = np.maximum(np.linalg.norm(streaks.streak, axis=1), 1e-9)
     unit = streaks.streak / length[:, None]
@@ -66,7 +64,7 @@ def without_overlaps(found: Found, scene: Scene, frame: int) -> Found:
     return found.take(best_first(found, apart))
 
 
-def best_first(found: Found, possible: Bools) -> NDArray[np.int64]:
+def best_first(found: Found, possible: BoolArray) -> NDArray[np.int64]:
     """Rows of balls, streaks and what is likelier first, of which `possible` (N, N) says that each two can be."""
     kept: list[int] = []
     streaked = np.linalg.norm(found.streak, axis=1) > 0

@@ -13,14 +13,9 @@ from itertools import product
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from detectors.measurement.circle_fit import weighed
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
-Singles = NDArray[np.float32]
+from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
 WAYS_RADII = np.array([0.0, 0.8, 1.6, 2.6, 3.8, 5.2, 6.8])
 """Lengths that are tried, ball radii."""
@@ -59,9 +54,9 @@ WAY_BAND = (0.8, 7.5)
 class Sweep:
     """A streak in the picture, px."""
 
-    centre: Floats
+    centre: FloatArray
     """(2,) of the ball at mid-exposure."""
-    way: Floats
+    way: FloatArray
     """(2,) travelled during the exposure, sign unknown."""
     left: float
     """Squared miss of the picture, over that of bare cloth."""
@@ -75,7 +70,9 @@ class Sweep:
         return clear and WAY_BAND[0] < way < WAY_BAND[1]
 
 
-def share_covered(at: Floats, centre: Floats, way: Floats, radius: float, blur: float = BLUR_PX) -> Floats:
+def share_covered(
+    at: FloatArray, centre: FloatArray, way: FloatArray, radius: float, blur: float = BLUR_PX
+) -> FloatArray:
     """Share (...) of the exposure for which a disc, its rim as soft as `blur`, covers places (..., 2)."""
     length = max(float(np.linalg.norm(way)), 1e-6)
     unit = way / length
@@ -92,13 +89,13 @@ def share_covered(at: Floats, centre: Floats, way: Floats, radius: float, blur: 
 
 
 def fitted_sweep(
-    rgb: Bytes,
-    seen: Floats,
+    rgb: ByteArray,
+    seen: FloatArray,
     radius: float,
-    others: Floats,
-    other_radii: Floats,
-    basis: Floats,
-    way: Floats | None = None,
+    others: FloatArray,
+    other_radii: FloatArray,
+    basis: FloatArray,
+    way: FloatArray | None = None,
 ) -> Sweep | None:
     """The streak about a place (2,) px where a ball was seen; None where there is too little picture.
 
@@ -146,8 +143,8 @@ def fitted_sweep(
 
 
 def _rough(
-    rgb: Bytes, seen: Floats, radius: float, others: Floats, other_radii: Floats, basis: Floats
-) -> tuple[Floats, Floats, Floats] | None:
+    rgb: ByteArray, seen: FloatArray, radius: float, others: FloatArray, other_radii: FloatArray, basis: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Best of many places and ways, and the best place of a ball at rest; None where no way explains much more."""
     lattice, tried, shares, squares = _templates()
     at = seen + radius * lattice
@@ -167,7 +164,7 @@ def _rough(
 
 
 @lru_cache(maxsize=1)
-def _templates() -> tuple[Floats, Floats, Singles, Singles]:
+def _templates() -> tuple[FloatArray, FloatArray, Float32Array, Float32Array]:
     """Pixels (n, 2), places and ways (m, 4), in ball radii about where a ball was seen; shares (m, n), and squared."""
     side = np.arange(-REACH_RADII, REACH_RADII + 1e-9, COARSE_RADII)
     lattice = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
@@ -182,13 +179,13 @@ def _templates() -> tuple[Floats, Floats, Singles, Singles]:
     return lattice, tried, shares, shares**2
 
 
-def _tried(unit: Floats, length: float, along: float, beside: float) -> Floats:
+def _tried(unit: FloatArray, length: float, along: float, beside: float) -> FloatArray:
     """Place and way (4,), ball radii, of a streak in a direction (2,)."""
     side = np.array([-unit[1], unit[0]])
     return np.concatenate([along * max(length, 1.0) * unit + beside * side, max(length, 1e-4) * unit])
 
 
-def _miss(place: Floats, at: Floats, colours: Floats, radius: float) -> Floats:
+def _miss(place: FloatArray, at: FloatArray, colours: FloatArray, radius: float) -> FloatArray:
     """What (n, 3) the best colours of cloth and ball leave of the picture."""
     share = share_covered(at, place[:2], place[2:], radius)
     unit = place[2:] / max(float(np.linalg.norm(place[2:])), 1e-9)
@@ -200,13 +197,13 @@ def _miss(place: Floats, at: Floats, colours: Floats, radius: float) -> Floats:
     return np.asarray(colours - design @ answer)
 
 
-def _slopes(place: Floats, at: Floats, colours: Floats, radius: float, miss: Floats) -> Floats:
+def _slopes(place: FloatArray, at: FloatArray, colours: FloatArray, radius: float, miss: FloatArray) -> FloatArray:
     """Change (n, 3, 4) of the misses with place and way."""
     step = 0.25
     return np.stack([(_miss(place + step * e, at, colours, radius) - miss) / step for e in np.eye(4)], axis=2)
 
 
-def _grid(rgb: Bytes, low: Floats, high: Floats, step: float) -> Floats:
+def _grid(rgb: ByteArray, low: FloatArray, high: FloatArray, step: float) -> FloatArray:
     """Px (n, 2) of the picture between two corners."""
     limit = np.array(rgb.shape[1::-1]) - 1.0
     low, high = np.clip(low, 0, limit), np.clip(high, 0, limit)
@@ -214,13 +211,13 @@ def _grid(rgb: Bytes, low: Floats, high: Floats, step: float) -> Floats:
     return np.column_stack([x.ravel(), y.ravel()])
 
 
-def _near(at: Floats, centre: Floats, way: Floats, reach: float) -> Bools:
+def _near(at: FloatArray, centre: FloatArray, way: FloatArray, reach: float) -> BoolArray:
     """Which px (n, 2) lie within a reach of a streak."""
     share = np.clip((at - centre) @ way / max(float(way @ way), 1e-9), -0.5, 0.5)
     return np.asarray(np.linalg.norm(at - centre - share[:, None] * way, axis=1) <= reach)
 
 
-def _bare(at: Floats, others: Floats, radii: Floats) -> Bools:
+def _bare(at: FloatArray, others: FloatArray, radii: FloatArray) -> BoolArray:
     """Which px (n, 2) lie off other balls."""
     if not len(others):
         return np.ones(len(at), dtype=bool)
@@ -228,7 +225,7 @@ def _bare(at: Floats, others: Floats, radii: Floats) -> Bools:
     return np.asarray((apart > KEPT_OFF_RADII * radii).all(axis=1))
 
 
-def _colours(rgb: Bytes, at: Floats, basis: Floats) -> Floats:
+def _colours(rgb: ByteArray, at: FloatArray, basis: FloatArray) -> FloatArray:
     """Colours (n, 3) at px (n, 2), in the cloth's basis with brightness weighed down."""
     place = at[None].astype(np.float32)
     seen = cv2.remap(rgb, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

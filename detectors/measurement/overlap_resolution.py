@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from detectors.measurement.frame_detections import APART_RADII, APART_SEEN_RADII, Found, best_first
 from models.core.scene import Scene
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, FloatArray
 
 TOUCHING_SHARE = 0.02
 """How far the distance of two touching balls may be from two radii, share of it, one standard deviation: errors of the
@@ -44,11 +42,11 @@ def stood_apart(found: Found, scene: Scene, frame: int) -> Found:
 class _Ground:
     """Where N balls are on the table."""
 
-    xy: Floats
+    xy: FloatArray
     """(N, 2) m."""
-    jacobian: Floats
+    jacobian: FloatArray
     """(N, 2, 2) m/px."""
-    covariance: Floats
+    covariance: FloatArray
     """(N, 2, 2) m^2."""
     radius: float
     """m."""
@@ -71,7 +69,7 @@ class _Ground:
         """Some of the balls."""
         return _Ground(self.xy[rows], self.jacobian[rows], self.covariance[rows], self.radius)
 
-    def possible(self) -> Bools:
+    def possible(self) -> BoolArray:
         """Which pairs (N, N) can both be there."""
         apart, way = _distances(self.xy)
         either = self.covariance[:, None] + self.covariance[None]
@@ -79,7 +77,7 @@ class _Ground:
         explained = 2 * self.radius - apart < MOST_SIGMAS * np.sqrt(variance)
         return np.asarray(explained | (apart > APART_RADII * self.radius))
 
-    def shifts(self) -> Floats:
+    def shifts(self) -> FloatArray:
         """Px (N, 2) by which balls that stand in one another are to be moved.
 
         The most likely places of all balls at once, given that those that overlap touch: linear least squares with
@@ -110,7 +108,7 @@ class _Ground:
         return 2 * self.radius * TOUCHING_SHARE
 
 
-def _distances(places: Floats) -> tuple[Floats, Floats]:
+def _distances(places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Between places (N, 2): lengths (N, N), infinite of a place to itself, and unit vectors (N, N, 2) to the first."""
     off = places[:, None] - places[None]
     apart = np.linalg.norm(off, axis=-1)

@@ -13,11 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import POCKETS, Camera, Scene, Table
-
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
 WORKING_RADIUS_PX = 7.5
 """Radius of a ball in the working picture, about: it is the whole divided by a whole number."""
@@ -43,32 +39,32 @@ class View:
     box: tuple[int, int, int, int]
     """x0, y0, x1, y1 px: the part of the reference picture it shows."""
     scale: float
-    radius: Floats32
+    radius: Float32Array
     """(h, w) working px: radius of a ball whose centre is seen there."""
     typical: float
     """Working px: median of `radius`."""
-    centres: Bools
+    centres: BoolArray
     """(h, w) where the centre of a ball on the table may be."""
-    pockets: Bools
+    pockets: BoolArray
     """(h, w) where a centre is at a pocket, which is seen as a dark shape of its own."""
-    cloth: Bools
+    cloth: BoolArray
     """(h, w) the playing surface."""
-    area: Bools
+    area: BoolArray
     """(h, w) what balls can cover."""
-    rim: Bools
+    rim: BoolArray
     """(h, w) the outermost pixels of `area`, and what lies beyond."""
 
-    def to_picture(self, working: Floats) -> Floats:
+    def to_picture(self, working: FloatArray) -> FloatArray:
         """Working px (..., 2) to px of the reference picture."""
-        px: Floats = (working + 0.5) / self.scale - 0.5 + np.array(self.box[:2], dtype=float)
+        px: FloatArray = (working + 0.5) / self.scale - 0.5 + np.array(self.box[:2], dtype=float)
         return px
 
-    def to_working(self, px: Floats) -> Floats:
+    def to_working(self, px: FloatArray) -> FloatArray:
         """Reference px (..., 2) to working px."""
-        working: Floats = (px - np.array(self.box[:2], dtype=float) + 0.5) * self.scale - 0.5
+        working: FloatArray = (px - np.array(self.box[:2], dtype=float) + 0.5) * self.scale - 0.5
         return working
 
-    def picture(self, rgb: Bytes, frame: int | None = None) -> Bytes:
+    def picture(self, rgb: ByteArray, frame: int | None = None) -> ByteArray:
         """The working picture (h, w, 3) of a whole picture."""
         h, w = self.radius.shape
         x0, y0, x1, y1 = self.box
@@ -80,7 +76,7 @@ class View:
             return np.ascontiguousarray(crop)
         return np.asarray(cv2.resize(crop, (w, h), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
-    def enlarged(self, rgb: Bytes, frame: int | None, part: tuple[slice, slice], factor: float) -> Bytes:
+    def enlarged(self, rgb: ByteArray, frame: int | None, part: tuple[slice, slice], factor: float) -> ByteArray:
         """A part (rows, columns) of the working picture of a whole one (H, W, 3), about `factor` times as large."""
         rows, columns = part
         size = round((columns.stop - columns.start) * factor), round((rows.stop - rows.start) * factor)
@@ -97,12 +93,12 @@ class View:
         way = cv2.INTER_AREA if size[0] < right - left else cv2.INTER_LINEAR
         return np.asarray(cv2.resize(rgb[top:bottom, left:right], size, interpolation=way), dtype=np.uint8)
 
-    def _followed(self, rgb: Bytes, motion: Floats) -> Bytes:
+    def _followed(self, rgb: ByteArray, motion: FloatArray) -> ByteArray:
         h, w = self.radius.shape
         matrix = self._from_frame(motion)
         return np.asarray(cv2.warpPerspective(rgb, matrix, (w, h), flags=cv2.INTER_LINEAR), dtype=np.uint8)
 
-    def _from_frame(self, motion: Floats) -> Floats:
+    def _from_frame(self, motion: FloatArray) -> FloatArray:
         """Homography (3, 3) from px of a frame to working px; `motion` (3, 3) takes reference px to the frame's."""
         s, (x0, y0) = self.scale, self.box[:2]
         to_working = np.array([[s, 0, (0.5 - x0) * s - 0.5], [0, s, (0.5 - y0) * s - 0.5], [0, 0, 1.0]])
@@ -123,12 +119,12 @@ class View:
             *(each[part] for each in maps),
         )
 
-    def predicted_radius(self, px: Floats) -> Floats:
+    def predicted_radius(self, px: FloatArray) -> FloatArray:
         """Radius (...) px of the reference picture that a ball has at reference px (..., 2)."""
         return predicted_radius(self.scene, px)
 
 
-def pixel_at(shape: tuple[int, ...], working: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def pixel_at(shape: tuple[int, ...], working: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Row and column (n,) of the pixel of a picture (h, w) that is nearest to working px (n, 2)."""
     h, w = shape[:2]
     column = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
@@ -136,7 +132,7 @@ def pixel_at(shape: tuple[int, ...], working: Floats) -> tuple[NDArray[np.int64]
     return row, column
 
 
-def value_at(mask: NDArray[Any], working: Floats) -> NDArray[Any]:
+def value_at(mask: NDArray[Any], working: FloatArray) -> NDArray[Any]:
     """Values (n,) of a picture (h, w, ...) at working px (n, 2)."""
     return np.asarray(mask[pixel_at(mask.shape, working)])
 
@@ -169,7 +165,7 @@ def view_of(scene: Scene) -> View:
     return View(scene, box, scale, radius, float(np.median(radius[centres])), centres, pockets, cloth, area, inner == 0)
 
 
-def predicted_radius(scene: Scene, px: Floats) -> Floats:
+def predicted_radius(scene: Scene, px: FloatArray) -> FloatArray:
     """Radius (...) px of a ball seen at reference px (..., 2)."""
     xy = scene.camera.to_table(px, scene.table.ball_radius)
     return np.asarray(scene.camera.radius_px(xy, scene.table.ball_radius), dtype=np.float64)
@@ -184,13 +180,13 @@ def _box(camera: Camera, table: Table) -> tuple[int, int, int, int]:
     return int(low[0]), int(low[1]), x1, y1
 
 
-def _grid(box: tuple[int, int, int, int], scale: float, w: int, h: int) -> Floats:
+def _grid(box: tuple[int, int, int, int], scale: float, w: int, h: int) -> FloatArray:
     x = (np.arange(w) + 0.5) / scale - 0.5 + box[0]
     y = (np.arange(h) + 0.5) / scale - 0.5 + box[1]
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
-def _allowed(table: Table, xy: Floats) -> Bools:
+def _allowed(table: Table, xy: FloatArray) -> BoolArray:
     radius = table.ball_radius
     inset = radius * (1 - CUSHION_SLACK_RADII)
     inside = _within(table, xy, inset)
@@ -203,19 +199,19 @@ def _allowed(table: Table, xy: Floats) -> Bools:
     return inside
 
 
-def _within_reach(xy: Floats, place: Floats, reach: float) -> Bools:
+def _within_reach(xy: FloatArray, place: FloatArray, reach: float) -> BoolArray:
     """Which points (..., 2) lie within a reach of a place (2,)."""
-    near: Bools = (xy[..., 0] - place[0]) ** 2 + (xy[..., 1] - place[1]) ** 2 < reach**2
+    near: BoolArray = (xy[..., 0] - place[0]) ** 2 + (xy[..., 1] - place[1]) ** 2 < reach**2
     return near
 
 
-def _within(table: Table, xy: Floats, inset: float) -> Bools:
+def _within(table: Table, xy: FloatArray, inset: float) -> BoolArray:
     x, y = xy[..., 0], xy[..., 1]
-    within: Bools = (x > inset) & (x < table.length - inset) & (y > inset) & (y < table.width - inset)
+    within: BoolArray = (x > inset) & (x < table.length - inset) & (y > inset) & (y < table.width - inset)
     return within
 
 
-def _radius_map(scene: Scene, box: tuple[int, int, int, int], scale: float, w: int, h: int) -> Floats32:
+def _radius_map(scene: Scene, box: tuple[int, int, int, int], scale: float, w: int, h: int) -> Float32Array:
     """Radius in working px on every 16th pixel, interpolated: it changes slowly."""
     step = 16
     coarse = _grid(box, scale / step, -(-w // step), -(-h // step))

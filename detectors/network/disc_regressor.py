@@ -7,13 +7,10 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from detectors.network.disc_crop import Upright
+from models.core.typing import ByteArray, FloatArray
 from video.io.onnx_session import onnxruntime, opened_measuring
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 
 SCHEMA = "trueroll.discs/1"
 SHIPPED = Path(__file__).parent / "weights" / "discs.onnx"
@@ -29,7 +26,7 @@ class DiscModel:
 
     session: onnxruntime.InferenceSession
 
-    def measured(self, rgb: Bytes, centre: Floats, radius: Floats) -> tuple[Floats, Floats]:
+    def measured(self, rgb: ByteArray, centre: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Centres (K, 2) px, and sigmas (K,), of balls of radii (K,) px near centres (K, 2), in a picture (H, W, 3)."""
         if not len(centre):
             return centre, radius
@@ -39,14 +36,14 @@ class DiscModel:
             place[again], sigma[again] = self._look(rgb, place[again], radius[again])
         return place, sigma
 
-    def _look(self, rgb: Bytes, centre: Floats, radius: Floats) -> tuple[Floats, Floats]:
+    def _look(self, rgb: ByteArray, centre: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same (K >= 1) by one look."""
         at = [Upright(place, float(size)) for place, size in zip(centre, radius, strict=True)]
         told, sigma = self.told(np.stack([ball.picture(rgb) for ball in at]))
         found = [ball.moved(word).centre for ball, word in zip(at, told, strict=True)]
         return np.array(found), radius * np.sqrt((sigma**2).mean(axis=1))
 
-    def told(self, shown: Bytes) -> tuple[Floats, Floats]:
+    def told(self, shown: ByteArray) -> tuple[FloatArray, FloatArray]:
         """What pictures (K, SIDE, SIDE, 3) tell (K, 2), see `Upright.told`, and its sigmas (K, 2)."""
         forms = np.concatenate([shown, shown[:, :, ::-1]])
         said = np.asarray(self.session.run(None, {"shown": forms})[0], dtype=np.float64).reshape(2, -1, 4)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
+from models.core.typing import ByteArray, FloatArray
 
 LEAST_ZOOM = 0.7
 """Pictures that would be shrunk further are averaged over whole pixels first."""
 
 
-def patch(rgb: Bytes, centre: Floats, linear: Floats, size: tuple[int, int], reach: float, zoom: float) -> Bytes:
+def patch(
+    rgb: ByteArray, centre: FloatArray, linear: FloatArray, size: tuple[int, int], reach: float, zoom: float
+) -> ByteArray:
     """A picture (H, W, 3) mapped by `linear` (2, 2), px `centre` (2,) in the middle of `size`, (columns, rows).
 
     Beyond its border the border goes on. Nothing farther than `reach` px is shown, and `zoom` is what the finer axis of
@@ -27,7 +27,7 @@ def patch(rgb: Bytes, centre: Floats, linear: Floats, size: tuple[int, int], rea
     return np.asarray(shown, dtype=np.uint8)
 
 
-def _averaged(rgb: Bytes, centre: Floats, reach: float, zoom: float) -> tuple[Bytes, int, Floats]:
+def _averaged(rgb: ByteArray, centre: FloatArray, reach: float, zoom: float) -> tuple[ByteArray, int, FloatArray]:
     """The part of a picture within a reach, averaged over squares of so many px where it will be shrunk; its corner."""
     squares = round(1 / zoom) if zoom < LEAST_ZOOM else 1
     if squares == 1:

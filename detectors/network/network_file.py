@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from detectors.network.peak_decoding import CHANNELS, COARSE_STRIDE, Centres, chained, not_echoes, read_maps
 from detectors.network.yolo_decoding import Classes, Layout, class_count, classes_of, layout_of, letterboxed, read_boxes
 from models.core.errors import ModelError
+from models.core.typing import ByteArray, Float32Array
 from video.io.onnx_session import onnxruntime, opened
-
-Floats32 = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
 
 SCHEMA = "trueroll.balls/1"
 SHIPPED = Path(__file__).parent / "weights" / "balls.onnx"
@@ -39,7 +37,7 @@ MOST_TILES = 12
 class BallModel(Protocol):
     """A network that finds balls in a picture of any size."""
 
-    def see(self, rgb: Bytes, radius: float) -> Centres:
+    def see(self, rgb: ByteArray, radius: float) -> Centres:
         """Balls in a picture (h, w, 3) in which they have about this radius, px."""
         ...
 
@@ -50,13 +48,13 @@ class CentreModel:
 
     session: onnxruntime.InferenceSession
 
-    def maps(self, rgb: Bytes) -> Floats32:
+    def maps(self, rgb: ByteArray) -> Float32Array:
         """Maps (12, h / 4, w / 4), rounded up, of a picture (h, w, 3)."""
         h, w = rgb.shape[:2]
         padded = np.pad(rgb, ((0, -h % COARSE_STRIDE), (0, -w % COARSE_STRIDE), (0, 0)), mode="edge")
         return np.asarray(self.session.run(None, {"picture": padded[None]})[0][0], dtype=np.float32)
 
-    def see(self, rgb: Bytes, radius: float) -> Centres:
+    def see(self, rgb: ByteArray, radius: float) -> Centres:
         """Balls in a picture (h, w, 3), best with radii of 4 to 12 px."""
         return read_maps(self.maps(rgb))
 
@@ -71,7 +69,7 @@ class BoxModel:
     layout: Layout
     classes: Classes
 
-    def see(self, rgb: Bytes, radius: float) -> Centres:
+    def see(self, rgb: ByteArray, radius: float) -> Centres:
         """Balls in a picture (h, w, 3), in tiles where they would be too small in the input."""
         parts = []
         for x, y, part in tiles(rgb, radius, self.side):
@@ -85,7 +83,7 @@ class BoxModel:
         return found.take(not_echoes(found))
 
 
-def tiles(rgb: Bytes, radius: float, side: tuple[int, int]) -> list[tuple[int, int, Bytes]]:
+def tiles(rgb: ByteArray, radius: float, side: tuple[int, int]) -> list[tuple[int, int, ByteArray]]:
     """Parts of a picture with the place of their first pixel; the whole where balls of a radius are large enough."""
     h, w = rgb.shape[:2]
     scale = min(side[0] / h, side[1] / w)
@@ -167,7 +165,7 @@ def _yolo(path: Path, session: onnxruntime.InferenceSession, facts: dict[str, st
 _TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
 
-def _typed(given: Floats32, session: onnxruntime.InferenceSession) -> NDArray[Any]:
+def _typed(given: Float32Array, session: onnxruntime.InferenceSession) -> NDArray[Any]:
     return given.astype(_TYPES[session.get_inputs()[0].type])
 
 

@@ -17,10 +17,7 @@ from detectors.measurement.frame_detections import Found
 from detectors.network.disc_regressor import DiscModel
 from detectors.network.peak_decoding import Centres
 from models.core.scene import Scene
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
-Rows = NDArray[np.int64]
+from models.core.typing import ByteArray, FloatArray, IntArray
 
 LEAST_SUPPORT, CLEAR_SUPPORT, WHOLE_SUPPORT = 0.6, 0.8, 0.9
 """Share of a circle's rays that must end at an edge for its centre to count; for the ball to be at rest without a
@@ -57,20 +54,20 @@ SAME_RADII = 0.3
 class Surroundings:
     """What the outlines of K balls are sought against."""
 
-    expected: Floats
+    expected: FloatArray
     """(K,) px, radius of a ball of this table there."""
-    beneath: Floats
+    beneath: FloatArray
     """(K, 3) RGB of the empty table there."""
-    basis: Floats
+    basis: FloatArray
     """(3, 3) of the cloth's colours."""
     scene: Scene
 
-    def take(self, rows: Rows) -> Surroundings:
+    def take(self, rows: IntArray) -> Surroundings:
         """Those of some of the balls."""
         return replace(self, expected=self.expected[rows], beneath=self.beneath[rows])
 
 
-def outlined(rgb: Bytes, soft: Bytes, seen: Centres, around: Surroundings, frame: int) -> tuple[Found, Circles]:
+def outlined(rgb: ByteArray, soft: ByteArray, seen: Centres, around: Surroundings, frame: int) -> tuple[Found, Circles]:
     """Sharp balls in a picture (H, W, 3) and `softened`, px; their outlines, of support 0 where there are none."""
     circles = fit_circles(rgb, soft, seen.centre, around.expected, around.beneath, around.basis)
     circles = _behind_others(rgb, soft, seen.centre, circles, around, frame)
@@ -78,7 +75,13 @@ def outlined(rgb: Bytes, soft: Bytes, seen: Centres, around: Surroundings, frame
 
 
 def measured_closer(
-    rgb: Bytes, soft: Bytes, found: Found, outlines: Circles, around: Surroundings, closer: DiscModel, frame: int
+    rgb: ByteArray,
+    soft: ByteArray,
+    found: Found,
+    outlines: Circles,
+    around: Surroundings,
+    closer: DiscModel,
+    frame: int,
 ) -> Found:
     """The same balls, those that their outlines leave in doubt looked at closer, and other outlines sought from there.
 
@@ -105,7 +108,7 @@ def measured_closer(
     return with_rows(found, doubted, replace(word, centre=centre, sigma=sigma, sigma_along=sigma))
 
 
-def _weighed(seen: Centres, circles: Circles, expected: Floats, worth: float) -> tuple[Found, Circles]:
+def _weighed(seen: Centres, circles: Circles, expected: FloatArray, worth: float) -> tuple[Found, Circles]:
     """Balls between what a network saw and their circles; these, of support 0 where they are another thing's."""
     own = np.hypot(seen.across, seen.along) / np.sqrt(2)
     centre, sigma, good = _between(seen.centre, own, circles, expected, worth)
@@ -115,8 +118,8 @@ def _weighed(seen: Centres, circles: Circles, expected: Floats, worth: float) ->
 
 
 def _between(
-    place: Floats, own: Floats, circles: Circles, expected: Floats, worth: float
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    place: FloatArray, own: FloatArray, circles: Circles, expected: FloatArray, worth: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Centres (K, 2) between places with errors (K,) and circles, their errors, and which circles are good for one.
 
     Circles count `worth` times sharper than their sigmas say.
@@ -134,7 +137,7 @@ def _between(
 
 
 def _behind_others(
-    rgb: Bytes, soft: Bytes, guessed: Floats, circles: Circles, around: Surroundings, frame: int
+    rgb: ByteArray, soft: ByteArray, guessed: FloatArray, circles: Circles, around: Surroundings, frame: int
 ) -> Circles:
     """Circles (K,) near guesses (K, 2) px, those of hidden balls through the open part of their outlines."""
     before = _before(circles, around.scene, frame)
@@ -146,7 +149,7 @@ def _behind_others(
     return with_rows(circles, behind, again)
 
 
-def _before(circles: Circles, scene: Scene, frame: int) -> Floats:
+def _before(circles: Circles, scene: Scene, frame: int) -> FloatArray:
     """Centre and radius (K, M, 3) px, NaN for none, of those circles that stand before each and may hide part of it."""
     apart = np.linalg.norm(circles.centre[:, None] - circles.centre[None], axis=-1)
     touch = apart < FARTHEST * circles.radius[:, None] + circles.radius

@@ -9,9 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, Float32Array, FloatArray
 
 STRIDE = 4
 """px per cell of the maps."""
@@ -45,33 +43,33 @@ own: an echo tells of the same way."""
 class Centres:
     """K balls that a network sees, px of the picture it was shown, best first."""
 
-    centre: Floats
+    centre: FloatArray
     """(K, 2)"""
-    radius: Floats
+    radius: FloatArray
     """(K,)"""
-    streak: Floats
+    streak: FloatArray
     """(K, 2) way travelled during the exposure, sign unknown."""
-    score: Floats
+    score: FloatArray
     """(K,) in [0, 1]."""
-    across: Floats
+    across: FloatArray
     """(K,) sigma of the centre across the streak."""
-    along: Floats
+    along: FloatArray
     """(K,) and along it."""
-    look: Floats
+    look: FloatArray
     """(K, 4) probabilities of LOOKS; NaN where the network does not tell."""
 
     def __len__(self) -> int:
         return len(self.score)
 
-    def take(self, rows: NDArray[np.int64] | Bools) -> Centres:
+    def take(self, rows: NDArray[np.int64] | BoolArray) -> Centres:
         """Some of the rows."""
         return Centres(*(getattr(self, name)[rows] for name in self.__slots__))
 
-    def scaled(self, factor: float, shift: Floats | tuple[float, float]) -> Centres:
+    def scaled(self, factor: float, shift: FloatArray | tuple[float, float]) -> Centres:
         """The same in a picture `factor` times as large whose pixel (0, 0) lies at -`shift`; pixels have centres."""
         return self.placed(lambda px: (px + 0.5) * factor - 0.5 + np.asarray(shift), factor)
 
-    def placed(self, where: Callable[[Floats], Floats], factor: float) -> Centres:
+    def placed(self, where: Callable[[FloatArray], FloatArray], factor: float) -> Centres:
         """The same with centres (K, 2) where a function of them says, and lengths `factor` times as large."""
         lengths = (self.across * factor, self.along * factor)
         return Centres(where(self.centre), self.radius * factor, self.streak * factor, self.score, *lengths, self.look)
@@ -89,7 +87,7 @@ def chained(parts: list[Centres]) -> Centres:
     return Centres(*(np.concatenate([getattr(part, name) for part in [no_centres(), *parts]]) for name in names))
 
 
-def read_maps(maps: Floats32, least_score: float = LEAST_SCORE) -> Centres:
+def read_maps(maps: Float32Array, least_score: float = LEAST_SCORE) -> Centres:
     """Balls in maps (12, h, w) whose score is a probability."""
     score = np.ascontiguousarray(maps[0])
     highest = cv2.dilate(score, np.ones((3, 3), np.uint8))
@@ -111,14 +109,14 @@ def read_maps(maps: Floats32, least_score: float = LEAST_SCORE) -> Centres:
     return found.take(not_echoes(found))
 
 
-def halved(doubled: Floats) -> Floats:
+def halved(doubled: FloatArray) -> FloatArray:
     """Streaks (K, 2) px from their length times cosine and sine of twice their direction, units (K, 2)."""
     length = np.linalg.norm(doubled, axis=1)
     angle = np.arctan2(doubled[:, 1], doubled[:, 0]) / 2
     return np.asarray(STREAK_UNIT_PX * length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
-def not_echoes(found: Centres) -> Bools:
+def not_echoes(found: Centres) -> BoolArray:
     """Which balls (K,), best first, have no better one near them and lie in no better one's streak."""
     length = np.linalg.norm(found.streak, axis=1)
     along = found.streak / np.maximum(length, 1e-9)[:, None]
@@ -135,7 +133,7 @@ def not_echoes(found: Centres) -> Bools:
     return kept
 
 
-def _unlike(streaks: Floats) -> Floats:
+def _unlike(streaks: FloatArray) -> FloatArray:
     """Differences (K, K), px, between streaks (K, 2) whose signs are unknown."""
     apart = (np.linalg.norm(streaks[:, None] + sign * streaks[None], axis=-1) for sign in (-1, 1))
     return np.asarray(np.minimum(*apart), dtype=np.float64)

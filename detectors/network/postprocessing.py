@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from detectors.measurement.ball_colour import ball_coats
 from detectors.measurement.circle_fit import Circles, softened
@@ -35,10 +34,7 @@ from detectors.network.peak_decoding import Centres
 from detectors.network.streak_regressor import LEAST_WAY_RADII, MeasuredStreak, StreakModel
 from models.core.detections import Detections
 from models.core.scene import apply_homography
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, ByteArray, FloatArray
 
 LEAST_SCORE = 0.5
 """Probability from which a ball is reported."""
@@ -68,9 +64,9 @@ class Judged:
     """What the whole picture says of K things that a network saw."""
 
     balls: Detections
-    unclear: Floats
+    unclear: FloatArray
     """(n, 2) working px where the network's word alone counts."""
-    refuted: Bools
+    refuted: BoolArray
     """(K,) which of them are none by the picture: to look again is worth it only after something has changed there."""
 
 
@@ -83,25 +79,25 @@ class Judge:
     streaks: StreakModel
     discs: DiscModel
 
-    def likely(self, seen: Centres) -> Bools:
+    def likely(self, seen: Centres) -> BoolArray:
         """What (K,) is a ball by the network's word, or may prove one."""
         known = self._within(seen, DOUBTFUL_SCORE, DOUBTFUL_BAND)
         return np.asarray(known | (streaked(seen) & self._within(seen, FAINT_SCORE, DOUBTFUL_BAND)))
 
-    def sure(self, seen: Centres) -> Bools:
+    def sure(self, seen: Centres) -> BoolArray:
         """What (K,) is a ball by the network's word alone."""
         return self._within(seen, LEAST_SCORE, SIZE_BAND)
 
-    def _within(self, seen: Centres, score: float, band: tuple[float, float]) -> Bools:
+    def _within(self, seen: Centres, score: float, band: tuple[float, float]) -> BoolArray:
         ratio = seen.radius / value_at(self.view.radius, seen.centre)
         return np.asarray((seen.score > score) & (ratio > band[0]) & (ratio < band[1]))
 
-    def there(self, home: Floats, frame: int) -> Floats:
+    def there(self, home: FloatArray, frame: int) -> FloatArray:
         """Working px (n, 2) to px of a frame."""
         motion, reference = self.view.scene.camera.motion, self.view.to_picture(home)
         return reference if motion is None else apply_homography(motion[frame], reference)
 
-    def measured(self, rgb: Bytes, seen: Centres, frame: int) -> Judged:
+    def measured(self, rgb: ByteArray, seen: Centres, frame: int) -> Judged:
         """Balls at rest and streaks among what was seen in the working picture of a picture (H, W, 3)."""
         told, moves = self._closer(rgb, seen, frame)
         sure = self.sure(seen)
@@ -132,13 +128,13 @@ class Judge:
         )  # fmt: skip
         return Judged(balls, unclear, refuted)
 
-    def _spots(self, home: Centres, sharp: Found, support: Floats) -> Bools:
+    def _spots(self, home: Centres, sharp: Found, support: FloatArray) -> BoolArray:
         """Which (n,) have a clear outline that is too small for a ball: spots on the cloth."""
         return np.asarray((support > CLEAR_SUPPORT) & (sharp.radius < LEAST_CLEAR_SIZE * self._size(home)))
 
     def _swept_by_light(
-        self, rgb: Bytes, home: Centres, sharp: Found, support: Floats, told: Found
-    ) -> tuple[Found, Bools]:
+        self, rgb: ByteArray, home: Centres, sharp: Found, support: FloatArray, told: Found
+    ) -> tuple[Found, BoolArray]:
         """Streaks among balls without a whole outline, by what an exposure adds up to; which (n,) of them are some.
 
         None of them goes over a ball of which the network is sure: a row of balls adds up to a streak as well. None is
@@ -161,7 +157,7 @@ class Judge:
                 found = found_chained(found, swept)
         return found, moves
 
-    def _closer(self, rgb: Bytes, home: Centres, frame: int) -> tuple[Found, Bools]:
+    def _closer(self, rgb: ByteArray, home: Centres, frame: int) -> tuple[Found, BoolArray]:
         """What the network saw, px of the frame, what may be streaks measured closer; which (K,) of it are some."""
         radius = self._size(home)
         told, moves = _swept(self._placed(home, frame)), np.zeros(len(home), dtype=bool)
@@ -173,7 +169,7 @@ class Judge:
             told.sigma[row], told.sigma_along[row] = at.across, max(at.along, at.across)
         return told, moves
 
-    def _borne_out(self, rgb: Bytes, told: Found, sure: Bools, at_rest: Found) -> Found:
+    def _borne_out(self, rgb: ByteArray, told: Found, sure: BoolArray, at_rest: Found) -> Found:
         """Those streaks of which the network is sure, and those to which an exposure adds up."""
         others = at_rest.take(~np.asarray(inside(at_rest.centre, told).any(axis=0)))
         borne = sure.copy()
@@ -183,7 +179,7 @@ class Judge:
             borne[row] = sweep is not None and sweep.believed(size)
         return told.take(borne)
 
-    def _outlined(self, rgb: Bytes, soft: Bytes, seen: Centres, frame: int) -> tuple[Found, Circles]:
+    def _outlined(self, rgb: ByteArray, soft: ByteArray, seen: Centres, frame: int) -> tuple[Found, Circles]:
         """Balls at rest where their outlines are, and these."""
         found, outlines = outlined(rgb, soft, self._placed(seen, frame), self._around(seen), frame)
         # What only its outline makes a ball is as likely one as the least that is reported.
@@ -195,7 +191,7 @@ class Judge:
         return Surroundings(self._size(seen), beneath, self.cloth.basis, self.view.scene)
 
     def _around_marks(
-        self, rgb: Bytes, soft: Bytes, seen: Centres, sharp: Found, outlines: Circles, frame: int
+        self, rgb: ByteArray, soft: ByteArray, seen: Centres, sharp: Found, outlines: Circles, frame: int
     ) -> tuple[Found, Circles]:
         """The same with what is too small for a ball taken for a mark on one: the outline about it that is whole."""
         expected = value_at(self.view.radius, seen.centre).astype(np.float64)
@@ -214,7 +210,7 @@ class Judge:
         best, marks = best[better], marks[better]
         return with_rows(sharp, marks, tried.take(best)), with_rows(outlines, marks, held.take(best))
 
-    def _size(self, home: Centres) -> Floats:
+    def _size(self, home: Centres) -> FloatArray:
         """Radius (K,) that a ball of this table has where each was seen, px of a frame."""
         return np.asarray(value_at(self.view.radius, home.centre).astype(np.float64) / self.view.scale)
 
@@ -223,17 +219,17 @@ class Judge:
         return seen.placed(lambda px: self.there(px, frame), 1 / self.view.scale)
 
 
-def _needed(seen: Centres) -> Floats:
+def _needed(seen: Centres) -> FloatArray:
     """Support (K,) of its outline that makes a ball of what the network is not sure of, or sees in the wrong size."""
     return np.where(seen.score > CLEAR_SCORE, CLEAR_SUPPORT, WHOLE_SUPPORT)
 
 
-def streaked(seen: Centres) -> Bools:
+def streaked(seen: Centres) -> BoolArray:
     """Which balls (K,) the network sees move."""
     return np.asarray(np.linalg.norm(seen.streak, axis=1) > STREAK_RADII * seen.radius)
 
 
-def _other_balls(seen: Centres, row: int) -> Bools:
+def _other_balls(seen: Centres, row: int) -> BoolArray:
     """Which balls (K,) besides one the network is sure of."""
     other = seen.score > CLEAR_SCORE
     other[row] = False

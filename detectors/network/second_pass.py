@@ -11,16 +11,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from detectors.measurement.cloth_background import Cloth, disc_kernel
 from detectors.measurement.frame_change import around, windows
 from detectors.measurement.working_view import View, pixel_at, value_at
 from detectors.network.network_file import BallModel
 from detectors.network.peak_decoding import Centres, chained
-
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
+from models.core.typing import BoolArray, ByteArray
 
 CROWDED_RADII = 2.4
 """Two balls whose centres are seen nearer than this crowd each other: they touch, or one covers the other."""
@@ -47,11 +44,11 @@ CONTEXT_PX = 16
 class Shown:
     """A picture in which balls are looked for."""
 
-    rgb: Bytes
+    rgb: ByteArray
     """(H, W, 3) all of it."""
-    working: Bytes
+    working: ByteArray
     """(h, w, 3) as the network was shown it first."""
-    touched: Bools
+    touched: BoolArray
     """(h, w) where it looked."""
     frame: int
 
@@ -75,7 +72,7 @@ def looked_closer(shown: Shown, view: View, cloth: Cloth, model: BallModel, seen
     return chained([seen.take(~value_at(looked, seen.centre)), closer.take(value_at(looked, closer.centre))])
 
 
-def _crowded(seen: Centres) -> Bools:
+def _crowded(seen: Centres) -> BoolArray:
     """Which balls (K,) have another so near that the two may be more, or lie elsewhere."""
     apart = np.linalg.norm(seen.centre[:, None] - seen.centre[None], axis=-1)
     near = apart < CROWDED_RADII * seen.radius
@@ -83,7 +80,7 @@ def _crowded(seen: Centres) -> Bools:
     return np.asarray(near.any(axis=1))
 
 
-def _unexplained(shown: Shown, view: View, cloth: Cloth, seen: Centres) -> Bools:
+def _unexplained(shown: Shown, view: View, cloth: Cloth, seen: Centres) -> BoolArray:
     """Where (h, w) beside balls something is as unlike the cloth as they are, and as large as a part of one more."""
     beside = view.centres & shown.touched & _discs(seen, BESIDE_RADII, view) & ~_discs(seen, COVERED_RADII, view)
     row, column = np.nonzero(beside)
@@ -119,7 +116,7 @@ def _closer(shown: Shown, view: View, model: BallModel, part: tuple[slice, slice
     return seen.placed(lambda px: (px + 0.5) / grown - 0.5 + (left, top), 1 / factor)
 
 
-def _discs(seen: Centres, radii: float, view: View) -> Bools:
+def _discs(seen: Centres, radii: float, view: View) -> BoolArray:
     """Places (h, w) within so many radii of balls."""
     drawn = np.zeros(view.radius.shape, np.uint8)
     for (x, y), radius in zip(np.rint(seen.centre).astype(int).tolist(), seen.radius.tolist(), strict=True):

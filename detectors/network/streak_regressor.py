@@ -7,13 +7,10 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from detectors.network.streak_crop import Straight
+from models.core.typing import ByteArray, FloatArray
 from video.io.onnx_session import onnxruntime, opened_measuring
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 
 SCHEMA = "trueroll.streaks/1"
 SHIPPED = Path(__file__).parent / "weights" / "streaks.onnx"
@@ -29,9 +26,9 @@ MIRRORED = np.array([[1, 1, 1, 1], [-1, 1, 1, -1], [1, -1, 1, -1], [-1, -1, 1, 1
 class MeasuredStreak:
     """Where a streak is, px."""
 
-    centre: Floats
+    centre: FloatArray
     """(2,) of the ball at mid-exposure."""
-    way: Floats
+    way: FloatArray
     """(2,) travelled during the exposure, sign unknown."""
     across: float
     along: float
@@ -44,7 +41,7 @@ class StreakModel:
 
     session: onnxruntime.InferenceSession
 
-    def measured(self, rgb: Bytes, centre: Floats, radius: float, way: Floats) -> MeasuredStreak:
+    def measured(self, rgb: ByteArray, centre: FloatArray, radius: float, way: FloatArray) -> MeasuredStreak:
         """The streak of a ball of a radius, px, near a centre and a way (2,) px, in a picture (H, W, 3)."""
         at, sigma = Straight(centre, radius, way), np.zeros(4)
         for look in range(LOOKS):
@@ -54,7 +51,7 @@ class StreakModel:
             at = at.moved(told)
         return MeasuredStreak(at.centre, at.way, radius * float(sigma[1]), radius * float(sigma[0]))
 
-    def told(self, shown: Bytes) -> tuple[Floats, Floats]:
+    def told(self, shown: ByteArray) -> tuple[FloatArray, FloatArray]:
         """What a straightened picture (ROWS, COLUMNS, 3) tells (4,), see `Straight.told`, and its sigmas (4,)."""
         forms = np.stack([shown, shown[:, ::-1], shown[::-1], shown[::-1, ::-1]])
         said = np.asarray(self.session.run(None, {"shown": forms})[0], dtype=np.float64)  # (4, 8)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from detectors.network.network_file import BallModel, CentreModel
 from detectors.network.peak_decoding import Centres, chained, not_echoes
-
-Bytes = NDArray[np.uint8]
+from models.core.typing import ByteArray
 
 SCALES = (1.0, 0.5, 0.25, 0.125)
 SEEN_RADII_PX = (4.3, 10.5)
@@ -18,7 +16,7 @@ LEAST_SCORE = 0.5
 LEAST_SIDE_PX = 48
 
 
-def balls_anywhere(rgb: Bytes, model: BallModel) -> Centres:
+def balls_anywhere(rgb: ByteArray, model: BallModel) -> Centres:
     """Balls of any size in a picture (H, W, 3), best first, px of the picture."""
     if not isinstance(model, CentreModel):
         seen = model.see(rgb, float(min(rgb.shape[:2])))
@@ -29,7 +27,7 @@ def balls_anywhere(rgb: Bytes, model: BallModel) -> Centres:
     return found.take(not_echoes(found))
 
 
-def _at_scale(rgb: Bytes, model: CentreModel, scale: float) -> Centres:
+def _at_scale(rgb: ByteArray, model: CentreModel, scale: float) -> Centres:
     small = rgb
     if scale < 1:
         size = (max(round(rgb.shape[1] * scale), 1), max(round(rgb.shape[0] * scale), 1))

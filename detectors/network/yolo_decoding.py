@@ -15,10 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detectors.network.peak_decoding import LOOKS, Centres, no_centres
-
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
+from models.core.typing import ByteArray, Float32Array, FloatArray
 
 Layout = Literal["rows with objectness", "columns of classes", "rows of classes", "suppressed"]
 
@@ -47,7 +44,7 @@ class Classes:
 
     balls: tuple[int, ...]
     """Those that are balls; none where nobody says which classes there are: then all are."""
-    looks: Floats
+    looks: FloatArray
     """(C, 4) probabilities of `centres.LOOKS`; NaN where the name does not tell."""
 
 
@@ -101,7 +98,7 @@ def classes_of(names: dict[int, str], count: int) -> Classes:
     return Classes(balls or tuple(range(count)), looks)
 
 
-def letterboxed(rgb: Bytes, side: tuple[int, int]) -> tuple[Floats32, Letterbox]:
+def letterboxed(rgb: ByteArray, side: tuple[int, int]) -> tuple[Float32Array, Letterbox]:
     """A picture (h, w, 3) as input (1, 3, H, W) in [0, 1], as large as it fits, grey around it."""
     h, w = rgb.shape[:2]
     scale = min(side[0] / h, side[1] / w)
@@ -115,7 +112,7 @@ def letterboxed(rgb: Bytes, side: tuple[int, int]) -> tuple[Floats32, Letterbox]
     return np.ascontiguousarray(full.transpose(2, 0, 1)[None].astype(np.float32) / np.float32(255)), fitted
 
 
-def read_boxes(output: Floats32, layout: Layout, classes: Classes, fitted: Letterbox) -> Centres:
+def read_boxes(output: Float32Array, layout: Layout, classes: Classes, fitted: Letterbox) -> Centres:
     """Balls in an output, px of the picture before letterboxing."""
     boxes, score, kind = _boxes(np.asarray(output[0], dtype=np.float64), layout)
     good = score > LEAST_SCORE
@@ -129,7 +126,7 @@ def read_boxes(output: Floats32, layout: Layout, classes: Classes, fitted: Lette
     return _centres(boxes[kept], np.clip(score[kept], 0, 1), looks, fitted)
 
 
-def _boxes(output: Floats, layout: Layout) -> tuple[Floats, Floats, NDArray[np.int64]]:
+def _boxes(output: FloatArray, layout: Layout) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
     """x0, y0, x1, y1 (n, 4), scores (n,), classes (n,) of an output without its first axis."""
     if layout == "suppressed":
         return output[:, :4], output[:, 4], output[:, 5].astype(np.int64)
@@ -143,7 +140,7 @@ def _boxes(output: Floats, layout: Layout) -> tuple[Floats, Floats, NDArray[np.i
     return corners, given[np.arange(len(given)), kind], kind.astype(np.int64)
 
 
-def _unsuppressed(boxes: Floats, score: Floats) -> list[int]:
+def _unsuppressed(boxes: FloatArray, score: FloatArray) -> list[int]:
     """Rows of boxes (n, 4), best first, that no better one overlaps."""
     kept: list[int] = []
     for row in np.argsort(-score, kind="stable").tolist():
@@ -152,7 +149,7 @@ def _unsuppressed(boxes: Floats, score: Floats) -> list[int]:
     return kept
 
 
-def overlap(box: Floats, others: Floats) -> Floats:
+def overlap(box: FloatArray, others: FloatArray) -> FloatArray:
     """Intersection over union (n,) of a box (4,) with others (n, 4)."""
     low, high = np.maximum(box[:2], others[:, :2]), np.minimum(box[2:], others[:, 2:])
     shared = np.clip(high - low, 0, None).prod(axis=1)
@@ -160,7 +157,7 @@ def overlap(box: Floats, others: Floats) -> Floats:
     return np.asarray(shared / np.maximum(areas - shared, 1e-9))
 
 
-def _centres(boxes: Floats, score: Floats, look: Floats, fitted: Letterbox) -> Centres:
+def _centres(boxes: FloatArray, score: FloatArray, look: FloatArray, fitted: Letterbox) -> Centres:
     # Edges of boxes count from the corner of the first pixel; centres of pixels are at whole numbers here.
     corners = (boxes - np.tile(fitted.margin, 2)) / fitted.scale - 0.5
     size = corners[:, 2:] - corners[:, :2]

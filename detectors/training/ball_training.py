@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from detectors.training.data.augmentation import vary
@@ -17,9 +16,7 @@ from detectors.training.networks.ball_network import BallNetwork
 from detectors.training.networks.training_loss import loss_of, targets_of
 from detectors.training.networks.warm_start import start_from
 from detectors.training.training_loop import TrainOptions, Watch, trained
-
-Bytes = NDArray[np.uint8]
-Floats32 = NDArray[np.float32]
+from models.core.typing import ByteArray, Float32Array
 
 CHECKPOINT = "checkpoint.pt"
 FILES_AT_ONCE = 20
@@ -65,7 +62,7 @@ class FindingBalls:
         rgb, balls = self._batch(step)
         return loss_of(network(as_input(rgb)), targets_of(torch.from_numpy(balls), rgb.shape[1]))
 
-    def _batch(self, step: int) -> tuple[Bytes, Floats32]:
+    def _batch(self, step: int) -> tuple[ByteArray, Float32Array]:
         """Pictures (B, S, S, 3) and balls (B, N, 7)."""
         rng = np.random.default_rng((self.options.seed, step))
         held = self.shelf.at(step)
@@ -75,6 +72,6 @@ class FindingBalls:
         return np.stack([rgb for rgb, _ in varied]), np.stack([balls for _, balls in varied])
 
 
-def as_input(rgb: Bytes) -> Tensor:
+def as_input(rgb: ByteArray) -> Tensor:
     """Pictures (B, H, W, 3) of bytes to the network's (B, 3, H, W)."""
     return torch.from_numpy(rgb).permute(0, 3, 1, 2).float() / 255  # stays laid out as it came: channels side by side

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from detectors.network.disc_regressor import MIRRORED
@@ -18,8 +17,7 @@ from detectors.training.data.training_shards import read_pictures, training_file
 from detectors.training.networks.disc_network import TOLD, disc_network
 from detectors.training.networks.offset_network import MeasuringNetwork, measuring_loss
 from detectors.training.training_loop import TrainOptions, Watch, trained
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 CHECKPOINT = "discs-checkpoint.pt"
 FILES_AT_ONCE = 40
@@ -73,5 +71,5 @@ class MeasuringDiscs:
         return measuring_loss(network(lit), torch.from_numpy(told), TOLD)
 
 
-def _factors(logarithms: Floats) -> Tensor:
+def _factors(logarithms: FloatArray) -> Tensor:
     return torch.from_numpy(np.exp(logarithms).astype(np.float32))

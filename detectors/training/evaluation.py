@@ -15,10 +15,7 @@ from detectors.training.ball_export import Calibration, ShippedNetwork
 from detectors.training.data.training_shards import Pictures, read_pictures, training_file
 from detectors.training.networks.ball_network import BallNetwork
 from detectors.training.networks.training_loss import CLEAR_SHARE, LEAST_RADIUS_PX
-
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
+from models.core.typing import ByteArray, Float32Array, FloatArray
 
 CALIBRATION_FILE, FIGURES_FILE = 0, 1
 """Which held-out pictures fit the calibration, and which others give the figures."""
@@ -51,17 +48,17 @@ class Figures:
 class Matches:
     """Peaks in many pictures beside the balls they belong to."""
 
-    score: Floats
+    score: FloatArray
     """(K,)"""
     true: NDArray[np.bool_]
     """(K,) whether there is a ball."""
-    miss: Floats
+    miss: FloatArray
     """(K, 2) px across and along the streak (x and y for sharp balls); NaN without a ball."""
-    sigma: Floats
+    sigma: FloatArray
     """(K, 2) px, likewise."""
-    streak: Floats
+    streak: FloatArray
     """(K,) px, the true length."""
-    look_right: Floats
+    look_right: FloatArray
     """(K,) 1 or 0; NaN without a ball."""
     balls: int
     """Clear balls there were."""
@@ -85,14 +82,14 @@ def matched(network: BallNetwork, calibration: Calibration, pictures: Pictures) 
     """Every peak of every picture, beside the ball it belongs to; peaks on hidden balls are left out."""
     shipped = ShippedNetwork(network, calibration).eval()
 
-    def maps_of(rgb: Bytes) -> Floats32:
+    def maps_of(rgb: ByteArray) -> Float32Array:
         with torch.no_grad():
             return np.asarray(shipped(torch.from_numpy(rgb[None])).numpy()[0])
 
     return matched_maps(maps_of, pictures)
 
 
-def matched_maps(maps_of: Callable[[Bytes], Floats32], pictures: Pictures) -> Matches:
+def matched_maps(maps_of: Callable[[ByteArray], Float32Array], pictures: Pictures) -> Matches:
     """The same of a function from a picture (S, S, 3) to maps (12, S / 4, S / 4) whose score is a probability."""
     rows, balls, found = [], 0, 0
     for rgb, given in zip(pictures.rgb, pictures.balls, strict=True):
@@ -110,13 +107,13 @@ def matched_maps(maps_of: Callable[[Bytes], Floats32], pictures: Pictures) -> Ma
     )
 
 
-def _clear(balls: Floats) -> NDArray[np.bool_]:
+def _clear(balls: FloatArray) -> NDArray[np.bool_]:
     """Which balls (N, 7) must be found."""
     asked: NDArray[np.bool_] = (balls[:, 6] >= CLEAR_SHARE) & (balls[:, 2] >= LEAST_RADIUS_PX)
     return asked
 
 
-def _compared(seen: Centres, balls: Floats) -> tuple[Floats, dict[int, int]]:
+def _compared(seen: Centres, balls: FloatArray) -> tuple[FloatArray, dict[int, int]]:
     """Rows (K, 8) as in `Matches`, and which peak is which ball; every ball once, best peaks first."""
     rows: list[list[float]] = []
     of_ball: dict[int, int] = {}
@@ -134,7 +131,7 @@ def _compared(seen: Centres, balls: Floats) -> tuple[Floats, dict[int, int]]:
     return np.array(rows).reshape(-1, 8), of_ball
 
 
-def _row(seen: Centres, k: int, ball: Floats, off: Floats) -> list[float]:
+def _row(seen: Centres, k: int, ball: FloatArray, off: FloatArray) -> list[float]:
     length = float(np.hypot(*ball[3:5]))
     along = ball[3:5] / length if length > SHARP_PX else np.array([0.0, 1.0])
     across = np.array([along[1], -along[0]])
@@ -152,7 +149,7 @@ def calibration_of(peaks: Matches) -> Calibration:
     return Calibration(slope, offset, float(np.std(small)) if len(small) > 1 else 1.0)
 
 
-def logistic_fit(x: Floats, true: NDArray[np.bool_]) -> tuple[float, float]:
+def logistic_fit(x: FloatArray, true: NDArray[np.bool_]) -> tuple[float, float]:
     """Slope and offset of the likeliest logistic curve through points (n,), by Newton's method."""
     design = np.column_stack([x, np.ones_like(x)])
     beta = np.array([1.0, 0.0])

@@ -16,10 +16,7 @@ from detectors.training.ball_training import as_input
 from detectors.training.evaluation import MOST_PULL
 from detectors.training.networks.offset_network import MeasuringNetwork
 from detectors.training.onnx_export import as_json, write_onnx
-
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
+from models.core.typing import ByteArray, Float32Array, FloatArray
 
 AT_ONCE = 256
 CLEAR_SHARE = 0.5
@@ -43,7 +40,7 @@ class Shipped(nn.Module):
         return torch.cat([said[:, :n], said[:, n:].clamp(*SIGMA_LIMITS) + self.wider], dim=1)
 
 
-def said_of(network: MeasuringNetwork, shown: Bytes) -> tuple[Floats, Floats]:
+def said_of(network: MeasuringNetwork, shown: ByteArray) -> tuple[FloatArray, FloatArray]:
     """What the network says of each picture (K, rows, columns, 3): n numbers (K, n), and their sigmas (K, n)."""
     network.eval()
     n = len(network.names)
@@ -53,13 +50,13 @@ def said_of(network: MeasuringNetwork, shown: Bytes) -> tuple[Floats, Floats]:
     return said[:, :n], np.exp(np.clip(said[:, n:], *SIGMA_LIMITS))
 
 
-def sigma_factor(network: MeasuringNetwork, shown: Bytes, told: Floats32) -> float:
+def sigma_factor(network: MeasuringNetwork, shown: ByteArray, told: Float32Array) -> float:
     """By how much the sigmas have to be larger for the pulls of the centres to be one; 1 without pictures."""
     pulls = pulls_of(*said_of(network, shown), told)
     return float(np.std(pulls)) if len(pulls) > 1 else 1.0
 
 
-def pulls_of(said: Floats, sigma: Floats, told: Floats32) -> Floats:
+def pulls_of(said: FloatArray, sigma: FloatArray, told: Float32Array) -> FloatArray:
     """Misses of the centres over their sigmas (n,), without what is another thing."""
     pulls = ((told - said) / sigma)[:, :CENTRE].ravel()
     return np.asarray(pulls[np.abs(pulls) < MOST_PULL], dtype=np.float64)

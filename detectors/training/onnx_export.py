@@ -13,16 +13,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
+from models.core.typing import ByteArray
 from video.io.onnx_session import onnxruntime
 
 OPSET = 18
 PARITY = 2e-3
 """Largest difference that the exported network may show from the trained one: float32 in another order."""
-
-Bytes = NDArray[np.uint8]
 
 
 def write_onnx(
@@ -30,7 +28,7 @@ def write_onnx(
     shapes: dict[int, Any],
     names: tuple[str, str],
     facts: dict[str, str],
-    tried: list[Bytes],
+    tried: list[ByteArray],
     path: Path,
 ) -> None:
     """Write a network of one input and one output, of those names, with metadata `facts`.
@@ -65,7 +63,7 @@ def as_json(facts: dict[str, object]) -> dict[str, str]:
     return {key: json.dumps(value) for key, value in facts.items()}
 
 
-def disagreement(network: nn.Module, path: Path, tried: list[Bytes]) -> float:
+def disagreement(network: nn.Module, path: Path, tried: list[ByteArray]) -> float:
     """Largest difference of the outputs of a network and of a file for some inputs."""
     session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
     name, worst = session.get_inputs()[0].name, 0.0

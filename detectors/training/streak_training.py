@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from detectors.network.streak_regressor import MIRRORED
@@ -17,9 +16,7 @@ from detectors.training.data.streak_samples import StreakPictures, read_streaks,
 from detectors.training.networks.offset_network import MeasuringNetwork, measuring_loss
 from detectors.training.networks.streak_network import TOLD, streak_network
 from detectors.training.training_loop import TrainOptions, Watch, trained
-
-Bytes = NDArray[np.uint8]
-Floats32 = NDArray[np.float32]
+from models.core.typing import ByteArray, Float32Array
 
 CHECKPOINT = "streaks-checkpoint.pt"
 FILES_AT_ONCE = 40
@@ -65,7 +62,7 @@ class MeasuringStreaks:
         gain = torch.from_numpy(np.exp(rng.normal(0, TINTED, (1, 3, 1, 1))).astype(np.float32))
         return measuring_loss(network(light * gain), torch.from_numpy(told), TOLD)
 
-    def _batch(self, step: int) -> tuple[Bytes, Floats32, np.random.Generator]:
+    def _batch(self, step: int) -> tuple[ByteArray, Float32Array, np.random.Generator]:
         """Straightened pictures (B, ROWS, COLUMNS, 3), what is true of them (B, 4), and what draws go on with."""
         rng = np.random.default_rng((self.options.seed, step))
         held = self.shelf.at(step)

@@ -8,7 +8,8 @@ import numpy as np
 
 from diagnosis.fitting.hypothesis_fits import Fitted, Question, fit, model_of
 from diagnosis.fitting.window_growth import grown, led
-from models.estimation.gap_scenes.gap_scene import Eventful, Floats, Recording
+from models.core.typing import FloatArray
+from models.estimation.gap_scenes.gap_scene import Eventful, Recording
 from models.estimation.multiple_shooting.shooting_windows import sensitive_from
 
 LEAST = 8
@@ -35,7 +36,7 @@ def fit_adaptively(
     recordings: tuple[Recording, ...],
     names: tuple[str, ...] = (),
     forms: tuple[str, ...] | None = None,
-    guess: Floats | None = None,
+    guess: FloatArray | None = None,
 ) -> Fitted:
     """Fit windows as long as the hypothesis allows; ValueError where nothing is long enough."""
     found = fit_begun(question, recordings, names, forms, guess)
@@ -47,7 +48,7 @@ def fit_begun(
     recordings: tuple[Recording, ...],
     names: tuple[str, ...] = (),
     forms: tuple[str, ...] | None = None,
-    guess: Floats | None = None,
+    guess: FloatArray | None = None,
 ) -> Fitted:
     """Fit windows that find their way from what is seen alone: short ones where much happens, else whole stretches,
     then pieces of those that turned out too long; ValueError where nothing is long enough."""
@@ -82,7 +83,7 @@ def _fit_whole(
     pieces: tuple[Recording, ...],
     names: tuple[str, ...],
     forms: tuple[str, ...] | None,
-    guess: Floats | None,
+    guess: FloatArray | None,
 ) -> Fitted:
     """The better of two fits: from the guess, and, where that explains little, from what short pieces tell, in which
     hardly anything can happen in a wrong order."""

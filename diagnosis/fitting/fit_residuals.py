@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 
 from diagnosis.fitting.hypothesis_fits import Fitted, Question, Seen
 from diagnosis.fitting.noise_whitening import chain
+from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import Covariates, Recording
 from models.estimation.multiple_shooting.normal_equations import huber, sloped
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 DRAWS = 300
 """how often the noise is drawn anew."""
@@ -26,35 +24,35 @@ _MOST = 0.97
 class Residuals:
     """Of all windows of a fit: K observations with D coordinates each, white where the model is right."""
 
-    left: Floats
+    left: FloatArray
     """(K, D) seen minus predicted, in standard deviations, outliers bounded, divided by their own overall size."""
-    drawn: Floats
+    drawn: FloatArray
     """(K, D, DRAWS) noise of size 1 that went through the same fit."""
-    window: Ints
+    window: IntArray
     """(K,)"""
-    shot: Ints
+    shot: IntArray
     """(K,)"""
-    body: Ints
+    body: IntArray
     """(K,)"""
-    frame: Ints
+    frame: IntArray
     """(K,)"""
-    t: Floats
+    t: FloatArray
     """(K,) s since the beginning of its window."""
     phase: NDArray[np.str_]
     """(K,)"""
-    place: Floats
+    place: FloatArray
     """(K, D)"""
-    velocity: Floats
+    velocity: FloatArray
     """(K, D)"""
-    since_contact: Floats
+    since_contact: FloatArray
     """(K,) s; NaN where there was none."""
-    image: Floats | None
+    image: FloatArray | None
     """(K, 2)"""
     size: float
     """overall size of what is left, 1 where the noise explains it."""
 
     @property
-    def speed(self) -> Floats:
+    def speed(self) -> FloatArray:
         return np.asarray(np.linalg.norm(self.velocity, axis=1))
 
 
@@ -93,13 +91,13 @@ def residuals(question: Question, fitted: Fitted, seen: Seen, rng: np.random.Gen
     )
 
 
-def _pictured(covariates: list[Covariates]) -> Floats | None:
+def _pictured(covariates: list[Covariates]) -> FloatArray | None:
     """(K, 2) px from the middle of the picture, where every window has one."""
     found = [one.image for one in covariates if one.image is not None]
     return np.concatenate(found) if found and len(found) == len(covariates) else None
 
 
-def _noise(correlation: float, piece: Recording, rng: np.random.Generator) -> Floats:
+def _noise(correlation: float, piece: Recording, rng: np.random.Generator) -> FloatArray:
     """(K, D, DRAWS) as the fit sees noise: white, or nearly so where its correlation is itself an estimate."""
     count, coordinates = int(piece.seen.sum()), piece.places.shape[2]
     fresh = rng.standard_normal((count, coordinates, DRAWS))
@@ -115,7 +113,7 @@ def _noise(correlation: float, piece: Recording, rng: np.random.Generator) -> Fl
     return chain(piece, correlation).whitened(fresh)
 
 
-def _projected(seen: Seen, fitted: Fitted, weights: list[Floats], noise: list[Floats]) -> list[Floats]:
+def _projected(seen: Seen, fitted: Fitted, weights: list[FloatArray], noise: list[FloatArray]) -> list[FloatArray]:
     """What states and free parameters leave of noise, to first order; priors and links are not counted as knowledge."""
     left, by_shared = [], []
     for k, (weight, drawn) in enumerate(zip(weights, noise, strict=True)):
@@ -133,7 +131,7 @@ def _projected(seen: Seen, fitted: Fitted, weights: list[Floats], noise: list[Fl
     return [part.reshape(drawn.shape) for part, drawn in zip(np.split(values, ends), noise, strict=True)]
 
 
-def _basis(columns: Floats) -> Floats:
+def _basis(columns: FloatArray) -> FloatArray:
     """Orthonormal directions that columns (R, m) span."""
     if columns.shape[1] == 0:
         return columns

@@ -12,15 +12,12 @@ from itertools import combinations
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from diagnosis.fitting.diagnosis_windows import LEAST, stretches
 from diagnosis.fitting.hypothesis_fits import Fitted, Question, follow
+from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Eventful, Recording
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 START = 15
 """pictures that tell the state."""
@@ -56,7 +53,7 @@ class Foreseen:
     """What can be predicted."""
 
     windows: tuple[Ahead, ...]
-    starts: tuple[Floats, ...]
+    starts: tuple[FloatArray, ...]
     """per window (S,)."""
 
 
@@ -64,13 +61,13 @@ class Foreseen:
 class Predicted:
     """All windows of the held-out shots under one model."""
 
-    starts: tuple[Floats, ...]
+    starts: tuple[FloatArray, ...]
     """per window (S,), as its first rows tell them."""
-    covariances: tuple[Floats, ...]
+    covariances: tuple[FloatArray, ...]
     """per window (S, S), of the starts."""
-    paths: tuple[Floats, ...]
+    paths: tuple[FloatArray, ...]
     """per window (T, N, D)."""
-    squares: Floats
+    squares: FloatArray
     """(W,) sum of squared errors over the predicted observations of a window."""
 
 
@@ -124,7 +121,7 @@ def _moves(piece: Recording) -> bool:
     return bool(_far(piece).sum() >= LEAST)
 
 
-def _far(piece: Recording) -> Mask:
+def _far(piece: Recording) -> BoolArray:
     """(T, N) where bodies are away from the middle of their places by more than the noise."""
     middle = np.nanmedian(piece.places, axis=0)
     return np.asarray((np.abs(piece.places - middle) > 5 * piece.sigma[:, :, None]).any(axis=2))
@@ -156,12 +153,14 @@ def foreseeable(question: Question, windows: tuple[Ahead, ...], like: Fitted, rn
     return Foreseen(tuple(found), tuple(starts))
 
 
-def _told(question: Question, windows: tuple[Ahead, ...], like: Fitted, starts: tuple[Floats, ...] | None) -> Fitted:
+def _told(
+    question: Question, windows: tuple[Ahead, ...], like: Fitted, starts: tuple[FloatArray, ...] | None
+) -> Fitted:
     """What the first rows of the windows tell of their states."""
     return follow(question, tuple(one.piece.rows(0, one.known) for one in windows), like, starts)
 
 
-def _spread(question: Question, piece: Recording, like: Fitted, told: Fitted, rng: np.random.Generator) -> Floats:
+def _spread(question: Question, piece: Recording, like: Fitted, told: Fitted, rng: np.random.Generator) -> FloatArray:
     """(T, N) m by which predictions differ that begin as a fit of their first rows leaves their start open."""
     start, covariance = told.starts[0], told.shooting.start_covariances[0]
     middle = question.scene.predict(piece, start, like.shared, like.forms)
@@ -172,7 +171,7 @@ def _spread(question: Question, piece: Recording, like: Fitted, told: Fitted, rn
 
 
 def predict(
-    question: Question, windows: tuple[Ahead, ...], like: Fitted, starts: tuple[Floats, ...] | None = None
+    question: Question, windows: tuple[Ahead, ...], like: Fitted, starts: tuple[FloatArray, ...] | None = None
 ) -> Predicted:
     """Predictions by the model and the parameters of a fit; states are sought from `starts` where given."""
     if not windows:
@@ -186,14 +185,14 @@ def predict(
     return Predicted(states.starts, states.shooting.start_covariances, paths, squares)
 
 
-def _squares(one: Ahead, miss: Floats) -> float:
+def _squares(one: Ahead, miss: FloatArray) -> float:
     """Of misses (T, N, D) where something was predicted and seen."""
     later = one.piece.seen.copy()
     later[: one.known] = False
     return float(np.square(miss[later]).sum())
 
 
-def floor(question: Question, windows: tuple[Ahead, ...], like: Fitted, found: Predicted) -> Floats:
+def floor(question: Question, windows: tuple[Ahead, ...], like: Fitted, found: Predicted) -> FloatArray:
     """(W,) squares that the right model would leave from the starts of the better one: noise, and how far the starts
     were off.
 
@@ -219,7 +218,7 @@ def floor(question: Question, windows: tuple[Ahead, ...], like: Fitted, found: P
     return np.asarray(least * min(1.0, float(found.squares.sum()) / max(float(least.sum()), 1e-300)))
 
 
-def surprise_of(step: Floats, told: Floats, better: Floats) -> tuple[float, int]:
+def surprise_of(step: FloatArray, told: FloatArray, better: FloatArray) -> tuple[float, int]:
     """chi2 of a step (S,) from a start of covariance `told` to one that is known `better`, and in how many directions.
 
     Only directions count that are known so much better that the step is the error of the first: elsewhere both hang on
@@ -234,16 +233,16 @@ def surprise_of(step: Floats, told: Floats, better: Floats) -> tuple[float, int]
     return float((np.square(turn.T @ white @ step)[known] / gained[known]).sum()), int(known.sum())
 
 
-def counts(windows: tuple[Ahead, ...]) -> Floats:
+def counts(windows: tuple[Ahead, ...]) -> FloatArray:
     """(W,) predicted observations of each window."""
     return np.array([one.piece.seen[one.known :].sum() for one in windows], dtype=np.float64)
 
 
 def closing(
     windows: tuple[Ahead, ...],
-    before: Floats,
-    after: Floats,
-    floor: Floats,
+    before: FloatArray,
+    after: FloatArray,
+    floor: FloatArray,
     rng: np.random.Generator,
     limit: float = 1.0,
 ) -> Closing:
@@ -274,7 +273,7 @@ def _roots(*squares: float) -> tuple[float, float, float]:
     return before, after, floor
 
 
-def _drawn(windows: tuple[Ahead, ...], rng: np.random.Generator) -> Floats:
+def _drawn(windows: tuple[Ahead, ...], rng: np.random.Generator) -> FloatArray:
     """(draws, W) how often each window is drawn: shots where there are enough of them, else windows."""
     shots = np.array([one.piece.shot for one in windows])
     numbers = np.unique(shots)
@@ -300,12 +299,12 @@ def closed_ahead(
     return closing(windows, before.squares, after.squares, floor(question, windows, better, after), rng)
 
 
-def shares(names: tuple[str, ...], squares_with: Callable[[frozenset[str]], Floats]) -> dict[str, Floats]:
+def shares(names: tuple[str, ...], squares_with: Callable[[frozenset[str]], FloatArray]) -> dict[str, FloatArray]:
     """(W,) per effect: its part of the squares that all of them take away, by Shapley's value (1953)."""
     parts = {}
     for name in names:
         others = [other for other in names if other != name]
-        part: Floats = np.zeros(0)
+        part: FloatArray = np.zeros(0)
         for size in range(len(names)):
             weight = factorial(size) * factorial(len(names) - size - 1) / factorial(len(names))
             for chosen in combinations(others, size):

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.fitting.noise_whitening import Decorrelated, chain
-from models.estimation.gap_scenes.gap_scene import GapScene, Mask, Recording, neutral_values, parameters_of
+from models.core.typing import BoolArray, FloatArray
+from models.estimation.gap_scenes.gap_scene import GapScene, Recording, neutral_values, parameters_of
 from models.estimation.multiple_shooting.fixed_parameters import Held
 from models.estimation.multiple_shooting.normal_equations import glanced, sloped_everywhere
 from models.estimation.multiple_shooting.shooting_fit import Shooting, ShootingOptions, shoot
@@ -17,8 +18,6 @@ from models.estimation.multiple_shooting.shooting_windows import Model, glance
 from models.estimation.multiple_shooting.state_elimination import ShotBlock, solved
 from models.numerics.executor import ALONE, Crew
 from models.physics.effect import Prior
-
-Floats = NDArray[np.float64]
 
 USUAL = ShootingOptions(iterations=25, settling=10)
 GLANCE = ShootingOptions(iterations=5, settling=3)
@@ -38,9 +37,9 @@ class Question:
     scene: GapScene
     priors: tuple[Prior, ...]
     """(P,) of all parameters, none of them relative, so that an effect may be absent."""
-    neutral: Floats
+    neutral: FloatArray
     """(P,)"""
-    natural: Floats
+    natural: FloatArray
     """(P,) what the books say; neutral where an effect may be of either sign or of any size."""
     correlation: float
     """of the noise of neighbouring pictures."""
@@ -62,7 +61,7 @@ class Question:
     def assumed_forms(self) -> tuple[str, ...]:
         return tuple(choice.assumed for choice in self.scene.alternatives)
 
-    def mask(self, names: tuple[str, ...]) -> Mask:
+    def mask(self, names: tuple[str, ...]) -> BoolArray:
         """(P,) the parameters of these effects."""
         return parameters_of(self.scene, names)
 
@@ -90,15 +89,15 @@ class Fitted:
     names: tuple[str, ...]
     """effects added to those that the simulator has."""
     forms: tuple[str, ...]
-    free: Mask
+    free: BoolArray
     """(P,)"""
-    shared: Floats
+    shared: FloatArray
     """(P,) all parameters, the neutral ones among them."""
     shooting: Shooting
     """of the free ones."""
 
     @property
-    def starts(self) -> tuple[Floats, ...]:
+    def starts(self) -> tuple[FloatArray, ...]:
         return self.shooting.starts
 
     @property
@@ -132,7 +131,9 @@ class Fitted:
         return self.shooting.inflation
 
 
-def model_of(question: Question, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: Mask | None) -> Model:
+def model_of(
+    question: Question, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: BoolArray | None
+) -> Model:
     """The scene's model, its misfits independent."""
     model = question.scene.model(pieces, forms, wanted)
     if question.correlation == 0:
@@ -145,8 +146,8 @@ def fit(
     pieces: tuple[Recording, ...],
     names: tuple[str, ...] = (),
     forms: tuple[str, ...] | None = None,
-    guess: Floats | None = None,
-    starts: tuple[Floats, ...] | None = None,
+    guess: FloatArray | None = None,
+    starts: tuple[FloatArray, ...] | None = None,
     options: ShootingOptions = USUAL,
 ) -> Fitted:
     """Fit what the simulator has together with the effects `names`, from `guess` (P,) and from `starts` where given."""
@@ -159,7 +160,7 @@ def fit(
     return Fitted(pieces, names, forms, free, held.whole(found.shared), found)
 
 
-def allowed(question: Question, like: Fitted, forms: tuple[str, ...], shared: Floats) -> bool:
+def allowed(question: Question, like: Fitted, forms: tuple[str, ...], shared: FloatArray) -> bool:
     """Whether the windows of a fit can be simulated with these numbers (P,): nature forbids some together."""
     model = model_of(question, like.pieces, forms, np.zeros(len(shared), bool))
     misfits = (glance(model, k, start, shared).misfit for k, start in enumerate(like.starts))
@@ -170,7 +171,7 @@ def follow(
     question: Question,
     pieces: tuple[Recording, ...],
     like: Fitted,
-    starts: tuple[Floats, ...] | None = None,
+    starts: tuple[FloatArray, ...] | None = None,
     anew: bool = False,
 ) -> Fitted:
     """Only the starts of other pieces fitted, all parameters kept."""
@@ -182,7 +183,7 @@ def again(
     question: Question,
     pieces: tuple[Recording, ...],
     like: Fitted,
-    starts: tuple[Floats, ...] | None = None,
+    starts: tuple[FloatArray, ...] | None = None,
     anew: bool = False,
     options: ShootingOptions = USUAL,
 ) -> Fitted:
@@ -193,7 +194,7 @@ def again(
     return Fitted(pieces, like.names, like.forms, like.free, held.whole(found.shared), found)
 
 
-def _inside(priors: tuple[Prior, ...], values: Floats) -> Floats:
+def _inside(priors: tuple[Prior, ...], values: FloatArray) -> FloatArray:
     low = np.array([prior.bounds[0] for prior in priors])
     high = np.array([prior.bounds[1] for prior in priors])
     return np.asarray(np.clip(values, low, high))
@@ -205,14 +206,14 @@ class Told:
 
     shots: NDArray[np.int64]
     """(Q,)"""
-    information: Floats
+    information: FloatArray
     """(Q, P, P)"""
-    score: Floats
+    score: FloatArray
     """(Q, P) slope of the log-likelihood."""
-    answers: tuple[Floats, ...]
+    answers: tuple[FloatArray, ...]
     """per window (S, P): how its start moves with each parameter, to stay with what was seen."""
 
-    def answered(self, starts: tuple[Floats, ...], step: Floats) -> tuple[Floats, ...]:
+    def answered(self, starts: tuple[FloatArray, ...], step: FloatArray) -> tuple[FloatArray, ...]:
         """Starts of all windows, moved as a step (P,) of the parameters asks."""
         return tuple(start + answer @ step for start, answer in zip(starts, self.answers, strict=True))
 
@@ -246,9 +247,9 @@ def look(question: Question, fitted: Fitted) -> Seen:
     )
 
 
-def _answers(problem: Problem, point: Attempt, blocks: list[ShotBlock]) -> tuple[Floats, ...]:
+def _answers(problem: Problem, point: Attempt, blocks: list[ShotBlock]) -> tuple[FloatArray, ...]:
     """Per window (S, P), from the normal equations of its shot."""
-    found: list[Floats] = [np.empty((0, 0))] * len(problem.windows)
+    found: list[FloatArray] = [np.empty((0, 0))] * len(problem.windows)
     for numbers, block in zip(problem.shots, blocks, strict=True):
         ends = np.cumsum([len(point.starts[k]) for k in numbers])
         parts = np.split(-solved(block.states, block.coupling, 0.0), ends[:-1])
@@ -258,8 +259,8 @@ def _answers(problem: Problem, point: Attempt, blocks: list[ShotBlock]) -> tuple
 
 
 def nearest(
-    question: Question, like: Fitted, forms: tuple[str, ...], shared: Floats, offered: list[tuple[Floats, ...]]
-) -> tuple[Floats, ...]:
+    question: Question, like: Fitted, forms: tuple[str, ...], shared: FloatArray, offered: list[tuple[FloatArray, ...]]
+) -> tuple[FloatArray, ...]:
     """Of all starts offered for the windows of a fit, shot by shot those from which a simulation with these numbers
     (P,) comes nearest to what was seen."""
     none = np.zeros(len(shared), bool)

@@ -12,15 +12,11 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import Recording
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 SPAN = 21
 """pictures of a piece"""
@@ -63,7 +59,7 @@ def estimate_noise(recordings: tuple[Recording, ...]) -> Noise:
     return on_the_way if on_the_way.pieces >= _FEW and on_the_way.scale > _UNLIKE * found.scale else found
 
 
-def _of_pieces(rows: Floats) -> Noise:
+def _of_pieces(rows: FloatArray) -> Noise:
     """Of what polynomials left of pieces (M, SPAN)."""
     if not len(rows):
         return Noise(1.0, 0.0, 0)
@@ -79,7 +75,7 @@ def _of_pieces(rows: Floats) -> Noise:
     return Noise(float(np.sqrt(np.square(calm).sum(axis=1).mean() / share / kept)), correlation, len(calm))
 
 
-def _left_over(recording: Recording) -> list[tuple[Floats, Mask]]:
+def _left_over(recording: Recording) -> list[tuple[FloatArray, BoolArray]]:
     """(pieces, SPAN) per body and coordinate, in stated sigmas, where SPAN pictures follow each other evenly; and in
     which of them the body moves (pieces,)."""
     found = []
@@ -99,7 +95,7 @@ def _left_over(recording: Recording) -> list[tuple[Floats, Mask]]:
 
 
 @cache
-def _projector() -> Floats:
+def _projector() -> FloatArray:
     """(SPAN, SPAN) takes a polynomial out."""
     basis = np.linalg.qr(np.vander(np.linspace(-1, 1, SPAN), DEGREE + 1))[0]
     return np.asarray(np.eye(SPAN) - basis @ basis.T)
@@ -111,7 +107,7 @@ def _expected(correlation: float) -> tuple[float, float]:
     return float(np.trace(left)), float(np.trace(left, offset=1))
 
 
-def _remaining(correlation: float) -> Floats:
+def _remaining(correlation: float) -> FloatArray:
     """(SPAN, SPAN) covariance of what a polynomial leaves of noise of size 1."""
     lag = np.abs(np.subtract.outer(np.arange(SPAN), np.arange(SPAN)))
     return np.asarray(_projector() @ correlation**lag @ _projector())
@@ -124,7 +120,7 @@ def _degrees(correlation: float) -> float:
     return float(np.trace(left) ** 2 / np.trace(left @ left))
 
 
-def _correlation(pieces: Floats) -> float:
+def _correlation(pieces: FloatArray) -> float:
     """Of noise whose left-overs are the pieces; 0 where chance would show as much in one of twenty cases."""
     products = (pieces[:, 1:] * pieces[:, :-1]).sum(axis=1)
     ratio = float(products.sum() / np.square(pieces).sum())
@@ -148,7 +144,7 @@ def with_noise(recordings: tuple[Recording, ...], noise: Noise) -> tuple[Recordi
     return tuple(replace(one, places=np.where(_outliers(one)[:, :, None], np.nan, one.places)) for one in scaled)
 
 
-def _outliers(recording: Recording) -> Mask:
+def _outliers(recording: Recording) -> BoolArray:
     """(T, N) samples far off what their neighbours on either side say, and both sides together."""
     bad = np.zeros(recording.seen.shape, bool)
     for body in range(len(recording.bodies)):
@@ -162,7 +158,7 @@ def _outliers(recording: Recording) -> Mask:
     return bad
 
 
-def _near(rows: Ints, k: int, part: tuple[int, int]) -> Ints:
+def _near(rows: IntArray, k: int, part: tuple[int, int]) -> IntArray:
     """The rows around number k that `part` says, itself left out; none where there are too few."""
     first, last = k + part[0], k + part[1]
     if first < 0 or last > len(rows):
@@ -170,7 +166,7 @@ def _near(rows: Ints, k: int, part: tuple[int, int]) -> Ints:
     return np.delete(rows[first:last], -part[0]) if part[0] <= 0 < part[1] else rows[first:last]
 
 
-def _stands_out(recording: Recording, body: int, row: int, near: Ints, order: int) -> bool:
+def _stands_out(recording: Recording, body: int, row: int, near: IntArray, order: int) -> bool:
     """Whether one sample is far off a polynomial through others; a bend in a path is so on one side at most."""
     span = recording.t[near[-1]] - recording.t[near[0]]
     design = np.vander((recording.t[near] - recording.t[row]) / span, order + 1)

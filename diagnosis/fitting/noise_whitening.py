@@ -9,26 +9,23 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.multiple_shooting.shooting_windows import Flow, Glance, Model, Window, glance, narrowed
 from models.physics.effect import Prior
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class Chain:
     """Of the K observations of a window: which one of the same body came before, and what it tells of this one."""
 
-    before: Ints
+    before: IntArray
     """(K,) number of the observation before; the own one where there is none."""
-    told: Floats
+    told: FloatArray
     """(K,) correlation with it, 0 where there is none."""
 
-    def whitened(self, values: Floats) -> Floats:
+    def whitened(self, values: FloatArray) -> FloatArray:
         """Of values (K, ...) with correlated errors of size 1."""
         column = (-1, *[1] * (values.ndim - 1))
         fresh = 1 / np.sqrt(1 - self.told**2)
@@ -61,10 +58,10 @@ class Decorrelated:
     def windows(self) -> tuple[Window, ...]:
         return self.model.windows
 
-    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
         return self._independent(window, self.model.flow(window, start, shared))
 
-    def glance(self, window: int, start: Floats, shared: Floats) -> Glance | Flow:
+    def glance(self, window: int, start: FloatArray, shared: FloatArray) -> Glance | Flow:
         found = glance(self.model, window, start, shared)
         if isinstance(found, Flow):
             return self._independent(window, found)

@@ -11,14 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from diagnosis.fitting.fit_residuals import DRAWS, Residuals
 from diagnosis.fitting.names import group
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from models.core.typing import BoolArray, FloatArray
 
 _LEAST = 8
 """observations of a group."""
@@ -38,7 +35,7 @@ class Block:
     """shot, body, phase, speed, direction, place, time, since_contact, radius, row, slow."""
     label: str
     """which member of the family; of slow ones the group that varies so, in words."""
-    here: Mask
+    here: BoolArray
     """(K,)"""
 
 
@@ -83,7 +80,7 @@ def structure(found: Residuals) -> Structure:
     return _judged(named, np.array(sums), np.array(drawn))
 
 
-def _judged(named: list[tuple[Block, str]], sums: Floats, drawn: Floats) -> Structure:
+def _judged(named: list[tuple[Block, str]], sums: FloatArray, drawn: FloatArray) -> Structure:
     if not len(sums):
         return Structure(1.0, ())
     spread = np.maximum(drawn.std(axis=1), 1e-12)
@@ -99,7 +96,7 @@ def _judged(named: list[tuple[Block, str]], sums: Floats, drawn: Floats) -> Stru
     return Structure(_p_value(float(z.max()), largest), tuple(best.values()))
 
 
-def _p_value(largest: float, chance: Floats) -> float:
+def _p_value(largest: float, chance: FloatArray) -> float:
     """From the draws where they reach, beyond them by the normal tail of as many groups as they act like."""
     counted = (1 + int((chance >= largest).sum())) / (1 + len(chance))
     alike = np.log(0.5) / np.log1p(-2 * norm.sf(float(np.median(chance))))
@@ -107,7 +104,7 @@ def _p_value(largest: float, chance: Floats) -> float:
     return float(counted if counted > 5 / len(chance) else min(counted, beyond))
 
 
-def _directions(found: Residuals) -> Iterator[tuple[str, Floats]]:
+def _directions(found: Residuals) -> Iterator[tuple[str, FloatArray]]:
     """(K, D) unit vectors."""
     count, coordinates = found.left.shape
     speed = found.speed[:, None]
@@ -144,7 +141,7 @@ def _all_blocks(found: Residuals) -> Iterator[Block]:
         yield from _binned("row", found.image[:, 1])
 
 
-def _binned(family: str, values: Floats) -> Iterator[Block]:
+def _binned(family: str, values: FloatArray) -> Iterator[Block]:
     """Groups of as many observations each, by a number."""
     known = np.isfinite(values)
     if known.sum() < _BINS * _LEAST or np.ptp(values[known]) == 0:
@@ -155,7 +152,7 @@ def _binned(family: str, values: Floats) -> Iterator[Block]:
         yield Block(family, f"{edges[k]:.3g} to {edges[k + 1]:.3g}", here)
 
 
-def _placed(place: Floats) -> Iterator[Block]:
+def _placed(place: FloatArray) -> Iterator[Block]:
     """Groups by place on a grid over where bodies were."""
     low, high = np.quantile(place, 0.01, axis=0), np.quantile(place, 0.99, axis=0)
     cell = np.clip(((place - low) / np.maximum(high - low, 1e-12) * _GRID).astype(int), 0, _GRID - 1)
@@ -166,12 +163,12 @@ def _placed(place: Floats) -> Iterator[Block]:
             yield Block("place", label, (cell[:, 0] == i) & (cell[:, 1] == j))
 
 
-def _slow(found: Residuals, groups: list[Block]) -> Iterator[tuple[Block, float, Floats]]:
+def _slow(found: Residuals, groups: list[Block]) -> Iterator[tuple[Block, float, FloatArray]]:
     """Per shot, body and altogether: the energy of slow waves in what is left, and of noise (DRAWS,).
 
     As its cube root: an energy of few waves is far from normal, its cube root is nearly so (Wilson, Hilferty 1931).
     """
-    energy: dict[str, tuple[Block, float, Floats]] = {}
+    energy: dict[str, tuple[Block, float, FloatArray]] = {}
     wanted = [block for block in groups if block.family in ("all", "shot", "body", "phase")]
     for window in np.unique(found.window):
         for body in np.unique(found.body[found.window == window]):

@@ -9,14 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import Recording
 from models.numerics.assignment import assigned
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _SIDE = 5
 """steps on either side that tell how fast a body moves."""
@@ -56,7 +52,7 @@ def names_given_back(recording: Recording) -> tuple[Recording, tuple[Exchange, .
     return (replace(recording, places=places, sigma=sigma), tuple(found)) if found else (recording, ())
 
 
-def _own_names(t: Floats, places: Floats, sigma: Floats, row: int, leapt: list[int]) -> list[int] | None:
+def _own_names(t: FloatArray, places: FloatArray, sigma: FloatArray, row: int, leapt: list[int]) -> list[int] | None:
     """Which body each of those that leapt is, by the shortest ways; None where one would still leap, or is itself."""
     before = np.array([places[_sides(places, row, body, body)[0][-1], body] for body in leapt])
     after = np.array([places[_sides(places, row, body, body)[1][0], body] for body in leapt])
@@ -68,7 +64,7 @@ def _own_names(t: Floats, places: Floats, sigma: Floats, row: int, leapt: list[i
     return chosen or None
 
 
-def _leaps(t: Floats, places: Floats, sigma: Floats, row: int, before: int, after: int) -> bool:
+def _leaps(t: FloatArray, places: FloatArray, sigma: FloatArray, row: int, before: int, after: int) -> bool:
     """Whether the step to the first place at `row` or later is longer than the speed on either side explains, of a body
     that is called `before` and then `after`."""
     first, later = _sides(places, row, before, after)
@@ -80,12 +76,12 @@ def _leaps(t: Floats, places: Floats, sigma: Floats, row: int, before: int, afte
     return bool(step > _FASTER * fastest * time + _NOISE * float(np.median(sigma[later, after])))
 
 
-def _sides(places: Floats, row: int, before: int, after: int) -> tuple[Ints, Ints]:
+def _sides(places: FloatArray, row: int, before: int, after: int) -> tuple[IntArray, IntArray]:
     """The last rows before `row`, and the first ones from there on, in which a body was seen."""
-    seen: Mask = np.asarray(np.isfinite(places).all(axis=2))
+    seen: BoolArray = np.asarray(np.isfinite(places).all(axis=2))
     return np.flatnonzero(seen[:row, before])[-_SIDE - 1 :], row + np.flatnonzero(seen[row:, after])[: _SIDE + 1]
 
 
-def _speed(t: Floats, places: Floats) -> float:
+def _speed(t: FloatArray, places: FloatArray) -> float:
     """From picture to picture, as most steps say: what is hit on the way is slow for some of them."""
     return float(np.quantile(np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(t), 0.75))

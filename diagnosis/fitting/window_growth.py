@@ -14,7 +14,8 @@ from typing import TypeVar
 import numpy as np
 
 from diagnosis.fitting.hypothesis_fits import BETTER, Fitted, Question, again, follow, model_of
-from models.estimation.gap_scenes.gap_scene import Floats, Mask, Recording
+from models.core.typing import BoolArray, FloatArray
+from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.multiple_shooting.normal_equations import huber
 from models.estimation.multiple_shooting.shooting_windows import glance, sensitive_from
 
@@ -89,8 +90,8 @@ def _pairs(question: Question, fitted: Fitted, ends: set[tuple[int, int]]) -> np
 
 
 def _joined(
-    fitted: Fitted, pairs: np.ndarray, starts: tuple[Floats, ...]
-) -> tuple[tuple[Recording, ...], Fitted, tuple[Floats, ...]]:
+    fitted: Fitted, pairs: np.ndarray, starts: tuple[FloatArray, ...]
+) -> tuple[tuple[Recording, ...], Fitted, tuple[FloatArray, ...]]:
     """The windows, some joined with the next one, with the starts of the first of each."""
     pieces, kept = [], []
     for k, piece in enumerate(fitted.pieces):
@@ -111,7 +112,7 @@ def _union(one: Recording, other: Recording) -> Recording:
     )
 
 
-def _lost(question: Question, found: Fitted, pairs: np.ndarray, usual: float) -> Mask:
+def _lost(question: Question, found: Fitted, pairs: np.ndarray, usual: float) -> BoolArray:
     """Which unions are not explained, at a usual cost per number, or forget their start."""
     costs, lost = _costs(question, found), []
     for place, k in enumerate(pairs):
@@ -126,7 +127,7 @@ def sought_anew(question: Question, fitted: Fitted) -> Fitted:
     return _begun_beside(question, fitted, _odd(fitted, _per_number(question, fitted), _ODD))
 
 
-def _begun_beside(question: Question, fitted: Fitted, bad: Mask) -> Fitted:
+def _begun_beside(question: Question, fitted: Fitted, bad: BoolArray) -> Fitted:
     """Bad windows begun once more from what was seen, under the numbers that the others tell: one on a wrong path bends
     what all share, until no other path explains it."""
     if not bad.any() or bad.all():
@@ -150,7 +151,7 @@ def straightened(question: Question, fitted: Fitted) -> Fitted:
     return fitted
 
 
-def _odd(fitted: Fitted, mean: dict[int, float], factor: float) -> Mask:
+def _odd(fitted: Fitted, mean: dict[int, float], factor: float) -> BoolArray:
     """Windows of shots whose cost per number is so many times that of the usual shot, or of noise."""
     odd = {shot for shot, cost in mean.items() if cost > factor * _usual(mean)}
     return np.array([piece.shot in odd for piece in fitted.pieces])
@@ -178,7 +179,7 @@ def _sought_again(question: Question, fitted: Fitted) -> Fitted:
     return _with_the_better(question, fitted, np.arange(len(fitted.pieces)), fitted.starts, anew=True)
 
 
-def begun_like(question: Question, fitted: Fitted, starts: tuple[Floats, ...]) -> Fitted:
+def begun_like(question: Question, fitted: Fitted, starts: tuple[FloatArray, ...]) -> Fitted:
     """The same hypothesis, shots that fit better from other starts (per window) begun from these."""
     return _with_the_better(question, fitted, np.arange(len(fitted.pieces)), starts, anew=False)
 
@@ -191,13 +192,13 @@ def not_followed(question: Question, fitted: Fitted) -> tuple[int, ...]:
     return tuple(shot for shot, far in zip(mean, lost, strict=True) if far) if lost.mean() < _NEARLY_ALL else ()
 
 
-def _nowhere_near(mean: Floats) -> Mask:
+def _nowhere_near(mean: FloatArray) -> BoolArray:
     """Which costs per number are of simulations that come nowhere near what was seen, where others do."""
     return np.asarray((mean > _NOWHERE) & (mean > _UNLIKE * np.median(mean)))
 
 
 def _with_the_better(
-    question: Question, fitted: Fitted, places: np.ndarray, others: tuple[Floats, ...], anew: bool
+    question: Question, fitted: Fitted, places: np.ndarray, others: tuple[FloatArray, ...], anew: bool
 ) -> Fitted:
     """With the states that windows at `places` find from `others`, numbers kept, in shots that are better for it."""
     costs, shots = _costs(question, fitted), np.array([piece.shot for piece in fitted.pieces])
@@ -216,7 +217,7 @@ def _with_the_better(
     return found if found.cost < fitted.cost else fitted
 
 
-def _costs(question: Question, fitted: Fitted) -> Floats:
+def _costs(question: Question, fitted: Fitted) -> FloatArray:
     """(W, 2) robust cost of every window, and how many numbers were seen in it."""
     model = model_of(question, fitted.pieces, fitted.forms, np.zeros(len(question.priors), bool))
     misfits = [glance(model, k, start, fitted.shared).misfit for k, start in enumerate(fitted.starts)]

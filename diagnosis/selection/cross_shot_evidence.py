@@ -5,7 +5,8 @@ from __future__ import annotations
 from diagnosis.fitting.hypothesis_fits import GLANCE, USUAL, Fitted, Question, again, follow
 from diagnosis.selection.effect_selection import adopted, lacking
 from diagnosis.selection.hypotheses import Hypothesis, Search
-from models.estimation.gap_scenes.gap_scene import Floats, Recording
+from models.core.typing import FloatArray
+from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 
 
@@ -61,7 +62,7 @@ def alone(
     return again(question, pieces, like, starts, options=options)
 
 
-def of_shots(fitted: Fitted, recordings: tuple[Recording, ...]) -> tuple[tuple[Recording, ...], tuple[Floats, ...]]:
+def of_shots(fitted: Fitted, recordings: tuple[Recording, ...]) -> tuple[tuple[Recording, ...], tuple[FloatArray, ...]]:
     """Windows of some of the shots of a fit, and their starts."""
     shots = {one.shot for one in recordings}
     here = [k for k, piece in enumerate(fitted.pieces) if piece.shot in shots]

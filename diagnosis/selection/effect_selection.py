@@ -11,7 +11,6 @@ from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from diagnosis.fitting.hypothesis_fits import GLANCE, USUAL, Fitted, Question, fit
@@ -21,8 +20,6 @@ from diagnosis.selection.hypotheses import Hypothesis, Search, Watch, signatures
 from diagnosis.selection.hypothesis_trials import LEFT, begun_from, details_of, on_its_way, tried, with_details
 from diagnosis.selection.signatures import Signatures
 from diagnosis.selection.unknown_effects import SUSPICIOUS, agreement
-
-Floats = NDArray[np.float64]
 
 SIGNIFICANT = 0.01
 """chance to add any effect where none is missing."""

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from math import comb, log
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.fitting.hypothesis_fits import BETTER, Fitted, Question, Told, look
 from diagnosis.selection.signatures import Signatures, signatures
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 _ORDERS = float(np.log(1e4))
 """a missing effect is as likely to be of any order of magnitude, from the natural strength to a ten-thousandth."""
@@ -97,7 +95,7 @@ class Search:
         chosen = log(comb(len(self.choices), one.size)) + max(one.size - 1, 0) * log(2)
         return -0.5 * fitted.cost / self.lack() + 0.5 * width - narrower - chosen
 
-    def _known(self, one: Hypothesis) -> tuple[Floats, float]:
+    def _known(self, one: Hypothesis) -> tuple[FloatArray, float]:
         """Standard deviations of what was known of the free parameters, and what it costs to have chosen them.
 
         A weak effect is no less likely than one of natural strength: the prior of each missing effect is as wide as the

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from diagnosis.fitting.hypothesis_fits import GLANCE, Fitted, Question, allowed, fit, nearest
 from diagnosis.fitting.window_growth import begun_like, sought_anew, straightened
 from diagnosis.selection.hypotheses import Hypothesis, Search, signatures_of, told_by
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 CLEAR = 50.0
 """chi2 from which a hypothesis explains something."""
@@ -103,7 +102,7 @@ def _starting_from(
             yield sought_anew(question, found)
 
 
-def _along(state: Search, near: Hypothesis, forms: tuple[str, ...], guess: Floats) -> tuple[Floats, ...]:
+def _along(state: Search, near: Hypothesis, forms: tuple[str, ...], guess: FloatArray) -> tuple[FloatArray, ...]:
     """Starts for other numbers (P,): those of a fit, moved with its parameters where that comes nearer. A spin that an
     effect eats up before it matters would never be found again."""
     fitted = near.fitted

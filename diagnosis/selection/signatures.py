@@ -11,12 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.fitting.hypothesis_fits import Question, Told
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from models.core.typing import BoolArray, FloatArray
 
 TWINS = 0.9
 """canonical correlation from which two effects cannot be told apart."""
@@ -29,29 +26,29 @@ _TINY = 1e-12
 class Signatures:
     """Information and score of all P parameters, those that are free projected out; 0 in their rows and columns."""
 
-    information: Floats
+    information: FloatArray
     """(P, P), without what is known beforehand."""
-    score: Floats
+    score: FloatArray
     """(P,)"""
-    raw: Floats
+    raw: FloatArray
     """(P,) information of each parameter before the free ones were projected out."""
-    prior: Floats
+    prior: FloatArray
     """(P,) 1/sigma^2 of what is known beforehand."""
 
-    def gain(self, mask: Mask) -> float:
+    def gain(self, mask: BoolArray) -> float:
         """chi2 that freeing these parameters gains, to first order."""
         return float(self.score[mask] @ self.step(mask))
 
-    def step(self, mask: Mask) -> Floats:
+    def step(self, mask: BoolArray) -> FloatArray:
         """How far these parameters then move."""
         here = self.information[np.ix_(mask, mask)] + np.diag(self.prior[mask])
         return np.asarray(np.linalg.solve(here, self.score[mask]))
 
-    def surviving(self) -> Floats:
+    def surviving(self) -> FloatArray:
         """(P,) share of each signature, as an amplitude, that the free parameters cannot mimic."""
         return np.asarray(np.sqrt(np.clip(np.diag(self.information), 0, None) / np.maximum(self.raw, _TINY)))
 
-    def detectable(self, effect: Mask) -> Floats:
+    def detectable(self, effect: BoolArray) -> FloatArray:
         """(P,) smallest strength of each parameter of an effect that the data could show; infinite where none."""
         found = np.full(len(self.score), np.inf)
         known = np.flatnonzero(effect & (np.diag(self.information) > 1e-6 * self.raw))
@@ -61,7 +58,7 @@ class Signatures:
         return found
 
 
-def signatures(question: Question, told: Told, free: Mask, lack: float = 1.0) -> Signatures:
+def signatures(question: Question, told: Told, free: BoolArray, lack: float = 1.0) -> Signatures:
     """From what shots tell, all their variances larger by the factor `lack`."""
     prior = np.array([1 / known.sigma**2 for known in question.priors])
     information, score = told.information.sum(axis=0) / lack, told.score.sum(axis=0) / lack
@@ -76,7 +73,7 @@ def signatures(question: Question, told: Told, free: Mask, lack: float = 1.0) ->
     return Signatures((left + left.T) / 2, np.where(free, 0.0, score - across.T @ taken[:, -1]), raw, prior)
 
 
-def canonical_correlation(found: Signatures, one: Mask, other: Mask) -> float:
+def canonical_correlation(found: Signatures, one: BoolArray, other: BoolArray) -> float:
     """The largest correlation of any strength of one effect with any of another, as signatures in these data."""
     a, b = _whitener(found, one), _whitener(found, other)
     if a.size == 0 or b.size == 0:
@@ -85,7 +82,7 @@ def canonical_correlation(found: Signatures, one: Mask, other: Mask) -> float:
     return min(float(np.linalg.norm(across, ord=2)), 1.0)
 
 
-def _whitener(found: Signatures, mask: Mask) -> Floats:
+def _whitener(found: Signatures, mask: BoolArray) -> FloatArray:
     """(p, q) directions of an effect's parameters with signatures of size 1, those without any left out."""
     here = found.information[np.ix_(mask, mask)]
     scale = 1 / np.sqrt(np.maximum(found.raw[mask], _TINY))
@@ -94,7 +91,7 @@ def _whitener(found: Signatures, mask: Mask) -> Floats:
     return np.asarray(scale[:, None] * axes[:, kept] / np.sqrt(sizes[kept]))
 
 
-def explained_direction(found: Signatures, one: Mask, other: Mask) -> float:
+def explained_direction(found: Signatures, one: BoolArray, other: BoolArray) -> float:
     """Correlation of the signature that the data ask of effect `one` with the best that effect `other` can offer."""
     step = found.step(one)
     size = float(step @ found.information[np.ix_(one, one)] @ step)

@@ -26,7 +26,8 @@ from diagnosis.verdicts.candidate_probabilities import group_of, leading, probab
 from diagnosis.verdicts.experiment_design import film_next, film_to_see, film_what_is_left
 from diagnosis.verdicts.localisation import places, shape
 from diagnosis.verdicts.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
-from models.estimation.gap_scenes.gap_scene import Floats, GapScene, Recording
+from models.core.typing import FloatArray
+from models.estimation.gap_scenes.gap_scene import GapScene, Recording
 
 _MIDDLING = 0.674
 """standard deviations that half of all strengths exceed."""
@@ -103,7 +104,7 @@ def _film(study: Study, verdict: Verdict, apart: str) -> str:
     return film_to_see(question, told, found, study.full.free, _usual(question), names, lack)
 
 
-def _usual(question: Question) -> Floats:
+def _usual(question: Question) -> FloatArray:
     """(P,) strength that half of all tables exceed."""
     return _MIDDLING * np.array([prior.sigma for prior in question.priors])
 
@@ -114,7 +115,7 @@ def _phases(scene: GapScene, name: str) -> tuple[str, ...]:
 
 
 def _candidates(
-    study: Study, groups: dict[str, tuple[str, ...]], detectable: Floats, named: bool
+    study: Study, groups: dict[str, tuple[str, ...]], detectable: FloatArray, named: bool
 ) -> tuple[Candidate, ...]:
     question = study.question
     told = {name: strengths(question, _with(study, name), detectable, (name,)) for name in question.candidates}
@@ -122,7 +123,7 @@ def _candidates(
     return ranked(leading(chances, study.best.names) if named else chances, groups, told)
 
 
-def _detectable(study: Study) -> Floats:
+def _detectable(study: Study) -> FloatArray:
     """(P,) smallest strength of every parameter that these data could have shown, all else as in the best model; of
     what the simulator has, the smallest change."""
     question, found = study.question, np.full(len(study.question.priors), np.inf)
@@ -141,7 +142,7 @@ def _with(study: Study, name: str) -> Fitted:
     return study.base if alone is None else alone.fitted
 
 
-def _all_strengths(study: Study, detectable: Floats) -> tuple[Strength, ...]:
+def _all_strengths(study: Study, detectable: FloatArray) -> tuple[Strength, ...]:
     """Of the improved simulator, by effect and parameter: several effects have a mu."""
     names = tuple(effect.name for effect in study.question.scene.effects if effect.name in study.full.names)
     return tuple(
@@ -151,7 +152,7 @@ def _all_strengths(study: Study, detectable: Floats) -> tuple[Strength, ...]:
     )
 
 
-def _hidden(question: Question, detectable: Floats, named: frozenset[str]) -> tuple[str, ...]:
+def _hidden(question: Question, detectable: FloatArray, named: frozenset[str]) -> tuple[str, ...]:
     """Effects not `named` that in some direction would more often than not be missed at usual strength: what the
     simulator has takes them up."""
     usual = _usual(question)
@@ -179,9 +180,9 @@ def _gap(
 def _per_effect(
     study: Study,
     foreseen: Foreseen,
-    before: Floats,
-    after: Floats,
-    least: Floats,
+    before: FloatArray,
+    after: FloatArray,
+    least: FloatArray,
     told: Closing,
     rng: np.random.Generator,
 ) -> tuple[EffectShare, ...]:
@@ -192,7 +193,7 @@ def _per_effect(
         return (EffectShare(names[0], told.closed, told.interval),)
     known, windows, starts = {frozenset[str](): before, frozenset(names): after}, foreseen.windows, foreseen.starts
 
-    def squares_with(chosen: frozenset[str]) -> Floats:
+    def squares_with(chosen: frozenset[str]) -> FloatArray:
         if chosen not in known:
             one = study.state.tried.get(chosen)
             known[chosen] = before if one is None else predict(study.question, windows, one.fitted, starts).squares

@@ -9,9 +9,9 @@ import numpy as np
 from diagnosis.fitting.fit_residuals import Residuals
 from diagnosis.fitting.hypothesis_fits import Question, Told
 from diagnosis.fitting.names import named, phase
-from diagnosis.selection.signatures import Mask, signatures
+from diagnosis.selection.signatures import signatures
 from diagnosis.verdicts.localisation import excess
-from models.estimation.gap_scenes.gap_scene import Floats
+from models.core.typing import BoolArray, FloatArray
 
 _MORE = (1, 2, 3, 5, 8, 12, 20, 30, 50)
 """further shots of one kind that are thought of."""
@@ -36,7 +36,13 @@ def film_next(question: Question, told: Told, found: Residuals, free: np.ndarray
 
 
 def film_to_see(
-    question: Question, told: Told, found: Residuals, free: Mask, usual: Floats, names: tuple[str, ...], lack: float
+    question: Question,
+    told: Told,
+    found: Residuals,
+    free: BoolArray,
+    usual: FloatArray,
+    names: tuple[str, ...],
+    lack: float,
 ) -> str:
     """One sentence for who has an answer: of the effects that these shots would miss at `usual` strength (P,), the one
     nearest to be seen, and how many more shots of which kind would show it; empty where none would be missed, or where
@@ -72,7 +78,7 @@ def film_what_is_left(question: Question, found: Residuals) -> str:
     )
 
 
-def _weakness(question: Question, told: Told, free: Mask, usual: Floats, name: str, lack: float) -> float:
+def _weakness(question: Question, told: Told, free: BoolArray, usual: FloatArray, name: str, lack: float) -> float:
     """How many times stronger than usual an effect would have to be to be seen, in its worst direction."""
     mask = question.mask((name,))
     seen_from = signatures(question, told, free & ~mask, lack).detectable(mask)

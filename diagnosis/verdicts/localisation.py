@@ -9,7 +9,8 @@ from diagnosis.fitting.fit_residuals import Residuals
 from diagnosis.fitting.names import direction, group
 from diagnosis.fitting.residual_blocks import Structure
 from diagnosis.verdicts.verdict import Place
-from models.estimation.gap_scenes.gap_scene import Floats, Mask, Recording
+from models.core.typing import BoolArray, FloatArray
+from models.estimation.gap_scenes.gap_scene import Recording
 
 _MOSTLY = 0.7
 """share of a phase's gap from which one ball or shot is named."""
@@ -40,13 +41,13 @@ def places(found: Residuals, pieces: tuple[Recording, ...], phases: frozenset[st
     return tuple(_place(found, left, pieces, str(names[k]), float(shares[k]), found.phase == names[k]) for k in order)
 
 
-def excess(found: Residuals) -> Floats:
+def excess(found: Residuals) -> FloatArray:
     """(K,) squares beyond what noise leaves after the same fit."""
     return np.asarray(np.square(found.left * found.size).sum(axis=1) - np.square(found.drawn).mean(axis=2).sum(axis=1))
 
 
 def _place(
-    found: Residuals, left: Floats, pieces: tuple[Recording, ...], phase: str, share: float, here: Mask
+    found: Residuals, left: FloatArray, pieces: tuple[Recording, ...], phase: str, share: float, here: BoolArray
 ) -> Place:
     # by name: recordings of several films do not hold the same bodies in the same order
     bodies = np.array([pieces[k].bodies[body] for k, body in zip(found.window, found.body, strict=True)])
@@ -62,7 +63,7 @@ def _place(
     )
 
 
-def _mostly(left: Floats, values: np.ndarray, here: np.ndarray) -> np.generic | None:
+def _mostly(left: FloatArray, values: np.ndarray, here: np.ndarray) -> np.generic | None:
     """The one value, of at least three, that holds most of the gap in these observations."""
     known = np.unique(values[here])
     sums = np.array([max(float(left[here & (values == n)].sum()), 0.0) for n in known])
@@ -71,7 +72,7 @@ def _mostly(left: Floats, values: np.ndarray, here: np.ndarray) -> np.generic | 
     return np.asarray(known)[int(np.argmax(sums))]  # type: ignore[no-any-return]
 
 
-def _grows_with(found: Residuals, left: Floats, here: np.ndarray) -> str | None:
+def _grows_with(found: Residuals, left: FloatArray, here: np.ndarray) -> str | None:
     """The number with which the gap grows most evenly."""
     numbers = {"time": found.t, "speed": found.speed, "time since contact": found.since_contact}
     if found.image is not None:

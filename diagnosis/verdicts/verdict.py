@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from diagnosis.fitting.gap_closure import Ahead, Closing, Floats
+from diagnosis.fitting.gap_closure import Ahead, Closing
+from models.core.typing import FloatArray
 
 Verdict = Literal["effects", "group", "none", "unknown", "undecidable"]
 
@@ -69,9 +70,9 @@ class Gap:
     shots: tuple[int, ...]
     closing: Closing
     windows: tuple[Ahead, ...]
-    before: tuple[Floats, ...]
+    before: tuple[FloatArray, ...]
     """predicted paths per window, (T, N, D)."""
-    after: tuple[Floats, ...]
+    after: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,25 +19,25 @@ class Detections:
 
     frame: NDArray[np.int64]
     """(K,) picture in presentation order."""
-    centre: Floats
+    centre: FloatArray
     """(K, 2) px."""
-    radius: Floats
+    radius: FloatArray
     """(K,) px."""
-    streak: Floats
+    streak: FloatArray
     """(K, 2) px: the way travelled during the exposure, sign unknown."""
-    colour: Floats
+    colour: FloatArray
     """(K, 3) CIE L*a*b* of the ball without its highlight."""
-    white: Floats
+    white: FloatArray
     """(K,) share of the disc that is white: near 1 cue ball, 0.2 to 0.7 a stripe."""
-    white_rim: Floats
+    white_rim: FloatArray
     """(K,) the same of its outer ring, where a stripe is white and hardly any number."""
-    value: Floats
+    value: FloatArray
     """(K,) in [0, 1]: brightest of the colour channels where it is not white (HSV); only black is dark in all."""
-    score: Floats
+    score: FloatArray
     """(K,) in [0, 1]."""
-    sigma: Floats
+    sigma: FloatArray
     """(K,) px, one standard deviation per axis, across the streak."""
-    sigma_along: Floats
+    sigma_along: FloatArray
     """(K,) px, along the streak; equals `sigma` for sharp balls."""
 
     def __post_init__(self) -> None:

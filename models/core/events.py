@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 EVENT_KINDS = ("strike", "ball", "cushion", "pocket", "rest")
 
@@ -19,28 +18,28 @@ class Events:
     kind: tuple[str, ...]
     """(E,) one of `EVENT_KINDS`; rest is when a ball has a twentieth of its radius left to go, about a pixel: the last
     moment at which an eye tells it from its final place."""
-    t: Floats
+    t: FloatArray
     """(E,) s."""
-    t_sigma: Floats
+    t_sigma: FloatArray
     """(E,) s, > 0."""
-    frame: Floats
+    frame: FloatArray
     """(E,) the same moment in pictures, fractional."""
     a: tuple[str, ...]
     """(E,) id of the ball."""
     b: tuple[str, ...]
     """(E,) the other ball, the cushion or the pocket; empty for strike and rest."""
-    xy: Floats
+    xy: FloatArray
     """(E, 2) m, centre of ball a."""
-    probability: Floats
+    probability: FloatArray
     """(E,) that it happened."""
-    gap: Floats
+    gap: FloatArray
     """(E,) m, least distance of the two surfaces on their free paths, negative where they would overlap.
 
     NaN if not a contact, or unknown.
     """
-    gap_sigma: Floats
+    gap_sigma: FloatArray
     """(E,) m."""
-    speed: Floats
+    speed: FloatArray
     """(E,) m/s, closing speed along the normal; strike: speed after; NaN for rest."""
 
     def __post_init__(self) -> None:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.trajectory import Trajectory
+from models.core.typing import FloatArray
 
-Floats = NDArray[np.float64]
 Light = Literal["green", "amber", "red"]
 
 
@@ -50,9 +50,9 @@ class Laws:
     t: float
     """s, when the balls were in these states: just after the first strike."""
     ids: tuple[str, ...]
-    state: Floats
+    state: FloatArray
     """(N, 7) x, y (m), vx, vy (m/s), wx, wy, wz (rad/s)."""
-    covariance: Floats
+    covariance: FloatArray
     """(N, 7, 7)"""
 
 
@@ -67,7 +67,7 @@ class Fit:
     """m, one standard deviation per axis of the measured positions, as the residuals say (robust)."""
     chi2_per_dof: float
     """of the accepted pieces, against the noise that successive samples show by themselves."""
-    residual: Floats
+    residual: FloatArray
     """(T, N, 2) m, measured minus fitted; NaN where not seen."""
     moving: NDArray[np.bool_]
     """(T, N) ball in motion."""

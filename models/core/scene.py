@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
+
 Game = Literal["pool", "snooker", "carom"]
 
 CUSHIONS = ("left", "right", "top", "bottom")
@@ -40,13 +41,13 @@ class Table:
             raise ValueError(f"a ball radius in metres is needed, such as 0.028575; got {self.ball_radius}")
 
     @property
-    def corners(self) -> Floats:
+    def corners(self) -> FloatArray:
         """Corners of the nose rectangle (4, 2) in m: top-left, top-right, bottom-right, bottom-left."""
         length, width = self.length, self.width
         return np.array([[0.0, 0.0], [length, 0.0], [length, width], [0.0, width]])
 
     @property
-    def pocket_centres(self) -> Floats:
+    def pocket_centres(self) -> FloatArray:
         """Where the pockets are (6, 2) in m, in the order of `POCKETS`; empty (0, 2) without pockets."""
         if not self.pockets:
             return np.empty((0, 2))
@@ -65,15 +66,15 @@ class Camera:
     (x, y of each, in the order of `Table.corners`) which the matrix was computed from.
     """
 
-    matrix: Floats
+    matrix: FloatArray
     width_px: int
     height_px: int
-    corners_px: Floats
-    corner_covariance: Floats
+    corners_px: FloatArray
+    corner_covariance: FloatArray
     plane: Literal["cloth", "noses"]
     height: float
     height_sigma: float
-    motion: Floats | None = None
+    motion: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.matrix.shape != (3, 4):
@@ -81,44 +82,44 @@ class Camera:
         if self.corners_px.shape != (4, 2) or self.corner_covariance.shape != (8, 8):
             raise ValueError("a camera needs four corners (4, 2) and their covariance (8, 8)")
 
-    def homography(self, z: float) -> Floats:
+    def homography(self, z: float) -> FloatArray:
         """Plane at height z (m) above the cloth to reference pixels, (3, 3)."""
         m, plane = self.matrix, np.empty((3, 3))
         plane[:, :2], plane[:, 2] = m[:, :2], m[:, 2] * z + m[:, 3]
         return plane
 
-    def to_pixels(self, xy: Floats, z: float, frame: NDArray[np.int64] | int | None = None) -> Floats:
+    def to_pixels(self, xy: FloatArray, z: float, frame: NDArray[np.int64] | int | None = None) -> FloatArray:
         """Points (..., 2) in m at height z to pixels (..., 2), of the reference picture or of `frame` (...)."""
         px = apply_homography(self.homography(z), xy)
         if self.motion is None or frame is None:
             return px
         return apply_homography(self.motion[frame], px)
 
-    def to_table(self, px: Floats, z: float, frame: NDArray[np.int64] | int | None = None) -> Floats:
+    def to_table(self, px: FloatArray, z: float, frame: NDArray[np.int64] | int | None = None) -> FloatArray:
         """Pixels (..., 2) to points (..., 2) in m on the plane at height z."""
         if self.motion is not None and frame is not None:
             px = apply_homography(_inverse(self.motion[frame]), px)
         return apply_homography(_inverse(self.homography(z)), px)
 
-    def metres_per_pixel(self, xy: Floats, z: float) -> Floats:
+    def metres_per_pixel(self, xy: FloatArray, z: float) -> FloatArray:
         """d(x, y)/d(px) at table points (..., 2): Jacobians (..., 2, 2) in m/px."""
         return _inverse(homography_jacobian(self.homography(z), xy))
 
-    def radius_px(self, xy: Floats, radius: float) -> Floats:
+    def radius_px(self, xy: FloatArray, radius: float) -> FloatArray:
         """Mean seen radius (...) in px of a ball that rests at (..., 2) m."""
         jacobian = homography_jacobian(self.homography(radius), xy)
-        radii: Floats = radius * np.sqrt(np.abs(np.linalg.det(jacobian)) / self._foreshortening(xy, radius))
+        radii: FloatArray = radius * np.sqrt(np.abs(np.linalg.det(jacobian)) / self._foreshortening(xy, radius))
         return radii
 
-    def _foreshortening(self, xy: Floats, z: float) -> Floats:
+    def _foreshortening(self, xy: FloatArray, z: float) -> FloatArray:
         """Cosine between the line of sight and the vertical at points (..., 2), in (0, 1]."""
         eye = self.eye
         ray = np.concatenate([eye[:2] - xy, np.broadcast_to(eye[2] - z, (*xy.shape[:-1], 1))], axis=-1)
-        cosine: Floats = np.abs(ray[..., 2]) / np.linalg.norm(ray, axis=-1)
+        cosine: FloatArray = np.abs(ray[..., 2]) / np.linalg.norm(ray, axis=-1)
         return cosine
 
     @property
-    def eye(self) -> Floats:
+    def eye(self) -> FloatArray:
         """Where the camera stands (3,), in m above the table."""
         return np.asarray(np.linalg.solve(self.matrix[:, :3], -self.matrix[:, 3]), dtype=np.float64)
 
@@ -129,7 +130,7 @@ class Scene:
 
     table: Table
     camera: Camera
-    cloth_lab: Floats
+    cloth_lab: FloatArray
     """CIE L*a*b* of the cloth (3,)."""
     notes: tuple[str, ...]
     """Sentences for the user: how the table was found, what was assumed."""
@@ -137,7 +138,7 @@ class Scene:
     """Those among them that say what may be wrong, so that no result deserves full trust before it is settled."""
 
 
-def apply_homography(homography: Floats, points: Floats) -> Floats:
+def apply_homography(homography: FloatArray, points: FloatArray) -> FloatArray:
     """Map points (..., 2) by homographies (..., 3, 3), broadcast against each other."""
     h = homography
     x, y = points[..., 0], points[..., 1]
@@ -147,15 +148,15 @@ def apply_homography(homography: Floats, points: Floats) -> Floats:
     return np.stack([u / w, v / w], axis=-1)
 
 
-def homography_jacobian(homography: Floats, points: Floats) -> Floats:
+def homography_jacobian(homography: FloatArray, points: FloatArray) -> FloatArray:
     """Jacobians (..., 2, 2) of a homography (3, 3) at points (..., 2)."""
     mapped = apply_homography(homography, points)
     w = points @ homography[2, :2] + homography[2, 2]
     linear = homography[:2, :2] - mapped[..., :, None] * homography[2, :2]
-    jacobian: Floats = linear / w[..., None, None]
+    jacobian: FloatArray = linear / w[..., None, None]
     return jacobian
 
 
-def _inverse(matrices: Floats) -> Floats:
+def _inverse(matrices: FloatArray) -> FloatArray:
     """Inverses of square matrices (..., n, n)."""
     return np.asarray(np.linalg.inv(matrices), dtype=np.float64)

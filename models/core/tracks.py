@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 KINDS = ("cue", "solid", "stripe", "eight", "red", "yellow", "white", "green", "brown", "blue", "pink", "black", "ball")
 """What a ball can be called. `cue` is the pool or snooker cue ball; `white` and `yellow` the carom cue balls."""
@@ -22,27 +22,27 @@ class Tracks:
 
     frame: NDArray[np.int64]
     """(T,) picture in presentation order, strictly increasing."""
-    t: Floats
+    t: FloatArray
     """(T,) s, at mid-exposure as far as known: the presentation time."""
     ids: tuple[str, ...]
     """(N,) unique names, such as `cue`, `red`, `solid-2`."""
     kinds: tuple[str, ...]
     """(N,) one of `KINDS`."""
-    xy: Floats
+    xy: FloatArray
     """(T, N, 2) m."""
-    px: Floats
+    px: FloatArray
     """(T, N, 2) px of the original picture."""
-    sigma: Floats
+    sigma: FloatArray
     """(T, N) m, one standard deviation per axis, across the streak."""
-    sigma_along: Floats
+    sigma_along: FloatArray
     """(T, N) m, along the streak; equals `sigma` for sharp balls."""
-    streak: Floats
+    streak: FloatArray
     """(T, N, 2) m: the way travelled during the exposure, sign unknown; (0, 0) for sharp balls."""
-    radius_px: Floats
+    radius_px: FloatArray
     """(T, N) px."""
-    colour: Floats
+    colour: FloatArray
     """(N, 3) CIE L*a*b*."""
-    lay: Floats | None = None
+    lay: FloatArray | None = None
     """(T, N, 2, 2) how the picture lies on the table: d(m)/d(px) over its root mean square per axis, so that a circle
     of errors in an oblique picture is an ellipse on the table. `sigma` and `sigma_along` are pixels times that root
     mean square. None: no direction is special."""
@@ -80,14 +80,14 @@ class Tracks:
         """(T, N) where a ball was seen."""
         return np.isfinite(self.xy[..., 0])
 
-    def as_seen(self, vectors: Floats) -> Floats:
+    def as_seen(self, vectors: FloatArray) -> FloatArray:
         """Vectors (T, N, 2) on the table, m, as the picture shows them: there errors are alike in all directions."""
         if self.lay is None:
             return vectors
         return np.asarray(np.linalg.solve(_known(self.lay), vectors[..., None])[..., 0], dtype=np.float64)
 
     @property
-    def whitening(self) -> Floats:
+    def whitening(self) -> FloatArray:
         """(T, N, 2, 2): takes residuals in m to standard deviations, along the streak in the picture and across it."""
         streak = self.as_seen(self.streak)
         length = np.linalg.norm(streak, axis=-1, keepdims=True)
@@ -97,14 +97,14 @@ class Tracks:
         return white if self.lay is None else np.asarray(white @ np.linalg.inv(_known(self.lay)))
 
     @property
-    def sigma_xy(self) -> Floats:
+    def sigma_xy(self) -> FloatArray:
         """(T, N, 2) m, one standard deviation of x and of y."""
         spread = np.linalg.inv(_known(self.whitening))
-        sigma: Floats = np.sqrt((spread**2).sum(axis=-1))
+        sigma: FloatArray = np.sqrt((spread**2).sum(axis=-1))
         return np.where(self.observed[..., None], sigma, np.nan)
 
 
-def _known(matrices: Floats) -> Floats:
+def _known(matrices: FloatArray) -> FloatArray:
     """Square matrices (..., 2, 2), the identity where one is not known."""
     known = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
     return np.where(known, matrices, np.eye(2))

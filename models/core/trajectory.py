@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.capture_clock import Clock
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 PHASES = ("slide", "roll", "rest", "measured")
 """`measured`: no accepted physics there; a curve through the measured positions."""
@@ -19,15 +18,15 @@ PHASES = ("slide", "roll", "rest", "measured")
 class State:
     """N balls at times (...)."""
 
-    xy: Floats
+    xy: FloatArray
     """(..., N, 2) m; NaN before a ball appears or after it is potted."""
-    v: Floats
+    v: FloatArray
     """(..., N, 2) m/s."""
-    w: Floats
+    w: FloatArray
     """(..., N, 3) rad/s; NaN where unknown."""
-    sigma: Floats
+    sigma: FloatArray
     """(..., N) m."""
-    sigma_v: Floats
+    sigma_v: FloatArray
     """(..., N) m/s."""
     measured: NDArray[np.bool_]
     """(..., N) True where no accepted physics holds."""
@@ -47,17 +46,17 @@ class Trajectory:
     """(N,)"""
     ball: NDArray[np.int64]
     """(M,) index into `ids`; pieces sorted by ball, then by start."""
-    start: Floats
+    start: FloatArray
     """(M,) s."""
-    end: Floats
+    end: FloatArray
     """(M,) s, > start."""
-    position: Floats
+    position: FloatArray
     """(M, 4, 2) m/s^k."""
-    spin: Floats
+    spin: FloatArray
     """(M, 2, 3) rad/s, rad/s^2; NaN where unknown."""
     phase: tuple[str, ...]
     """(M,) one of `PHASES`."""
-    covariance: Floats
+    covariance: FloatArray
     """(M, 4, 4) of (x, y, vx, vy) at `start`, SI units."""
     clock: Clock | None = None
 
@@ -76,7 +75,7 @@ class Trajectory:
         if pieces > 1 and np.any((np.diff(self.ball) < 0) | ((np.diff(self.ball) == 0) & (np.diff(self.start) < 0))):
             raise ValueError("Trajectory pieces must be sorted by ball, then by start")
 
-    def at(self, t: float | Floats) -> State:
+    def at(self, t: float | FloatArray) -> State:
         """State of every ball at times t (...), s."""
         times = np.asarray(t, dtype=np.float64)
         flat = times.reshape(-1)
@@ -91,7 +90,7 @@ class Trajectory:
             sigma.reshape(shape), sigma_v.reshape(shape), measured.reshape(shape).astype(bool),
         )  # fmt: skip
 
-    def _of_ball(self, ball: int, t: Floats) -> tuple[Floats, ...]:
+    def _of_ball(self, ball: int, t: FloatArray) -> tuple[FloatArray, ...]:
         """xy (T, 2), v (T, 2), w (T, 3), sigma (T,), sigma_v (T,), measured (T,) of one ball."""
         rows = np.flatnonzero(self.ball == ball)
         nothing = (len(t),)
@@ -118,6 +117,6 @@ class Trajectory:
         measured = np.array([self.phase[m] == "measured" for m in rows])[place] & ~outside
         return xy, v, w, sigma, sigma_v, measured.astype(np.float64)
 
-    def _elapsed(self, start: Floats, t: Floats) -> Floats:
+    def _elapsed(self, start: FloatArray, t: FloatArray) -> FloatArray:
         """s that went by from what is shown at `start` to what is shown at t."""
         return t - start if self.clock is None else self.clock.taken_at(t) - self.clock.taken_at(start)

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.neural.common.method_interface import LEAST_SAMPLES, Budget, Fitted, Floats, LostMotion, Method, checked
+from models.core.typing import FloatArray
+from models.neural.common.method_interface import LEAST_SAMPLES, Budget, Fitted, LostMotion, Method, checked
 
 HELD_OUT = 4
 """every so many-th sample."""
@@ -26,7 +27,7 @@ class Chosen:
     candidates: tuple[tuple[Method, float], ...]
     """methods, and the share of their steps."""
 
-    def fit(self, times: Floats, states: Floats, seed: int = 0, budget: Budget | None = None) -> Fitted:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
         """One fit for each candidate and one more; the first candidate where samples are too few to choose by."""
         began = time.process_time()
         t, x = checked(times, states)
@@ -45,7 +46,7 @@ def shared(budget: Budget, effort: float, count: int) -> Budget:
     return Budget(budget.effort * effort, budget.seconds / 2 / count)
 
 
-def missed(method: Method, t: Floats, x: Floats, seed: int, budget: Budget) -> float:
+def missed(method: Method, t: FloatArray, x: FloatArray, seed: int, budget: Budget) -> float:
     """Mean square miss of held-out samples; infinite where the method finds no motion."""
     held = np.arange(len(t)) % HELD_OUT == HELD_OUT // 2
     held[[0, -1]] = False

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, IntArray
 from models.numerics.jit import compiled
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
-
-def assigned(cost: Floats) -> tuple[Ints, Ints]:
+def assigned(cost: FloatArray) -> tuple[IntArray, IntArray]:
     """Rows, ascending, and the column of each: every row of `cost` (n, m) has one of its own, or every column a row.
 
     The sum of their costs is the least. Shortest augmenting paths (Crouse 2016, doi:10.1109/TAES.2016.140952); of
@@ -31,7 +28,7 @@ def assigned(cost: Floats) -> tuple[Ints, Ints]:
 
 
 @compiled
-def _columns(cost: Floats) -> Ints:
+def _columns(cost: FloatArray) -> IntArray:
     """The column (n,) of each row of costs (n, m), n <= m; -1 where there is none."""
     n, m = cost.shape
     row_price, column_price = np.zeros(n), np.zeros(m)

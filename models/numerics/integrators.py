@@ -11,13 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import integrate as ivp
 
-Floats = NDArray[np.float64]
-Rate = Callable[[Floats], Floats]
+from models.core.typing import FloatArray
+
+Rate = Callable[[FloatArray], FloatArray]
 """State (2, ...) to its derivative by time, (2, ...)."""
-Slope = Callable[[Floats], Floats]
+Slope = Callable[[FloatArray], FloatArray]
 """State (2, ...) to the Jacobian (S, S) of its rate, both flat."""
 
 NEWTON_STEPS = 20
@@ -31,9 +31,9 @@ class Tableau:
 
     name: str
     order: int
-    a: Floats
+    a: FloatArray
     """(K, K) share of stage l's rate in the state of stage k."""
-    b: Floats
+    b: FloatArray
     """(K,) share of each stage's rate in the step."""
 
     @property
@@ -67,7 +67,7 @@ Method = Tableau | SymplecticEuler
 METHODS: tuple[Method, ...] = (EULER, SYMPLECTIC_EULER, RK4, DOP853, IMPLICIT_MIDPOINT, RADAU)
 
 
-def step(method: Method, rate: Rate, state: Floats, dt: float, slope: Slope | None = None) -> Floats:
+def step(method: Method, rate: Rate, state: FloatArray, dt: float, slope: Slope | None = None) -> FloatArray:
     """State (2, ...) after `dt` s. Implicit methods need the `slope` of the rate.
 
     Raises `ArithmeticError` where Newton's method finds no stages: the step is too long.
@@ -79,8 +79,8 @@ def step(method: Method, rate: Rate, state: Floats, dt: float, slope: Slope | No
 
 
 def path(
-    method: Method, rate: Rate, state: Floats, t: Floats, longest: float, slope: Slope | None = None
-) -> Floats:  # fmt: skip
+    method: Method, rate: Rate, state: FloatArray, t: FloatArray, longest: float, slope: Slope | None = None
+) -> FloatArray:  # fmt: skip
     """States (T, 2, ...) at times `t` (T,) s, of which the first is that of `state`; steps are at most `longest` s."""
     states = [state]
     for span in np.diff(t):
@@ -91,19 +91,19 @@ def path(
     return np.array(states)
 
 
-def _symplectic(rate: Rate, state: Floats, dt: float) -> Floats:
+def _symplectic(rate: Rate, state: FloatArray, dt: float) -> FloatArray:
     v = state[1] + dt * rate(state)[1]
     return np.stack([state[0] + dt * v, v])
 
 
-def _explicit_stages(method: Tableau, rate: Rate, state: Floats, dt: float) -> Floats:
+def _explicit_stages(method: Tableau, rate: Rate, state: FloatArray, dt: float) -> FloatArray:
     stages = np.zeros((len(method.b), *state.shape))
     for k, shares in enumerate(method.a):
         stages[k] = rate(state + dt * np.tensordot(shares[:k], stages[:k], axes=1))
     return stages
 
 
-def _solved(method: Tableau, rate: Rate, slope: Slope | None, state: Floats, dt: float) -> Floats:
+def _solved(method: Tableau, rate: Rate, slope: Slope | None, state: FloatArray, dt: float) -> FloatArray:
     """Rates (K, 2, ...) of the stages of an implicit method."""
     if slope is None:
         raise ValueError(f"{method.name} is implicit; give the slope of the rate, or use an explicit method")

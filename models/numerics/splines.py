@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 LONGEST_SMOOTH_GAP = 2.5
 """typical intervals between samples: over wider gaps a cubic overshoots, so the curve is straight there."""
 
 
-def linear_pieces(t: Floats, xy: Floats) -> Floats:
+def linear_pieces(t: FloatArray, xy: FloatArray) -> FloatArray:
     """Coefficients (T-1, 4, 2) of powers of t - t[k] of the polygon through xy (T, 2) at t (T,)."""
     slope = np.diff(xy, axis=0) / np.diff(t)[:, None]
     zero = np.zeros_like(slope)
     return np.stack([xy[:-1], slope, zero, zero], axis=1)
 
 
-def cubic_pieces(t: Floats, xy: Floats) -> Floats:
+def cubic_pieces(t: FloatArray, xy: FloatArray) -> FloatArray:
     """Coefficients (T-1, 4, 2) of the not-a-knot cubic spline through xy (T, 2), straight over gaps."""
     if len(t) < 4:
         return linear_pieces(t, xy)
@@ -30,7 +29,7 @@ def cubic_pieces(t: Floats, xy: Floats) -> Floats:
     return np.where(wide[:, None, None], linear_pieces(t, xy), pieces)
 
 
-def smooth_pieces(t: Floats, xy: Floats, sigma: Floats) -> tuple[Floats, Floats]:
+def smooth_pieces(t: FloatArray, xy: FloatArray, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Break points (M+1,) and coefficients (M, 4, 2) of the smoothest cubic that keeps to samples within their errors.
 
     Straight lines between samples where a gap is wide, so that nothing is invented there. Shapes: t (T,), xy (T, 2),

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.detections import Detections
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from models.core.typing import FloatArray, IntArray
 
 CLEAR_RADII = 1.9
 """Of two balls whose centres are seen nearer than this many radii, one hides some of the other."""
@@ -23,24 +21,24 @@ FEWEST_CLEAR = 5
 class Look:
     """How N balls look over many pictures."""
 
-    colour: Floats
+    colour: FloatArray
     """(N, 3) median CIE L*a*b*."""
-    white: Floats
+    white: FloatArray
     """(N,) median white share."""
-    white_high: Floats
+    white_high: FloatArray
     """(N,) 90th percentile of the white share of a ball that rolls: a stripe shows it now and then. Else the median."""
-    white_rim: Floats
+    white_rim: FloatArray
     """(N,) median white share of the outer ring."""
-    value: Floats
+    value: FloatArray
     """(N,) median of the brightest channel, 0 to 1, where it is not white."""
 
     @property
-    def chroma(self) -> Floats:
+    def chroma(self) -> FloatArray:
         """(N,) distance from grey."""
         return np.hypot(self.colour[:, 1], self.colour[:, 2])
 
 
-def look_of(colours: list[Floats], rows: list[Ints], detections: Detections) -> Look:
+def look_of(colours: list[FloatArray], rows: list[IntArray], detections: Detections) -> Look:
     """The look of N balls from their colours (3,) and the rows of `detections` in which each is seen."""
     clear = _clear(detections)
     chosen = [row[clear[row]] if clear[row].sum() >= FEWEST_CLEAR else row for row in rows]
@@ -54,7 +52,7 @@ def look_of(colours: list[Floats], rows: list[Ints], detections: Detections) -> 
     )
 
 
-def _rolls(detections: Detections, row: Ints) -> bool:
+def _rolls(detections: Detections, row: IntArray) -> bool:
     """Whether a ball is seen to leave its place."""
     return bool(np.ptp(detections.centre[row], axis=0).max() > detections.radius[row].max())
 

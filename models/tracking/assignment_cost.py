@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray, IntArray
 from models.tracking.motion_prediction import Foresight, foresee
 from models.tracking.table_detections import Sightings
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CLUTTER = 0.15
 """1/m^2 and picture: false detections."""
@@ -58,19 +56,19 @@ PULL = 10.0
 class Reading:
     """One reading of all pictures so far: N balls and what they were assigned in the last picture."""
 
-    label: Ints
+    label: IntArray
     """(N,)"""
-    xy: Floats
-    v: Floats
-    p: Floats
+    xy: FloatArray
+    v: FloatArray
+    p: FloatArray
     """(N, 3) variances per axis: place, place with velocity, velocity."""
-    colour: Floats
-    spread: Floats
+    colour: FloatArray
+    spread: FloatArray
     """(N, 3) and (N,): mean L*a*b* and its standard deviation."""
-    seen: Ints
-    missed: Ints
+    seen: IntArray
+    missed: IntArray
     """(N,) pictures seen in all (`STILL` at birth for what is seen to rest), and missed since it was last seen."""
-    last: Ints
+    last: IntArray
     """(N,) detection in the last picture, -1 for none."""
     price: float = 0.0
     parent: Reading | None = field(default=None, repr=False)
@@ -85,21 +83,21 @@ class Reading:
 class Bid:
     """What every detection costs every ball of a reading, and the state it would start from."""
 
-    cost: Floats
+    cost: FloatArray
     """(N, K) against clutter."""
-    miss: Floats
+    miss: FloatArray
     """(N,)"""
-    mode: Ints
+    mode: IntArray
     """(N, K) what explains it best: `FREE`, ... `OFF`."""
-    pace: Floats
+    pace: FloatArray
     """(N,) m/s, speeds at play near each ball."""
     foresight: Foresight
-    p_free: Floats
-    p_contact: Floats
+    p_free: FloatArray
+    p_contact: FloatArray
     """(N, 3)"""
 
 
-def make_bid(reading: Reading, sightings: Sightings, now: Ints, dt: float, table: Table) -> Bid:
+def make_bid(reading: Reading, sightings: Sightings, now: IntArray, dt: float, table: Table) -> Bid:
     """Price detections `now` (K,) for all balls."""
     xy, v, p = reading.xy, reading.v, reading.p
     speed = np.hypot(v[:, 0], v[:, 1])
@@ -142,7 +140,9 @@ def make_bid(reading: Reading, sightings: Sightings, now: Ints, dt: float, table
     return Bid(cost, -np.log(1 - seen), mode, pace, foresight, p_free, p_contact)
 
 
-def _hurried(reading: Reading, sightings: Sightings, now: Ints, way: Floats, dt: float, table: Table) -> Floats:
+def _hurried(
+    reading: Reading, sightings: Sightings, now: IntArray, way: FloatArray, dt: float, table: Table
+) -> FloatArray:
     """(5, N, K) 1 where a streak is too long for a ball in a mode; at play near it a ball goes `way` (N,) m.
 
     No shutter is open for longer than from picture to picture. Only a blow by something that is not tracked makes a
@@ -155,7 +155,7 @@ def _hurried(reading: Reading, sightings: Sightings, now: Ints, way: Floats, dt:
     return np.stack([known, known, known, known & (length > 2 * gone + slack), known]).astype(np.float64)
 
 
-def _tint(reading: Reading, sightings: Sightings, now: Ints, table: Table) -> Floats:
+def _tint(reading: Reading, sightings: Sightings, now: IntArray, table: Table) -> FloatArray:
     """Price (N, K) of colours: a streak mixes the ball's with the cloth's, and what looks like cloth is no ball's."""
     colour, cloth = sightings.colour[now], sightings.cloth
     off = colour[None] - reading.colour[:, None]
@@ -170,22 +170,22 @@ def _tint(reading: Reading, sightings: Sightings, now: Ints, table: Table) -> Fl
     return np.asarray(np.minimum(distance / 2, COLOUR_LIMIT) + ghost)
 
 
-def _propagate(p: Floats, dt: float, push: Floats) -> Floats:
+def _propagate(p: FloatArray, dt: float, push: FloatArray) -> FloatArray:
     """Variances (N, 3) after dt of free motion with a white acceleration `push` (N,)."""
     place = p[:, 0] + 2 * dt * p[:, 1] + dt**2 * p[:, 2] + (push * dt**2 / 2) ** 2
     return np.stack([place, p[:, 1] + dt * p[:, 2] + push**2 * dt**3 / 2, p[:, 2] + (push * dt) ** 2], axis=1)
 
 
-def _contact_doubt(foresight: Foresight, p: Floats, radius: float) -> Floats:
+def _contact_doubt(foresight: Foresight, p: FloatArray, radius: float) -> FloatArray:
     """Standard deviation (N,) of the velocity after foreseen contacts, m/s: an offset turns the line of centres."""
     tilt = np.clip(2 * np.sqrt(p[:, 0]) / radius, 0.12, 1.0)
-    doubt: Floats = foresight.kick * np.minimum(tilt * np.maximum(foresight.contacts, 1), 1.0)
+    doubt: FloatArray = foresight.kick * np.minimum(tilt * np.maximum(foresight.contacts, 1), 1.0)
     return doubt
 
 
 def _opportunity(
     reading: Reading, foresight: Foresight, dt: float, table: Table
-) -> tuple[NDArray[np.bool_], Floats, Floats]:
+) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
     """Which balls (N,) come near something that may change their velocity, the speeds (N,) at play there, m/s, and
     the unit vectors (N, 2) from the one ball that could push them; 0 where that may be several, or a cushion."""
     r = table.ball_radius
@@ -207,25 +207,33 @@ def _opportunity(
     return near, pace, push_from
 
 
-def unit(vectors: Floats) -> Floats:
+def unit(vectors: FloatArray) -> FloatArray:
     length = np.hypot(vectors[:, 0], vectors[:, 1])
     return vectors / np.maximum(length, 1e-9)[:, None]
 
 
-def _log_normal(z: Floats, mean: Floats, variance: Floats, sigma: Floats, extra: Floats, along: Floats) -> Floats:
+def _log_normal(
+    z: FloatArray, mean: FloatArray, variance: FloatArray, sigma: FloatArray, extra: FloatArray, along: FloatArray
+) -> FloatArray:
     """Log density (N, K) in 1/m^2 of detections z (K, 2) around places (N, 2); a streak is less sure along itself."""
     r = z[None] - mean[:, None]
     across = variance[:, None] + sigma[None] ** 2
     lengthwise = across + extra[None]
     ahead = (r * along[None]).sum(axis=2) ** 2
     distance = ((r**2).sum(axis=2) - ahead) / across + ahead / lengthwise
-    density: Floats = -distance / 2 - np.log(2 * np.pi) - np.log(across * lengthwise) / 2
+    density: FloatArray = -distance / 2 - np.log(2 * np.pi) - np.log(across * lengthwise) / 2
     return density
 
 
 def _log_spread(
-    z: Floats, mean: Floats, variance: Floats, reach: Floats, sigma: Floats, extra: Floats, along: Floats
-) -> Floats:
+    z: FloatArray,
+    mean: FloatArray,
+    variance: FloatArray,
+    reach: FloatArray,
+    sigma: FloatArray,
+    extra: FloatArray,
+    along: FloatArray,
+) -> FloatArray:
     """Log density (N, K) of detections around places that are known to within `reach` (N,) m, or much better.
 
     What a blow leaves for the balls of a rack spreads over decades: each of `SHARES` of the reach is as likely.
@@ -233,18 +241,18 @@ def _log_spread(
     densities = [
         _log_normal(z, mean, variance + (share * reach + LEAST_REACH) ** 2, sigma, extra, along) for share in SHARES
     ]
-    mixed: Floats = np.logaddexp.reduce(densities, axis=0) - np.log(len(SHARES))
+    mixed: FloatArray = np.logaddexp.reduce(densities, axis=0) - np.log(len(SHARES))
     return mixed
 
 
-def _log_far(z: Floats, mean: Floats, variance: float) -> Floats:
+def _log_far(z: FloatArray, mean: FloatArray, variance: float) -> FloatArray:
     """Log density (N, K) in 1/m^2 with a heavy tail."""
     r2 = ((z[None] - mean[:, None]) ** 2).sum(axis=2)
-    density: Floats = -np.log(2 * np.pi * (variance + 1e-6)) - 1.5 * np.log1p(r2 / (variance + 1e-6))
+    density: FloatArray = -np.log(2 * np.pi * (variance + 1e-6)) - 1.5 * np.log1p(r2 / (variance + 1e-6))
     return density
 
 
-def _detection_chance(reading: Reading, foresight: Foresight, table: Table) -> Floats:
+def _detection_chance(reading: Reading, foresight: Foresight, table: Table) -> FloatArray:
     """Chance (N,) that a detector sees the ball; small in the jaws of a pocket and where it went unseen lately."""
     chance = np.where(reading.missed > 3, SEEN_HIDDEN, SEEN)
     chance = np.where(reading.sure, chance, 0.5)

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Game
+from models.core.typing import FloatArray
 from models.numerics.assignment import assigned
 from models.tracking.appearance import Look
-
-Floats = NDArray[np.float64]
 
 SNOOKER_COLOURS = {
     "cue": (85.0, 0.0, 12.0), "red": (38.0, 50.0, 32.0), "yellow": (75.0, 5.0, 65.0), "green": (38.0, -35.0, 12.0),
@@ -47,7 +46,7 @@ def name_kinds(look: Look, game: Game, struck: int | None = None) -> tuple[str, 
     return _snooker(look, struck) if game == "snooker" else _pool(look, struck)
 
 
-def name_ids(kinds: tuple[str, ...], xy: Floats) -> tuple[str, ...]:
+def name_ids(kinds: tuple[str, ...], xy: FloatArray) -> tuple[str, ...]:
     """Unique ids from kinds and first places (N, 2): left before right, then top before bottom."""
     ids = [""] * len(kinds)
     count: dict[str, int] = {}
@@ -89,7 +88,7 @@ def _brown_among(look: Look, reddish: NDArray[np.int64]) -> int | None:
     return brown if apart and duller else None
 
 
-def _cheapest(distance: Floats, names: list[str]) -> tuple[str, ...]:
+def _cheapest(distance: FloatArray, names: list[str]) -> tuple[str, ...]:
     """A name for each of N balls, each of the M names once and "red" any number of times, from distances (N, M)."""
     balls = len(distance)
     column = names + ["red"] * (balls - 1) + ["ball"] * balls
@@ -99,7 +98,7 @@ def _cheapest(distance: Floats, names: list[str]) -> tuple[str, ...]:
     return tuple(column[c] for c in chosen)
 
 
-def _calm(colour: Floats) -> Floats:
+def _calm(colour: FloatArray) -> FloatArray:
     """Colours (..., 3) with their saturation limited: cameras exaggerate it, the hue stays."""
     chroma = np.hypot(colour[..., 1], colour[..., 2])
     share = np.minimum(1.0, MOST_SATURATED / np.maximum(chroma, 1e-9))
@@ -119,7 +118,7 @@ def _carom(look: Look) -> tuple[str, ...]:
     return tuple(kinds)
 
 
-def _pick(cost: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _pick(cost: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     picks, balls = assigned(cost.T)
     return balls, picks
 
@@ -161,12 +160,12 @@ def _cue(look: Look, struck: int | None) -> int | None:
     return whitest if clear else None
 
 
-def _paleness(look: Look) -> Floats:
+def _paleness(look: Look) -> FloatArray:
     """(N,) how much a ball looks like a white one in tinted light: light, with little colour, some of it white."""
     return np.asarray(look.colour[:, 0] / 100 - look.chroma / 150 + look.white / 2)
 
 
-def _alike(colour: Floats) -> bool:
+def _alike(colour: FloatArray) -> bool:
     """Whether balls (n, 3) have one colour: those of an English set do, solids and stripes do not."""
     off = np.hypot.reduce(colour - np.median(colour, axis=0), axis=1)
     return bool(np.percentile(off, 75) < ONE_COLOUR)

@@ -7,7 +7,6 @@ goes straight, and what changes a velocity is near. See `models.tracking.track_h
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.detections import Detections
 from models.core.errors import TrackError
@@ -15,6 +14,7 @@ from models.core.options import TrackOptions
 from models.core.progress import Progress, silent
 from models.core.scene import Scene
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray, IntArray
 from models.tracking.appearance import look_of
 from models.tracking.ball_classes import name_ids, name_kinds
 from models.tracking.clutter_filter import is_ball, looks_like_ball, moves_like_ball
@@ -24,17 +24,14 @@ from models.tracking.table_detections import Sightings, sight
 from models.tracking.track_hypotheses import follow
 from models.tracking.tracklet_linking import Tracklet, cut, stitch
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 CAROM_BALLS = 3
 FEWEST_PICTURES = 5
 
 
 def associate(
     detections: Detections,
-    frame: Ints,
-    t: Floats,
+    frame: IntArray,
+    t: FloatArray,
     scene: Scene,
     options: TrackOptions = TrackOptions(),
     progress: Progress = silent,
@@ -79,7 +76,7 @@ def _that_stay(balls: list[Tracklet], pictures: int) -> list[Tracklet]:
 
 
 def _gather(
-    balls: list[Tracklet], sightings: Sightings, detections: Detections, frame: Ints, t: Floats, scene: Scene
+    balls: list[Tracklet], sightings: Sightings, detections: Detections, frame: IntArray, t: FloatArray, scene: Scene
 ) -> Tracks:
     """Columns of `Tracks`, balls ordered by kind name and place."""
     rows = [sightings.row[ball.row] for ball in balls]

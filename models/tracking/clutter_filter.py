@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Scene, Table
+from models.core.typing import FloatArray
 from models.tracking.assignment_cost import CLOTH_LIKE
 from models.tracking.table_detections import Sightings
 from models.tracking.tracklet_linking import Tracklet, fell
-
-Floats = NDArray[np.float64]
 
 LEAST_SEEN = 5
 """sightings: fewer are no ball."""
@@ -48,7 +47,7 @@ POCKET_REACH = 0.2
 """m from a pocket's centre within which a ball may vanish between two pictures."""
 
 
-def looks_like_ball(piece: Tracklet, sightings: Sightings, t: Floats, scene: Scene) -> bool:
+def looks_like_ball(piece: Tracklet, sightings: Sightings, t: FloatArray, scene: Scene) -> bool:
     """Whether the pictures of a tracklet may be those of a ball, before its pieces are joined."""
     clothy = float(np.hypot.reduce(piece.colour - scene.cloth_lab)) < CLOTH_LIKE
     if clothy and not (
@@ -58,7 +57,7 @@ def looks_like_ball(piece: Tracklet, sightings: Sightings, t: Floats, scene: Sce
     return _impossible_streaks(piece, sightings, scene.table) <= MOST_IMPOSSIBLE
 
 
-def is_ball(piece: Tracklet, sightings: Sightings, t: Floats, scene: Scene) -> bool:
+def is_ball(piece: Tracklet, sightings: Sightings, t: FloatArray, scene: Scene) -> bool:
     """Whether a tracklet lasts, looks and moves as a ball."""
     seen = len(piece.picture)
     lasting = seen >= LEAST_SHARE * len(t) or fell(piece, scene.table)
@@ -99,7 +98,7 @@ def _impossible_streaks(piece: Tracklet, sightings: Sightings, table: Table) -> 
     return float(np.mean(length > longest + STREAKED * table.ball_radius))
 
 
-def moves_like_ball(piece: Tracklet, others: list[Tracklet], sightings: Sightings, t: Floats, table: Table) -> bool:
+def moves_like_ball(piece: Tracklet, others: list[Tracklet], sightings: Sightings, t: FloatArray, table: Table) -> bool:
     """Whether its motion is likelier that of a ball than of a hand, which turns and halts again and again.
 
     A ball's velocity changes at contacts only: those with `others` are excused, those with cushions are few.
@@ -135,12 +134,12 @@ def _lost_share(piece: Tracklet, sightings: Sightings, table: Table) -> float:
     return lost / (lost + len(piece.picture))
 
 
-def _jitter(piece: Tracklet, sightings: Sightings, t: Floats) -> float:
+def _jitter(piece: Tracklet, sightings: Sightings, t: FloatArray) -> float:
     """Median departure of each sighting from between its neighbours, in standard deviations."""
     return float(np.median(_departures(piece, sightings, t)[0])) if len(piece.picture) > 2 else 0.0
 
 
-def _departures(piece: Tracklet, sightings: Sightings, t: Floats) -> tuple[Floats, Floats]:
+def _departures(piece: Tracklet, sightings: Sightings, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How far each sighting (M - 2,) is from between its neighbours, and they from each other, in sigma."""
     times, xy, sigma = t[piece.picture], sightings.xy[piece.row], sightings.sigma_along[piece.row]
     share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
@@ -151,11 +150,11 @@ def _departures(piece: Tracklet, sightings: Sightings, t: Floats) -> tuple[Float
     across = np.sqrt(np.maximum((off**2).sum(axis=1) - along**2, 0.0))
     push = 2.0 * (times[2:] - times[:-2]) ** 2 / 8  # m: what sliding friction bends a path by
     spread = np.hypot(1.2 * sigma[1:-1], push)
-    off_sigma: Floats = np.hypot(along / np.hypot(spread, TIME_JITTER * length), across / spread)
+    off_sigma: FloatArray = np.hypot(along / np.hypot(spread, TIME_JITTER * length), across / spread)
     return off_sigma, length / (1.5 * sigma[1:-1])
 
 
-def _vanishes(piece: Tracklet, t: Floats, table: Table) -> bool:
+def _vanishes(piece: Tracklet, t: FloatArray, table: Table) -> bool:
     """Whether it ends before the clip does, away from the pockets."""
     last = int(piece.picture[-1])
     if t[-1] - t[last] < VANISH_TIME or len(t) - 1 - last < VANISH_PICTURES:

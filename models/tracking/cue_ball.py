@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from models.core.typing import FloatArray, IntArray
 
 LEFT_RADII = 1.0
 """A ball has left its place when it is farther from it, and stays so."""
@@ -18,7 +16,7 @@ HEAD_START = 2
 """Pictures by which it is ahead of the next ball, or nobody knows which of the two came first."""
 
 
-def struck_ball(paths: Sequence[tuple[Ints, Floats]], radius: float) -> int | None:
+def struck_ball(paths: Sequence[tuple[IntArray, FloatArray]], radius: float) -> int | None:
     """Index of the ball that is struck, of (picture (M,), place (M, 2) m) per ball; None where it does not show."""
     leaving = [_leaves_at(picture, xy, radius) for picture, xy in paths]
     moving = sorted((at, ball) for ball, at in enumerate(leaving) if at is not None)
@@ -27,7 +25,7 @@ def struck_ball(paths: Sequence[tuple[Ints, Floats]], radius: float) -> int | No
     return moving[0][1]
 
 
-def _leaves_at(picture: Ints, xy: Floats, radius: float) -> int | None:
+def _leaves_at(picture: IntArray, xy: FloatArray, radius: float) -> int | None:
     """The picture in which a ball is seen away from its first place and does not come back; None for one that stays."""
     if len(picture) <= FEWEST_AT_REST:
         return None

@@ -9,13 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.tracking.table_detections import Sightings
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ALIKE = 3.0
 """standard deviations of colour by which balls may differ that can be taken for each other."""
@@ -35,15 +32,15 @@ class _Gap(NamedTuple):
 
     ball: int
     row: int
-    x0: Floats
-    v0: Floats
+    x0: FloatArray
+    v0: FloatArray
     t0: float
-    x1: Floats
-    v1: Floats
+    x1: FloatArray
+    v1: FloatArray
     t1: float
 
 
-def uncrossed(balls: list[Tracklet], sightings: Sightings, t: Floats, radius: float) -> list[Tracklet]:
+def uncrossed(balls: list[Tracklet], sightings: Sightings, t: FloatArray, radius: float) -> list[Tracklet]:
     """The balls, with what follows a gap exchanged where that leads two of them on straighter by a ball's radius, m."""
     for _ in range(MOST):
         gaps = [gap for k, ball in enumerate(balls) for gap in _gaps(k, ball, sightings, t)]
@@ -61,7 +58,7 @@ def uncrossed(balls: list[Tracklet], sightings: Sightings, t: Floats, radius: fl
     return balls
 
 
-def _gaps(number: int, ball: Tracklet, sightings: Sightings, t: Floats) -> list[_Gap]:
+def _gaps(number: int, ball: Tracklet, sightings: Sightings, t: FloatArray) -> list[_Gap]:
     """Between sightings with two on either side near enough to tell velocities."""
     times, x = t[ball.picture], sightings.xy[ball.row]
     v = np.diff(x, axis=0) / np.diff(times)[:, None]
@@ -94,7 +91,7 @@ def _alike(balls: list[Tracklet], i: int, j: int) -> bool:
     return off < ALIKE * float(np.hypot(balls[i].spread, balls[j].spread))
 
 
-def _exchanged(balls: list[Tracklet], one: _Gap, two: _Gap, sightings: Sightings, t: Floats) -> list[Tracklet]:
+def _exchanged(balls: list[Tracklet], one: _Gap, two: _Gap, sightings: Sightings, t: FloatArray) -> list[Tracklet]:
     """The balls, each with the other's sightings after its gap."""
     fresh = list(balls)
     for mine, other in ((one, two), (two, one)):

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Table
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 BALL_RESTITUTION = 0.95
 """Ball against ball, 0.92 to 0.98 (Alciatore, TP A-6)."""
@@ -31,23 +30,23 @@ _JAWS = 2.6
 class Foresight:
     """N balls one interval later."""
 
-    free: Floats
+    free: FloatArray
     """(N, 2) m, as if nothing stood in the way."""
-    free_v: Floats
+    free_v: FloatArray
     """(N, 2) m/s."""
-    xy: Floats
+    xy: FloatArray
     """(N, 2) m, after cushions and contacts."""
-    v: Floats
+    v: FloatArray
     """(N, 2) m/s."""
-    kick: Floats
+    kick: FloatArray
     """(N,) m/s, sum of the velocity changes; 0 where the ball met nothing."""
     contacts: NDArray[np.int64]
     """(N,) how many cushions and balls it met."""
-    since: Floats
+    since: FloatArray
     """(N,) s from there to the end of the interval, weighted by the velocity changes."""
 
 
-def foresee(xy: Floats, v: Floats, dt: float, table: Table, solid: NDArray[np.bool_]) -> Foresight:
+def foresee(xy: FloatArray, v: FloatArray, dt: float, table: Table, solid: NDArray[np.bool_]) -> Foresight:
     """Move balls at xy (N, 2) m with v (N, 2) m/s by dt seconds; only `solid` (N,) ones meet each other."""
     speed = np.hypot(v[:, 0], v[:, 1])
     keep = np.clip(1.0 - ROLLING_DECELERATION * dt / np.maximum(speed, 1e-9), 0.0, 1.0)[:, None]
@@ -82,7 +81,9 @@ def foresee(xy: Floats, v: Floats, dt: float, table: Table, solid: NDArray[np.bo
     return Foresight(free, free_v, np.where(met, x, free), np.where(met, w, free_v), kick, contacts, since)
 
 
-def _next_ball(x: Floats, v: Floats, radius: float, solid: NDArray[np.bool_], horizon: float) -> tuple[float, int, int]:
+def _next_ball(
+    x: FloatArray, v: FloatArray, radius: float, solid: NDArray[np.bool_], horizon: float
+) -> tuple[float, int, int]:
     """Time to the next contact of two balls, and which; infinite if there is none before the horizon."""
     moving = np.flatnonzero(solid & ((v != 0).any(axis=1)))
     others = np.flatnonzero(solid)
@@ -104,7 +105,7 @@ def _next_ball(x: Floats, v: Floats, radius: float, solid: NDArray[np.bool_], ho
     return (first if first <= horizon else np.inf), int(moving[i]), int(others[j])
 
 
-def _next_cushion(x: Floats, v: Floats, table: Table, horizon: float) -> tuple[float, int, int]:
+def _next_cushion(x: FloatArray, v: FloatArray, table: Table, horizon: float) -> tuple[float, int, int]:
     """Time to the next cushion contact, which ball, and along which axis; infinite if none."""
     r = table.ball_radius
     low, high = np.full(2, r), np.array([table.length - r, table.width - r])
@@ -123,7 +124,7 @@ def _next_cushion(x: Floats, v: Floats, table: Table, horizon: float) -> tuple[f
     return (first if first <= horizon else np.inf), ball, axis
 
 
-def _bounce(x: Floats, v: Floats, a: int, b: int) -> float:
+def _bounce(x: FloatArray, v: FloatArray, a: int, b: int) -> float:
     """Two equal masses exchange the velocity along their line of centres; the change of either, m/s."""
     normal = x[b] - x[a]
     normal = normal / max(float(np.hypot(*normal)), 1e-12)

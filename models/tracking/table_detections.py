@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 
 from models.core.detections import Detections
 from models.core.scene import Scene
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from models.core.typing import FloatArray, IntArray
 
 OFF_TABLE_RADII = 1.0
 """A ball's centre is at least one radius inside the noses; this much further out may be an error of the calibration."""
@@ -27,33 +25,33 @@ _LEAST_SIGMA_PX = 0.25
 class Sightings:
     """K detections in columns; `first[k]:first[k + 1]` are those of picture k."""
 
-    row: Ints
+    row: IntArray
     """(K,) row in the `Detections` they came from."""
-    first: Ints
+    first: IntArray
     """(T + 1,)"""
-    xy: Floats
+    xy: FloatArray
     """(K, 2) m."""
-    sigma: Floats
+    sigma: FloatArray
     """(K,) m, across the streak."""
-    sigma_along: Floats
+    sigma_along: FloatArray
     """(K,) m, along it."""
-    streak: Floats
+    streak: FloatArray
     """(K, 2) m travelled during the exposure, sign unknown."""
-    colour: Floats
+    colour: FloatArray
     """(K, 3) L*a*b*."""
-    score: Floats
+    score: FloatArray
     """(K,) in [0, 1]."""
-    scale: Floats
+    scale: FloatArray
     """(K,) m/px."""
-    lay: Floats
+    lay: FloatArray
     """(K, 2, 2) d(m)/d(px) over `scale`: how an oblique view stretches a circle of errors."""
     still: NDArray[np.bool_]
     """(K,) seen again in the same place in most of the next pictures."""
-    cloth: Floats
+    cloth: FloatArray
     """(3,) L*a*b*."""
 
 
-def sight(detections: Detections, frame: Ints, scene: Scene) -> Sightings:
+def sight(detections: Detections, frame: IntArray, scene: Scene) -> Sightings:
     """Put the detections of the pictures `frame` (T,) on the table; those that cannot be balls stay out."""
     picture = np.searchsorted(frame, detections.frame)
     known = (picture < len(frame)) & (frame[np.minimum(picture, len(frame) - 1)] == detections.frame)
@@ -78,7 +76,7 @@ def sight(detections: Detections, frame: Ints, scene: Scene) -> Sightings:
     )  # fmt: skip
 
 
-def _still(first: Ints, xy: Floats, sigma: Floats) -> NDArray[np.bool_]:
+def _still(first: IntArray, xy: FloatArray, sigma: FloatArray) -> NDArray[np.bool_]:
     """Which sightings (K,) recur within their noise in most of the next `_NEXT` pictures."""
     still = np.zeros(len(xy), bool)
     for k in range(len(first) - 1 - _NEXT):
@@ -92,7 +90,7 @@ def _still(first: Ints, xy: Floats, sigma: Floats) -> NDArray[np.bool_]:
     return still
 
 
-def _may_be_ball(xy: Floats, scene: Scene) -> NDArray[np.bool_]:
+def _may_be_ball(xy: FloatArray, scene: Scene) -> NDArray[np.bool_]:
     """Which places (K, 2) a ball's centre can be at."""
     table, r = scene.table, scene.table.ball_radius
     margin = (1.0 - OFF_TABLE_RADII) * r

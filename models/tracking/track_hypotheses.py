@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from models.core.progress import Progress, silent
 from models.core.scene import Table
+from models.core.typing import FloatArray, IntArray
 from models.numerics.assignment import assigned
 from models.tracking.assignment_cost import (
     BUMPED,
@@ -32,9 +33,6 @@ from models.tracking.assignment_cost import (
 )
 from models.tracking.table_detections import Sightings
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 NEW_BALL_SPEED = 0.1
 """m/s, standard deviation per axis of the velocity of a ball that appears at rest, as most do."""
 SUSPICIOUS = 5.0
@@ -49,8 +47,8 @@ _IMPOSSIBLE = 1e6
 
 
 def follow(
-    sightings: Sightings, t: Floats, table: Table, breadth: int, patience: float, progress: Progress = silent
-) -> list[tuple[Ints, Ints]]:
+    sightings: Sightings, t: FloatArray, table: Table, breadth: int, patience: float, progress: Progress = silent
+) -> list[tuple[IntArray, IntArray]]:
     """Tracklets as (pictures (M,), detections (M,)), in the order of their birth."""
     readings = [_nothing()]
     labels = 0
@@ -75,7 +73,7 @@ def _nothing() -> Reading:
 def _advance(
     readings: list[Reading],
     sightings: Sightings,
-    now: Ints,
+    now: IntArray,
     dt: float,
     early: bool,
     table: Table,
@@ -84,7 +82,7 @@ def _advance(
 ) -> tuple[list[Reading], int]:
     """The best readings after one more picture, best first."""
     bids = [make_bid(reading, sightings, now, dt, table) for reading in readings]
-    choices: list[tuple[float, int, Ints]] = []
+    choices: list[tuple[float, int, IntArray]] = []
     for index, (reading, bid) in enumerate(zip(readings, bids, strict=True)):
         for price, chosen in _assignments(reading, bid, breadth):
             choices.append((reading.price + price, index, chosen))
@@ -100,7 +98,7 @@ def _advance(
     return after, max([labels] + [int(r.label.max()) + 1 for r in after if len(r.label)])
 
 
-def _assignments(reading: Reading, bid: Bid, breadth: int) -> list[tuple[float, Ints]]:
+def _assignments(reading: Reading, bid: Bid, breadth: int) -> list[tuple[float, IntArray]]:
     """The cheapest assignment (N,) of detections (-1 for none), and the cheapest exchanges of two balls beside it."""
     n, k = bid.cost.shape
     if not n:
@@ -130,7 +128,7 @@ def _assignments(reading: Reading, bid: Bid, breadth: int) -> list[tuple[float, 
     return result
 
 
-def _departures(reading: Reading, bid: Bid, chosen: Ints, price: float) -> list[tuple[float, Ints]]:
+def _departures(reading: Reading, bid: Bid, chosen: IntArray, price: float) -> list[tuple[float, IntArray]]:
     """Beside an assignment: a ball that was not seen left with a detection that nobody took, though that is rare.
 
     Two may have: a ball that was struck behind a hand, and the one that it sent off before it was seen again.
@@ -155,9 +153,9 @@ def _departures(reading: Reading, bid: Bid, chosen: Ints, price: float) -> list[
 def _update(
     reading: Reading,
     bid: Bid,
-    chosen: Ints,
+    chosen: IntArray,
     sightings: Sightings,
-    now: Ints,
+    now: IntArray,
     dt: float,
     early: bool,
     table: Table,
@@ -205,17 +203,17 @@ def _update(
 
 
 def _correct(
-    start: Floats,
-    xy: Floats,
-    v: Floats,
-    p: Floats,
+    start: FloatArray,
+    xy: FloatArray,
+    v: FloatArray,
+    p: FloatArray,
     mode: int,
     sightings: Sightings,
     d: int,
     dt: float,
     radius: float,
     around: float,
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Place, velocity and variances of one ball after detection d; `around` is the speed at play near it, m/s."""
     z, r2 = sightings.xy[d], sightings.sigma[d] ** 2 + (mode == OFF) * (OUTLIER_RADII * radius) ** 2
     if mode in (BUMPED, STRUCK):
@@ -240,7 +238,7 @@ def _correct(
     return xy + p[0] * scaled, v + p[1] * scaled, corrected
 
 
-def _keep(reading: Reading, hit: NDArray[np.bool_], xy: Floats, table: Table) -> NDArray[np.bool_]:
+def _keep(reading: Reading, hit: NDArray[np.bool_], xy: FloatArray, table: Table) -> NDArray[np.bool_]:
     """Which balls stay in play: not those potted, run off, or never confirmed."""
     missed = np.where(hit, 0, reading.missed + 1)
     seen = reading.seen + hit
@@ -253,7 +251,7 @@ def _keep(reading: Reading, hit: NDArray[np.bool_], xy: Floats, table: Table) ->
     return (missed <= patience) & (inside | hit | (missed <= 2))
 
 
-def _births(chosen: Ints, sightings: Sightings, now: Ints, balls: Floats, table: Table) -> Ints:
+def _births(chosen: IntArray, sightings: Sightings, now: IntArray, balls: FloatArray, table: Table) -> IntArray:
     """Detections that nobody took and that lie on no ball just seen."""
     free = np.setdiff1d(np.arange(len(now)), chosen)
     if len(free) and len(balls):
@@ -278,7 +276,7 @@ def _ancestor(reading: Reading, generations: int) -> Reading:
     return reading
 
 
-def _walk_back(reading: Reading, pictures: int) -> list[tuple[Ints, Ints]]:
+def _walk_back(reading: Reading, pictures: int) -> list[tuple[IntArray, IntArray]]:
     found: dict[int, tuple[list[int], list[int]]] = {}
     node: Reading | None = reading
     k = pictures - 1

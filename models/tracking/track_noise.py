@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.tracks import Tracks
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 _MAD = 1.4826
 """Median absolute deviation to standard deviation, normal distribution."""
@@ -33,13 +32,13 @@ FLOOR = 0.012
 class Noise:
     """What to make of the sigmas of tracks."""
 
-    scale: Floats
+    scale: FloatArray
     """(N,) factor on the sigmas of each ball."""
-    timing: Floats
+    timing: FloatArray
     """(T,) s: jitter of the moments at which pictures were taken; it moves fast balls along their way."""
     floor: float
     """m, added in quadrature."""
-    bursts: Floats
+    bursts: FloatArray
     """(T, N, 2) >= 1: further factors along and across the motion where a ball is seen badly for a while."""
 
 
@@ -50,15 +49,15 @@ class _Misfit:
     Seen in the picture (`Tracks.as_seen`), where an oblique view has no worse direction.
     """
 
-    along: Floats
+    along: FloatArray
     """m, in the direction of motion."""
-    across: Floats
-    sigma: Floats
+    across: FloatArray
+    sigma: FloatArray
     """m, standard deviation that the tracks promise, across and along."""
-    sigma_along: Floats
-    speed: Floats
+    sigma_along: FloatArray
+    speed: FloatArray
     """m/s on the table; 0 where the ball does not get on evenly, as one does not that jumps between two places."""
-    pace: Floats
+    pace: FloatArray
     """m/s as seen."""
 
 
@@ -102,7 +101,7 @@ def _scale(miss: _Misfit, speed: float) -> float:
     return float("nan")
 
 
-def _bursts(miss: _Misfit, scale: float) -> Floats:
+def _bursts(miss: _Misfit, scale: float) -> FloatArray:
     """How much more than usual the samples (n, 2) scatter around their moment, along and across the motion; >= 1."""
     values = np.abs(np.stack([miss.along / miss.sigma_along, miss.across / miss.sigma], axis=1)) / scale
     padded = np.pad(values, ((_BURST // 2, _BURST // 2), (0, 0)), mode="reflect")
@@ -141,7 +140,7 @@ def with_noise(tracks: Tracks, noise: Noise) -> Tracks:
     return replace(tracks, sigma=sigma, sigma_along=along, streak=streak)
 
 
-def velocities(t: Floats, xy: Floats) -> Floats:
+def velocities(t: FloatArray, xy: FloatArray) -> FloatArray:
     """Central differences (T, 2) of xy (T, 2) at t (T,), one-sided at the ends."""
     before, after = np.clip(np.arange(len(t)) - 1, 0, None), np.clip(np.arange(len(t)) + 1, None, len(t) - 1)
     return (xy[after] - xy[before]) / (t[after] - t[before])[:, None]
@@ -174,7 +173,7 @@ def _misfit(tracks: Tracks, ball: int) -> _Misfit:
     return _Misfit((miss * direction).sum(axis=1), across, sigma, along, speed, length / (t[3:] - t[:-3]))
 
 
-def _as_seen(vectors: Floats, lay: Floats | None) -> Floats:
+def _as_seen(vectors: FloatArray, lay: FloatArray | None) -> FloatArray:
     """Vectors (n, 2) on the table as the picture shows them, which lies on it as `lay` (n, 2, 2) says."""
     return vectors if lay is None else np.asarray(np.linalg.solve(lay, vectors[..., None])[..., 0])
 
@@ -188,7 +187,7 @@ def seldom_seen(tracks: Tracks) -> NDArray[np.bool_]:
     return seldom
 
 
-def outliers(t: Floats, xy: Floats, sigma: Floats, limit: float = 8.0) -> NDArray[np.bool_]:
+def outliers(t: FloatArray, xy: FloatArray, sigma: FloatArray, limit: float = 8.0) -> NDArray[np.bool_]:
     """Samples (T,) that lie far off while the two before and the two after agree with each other without them.
 
     They agree where a ball goes on steadily, and where it rests on one side and is at that place on the other: none

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray, IntArray
 from models.numerics.assignment import assigned
 from models.tracking.table_detections import Sightings
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FASTEST = 12.0
 """m/s, a hard break."""
@@ -31,19 +28,19 @@ _IMPOSSIBLE = 1e6
 class Tracklet:
     """M sightings of one ball."""
 
-    picture: Ints
-    row: Ints
+    picture: IntArray
+    row: IntArray
     """(M,) row in `Sightings`."""
-    colour: Floats
+    colour: FloatArray
     """(3,) median."""
     spread: float
     """of the colour, one standard deviation."""
-    start: Floats
-    end: Floats
+    start: FloatArray
+    end: FloatArray
     """(4,) x, y, vx, vy at the first and at the last sighting."""
 
 
-def cut(chains: list[tuple[Ints, Ints]], sightings: Sightings, t: Floats) -> list[Tracklet]:
+def cut(chains: list[tuple[IntArray, IntArray]], sightings: Sightings, t: FloatArray) -> list[Tracklet]:
     """Tracklets of chains of (pictures, sightings), cut at long gaps: a ball that left may have picked up clutter."""
     tracklets = []
     for picture, row in chains:
@@ -54,7 +51,7 @@ def cut(chains: list[tuple[Ints, Ints]], sightings: Sightings, t: Floats) -> lis
     return tracklets
 
 
-def make_tracklet(picture: Ints, row: Ints, sightings: Sightings, t: Floats) -> Tracklet:
+def make_tracklet(picture: IntArray, row: IntArray, sightings: Sightings, t: FloatArray) -> Tracklet:
     """Gather what stitching needs of a chain of sightings."""
     colours = sightings.colour[row]
     middle = np.median(colours, axis=0)
@@ -63,7 +60,7 @@ def make_tracklet(picture: Ints, row: Ints, sightings: Sightings, t: Floats) -> 
     return Tracklet(picture, row, middle, spread, _state(xy[:4], times[:4], 0), _state(xy[-4:], times[-4:], -1))
 
 
-def _state(xy: Floats, t: Floats, at: int) -> Floats:
+def _state(xy: FloatArray, t: FloatArray, at: int) -> FloatArray:
     """Place and velocity (4,) at one end of a few samples."""
     if len(t) < 2:
         return np.concatenate([xy[at], np.zeros(2)])
@@ -72,7 +69,7 @@ def _state(xy: Floats, t: Floats, at: int) -> Floats:
     return np.concatenate([place, slope])
 
 
-def stitch(tracklets: list[Tracklet], sightings: Sightings, t: Floats, table: Table) -> list[Tracklet]:
+def stitch(tracklets: list[Tracklet], sightings: Sightings, t: FloatArray, table: Table) -> list[Tracklet]:
     """Join tracklets over gaps, cheapest together."""
     pieces, n = tracklets, len(tracklets)
     if not n:
@@ -106,7 +103,7 @@ def _chain(head: int, follower: dict[int, int]) -> list[int]:
     return chain
 
 
-def _join(pieces: list[Tracklet], sightings: Sightings, t: Floats) -> Tracklet:
+def _join(pieces: list[Tracklet], sightings: Sightings, t: FloatArray) -> Tracklet:
     if len(pieces) == 1:
         return pieces[0]
     picture = np.concatenate([piece.picture for piece in pieces])
@@ -115,7 +112,7 @@ def _join(pieces: list[Tracklet], sightings: Sightings, t: Floats) -> Tracklet:
     return make_tracklet(picture[new], row[new], sightings, t)
 
 
-def _link_cost(before: Tracklet, after: Tracklet, t: Floats, table: Table) -> float:
+def _link_cost(before: Tracklet, after: Tracklet, t: FloatArray, table: Table) -> float:
     """Price of `after` being `before` seen again: colour, and how far physics must be stretched."""
     gap = max(float(t[after.picture[0]] - t[before.picture[-1]]), 0.0)
     way = after.start[:2] - before.end[:2]

@@ -14,6 +14,7 @@ from PIL import Image
 
 from models.core.errors import OptionError, TruerollError
 from models.core.scene import Camera
+from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import Call
 from models.estimation.contact_test.shot_record import Record
@@ -22,8 +23,6 @@ from pipeline.engine.atomic_write import aside
 from pipeline.io.run_folder import read_scene
 from video.io.clip import Clip, clip_digest, open_clip, read_frames
 from video.overlay.close_up import Outline, Scenery, close_up, strip
-
-Floats = NDArray[np.float64]
 
 SHAPES = {"contact": 2, "first": 1, "cushion-first": 1, "pocket": 2, "line": 2}
 """Words after the first one."""
@@ -126,7 +125,7 @@ def _shown_part(folder: Path, clip: Clip) -> Clip:
     return clip
 
 
-def _points(record: Record, axis: str, at: float) -> Floats:
+def _points(record: Record, axis: str, at: float) -> FloatArray:
     """(n, 2) m along the line across the table at x or y = `at`."""
     along = np.linspace(0, record.table.width if axis == "x" else record.table.length, LINE_POINTS)
     columns = (np.full(LINE_POINTS, at), along)
@@ -134,7 +133,7 @@ def _points(record: Record, axis: str, at: float) -> Floats:
 
 
 def _scenery(
-    record: Record, camera: Camera, call: Call, frame: int, picture: NDArray[np.uint8], line: Floats | None
+    record: Record, camera: Camera, call: Call, frame: int, picture: NDArray[np.uint8], line: FloatArray | None
 ) -> Scenery:
     """A picture with the fitted outlines of the balls that take part, and the line (n, 2) m in question."""
     t = float(record.shown[np.searchsorted(record.frame, frame)])
@@ -144,7 +143,7 @@ def _scenery(
     return Scenery(picture, frame, t, outlines, _outlines(record, camera, call, call.t, drift), seen)
 
 
-def _outlines(record: Record, camera: Camera, call: Call, t: float, drift: Floats) -> tuple[Outline, ...]:
+def _outlines(record: Record, camera: Camera, call: Call, t: float, drift: FloatArray) -> tuple[Outline, ...]:
     """The balls that take part, where the fit puts them at t (s)."""
     found = []
     for name in call.balls:
@@ -155,11 +154,11 @@ def _outlines(record: Record, camera: Camera, call: Call, t: float, drift: Float
     return tuple(found)
 
 
-def _drift(record: Record, camera: Camera, t: float) -> Floats:
+def _drift(record: Record, camera: Camera, t: float) -> FloatArray:
     """px (2,) by which the picture at t (s) has moved against the reference picture, as its balls show."""
     rows = np.abs(record.t - t) < 1e-9
     if not rows.any():
         return np.zeros(2)
     there = camera.to_pixels(record.xy[rows], record.table.ball_radius)
-    shift: Floats = np.nanmedian(record.px[rows] - there, axis=0)
+    shift: FloatArray = np.nanmedian(record.px[rows] - there, axis=0)
     return shift if np.isfinite(shift).all() else np.zeros(2)

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import Report
+from models.core.typing import FloatArray
 from models.numerics.executor import Crew
 from pipeline.batch.clip_job import Row
 from pipeline.engine.helper_process import crew
@@ -31,7 +31,6 @@ SAME_CLOTH = 15.0
 """CIE 1976 colour difference below which two cloths are taken for one: half of what parts green from blue cloth, and
 more than a lamp and an afternoon change."""
 
-Floats = NDArray[np.float64]
 Size = tuple[str, float, float, float]
 """Name, length, width and ball radius (m) of a table."""
 
@@ -47,7 +46,7 @@ class TableShots:
 def tables_of(rows: Iterable[Row]) -> list[TableShots]:
     """The runs of a batch by table: of one size, and with a cloth of one colour; runs that are not to be trusted left
     out."""
-    found: list[tuple[Size, Floats, list[Path]]] = []
+    found: list[tuple[Size, FloatArray, list[Path]]] = []
     for folder, light in _runs(rows):
         size, colour = _table(folder)
         for other, seen, folders in found:
@@ -105,7 +104,7 @@ def _runs(rows: Iterable[Row]) -> Iterator[tuple[Path, str]]:
             yield folder, row.trust
 
 
-def _table(folder: Path) -> tuple[Size, Floats]:
+def _table(folder: Path) -> tuple[Size, FloatArray]:
     scene = _scene(folder)
     table = scene.get("table") or {}
     size = (str(table.get("name") or ""), float(table["length"]), float(table["width"]), float(scene["ball_radius"]))

@@ -15,6 +15,7 @@ from PIL import Image
 
 from models.core.errors import OptionError
 from models.core.fit_result import Trust
+from models.core.typing import FloatArray, ImageArray
 from pipeline.chain import fit_graph, fitted, refuse_closed
 from pipeline.engine.atomic_write import aside, new_folder
 from pipeline.engine.result_cache import Cache
@@ -29,9 +30,6 @@ from video.matting.ball_timeline import Sightings, sight
 from video.overlay.plain_interpolation import Making, even_rate, even_times, pictures_at, times_between
 from video.overlay.vertical_crop import window_lefts, window_width
 from video.synthesis.frame_synthesis import scenery_of
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 TICK = Fraction(1, 90000)
 """s, of videos whose pictures come unevenly."""
@@ -129,7 +127,7 @@ def interpolate_clip(
     return Interpolated(len(times), originals, float(rate), run_trust(seen, fit), seen.notes)
 
 
-def _schedule(clip: Clip, wanted: InterpolateOptions) -> tuple[Floats, Fraction, bool]:
+def _schedule(clip: Clip, wanted: InterpolateOptions) -> tuple[FloatArray, Fraction, bool]:
     """Times (K,) s of the clip, the rate of the finished video, and whether its pictures come evenly."""
     slow = Fraction(wanted.slow).limit_denominator(1000)
     if wanted.rate is not None:
@@ -140,7 +138,7 @@ def _schedule(clip: Clip, wanted: InterpolateOptions) -> tuple[Floats, Fraction,
     return times, (exact or mean) / slow, exact is not None
 
 
-def _exposure(wanted: InterpolateOptions, times: Floats) -> float | None:
+def _exposure(wanted: InterpolateOptions, times: FloatArray) -> float | None:
     """s of the clip for which the shutter is open."""
     if wanted.shutter is None:
         return None
@@ -174,12 +172,12 @@ class _Window:
     """(K,) px"""
 
     @classmethod
-    def of(cls, sightings: Sightings, times: Floats, clip: Clip, upright: bool) -> _Window:
+    def of(cls, sightings: Sightings, times: FloatArray, clip: Clip, upright: bool) -> _Window:
         if not upright:
             return cls(clip.width, np.zeros(len(times), np.int64))
         return cls(window_width(clip.width, clip.height), window_lefts(sightings, times))
 
-    def cut(self, picture: Picture, k: int) -> Picture:
+    def cut(self, picture: ImageArray, k: int) -> ImageArray:
         left = int(self.lefts[k])
         return np.ascontiguousarray(picture[:, left : left + self.width])
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from models.estimation.particles.particle_fit import Explained, Floats, explain
+from models.core.typing import FloatArray
+from models.estimation.particles.particle_fit import Explained, explain
 from pipeline.chain import refuse_closed
 from pipeline.engine.atomic_write import aside
 from pipeline.io.particle_files import Shot, described, physics, read_particles, tracks_file, write_places
@@ -35,7 +36,7 @@ def interpolate_particles(source: Path, factor: int, out: Path, fps: float | Non
     print(f"Look at {target}")
 
 
-def finer(shot: Shot, found: Explained, factor: int) -> dict[str, Floats]:
+def finer(shot: Shot, found: Explained, factor: int) -> dict[str, FloatArray]:
     """Samples as they were, and factor - 1 places between each two; nothing before a particle was first seen or after
     it was last seen."""
     seen = shot.particles.seen

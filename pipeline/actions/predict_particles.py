@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from models.core.errors import OptionError
-from models.estimation.particles.particle_fit import Floats, Particles
+from models.core.typing import FloatArray
+from models.estimation.particles.particle_fit import Particles
 from models.estimation.particles.particle_prediction import Foretold, foretell
 from pipeline.chain import refuse_closed
 from pipeline.engine.atomic_write import aside
@@ -74,6 +75,6 @@ def _until(particles: Particles, at: float | None) -> Particles:
         raise OptionError(f"Too little was seen until {at:g} s: {error}") from error
 
 
-def _rows(found: Foretold) -> dict[str, Floats]:
+def _rows(found: Foretold) -> dict[str, FloatArray]:
     sigma = np.broadcast_to(found.sigma[:, None], found.x.shape[:2])
     return {"t": found.t, "x": found.x, "sigma": sigma}

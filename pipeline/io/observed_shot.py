@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from models.core.errors import OptionError
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import KINDS, Tracks
+from models.core.typing import FloatArray
 from pipeline.io.run_folder import USUAL_SIGMA, Columns, camera_of, read_scene, read_table, table_of
-
-Floats = NDArray[np.float64]
 
 CLOTH_LAB = np.array([40.0, -30.0, 10.0])
 """Of a table that no picture shows."""
@@ -92,14 +91,14 @@ class _Grid:
     def __init__(self, row: NDArray[np.intp], ball: NDArray[np.intp], shape: tuple[int, int]) -> None:
         self._row, self._ball, self._shape = row, ball, shape
 
-    def of(self, values: Floats) -> Floats:
+    def of(self, values: FloatArray) -> FloatArray:
         """(T, N, ...) from values (K, ...), NaN elsewhere."""
         grid = np.full((*self._shape, *values.shape[1:]), np.nan)
         grid[self._row, self._ball] = values[::-1]
         return grid
 
 
-def _clock(columns: Columns, told: dict[str, Any], path: Path) -> tuple[NDArray[np.int64], Floats]:
+def _clock(columns: Columns, told: dict[str, Any], path: Path) -> tuple[NDArray[np.int64], FloatArray]:
     """Frame and time of every row; either may stand for the other where the rate is known."""
     fps = told.get("fps")
     rate = float(fps) if isinstance(fps, int | float) and fps > 0 else None
@@ -150,6 +149,6 @@ def _above(told: dict[str, Any], table: Table) -> Camera:
     return Camera(matrix, wide, tall, corners, 0.01 * np.eye(8), "cloth", HEIGHT, 0.3)
 
 
-def _cloth(told: dict[str, Any]) -> Floats:
+def _cloth(told: dict[str, Any]) -> FloatArray:
     lab = told["table"].get("cloth_lab")
     return np.array(lab, float) if isinstance(lab, list) and len(lab) == 3 else CLOTH_LAB

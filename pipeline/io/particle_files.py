@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.errors import OptionError
+from models.core.typing import FloatArray
 from models.estimation.particles.body_names import named_bodies
 from models.estimation.particles.particle_fit import Explained, Particles
 from models.estimation.particles.particle_prediction import Foretold
 from pipeline.io.run_folder import Columns, read_table
 from pipeline.io.run_tables import write_columns
-
-Floats = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 SCENES = ("billiards", "flight", "pendulum", "slide")
@@ -82,7 +80,7 @@ def read_particles(path: Path, fps: float | None = None) -> Iterator[Shot]:
         yield _shot(number, axes, {name: values[rows] for name, values in columns.items()}, path)
 
 
-def _times(columns: Columns, path: Path, fps: float | None) -> Floats:
+def _times(columns: Columns, path: Path, fps: float | None) -> FloatArray:
     """s of every row; t wins over fps."""
     if "t" in columns:
         return np.asarray(columns["t"], np.float64)
@@ -119,14 +117,14 @@ def described(told: dict[str, Any]) -> Iterator[str]:
     yield from (f"  {sentence}" for sentence in told["not_told"])
 
 
-def write_places(path: Path, shots: list[Shot], rows: list[dict[str, Floats]]) -> None:
+def write_places(path: Path, shots: list[Shot], rows: list[dict[str, FloatArray]]) -> None:
     """One table of several shots: rows of each are t (M,), x (M, N, D), sigma (M, N) and more of (M, N); a place that
     is not finite has no row."""
     parts = [_columns(shot, values) for shot, values in zip(shots, rows, strict=True)]
     write_columns({name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, path)
 
 
-def _columns(shot: Shot, values: dict[str, Floats]) -> Columns:
+def _columns(shot: Shot, values: dict[str, FloatArray]) -> Columns:
     x = values["x"]
     row, k = np.nonzero(np.isfinite(x).all(axis=2))
     columns: Columns = {"shot": np.full(len(row), shot.number), "frame": row, "t": values["t"][row],

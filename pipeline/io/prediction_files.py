@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.forecast.ensemble_prediction import Foretold, Meeting, Prediction
 from models.estimation.forecast.forecast_check import Hindsight
 from pipeline.io.run_tables import Columns, write_columns
 from pipeline.reporting.text.run_trust import trust_facts
-
-Floats = NDArray[np.float64]
 
 QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
 NORMAL = {"05": -1.6448536, "25": -0.6744898, "50": 0.0, "75": 0.6744898, "95": 1.6448536}
@@ -44,7 +42,7 @@ def write_prediction(found: Prediction, shot: int, path: Path) -> None:
     write_columns(columns, path)
 
 
-def _quantiles(found: Prediction, axis: int) -> dict[str, Floats]:
+def _quantiles(found: Prediction, axis: int) -> dict[str, FloatArray]:
     """(T, N) each: of the normal distribution, then of the courses that have the ball on the table."""
     middle, spread = found.path[..., axis], np.sqrt(found.covariance[..., axis, axis])
     drawn = np.ma.masked_invalid(found.courses[..., axis]).filled(np.nan)
@@ -158,5 +156,5 @@ def _surely(probability: float) -> str:
     return "" if probability >= SURE else f" ({probability:.0%})"
 
 
-def _place(xy: Floats) -> str:
+def _place(xy: FloatArray) -> str:
     return f"({xy[0]:.3f}, {xy[1]:.3f}) m"

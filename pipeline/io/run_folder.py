@@ -14,10 +14,10 @@ from pyarrow import csv
 from models.core.errors import OptionError
 from models.core.events import EVENT_KINDS, Events
 from models.core.scene import Camera, Table
+from models.core.typing import FloatArray
 from models.estimation.contact_test.shot_record import Record
 from models.physics.billiards.tables import nearest_preset
 
-Floats = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
 TEXT = ("id", "kind", "a", "b")
@@ -135,7 +135,7 @@ def _events(columns: Columns) -> Events:
     rows = rows[[columns["kind"][k] in EVENT_KINDS for k in rows]] if len(rows) else rows
     t = columns["t"][rows]
 
-    def number(name: str, scale: float = 1.0) -> Floats:
+    def number(name: str, scale: float = 1.0) -> FloatArray:
         return np.asarray(scale * columns[name][rows] if name in columns else np.full(len(t), np.nan), np.float64)
 
     text = {name: tuple(str(v) for v in columns[name][rows]) for name in ("kind", "a", "b")}
@@ -146,7 +146,9 @@ def _events(columns: Columns) -> Events:
     )  # fmt: skip
 
 
-def _grid(motion: Columns, ids: tuple[str, ...], radius: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+def _grid(
+    motion: Columns, ids: tuple[str, ...], radius: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Moments (M,), places, velocities and slips (M, N, 2), sigmas (M, N) on one even grid; NaN where a ball is not."""
     first, last = float(motion["t"].min()), float(motion["t"].max())
     t = first + np.arange(round((last - first) * GRID_HZ) + 1) / GRID_HZ

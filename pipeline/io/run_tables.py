@@ -19,10 +19,10 @@ from models.core.fit_result import Fit, Parameter
 from models.core.scene import Camera, Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import State, Trajectory
+from models.core.typing import FloatArray
 from pipeline.reporting.text.run_trust import run_trust, trust_facts
 from video.io.clip import Clip
 
-Floats = NDArray[np.float64]
 Columns = dict[str, Sequence[str] | NDArray[Any]]
 
 TRAJECTORY_HZ = 1000.0
@@ -87,7 +87,7 @@ def write_trajectory(motion: Trajectory, path: Path) -> None:
     write_states(motion.ids, t, motion.at(t), path)
 
 
-def write_states(ids: tuple[str, ...], t: Floats, state: State, path: Path) -> None:
+def write_states(ids: tuple[str, ...], t: FloatArray, state: State, path: Path) -> None:
     """Balls `ids` (N,) at times t (T,), ball by ball; no row where a ball is not."""
     ball, row = np.nonzero(np.isfinite(state.xy[..., 0]).T) if len(ids) else (np.empty(0, int),) * 2
     columns: Columns = {"shot": np.full(len(row), SHOT), "t": t[row], "id": [ids[k] for k in ball]}
@@ -196,7 +196,7 @@ def _balls(tracks: Tracks, fit: Fit) -> list[dict[str, Any]]:
     return balls
 
 
-def _state(t: float, state: Sequence[float] | Floats, covariance: Floats) -> dict[str, Any]:
+def _state(t: float, state: Sequence[float] | FloatArray, covariance: FloatArray) -> dict[str, Any]:
     names = ("x", "y", "vx", "vy", "wx", "wy", "wz")
     return {"t": t, **dict(zip(names, state, strict=True)), "covariance": covariance.tolist()}
 

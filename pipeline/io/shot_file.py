@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from models.core.errors import OptionError
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from models.physics.billiards.parameters import Physics
 from models.physics.billiards.simulation.simulate_shot import Balls
 from models.physics.billiards.tables import nearest_preset
 
-Floats = NDArray[np.float64]
 Metres = Annotated[float, Field(allow_inf_nan=False)]
 Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -84,7 +83,7 @@ class Shot:
     hz: float
 
     @property
-    def times(self) -> Floats:
+    def times(self) -> FloatArray:
         """(T,) s: from 0 to the end, `hz` a second."""
         return np.arange(int(np.floor(self.seconds * self.hz + 1e-9)) + 1) / self.hz
 
@@ -139,7 +138,7 @@ def _twice(ids: tuple[str, ...]) -> str:
     return f"every ball needs a name of its own; {double!r} is there twice" if double else ""
 
 
-def _outside(ids: tuple[str, ...], state: Floats, radius: Floats, table: Table) -> str:
+def _outside(ids: tuple[str, ...], state: FloatArray, radius: FloatArray, table: Table) -> str:
     for name, (x, y), r in zip(ids, state[:, :2], radius, strict=True):
         least = min(x - r, table.length - r - x, y - r, table.width - r - y)
         if least < -ALLOWED_OVERLAP:
@@ -147,7 +146,7 @@ def _outside(ids: tuple[str, ...], state: Floats, radius: Floats, table: Table) 
     return ""
 
 
-def _overlap(ids: tuple[str, ...], state: Floats, radius: Floats) -> str:
+def _overlap(ids: tuple[str, ...], state: FloatArray, radius: FloatArray) -> str:
     for a in range(len(ids)):
         for b in range(a):
             gap = float(np.hypot(*(state[a, :2] - state[b, :2])) - radius[a] - radius[b])

@@ -15,10 +15,10 @@ from pyarrow import csv
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from models.core.errors import OptionError
+from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import Recording
 from pipeline.io.track_folder_faults import off_the_table, refuse_what_is_missing
 
-Floats = NDArray[np.float64]
 Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 NOISE_PX = 0.3
@@ -165,7 +165,7 @@ def _entry(path: Path) -> SceneEntry:
         raise OptionError(f"{path}: {place}: {found['msg'][:1].lower()}{found['msg'][1:]}") from error
 
 
-def _numbers(table: pa.Table, name: str, path: Path) -> Floats:
+def _numbers(table: pa.Table, name: str, path: Path) -> FloatArray:
     try:
         return np.asarray(table.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
     except pa.ArrowInvalid as error:
@@ -173,7 +173,7 @@ def _numbers(table: pa.Table, name: str, path: Path) -> Floats:
 
 
 def _recordings(
-    entry: SceneEntry, columns: dict[str, Floats], ids: NDArray[np.str_], names: tuple[str, ...], path: Path
+    entry: SceneEntry, columns: dict[str, FloatArray], ids: NDArray[np.str_], names: tuple[str, ...], path: Path
 ) -> tuple[Recording, ...]:
     count = len(ids)
     shot = np.nan_to_num(columns.get("shot", np.zeros(count)))
@@ -200,7 +200,13 @@ def _recordings(
 
 
 def _recording(
-    shot: int, frame: Floats, t: Floats, ids: NDArray[np.str_], places: Floats, sigma: Floats, path: Path
+    shot: int,
+    frame: FloatArray,
+    t: FloatArray,
+    ids: NDArray[np.str_],
+    places: FloatArray,
+    sigma: FloatArray,
+    path: Path,
 ) -> Recording:
     frames, first, row = np.unique(frame.astype(np.int64), return_index=True, return_inverse=True)
     bodies, body = np.unique(ids, return_inverse=True)

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.detections import Detections
 from models.core.scene import Camera, Scene, Table
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
+from models.core.typing import ByteArray, FloatArray
 
 WIDTH, HEIGHT = 640, 360
 PX_PER_M = 220.0
@@ -54,7 +51,7 @@ def drawn_scene() -> Scene:
     return Scene(table, Camera(matrix, WIDTH, HEIGHT, corners, np.eye(8), "cloth", eye, 1.0), lab, ())
 
 
-def draw(balls: list[Ball], rng: np.random.Generator, noise: float = 2.0) -> Bytes:
+def draw(balls: list[Ball], rng: np.random.Generator, noise: float = 2.0) -> ByteArray:
     """A picture (H, W, 3) of balls on the table."""
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
     light = 1.0 + 0.15 * np.cos((x - 250) / 260) * np.cos((y - 150) / 200)
@@ -68,7 +65,7 @@ def draw(balls: list[Ball], rng: np.random.Generator, noise: float = 2.0) -> Byt
     )
 
 
-def _lay(picture: Floats, ball: Ball, x: Floats, y: Floats) -> None:
+def _lay(picture: FloatArray, ball: Ball, x: FloatArray, y: FloatArray) -> None:
     radius = RADIUS * PX_PER_M
     steps = np.linspace(-0.5, 0.5, 1 if ball.streak == (0.0, 0.0) else 41)
     shares, colours = np.zeros(x.shape), np.zeros((*x.shape, 3))

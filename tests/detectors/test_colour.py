@@ -8,13 +8,15 @@ import pytest
 from numpy.typing import NDArray
 
 from detectors.measurement.ball_colour import ball_coats
+from models.core.typing import FloatArray
 
-Floats = NDArray[np.float64]
 RADIUS = 14
 LIGHTS = {"white": (1.0, 1.0, 1.0), "lamp": (1.0, 0.86, 0.55), "green": (0.75, 1.0, 0.7)}
 
 
-def table(balls: list[tuple[str, tuple[int, int, int]]], light: str) -> tuple[NDArray[np.uint8], Floats, Floats]:
+def table(
+    balls: list[tuple[str, tuple[int, int, int]]], light: str
+) -> tuple[NDArray[np.uint8], FloatArray, FloatArray]:
     """Balls in a row, shaded towards their rims: `plain`, with a `number` or with white `caps` beside a stripe."""
     picture = np.full((60, 60 * len(balls), 3), (40, 90, 140), dtype=np.float64)
     centre = np.array([[30.0 + 60 * k, 30.0] for k in range(len(balls))])

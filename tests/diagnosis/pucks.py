@@ -13,12 +13,12 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Mask, Recording
+from models.core.typing import BoolArray, FloatArray
+from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Recording
 from models.estimation.multiple_shooting.shooting_windows import Flow, Window
 from models.physics.effect import EffectKind, Prior
 
-Floats = NDArray[np.float64]
-Force = Callable[[Floats, Floats], Floats]
+Force = Callable[[FloatArray, FloatArray], FloatArray]
 """Place (2,) and velocity (2,) to an acceleration (2,)."""
 
 GRAVITY = 9.81
@@ -65,7 +65,7 @@ def acceleration(vx, vy, p):
     return GRAVITY * p[1] * 1e-3 - brake * vx - p[5] * vy, GRAVITY * p[2] * 1e-3 - brake * vy + p[5] * vx
 
 
-def shown(x: Floats, y: Floats, p: dict) -> tuple:
+def shown(x: FloatArray, y: FloatArray, p: dict) -> tuple:
     """Where a place is seen."""
     factor = p.get("scale.seen", 1.0) * (
         1 + (p.get("lens_distortion.k1", 0.0) + p.get("lens_twin.k1", 0.0)) * (x * x + y * y) / HALF**2
@@ -94,7 +94,7 @@ def march(start, p, t):
     return states
 
 
-def path(start: NDArray, p: dict, t: Floats) -> NDArray:
+def path(start: NDArray, p: dict, t: FloatArray) -> NDArray:
     """States (T, 4, ...) from start (4, ...)."""
     flat = start.reshape(4, -1)
     each = [np.broadcast_to(np.asarray(p.get(name, 0.0), start.dtype), start.shape[1:]).reshape(-1) for name in FORCES]
@@ -120,16 +120,16 @@ class Pucks:
     def stretches(self, recording: Recording) -> tuple[Recording, ...]:
         return (recording,)
 
-    def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: Mask | None = None) -> Gliding:
+    def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: BoolArray | None = None) -> Gliding:
         return Gliding(self, pieces, np.ones(len(self.names), bool) if wanted is None else wanted)
 
-    def covariates(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Covariates:
+    def covariates(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> Covariates:
         rows, bodies = np.nonzero(piece.seen)
         states = path(start.reshape(-1, 4).T, dict(zip(self.names, shared, strict=True)), piece.t)
         place, velocity = states[rows, :2, bodies], states[rows, 2:, bodies]
         return Covariates(("slide",) * len(rows), place, velocity, np.full(len(rows), np.nan), place * 300)
 
-    def predict(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Floats:
+    def predict(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> FloatArray:
         p = dict(zip(self.names, shared, strict=True))
         states = path(start.reshape(-1, 4).T, p, piece.t)
         return np.stack(shown(states[:, 0], states[:, 1], p), axis=-1)
@@ -139,7 +139,7 @@ class Pucks:
 class Gliding:
     scene: Pucks
     pieces: tuple[Recording, ...]
-    wanted: Mask
+    wanted: BoolArray
     windows: tuple[Window, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -149,7 +149,7 @@ class Gliding:
     def unknowns(self) -> tuple[Prior, ...]:
         return tuple(prior for effect in self.scene.effects for prior in effect.parameters)
 
-    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
         piece, bodies, names = self.pieces[window], len(start) // 4, self.scene.names
         asked = np.flatnonzero(self.wanted)
         # the bodies do not touch: one column per number that a body's path hangs on
@@ -218,7 +218,7 @@ def _shot(rng: np.random.Generator, shot: int, truth: dict, filming: Filming, ex
         heading = np.array([np.cos(angle), np.sin(angle)])
         start = np.concatenate([-0.5 * speed * heading + rng.uniform(-0.4, 0.4, 2), speed * heading])
 
-        def rate(_: float, s: Floats) -> Floats:
+        def rate(_: float, s: FloatArray) -> FloatArray:
             a = np.array(acceleration(s[2], s[3], forces))
             return np.concatenate([s[2:], a + (extra(s[:2], s[2:]) if extra else 0.0)])
 
@@ -232,7 +232,7 @@ def _shot(rng: np.random.Generator, shot: int, truth: dict, filming: Filming, ex
     return Recording(shot, np.arange(len(t)), t, names, places, np.ones(places.shape[:2]))
 
 
-def _noise(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) -> Floats:
+def _noise(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) -> FloatArray:
     fresh = rng.standard_normal(shape)
     for k in range(1, shape[0]):
         fresh[k] = correlation * fresh[k - 1] + np.sqrt(1 - correlation**2) * fresh[k]

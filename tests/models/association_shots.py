@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from models.core.detections import Detections
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 R = 0.028575
 POOL = Table("pool-9ft", "pool", 2.54, 1.27, R, 0.17, pockets=True)
@@ -27,9 +26,9 @@ class Seen:
 
     detections: Detections
     frame: NDArray[np.int64]
-    t: Floats
+    t: FloatArray
     ball: NDArray[np.int64]
-    px: Floats
+    px: FloatArray
 
 
 def overhead(table: Table = POOL, px_per_m: float = 400.0, height: float = 4.0) -> Scene:
@@ -46,7 +45,7 @@ def overhead(table: Table = POOL, px_per_m: float = 400.0, height: float = 4.0) 
     return Scene(table, camera, np.array([40.0, -30.0, 10.0]), ())
 
 
-def play(cue: Floats, velocity: Floats, others: Floats, seconds: float, table: Table = POOL) -> Floats:
+def play(cue: FloatArray, velocity: FloatArray, others: FloatArray, seconds: float, table: Table = POOL) -> FloatArray:
     """Samples (S, N, 5) at `HZ` of x, y, vx, vy and whether the ball is on the table, the cue ball first."""
     x = np.concatenate([cue[None], others])
     v = np.zeros_like(x)
@@ -66,7 +65,7 @@ def play(cue: Floats, velocity: Floats, others: Floats, seconds: float, table: T
 
 def break_shot(
     balls: int, rng: np.random.Generator, speed: float = 7.0, gap: float = 2e-4
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Cue ball, its velocity, and a rack of the others that all but touch."""
     rows = [(row, j - row / 2) for row in range(balls) for j in range(row + 1)][: balls - 1]
     pitch = 2 * R + gap
@@ -77,9 +76,9 @@ def break_shot(
     return cue, aim / np.hypot(*aim) * speed, rack
 
 
-def scattered(balls: int, rng: np.random.Generator, speed: float = 4.0) -> tuple[Floats, Floats, Floats]:
+def scattered(balls: int, rng: np.random.Generator, speed: float = 4.0) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Cue ball, its velocity towards one of the others, and the others, anywhere."""
-    places: list[Floats] = []
+    places: list[FloatArray] = []
     while len(places) < balls:
         place = rng.uniform([3 * R, 3 * R], [POOL.length - 3 * R, POOL.width - 3 * R])
         if all(np.hypot(*(place - other)) > 2.2 * R for other in places):
@@ -89,8 +88,8 @@ def scattered(balls: int, rng: np.random.Generator, speed: float = 4.0) -> tuple
 
 
 def observe(
-    samples: Floats, scene: Scene, fps: float, rng: np.random.Generator,
-    noise: float = 0.5, miss: float = 0.05, clutter: float = 1.0, rest: float = 0.4, colours: Floats | None = None,
+    samples: FloatArray, scene: Scene, fps: float, rng: np.random.Generator,
+    noise: float = 0.5, miss: float = 0.05, clutter: float = 1.0, rest: float = 0.4, colours: FloatArray | None = None,
 ) -> Seen:  # fmt: skip
     """Detect a shot after `rest` seconds of stillness: noise in px, a share missed, false ones per picture."""
     still = round(rest * fps)
@@ -124,7 +123,7 @@ def observe(
     return Seen(detections, frame, frame / fps, table[:, 1].astype(np.int64), px)
 
 
-def owners(tracks: Tracks, px: Floats) -> NDArray[np.int64]:
+def owners(tracks: Tracks, px: FloatArray) -> NDArray[np.int64]:
     """Which true ball (T, N tracks) each sighting of a track is: -1 not seen, -2 no ball within 8 px."""
     result = np.full(tracks.observed.shape, -1)
     for k, j in np.argwhere(tracks.observed):
@@ -133,7 +132,7 @@ def owners(tracks: Tracks, px: Floats) -> NDArray[np.int64]:
     return result
 
 
-def switches(tracks: Tracks, px: Floats) -> int:
+def switches(tracks: Tracks, px: FloatArray) -> int:
     """How often a track changes from one true ball to another; two balls exchanged count twice."""
     total = 0
     for column in owners(tracks, px).T:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_windows import Flow, Window
 from models.physics.effect import Prior
-
-Floats = NDArray[np.float64]
 
 GRAVITY = Prior("gravity", "m/s^2", 9.0, 0.3, True, (1.0, 30.0))
 RESTITUTION = Prior("restitution", "1", 0.7, 0.2, False, (0.0, 1.0))
@@ -24,13 +23,13 @@ class Bounces:
     """`heights[k]` (K,) m seen in window k with noise `sigma`; state: height and speed, upwards."""
 
     windows: tuple[Window, ...]
-    heights: tuple[Floats, ...]
+    heights: tuple[FloatArray, ...]
     ends: tuple[float, ...]
     """s at which windows end."""
     sigma: float
     unknowns: tuple[Prior, ...] = (GRAVITY, RESTITUTION)
 
-    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
         t, inputs = self.windows[window].t, np.concatenate([start, shared])
         heights, ends = np.empty((len(inputs), len(t))), np.empty((len(inputs), 2))
         for k in range(len(inputs)):
@@ -46,7 +45,7 @@ class Bounces:
 
 
 def flight(
-    start: Floats | NDArray[np.complex128], gravity: complex, restitution: complex, t: Floats, end: float
+    start: FloatArray | NDArray[np.complex128], gravity: complex, restitution: complex, t: FloatArray, end: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], tuple[int, ...]]:
     """Heights (K,) at t, height and speed at `end`, and how many bounces came before each moment."""
     height, speed = complex(start[0]), complex(start[1])

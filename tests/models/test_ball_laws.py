@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from models.core.typing import FloatArray
 from models.physics.billiards import parameters
 from models.physics.billiards.ball_ball import alciatore, mass_spring
-
-Floats = NDArray[np.float64]
 
 LAWS = {"alciatore": alciatore, "mass_spring": mass_spring}
 RADIUS = 0.028575
@@ -18,18 +16,18 @@ MASS = 0.17
 every_law = pytest.mark.parametrize("name", LAWS)
 
 
-def physics(e: float = 0.95, mu: float = 0.06) -> Floats:
+def physics(e: float = 0.95, mu: float = 0.06) -> FloatArray:
     p = np.zeros(len(parameters.NAMES))
     p[parameters.BALL_E], p[parameters.BALL_MU] = e, mu
     return p
 
 
-def collide(name: str, balls: Floats, sizes: Floats, p: Floats) -> Floats:
+def collide(name: str, balls: FloatArray, sizes: FloatArray, p: FloatArray) -> FloatArray:
     """vn, vt, wn, wt, wz of both balls (2, 5) after the law `name`; sizes ra, rb, ma, mb."""
     return np.array(LAWS[name].collide(*balls.ravel().tolist(), *sizes.tolist(), p)).reshape(2, 5)
 
 
-def contacts(seed: int, count: int) -> list[tuple[Floats, Floats, Floats]]:
+def contacts(seed: int, count: int) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Pairs that close in at up to 10 m/s with heavy spins, a third of equal balls, a fifth of gentle slips."""
     rng = np.random.default_rng(seed)
     found = []
@@ -43,13 +41,13 @@ def contacts(seed: int, count: int) -> list[tuple[Floats, Floats, Floats]]:
     return found
 
 
-def energy(balls: Floats, sizes: Floats) -> float:
+def energy(balls: FloatArray, sizes: FloatArray) -> float:
     inertia = 0.4 * sizes[2:] * sizes[:2] ** 2
     motion = sizes[2:] @ np.sum(balls[:, :2] ** 2, axis=1) + inertia @ np.sum(balls[:, 2:] ** 2, axis=1)
     return float(0.5 * motion)
 
 
-def slip(balls: Floats, sizes: Floats) -> Floats:
+def slip(balls: FloatArray, sizes: FloatArray) -> FloatArray:
     """Of the surface of a over that of b, along t and z."""
     a, b = balls
     return np.array([a[1] - b[1] + sizes[0] * a[4] + sizes[1] * b[4], -sizes[0] * a[3] - sizes[1] * b[3]])
@@ -183,11 +181,11 @@ def test_the_spring_and_damper_integrated_part_as_the_closed_form_says(e: float)
     reduced = masses.prod() / masses.sum()
     damper = 2 * mass_spring.damping_ratio(e) * np.sqrt(mass_spring.STIFFNESS * reduced)
 
-    def rates(_: float, x: Floats) -> Floats:
+    def rates(_: float, x: FloatArray) -> FloatArray:
         force = mass_spring.STIFFNESS * (x[0] - x[1]) + damper * (x[2] - x[3])
         return np.array([x[2], x[3], -force / masses[0], force / masses[1]])
 
-    def parted(t: float, x: Floats) -> float:
+    def parted(t: float, x: FloatArray) -> float:
         return float(x[0] - x[1]) + (1.0 if t == 0 else 0.0)
 
     parted.terminal = True  # type: ignore[attr-defined]

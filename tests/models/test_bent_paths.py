@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from models.core.typing import FloatArray
 from models.physics.billiards.cloth.forces import accelerate
 from models.physics.billiards.cloth.motion_pieces import END, SLIDE
 from models.physics.billiards.parameters import Physics
 from models.physics.billiards.simulation.simulate_shot import Balls, Run, simulate
 from models.physics.billiards.tables import PRESETS
-
-Floats = NDArray[np.float64]
 
 RADIUS, MU, GRAVITY = 0.03, 0.2, 9.81
 CLOTH = {"sliding_friction": {"mu": MU}, "rolling_resistance": {"mu": 0.01}}
@@ -41,7 +39,7 @@ def test_a_slide_is_where_another_integrator_has_it(start: list[float], more: di
     run = rolled(start, more, 1.0)
     until = 0.98 * end_of_slide(run)  # the very end has no direction that an integrator in time could follow
 
-    def change(_: float, s: Floats) -> Floats:
+    def change(_: float, s: FloatArray) -> FloatArray:
         rate = np.zeros(6)
         accelerate(s, RADIUS, run.physics.values, SLIDE, rate)
         return rate

@@ -7,25 +7,23 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.rigid_bodies.body_clusters import Bodies, assembled, groups
 from models.estimation.rigid_bodies.body_trajectories import Beginning, Follower, at_rest
 from models.estimation.rigid_bodies.rigid_body_fit import fit_boxes
 from models.estimation.rigid_bodies.world_parameters import World
-
-Floats = NDArray[np.float64]
 
 GRAVITY = 1000.0
 FLOOR = np.array([[0.0, -1.0, 0.0]])
 """y = 0, the bodies above it at negative y."""
 
 
-def box(wide: float, tall: float) -> Floats:
+def box(wide: float, tall: float) -> FloatArray:
     return np.array([[-wide, -tall], [wide, -tall], [wide, tall], [-wide, tall]]) / 2
 
 
-def scene(*shapes: Floats) -> Bodies:
+def scene(*shapes: FloatArray) -> Bodies:
     """Bodies whose points are the corners of shapes around the origin; one point makes a disc."""
     points = np.concatenate(shapes)
     body = np.repeat(np.arange(len(shapes)), [len(shape) for shape in shapes])
@@ -108,7 +106,7 @@ def test_collisions_of_boxes_keep_momentum_and_spin_and_never_make_energy() -> N
     start = [[120, 0, 1.0], [-60, 0, -2.0], [0, 150, 0]]
     mass, moment = (1 / laws.lightness(bodies)).T
 
-    def kept(state: Beginning) -> Floats:
+    def kept(state: Beginning) -> FloatArray:
         x, v = state.place, state.start
         spin = moment * v[:, 2] + mass * (x[:, 0] * v[:, 1] - x[:, 1] * v[:, 0])
         return np.array([mass @ v[:, 0], mass @ v[:, 1], spin.sum()])
@@ -150,7 +148,7 @@ def test_the_noise_of_tracking_is_told_by_what_is_rigid() -> None:
     assert assembled(noisy, bodies.body)[2] == pytest.approx(0.3, rel=0.1)
 
 
-def played(friction: float, fps: float) -> tuple[Floats, Floats, Floats]:
+def played(friction: float, fps: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times (T,), points (T, 13, 2) of a ball that knocks over three boxes on a floor, and which body each is of."""
     bodies = scene(np.zeros((1, 2)), *[box(24, 30)] * 3)
     laws = world(bodies, gravity=np.array([0.0, GRAVITY]), friction=friction, restitution=0.1, planes=FLOOR)

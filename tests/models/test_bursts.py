@@ -7,23 +7,21 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from filmed_shots import RADIUS, Filmed, film, scene
-from numpy.typing import NDArray
 
 from models.core.fit_result import Fit
 from models.core.options import FitOptions
+from models.core.typing import FloatArray
 from models.estimation.break_shot.break_data import Burst
 from models.estimation.break_shot.break_posterior import told
 from models.estimation.break_shot.break_search import search
 from models.estimation.break_shot.break_simulation import OVERLAP_SIGMA, Play
 from models.estimation.reconstruction.fit_shot import fit_shot
 
-Floats = NDArray[np.float64]
-
 SIGMA, INTERVAL = 0.002, 1 / 30
 """m, and s between pictures."""
 
 
-def rack(rows: int, rng: np.random.Generator) -> Floats:
+def rack(rows: int, rng: np.random.Generator) -> FloatArray:
     """Balls (N, 2) m of a triangle, up to half a millimetre off their places."""
     pitch = 2 * RADIUS + 6e-4
     places = [(1.7 + row * pitch * np.sqrt(0.75), 0.63 + (k - row / 2) * pitch) for row in range(rows)
@@ -31,7 +29,7 @@ def rack(rows: int, rng: np.random.Generator) -> Floats:
     return np.array(places) + rng.uniform(-2.5e-4, 2.5e-4, (len(places), 2))
 
 
-def hit(rows: int, seed: int, noise: float = SIGMA) -> tuple[Burst, Floats]:
+def hit(rows: int, seed: int, noise: float = SIGMA) -> tuple[Burst, FloatArray]:
     """A rack that a ball runs into, seen as a camera would, and the numbers (P,) that it was played from."""
     rng = np.random.default_rng(seed)
     lying = rack(rows, rng)
@@ -79,7 +77,7 @@ def test_overlapping_balls_are_moved_apart_and_others_stay() -> None:
     np.testing.assert_array_equal(play.apart(numbers), numbers)
 
 
-def contacts_of(burst: Burst, numbers: Floats) -> list[frozenset[int]]:
+def contacts_of(burst: Burst, numbers: FloatArray) -> list[frozenset[int]]:
     """Who meets whom within 50 ms of the hit, faster than 6 cm/s."""
     events = Play(burst, np.inf).run(numbers).events
     early = (np.array(events.kind) == "ball") & (events.t < burst.hit + 0.06) & (events.speed > 0.06)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from models.neural.common.method_interface import Budget, Floats, Method
+from models.core.typing import FloatArray
+from models.neural.common.method_interface import Budget, Method
 from models.neural.common.spline_methods import AKIMA, CUBIC, CURVES, LINEAR, QUINTIC
 
 
-def polynomial(t: Floats, degree: int) -> Floats:
+def polynomial(t: FloatArray, degree: int) -> FloatArray:
     """(T, 1, 2)"""
     weights = np.random.default_rng(degree).standard_normal((degree + 1, 1, 2))
     return np.einsum("tk,knd->tnd", t[:, None] ** np.arange(degree + 1), weights)
@@ -42,6 +43,6 @@ def test_every_curve_passes_through_its_samples(method: Method) -> None:
     ("times", "states"),
     [(np.arange(3.0), np.zeros((3, 1, 2))), (np.zeros(5), np.zeros((5, 1, 2))), (np.arange(5.0), np.zeros((5, 2)))],
 )
-def test_what_is_no_motion_is_refused(times: Floats, states: Floats) -> None:
+def test_what_is_no_motion_is_refused(times: FloatArray, states: FloatArray) -> None:
     with pytest.raises(ValueError, match=r"motion|rise"):
         CUBIC.fit(times, states)

@@ -7,16 +7,14 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_fit import shoot
 from models.estimation.whole_shot.cushion_chains import Bounce, CushionChains, Leg, chain_priors, glide, legs_of
 from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, mirror, stronge
-
-Floats = NDArray[np.float64]
 
 TABLE = Table("carom-match", "carom", 2.84, 1.42, 0.03075, 0.21, False)
 SHARED = np.array([0.2, 0.01, 0.85, 0.18, 0.001, 0.002, -0.001, 0.0005])
@@ -24,7 +22,7 @@ SIGMA = 0.001
 LAWS = [mirror, han_2005, mathavan_2010, stronge]
 
 
-def leg(begin: float, tied: bool, bounce: Bounce | None, t: Floats, xy: Floats) -> Leg:
+def leg(begin: float, tied: bool, bounce: Bounce | None, t: FloatArray, xy: FloatArray) -> Leg:
     return Leg(0, "white", begin, tied, t, xy, np.tile(np.eye(2) / SIGMA, (len(t), 1, 1)), bounce)
 
 

@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from models.core.typing import FloatArray
 from models.physics.billiards import parameters
 from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, stronge
 from models.physics.billiards.ball_cushion.cushion_contact import COSINE, SINE
 
-Floats = NDArray[np.float64]
 Rebound = Callable[..., tuple[float, ...]]
 
 LAWS = {"han_2005": han_2005, "mathavan_2010": mathavan_2010, "stronge": stronge}
@@ -24,25 +24,25 @@ SPEEDS = np.array([1.0, 1.0, RADIUS, RADIUS, RADIUS])
 every_law = pytest.mark.parametrize("name", LAWS)
 
 
-def physics(e: float = 0.85, mu: float = 0.2, cloth: float = 0.2, slope: float = 0.0) -> Floats:
+def physics(e: float = 0.85, mu: float = 0.2, cloth: float = 0.2, slope: float = 0.0) -> FloatArray:
     p = parameters.neutral()
     p[parameters.CUSHION_E], p[parameters.CUSHION_E_SLOPE] = e, slope
     p[parameters.CUSHION_MU], p[parameters.SLIDING_MU] = mu, cloth
     return p
 
 
-def rebound(name: str, ball: Floats, p: Floats) -> Floats:
+def rebound(name: str, ball: FloatArray, p: FloatArray) -> FloatArray:
     """vn, vt, wn, wt, wz after the law `name`."""
     return np.array(LAWS[name].rebound(*ball.tolist(), RADIUS, MASS, p))
 
 
-def energy(ball: Floats) -> float:
+def energy(ball: FloatArray) -> float:
     """Per mass, J/kg; a solid sphere."""
     speeds = ball * SPEEDS
     return float(0.5 * (speeds[:2] @ speeds[:2] + 0.4 * speeds[2:] @ speeds[2:]))
 
 
-def contacts(seed: int, count: int) -> list[tuple[Floats, Floats]]:
+def contacts(seed: int, count: int) -> list[tuple[FloatArray, FloatArray]]:
     """Balls of 0.02 to 8 m/s with spins up to several times what rolls, a third of them rolling; and parameters."""
     rng = np.random.default_rng(seed)
     found = []
@@ -146,7 +146,7 @@ def used(name: str) -> NDArray[np.bool_]:
     return np.array([n in LAWS[name].USES for n in parameters.NAMES])
 
 
-def smooth_nearby(name: str, x: Floats, scale: Floats) -> bool:
+def smooth_nearby(name: str, x: FloatArray, scale: FloatArray) -> bool:
     """Whether second differences are small, as they are away from the border between sticking and slipping."""
     at = evaluate(name, x)
     for i in range(6):
@@ -196,11 +196,11 @@ def test_hans_friction_stops_the_slip_or_acts_at_its_bound() -> None:
     assert seen == {True, False}
 
 
-def coulomb_at_both_contacts(ball: Floats, p: Floats, creep: float) -> Floats:
+def coulomb_at_both_contacts(ball: FloatArray, p: FloatArray, creep: float) -> FloatArray:
     """Mathavan's equations by scipy's Radau, in the speeds of the ball itself; friction is smooth over `creep` m/s."""
     e, nose_mu, cloth_mu = (p[i] for i in (parameters.CUSHION_E, parameters.CUSHION_MU, parameters.SLIDING_MU))
 
-    def rates(_: float, x: Floats) -> list[float]:
+    def rates(_: float, x: FloatArray) -> list[float]:
         vn, vt, a, b, c, _work = x
         st, sk, un, ut = vt + COSINE * c - SINE * a, -SINE * vn - b, vn - b, vt + a
         nose = nose_mu / np.sqrt(st**2 + sk**2 + creep**2)
@@ -210,10 +210,10 @@ def coulomb_at_both_contacts(ball: Floats, p: Floats, creep: float) -> Floats:
         spin = (2.5 * (gt - SINE * ft), -2.5 * (fk + gn), 2.5 * COSINE * ft)
         return [gn - COSINE - SINE * fk, ft + gt, *spin, COSINE * vn]
 
-    def stopped(_: float, x: Floats) -> float:
+    def stopped(_: float, x: FloatArray) -> float:
         return float(x[0])
 
-    def returned(_: float, x: Floats) -> float:
+    def returned(_: float, x: FloatArray) -> float:
         return float(x[5] - (1 - e * e) * work)
 
     stopped.terminal = returned.terminal = True  # type: ignore[attr-defined]
@@ -261,7 +261,7 @@ def test_mathavans_straight_stun_shot_has_its_closed_form() -> None:
     np.testing.assert_allclose(after[[0, 3]] * SPEEDS[[0, 3]], [-leaving, spin], atol=mathavan_2010.CREEP)
 
 
-def tip_followed_in_small_steps(q: Floats, e: float, steps: int = 40_000) -> Floats:
+def tip_followed_in_small_steps(q: FloatArray, e: float, steps: int = 40_000) -> FloatArray:
     """Stronge's tip by a return mapping: the tangential spring is stretched, then cut back to the friction bound."""
     phi = np.zeros_like(q)
     length = 0.5 * np.pi * (1 + e) / steps

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.multiple_shooting.state_elimination import ShotBlock, eliminate, log_determinant, solved
-
-Floats = NDArray[np.float64]
 
 SHARED, STATES = 3, (4, 6)
 
 
-def rows(rng: np.random.Generator) -> list[tuple[Floats, Floats, Floats]]:
+def rows(rng: np.random.Generator) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Slopes by states and by shared numbers, and residuals, of two shots."""
     return [
         (rng.standard_normal((30, size)), rng.standard_normal((30, SHARED)), rng.standard_normal(30))
@@ -22,7 +20,7 @@ def rows(rng: np.random.Generator) -> list[tuple[Floats, Floats, Floats]]:
     ]  # fmt: skip
 
 
-def blocks(shots: list[tuple[Floats, Floats, Floats]]) -> list[ShotBlock]:
+def blocks(shots: list[tuple[FloatArray, FloatArray, FloatArray]]) -> list[ShotBlock]:
     found = []
     for by_states, by_shared, residual in shots:
         block = ShotBlock.empty(by_states.shape[1], SHARED)
@@ -32,7 +30,7 @@ def blocks(shots: list[tuple[Floats, Floats, Floats]]) -> list[ShotBlock]:
     return found
 
 
-def dense(shots: list[tuple[Floats, Floats, Floats]]) -> tuple[Floats, Floats]:
+def dense(shots: list[tuple[FloatArray, FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
     """The whole matrix of slopes, states first, and all residuals."""
     whole = np.zeros((60, sum(STATES) + SHARED))
     whole[:30, :4], whole[30:, 4:10] = shots[0][0], shots[1][0]

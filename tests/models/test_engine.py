@@ -7,17 +7,15 @@ from itertools import product
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from models.physics.billiards import parameters
 from models.physics.billiards.parameters import BALL_LAWS, CUSHION_LAWS, USES, Physics
 from models.physics.billiards.simulation import contact_resolution
 from models.physics.billiards.simulation.event_engine import FIRST, KIND, SECOND, SPEED, TIME
 from models.physics.billiards.simulation.simulate_shot import Balls, energy, simulate
 from models.physics.billiards.tables import PRESETS
-
-Floats = NDArray[np.float64]
 
 CAROM = PRESETS["carom-match"]
 POOL = PRESETS["pool-9ft"]
@@ -45,7 +43,7 @@ def one(*state: float, radius: float = 0.03, mass: float = 0.2) -> Balls:
 
 def several(rng: np.random.Generator, count: int, table: Table = CAROM) -> Balls:
     """Balls of unequal size at random places, three of them moving with heavy spins."""
-    places: list[Floats] = []
+    places: list[FloatArray] = []
     while len(places) < count:
         place = rng.uniform([0.05, 0.05], [table.length - 0.05, table.width - 0.05])
         if all(np.hypot(*(place - other)) > 0.07 for other in places):

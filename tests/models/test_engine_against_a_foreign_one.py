@@ -10,13 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.physics.billiards.parameters import Physics
 from models.physics.billiards.simulation.simulate_shot import Balls, simulate
 from models.physics.billiards.tables import PRESETS
-
-Floats = NDArray[np.float64]
 
 WORLD = Path(__file__).resolve().parents[2] / "worlds" / "billiards.py"
 TABLE = PRESETS["carom-match"]
@@ -31,7 +29,7 @@ EFFECTS = {
 """Sliding friction is the 0.21 that the foreign cushion law has under the nose."""
 
 
-def shots(seed: int, count: int) -> list[Floats]:
+def shots(seed: int, count: int) -> list[FloatArray]:
     """States (4, 7): a cue ball with spin and three balls at rest, far enough apart."""
     rng, found = np.random.default_rng(seed), []
     while len(found) < count:
@@ -46,7 +44,7 @@ def shots(seed: int, count: int) -> list[Floats]:
     return found
 
 
-def foreign(state: Floats, laws: dict[str, str], seconds: float, folder: Path) -> tuple[Floats, Floats]:
+def foreign(state: FloatArray, laws: dict[str, str], seconds: float, folder: Path) -> tuple[FloatArray, FloatArray]:
     """Times (T,) and places (T, 4, 2) as the foreign engine has them, 250 a second."""
     names = ("x", "y", "vx", "vy", "wx", "wy", "wz")
     balls = [

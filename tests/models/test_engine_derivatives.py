@@ -7,14 +7,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from models.physics.billiards.parameters import BALL_LAWS, CUSHION_LAWS, NAMES, USES, Physics
 from models.physics.billiards.simulation.simulate_shot import Balls, Run, simulate
 from models.physics.billiards.tables import PRESETS
-
-Floats = NDArray[np.float64]
 
 CAROM = PRESETS["carom-match"]
 TIMES = np.array([0.0, 0.2, 0.55, 1.2, 1.6, 2.35])
@@ -34,7 +32,7 @@ def physics(cushion: str, ball: str, more: dict[str, dict[str, float]]) -> Physi
     return Physics.of({**chosen, **more}, cushion, ball)
 
 
-def shot(table: Table = CAROM) -> Floats:
+def shot(table: Table = CAROM) -> FloatArray:
     """x, y, vx, vy, wx, wy, wz, radius, mass (3, 9) of three unequal balls that all move and meet each other."""
     return np.array(
         [
@@ -45,7 +43,7 @@ def shot(table: Table = CAROM) -> Floats:
     )
 
 
-def played(inputs: Floats, physics: Physics, table: Table) -> Run:
+def played(inputs: FloatArray, physics: Physics, table: Table) -> Run:
     """The run of all inputs (P,), in the order of `Run.columns`."""
     balls = inputs[:27].reshape(3, 9)
     made = Balls(("a", "b", "c"), balls[:, :7].copy(), balls[:, 7].copy(), balls[:, 8].copy())
@@ -53,7 +51,9 @@ def played(inputs: Floats, physics: Physics, table: Table) -> Run:
     return simulate(made, table, replace(physics, values=values), 3.0, inputs[27 + len(NAMES) :])
 
 
-def differences(inputs: Floats, column: int, step: float, physics: Physics, table: Table, order: Floats) -> Floats:
+def differences(
+    inputs: FloatArray, column: int, step: float, physics: Physics, table: Table, order: FloatArray
+) -> FloatArray:
     """Central differences of the fourth order (T, N, 7)."""
     found = []
     for h in (step, step / 2):

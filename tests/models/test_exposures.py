@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from models.core.capture_clock import Clock
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.reconstruction.capture_times import clock_of
 
-Floats = NDArray[np.float64]
 SIGMA, FLOOR = 5e-4, 2e-4
 """m: noise of the samples, and what does not average out."""
 
 
-def played(taken: Floats, shown: Floats, rng: np.random.Generator, balls: int = 3) -> Tracks:
+def played(taken: FloatArray, shown: FloatArray, rng: np.random.Generator, balls: int = 3) -> Tracks:
     """Balls that roll out, one of them struck in between, one off a cushion and one hit head-on, seen with noise."""
     xy = np.empty((len(taken), balls, 2))
     for ball in range(balls):

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_fit import Shooting, shoot
 from models.estimation.whole_shot.free_paths import FreePath, FreePaths, free_paths
-
-Floats = NDArray[np.float64]
 
 G, SIGMA, FPS = 9.81, 0.0004, 30.0
 SLIDING, ROLLING = 0.17, 0.0102
 
 
-def stepped(v: Floats, slip: Floats, t: Floats, tilt: Floats, bumps: Floats) -> Floats:
+def stepped(v: FloatArray, slip: FloatArray, t: FloatArray, tilt: FloatArray, bumps: FloatArray) -> FloatArray:
     """Places (K, 2) at t of a ball that starts at 0; `tilt` (2,) m/m, `bumps` (B, 2) m/s^2 for 0.4 s each."""
     step, now, x, v, slip, found = 2e-3, 0.0, np.zeros(2), v.copy(), slip.copy(), []
     for moment in t:
@@ -36,7 +34,7 @@ def stepped(v: Floats, slip: Floats, t: Floats, tilt: Floats, bumps: Floats) -> 
     return np.array(found)
 
 
-def rolled(rng: np.random.Generator, tilt: Floats, roughness: float, paths: int = 4) -> tuple[FreePath, ...]:
+def rolled(rng: np.random.Generator, tilt: FloatArray, roughness: float, paths: int = 4) -> tuple[FreePath, ...]:
     """Roll-outs in all directions, half of them struck without spin."""
     found = []
     for k in range(paths):
@@ -49,7 +47,7 @@ def rolled(rng: np.random.Generator, tilt: Floats, roughness: float, paths: int 
     return tuple(found)
 
 
-def pulls(found: Shooting, tilt: Floats) -> Floats:
+def pulls(found: Shooting, tilt: FloatArray) -> FloatArray:
     return np.asarray((found.shared - np.array([SLIDING, ROLLING, *(1e3 * tilt)])) / found.sigma)
 
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from models.core.typing import FloatArray
 from models.estimation.springs.colliding_particles import nearest_jolt
 from models.estimation.springs.coordinate_series import Coordinates
 from models.estimation.springs.identifiability import sentences
@@ -17,13 +17,11 @@ from models.estimation.springs.latent_inference import Latent, infer
 from models.estimation.springs.model_reduction import REST_AT_START
 from models.physics.springs.spring_system import Springs, motion, rate, springs
 
-Floats = NDArray[np.float64]
-
 NOISE = 0.1
 """px."""
 
 
-def filmed(graph: Springs, start: Floats, t: Floats, noise: float, seed: int) -> tuple[Floats, Floats]:
+def filmed(graph: Springs, start: FloatArray, t: FloatArray, noise: float, seed: int) -> tuple[FloatArray, FloatArray]:
     """Places (T, N, D) by another integrator than that of the fit, true and measured."""
     path = solve_ivp(
         lambda _, y: rate(graph, y.reshape(start.shape)).ravel(), (t[0], t[-1]), start.ravel(), method="DOP853",
@@ -33,7 +31,7 @@ def filmed(graph: Springs, start: Floats, t: Floats, noise: float, seed: int) ->
     return true, true + noise * np.random.default_rng(seed).standard_normal(true.shape)
 
 
-def pendulum(stiffness: float, damping: float) -> tuple[Springs, Floats]:
+def pendulum(stiffness: float, damping: float) -> tuple[Springs, FloatArray]:
     graph = springs(np.ones(3), [(0, 1), (1, 2)], stiffness, damping, 80.0, np.array([0.0, 981.0]), held=(0,))
     x = np.array([[200.0, 190], [280, 190], [360, 190]])
     return graph, np.stack([x, np.zeros_like(x)])
@@ -44,14 +42,14 @@ def values(latent: Latent) -> dict[str, float]:
 
 
 @pytest.fixture(scope="module")
-def soft() -> tuple[Latent, Floats, Floats, Floats]:
+def soft() -> tuple[Latent, FloatArray, FloatArray, FloatArray]:
     """Five seconds of soft springs at 15 Hz; with times and true places between and after the samples."""
     t = np.arange(0, 7.01, 1 / 30)
     true, seen = filmed(*pendulum(300.0, 0.1), t, NOISE, 1)
     return infer(t[:151:2], seen[:151:2]), t, true, seen
 
 
-def test_springs_come_back_from_coordinates(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+def test_springs_come_back_from_coordinates(soft: tuple[Latent, FloatArray, FloatArray, FloatArray]) -> None:
     latent = soft[0]
     assert latent.accepted
     assert latent.graph.pairs.tolist() == [[0, 1], [1, 2]]
@@ -63,22 +61,24 @@ def test_springs_come_back_from_coordinates(soft: tuple[Latent, Floats, Floats, 
     assert latent.noise == pytest.approx(NOISE, rel=0.25)
 
 
-def test_simpler_descriptions_are_found_where_they_hold(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+def test_simpler_descriptions_are_found_where_they_hold(
+    soft: tuple[Latent, FloatArray, FloatArray, FloatArray],
+) -> None:
     assert {"equal mass", "equal stiffness", "no gravity x", REST_AT_START} <= set(soft[0].simplifications)
 
 
-def test_between_samples_the_fit_beats_a_spline_by_far(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+def test_between_samples_the_fit_beats_a_spline_by_far(soft: tuple[Latent, FloatArray, FloatArray, FloatArray]) -> None:
     latent, t, true, seen = soft
     spline = CubicSpline(t[:151:2], seen[:151:2])(t[1:151:2])
     assert np.mean((latent.at(t[1:151:2])[:, 0] - true[1:151:2]) ** 2) < np.mean((spline - true[1:151:2]) ** 2) / 30
 
 
-def test_the_future_follows_the_fit(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+def test_the_future_follows_the_fit(soft: tuple[Latent, FloatArray, FloatArray, FloatArray]) -> None:
     latent, t, true, _ = soft
     assert np.abs(latent.at(t[151:])[:, 0] - true[151:]).max() < 10.0
 
 
-def test_errors_are_as_large_as_promised(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+def test_errors_are_as_large_as_promised(soft: tuple[Latent, FloatArray, FloatArray, FloatArray]) -> None:
     latent = soft[0]
     truth = {"stiffness": 300.0, "damping": 0.1, "rest": 80.0, "gravity y": 981.0}
     off = [(values(latent)[name] - true) / latent.sigma[latent.names.index(name)] for name, true in truth.items()]
@@ -129,7 +129,7 @@ def test_masses_without_a_pin_and_with_gaps_come_back() -> None:
     assert np.sqrt(np.mean((latent.states[:, 0] - true) ** 2)) < NOISE / 2
 
 
-def discs(stiffness: float, radius: float = 20.0) -> tuple[Springs, Floats]:
+def discs(stiffness: float, radius: float = 20.0) -> tuple[Springs, FloatArray]:
     """Two of unequal mass that meet a little off their middles, while they fall."""
     mass, none = np.array([1.0, 1.5]), np.empty(0)
     graph = springs(mass, [], none, none, none, np.array([0.0, 100.0]), radius=radius, contact=(stiffness, 3.0))
@@ -190,7 +190,7 @@ def test_what_springs_cannot_do_is_refused() -> None:
     assert "springs do not explain" in latent.doubts[0]
 
 
-def test_states_at_samples_are_those_of_the_motion(soft: tuple[Latent, Floats, Floats, Floats]) -> None:
+def test_states_at_samples_are_those_of_the_motion(soft: tuple[Latent, FloatArray, FloatArray, FloatArray]) -> None:
     latent = soft[0]
     assert np.allclose(latent.at(latent.t), latent.states)
     again = motion(latent.graph, latent.states[0], latent.t[:15])

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.tracking.track_noise import outliers
 
-Floats = NDArray[np.float64]
 T = np.arange(12) / 30
 SIGMA = np.full(12, 1e-3)
 
 
-def along(x: list[float]) -> Floats:
+def along(x: list[float]) -> FloatArray:
     """Places (12, 2) on a line, m."""
     return np.stack([np.array(x), np.full(12, 0.4)], axis=1)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from models.core.typing import FloatArray
 from models.estimation.particles.body_names import named_bodies
-from models.estimation.particles.particle_fit import Floats, Particles, between, curve_through, explain
+from models.estimation.particles.particle_fit import Particles, between, curve_through, explain
 from models.estimation.particles.particle_prediction import foretell, going_on, growth_of, misses
 
 GRAVITY = np.array([0.0, 981.0])
@@ -92,8 +93,8 @@ def test_a_prediction_is_checked_on_samples_that_it_was_not_shown() -> None:
 def test_names_make_bodies_only_of_points_that_keep_their_distances() -> None:
     t = np.linspace(0, 1, 5)[:, None, None]
     corners = np.array([[0.0, 0], [1, 0], [1, 1]])
-    rigid: Floats = corners + [5.0, 0.0] * t
-    loose: Floats = corners * (1 + t) + [0.0, 9.0]
+    rigid: FloatArray = corners + [5.0, 0.0] * t
+    loose: FloatArray = corners * (1 + t) + [0.0, 9.0]
     x = np.concatenate([rigid, loose], axis=1)
     names = ("box-a", "box-b", "box-c", "red-1", "red-2", "red-3")
     found = named_bodies(names, x)

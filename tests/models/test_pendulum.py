@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from models.core.typing import FloatArray
 from models.estimation.pendulum.pendulum_fit import swing
 from models.physics.pendulum.double_pendulum import NAMES, energy, flow, moved, rate
-
-Floats = NDArray[np.float64]
 
 ARMS = np.array([0.45, 0.5, 60.0, 28.0, 0.04, 0.01, 0.0, 0.0, 0.002, 0.002])
 SMOOTH = np.concatenate([ARMS[:4], np.zeros(6)])
@@ -20,7 +18,7 @@ EVERY = 0.13
 """s between samples: cubic splines fail there."""
 
 
-def swung(numbers: Floats, t: Floats) -> Floats:
+def swung(numbers: FloatArray, t: FloatArray) -> FloatArray:
     """States (T, 4) by the integrator of scipy."""
     path = solve_ivp(lambda _, y: rate(y, numbers), (0, t[-1]), WILD, "DOP853", t, rtol=1e-10, atol=1e-10)
     return np.asarray(path.y.T)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_fit import shoot
 from models.estimation.neural_residual.corrected_motion import CLOTH_WEIGHTS, WEIGHTS
 from models.estimation.neural_residual.residual_training import GAIN, prediction_errors, train_residual, typical
@@ -17,8 +17,6 @@ from models.estimation.whole_shot.cushion_chains import Bounce, CushionChains, L
 from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, mirror, stronge
 from models.physics.billiards.parameters import CUSHION_LAWS
 
-Floats = NDArray[np.float64]
-
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
 SHARED = np.array([0.2, 0.01, 0.85, 0.18, 0.001, 0.002, -0.001, 0.0005])
 START = np.array([1.4, 0.7, 1.5, 0.6, 0.3, -0.4, 0.5])
@@ -26,7 +24,7 @@ TAU = np.arange(1, 41) / 30
 SIGMA = 0.001
 
 
-def leg(number: int, begin: float, tied: bool, t: Floats, xy: Floats, bounce: Bounce | None = None) -> Leg:
+def leg(number: int, begin: float, tied: bool, t: FloatArray, xy: FloatArray, bounce: Bounce | None = None) -> Leg:
     return Leg(number, "cue", begin, tied, t, xy, np.tile(np.eye(2) / SIGMA, (len(t), 1, 1)), bounce)
 
 
@@ -37,12 +35,12 @@ def through(cushion: str, at: float, until: float) -> tuple[Leg, Leg]:
     return first, leg(0, until, True, nothing, nowhere)
 
 
-def any_weights(seed: int, size: float) -> Floats:
+def any_weights(seed: int, size: float) -> FloatArray:
     rng = np.random.default_rng(seed)
     return np.array([prior.value for prior in residual_priors(0.1, seed)]) + size * rng.standard_normal(WEIGHTS)
 
 
-def energy(states: Floats) -> Floats:
+def energy(states: FloatArray) -> FloatArray:
     """Twice the energy per mass of states (..., 7) that count slip."""
     v, slip, side = states[..., 2:4], states[..., 4:6], states[..., 6]
     return np.asarray((v**2).sum(-1) + 0.4 * (((v - slip) ** 2).sum(-1) + side**2))
@@ -109,7 +107,7 @@ def test_shorter_strides_converge() -> None:
     assert errors[1] / errors[2] > 1.7
 
 
-def rolled(pull: Floats, seed: int, shots: int) -> tuple[Leg, ...]:
+def rolled(pull: FloatArray, seed: int, shots: int) -> tuple[Leg, ...]:
     """Balls that roll in all directions on a table that pulls them by `pull` (2,) m/s^2, integrated in small steps."""
     rng, legs = np.random.default_rng(seed), []
     for shot in range(shots):

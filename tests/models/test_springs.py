@@ -4,31 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.numerics import integrators
 from models.numerics.integrators import EULER, IMPLICIT_MIDPOINT, METHODS, RADAU, RK4, SYMPLECTIC_EULER, Method
 from models.physics.springs.spring_system import Springs, energy, fastest, flow, motion, rate, slope, springs
 from models.physics.springs.spring_tangents import flows
 
-Floats = NDArray[np.float64]
-
 NO_GRAVITY = np.zeros(2)
 DOWN = np.array([0.0, 981.0])
 
 
-def resting(*places: tuple[float, ...]) -> Floats:
+def resting(*places: tuple[float, ...]) -> FloatArray:
     x = np.array(places, np.float64)
     return np.stack([x, np.zeros_like(x)])
 
 
-def pendulum(stiffness: float = 3000.0, damping: float = 1.0) -> tuple[Springs, Floats]:
+def pendulum(stiffness: float = 3000.0, damping: float = 1.0) -> tuple[Springs, FloatArray]:
     """Scene I of the thesis: three balls in a row, the first one held."""
     graph = springs(np.ones(3), [(0, 1), (1, 2)], stiffness, damping, 80.0, DOWN, held=(0,))
     return graph, resting((200, 190), (280, 190), (360, 190))
 
 
-def tumbling() -> tuple[Springs, Floats]:
+def tumbling() -> tuple[Springs, FloatArray]:
     """A triangle of springs with one rod, masses unequal, thrown and turning, with a fourth ball that collides."""
     graph = springs(
         np.array([1.0, 2.0, 0.5, 1.5]), [(0, 1), (1, 2), (2, 0)], np.array([900.0, np.inf, 400.0]),
@@ -40,13 +38,13 @@ def tumbling() -> tuple[Springs, Floats]:
     return graph, state
 
 
-def swing(stiffness: float, damping: float, mass: float, t: Floats) -> Floats:
+def swing(stiffness: float, damping: float, mass: float, t: FloatArray) -> FloatArray:
     """Exact: how a damped spring of rest length 0, drawn out by 1 and let go, swings."""
     decay, omega = damping / (2 * mass), np.sqrt(stiffness / mass - (damping / (2 * mass)) ** 2)
     return np.exp(-decay * t) * (np.cos(omega * t) + decay / omega * np.sin(omega * t))
 
 
-def oscillator(damping: float = 1.0) -> tuple[Springs, Floats]:
+def oscillator(damping: float = 1.0) -> tuple[Springs, FloatArray]:
     graph = springs(np.array([1.0, 2.0]), [(0, 1)], 50.0, damping, 10.0, NO_GRAVITY, held=(0,))
     return graph, resting((0, 0), (11, 0))
 
@@ -144,7 +142,7 @@ def test_slopes_are_finite_differences(scene: object) -> None:
     steps = np.array([60])
     found = flow(graph, start[None], spans, np.arange(count), steps).slopes[0]
 
-    def end(inputs: Floats) -> Floats:
+    def end(inputs: FloatArray) -> FloatArray:
         ends, none = np.empty((1, *start.shape)), np.empty(0, np.int64)
         flows(
             inputs[: start.size].reshape(1, *start.shape).copy(), spans, steps, integrators.DOP853.a,

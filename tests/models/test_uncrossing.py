@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from association_shots import R, overhead
-from numpy.typing import NDArray
 
 from models.core.detections import Detections
+from models.core.typing import FloatArray
 from models.tracking.identity_switches import uncrossed
 from models.tracking.table_detections import Sightings, sight
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
-
-Floats = NDArray[np.float64]
 
 Pair = tuple[float, float]
 Way = tuple[Pair, Pair, Pair]
@@ -23,7 +21,7 @@ BURST = 6
 """Picture after which balls go other ways."""
 
 
-def seen(ways: list[Way], colours: Floats) -> Sightings:
+def seen(ways: list[Way], colours: FloatArray) -> Sightings:
     """Balls on their ways, the burst half way between two pictures; row by row."""
     burst, scene = (T[BURST - 1] + T[BURST]) / 2, overhead()
     xy = np.array([

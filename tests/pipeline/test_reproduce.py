@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.neural.common.method_interface import Budget, Fitted, Floats, Method
+from models.core.typing import FloatArray
+from models.neural.common.method_interface import Budget, Fitted, Method
 from models.neural.common.spline_methods import CUBIC, CURVES, LINEAR
 from pipeline.cli.execute import execute
 from pipeline.engine.result_cache import Cache
@@ -64,11 +65,11 @@ def made_up(frames: int = 21) -> Series:
 class Counted:
     """A method that counts how often it is asked."""
 
-    motion: Callable[[Floats], Floats]
+    motion: Callable[[FloatArray], FloatArray]
     name: str = "counted"
     asked: list[int] = field(default_factory=list)
 
-    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Fitted:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: Budget) -> Fitted:
         self.asked.append(seed)
         return Fitted(self.motion, np.arange(3.0), 7, 0.5)
 
@@ -119,7 +120,7 @@ def test_a_method_that_refuses_is_a_row_with_its_reason(tmp_path: Path) -> None:
     class Refusing:
         name: str = "refusing"
 
-        def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Fitted:
+        def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: Budget) -> Fitted:
             raise ValueError("these samples are not enough")
 
     trial = tried(Refusing(), made_up(), Budget(), Cache(tmp_path))

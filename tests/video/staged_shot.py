@@ -6,18 +6,15 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
+from models.core.typing import FloatArray, ImageArray
 from video.io.clip import Clip, open_clip
 from video.io.video_writer import VideoWriter
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 WIDTH, HEIGHT, SCALE, MARGIN = 320, 200, 140.0, 30.0
 """px, px, px/m, px from the border to the noses."""
@@ -29,7 +26,7 @@ TABLE = Table("toy", "carom", 1.8, 0.95, RADIUS, 0.2, False)
 RATE = 30
 
 
-def scene(motion: Floats | None = None) -> Scene:
+def scene(motion: FloatArray | None = None) -> Scene:
     """An orthogonal view from far above."""
     matrix = np.array([[SCALE, 0, 0, MARGIN], [0, SCALE, 0, MARGIN], [0, 0, -1e-9, 1.0]])
     corners = TABLE.corners * SCALE + MARGIN
@@ -37,7 +34,7 @@ def scene(motion: Floats | None = None) -> Scene:
     return Scene(TABLE, camera, np.array([45.0, -30.0, 10.0]), ())
 
 
-def place(t: float) -> Floats:
+def place(t: float) -> FloatArray:
     """Balls (2, 2) m: the cue ball rolls to the right at 0.9 m/s from 0.1 s on, the red one rests."""
     return np.array([[0.3 + 0.9 * max(0.0, t - 0.1), 0.45], [1.4, 0.25]])
 
@@ -53,7 +50,7 @@ def trajectory(seconds: float) -> Trajectory:
     )  # fmt: skip
 
 
-def cloth() -> Picture:
+def cloth() -> ImageArray:
     """The empty table: a gradient with soft mottling and a line."""
     rng = np.random.default_rng(3)
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(float)
@@ -63,7 +60,7 @@ def cloth() -> Picture:
     return np.asarray(np.clip(ground, 0, 255), dtype=np.uint8)
 
 
-def film(t: float, shown: tuple[int, ...] = (0, 1), rng: np.random.Generator | None = None) -> Picture:
+def film(t: float, shown: tuple[int, ...] = (0, 1), rng: np.random.Generator | None = None) -> ImageArray:
     """The picture at time t."""
     picture = cloth().astype(float)
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(float)
@@ -79,7 +76,7 @@ def film(t: float, shown: tuple[int, ...] = (0, 1), rng: np.random.Generator | N
     return np.asarray(np.clip(np.rint(picture), 0, 255), dtype=np.uint8)
 
 
-def tracks(times: Floats) -> Tracks:
+def tracks(times: FloatArray) -> Tracks:
     """What a faultless tracker sees."""
     xy = np.array([place(float(t)) for t in times])
     shape = xy.shape[:2]
@@ -91,7 +88,7 @@ def tracks(times: Floats) -> Tracks:
     )  # fmt: skip
 
 
-def fit(times: Floats) -> Fit:
+def fit(times: FloatArray) -> Fit:
     """What a faultless fit finds: the strike."""
     one = np.ones(1)
     events = Events(

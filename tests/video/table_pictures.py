@@ -9,12 +9,9 @@ from pathlib import Path
 import av
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import NOSE_HEIGHT_RADII, Camera, Table, apply_homography
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from models.core.typing import FloatArray, ImageArray
 
 OVER = 2
 """Pictures are drawn this much larger and then reduced."""
@@ -36,7 +33,9 @@ class Look:
     noise: float = 3.0
 
 
-def looking(table: Table, focal: float, size: tuple[int, int], place: Floats, target: Floats, roll: float) -> Camera:
+def looking(
+    table: Table, focal: float, size: tuple[int, int], place: FloatArray, target: FloatArray, roll: float
+) -> Camera:
     """The camera at `place` (3,) m that looks at `target` (3,) and is turned by `roll` rad, picture of `size` px.
 
     The table's axes are x right, y down, z up as seen from above, so they are left-handed.
@@ -58,8 +57,8 @@ def looking(table: Table, focal: float, size: tuple[int, int], place: Floats, ta
 
 
 def draw_table(
-    table: Table, camera: Camera, look: Look, balls: Floats | None = None, rng: np.random.Generator | None = None
-) -> Picture:
+    table: Table, camera: Camera, look: Look, balls: FloatArray | None = None, rng: np.random.Generator | None = None
+) -> ImageArray:
     """A table, RGB (H, W, 3), with balls at (N, 2) m."""
     canvas = np.empty((camera.height_px * OVER, camera.width_px * OVER, 3), np.uint8)
     canvas[:] = look.floor
@@ -90,21 +89,23 @@ def draw_table(
     return np.asarray(np.clip(np.rint(noisy), 0, 255), np.uint8)
 
 
-def _grown(table: Table, margin: float) -> Floats:
+def _grown(table: Table, margin: float) -> FloatArray:
     return table.corners + margin * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
-def _fill(canvas: Picture, camera: Camera, polygon: Floats, z: float, colour: tuple[float, ...]) -> None:
+def _fill(canvas: ImageArray, camera: Camera, polygon: FloatArray, z: float, colour: tuple[float, ...]) -> None:
     px = (camera.to_pixels(polygon, z) + 0.5) * OVER - 0.5
     cv2.fillPoly(canvas, [np.rint(px * 16).astype(np.int32)], colour, cv2.LINE_AA, 4)
 
 
-def _disc(canvas: Picture, camera: Camera, centre: Floats, z: float, radius: float, colour: tuple[float, ...]) -> None:
+def _disc(
+    canvas: ImageArray, camera: Camera, centre: FloatArray, z: float, radius: float, colour: tuple[float, ...]
+) -> None:
     angles = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     _fill(canvas, camera, centre + radius * np.column_stack([np.cos(angles), np.sin(angles)]), z, colour)
 
 
-def _ball(canvas: Picture, camera: Camera, centre: Floats, radius: float, colour: tuple[float, ...]) -> None:
+def _ball(canvas: ImageArray, camera: Camera, centre: FloatArray, radius: float, colour: tuple[float, ...]) -> None:
     """A sphere's outline is a circle, nearly, from wherever one looks."""
     middle = (camera.to_pixels(centre, radius) + 0.5) * OVER - 0.5
     size = float(camera.radius_px(centre, radius)) * OVER
@@ -112,7 +113,7 @@ def _ball(canvas: Picture, camera: Camera, centre: Floats, radius: float, colour
     cv2.circle(canvas, (int(x), int(y)), round(size * 16), colour, -1, cv2.LINE_AA, 4)
 
 
-def write_clip(path: Path, pictures: list[Picture]) -> Path:
+def write_clip(path: Path, pictures: list[ImageArray]) -> Path:
     """An H.264 clip at 25 pictures per second."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=Fraction(25), options={"crf": "16", "preset": "ultrafast"})
@@ -124,18 +125,18 @@ def write_clip(path: Path, pictures: list[Picture]) -> Path:
     return path
 
 
-def corner_error(found: Floats, true: Floats) -> float:
+def corner_error(found: FloatArray, true: FloatArray) -> float:
     """px, the largest distance between corresponding corners."""
     return float(np.linalg.norm(found - true, axis=1).max())
 
 
-def moved(picture: Picture, homography: Floats) -> Picture:
+def moved(picture: ImageArray, homography: FloatArray) -> ImageArray:
     """The picture after the camera moved by `homography` (3, 3), source to moved pixels."""
     size = (picture.shape[1], picture.shape[0])
     return np.asarray(cv2.warpPerspective(picture, homography, size, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
-def small_motion(angle: float, shift: tuple[float, float], tilt: float) -> Floats:
+def small_motion(angle: float, shift: tuple[float, float], tilt: float) -> FloatArray:
     """A homography (3, 3) of a hand: turn (rad), shift (px) and tilt (1/px)."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.array([[cosine, -sine, shift[0]], [sine, cosine, shift[1]], [tilt, 0.4 * tilt, 1.0]])

@@ -8,25 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 import staged_shot as shot
-from numpy.typing import NDArray
 
+from models.core.typing import ImageArray
 from video.io.chroma import has_squares, square_colours
 from video.io.clip import read_frames
 from video.matting.background_plate import Plate
 from video.matting.ball_timeline import sight
 from video.synthesis.frame_synthesis import open_interval
 
-Picture = NDArray[np.uint8]
 TIMES = np.arange(31) / shot.RATE
 
 
-def squared(picture: Picture) -> Picture:
+def squared(picture: ImageArray) -> ImageArray:
     """The picture as a camera with coarse colours gives it."""
     square_colours(picture, (0, 0, shot.WIDTH, shot.HEIGHT))
     return picture
 
 
-def filmed(t: float) -> Picture:
+def filmed(t: float) -> ImageArray:
     """The staged shot, filmed so."""
     return squared(shot.film(t))
 

@@ -13,16 +13,14 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from models.core.errors import ClipError
+from models.core.typing import ImageArray
 from video.io.clip import Clip, open_clip, read_frames
 from video.io.timestamps import nominal_rate, presentation_times
 
-Picture = NDArray[np.uint8]
 
-
-def numbered(count: int, width: int = 96, height: int = 64) -> list[Picture]:
+def numbered(count: int, width: int = 96, height: int = 64) -> list[ImageArray]:
     """Pictures whose brightness says which they are, with a white mark in the top left corner."""
     pictures = []
     for k in range(count):
@@ -33,7 +31,7 @@ def numbered(count: int, width: int = 96, height: int = 64) -> list[Picture]:
 
 
 def film(
-    path: Path, pictures: Iterable[Picture], ticks: Sequence[int] | None = None, base: Fraction = Fraction(1, 30),
+    path: Path, pictures: Iterable[ImageArray], ticks: Sequence[int] | None = None, base: Fraction = Fraction(1, 30),
     codec: str = "libx264", pix_fmt: str = "yuv420p", **options: str,
 ) -> Path:  # fmt: skip
     """A file with picture k shown at ticks[k] * base."""

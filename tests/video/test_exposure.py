@@ -3,14 +3,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from video.matting.shutter_time import SHARES, _misfits, believed_share
 
-Floats = NDArray[np.float64]
-
-
-Sighting = tuple[Floats, Floats, float]
+Sighting = tuple[FloatArray, FloatArray, float]
 
 
 def sighting(share: float, gain: float, speed: float) -> Sighting:

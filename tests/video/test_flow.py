@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from models.core.typing import ImageArray
 from video.flow.moving_regions import find_stirred, open_regions
 from video.flow.optical_flow import Blend, OfFunction, OpticalFlow
 
-Picture = NDArray[np.uint8]
 HEIGHT, WIDTH = 160, 240
 
 
@@ -21,7 +21,7 @@ def texture(seed: int, size: tuple[int, int]) -> NDArray[np.float64]:
     return np.asarray(cv2.resize(coarse, size[::-1], interpolation=cv2.INTER_CUBIC), dtype=np.float64)
 
 
-def hand(left: int, noise: float = 0.0) -> Picture:
+def hand(left: int, noise: float = 0.0) -> ImageArray:
     """A textured thing, 60 x 60 px, over a still background."""
     picture = 0.4 * texture(1, (HEIGHT, WIDTH)) + 60
     picture[50:110, left : left + 60] = texture(2, (60, 60))
@@ -29,7 +29,7 @@ def hand(left: int, noise: float = 0.0) -> Picture:
     return np.asarray(np.clip(np.rint(picture), 0, 255), dtype=np.uint8)
 
 
-def square(a: Picture, b: Picture) -> float:
+def square(a: ImageArray, b: ImageArray) -> float:
     return float(((a.astype(float) - b.astype(float)) ** 2).mean())
 
 
@@ -90,7 +90,7 @@ def test_what_moves_along_two_sides_is_no_box_around_all(height: int) -> None:
     assert sum((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in (region.box for region in regions)) < 0.4 * 480 * 640
 
 
-def drifted(picture: Picture, x: float, y: float) -> Picture:
+def drifted(picture: ImageArray, x: float, y: float) -> ImageArray:
     """What a camera sees that has moved by (x, y) px."""
     shift = np.array([[1, 0, x], [0, 1, y]], dtype=float)
     return np.asarray(cv2.warpAffine(picture, shift, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
@@ -125,7 +125,7 @@ def test_a_region_outside_the_picture_is_not_laid() -> None:
 def test_any_function_of_two_pictures_and_a_share_can_stand_in() -> None:
     asked: list[float] = []
 
-    def darker(first: Picture, second: Picture, share: float) -> Picture:
+    def darker(first: ImageArray, second: ImageArray, share: float) -> ImageArray:
         asked.append(share)
         return np.minimum(first, second)
 

@@ -16,6 +16,7 @@ from models.core.fit_result import Fit, Trust
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
+from models.core.typing import ImageArray
 from video.io.clip import Clip, open_clip, read_frames
 from video.matting.background_plate import UNDER, Plate, learn_plate
 from video.matting.ball_matting import Outline, peel
@@ -25,7 +26,6 @@ from video.matting.frame_store import Gallery
 from video.matting.hidden_background import plate_of, swept_by
 from video.synthesis.frame_synthesis import Seen, open_interval
 
-Picture = NDArray[np.uint8]
 TIMES = np.arange(31) / shot.RATE
 
 
@@ -42,11 +42,13 @@ def outline(t: float, ball: int = 0) -> Outline:
     return Outline(centre[None], centre, shot.RADIUS * shot.SCALE)
 
 
-def difference(a: Picture, b: Picture) -> NDArray[np.float64]:
+def difference(a: ImageArray, b: ImageArray) -> NDArray[np.float64]:
     return np.asarray(np.abs(a.astype(float) - b.astype(float)), dtype=np.float64)
 
 
-def midway(sightings: Sightings, plate: Plate, row: int, make: Callable[[float], Picture]) -> tuple[Picture, float]:
+def midway(
+    sightings: Sightings, plate: Plate, row: int, make: Callable[[float], ImageArray]
+) -> tuple[ImageArray, float]:
     """The picture made halfway between two that `make` films, and its time."""
     first, second = (float(t) for t in sightings.t[[row, row + 1]])
     t = (first + second) / 2
@@ -79,7 +81,7 @@ def test_a_ball_does_not_take_the_colour_of_its_neighbour_for_its_shade() -> Non
 
 
 def test_the_bright_fringe_of_a_ball_goes_with_it() -> None:
-    def fringed(t: float) -> Picture:
+    def fringed(t: float) -> ImageArray:
         y, x = np.mgrid[0 : shot.HEIGHT, 0 : shot.WIDTH]
         away = np.hypot(x - outline(t).centre[0], y - outline(t).centre[1]) - outline(t).radius
         glow = 90 * np.clip(1 - np.abs(away - 1.5) / 2, 0, 1)[..., None] * (1.0, 0.2, 0.3)
@@ -203,7 +205,7 @@ def test_a_ball_that_is_hidden_in_one_picture_comes_from_the_other() -> None:
     tracks.xy[20, 0], tracks.px[20, 0] = np.nan, np.nan
     sightings = sight(shot.scene(), tracks, shot.fit(TIMES))
 
-    def hidden(t: float) -> Picture:
+    def hidden(t: float) -> ImageArray:
         return shot.film(t, shown=(1,)) if t < TIMES[20] + 1e-6 else shot.film(t)
 
     made, t = midway(sightings, perfect_plate(), 20, hidden)
@@ -219,7 +221,7 @@ def test_a_drifting_camera_carries_the_table_with_it() -> None:
     tracks.px[..., 0] += motion[:, 0, 2][:, None]
     sightings = sight(shot.scene(motion), tracks, shot.fit(TIMES))
 
-    def film(t: float) -> Picture:
+    def film(t: float) -> ImageArray:
         return np.roll(shot.film(t), round(t * shot.RATE) * 2, axis=1)
 
     made, t = midway(sightings, perfect_plate(), 10, film)

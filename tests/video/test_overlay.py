@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import staged_shot as shot
-from numpy.typing import NDArray
 
 from models.core.scene import Camera, Scene
+from models.core.typing import FloatArray, ImageArray
 from video.drawing.label_layout import Side, overlap, place_label, place_panel
 from video.drawing.palette import (
     BRIGHT,
@@ -33,11 +33,8 @@ from video.overlay.frame_overlay import (
     uncovered,
 )
 
-Picture = NDArray[np.uint8]
-Floats = NDArray[np.float64]
 
-
-def black(height: int = 120, width: int = 200) -> Picture:
+def black(height: int = 120, width: int = 200) -> ImageArray:
     return np.zeros((height, width, 3), dtype=np.uint8)
 
 
@@ -212,7 +209,7 @@ def test_the_plan_stands_as_the_table_stands_in_the_picture(scene: Scene) -> Non
 def test_the_plan_shows_balls_in_their_colour_and_leaves_out_absent_ones() -> None:
     plan = plan_of(shot.scene(), 180)
     picture = black(200, 300)
-    xy: Floats = np.array([[0.45, 0.475], [np.nan, np.nan]])
+    xy: FloatArray = np.array([[0.45, 0.475], [np.nan, np.nan]])
     plan.draw(picture, 10, 20, xy, [np.empty((0, 2))] * 2, [(255, 255, 0), (0, 255, 255)])
     x, y = plan.plan(xy[0]) / 16 / 2
     assert picture[20 + round(y), 10 + round(x), :2].min() > 200

@@ -2,17 +2,16 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import ImageArray
 from video.matting.background_plate import SHADED, UNDER, Plate, learn_plate
 
-Picture = NDArray[np.uint8]
 SIZE, BALL, RADIUS = 96, (40, 48), 8
 SWEPT = np.zeros((SIZE, SIZE), dtype=bool)
 SWEPT[22:74, 10:86] = True
 
 
-def cloth(marked: bool = False) -> Picture:
+def cloth(marked: bool = False) -> ImageArray:
     """A green gradient; marked: with a white line across."""
     y, x = np.mgrid[0:SIZE, 0:SIZE].astype(float)
     ground = np.stack([20 + x / 12, 110 + y / 6, 70 + x / 12], axis=-1).astype(np.uint8)
@@ -21,7 +20,7 @@ def cloth(marked: bool = False) -> Picture:
     return ground
 
 
-def before(ground: Picture, rng: np.random.Generator) -> tuple[Picture, Picture, None]:
+def before(ground: ImageArray, rng: np.random.Generator) -> tuple[ImageArray, ImageArray, None]:
     """The ball rests; what it covers and shades."""
     picture, covered = noisy(ground, rng), np.zeros((SIZE, SIZE), dtype=np.uint8)
     cv2.circle(picture, BALL, RADIUS, (240, 240, 220), -1)
@@ -30,7 +29,7 @@ def before(ground: Picture, rng: np.random.Generator) -> tuple[Picture, Picture,
     return picture, covered, None
 
 
-def after(ground: Picture, rng: np.random.Generator, cue: bool = False) -> tuple[Picture, Picture, None]:
+def after(ground: ImageArray, rng: np.random.Generator, cue: bool = False) -> tuple[ImageArray, ImageArray, None]:
     """The ball is gone, and perhaps a cue lies where it was."""
     picture = noisy(ground, rng)
     if cue:
@@ -38,11 +37,11 @@ def after(ground: Picture, rng: np.random.Generator, cue: bool = False) -> tuple
     return picture, np.zeros((SIZE, SIZE), dtype=np.uint8), None
 
 
-def noisy(ground: Picture, rng: np.random.Generator) -> Picture:
+def noisy(ground: ImageArray, rng: np.random.Generator) -> ImageArray:
     return np.clip(ground + rng.normal(0, 1.5, ground.shape), 0, 255).astype(np.uint8)
 
 
-def missed(plate: Plate, truth: Picture) -> float:
+def missed(plate: Plate, truth: ImageArray) -> float:
     """Levels by which the plate is off at the worst pixel."""
     return float(np.abs(plate.picture[SWEPT].astype(float) - truth[SWEPT]).max())
 

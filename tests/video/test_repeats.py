@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from models.core.typing import ImageArray
 from video.io.clip import open_clip
 from video.io.duplicate_frames import QUIET, ChangeMeter, mark_repeats
 
 WIDTH, HEIGHT = 360, 180
-Picture = NDArray[np.uint8]
 
 
-def scene(balls: Sequence[tuple[float, float]], radius: float = 7.0) -> Picture:
+def scene(balls: Sequence[tuple[float, float]], radius: float = 7.0) -> ImageArray:
     """White balls on green cloth between wooden rails, anti-aliased, RGB (180, 360, 3)."""
     picture = np.full((HEIGHT, WIDTH, 3), (90, 60, 40), np.uint8)
     cv2.rectangle(picture, (20, 20), (WIDTH - 21, HEIGHT - 21), (30, 110, 60), -1)
@@ -29,7 +29,7 @@ def scene(balls: Sequence[tuple[float, float]], radius: float = 7.0) -> Picture:
 
 
 def coded(
-    path: Path, pictures: Sequence[Picture], rate: int = 30, crf: int = 24, noise: float = 0.0
+    path: Path, pictures: Sequence[ImageArray], rate: int = 30, crf: int = 24, noise: float = 0.0
 ) -> NDArray[np.bool_]:
     """Repeats found after x264 with B-frames; sensor noise (grey levels) is new where the picture is a new object."""
     rng, last, noisy = np.random.default_rng(3), None, scene([])
@@ -48,11 +48,11 @@ def coded(
     return open_clip(path).repeat
 
 
-def rolling(count: int, speed: float, start: float = 36.0) -> list[Picture]:
+def rolling(count: int, speed: float, start: float = 36.0) -> list[ImageArray]:
     return [scene([(start + speed * k, 90.0)]) for k in range(count)]
 
 
-def shown(pictures: Sequence[Picture], times: Sequence[int]) -> tuple[list[Picture], NDArray[np.bool_]]:
+def shown(pictures: Sequence[ImageArray], times: Sequence[int]) -> tuple[list[ImageArray], NDArray[np.bool_]]:
     """Every picture as often as `times` says, over and over; and which of those are repeats."""
     film, truth = [], []
     for k, picture in enumerate(pictures):

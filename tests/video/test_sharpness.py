@@ -7,22 +7,19 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, ImageArray
 from video.matting.background_plate import Plate
 from video.matting.ball_matting import Outline, Sprite, peel, taps_along
 from video.matting.compositing import Layer, paste
 from video.matting.deblur import grown, lit_like, sharpened, streaked
 from video.matting.sharp_balls import over_plain_ground
 
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-
 SIZE, RADIUS, CENTRE = 96, 9.0, np.array([47.3, 48.6])
 CLOTH, BALL = np.array([40.0, 110.0, 80.0]), np.array([230.0, 60.0, 40.0])
 
 
-def exposed(way: Floats) -> Picture:
+def exposed(way: FloatArray) -> ImageArray:
     """A lit ball filmed while it goes along `way` (K, 2) px around the centre: the mean over its places."""
     y, x = np.mgrid[0:SIZE, 0:SIZE].astype(float)
     total = np.zeros((SIZE, SIZE, 3))
@@ -33,18 +30,18 @@ def exposed(way: Floats) -> Picture:
     return np.asarray(np.rint(total / len(way)), dtype=np.uint8)
 
 
-def line(dx: float, dy: float, count: int = 41) -> Floats:
+def line(dx: float, dy: float, count: int = 41) -> FloatArray:
     return np.asarray(np.linspace(-0.5, 0.5, count)[:, None] * np.array([[dx, dy]]), dtype=np.float64)
 
 
-def cut(picture: Picture, way: Floats) -> tuple[Picture, Sprite]:
+def cut(picture: ImageArray, way: FloatArray) -> tuple[ImageArray, Sprite]:
     plate = Plate(np.full((SIZE, SIZE, 3), CLOTH, dtype=np.uint8), np.ones((SIZE, SIZE), dtype=bool))
     peeled = peel(picture, [Outline(CENTRE + way, CENTRE, RADIUS)], [], plate, None)
     assert peeled.sprites[0] is not None
     return peeled.behind, peeled.sprites[0]
 
 
-def off(a: Picture, b: Picture) -> float:
+def off(a: ImageArray, b: ImageArray) -> float:
     return float(((a.astype(float) - b) ** 2).mean())
 
 
@@ -107,7 +104,7 @@ def test_an_overexposed_streak_keeps_its_bright_ends() -> None:
     assert np.abs(made.astype(int) - picture).max() <= 8
 
 
-def beside_a_pocket(rng: np.random.Generator, above: float) -> Picture:
+def beside_a_pocket(rng: np.random.Generator, above: float) -> ImageArray:
     """The cloth with a dark pocket `above` px from the ball's centre, whose few levels are noise."""
     ground = np.full((SIZE, SIZE, 3), CLOTH)
     ground[: int(CENTRE[1] - above)] = 3

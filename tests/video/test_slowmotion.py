@@ -11,20 +11,18 @@ import cv2
 import numpy as np
 import pytest
 import staged_shot as shot
-from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
+from models.core.typing import ImageArray
 from video.io.clip import Clip
 from video.io.options import RenderOptions
 from video.matting.ball_timeline import sight
 from video.overlay.ball_outlines import balls_at
 from video.overlay.slow_motion import render_poster, render_slow_motion
 from video.synthesis.frame_synthesis import Scenery, scenery_of
-
-Picture = NDArray[np.uint8]
 
 
 def scenery(clip: Clip, tracks: Tracks | None = None, fit: Fit | None = None) -> Scenery:
@@ -34,7 +32,7 @@ def scenery(clip: Clip, tracks: Tracks | None = None, fit: Fit | None = None) ->
 
 def rendered(
     folder: Path, options: RenderOptions, rate: int = shot.RATE, pictures: int = 16
-) -> tuple[list[Picture], Fraction, Path]:
+) -> tuple[list[ImageArray], Fraction, Path]:
     """The slow motion of the staged shot: pictures, rate, file."""
     clip = shot.clip_in(folder, pictures, rate)
     path = folder / "slow.mp4"

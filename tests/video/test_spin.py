@@ -8,17 +8,14 @@ import cv2
 import numpy as np
 import pytest
 import staged_shot as shot
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, ImageArray
 from video.matting.background_plate import Plate
 from video.matting.ball_matting import Outline, Sprite, peel
 from video.matting.ball_timeline import Sightings, sight
 from video.matting.compositing import Turned
 from video.synthesis.ball_rotation import Spin, spin_between, spins_of
 from video.synthesis.frame_synthesis import open_interval
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 TIMES = np.arange(12) / 12
 """s; the ball rolls 1.3 radii, and turns by 75 degrees, from each to the next."""
@@ -27,19 +24,19 @@ RADIUS = shot.RADIUS * shot.SCALE
 WHITE, RED, YELLOW = (np.array(rgb, dtype=float) for rgb in ([235, 232, 220], [190, 30, 40], [220, 190, 40]))
 
 
-def turned_by(t: float) -> Floats:
+def turned_by(t: float) -> FloatArray:
     """Rotation (3, 3) of the rolling ball in axes right, down and up: what is on top goes to the right."""
     angle = (shot.place(t)[0, 0] - 0.3) / shot.RADIUS
     return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
 
 
-def paint(on_ball: Floats) -> Floats:
+def paint(on_ball: FloatArray) -> FloatArray:
     """Colours (..., 3) of a striped ball with a spot, by places (..., 3) on it."""
     stripe, spot = np.abs(on_ball[..., 1] - 0.2 * on_ball[..., 0]) < 0.3, on_ball @ [0.55, 0.6, 0.58] > 0.9
     return np.where(spot[..., None], YELLOW, np.where(stripe[..., None], RED, WHITE))
 
 
-def film(t: float, turn: Floats | None = None, plain: bool = False, gloss: bool = True) -> Picture:
+def film(t: float, turn: FloatArray | None = None, plain: bool = False, gloss: bool = True) -> ImageArray:
     """The picture at time t: the painted ball turned, its gloss where the lamp is."""
     picture = shot.cloth().astype(float)
     centre = shot.place(t)[0] * shot.SCALE + shot.MARGIN
@@ -58,7 +55,7 @@ def film(t: float, turn: Floats | None = None, plain: bool = False, gloss: bool 
     return np.asarray(np.rint(small), dtype=np.uint8)
 
 
-def sightings(spinning: bool = True, times: Floats = TIMES) -> Sightings:
+def sightings(spinning: bool = True, times: FloatArray = TIMES) -> Sightings:
     fit = shot.fit(times)
     spin = np.zeros_like(fit.trajectory.spin)
     rolls = 0.9 / shot.RADIUS if spinning else np.nan
@@ -72,14 +69,14 @@ def plate() -> Plate:
     return Plate(shot.cloth(), np.ones((shot.HEIGHT, shot.WIDTH), dtype=bool))
 
 
-def sprite_of(picture: Picture, t: float) -> Sprite:
+def sprite_of(picture: ImageArray, t: float) -> Sprite:
     centre = shot.place(t)[0] * shot.SCALE + shot.MARGIN
     sprite = peel(picture, [Outline(centre[None], centre, RADIUS)], [], plate(), None).sprites[0]
     assert sprite is not None
     return sprite
 
 
-def spin_of(first: Picture, second: Picture, times: Floats = TIMES) -> Spin | None:
+def spin_of(first: ImageArray, second: ImageArray, times: FloatArray = TIMES) -> Spin | None:
     seen = sightings(times=times)
     sides = (sprite_of(first, float(times[ROW])), sprite_of(second, float(times[ROW + 1])))
     return spin_between(seen, ROW, 0, spins_of(seen, ROW), sides, RADIUS)

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from table_pictures import Floats, Look, Picture, corner_error, draw_table, looking, moved, small_motion, write_clip
+from table_pictures import Look, corner_error, draw_table, looking, moved, small_motion, write_clip
 
 from models.core.errors import OptionError, TableNotFound
 from models.core.scene import Camera, Scene, apply_homography
+from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.tables import PRESETS
 from video.calibration.camera_model import orient
 from video.calibration.table_finder import find_scene, parse_corners, search_picture
@@ -41,12 +42,12 @@ def _view(name: str) -> Camera:
     return looking(TABLE, 0.75 * focal, SIZE, CENTRE + np.array(place), CENTRE + np.array([*target, 0.0]), roll)
 
 
-def _balls(rng: np.random.Generator, count: int = 9) -> Floats:
+def _balls(rng: np.random.Generator, count: int = 9) -> FloatArray:
     grid = np.stack(np.meshgrid(np.linspace(0.3, 2.2, 6), np.linspace(0.2, 1.05, 4)), axis=-1).reshape(-1, 2)
     return rng.permutation(grid)[:count] + rng.uniform(-0.05, 0.05, (count, 2))
 
 
-def _clip(path: Path, pictures: list[Picture]) -> Scene:
+def _clip(path: Path, pictures: list[ImageArray]) -> Scene:
     return find_scene(open_clip(write_clip(path, pictures)), CalibrateOptions())
 
 

@@ -13,16 +13,15 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+
+from models.core.typing import FloatArray
 
 WORLD = Path(__file__).resolve().parents[2] / "worlds" / "boxes.py"
 WIDE, TALL, FLOOR, RADIUS, GRAVITY = 24.0, 30.0, 330.0, 15.0, 981.0
 
-Floats = NDArray[np.float64]
-
 
 @cache
-def play(*options: str) -> tuple[Floats, list[str], Floats, list[dict[str, str]], dict[str, float]]:
+def play(*options: str) -> tuple[FloatArray, list[str], FloatArray, list[dict[str, str]], dict[str, float]]:
     """Times (T,), names of N points, places (T, N, 2), contacts, and what scene.json says."""
     with TemporaryDirectory() as folder:
         out = Path(folder) / "out"

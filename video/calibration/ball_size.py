@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Camera, Table
+from models.core.typing import FloatArray, ImageArray
 from video.calibration.cloth_region import cloth_likeness, local_cloth
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 PROBE_WIDTH = 960
 """px: balls are measured in pictures of at most this width."""
@@ -38,7 +36,7 @@ class BallSizes:
     """Round things measured, all pictures together."""
 
 
-def ball_sizes(pictures: list[Picture], background: Picture, camera: Camera, table: Table) -> BallSizes:
+def ball_sizes(pictures: list[ImageArray], background: ImageArray, camera: Camera, table: Table) -> BallSizes:
     """Radii of round things that lie inside the noses and are not of the cloth's colour.
 
     `background` is the table without what moves; `camera` is calibrated for `table`, of which only the shape counts.
@@ -58,7 +56,7 @@ def ball_sizes(pictures: list[Picture], background: Picture, camera: Camera, tab
     return BallSizes(share, share * float(doubt), count)
 
 
-def _round_blobs(picture: Picture, camera: Camera, table: Table, cloth: Floats) -> list[tuple[float, float]]:
+def _round_blobs(picture: ImageArray, camera: Camera, table: Table, cloth: FloatArray) -> list[tuple[float, float]]:
     """Radii of balls in a picture, in shares of the table's length and in px."""
     size = (cloth.shape[1], cloth.shape[0])
     scale = size[0] / picture.shape[1]
@@ -92,7 +90,7 @@ def _round_blobs(picture: Picture, camera: Camera, table: Table, cloth: Floats) 
     return balls
 
 
-def _rough_circle(contour: NDArray[np.int32], scale: float) -> tuple[Floats, float] | None:
+def _rough_circle(contour: NDArray[np.int32], scale: float) -> tuple[FloatArray, float] | None:
     """Centre and radius in px of the original picture of a blob that is about round and whole."""
     hull = cv2.convexHull(contour)
     area, perimeter = float(cv2.contourArea(hull)), float(cv2.arcLength(hull, True))
@@ -104,7 +102,7 @@ def _rough_circle(contour: NDArray[np.int32], scale: float) -> tuple[Floats, flo
     return (centre + 0.5) / scale - 0.5, (np.sqrt(area / np.pi) + 0.5) / scale
 
 
-def fit_circle(picture: Picture, centre: Floats, radius: float) -> tuple[Floats, float] | None:
+def fit_circle(picture: ImageArray, centre: FloatArray, radius: float) -> tuple[FloatArray, float] | None:
     """The circle along which the picture changes most steeply, near a rough one; None if there is no whole circle.
 
     The steepest place of an edge does not move with a threshold, and the median over directions forgives a shadow.
@@ -129,7 +127,7 @@ def fit_circle(picture: Picture, centre: Floats, radius: float) -> tuple[Floats,
     return (centre, radius) if np.mean(off < 0.1 * radius + 0.3) > WHOLE else None
 
 
-def _outermost_edge(steep: Floats) -> NDArray[np.int64]:
+def _outermost_edge(steep: FloatArray) -> NDArray[np.int64]:
     """Index of the outermost steep place on each ray (A, R): stripes, highlights and shaded limbs lie further in."""
     strong = steep > 0.75 * steep.max(axis=1, keepdims=True)
     peak = np.zeros_like(strong)
@@ -138,7 +136,7 @@ def _outermost_edge(steep: Floats) -> NDArray[np.int64]:
     return np.asarray(np.where(peak.any(axis=1), last, np.argmax(steep, axis=1)), np.int64)
 
 
-def _circle_through(points: Floats) -> tuple[Floats, float] | None:
+def _circle_through(points: FloatArray) -> tuple[FloatArray, float] | None:
     """Centre and radius of the circle through most of the points (P, 2)."""
     weight = np.ones(len(points))
     centre, radius = points.mean(axis=0), 1.0

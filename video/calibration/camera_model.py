@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import NOSE_HEIGHT_RADII, Camera, Table
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 FOCAL_PRIOR = 0.8
 """Focal length in picture widths where the perspective does not tell: a horizontal field of view of 64 degrees."""
@@ -35,12 +33,12 @@ class View:
     """Squared standard deviations by which shape and prior are missed."""
 
 
-def square_to_quad(corners: Floats) -> Floats:
+def square_to_quad(corners: FloatArray) -> FloatArray:
     """Homography (3, 3) from the unit square (u right, v down) to four corners (4, 2), clockwise from the origin."""
     return homography_between(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), corners)
 
 
-def homography_between(source: Floats, target: Floats) -> Floats:
+def homography_between(source: FloatArray, target: FloatArray) -> FloatArray:
     """The homography (3, 3) that takes four points (4, 2) exactly to four others."""
     rows = []
     for (x, y), (u, v) in zip(source, target, strict=True):
@@ -50,7 +48,7 @@ def homography_between(source: Floats, target: Floats) -> Floats:
     return np.append(solution, 1.0).reshape(3, 3)
 
 
-def best_view(corners: Floats, width_px: int, height_px: int, aspect: float, corner_sigma: float) -> View:
+def best_view(corners: FloatArray, width_px: int, height_px: int, aspect: float, corner_sigma: float) -> View:
     """The focal length with which corners (4, 2) look most like a rectangle of `aspect` (first side over second)."""
     focals = width_px * np.exp(np.linspace(np.log(0.35), np.log(8.0), 240))
     cosine, ratio = _shape(corners, width_px, height_px, focals)
@@ -66,7 +64,7 @@ def best_view(corners: Floats, width_px: int, height_px: int, aspect: float, cor
     return View(float(np.exp(mean)), sigma, float(ratio[best]), float(cost[best]))
 
 
-def _shape(corners: Floats, width_px: int, height_px: int, focals: Floats) -> tuple[Floats, Floats]:
+def _shape(corners: FloatArray, width_px: int, height_px: int, focals: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Cosine between the two sides, and the ratio of their lengths, for each focal length."""
     h = square_to_quad(corners)
     centre = np.array([(width_px - 1) / 2, (height_px - 1) / 2])
@@ -80,8 +78,8 @@ def _shape(corners: Floats, width_px: int, height_px: int, focals: Floats) -> tu
 
 
 def _shape_sigma(
-    corners: Floats, width_px: int, height_px: int, focals: Floats, corner_sigma: float
-) -> tuple[Floats, Floats]:
+    corners: FloatArray, width_px: int, height_px: int, focals: FloatArray, corner_sigma: float
+) -> tuple[FloatArray, FloatArray]:
     """Standard deviations of the cosine and of the logarithm of the ratio from that of the corners (px)."""
     cosine, ratio = _shape(corners, width_px, height_px, focals)
     cosine_variance, ratio_variance = np.zeros_like(cosine), np.zeros_like(ratio)
@@ -95,7 +93,7 @@ def _shape_sigma(
     return np.sqrt(cosine_variance), np.sqrt(ratio_variance)
 
 
-def orient(corners: Floats, width_px: int, height_px: int, corner_sigma: float) -> tuple[Floats, View]:
+def orient(corners: FloatArray, width_px: int, height_px: int, corner_sigma: float) -> tuple[FloatArray, View]:
     """Corners (4, 2), clockwise in the picture, in the order of `Table.corners`, and the view of them.
 
     The longer side runs to the right of the picture, or down where it stands within 45 degrees of vertical.
@@ -109,7 +107,7 @@ def orient(corners: Floats, width_px: int, height_px: int, corner_sigma: float) 
     return (np.roll(ordered, -2, axis=0) if backwards else ordered), views[first]
 
 
-def eye_over(homography: Floats, focal: float, width_px: int, height_px: int) -> Floats:
+def eye_over(homography: FloatArray, focal: float, width_px: int, height_px: int) -> FloatArray:
     """Where the camera stands (3,) over a plane that `homography` (3, 3) takes to pixels; the last is its height."""
     k = np.array([[focal, 0, (width_px - 1) / 2], [0, focal, (height_px - 1) / 2], [0, 0, 1.0]])
     rays = np.linalg.solve(k, homography)
@@ -121,7 +119,7 @@ def eye_over(homography: Floats, focal: float, width_px: int, height_px: int) ->
 
 
 def camera_from_corners(
-    corners: Floats, covariance: Floats, table: Table, view: View, width_px: int, height_px: int
+    corners: FloatArray, covariance: FloatArray, table: Table, view: View, width_px: int, height_px: int
 ) -> Camera:
     """The camera that sees the nose rectangle of `table` at corners (4, 2) px and has the view's focal length."""
     nose_height = NOSE_HEIGHT_RADII * table.ball_radius

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
+from models.core.typing import ByteArray, FloatArray
 from video.calibration.camera_model import homography_between
-
-Floats = NDArray[np.float64]
-Grey = NDArray[np.uint8]
 
 TRACK_WIDTH = 640
 """px: pictures are registered at about this width."""
@@ -35,10 +33,10 @@ SMOOTHING = 5
 class Reference:
     """A picture with features on its rails; pictures are reduced by `scale`."""
 
-    grey: Grey
+    grey: ByteArray
     points: NDArray[np.float32]
     """(N, 1, 2) px of the reduced picture"""
-    corners: Floats
+    corners: FloatArray
     """(4, 2) px of the original picture"""
     scale: float
 
@@ -47,7 +45,7 @@ class Reference:
 class Registration:
     """How a picture lies against the reference."""
 
-    homography: Floats
+    homography: FloatArray
     """(3, 3) reference pixels to the picture's"""
     inliers: int
     """Features that agree on it"""
@@ -59,7 +57,7 @@ class Registration:
     """px, median way of the features in the original picture"""
 
 
-def reference_of(grey: Grey, corners: Floats) -> Reference:
+def reference_of(grey: ByteArray, corners: FloatArray) -> Reference:
     """Choose features on the rails around noses at corners (4, 2) px, `Table.corners` order, of a grey picture."""
     scale = min(1.0, TRACK_WIDTH / grey.shape[1])
     small = _reduced(grey, scale)
@@ -69,7 +67,7 @@ def reference_of(grey: Grey, corners: Floats) -> Reference:
     return Reference(small, found, corners, scale)
 
 
-def register(reference: Reference, grey: Grey, guess: Floats | None = None) -> Registration | None:
+def register(reference: Reference, grey: ByteArray, guess: FloatArray | None = None) -> Registration | None:
     """Follow the reference's features into a picture; None where too few agree.
 
     `guess` (3, 3) is a homography that is nearly right, such as that of the picture before.
@@ -95,7 +93,7 @@ def register(reference: Reference, grey: Grey, guess: Floats | None = None) -> R
 
 
 def _follow(
-    reference: Reference, small: Grey, start: NDArray[np.float32]
+    reference: Reference, small: ByteArray, start: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Places (N, 1, 2) of the features in another picture, and whether following them back leads home."""
     if len(reference.points) == 0:
@@ -107,7 +105,7 @@ def _follow(
 
 
 def _flow(
-    source: Grey, target: Grey, points: NDArray[np.float32], start: NDArray[np.float32]
+    source: ByteArray, target: ByteArray, points: NDArray[np.float32], start: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Lucas-Kanade: places (N, 1, 2) in `target`, searched from `start`, and whether they were found."""
     flags = cv2.OPTFLOW_USE_INITIAL_FLOW
@@ -117,7 +115,7 @@ def _flow(
     return np.asarray(places, np.float32), np.asarray(ok[:, 0] > 0, np.bool_)
 
 
-def camera_moves(reference: Reference, pictures: list[Grey]) -> bool | None:
+def camera_moves(reference: Reference, pictures: list[ByteArray]) -> bool | None:
     """Whether the table moves in the picture by more than `STILL`; None where pictures do not show the same view."""
     found = [register(reference, picture) for picture in pictures]
     good = [one for one in found if one is not None and one.share > LEAST_SHARE]
@@ -128,13 +126,15 @@ def camera_moves(reference: Reference, pictures: list[Grey]) -> bool | None:
     return len(shifts) >= 2 and shifts[-2] > STILL
 
 
-def follow_camera(reference: Reference, pictures: Iterable[tuple[int, Grey]], count: int) -> tuple[Floats, int]:
+def follow_camera(
+    reference: Reference, pictures: Iterable[tuple[int, ByteArray]], count: int
+) -> tuple[FloatArray, int]:
     """Homographies (T, 3, 3) reference to picture, and how many pictures could not be registered.
 
     What could not be is interpolated between its neighbours in time.
     """
     corners = np.full((count, 4, 2), np.nan)
-    guess: Floats | None = None
+    guess: FloatArray | None = None
     for frame, grey in pictures:
         found = register(reference, grey, guess)
         if found is None or found.share < LEAST_SHARE:
@@ -156,7 +156,7 @@ def follow_camera(reference: Reference, pictures: Iterable[tuple[int, Grey]], co
     return np.stack([homography_between(reference.corners, place) for place in moved]), int((~known).sum())
 
 
-def _ring(shape: tuple[int, ...], corners: Floats) -> NDArray[np.uint8]:
+def _ring(shape: tuple[int, ...], corners: FloatArray) -> NDArray[np.uint8]:
     """Mask of the rails around corners (4, 2)."""
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [0.0, 0.5]])
     away = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -168,13 +168,13 @@ def _ring(shape: tuple[int, ...], corners: Floats) -> NDArray[np.uint8]:
     return mask
 
 
-def _reduced(grey: Grey, scale: float) -> Grey:
+def _reduced(grey: ByteArray, scale: float) -> ByteArray:
     if scale == 1.0:
         return grey
     return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _to_small(homography: Floats, scale: float) -> Floats:
+def _to_small(homography: FloatArray, scale: float) -> FloatArray:
     """The same motion between pictures reduced by `scale`; pixel centres are whole numbers in both."""
     shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1]])
     small = shrink @ homography @ np.linalg.inv(shrink)

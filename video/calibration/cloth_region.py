@@ -9,10 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, ImageArray
 from video.io.pixel_kernels import dots
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 SEARCH_WIDTH = 480
 """Width in px of the reduced picture in which the cloth is looked for."""
@@ -32,9 +30,9 @@ SHADES = (0.35, 0.5, 0.65)
 class Cloth:
     """The cloth as a quadrangle along its outer edge, where the wood of the rails begins."""
 
-    corners: Floats
+    corners: FloatArray
     """(4, 2) px, clockwise in the picture."""
-    colour: Floats
+    colour: FloatArray
     """(3,) RGB, 0 to 255."""
     support: float
     """Share of the quadrangle's sides along which the region really ends, 0 to 1."""
@@ -42,11 +40,11 @@ class Cloth:
 
 @dataclass(frozen=True, slots=True)
 class _Quadrangle:
-    corners: Floats
+    corners: FloatArray
     support: float
 
 
-def find_cloths(picture: Picture, count: int = 3) -> list[Cloth]:
+def find_cloths(picture: ImageArray, count: int = 3) -> list[Cloth]:
     """The most table-like regions of one colour in an RGB picture, best first, clearly different from each other."""
     scale = picture.shape[1] / SEARCH_WIDTH
     small = cv2.resize(picture, (SEARCH_WIDTH, round(picture.shape[0] / scale)), interpolation=cv2.INTER_AREA)
@@ -69,12 +67,12 @@ def find_cloths(picture: Picture, count: int = 3) -> list[Cloth]:
     ]
 
 
-def _apart(corners: Floats, others: Floats) -> float:
+def _apart(corners: FloatArray, others: FloatArray) -> float:
     """px by which two quadrangles differ at their worst corner, whichever they start from."""
     return float(np.linalg.norm(corners[:, None] - others[None], axis=2).min(axis=1).max())
 
 
-def dominant_colours(picture: Picture, count: int = 5) -> list[Floats]:
+def dominant_colours(picture: ImageArray, count: int = 5) -> list[FloatArray]:
     """The most frequent colours that are not nearly black: list of (3,) RGB means."""
     lab = cv2.cvtColor(picture, cv2.COLOR_RGB2LAB).reshape(-1, 3)
     keys = (lab[:, 0] >> 5).astype(np.int64) * 1024 + (lab[:, 1] >> 3).astype(np.int64) * 32 + (lab[:, 2] >> 3)
@@ -83,7 +81,7 @@ def dominant_colours(picture: Picture, count: int = 5) -> list[Floats]:
     for axis in range(3):
         smooth += 0.5 * (np.roll(smooth, 1, axis) + np.roll(smooth, -1, axis))
     smooth[:2] = 0  # L* below 25: dark surroundings, not a lit cloth
-    colours: list[Floats] = []
+    colours: list[FloatArray] = []
     pixels = picture.reshape(-1, 3)
     for _ in range(count):
         light, a, b = np.unravel_index(int(np.argmax(smooth)), smooth.shape)
@@ -98,7 +96,7 @@ def dominant_colours(picture: Picture, count: int = 5) -> list[Floats]:
     return colours
 
 
-def cloth_likeness(picture: Picture, colour: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def cloth_likeness(picture: ImageArray, colour: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Angle (rad) to the cloth's colour vector and brightness relative to it, both (H, W).
 
     `colour` is (3,) RGB, or (H, W, 3) where the light differs from place to place.
@@ -111,7 +109,7 @@ def cloth_likeness(picture: Picture, colour: Floats) -> tuple[NDArray[np.float32
     return angle.reshape(picture.shape[:2]), (length / usual).astype(np.float32).reshape(picture.shape[:2])
 
 
-def local_cloth(picture: Picture, width: int, height: int) -> Floats:
+def local_cloth(picture: ImageArray, width: int, height: int) -> FloatArray:
     """Colour of the cloth around each place (height, width, 3): the picture without anything of a ball's size."""
     tiny = cv2.resize(picture, (LIGHT_WIDTH, round(LIGHT_WIDTH * height / width)), interpolation=cv2.INTER_AREA)
     smooth = cv2.medianBlur(tiny, 13)
@@ -119,15 +117,15 @@ def local_cloth(picture: Picture, width: int, height: int) -> Floats:
     return np.asarray(large, np.float64)
 
 
-def _colour_inside(small: Picture, corners: Floats) -> Floats:
+def _colour_inside(small: ImageArray, corners: FloatArray) -> FloatArray:
     """Median colour (3,) inside corners (4, 2)."""
     inside = np.zeros(small.shape[:2], np.uint8)
     cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
-    colour: Floats = np.median(small[inside > 0], axis=0).astype(np.float64)
+    colour: FloatArray = np.median(small[inside > 0], axis=0).astype(np.float64)
     return colour
 
 
-def _masks(small: Picture, colour: Floats) -> list[NDArray[np.uint8]]:
+def _masks(small: ImageArray, colour: FloatArray) -> list[NDArray[np.uint8]]:
     angle, shade = cloth_likeness(cv2.GaussianBlur(small, (0, 0), 0.7), colour)
     return [((angle < a) & (shade > s) & (shade < 1.7)).astype(np.uint8) for a in ANGLES for s in SHADES]
 
@@ -155,14 +153,14 @@ def _quadrangle(mask: NDArray[np.uint8]) -> _Quadrangle | None:
     return _Quadrangle(corners, _support(corners, contour, mask.shape))
 
 
-def _filled(mask: NDArray[np.uint8], corners: Floats) -> float:
+def _filled(mask: NDArray[np.uint8], corners: FloatArray) -> float:
     """Share of the quadrangle (4, 2) that has the colour."""
     inside = np.zeros_like(mask)
     cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
     return float(mask[inside > 0].mean()) if inside.any() else 0.0
 
 
-def _best_sides(polygon: Floats, area: float) -> Floats | None:
+def _best_sides(polygon: FloatArray, area: float) -> FloatArray | None:
     """Of a convex polygon (K, 2) the four sides whose lines enclose it most tightly, as corners (4, 2)."""
     count = len(polygon)
     if count < 4:
@@ -186,7 +184,7 @@ def _best_sides(polygon: Floats, area: float) -> Floats | None:
     return best
 
 
-def _snap(corners: Floats, contour: Floats) -> Floats | None:
+def _snap(corners: FloatArray, contour: FloatArray) -> FloatArray | None:
     """Move each side onto the contour points (P, 2) that run along it (least squares with a narrowing gate)."""
     for gate in (6.0, 3.0, 1.5):
         lines = []
@@ -203,7 +201,7 @@ def _snap(corners: Floats, contour: Floats) -> Floats | None:
     return corners
 
 
-def _support(corners: Floats, contour: NDArray[np.int32], shape: tuple[int, ...]) -> float:
+def _support(corners: FloatArray, contour: NDArray[np.int32], shape: tuple[int, ...]) -> float:
     """Share of the four sides (without their ends) that have a contour point within 2.5 px; bad sides count twice."""
     outline = np.ones(shape, np.uint8)
     outline[contour[:, 0, 1], contour[:, 0, 0]] = 0
@@ -218,20 +216,20 @@ def _support(corners: Floats, contour: NDArray[np.int32], shape: tuple[int, ...]
     return float(np.mean(shares) * min(1.0, min(shares) / 0.5))
 
 
-def line_through(p: Floats, q: Floats) -> Floats:
+def line_through(p: FloatArray, q: FloatArray) -> FloatArray:
     """Line (a, b, c), a x + b y + c = 0 with a unit normal, through two points."""
     direction = (q - p) / np.linalg.norm(q - p)
     normal = np.array([-direction[1], direction[0]])
     return np.array([normal[0], normal[1], -normal @ p])
 
 
-def _fit(points: Floats) -> Floats:
+def _fit(points: FloatArray) -> FloatArray:
     centre = points.mean(axis=0)
     normal = np.linalg.svd(points - centre, full_matrices=False)[2][1]
     return np.array([normal[0], normal[1], -normal @ centre])
 
 
-def intersections(lines: list[Floats]) -> Floats | None:
+def intersections(lines: list[FloatArray]) -> FloatArray | None:
     """Corners (4, 2) of four lines in cyclic order: corner i lies on lines i - 1 and i; None if two are parallel."""
     corners = []
     rows = [line.tolist() for line in lines]  # plain numbers: hundreds of combinations are tried
@@ -244,16 +242,16 @@ def intersections(lines: list[Floats]) -> Floats | None:
     return np.array(corners)
 
 
-def _is_convex(corners: Floats) -> bool:
+def _is_convex(corners: FloatArray) -> bool:
     edges = np.roll(corners, -1, axis=0) - corners
     following = np.roll(edges, -1, axis=0)
     return bool(np.all(edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0] > 0))
 
 
-def _signed_area(corners: Floats) -> float:
+def _signed_area(corners: FloatArray) -> float:
     following = np.roll(corners, -1, axis=0)
     return float(np.sum(corners[:, 0] * following[:, 1] - following[:, 0] * corners[:, 1]) / 2)
 
 
-def _area(corners: Floats) -> float:
+def _area(corners: FloatArray) -> float:
     return abs(_signed_area(corners))

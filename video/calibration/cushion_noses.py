@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, ImageArray
 from video.calibration.camera_model import best_view, eye_over, homography_between
 from video.calibration.cloth_region import intersections, line_through
 from video.calibration.table_edges import (
@@ -22,9 +23,6 @@ from video.calibration.table_edges import (
     sharpen_outer,
     side_peaks,
 )
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 CUSHION_SIGMA = 0.25
 """Standard deviation of the logarithm of a cushion's width from `USUAL_CUSHION`."""
@@ -46,9 +44,9 @@ MOST_LINES = 4
 class Noses:
     """The nose rectangle in the picture."""
 
-    corners: Floats
+    corners: FloatArray
     """(4, 2) px, in the order of the outer corners."""
-    covariance: Floats
+    covariance: FloatArray
     """(8, 8) px^2."""
     cushion: float
     """Usual distance from the outer edge of the cloth to the nose, in table lengths."""
@@ -62,16 +60,16 @@ class Noses:
 
 @dataclass(frozen=True, slots=True)
 class _Choice:
-    depths: Floats
+    depths: FloatArray
     """(4,) of the noses, in table lengths inwards from the outer edge"""
     seen: tuple[bool, ...]
     cushion: float
     misfit: float
-    sigmas: Floats
+    sigmas: FloatArray
     """(4,) of the depths, were they not seen"""
 
 
-def find_noses(picture: Picture, outer: Floats) -> Noses | None:
+def find_noses(picture: ImageArray, outer: FloatArray) -> Noses | None:
     """Fit the four noses inside the outer corners (4, 2) of the cloth, the first side being a long one."""
     outer = sharpen_outer(picture, outer)
     sides = [sample_side(picture, outer, k) for k in range(4)]
@@ -89,7 +87,7 @@ def find_noses(picture: Picture, outer: Floats) -> Noses | None:
     return Noses(corners, _covariance(lines), choice.cushion, choice.seen, choice.misfit, bend)
 
 
-def _choose(sides: list[Side], outer: Floats, width_px: int, height_px: int) -> _Choice:
+def _choose(sides: list[Side], outer: FloatArray, width_px: int, height_px: int) -> _Choice:
     """The combination of lines, one or none per side, that cushions of one width and a 2:1 table explain best."""
     candidates = [_candidates(side) for side in sides]
     lean = _lean(outer, width_px, height_px)
@@ -125,7 +123,7 @@ def _candidates(side: Side) -> list[tuple[float, float]]:
     return found
 
 
-def _lean(outer: Floats, width_px: int, height_px: int) -> Floats:
+def _lean(outer: FloatArray, width_px: int, height_px: int) -> FloatArray:
     """How far (4,) the outer edge of each side seems to move outwards per height by which it lies above the noses."""
     length, width = 1 + 2 * USUAL_CUSHION, 0.5 + 2 * USUAL_CUSHION
     view = best_view(outer, width_px, height_px, length / width, 2.0)
@@ -136,7 +134,7 @@ def _lean(outer: Floats, width_px: int, height_px: int) -> Floats:
     return np.asarray(np.sum(outwards * (middles - eye[:2]), axis=1) / max(eye[2], 0.1), np.float64)
 
 
-def _cushion_fit(depths: Floats, lean: Floats, sigmas: Floats) -> tuple[float, float, float]:
+def _cushion_fit(depths: FloatArray, lean: FloatArray, sigmas: FloatArray) -> tuple[float, float, float]:
     """Cushion width and rise of its outer edge that explain the seen depths (4,), and the squared misfit."""
     seen = np.isfinite(depths)
     rows = [np.column_stack([np.ones(int(seen.sum())), lean[seen]]) / sigmas[seen, None]]
@@ -149,7 +147,7 @@ def _cushion_fit(depths: Floats, lean: Floats, sigmas: Floats) -> tuple[float, f
     return float(solution[0]), rise, float(miss @ miss)
 
 
-def _shape_cost(sides: list[Side], depths: Floats, seen: NDArray[np.bool_], width_px: int, height_px: int) -> float:
+def _shape_cost(sides: list[Side], depths: FloatArray, seen: NDArray[np.bool_], width_px: int, height_px: int) -> float:
     """Squared standard deviations by which the noses at these depths (4,) are no 2:1 rectangle in perspective."""
     places = [side.pixels[:, _index(depth)] for side, depth in zip(sides, depths, strict=True)]
     corners = intersections([line_through(place[0], place[-1]) for place in places])
@@ -169,7 +167,7 @@ def _assumed(side: Side, depth: float, depth_sigma: float) -> Line:
     return Line(fitted.line, fitted.centre, sigma, 0.3 * sigma / extent(side), 0.0)
 
 
-def _covariance(lines: list[Line]) -> Floats:
+def _covariance(lines: list[Line]) -> FloatArray:
     """Covariance (8, 8) px^2 of the four corners from offsets and angles of the lines."""
     base = intersections([fitted.line for fitted in lines])
     assert base is not None
@@ -181,11 +179,11 @@ def _covariance(lines: list[Line]) -> Floats:
             corners = intersections(moved)
             columns.append(((corners if corners is not None else base) - base).ravel())
     jacobian = np.column_stack(columns)
-    covariance: Floats = jacobian @ jacobian.T
+    covariance: FloatArray = jacobian @ jacobian.T
     return covariance
 
 
-def _moved(fitted: Line, offset: float, angle: float) -> Floats:
+def _moved(fitted: Line, offset: float, angle: float) -> FloatArray:
     cosine, sine = np.cos(angle), np.sin(angle)
     a, b = fitted.line[:2]
     normal = np.array([cosine * a - sine * b, sine * a + cosine * b])

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.progress import Progress, silent
+from models.core.typing import ByteArray, FloatArray
 from video.calibration.cloth_region import find_cloths
 from video.io.clip import Clip, read_frames
-
-Floats = NDArray[np.float64]
-Grey = NDArray[np.uint8]
 
 HEIGHT = 180
 """px of the reduced picture: the smallest ball of a table that fills the picture covers four of its pixels."""
@@ -69,7 +67,7 @@ def find_shots(clip: Clip, progress: Progress = silent) -> Shots:
     return Shots(first, stop, np.array(views[1:], np.int64))
 
 
-def motions(t: Floats, change: Floats, begin: int, end: int) -> list[tuple[int, int]]:
+def motions(t: FloatArray, change: FloatArray, begin: int, end: int) -> list[tuple[int, int]]:
     """Spans of pictures [first, stop) within [begin, end) in which something moves, with stillness around them.
 
     t (F,) s; change (F,) grey levels on the cloth, NaN where there is none.
@@ -88,11 +86,11 @@ def motions(t: Floats, change: Floats, begin: int, end: int) -> list[tuple[int, 
     return [(a, min(b, c)) for (a, b), (c, _) in pairwise([*kept, (end, end)])]
 
 
-def _look_through(clip: Clip, progress: Progress) -> tuple[list[int], Floats]:
+def _look_through(clip: Clip, progress: Progress) -> tuple[list[int], FloatArray]:
     """First pictures of the views, and (F,) the change on the cloth of each picture."""
     views, change = [0], np.full(clip.frame_count, np.nan)
-    usual, before = deque[float](maxlen=USUAL), deque[tuple[float, Grey]]()
-    mask: Grey | None = None
+    usual, before = deque[float](maxlen=USUAL), deque[tuple[float, ByteArray]]()
+    mask: ByteArray | None = None
     for frame, picture in read_frames(clip, indices=np.arange(clip.frame_count)):
         small = _reduced(picture)
         grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.uint8)
@@ -114,16 +112,16 @@ def _look_through(clip: Clip, progress: Progress) -> tuple[list[int], Floats]:
     return views, change
 
 
-def _reduced(picture: Grey) -> Grey:
+def _reduced(picture: ByteArray) -> ByteArray:
     height, width = picture.shape[:2]
     if height <= HEIGHT:
         return picture
     size = (max(width * HEIGHT // height, 1), HEIGHT)
-    small: Grey = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+    small: ByteArray = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
     return small
 
 
-def _cloth(picture: Grey) -> Grey | None:
+def _cloth(picture: ByteArray) -> ByteArray | None:
     """Where the cloth is in a picture; None where it shows no table."""
     found = find_cloths(picture, 1)
     if not found:
@@ -133,6 +131,6 @@ def _cloth(picture: Grey) -> Grey | None:
     return mask
 
 
-def _largest(change: Grey) -> float:
+def _largest(change: ByteArray) -> float:
     place = change.size - RANK
     return float(np.partition(change, place)[place]) if place >= 0 else 0.0

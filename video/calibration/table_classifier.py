@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Table, apply_homography
+from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.tables import PRESETS
 from video.calibration.ball_size import BallSizes
 from video.calibration.camera_model import homography_between
 from video.calibration.cloth_region import cloth_likeness
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 COMMON = {
     "pool-9ft": 1.0,
@@ -107,7 +105,7 @@ def _weight(table: Table, sizes: BallSizes, pockets: bool, has_d: bool) -> float
     return weight * float(np.exp(-0.5 * min(off**2, 50.0)))
 
 
-def pocket_share(picture: Picture, outer: Floats, noses: Floats, cloth: Floats) -> float:
+def pocket_share(picture: ImageArray, outer: FloatArray, noses: FloatArray, cloth: FloatArray) -> float:
     """Share of six places between corners and middles of the long noses and the cloth's outer edge that are no cloth.
 
     Near 1 with pockets, near 0 on a carom table, whose cushions run through. Corners (4, 2) px each.
@@ -124,14 +122,14 @@ def pocket_share(picture: Picture, outer: Floats, noses: Floats, cloth: Floats) 
     return float(np.mean(np.array(broken) > 0.4))
 
 
-def _six(corners: Floats) -> Floats:
+def _six(corners: FloatArray) -> FloatArray:
     """Four corners and the middles, seen in perspective, of the two long sides (6, 2)."""
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     places = np.concatenate([square, [[0.5, 0.0], [0.5, 1.0]]])
     return apply_homography(homography_between(square, corners), places)
 
 
-def has_snooker_d(background: Picture, noses: Floats) -> bool:
+def has_snooker_d(background: ImageArray, noses: FloatArray) -> bool:
     """Whether a semicircle is drawn behind a baulk line, at either end of the table with noses (4, 2) px."""
     length, width = SHEET
     square = np.array([[0.0, 0.0], [length, 0.0], [length, width], [0.0, width]])

@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
+from models.core.typing import FloatArray, ImageArray
 from video.calibration.camera_model import square_to_quad
 from video.calibration.cloth_region import SEARCH_WIDTH, intersections, line_through
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 USUAL_CUSHION = 0.021
 """Width of a cushion's cloth in table lengths: about 50 mm on 2.54 m."""
@@ -35,11 +33,11 @@ SYSTEMATIC = 0.4
 class Side:
     """Profiles across one side of a table, S places along it, D depths from its outer edge inwards."""
 
-    pixels: Floats
+    pixels: FloatArray
     """(S, D, 2) px"""
-    gradient: Floats
+    gradient: FloatArray
     """(S, D, 3) Lab units per px, inwards"""
-    strength: Floats
+    strength: FloatArray
     """(D,) of the median gradient along the side"""
     step: float
     """px from one depth to the next"""
@@ -49,9 +47,9 @@ class Side:
 class Line:
     """A straight line in the picture and how well it is known."""
 
-    line: Floats
+    line: FloatArray
     """(3,) a x + b y + c = 0, unit normal"""
-    centre: Floats
+    centre: FloatArray
     """(2,) px, where offset and angle are uncorrelated"""
     offset_sigma: float
     """px"""
@@ -61,7 +59,7 @@ class Line:
     """px"""
 
 
-def sharpen_outer(picture: Picture, outer: Floats) -> Floats:
+def sharpen_outer(picture: ImageArray, outer: FloatArray) -> FloatArray:
     """Outer corners (4, 2) moved onto the steepest line near each side; they come from a reduced picture."""
     reach = 1.6 * picture.shape[1] / SEARCH_WIDTH
     lines = []
@@ -75,7 +73,7 @@ def sharpen_outer(picture: Picture, outer: Floats) -> Floats:
     return corners
 
 
-def _steepest_line(side: Side) -> Floats:
+def _steepest_line(side: Side) -> FloatArray:
     """The line (3,) that starts and ends at any two depths and has the largest median step across it."""
     count = side.gradient.shape[1]
     share = (POSITIONS - POSITIONS[0]) / (POSITIONS[-1] - POSITIONS[0])
@@ -91,7 +89,7 @@ def _steepest_line(side: Side) -> Floats:
     return line_through(side.pixels[0, depth[0]], side.pixels[-1, depth[-1]])
 
 
-def sample_side(picture: Picture, outer: Floats, side: int, depths: Floats = DEPTHS) -> Side:
+def sample_side(picture: ImageArray, outer: FloatArray, side: int, depths: FloatArray = DEPTHS) -> Side:
     """Profiles across one side, at depths (D,) in table lengths, smoothed by about a pixel."""
     length, width = 1 + 2 * USUAL_CUSHION, 0.5 + 2 * USUAL_CUSHION
     along, inwards = np.meshgrid(POSITIONS, depths / (width if side % 2 == 0 else length), indexing="ij")
@@ -111,7 +109,7 @@ def sample_side(picture: Picture, outer: Floats, side: int, depths: Floats = DEP
     return Side(pixels, gradient, np.linalg.norm(np.median(gradient, axis=0), axis=1), step)
 
 
-def side_peaks(side: Side) -> tuple[Floats, Floats]:
+def side_peaks(side: Side) -> tuple[FloatArray, FloatArray]:
     """Depths and strengths of lines that run along the whole side, in the range of cushion widths."""
     index, prominence = peaks(side.strength, LEAST_STEP, LEAST_STEP / 2)
     depth = DEPTHS[index]
@@ -120,7 +118,7 @@ def side_peaks(side: Side) -> tuple[Floats, Floats]:
     return depth[inside], side.strength[index][inside]
 
 
-def peaks(levels: Floats, least: float, least_prominence: float) -> tuple[NDArray[np.intp], Floats]:
+def peaks(levels: FloatArray, least: float, least_prominence: float) -> tuple[NDArray[np.intp], FloatArray]:
     """Indices (n,) of the maxima inside levels (D,) that are high enough, a plateau's its middle; their prominences.
 
     The prominence is the height over the higher of the two lowest levels on the way to something higher, or to the end.
@@ -134,7 +132,7 @@ def peaks(levels: Floats, least: float, least_prominence: float) -> tuple[NDArra
     return ((bounds[top] + bounds[top + 1] - 1) // 2)[enough], prominence[enough]
 
 
-def _lowest(levels: Floats) -> float:
+def _lowest(levels: FloatArray) -> float:
     """The least of levels (n,) before one is higher than the first."""
     higher = np.flatnonzero(levels > levels[0])
     return float(levels[: higher[0] if len(higher) else None].min())
@@ -169,7 +167,7 @@ def extent(side: Side) -> float:
     return float(np.linalg.norm(side.pixels[-1, 0] - side.pixels[0, 0]))
 
 
-def robust_line(points: Floats) -> Line:
+def robust_line(points: FloatArray) -> Line:
     """Straight line through points (P, 2) by iteratively reweighted least squares with Tukey's weights."""
     weight = np.ones(len(points))
     residual = np.zeros(len(points))
@@ -194,7 +192,7 @@ def robust_line(points: Floats) -> Line:
     )
 
 
-def _bend(along: Floats, residual: Floats, weight: Floats) -> float:
+def _bend(along: FloatArray, residual: FloatArray, weight: FloatArray) -> float:
     """Sagitta in px of the parabola that fits the residuals."""
     curve = np.polyfit(along, residual, 2, w=np.sqrt(weight))
     return float(abs(curve[0]) * (0.5 * np.ptp(along)) ** 2)

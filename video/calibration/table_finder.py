@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from models.core.errors import OptionError, TableNotFound
 from models.core.progress import Progress, silent
 from models.core.scene import Camera, Scene, Table
+from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.tables import PRESETS, parse_table, with_ball_radius
 from video.calibration.ball_size import ball_sizes
 from video.calibration.camera_model import View, camera_from_corners, orient
@@ -20,9 +21,6 @@ from video.calibration.cushion_noses import Noses, find_noses
 from video.calibration.table_classifier import guess_table, has_snooker_d, pocket_share
 from video.io.clip import Clip, read_frames
 from video.io.options import CalibrateOptions
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 GLANCES = 9
 """Pictures spread over the clip whose median is the table without what moves."""
@@ -46,11 +44,11 @@ MARKED_CORNER_SIGMA = 2.0
 class FoundTable:
     """A table in a picture: corners of the noses, in the order of `Table.corners`, and what was met on the way."""
 
-    corners: Floats
-    covariance: Floats
+    corners: FloatArray
+    covariance: FloatArray
     view: View
-    cloth: Floats
-    outer: Floats | None
+    cloth: FloatArray
+    outer: FloatArray | None
     notes: tuple[str, ...]
     given: bool = False
     """Whether the user gave the corners."""
@@ -82,7 +80,7 @@ def find_scene(clip: Clip, options: CalibrateOptions, progress: Progress = silen
     return Scene(table, replace(camera, motion=motion), _lab(found.cloth), notes, doubts)
 
 
-def scene_in_picture(picture: Picture, options: CalibrateOptions, name: str = "the picture") -> Scene:
+def scene_in_picture(picture: ImageArray, options: CalibrateOptions, name: str = "the picture") -> Scene:
     """Table and camera in one still picture (H, W, 3), as `find_scene` finds them in a clip."""
     asked = parse_table(options.table) if options.table is not None else None
     corners = options.corners
@@ -94,11 +92,11 @@ def scene_in_picture(picture: Picture, options: CalibrateOptions, name: str = "t
     return Scene(table, camera, _lab(found.cloth), (*found.notes, *named, _height_note(camera, found.view)), doubts)
 
 
-def _found_in(picture: Picture, clip: Clip, corners: str | None) -> FoundTable:
+def _found_in(picture: ImageArray, clip: Clip, corners: str | None) -> FoundTable:
     return search_picture(picture, clip.path.name) if corners is None else _from_user(corners, picture)
 
 
-def _look(clip: Clip, pictures: list[Picture], corners: str | None) -> tuple[FoundTable, Picture]:
+def _look(clip: Clip, pictures: list[ImageArray], corners: str | None) -> tuple[FoundTable, ImageArray]:
     """The table in the median of all glances, or in the first one where the camera has moved too much for that."""
     background = median_picture(pictures)
     if corners is not None:
@@ -109,7 +107,7 @@ def _look(clip: Clip, pictures: list[Picture], corners: str | None) -> tuple[Fou
         return search_picture(pictures[0], clip.path.name), pictures[0]
 
 
-def _follow(clip: Clip, pictures: list[Picture], found: FoundTable) -> tuple[Floats | None, int]:
+def _follow(clip: Clip, pictures: list[ImageArray], found: FoundTable) -> tuple[FloatArray | None, int]:
     """Motion of the camera (T, 3, 3), or None where it stands, and the number of pictures that were interpolated."""
     greys = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in pictures]
     reference = reference_of(greys[0], found.corners)
@@ -133,7 +131,7 @@ def _follow(clip: Clip, pictures: list[Picture], found: FoundTable) -> tuple[Flo
     return motion, lost
 
 
-def _laid_over(picture: Picture, motion: Floats) -> Picture:
+def _laid_over(picture: ImageArray, motion: FloatArray) -> ImageArray:
     """A picture (H, W, 3) as the reference camera would have seen it."""
     height, width = picture.shape[:2]
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -142,14 +140,14 @@ def _laid_over(picture: Picture, motion: Floats) -> Picture:
     )
 
 
-def _motion_notes(motion: Floats | None, lost: int) -> tuple[str, ...]:
+def _motion_notes(motion: FloatArray | None, lost: int) -> tuple[str, ...]:
     if motion is None:
         return ()
     gaps = f"; {lost} pictures between were interpolated" if lost else ""
     return (f"the camera moves and was followed by the rails of the table{gaps}",)
 
 
-def median_picture(pictures: list[Picture]) -> Picture:
+def median_picture(pictures: list[ImageArray]) -> ImageArray:
     """Median (H, W, 3) of pictures: what stood still most of the time."""
     stack = np.stack(pictures)
     half = len(pictures) // 2
@@ -161,7 +159,7 @@ def _glance_frames(clip: Clip) -> NDArray[np.int64]:
     return np.asarray(clip.distinct[spread], np.int64)
 
 
-def search_picture(picture: Picture, name: str = "the picture") -> FoundTable:
+def search_picture(picture: ImageArray, name: str = "the picture") -> FoundTable:
     """Find the table in one RGB picture; TableNotFound, a sentence that starts with `name`, where there is none."""
     cloths = [cloth for cloth in find_cloths(picture) if cloth.support > LEAST_SUPPORT]
     if not cloths:
@@ -198,19 +196,19 @@ def search_picture(picture: Picture, name: str = "the picture") -> FoundTable:
     return FoundTable(*_ordered(corners, noses), view, cloth.colour, _like(outer, corners), _edge_notes(noses))
 
 
-def _ordered(corners: Floats, noses: Noses) -> tuple[Floats, Floats]:
+def _ordered(corners: FloatArray, noses: Noses) -> tuple[FloatArray, FloatArray]:
     """Oriented corners with the covariance rolled alike."""
     shift = int(np.argmin(np.linalg.norm(noses.corners - corners[0], axis=1)))
     order = np.roll(np.arange(8).reshape(4, 2), -shift, axis=0).ravel()
     return corners, noses.covariance[np.ix_(order, order)]
 
 
-def _like(outer: Floats, corners: Floats) -> Floats:
+def _like(outer: FloatArray, corners: FloatArray) -> FloatArray:
     """Outer corners in the order of the nose corners."""
     return np.roll(outer, -int(np.argmin(np.linalg.norm(outer - corners[0], axis=1))), axis=0)
 
 
-def _mean_sigma(covariance: Floats) -> float:
+def _mean_sigma(covariance: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.diag(covariance))))
 
 
@@ -224,7 +222,7 @@ def _edge_notes(noses: Noses) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _from_user(text: str, background: Picture) -> FoundTable:
+def _from_user(text: str, background: ImageArray) -> FoundTable:
     height, width = background.shape[:2]
     corners, view = orient(parse_corners(text, width, height), width, height, MARKED_CORNER_SIGMA)
     if not 1.5 < view.aspect < 2.6:
@@ -239,7 +237,7 @@ def _from_user(text: str, background: Picture) -> FoundTable:
     )
 
 
-def parse_corners(text: str, width: int, height: int) -> Floats:
+def parse_corners(text: str, width: int, height: int) -> FloatArray:
     """Four corners (4, 2) px, clockwise in the picture, from eight numbers in any order of corners."""
     try:
         numbers = [float(number) for number in text.replace(";", ",").replace(" ", ",").split(",") if number]
@@ -262,13 +260,13 @@ def parse_corners(text: str, width: int, height: int) -> Floats:
     return ordered
 
 
-def _meet(corners: Floats) -> bool:
+def _meet(corners: FloatArray) -> bool:
     """Whether the sides of a quadrangle (4, 2) meet, as lines, in its corners."""
     return intersections([line_through(corners[i], corners[(i + 1) % 4]) for i in range(4)]) is not None
 
 
 def _name(
-    found: FoundTable, background: Picture, pictures: list[Picture], asked: Table | None
+    found: FoundTable, background: ImageArray, pictures: list[ImageArray], asked: Table | None
 ) -> tuple[Table, tuple[str, ...], tuple[str, ...]]:
     """The table's preset (or what was asked for), notes on it, and what else it could be."""
     if asked is not None:
@@ -280,7 +278,7 @@ def _name(
     return guess.table, (guess.note, *guess.doubts), guess.doubts
 
 
-def _camera(found: FoundTable, background: Picture, table: Table) -> Camera:
+def _camera(found: FoundTable, background: ImageArray, table: Table) -> Camera:
     height, width = background.shape[:2]
     return camera_from_corners(found.corners, found.covariance, table, found.view, width, height)
 
@@ -290,7 +288,7 @@ def _height_note(camera: Camera, view: View) -> str:
     return f"camera {camera.height:.2f} +- {camera.height_sigma:.2f} m above the table ({how})"
 
 
-def _lab(rgb: Floats) -> Floats:
+def _lab(rgb: FloatArray) -> FloatArray:
     pixel = (rgb / 255).astype(np.float32).reshape(1, 1, 3)
-    lab: Floats = cv2.cvtColor(pixel, cv2.COLOR_RGB2LAB)[0, 0].astype(np.float64)
+    lab: FloatArray = cv2.cvtColor(pixel, cv2.COLOR_RGB2LAB)[0, 0].astype(np.float64)
     return lab

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.numerics.jit import compiled
 
-Floats = NDArray[np.float64]
 Rect = tuple[float, float, float, float]
 """left, top, width, height in px."""
 
@@ -55,7 +54,7 @@ class Side:
     angle: float
     gap: float
 
-    def corner(self, size: tuple[int, int], radius: float) -> Floats:
+    def corner(self, size: tuple[int, int], radius: float) -> FloatArray:
         """Top-left corner (2,) of a box of `size` (w, h) relative to the ball's centre, px; continuous in both."""
         return np.array(_corner(self.angle, self.gap, float(size[0]), float(size[1]), radius))
 
@@ -67,9 +66,9 @@ class Side:
 
 def place_label(
     size: tuple[int, int],
-    centre: Floats,
+    centre: FloatArray,
     radius: float,
-    heading: Floats,
+    heading: FloatArray,
     taken: Sequence[Rect],
     bounds: tuple[int, int],
     previous: Side | None,
@@ -88,10 +87,10 @@ def place_label(
 @compiled
 def _cheapest(
     size: tuple[float, float],
-    centre: Floats,
+    centre: FloatArray,
     radius: float,
-    heading: Floats,
-    taken: Floats,
+    heading: FloatArray,
+    taken: FloatArray,
     bounds: tuple[float, float],
     stood: float,
 ) -> int:
@@ -128,7 +127,7 @@ def _near_side(way: float) -> float:
 
 
 def place_panel(
-    size: tuple[int, int], bounds: tuple[int, int], cost: Floats, taken: Sequence[Rect], scale: float
+    size: tuple[int, int], bounds: tuple[int, int], cost: FloatArray, taken: Sequence[Rect], scale: float
 ) -> Rect:
     """The place on the border of the picture, best a corner, where a panel hides least.
 

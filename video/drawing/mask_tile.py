@@ -6,21 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import ByteArray, Float32Array, ImageArray
 from video.drawing.palette import Colour
 from video.io.pixel_kernels import lay_over
-
-Picture = NDArray[np.uint8]
-Mask = NDArray[np.uint8]
-Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
 class Ink:
     """A mask (h, w), 0 to 255, in a colour; (x, y) is its top-left pixel."""
 
-    mask: Mask
+    mask: ByteArray
     x: int
     y: int
     colour: Colour
@@ -31,12 +27,12 @@ class Ink:
 class Tile:
     """What is laid: the colour of every pixel and how far it covers; shared, not to be written into."""
 
-    colours: Picture
+    colours: ImageArray
     """(h, w, 3)"""
-    cover: Singles
+    cover: Float32Array
     """(h, w) 0 to 1"""
 
-    def lay(self, picture: Picture, x: int, y: int, opacity: float = 1.0) -> None:
+    def lay(self, picture: ImageArray, x: int, y: int, opacity: float = 1.0) -> None:
         """Lay it over `picture` with its top-left pixel at (x, y), in place; what is outside is cut."""
         if opacity > 0:
             lay_over(picture, self.colours, self.cover, x, y, float(opacity))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
+
 Colour = tuple[int, int, int]
 """sRGB, 0 to 255."""
 
@@ -40,14 +40,14 @@ GREY_CHROMA = 10.0
 """C* below which a seen colour is grey and stays so."""
 
 
-def lab_to_rgb(lab: Floats) -> Colour:
+def lab_to_rgb(lab: FloatArray) -> Colour:
     """sRGB of a CIE L*a*b* colour (3,), D65."""
     rgb = cv2.cvtColor(np.asarray(lab, dtype=np.float32).reshape(1, 1, 3), cv2.COLOR_LAB2RGB).reshape(3)
     red, green, blue = (round(float(value) * 255) for value in np.clip(rgb, 0, 1))
     return red, green, blue
 
 
-def ball_colour(kind: str, lab: Floats) -> Colour:
+def ball_colour(kind: str, lab: FloatArray) -> Colour:
     """The colour in which a ball is drawn: of its name, else as seen (L*a*b* (3,)), no duller than `LEAST_CHROMA`."""
     if kind in KIND_COLOURS:
         return KIND_COLOURS[kind]

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray, ImageArray
 from video.drawing.palette import INK, WHITE, Colour, mix
 from video.drawing.table_inset import SHIFT, SUPERSAMPLE, Inset
 from video.drawing.table_plan import draw_plan
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 SHARES = ((0.9, 0.28), (0.5, 0.42))
 """Which courses are shaded together, and how strongly."""
@@ -30,17 +27,17 @@ class Fan:
     """The future of one ball, drawn over its past."""
 
     name: str
-    seen: Floats
+    seen: FloatArray
     """(n, 2) m, until the moment of the prediction."""
-    courses: Floats
+    courses: FloatArray
     """(M, T, 2) m; NaN once potted."""
-    outlying: Floats
+    outlying: FloatArray
     """(M,) share of the courses that are nearer to the middle."""
-    after: Floats
+    after: FloatArray
     """(m, 2) m, where it was seen afterwards; empty if it was not."""
 
     @property
-    def middle(self) -> Floats:
+    def middle(self) -> FloatArray:
         """(T, 2) m, the course nearest to all others: a way that the ball can go, which a mean over bounces is not.
 
         The medoid by mean distance (Kaufman and Rousseeuw, 1987); a potted ball counts where it was lost.
@@ -51,11 +48,11 @@ class Fan:
         last = np.maximum.accumulate(np.where(lost, 0, np.arange(lost.shape[1])), axis=1)
         places = np.take_along_axis(self.courses, last[..., None], axis=1)
         away = [float(np.nan_to_num(np.linalg.norm(places - one, axis=2)).mean()) for one in places]
-        middle: Floats = self.courses[int(np.argmin(away))]
+        middle: FloatArray = self.courses[int(np.argmin(away))]
         return middle
 
 
-def draw_fans(table: Table, fans: Sequence[Fan], title: str) -> Picture:
+def draw_fans(table: Table, fans: Sequence[Fan], title: str) -> ImageArray:
     """A still (h, w, 3): shaded where 90 and 50 % of the courses go, in white their middle, in dots what came after."""
 
     def below(inset: Inset, colours: Sequence[Colour]) -> None:
@@ -89,7 +86,7 @@ def _shade(inset: Inset, fan: Fan, colour: Colour) -> None:
         inset.ground[:] = np.rint(ground + (np.asarray(colour, np.float32) - ground) * cover).astype(np.uint8)
 
 
-def _line(inset: Inset, path: Floats, colour: Colour) -> None:
+def _line(inset: Inset, path: FloatArray, colour: Colour) -> None:
     line = path[np.isfinite(path).all(axis=1)]
     if len(line) > 1:
         cv2.polylines(

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Scene, Table
+from models.core.typing import FloatArray, ImageArray
 from video.drawing.palette import INK, WHITE, Colour, lab_to_rgb, mix
 from video.drawing.text import rounded_mask
 from video.io.pixel_kernels import lay_over
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 RAIL_SHARE = 0.055
 """Width of the rails of the plan, share of the table's length."""
@@ -32,9 +30,9 @@ SHIFT = 4
 class Inset:
     """A plan of the table that stands as the table stands in the picture."""
 
-    ground: Picture
+    ground: ImageArray
     """(h, w, 3), `SUPERSAMPLE` times the final size."""
-    to_plan: Floats
+    to_plan: FloatArray
     """(2, 3) affine: metres to px of `ground`."""
     ball_radius: float
     """px of `ground`"""
@@ -44,13 +42,19 @@ class Inset:
         """Final width and height, px."""
         return self.ground.shape[1] // SUPERSAMPLE, self.ground.shape[0] // SUPERSAMPLE
 
-    def plan(self, xy: Floats) -> NDArray[np.int32]:
+    def plan(self, xy: FloatArray) -> NDArray[np.int32]:
         """Points (..., 2) in m to fixed-point px of `ground`."""
         px = xy @ self.to_plan[:, :2].T + self.to_plan[:, 2]
         return np.asarray(np.rint(px * (1 << SHIFT)), dtype=np.int32)
 
     def draw(
-        self, picture: Picture, x: int, y: int, xy: Floats, paths: Sequence[Floats], colours: Sequence[Colour]
+        self,
+        picture: ImageArray,
+        x: int,
+        y: int,
+        xy: FloatArray,
+        paths: Sequence[FloatArray],
+        colours: Sequence[Colour],
     ) -> None:
         """Lay the plan over `picture` at (x, y): balls at `xy` (N, 2) m, NaN if absent, their paths (n, 2) m so far."""
         tile = self.ground.copy()
@@ -58,13 +62,15 @@ class Inset:
             self.add_path(tile, path, colour)
         self.lay(picture, x, y, tile, xy, colours)
 
-    def add_path(self, tile: Picture, path: Floats, colour: Colour) -> None:
+    def add_path(self, tile: ImageArray, path: FloatArray, colour: Colour) -> None:
         """Draw a path (n, 2) m on a copy of `ground`, in place."""
         if len(path) > 1:
             line = self.plan(path).reshape(-1, 1, 2)
             cv2.polylines(tile, [line], False, mix(colour, WHITE, 0.35), SUPERSAMPLE + 1, cv2.LINE_AA, SHIFT)
 
-    def lay(self, picture: Picture, x: int, y: int, tile: Picture, xy: Floats, colours: Sequence[Colour]) -> None:
+    def lay(
+        self, picture: ImageArray, x: int, y: int, tile: ImageArray, xy: FloatArray, colours: Sequence[Colour]
+    ) -> None:
         """Lay a copy of `ground` with paths on it over `picture` at (x, y), with balls at `xy` (N, 2) m."""
         tile = tile.copy()
         radius, known = round(self.ball_radius * (1 << SHIFT)), np.atleast_1d(np.isfinite(xy).all(axis=1))
@@ -129,7 +135,7 @@ def _furnish(inset: Inset, table: Table, cloth: Colour, scale: float) -> None:
         cv2.circle(inset.ground, inset.plan(pocket).tolist(), radius, INK, -1, cv2.LINE_AA, SHIFT)
 
 
-def _diamonds(table: Table, away: float) -> Floats:
+def _diamonds(table: Table, away: float) -> FloatArray:
     """Marks on the rails (n, 2) m: eighths of the length and fourths of the width, `away` outside the noses."""
     eighths, fourths = np.arange(1, 8) * table.length / 8, np.arange(1, 4) * table.width / 4
     rows = [np.column_stack([eighths, np.full(7, y)]) for y in (-away, table.width + away)]

@@ -6,15 +6,12 @@ from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray, ImageArray
 from video.drawing.palette import INK, KIND_COLOURS, WHITE, Colour, apart_from, mix
 from video.drawing.table_inset import SHIFT, SUPERSAMPLE, WOOD, Inset, furnished
 from video.drawing.text import lay, rounded_mask, text_mask, write
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 CLOTH: Colour = (34, 104, 96)
 """Of a table that no picture shows."""
@@ -44,11 +41,11 @@ def colours_of(ids: Sequence[str]) -> list[Colour]:
 def draw_plan(
     table: Table,
     ids: Sequence[str],
-    paths: Sequence[Floats],
-    marks: Floats,
+    paths: Sequence[FloatArray],
+    marks: FloatArray,
     title: str,
     below: Callable[[Inset, Sequence[Colour]], None] | None = None,
-) -> Picture:
+) -> ImageArray:
     """A still (h, `WIDTH`, 3) of the ways `paths` (n, 2) m of balls `ids`.
 
     `marks` (m, 2) m are where they met something. A ball is drawn faint where its way begins and
@@ -77,7 +74,7 @@ def draw_plan(
     return np.asarray(picture, dtype=np.uint8)
 
 
-def _entitle(picture: Picture, title: str) -> None:
+def _entitle(picture: ImageArray, title: str) -> None:
     """The title on the lower rail, on a ground that hides the diamonds behind it."""
     height, width = text_mask(title, TITLE).shape
     left, top = 16, picture.shape[0] - height - 6
@@ -86,7 +83,7 @@ def _entitle(picture: Picture, title: str) -> None:
     write(picture, title, left, top, TITLE, WHITE)
 
 
-def _way(inset: Inset, path: Floats, colour: Colour) -> None:
+def _way(inset: Inset, path: FloatArray, colour: Colour) -> None:
     whole = np.isfinite(path).all(axis=1)
     for part in np.split(path, np.flatnonzero(~whole)):
         line = part[np.isfinite(part).all(axis=1)]
@@ -95,7 +92,7 @@ def _way(inset: Inset, path: Floats, colour: Colour) -> None:
             cv2.polylines(inset.ground, [points], False, colour, 2 * SUPERSAMPLE, cv2.LINE_AA, SHIFT)
 
 
-def _ball(inset: Inset, table: Table, place: Floats, colour: Colour, edge: Colour) -> None:
+def _ball(inset: Inset, table: Table, place: FloatArray, colour: Colour, edge: Colour) -> None:
     """As large as life: who touches whom shall be seen."""
     scale = float(np.linalg.norm(inset.to_plan[:, 0]))
     centre, radius = inset.plan(place).tolist(), round(table.ball_radius * scale * (1 << SHIFT))
@@ -103,7 +100,7 @@ def _ball(inset: Inset, table: Table, place: Floats, colour: Colour, edge: Colou
     cv2.circle(inset.ground, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
 
 
-def _name(picture: Picture, inset: Inset, place: Floats, name: str) -> None:
+def _name(picture: ImageArray, inset: Inset, place: FloatArray, name: str) -> None:
     """The name beside the ball, inside the picture."""
     x, y = inset.plan(place) / (SUPERSAMPLE << SHIFT)
     mask = text_mask(name, 15, bold=True)

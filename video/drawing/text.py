@@ -8,14 +8,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from models.core.typing import ByteArray, ImageArray
 from video.drawing.palette import Colour
 from video.io.pixel_kernels import paint, paint_where
-
-Picture = NDArray[np.uint8]
-Mask = NDArray[np.uint8]
 
 FONTS = Path(__file__).resolve().parent / "fonts"
 
@@ -26,7 +23,7 @@ def _font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
 
 
 @lru_cache(maxsize=1024)
-def text_mask(text: str, size: int, bold: bool = False) -> Mask:
+def text_mask(text: str, size: int, bold: bool = False) -> ByteArray:
     """Coverage (h, w) of a line of text, 0 to 255; the height is the font's, whatever the letters.
 
     `size` is the font size in px. The mask is shared: do not write into it.
@@ -40,7 +37,7 @@ def text_mask(text: str, size: int, bold: bool = False) -> Mask:
     return mask
 
 
-def number_mask(text: str, size: int, bold: bool = False) -> Mask:
+def number_mask(text: str, size: int, bold: bool = False) -> ByteArray:
     """As `text_mask`, put together from its letters at whole pixels: for numbers that change with every picture."""
     ends = np.cumsum([_advance(letter, size, bold) for letter in text])
     masks = [text_mask(letter, size, bold) for letter in text]
@@ -59,7 +56,7 @@ def _advance(letter: str, size: int, bold: bool) -> float:
 
 
 @lru_cache(maxsize=64)
-def rounded_mask(width: int, height: int, radius: int) -> Mask:
+def rounded_mask(width: int, height: int, radius: int) -> ByteArray:
     """Coverage (h, w) of a rectangle with round corners, drawn at four times its size; do not write into it."""
     image = Image.new("L", (width * 4, height * 4))
     ImageDraw.Draw(image).rounded_rectangle((0, 0, width * 4 - 1, height * 4 - 1), radius * 4, fill=255)
@@ -68,13 +65,15 @@ def rounded_mask(width: int, height: int, radius: int) -> Mask:
     return mask
 
 
-def lay(picture: Picture, mask: Mask, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
+def lay(picture: ImageArray, mask: ByteArray, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
     """Paint `colour` through `mask` (h, w) with its top-left pixel at (x, y), in place; what is outside is cut."""
     if opacity > 0:
         paint(picture, mask, x, y, colour, float(opacity))
 
 
-def lay_sparse(picture: Picture, layers: Sequence[tuple[Mask, Colour]], x: int, y: int, free: Mask) -> None:
+def lay_sparse(
+    picture: ImageArray, layers: Sequence[tuple[ByteArray, Colour]], x: int, y: int, free: ByteArray
+) -> None:
     """As `lay`, one layer upon the other where the picture is `free` (H, W; 0 to 255), touching covered pixels alone.
 
     For large masks that are mostly empty, lie inside the picture, and cover no more than the first of them.
@@ -86,7 +85,14 @@ def lay_sparse(picture: Picture, layers: Sequence[tuple[Mask, Colour]], x: int, 
 
 
 def write(
-    picture: Picture, text: str, x: float, y: float, size: int, colour: Colour, bold: bool = False, opacity: float = 1.0
+    picture: ImageArray,
+    text: str,
+    x: float,
+    y: float,
+    size: int,
+    colour: Colour,
+    bold: bool = False,
+    opacity: float = 1.0,
 ) -> int:
     """Write a line with its top-left corner at (x, y), in place; returns its width in px."""
     mask = text_mask(text, size, bold)

@@ -10,14 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
+from models.core.typing import BoolArray, Float32Array, FloatArray, ImageArray
 from video.flow.optical_flow import Between, Interpolator
 from video.io.pixel_kernels import CELL as COARSE
 from video.io.pixel_kernels import fill_cells
 
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-Singles = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 Box = tuple[int, int, int, int]
 """x0, y0, x1, y1"""
 Part = tuple[Box, tuple[int, ...]]
@@ -49,10 +46,10 @@ class Region:
 
     box: Box
     between: Between
-    weight: Singles
+    weight: Float32Array
     """(h, w) 0 to 1; 0 at borders inside the picture."""
 
-    def lay(self, picture: Picture, share: float, moved: Floats | None = None) -> None:
+    def lay(self, picture: ImageArray, share: float, moved: FloatArray | None = None) -> None:
         """Put the picture of a share of the time over `picture` (H, W, 3), in place.
 
         `moved` (3, 3) takes pixels in which the box is meant to those of `picture`, where the camera moves.
@@ -67,8 +64,8 @@ class Region:
 
 
 def _carried(
-    box: Box, patch: Picture, weight: Singles, moved: Floats, shape: tuple[int, ...]
-) -> tuple[Box, Picture, Singles]:
+    box: Box, patch: ImageArray, weight: Float32Array, moved: FloatArray, shape: tuple[int, ...]
+) -> tuple[Box, ImageArray, Float32Array]:
     """A patch (h, w, 3) in a box and its weight (h, w) as another picture has them, cut at its borders."""
     x0, y0, x1, y1 = box
     corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], dtype=np.float64)
@@ -84,16 +81,16 @@ def _carried(
     return (left, top, right, bottom), np.asarray(seen, dtype=np.uint8), np.asarray(counts, dtype=np.float32)
 
 
-def _shift(x: float, y: float) -> Floats:
+def _shift(x: float, y: float) -> FloatArray:
     return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
 
 
 def open_regions(
-    first: Picture,
-    second: Picture,
+    first: ImageArray,
+    second: ImageArray,
     interpolator: Interpolator,
     steady: bool = True,
-    small: tuple[Picture, Picture] | None = None,
+    small: tuple[ImageArray, ImageArray] | None = None,
 ) -> tuple[Region, ...]:
     """Find what moves between two pictures (H, W, 3) without moving balls, and open it.
 
@@ -111,7 +108,7 @@ def open_regions(
     return tuple(regions)
 
 
-def coarse(picture: Picture) -> Picture:
+def coarse(picture: ImageArray) -> ImageArray:
     """(H / COARSE, W / COARSE[, 3]) The mean of every cell."""
     height, width = (max(1, side // COARSE) for side in picture.shape[:2])
     if picture.shape == (COARSE * height, COARSE * width, 3) and picture.flags.c_contiguous:
@@ -122,8 +119,8 @@ def coarse(picture: Picture) -> Picture:
 
 
 def find_stirred(
-    first: Picture, second: Picture, steady: bool = True, small: tuple[Picture, Picture] | None = None
-) -> Mask:
+    first: ImageArray, second: ImageArray, steady: bool = True, small: tuple[ImageArray, ImageArray] | None = None
+) -> BoolArray:
     """(H / COARSE, W / COARSE) cells in which more than noise tells the two pictures apart; see `open_regions`."""
     if steady:
         change = _largest(cv2.absdiff(*(small or (coarse(first), coarse(second))))).astype(np.float32)
@@ -138,13 +135,13 @@ def find_stirred(
     return np.asarray(large[labels])
 
 
-def _largest(levels: Picture) -> Picture:
+def _largest(levels: ImageArray) -> ImageArray:
     """(h, w) of (h, w, 3), a tenth of the time of an array's own."""
     red, green, blue = cv2.split(levels)
     return np.asarray(cv2.max(cv2.max(red, green), blue), dtype=np.uint8)
 
 
-def _beyond_edges(first: Picture, second: Picture) -> Picture:
+def _beyond_edges(first: ImageArray, second: ImageArray) -> ImageArray:
     """(H / 2, W / 2) levels by which no colour within SLACK px of the one picture is that of the other."""
     halves = [cv2.resize(p, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for p in (first, second)]
     around = np.ones((SLACK + 1, SLACK + 1), np.uint8)
@@ -153,7 +150,7 @@ def _beyond_edges(first: Picture, second: Picture) -> Picture:
     return _largest(apart)
 
 
-def _boxes(stirred: Mask, shape: tuple[int, ...]) -> list[tuple[Box, Mask]]:
+def _boxes(stirred: BoolArray, shape: tuple[int, ...]) -> list[tuple[Box, BoolArray]]:
     """Boxes around what moves, with their margins, and the cells that move in each; they may overlap."""
     if not stirred.any():
         return []
@@ -169,7 +166,7 @@ def _boxes(stirred: Mask, shape: tuple[int, ...]) -> list[tuple[Box, Mask]]:
     return [(box, np.logical_or.reduce([things[k] for k in mine])) for box, mine in parts]
 
 
-def _pieces(cells: Mask) -> list[Mask]:
+def _pieces(cells: BoolArray) -> list[BoolArray]:
     """What hangs together, cut across where two boxes hold much less than one: a player beside a line of text."""
     upper, lower = (_areas(cells), _areas(cells[::-1])[::-1])
     left, right = (_areas(cells.T), _areas(cells.T[::-1])[::-1])
@@ -184,7 +181,7 @@ def _pieces(cells: Mask) -> list[Mask]:
     return [*_pieces(cells & first), *_pieces(cells & ~first)]
 
 
-def _areas(cells: Mask) -> NDArray[np.int64]:
+def _areas(cells: BoolArray) -> NDArray[np.int64]:
     """(rows,) of the box, with its margins, around all cells down to each row."""
     margin, rows = 2 * (MARGIN // COARSE), np.flatnonzero(cells.any(axis=1))
     so_far = np.logical_or.accumulate(cells, axis=0)
@@ -193,7 +190,7 @@ def _areas(cells: Mask) -> NDArray[np.int64]:
     return np.where(last < 0, 0, (last - rows[0] + 1 + margin) * (wide + margin))
 
 
-def _box_of(cells: Mask, shape: tuple[int, ...]) -> Box:
+def _box_of(cells: BoolArray, shape: tuple[int, ...]) -> Box:
     rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
     margin = MARGIN // COARSE
     left, top = (max(int(line[0]) - margin, 0) * COARSE for line in (columns, rows))
@@ -231,7 +228,7 @@ def _area(box: Box) -> int:
     return (box[2] - box[0]) * (box[3] - box[1])
 
 
-def _weight(stirred: Mask, box: Box, shape: tuple[int, ...]) -> Singles:
+def _weight(stirred: BoolArray, box: Box, shape: tuple[int, ...]) -> Float32Array:
     """(h, w): 1 around what moves, falling to 0 before the borders of the box that are no borders of the picture."""
     x0, y0, x1, y1 = box
     width, height = x1 - x0, y1 - y0
@@ -244,7 +241,7 @@ def _weight(stirred: Mask, box: Box, shape: tuple[int, ...]) -> Singles:
     return np.ascontiguousarray(wide, dtype=np.float32)
 
 
-def _ramp(low: int, high: int, end: int) -> Singles:
+def _ramp(low: int, high: int, end: int) -> Float32Array:
     """(high - low,) from 0 at both borders to 1, but where a border is that of the picture."""
     place = np.arange(high - low, dtype=np.float32)
     inner = np.full(len(place), np.float32(FEATHER))

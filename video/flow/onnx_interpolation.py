@@ -7,14 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.errors import OptionError
+from models.core.typing import Float32Array, ImageArray
 from video.flow.optical_flow import Between
 from video.io.onnx_session import onnxruntime
-
-Picture = NDArray[np.uint8]
-Singles = NDArray[np.float32]
 
 MULTIPLE = 32
 """px: networks halve the picture up to five times."""
@@ -70,19 +67,19 @@ class OnnxNetwork:
         """Whether it makes any share of the time, not the middle alone."""
         return self.time is not None or self.channels == 7
 
-    def open(self, first: Picture, second: Picture) -> Between:
+    def open(self, first: ImageArray, second: ImageArray) -> Between:
         """Prepare two pictures (h, w, 3)."""
         height, width = first.shape[:2]
         start, end = _planes(first), _planes(second)
 
-        def at(share: float) -> Picture:
+        def at(share: float) -> ImageArray:
             made = self._made(start, end, share) if self.any_time else self._halved(start, end, share)
             seen = np.clip(np.rint(made[0].transpose(1, 2, 0) * 255), 0, 255).astype(np.uint8)
             return np.asarray(seen[:height, :width], dtype=np.uint8)
 
         return at
 
-    def _made(self, first: Singles, second: Singles, share: float) -> Singles:
+    def _made(self, first: Float32Array, second: Float32Array, share: float) -> Float32Array:
         level = np.full((1, 1, *first.shape[2:]), share, dtype=np.float32)
         if len(self.pictures) == 2:
             feed = {self.pictures[0]: first, self.pictures[1]: second}
@@ -94,7 +91,7 @@ class OnnxNetwork:
             feed[self.time] = level if self.plane else np.full([1] * len(shape), share, dtype=np.float32)
         return np.asarray(self.session.run(None, feed)[0], dtype=np.float32)
 
-    def _halved(self, first: Singles, second: Singles, share: float) -> Singles:
+    def _halved(self, first: Float32Array, second: Float32Array, share: float) -> Float32Array:
         """The nearest sixteenth, by halving the time towards it."""
         low, high = 0.0, 1.0
         for _ in range(HALVINGS):
@@ -106,7 +103,7 @@ class OnnxNetwork:
         return first if share - low < high - share else second
 
 
-def _planes(picture: Picture) -> Singles:
+def _planes(picture: ImageArray) -> Float32Array:
     """(1, 3, H, W), the borders repeated up to the next multiple."""
     pad = [(0, -side % MULTIPLE) for side in picture.shape[:2]]
     wide = np.pad(picture, [*pad, (0, 0)], mode="edge")

@@ -9,14 +9,11 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import Float32Array, ImageArray
 from video.flow.ticker import crawling_ways, with_crawls
 
-Picture = NDArray[np.uint8]
-Singles = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Between = Callable[[float], Picture]
+Between = Callable[[float], ImageArray]
 """The picture (h, w, 3) at a share of the time, 0 to 1, from the first to the second."""
 
 STEPS = 2
@@ -37,7 +34,7 @@ ALL_COLOURS = np.array([[0.5, 0.5, 0.5]], dtype=np.float32)
 class Interpolator(Protocol):
     """Makes pictures between two. Balls that move are taken out before, and put in by the physics afterwards."""
 
-    def open(self, first: Picture, second: Picture) -> Between:
+    def open(self, first: ImageArray, second: ImageArray) -> Between:
         """Prepare two pictures (h, w, 3) of one size; parts of a picture may be given, of any size above 32 px."""
 
 
@@ -45,7 +42,7 @@ class Interpolator(Protocol):
 class Blend:
     """One picture over the other."""
 
-    def open(self, first: Picture, second: Picture) -> Between:
+    def open(self, first: ImageArray, second: ImageArray) -> Between:
         """Weights alone."""
         return lambda share: np.asarray(cv2.addWeighted(first, 1 - share, second, share, 0), dtype=np.uint8)
 
@@ -54,9 +51,9 @@ class Blend:
 class OfFunction:
     """Any function of two pictures (h, w, 3) and a share 0 to 1."""
 
-    function: Callable[[Picture, Picture, float], Picture]
+    function: Callable[[ImageArray, ImageArray, float], ImageArray]
 
-    def open(self, first: Picture, second: Picture) -> Between:
+    def open(self, first: ImageArray, second: ImageArray) -> Between:
         """The function with its two pictures."""
         return lambda share: self.function(first, second, share)
 
@@ -71,7 +68,7 @@ class OpticalFlow:
     is taken.
     """
 
-    def open(self, first: Picture, second: Picture) -> Between:
+    def open(self, first: ImageArray, second: ImageArray) -> Between:
         """Find both flows, once for all shares, in half the size or a quarter: its fields are smooth."""
         height, width = first.shape[:2]
         shrink = next((by for by, least in SHRUNK_FROM if min(height, width) >= least), 1)
@@ -88,17 +85,17 @@ class OpticalFlow:
 
 @dataclass(frozen=True, slots=True)
 class _Opened:
-    pictures: tuple[Picture, Picture]
-    small: tuple[Picture, Picture]
+    pictures: tuple[ImageArray, ImageArray]
+    small: tuple[ImageArray, ImageArray]
     """The same, half as large: there, ways are weighed against each other."""
-    there: Singles
+    there: Float32Array
     """(h, w, 2) px of the small pictures, from the first to the second."""
-    back: Singles
-    grid: Singles
-    small_grid: Singles
+    back: Float32Array
+    grid: Float32Array
+    small_grid: Float32Array
     wide: bool = False
 
-    def at(self, share: float) -> Picture:
+    def at(self, share: float) -> ImageArray:
         there, back = self._way(self.there, share), np.negative(self._way(self.back, 1 - share))
         costs = self._cost(there, share), self._cost(back, share)
         if self.wide:
@@ -109,21 +106,21 @@ class _Opened:
         weight = cv2.resize(agree[0] / (agree[0] + agree[1]), (self.grid.shape[1], self.grid.shape[0]))
         return np.asarray(cv2.blendLinear(first, second, weight, 1 - weight), dtype=np.uint8)
 
-    def _way(self, flow: Singles, share: float) -> Singles:
+    def _way(self, flow: Float32Array, share: float) -> Float32Array:
         """(h, w, 2) px over the whole gap of what passes each pixel at a share of it, from where the flow begins."""
         way = flow
         for _ in range(STEPS):
             way = _looked_up(flow, self.small_grid - np.float32(share) * way)
         return way
 
-    def _cost(self, way: Singles, share: float) -> Singles:
+    def _cost(self, way: Float32Array, share: float) -> Float32Array:
         """(h, w) levels by which the colours at both ends of a way differ, around each pixel."""
         first = _picture_at(self.small[0], self.small_grid - np.float32(share) * way)
         second = _picture_at(self.small[1], self.small_grid + np.float32(1 - share) * way)
         apart = cv2.transform(cv2.absdiff(first, second), ALL_COLOURS)
         return np.asarray(cv2.blur(apart, (WINDOW, WINDOW)), dtype=np.float32)
 
-    def _mixed(self, way: Singles, cost: Singles, share: float) -> Picture:
+    def _mixed(self, way: Float32Array, cost: Float32Array, share: float) -> ImageArray:
         """Both pictures along the way; where its ends disagree, the nearer one: right more often than a mixture."""
         height, width = self.grid.shape[:2]
         shrink = np.array([width / way.shape[1], height / way.shape[0]], dtype=np.float32)
@@ -143,28 +140,28 @@ def _stepped(share: float) -> float:
 
 
 @lru_cache(maxsize=512)
-def grid(height: int, width: int) -> Singles:
+def grid(height: int, width: int) -> Float32Array:
     """(h, w, 2) px, every pixel's own place; shared, not to be written into."""
     places = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
     places.setflags(write=False)
     return places
 
 
-def _looked_up(values: Singles, where: Singles) -> Singles:
+def _looked_up(values: Float32Array, where: Float32Array) -> Float32Array:
     looked = cv2.remap(values, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(looked, dtype=np.float32)
 
 
-def _picture_at(picture: Picture, where: Singles) -> Picture:
+def _picture_at(picture: ImageArray, where: Float32Array) -> ImageArray:
     looked = cv2.remap(picture, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(looked, dtype=np.uint8)
 
 
-def _resized(picture: Picture, size: tuple[int, int]) -> Picture:
+def _resized(picture: ImageArray, size: tuple[int, int]) -> ImageArray:
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def flow_between(first: Picture, second: Picture, finest: int = 1) -> Singles:
+def flow_between(first: ImageArray, second: ImageArray, finest: int = 1) -> Float32Array:
     """Dense ways (h, w, 2) px from one grey picture to another; found down to a size of 2^-finest."""
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     search.setFinestScale(finest)

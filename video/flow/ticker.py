@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
-Singles = NDArray[np.float32]
+from models.core.typing import Float32Array, ImageArray
 
 MOST_WAYS = 2
 """Ways that are looked for in one box."""
@@ -33,7 +32,7 @@ LEAST_AREA = 160
 """px that a way must explain better for it to be one."""
 
 
-def crawling_ways(first: Picture, second: Picture) -> list[Singles]:
+def crawling_ways(first: ImageArray, second: ImageArray) -> list[Float32Array]:
     """The ways (2,) px that something may crawl from one grey picture (h, w) to another; back, the opposite ones."""
     if min(first.shape) < LOCAL_PX:
         return []
@@ -41,7 +40,9 @@ def crawling_ways(first: Picture, second: Picture) -> list[Singles]:
     return _ways(first, second, changed) if np.count_nonzero(changed) >= LEAST_AREA else []
 
 
-def with_crawls(flow: Singles, first: Picture, second: Picture, ways: list[Singles], grid: Singles) -> Singles:
+def with_crawls(
+    flow: Float32Array, first: ImageArray, second: ImageArray, ways: list[Float32Array], grid: Float32Array
+) -> Float32Array:
     """A flow (h, w, 2) px from one grey picture to another, with the ways of what crawls where these agree better.
 
     `grid` (h, w, 2) px is every pixel's own place.
@@ -61,13 +62,13 @@ def with_crawls(flow: Singles, first: Picture, second: Picture, ways: list[Singl
     return flow
 
 
-def _differences(first: Picture, second: Picture, where: Singles) -> Singles:
+def _differences(first: ImageArray, second: ImageArray, where: Float32Array) -> Float32Array:
     """(h, w) levels by which each pixel of the one picture and where (h, w, 2) px it leads differ, around it."""
     there = cv2.remap(second, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(cv2.blur(cv2.absdiff(first, np.asarray(there)).astype(np.float32), (WINDOW, WINDOW)))
 
 
-def _ways(first: Picture, second: Picture, changed: NDArray[np.bool_]) -> list[Singles]:
+def _ways(first: ImageArray, second: ImageArray, changed: NDArray[np.bool_]) -> list[Float32Array]:
     """The likeliest ways (x, y) px of what changed as a whole, to a fraction of a px."""
     height, width = (cv2.getOptimalDFTSize(side) for side in first.shape)
     weight = cv2.GaussianBlur(changed.astype(np.float32), (0, 0), 2.0)
@@ -81,7 +82,7 @@ def _ways(first: Picture, second: Picture, changed: NDArray[np.bool_]) -> list[S
     cross = np.conj(spectra[0]) * spectra[1]
     softness = _softness(height, width)
     peaks = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-6) * softness, s=(height, width))
-    least, found = LEAST_SHARE * softness.mean(), list[Singles]()
+    least, found = LEAST_SHARE * softness.mean(), list[Float32Array]()
     for _ in range(2 * MOST_WAYS):
         row, column = np.unravel_index(int(peaks.argmax()), peaks.shape)
         if len(found) == MOST_WAYS or peaks[row, column] < least:

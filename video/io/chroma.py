@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import Float32Array, ImageArray
 from video.io.pixel_kernels import square
 
-Singles = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 """x0, y0, x1, y1"""
 
@@ -25,13 +23,13 @@ SAMPLED = 8
 """One of so many rows of squares is looked at."""
 
 
-def has_squares(picture: Picture) -> bool:
+def has_squares(picture: ImageArray) -> bool:
     """Whether a picture (H, W, 3) has one colour for every two by two pixels."""
     own, shifted = (_apart(part) for part in (picture, picture[1:, 1:]))
     return own < ALIGNED * shifted
 
 
-def _apart(picture: Picture) -> float:
+def _apart(picture: ImageArray) -> float:
     """Levels of 255 by which pixels of (H, W, 3) differ from the colour of their square, on average."""
     height, width = (side // 2 * 2 for side in picture.shape[:2])
     rows = picture[:height, :width].reshape(height // 2, 2, width, 3)[::SAMPLED]
@@ -39,7 +37,7 @@ def _apart(picture: Picture) -> float:
     return float(cv2.absdiff(_squared(sample), sample.astype(np.float32)).mean())
 
 
-def _squared(picture: Picture) -> Singles:
+def _squared(picture: ImageArray) -> Float32Array:
     """The same (h, w, 3) with the colour of each square, not rounded: what tells squares apart may be half a level."""
     height, width = picture.shape[:2]
     bright = cv2.transform(picture.astype(np.float32), LUMA[None])[..., None]
@@ -47,7 +45,7 @@ def _squared(picture: Picture) -> Singles:
     return np.asarray(bright + cv2.resize(colour, (width, height), interpolation=cv2.INTER_NEAREST), dtype=np.float32)
 
 
-def square_colours(picture: Picture, box: Box) -> None:
+def square_colours(picture: ImageArray, box: Box) -> None:
     """Give every 2 x 2 pixels of a box of `picture` (H, W, 3), in one piece, one colour, in place; brightness stays."""
     x0, y0 = (max(side, 0) // 2 * 2 for side in box[:2])
     x1, y1 = (min(-(-side // 2) * 2, whole // 2 * 2) for side, whole in zip(box[2:], picture.shape[1::-1], strict=True))

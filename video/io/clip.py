@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from models.core.errors import ClipError
 from models.core.progress import Progress, silent
+from models.core.typing import FloatArray
 from video.io.decoder import Turn, decoded, decoded_from, luma_of, opened, pixel_aspect, rgb_of, turn_of
 from video.io.duplicate_frames import ChangeMeter, mark_repeats
 from video.io.image_sequence import open_sequence, sequence_digest
 from video.io.timestamps import even_times, nominal_rate, presentation_times
-
-Floats = NDArray[np.float64]
 
 FEWEST_PICTURES = 5
 """Distinct pictures; fewer do not show a motion that could be followed."""
@@ -57,7 +56,7 @@ class Clip:
     """px, upright."""
     rate: Fraction
     """1/s: nominal rate at which the container shows pictures, repeats counted."""
-    t: Floats
+    t: FloatArray
     """(F,) s, presentation time of each picture, the first at 0."""
     repeat: NDArray[np.bool_]
     """(F,) True where the picture shows the one before once more."""
@@ -152,7 +151,7 @@ def _pictures(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> Iterator[tup
     raise ClipError(f"{clip.path.name} has changed since it was opened: frame {last} is gone; open it again")
 
 
-def _check_times(path: Path, t: Floats, rate: Fraction) -> None:
+def _check_times(path: Path, t: FloatArray, rate: Fraction) -> None:
     """ClipError for times at which nobody films: motion would be computed over hours, or over nothing."""
     if not RATES[0] <= rate <= RATES[1]:
         raise ClipError(
@@ -232,7 +231,7 @@ def _check_size(path: Path, seen: _Seen, picture: Any) -> None:
         )
 
 
-def _notes(seen: _Seen, t: Floats, timing: str) -> Iterator[str]:
+def _notes(seen: _Seen, t: FloatArray, timing: str) -> Iterator[str]:
     if timing:
         yield timing
     shown = _shown(seen, t)
@@ -244,7 +243,7 @@ def _notes(seen: _Seen, t: Floats, timing: str) -> Iterator[str]:
         yield f"its pixels are not square ({seen.aspect.numerator}:{seen.aspect.denominator}); they are used as stored"
 
 
-def _shown(seen: _Seen, t: Floats) -> float:
+def _shown(seen: _Seen, t: FloatArray) -> float:
     """s from the container's zero to the end of the last picture."""
     first = float((seen.pts[0] or 0) * seen.time_base)
     return max(first, 0.0) + float(t[-1] + (t[-1] - t[-2]))

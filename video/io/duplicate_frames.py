@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 THUMBNAIL_HEIGHT = 180
 """px. A block of the thumbnail averages the noise of at least 2 x 2 pixels; a ball still covers several blocks."""
@@ -78,7 +78,7 @@ def _ranked(before: NDArray[np.uint8], now: NDArray[np.uint8]) -> float:
     return float(np.partition(flat, place)[place])
 
 
-def mark_repeats(change: Floats, third: Floats) -> NDArray[np.bool_]:
+def mark_repeats(change: FloatArray, third: FloatArray) -> NDArray[np.bool_]:
     """(F,) True where a picture repeats the one before, from both changes (F,) of `ChangeMeter`, grey levels."""
     between = _between_motion(change, third)
     moving = np.count_nonzero(change[1:] >= MOVING)
@@ -89,7 +89,7 @@ def mark_repeats(change: Floats, third: Floats) -> NDArray[np.bool_]:
     return between if period is None else between | _continued(change, between, period)
 
 
-def _between_motion(change: Floats, third: Floats) -> NDArray[np.bool_]:
+def _between_motion(change: FloatArray, third: FloatArray) -> NDArray[np.bool_]:
     """(F,) True in short runs of pictures without a change that clear motion encloses."""
     marked = np.zeros(len(change), np.bool_)
     loud = 1 + np.flatnonzero(change[1:] >= MOVING)
@@ -103,7 +103,7 @@ def _between_motion(change: Floats, third: Floats) -> NDArray[np.bool_]:
     return marked
 
 
-def _cadence(change: Floats, repeat: NDArray[np.bool_]) -> int | None:
+def _cadence(change: FloatArray, repeat: NDArray[np.bool_]) -> int | None:
     """The period of the repeats, where they keep one: pictures a period apart are both repeats or both not."""
     distinct = ~repeat & (change >= CLEAR)
     for period in range(2, LONGEST_PERIOD + 1):
@@ -114,7 +114,7 @@ def _cadence(change: Floats, repeat: NDArray[np.bool_]) -> int | None:
     return None
 
 
-def _continued(change: Floats, repeat: NDArray[np.bool_], period: int) -> NDArray[np.bool_]:
+def _continued(change: FloatArray, repeat: NDArray[np.bool_], period: int) -> NDArray[np.bool_]:
     """(F,) True where the cadence, carried on from both sides, says repeat and the picture does not object."""
     known = np.where(repeat, 1, np.where(change >= CLEAR, -1, 0))
     onward = _carry(known, period)

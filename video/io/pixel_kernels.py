@@ -8,26 +8,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import ByteArray, Float32Array, ImageArray
 from models.numerics.jit import compiled
-
-Picture = NDArray[np.uint8]
-Plane = NDArray[np.uint8]
-Mask = NDArray[np.uint8]
-Singles = NDArray[np.float32]
 
 CELL = 4
 """px per side of the cells that a picture is made coarse by."""
 
 
 @compiled
-def _four(upper: Plane, lower: Plane, k: int) -> np.float32:
+def _four(upper: ByteArray, lower: ByteArray, k: int) -> np.float32:
     """Sum of one colour over 2 x 2 pixels of two lines (3 W,)."""
     above = np.float32(upper[k]) + np.float32(upper[k + 3])
     return above + np.float32(lower[k]) + np.float32(lower[k + 3])
 
 
 @compiled
-def fill_planes(rgb: Picture, bright: Plane, blue: Plane, red: Plane, shares: Singles) -> None:
+def fill_planes(rgb: ImageArray, bright: ByteArray, blue: ByteArray, red: ByteArray, shares: Float32Array) -> None:
     """Write the brightness (H, W) of a picture, and its two colours (H / 2, W / 2), of 2 x 2 pixels together.
 
     `shares` (3, 4): what red, green and blue add to each, to the colours those of four pixels, and what is added
@@ -52,7 +48,7 @@ def fill_planes(rgb: Picture, bright: Plane, blue: Plane, red: Plane, shares: Si
 
 
 @compiled
-def fill_mixed(first: Plane, second: Plane, share: float, mixed: Plane) -> None:
+def fill_mixed(first: ByteArray, second: ByteArray, share: float, mixed: ByteArray) -> None:
     """Write the mean (n,) of levels, of which the second (n,) counts a share of 0 to 1."""
     one, other, half = np.float32(1 - share), np.float32(share), np.float32(0.5)
     for n in range(len(mixed)):
@@ -60,7 +56,7 @@ def fill_mixed(first: Plane, second: Plane, share: float, mixed: Plane) -> None:
 
 
 @compiled
-def fill_cells(picture: Picture, cells: Picture) -> None:
+def fill_cells(picture: ImageArray, cells: ImageArray) -> None:
     """Write the mean (h, w, 3) of every `CELL` x `CELL` pixels of a picture in one piece, halves to even."""
     height, width = cells.shape[:2]
     wide = picture.reshape(CELL * height, 3 * CELL * width)
@@ -82,7 +78,7 @@ def fill_cells(picture: Picture, cells: Picture) -> None:
 
 
 @compiled
-def dots(first: Singles, second: Singles) -> Singles:
+def dots(first: Float32Array, second: Float32Array) -> Float32Array:
     """Scalar products (n,) of colours (n, 3) with others (n, 3), or all with one (1, 3)."""
     products = np.empty(len(first), dtype=np.float32)
     step = np.intp(len(second) > 1)
@@ -93,7 +89,7 @@ def dots(first: Singles, second: Singles) -> Singles:
 
 
 @compiled
-def unlike(seen: Picture, empty: Singles, light: Singles, other: Singles) -> None:
+def unlike(seen: ImageArray, empty: Float32Array, light: Float32Array, other: Float32Array) -> None:
     """Write how bright (h, w) pixels are against an empty place (h, w, 3), and by how much they are then unlike it."""
     for j in range(seen.shape[0]):
         for i in range(seen.shape[1]):
@@ -109,7 +105,7 @@ def unlike(seen: Picture, empty: Singles, light: Singles, other: Singles) -> Non
 
 
 @compiled
-def square(picture: Picture, x0: int, y0: int, x1: int, y1: int, luma: Singles) -> None:
+def square(picture: ImageArray, x0: int, y0: int, x1: int, y1: int, luma: Float32Array) -> None:
     """Give every 2 x 2 pixels of a box, whose borders are even, one colour, in place; `luma` (3,) is kept of each.
 
     The picture is in one piece.
@@ -136,7 +132,7 @@ def _level(value: np.float32) -> np.uint8:
 
 
 @compiled
-def paint(picture: Picture, mask: Mask, x: int, y: int, colour: tuple[int, int, int], opacity: float) -> None:
+def paint(picture: ImageArray, mask: ByteArray, x: int, y: int, colour: tuple[int, int, int], opacity: float) -> None:
     """Lay a colour over a picture through a mask (h, w), its top-left pixel at (x, y); what is outside is cut."""
     rows, columns = picture.shape[:2]
     for j in range(max(0, -y), min(mask.shape[0], rows - y)):
@@ -149,7 +145,7 @@ def paint(picture: Picture, mask: Mask, x: int, y: int, colour: tuple[int, int, 
 
 
 @compiled
-def lay_over(picture: Picture, colours: Picture, cover: Singles, x: int, y: int, opacity: float) -> None:
+def lay_over(picture: ImageArray, colours: ImageArray, cover: Float32Array, x: int, y: int, opacity: float) -> None:
     """Lay colours (h, w, 3) over a picture as far as they cover it, (h, w) 0 to 1, their top-left pixel at (x, y).
 
     What is outside is cut.
@@ -167,13 +163,13 @@ def lay_over(picture: Picture, colours: Picture, cover: Singles, x: int, y: int,
 
 @compiled
 def paint_where(
-    picture: Picture,
+    picture: ImageArray,
     places: NDArray[np.int32],
-    masks: tuple[Mask, ...],
+    masks: tuple[ByteArray, ...],
     x: int,
     y: int,
     colours: tuple[tuple[int, int, int], ...],
-    free: Mask,
+    free: ByteArray,
 ) -> None:
     """Lay colours through masks, one upon the other, over a picture where it is `free` (H, W), 0 to 255.
 

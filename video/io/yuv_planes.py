@@ -8,10 +8,8 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import ByteArray, ImageArray
 from video.io.pixel_kernels import fill_planes
-
-Picture = NDArray[np.uint8]
-Plane = NDArray[np.uint8]
 
 BRIGHTNESS = (0.2126, 0.7152, 0.0722)
 """What red, green and blue add to the brightness (ITU-R BT.709-6, item 3.2)."""
@@ -33,7 +31,7 @@ def _to_planes() -> NDArray[np.float32]:
 TO_PLANES = _to_planes()
 
 
-def planes_of(rgb: Picture) -> Any:
+def planes_of(rgb: ImageArray) -> Any:
     """The picture (H, W, 3), both sides even, as a frame for the encoder; the colours of 2 x 2 pixels are their mean.
 
     To half a level. The general converter takes longer, and blurs colours over four lines.
@@ -44,6 +42,6 @@ def planes_of(rgb: Picture) -> Any:
     return frame
 
 
-def _plane(plane: Any) -> Plane:
+def _plane(plane: Any) -> ByteArray:
     """(h, w) of a frame, to be written into."""
     return np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]

@@ -9,9 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
+from models.core.typing import BoolArray, FloatArray, ImageArray
 
 RING_TOLERANCE = 14.0
 """Levels of 255 by which a pixel around a hole may differ from the plate and still count as the same cloth: beyond
@@ -34,12 +32,12 @@ SORTED_AT_ONCE = 65536
 class Plate:
     """The empty table, known at the pixels that moving balls sweep, in the coordinates of the reference picture."""
 
-    picture: Picture
+    picture: ImageArray
     """(H, W, 3); black where `known` is False."""
-    known: Mask
+    known: BoolArray
     """(H, W)"""
 
-    def patch(self, x: int, y: int, width: int, height: int, motion: Floats | None) -> tuple[Picture, Mask]:
+    def patch(self, x: int, y: int, width: int, height: int, motion: FloatArray | None) -> tuple[ImageArray, BoolArray]:
         """Picture (h, w, 3) and known (h, w) of a box that lies inside a frame seen through `motion` (3, 3)."""
         if motion is None:
             box = np.s_[y : y + height, x : x + width]
@@ -51,7 +49,7 @@ class Plate:
         return picture, known == 255
 
 
-def learn_plate(swept: Mask, samples: Iterable[tuple[Picture, Picture, Floats | None]]) -> Plate:
+def learn_plate(swept: BoolArray, samples: Iterable[tuple[ImageArray, ImageArray, FloatArray | None]]) -> Plate:
     """Median over time of every swept pixel, over the samples in which no ball lies there.
 
     `swept` (H, W) says where a plate is needed. Each sample is a picture (H, W, 3), (H, W) what covers it (`UNDER` a
@@ -60,8 +58,8 @@ def learn_plate(swept: Mask, samples: Iterable[tuple[Picture, Picture, Floats | 
     believed. Pixels that are never free take the colour of their surroundings.
     """
     rows, columns = np.nonzero(swept)
-    seen: list[Picture] = []
-    small: list[Picture] = []
+    seen: list[ImageArray] = []
+    small: list[ImageArray] = []
     for picture, covered, motion in samples:
         picture, covered = _in_reference(picture, covered, motion)
         seen.append(np.concatenate([picture[rows, columns], covered[rows, columns, None]], axis=1))
@@ -87,7 +85,7 @@ def learn_plate(swept: Mask, samples: Iterable[tuple[Picture, Picture, Floats | 
     return Plate(_grow_into(plate, swept & ~known, known), known | swept)
 
 
-def _in_reference(picture: Picture, covered: Picture, motion: Floats | None) -> tuple[Picture, Picture]:
+def _in_reference(picture: ImageArray, covered: ImageArray, motion: FloatArray | None) -> tuple[ImageArray, ImageArray]:
     """A sample (H, W, 3) as the camera sees it at the reference picture, and (H, W) what covers it."""
     if motion is None:
         return picture, covered
@@ -98,18 +96,18 @@ def _in_reference(picture: Picture, covered: Picture, motion: Floats | None) -> 
     return np.asarray(moved, dtype=np.uint8), np.asarray(255 - free, dtype=np.uint8)
 
 
-def _made_small(picture: Picture) -> Picture:
+def _made_small(picture: ImageArray) -> ImageArray:
     size = (-(-picture.shape[1] // AROUND_SHRINK), -(-picture.shape[0] // AROUND_SHRINK))
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _colours_around(small: list[Picture], shape: tuple[int, ...]) -> Picture:
+def _colours_around(small: list[ImageArray], shape: tuple[int, ...]) -> ImageArray:
     """(H, W, 3) The usual colour of what surrounds each pixel: of cloth, but near cushions."""
     usual = cv2.medianBlur(np.median(np.stack(small), axis=0).astype(np.uint8), AROUND_CELLS)
     return np.asarray(cv2.resize(usual, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
 
 
-def _masked_median(samples: Picture) -> tuple[Picture, Mask]:
+def _masked_median(samples: ImageArray) -> tuple[ImageArray, BoolArray]:
     """Median (n, 3) of samples (S, n, 4) where the fourth value is 0; and whether there was any (n,)."""
     hidden = samples[..., 3] > 0
     ranked = np.where(hidden[..., None], np.uint8(255), samples[..., :3])
@@ -120,7 +118,7 @@ def _masked_median(samples: Picture) -> tuple[Picture, Mask]:
     return values, count > 0
 
 
-def _like(samples: Picture, around: Picture) -> tuple[Picture, Picture]:
+def _like(samples: ImageArray, around: ImageArray) -> tuple[ImageArray, ImageArray]:
     """Mean (n, 3) of those samples (S, n, 4) under no ball that have the colour of what is `around` (n, 3).
 
     And (n, 2) how many they are, and how many lie under a ball.
@@ -133,7 +131,7 @@ def _like(samples: Picture, around: Picture) -> tuple[Picture, Picture]:
     return np.rint(total / np.maximum(counts[:, :1], 1)).astype(np.uint8), counts.astype(np.uint8)
 
 
-def _lies_on_cloth(apart: Picture, evidence: Picture) -> Mask:
+def _lies_on_cloth(apart: ImageArray, evidence: ImageArray) -> BoolArray:
     """(H, W) where the plate shows what is not always there, by how far it is `apart` from the colour around.
 
     A cue is seen to come or go beside a ball, if not under it: what hangs together with a part that was cloth once,
@@ -152,7 +150,7 @@ def _lies_on_cloth(apart: Picture, evidence: Picture) -> Mask:
     return np.asarray(strange & (apart > SAME_CLOTH))
 
 
-def _grow_into(picture: Picture, hole: Mask, known: Mask) -> Picture:
+def _grow_into(picture: ImageArray, hole: BoolArray, known: BoolArray) -> ImageArray:
     """Fill `hole` smoothly from the known pixels around it.
 
     A pyramid of pictures in which only what is known counts (Gortler et al. 1996, doi:10.1145/237170.237200, the
@@ -176,7 +174,7 @@ def _grow_into(picture: Picture, hole: Mask, known: Mask) -> Picture:
     return grown
 
 
-def fill_behind(patch: Picture, behind: Picture, ring: Mask) -> NDArray[np.float32]:
+def fill_behind(patch: ImageArray, behind: ImageArray, ring: BoolArray) -> NDArray[np.float32]:
     """What `patch` (h, w, 3) would show without the ball: the plate `behind`, in the light of this picture.
 
     The pixels of `ring` (h, w), around the ball, tell how the light differs from the plate: a plane per channel

@@ -7,15 +7,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import BoolArray, Float32Array, FloatArray, ImageArray
 from video.io.pixel_kernels import unlike
 from video.matting.background_plate import Plate, fill_behind
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Picture = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 EDGE_RADII, LEAST_EDGE = 0.10, 1.0
 """Width beyond the seen radius that belongs to the ball: share of the radius, and px: optics and coding blur it."""
@@ -54,25 +49,25 @@ def reach_around(radius: float) -> int:
 class Outline:
     """Where a ball is during the exposure of a picture: a disc along a way; px."""
 
-    way: Floats
+    way: FloatArray
     """(P, 2) px, P >= 1; one point for a sharp ball; the middle is the place at mid-exposure."""
-    centre: Floats
+    centre: FloatArray
     """(2,) px at mid-exposure."""
     radius: float
     """px"""
 
-    def distance(self, x0: int, y0: int, width: int, height: int) -> Singles:
+    def distance(self, x0: int, y0: int, width: int, height: int) -> Float32Array:
         """Distance (h, w) in px of the pixels of a box from the way; the ball's edge is at `radius`."""
         x = np.arange(x0, x0 + width, dtype=np.float32)[None, None, :]
         y = np.arange(y0, y0 + height, dtype=np.float32)[None, :, None]
         start = self.way.astype(np.float32)
         if len(start) == 1:
-            alone: Singles = np.hypot(x - start[0, 0], y - start[0, 1])[0]
+            alone: Float32Array = np.hypot(x - start[0, 0], y - start[0, 1])[0]
             return alone
         ax, ay = (start[:-1, k][:, None, None] for k in (0, 1))
         dx, dy = (np.diff(start[:, k])[:, None, None] for k in (0, 1))
         share = np.clip(((x - ax) * dx + (y - ay) * dy) / np.maximum(dx * dx + dy * dy, 1e-6), 0, 1)
-        nearest: Singles = np.sqrt(((x - ax - share * dx) ** 2 + (y - ay - share * dy) ** 2).min(axis=0))
+        nearest: Float32Array = np.sqrt(((x - ax - share * dx) ** 2 + (y - ay - share * dy) ** 2).min(axis=0))
         return nearest
 
     @property
@@ -91,7 +86,7 @@ class Outline:
         return (SHADOW_RADII + RING_RADII) * self.radius + 2 * self.edge
 
 
-def taps_along(way: Floats) -> Floats:
+def taps_along(way: FloatArray) -> FloatArray:
     """Places (K, 2) px, evenly in time along a way (P, 2), close enough for a smooth streak."""
     length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
     count = int(np.clip(np.ceil(length / TAP), 1, MOST_TAPS))
@@ -109,18 +104,18 @@ class Sprite:
     x: int
     y: int
     """px of the top-left pixel in the picture that it was cut from."""
-    centre: Floats
+    centre: FloatArray
     """(2,) px, where the ball was."""
-    shade: Singles
+    shade: Float32Array
     """(h, w, 3) brightness around the ball with it over without it, minus 1; 0 far away."""
-    cover: Singles
+    cover: Float32Array
     """(k, l, 4) colour times mask, and mask 0 to 1: the part that is not empty. Around the mask what is left of a
     fringe: light that no shade of the ground accounts for."""
-    seen: Singles
+    seen: Float32Array
     """(k, l) 1 where the colour was seen, near 0 where another ball hid it and the mean of the rest stands in."""
     inset: tuple[int, int]
     """Columns and rows of `shade` before those of `cover`."""
-    way: Floats
+    way: FloatArray
     """(P, 2) px relative to the centre: where the ball went while the shutter was open."""
 
     @property
@@ -128,7 +123,7 @@ class Sprite:
         """px, how far it went."""
         return float(np.hypot(*np.ptp(self.way, axis=0)))
 
-    def around(self, patch: Singles, half: int, times: float = 1.0) -> Singles:
+    def around(self, patch: Float32Array, half: int, times: float = 1.0) -> Float32Array:
         """A patch (k, l, ...) like the cover as (n, n, ...): `half` px to each side of the ball's centre."""
         centre = self.in_cover
         side = round((2 * half + 1) * times)
@@ -136,12 +131,12 @@ class Sprite:
         return np.asarray(cv2.warpAffine(patch, shift, (side, side), flags=cv2.INTER_CUBIC), dtype=np.float32)
 
     @property
-    def in_cover(self) -> Floats:
+    def in_cover(self) -> FloatArray:
         """(2,) px, where the ball's centre is in the cover."""
         return np.asarray(self.centre - (self.x, self.y) - self.inset, dtype=np.float64)
 
     @property
-    def hidden(self) -> Singles | None:
+    def hidden(self) -> Float32Array | None:
         """(k, l) 1 less `seen`; None where no other ball hid any of it, as is usual."""
         return None if self.seen.min() == 1 else 1 - self.seen
 
@@ -150,14 +145,14 @@ class Sprite:
 class Peeled:
     """A picture parted into what is behind the moving balls and the balls."""
 
-    behind: Picture
+    behind: ImageArray
     """(H, W, 3)"""
     sprites: tuple[Sprite | None, ...]
     """One per outline; None where nothing of the ball lies inside the picture."""
 
 
 def peel(
-    picture: Picture, outlines: Sequence[Outline], others: Sequence[Outline], plate: Plate, motion: Floats | None
+    picture: ImageArray, outlines: Sequence[Outline], others: Sequence[Outline], plate: Plate, motion: FloatArray | None
 ) -> Peeled:
     """Take the balls of `outlines` out of `picture` (H, W, 3); `others` are balls that stay.
 
@@ -195,15 +190,15 @@ def _meet(a: Outline, b: Outline) -> bool:
 
 
 def _erase(
-    behind: Picture,
-    picture: Picture,
+    behind: ImageArray,
+    picture: ImageArray,
     outline: Outline,
     near: Sequence[Outline],
     stay: Sequence[Outline],
     box: tuple[int, int, int, int],
     plate: Plate,
-    motion: Floats | None,
-) -> tuple[Singles, Singles, Singles, Singles]:
+    motion: FloatArray | None,
+) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array]:
     """Paint the table over one ball in `behind`.
 
     Of the balls that are `near`, those that `stay` keep their pixels. Returns (h, w): the mask of the ball, what of it
@@ -236,7 +231,7 @@ def _erase(
     return np.where(distance > radius, ball * mine, ball), mine, touched, np.where(halo & (mine >= 1), touched, 0)
 
 
-def _share(own: Singles, theirs: Singles, in_front: bool) -> Singles:
+def _share(own: Float32Array, theirs: Float32Array, in_front: bool) -> Float32Array:
     """How far pixels belong to one of two balls, 0 to 1, by their distances from both edges.
 
     Pictures are upright, so the ball that is lower in the picture is nearer to the camera and hides the other.
@@ -245,7 +240,7 @@ def _share(own: Singles, theirs: Singles, in_front: bool) -> Singles:
     return np.asarray(np.clip(hidden / 2 + 0.5, 0, 1), dtype=np.float32)
 
 
-def _shaded(seen: Picture, empty: Singles, ball: Mask) -> Singles:
+def _shaded(seen: ImageArray, empty: Float32Array, ball: BoolArray) -> Float32Array:
     """(h, w) 1 where a picture shows the ball, or the empty table in another light; 0 where something else: a cue."""
     light, other = np.empty(ball.shape, dtype=np.float32), np.empty(ball.shape, dtype=np.float32)
     unlike(seen, empty, light, other)
@@ -255,13 +250,13 @@ def _shaded(seen: Picture, empty: Singles, ball: Mask) -> Singles:
 
 
 def _cut(
-    picture: Picture,
-    behind: Picture,
+    picture: ImageArray,
+    behind: ImageArray,
     outline: Outline,
-    ball: Singles,
-    mine: Singles,
-    touched: Singles,
-    halo: Singles,
+    ball: Float32Array,
+    mine: Float32Array,
+    touched: Float32Array,
+    halo: Float32Array,
     box: tuple[int, int, int, int],
 ) -> Sprite | None:
     """The sprite of one ball, from the picture with and without it; None where nothing of it shows."""
@@ -289,7 +284,7 @@ def _cut(
     return Sprite(x, y, outline.centre, shade.astype(np.float32), cover, shown, inset, outline.way - outline.centre)
 
 
-def _smoothed_under(shade: Singles, ball: Mask) -> Singles:
+def _smoothed_under(shade: Float32Array, ball: BoolArray) -> Float32Array:
     """The shade with that around the ball carried on under it: what a streaked ball lets through."""
     around = (~ball).astype(np.float32)
     size = 2 * int(max(ball.any(axis=0).sum(), ball.any(axis=1).sum()) // 2) + 1
@@ -298,7 +293,9 @@ def _smoothed_under(shade: Singles, ball: Mask) -> Singles:
     return np.where(ball[..., None], smooth, shade).astype(np.float32)
 
 
-def _matted(seen: Singles, empty: Singles, shade: Singles, outline: Outline, box: tuple[int, int, int, int]) -> Sprite:
+def _matted(
+    seen: Float32Array, empty: Float32Array, shade: Float32Array, outline: Outline, box: tuple[int, int, int, int]
+) -> Sprite:
     """The sprite of a streak: its mask is the share of the exposure for which the ball covered a pixel."""
     x, y, width, height = box
     taps = taps_along(outline.way)

@@ -11,11 +11,9 @@ from models.core.fit_result import Fit
 from models.core.scene import Scene, apply_homography
 from models.core.tracks import Tracks
 from models.core.trajectory import State, Trajectory
+from models.core.typing import BoolArray, FloatArray
 from video.drawing.palette import lab_to_rgb
 from video.matting.ball_matting import Outline
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LEAST_SHIFT = 0.15
 """px between two pictures below which a ball is left as it is: no eye sees it."""
@@ -48,32 +46,32 @@ class Sightings:
 
     scene: Scene
     trajectory: Trajectory
-    span: Floats
+    span: FloatArray
     """(N, 2) s, first and last time at which a ball is known; NaN for a ball that never is."""
     frame: NDArray[np.int64]
     """(T,)"""
-    t: Floats
+    t: FloatArray
     """(T,) s"""
-    centre: Floats
+    centre: FloatArray
     """(T, N, 2) px where seen, else where the motion puts it; NaN if neither."""
-    offset: Floats
+    offset: FloatArray
     """(T, N, 2) px, seen minus put; 0 where not both."""
-    radius: Floats
+    radius: FloatArray
     """(T, N) px"""
-    observed: Mask
+    observed: BoolArray
     """(T, N)"""
-    moves: Mask
+    moves: BoolArray
     """(T - 1, N) the ball moves between this picture and the next."""
-    way: Floats
+    way: FloatArray
     """(T, P, N, 2) px, relative to the centre: where the ball goes while the shutter is open; P = 1 without streaks."""
     colour: NDArray[np.uint8]
     """(N, 3) sRGB"""
-    gone: Floats
+    gone: FloatArray
     """(T - 1, G, N) share of the time for which a ball moves, from this picture to the next, at evenly spaced times."""
     exposure: float = 0.0
     """s for which the shutter was open, by the streaks; 0 where none was seen."""
 
-    def state(self, t: Floats) -> State:
+    def state(self, t: FloatArray) -> State:
         """State at times (K,); before and after a ball is known it is held at its ends."""
         state = self.trajectory.at(t)
         for ball in np.flatnonzero(np.isfinite(self.span[:, 0])):
@@ -82,7 +80,7 @@ class Sightings:
                 state.xy[lost, ball] = self.trajectory.at(np.clip(t[lost], *self.span[ball])).xy[:, ball]
         return state
 
-    def motion(self, t: float | Floats) -> Floats | None:
+    def motion(self, t: float | FloatArray) -> FloatArray | None:
         """Reference pixels to the pictures at times t (...): (..., 3, 3), between two the mean; None if it is still."""
         motion = self.scene.camera.motion
         if motion is None:
@@ -90,10 +88,10 @@ class Sightings:
         rows, share = self.places(t)
         here, there = motion[self.frame[rows]], motion[self.frame[np.minimum(rows + 1, len(self.t) - 1)]]
         share = share[..., None, None]
-        mean: Floats = here / here[..., 2:, 2:] * (1 - share) + there / there[..., 2:, 2:] * share
+        mean: FloatArray = here / here[..., 2:, 2:] * (1 - share) + there / there[..., 2:, 2:] * share
         return mean
 
-    def carry(self, start: float, end: float) -> Floats | None:
+    def carry(self, start: float, end: float) -> FloatArray | None:
         """Pixels of the picture at one time to those of another (3, 3); None where the camera stands still."""
         here, there = self.motion(start), self.motion(end)
         return None if here is None or there is None else np.asarray(there @ np.linalg.inv(here), dtype=np.float64)
@@ -103,7 +101,7 @@ class Sightings:
         row, share = self.places(t)
         return int(row), float(share)
 
-    def places(self, t: float | Floats) -> tuple[NDArray[np.intp], Floats]:
+    def places(self, t: float | FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
         """The same of times (...)."""
         rows = np.maximum(np.searchsorted(self.t, np.asarray(t), side="right") - 1, 0)
         rows = np.asarray(np.minimum(rows, max(len(self.t) - 2, 0)))
@@ -112,21 +110,21 @@ class Sightings:
         share = (t - self.t[rows]) / (self.t[rows + 1] - self.t[rows])
         return rows, np.asarray(np.minimum(np.maximum(share, 0.0), 1.0))
 
-    def project(self, xy: Floats, t: float | Floats) -> Floats:
+    def project(self, xy: FloatArray, t: float | FloatArray) -> FloatArray:
         """Table points (..., 2) in the plane of the centres, m, to pixels (..., 2) of the picture at time t.
 
         With times (K,) the points are (K, N, 2), those of each time.
         """
         return self.shown(self.scene.camera.to_pixels(xy, self.scene.table.ball_radius), t)
 
-    def shown(self, px: Floats, t: float | Floats) -> Floats:
+    def shown(self, px: FloatArray, t: float | FloatArray) -> FloatArray:
         """Reference pixels (..., 2) to those of the picture at time t; with times (K,) they are (K, N, 2)."""
         motion = self.motion(t)
         if motion is None:
             return px
         return apply_homography(motion[:, None] if np.ndim(t) else motion, px)
 
-    def centres(self, t: float | Floats, xy: Floats) -> Floats:
+    def centres(self, t: float | FloatArray, xy: FloatArray) -> FloatArray:
         """Pixels (..., N, 2) of balls at `xy` (..., N, 2) m at times (...), carried by what was seen around.
 
         The miss of the motion in one picture passes into that in the next while the ball moves: one at rest that is
@@ -137,7 +135,7 @@ class Sightings:
         drift = self.offset[rows] * (1 - share) + self.offset[np.minimum(rows + 1, len(self.t) - 1)] * share
         return np.asarray(self.project(xy, t) + drift, dtype=np.float64)
 
-    def gone_at(self, t: float | Floats) -> Floats:
+    def gone_at(self, t: float | FloatArray) -> FloatArray:
         """(..., N) share of the time for which a ball moves between two pictures that is past at times (...)."""
         rows, share = self.places(t)
         if not len(self.gone):
@@ -147,7 +145,7 @@ class Sightings:
         part = (place - low)[..., None]
         return np.asarray(self.gone[rows, low] * (1 - part) + self.gone[rows, low + 1] * part, dtype=np.float64)
 
-    def ways(self, t: Floats, exposure: float | Floats) -> Floats:
+    def ways(self, t: FloatArray, exposure: float | FloatArray) -> FloatArray:
         """(K, P, N, 2) px, relative to the middle: every ball's way while a shutter is open for s around times (K,).
 
         The shutter is open equally long at all times, or as long as `exposure` (K,) says of each.
@@ -180,7 +178,7 @@ class Sightings:
             behind |= (apart < radius + radius[ball]) & (centre[:, 1] < max(start[1], end[1]))
         return tuple(int(ball) for ball in np.flatnonzero((moves | behind) & ~self._entangled(row)))
 
-    def _entangled(self, row: int) -> Mask:
+    def _entangled(self, row: int) -> BoolArray:
         """(N,) balls that lie over others in a picture while neither they nor those go far before the next."""
         radius = self.radius[row]
         reach = OVERLAP * (radius[:, None] + radius)
@@ -222,7 +220,9 @@ def sight(scene: Scene, tracks: Tracks, fit: Fit) -> Sightings:
     )  # fmt: skip
 
 
-def _steadied(offset: Floats, centre: Floats, put: Floats, observed: Mask, moves: Mask) -> tuple[Floats, Floats]:
+def _steadied(
+    offset: FloatArray, centre: FloatArray, put: FloatArray, observed: BoolArray, moves: BoolArray
+) -> tuple[FloatArray, FloatArray]:
     """Offsets and centres (T, N, 2) px where a ball that rests has one place from the first such picture to the last.
 
     The circle of a ball that another one half hides jumps; the median over its rest does not.
@@ -239,7 +239,7 @@ def _steadied(offset: Floats, centre: Floats, put: Floats, observed: Mask, moves
     return offset, centre
 
 
-def _radii(scene: Scene, tracks: Tracks, xy: Floats) -> Floats:
+def _radii(scene: Scene, tracks: Tracks, xy: FloatArray) -> FloatArray:
     """(T, N) px: the radius that the camera expects, in the proportion in which each ball was seen; NaN if nowhere."""
     radius = np.full(xy.shape[:2], np.nan)
     for ball in range(xy.shape[1]):
@@ -252,7 +252,7 @@ def _radii(scene: Scene, tracks: Tracks, xy: Floats) -> Floats:
     return np.asarray(np.clip(radius, usual / 3, usual * 3), dtype=np.float64)
 
 
-def _spans(trajectory: Trajectory) -> Floats:
+def _spans(trajectory: Trajectory) -> FloatArray:
     """(N, 2) s, first start and last end of every ball."""
     spans = np.full((len(trajectory.ids), 2), np.nan)
     for ball in range(len(trajectory.ids)):
@@ -262,14 +262,14 @@ def _spans(trajectory: Trajectory) -> Floats:
     return spans
 
 
-def _in_gaps(scene: Scene, tracks: Tracks, trajectory: Trajectory) -> Floats:
+def _in_gaps(scene: Scene, tracks: Tracks, trajectory: Trajectory) -> FloatArray:
     """(T - 1, G, N, 2) px of the reference picture, balls at evenly spaced times from one picture to the next."""
     share = np.linspace(0, 1, GAP_POINTS)
     times = tracks.t[:-1, None] + np.diff(tracks.t)[:, None] * share
     return scene.camera.to_pixels(trajectory.at(times).xy, scene.table.ball_radius)
 
 
-def _shares_gone(px: Floats) -> Floats:
+def _shares_gone(px: FloatArray) -> FloatArray:
     """(T - 1, G, N) shares of the time in which balls move, of gaps (T - 1, G, N, 2) px; of all of it if they rest."""
     steps = np.linalg.norm(np.diff(px, axis=1), axis=-1)
     moving = (steps > LEAST_STEP).astype(np.float64)
@@ -279,7 +279,7 @@ def _shares_gone(px: Floats) -> Floats:
     return np.asarray(gone / gone[:, -1:], dtype=np.float64)
 
 
-def _moves(scene: Scene, tracks: Tracks, px: Floats, radius: Floats) -> Mask:
+def _moves(scene: Scene, tracks: Tracks, px: FloatArray, radius: FloatArray) -> BoolArray:
     """(T - 1, N) where a ball's way between two pictures, (T - 1, G, N, 2) px, is more than `LEAST_SHIFT`, or it was
     seen to move."""
     low = np.where(np.isfinite(px), px, np.inf).min(axis=1)
@@ -289,7 +289,7 @@ def _moves(scene: Scene, tracks: Tracks, px: Floats, radius: Floats) -> Mask:
     return np.asarray(put | (seen > np.fmax(SEEN_SHIFT, SEEN_RADII * radius[1:])), dtype=np.bool_)
 
 
-def _ways(scene: Scene, tracks: Tracks, trajectory: Trajectory, exposure: float) -> Floats:
+def _ways(scene: Scene, tracks: Tracks, trajectory: Trajectory, exposure: float) -> FloatArray:
     """(T, P, N, 2) px, relative to the middle: every ball's way while the shutter is open for `exposure` s."""
     if exposure == 0:
         return np.zeros((len(tracks.t), 1, len(tracks.ids), 2))
@@ -299,7 +299,7 @@ def _ways(scene: Scene, tracks: Tracks, trajectory: Trajectory, exposure: float)
     return np.asarray(px - px[:, [STREAK_POINTS // 2]], dtype=np.float64)
 
 
-def _exposure(tracks: Tracks, v: Floats, radius: float) -> float:
+def _exposure(tracks: Tracks, v: FloatArray, radius: float) -> float:
     """Median of streak length over speed where balls of a radius, m, are streaked, s; 0 where streaks are no measure.
 
     No shutter is open for longer than from one picture to the next, and one that blurs a ball blurs all that are as

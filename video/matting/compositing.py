@@ -9,14 +9,11 @@ from operator import itemgetter
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import Float32Array, FloatArray, ImageArray
 from video.flow.optical_flow import grid
 from video.matting.ball_matting import Outline, Sprite
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 """x0, y0, x1, y1"""
 
@@ -28,18 +25,18 @@ MOST_SHADES = 5
 class Turned:
     """Where what a ball shows lies in a sighting of it from which it went round; g pixels around its centre."""
 
-    bend: Singles
+    bend: Float32Array
     """(g, g, 2) px, taken from every pixel's place before the sighting is looked up."""
-    facing: Singles | None = None
+    facing: Float32Array | None = None
     """(g, g) how much each place counts, 0 to 1: out of sight not at all; None: all alike."""
-    inner: Singles | None = None
+    inner: Float32Array | None = None
     """(g, g) share of each pixel that goes round, the rest is the ball's edge; None: all of it."""
-    light: Singles | None = None
+    light: Float32Array | None = None
     """(g, g, 3) levels by which the light, which does not go round, makes it brighter here than it was there."""
-    darkest: Singles | None = None
+    darkest: Float32Array | None = None
     """(3,) levels below which no light leaves it: gloss that is taken for broader than it is would leave a hole."""
 
-    def lit(self, colour: Singles, light: Singles, mask: Singles | float = 1.0) -> Singles:
+    def lit(self, colour: Float32Array, light: Float32Array, mask: Float32Array | float = 1.0) -> Float32Array:
         """Colours (h, w, 3) times a mask (h, w, 1) with a light (h, w, 3) added."""
         there = colour + light * mask
         if self.darkest is None:
@@ -52,12 +49,12 @@ class Layer:
     """A sprite with the places (P, 2) px of its centre, over which it is averaged, and a weight."""
 
     sprite: Sprite
-    places: Floats
+    places: FloatArray
     weight: float
     turned: Turned | None = None
 
 
-def paste(picture: Picture, balls: Sequence[Sequence[Layer]], still: Sequence[Outline] = ()) -> list[Box]:
+def paste(picture: ImageArray, balls: Sequence[Sequence[Layer]], still: Sequence[Outline] = ()) -> list[Box]:
     """Lay balls over `picture` (H, W, 3) in place: the shadows of all, then the balls, the lowest in the picture last.
 
     Returns the boxes that were changed.
@@ -76,18 +73,18 @@ def _low(layers: Sequence[Layer]) -> float:
     return float(_middle(layers[0].places)[1])
 
 
-def _middle(places: Floats) -> Floats:
+def _middle(places: FloatArray) -> FloatArray:
     """(2,) The mean; of one place, as is usual, without the work."""
     return np.asarray(places[0] if len(places) == 1 else places.mean(axis=0), dtype=np.float64)
 
 
-def _paste_shade(picture: Picture, layers: Sequence[Layer], still: Sequence[Outline]) -> Box | None:
+def _paste_shade(picture: ImageArray, layers: Sequence[Layer], still: Sequence[Outline]) -> Box | None:
     """Darken the ground; returns the box around the ball and all that it shades, None outside the picture."""
     corners = [_corner(layer) for layer in layers]
     box = _hull(picture, [layer.sprite.shade for layer in layers], corners, layers)
     if box is None:
         return None
-    total: Singles | None = None
+    total: Float32Array | None = None
     for layer, corner in zip(layers, corners, strict=True):
         places = _thinned(layer.places)
         for place in places:
@@ -104,11 +101,11 @@ def _paste_shade(picture: Picture, layers: Sequence[Layer], still: Sequence[Outl
     return box
 
 
-def _added(total: Singles, patch: Singles, weight: float) -> Singles:
+def _added(total: Float32Array, patch: Float32Array, weight: float) -> Float32Array:
     return np.asarray(cv2.scaleAdd(patch, weight, total), dtype=np.float32)
 
 
-def _paste_cover(picture: Picture, layers: Sequence[Layer], in_front: Sequence[Outline]) -> None:
+def _paste_cover(picture: ImageArray, layers: Sequence[Layer], in_front: Sequence[Outline]) -> None:
     corners = [_corner(layer) + layer.sprite.inset for layer in layers]
     box = _hull(picture, [layer.sprite.cover for layer in layers], corners, layers)
     if box is None:
@@ -121,7 +118,7 @@ def _paste_cover(picture: Picture, layers: Sequence[Layer], in_front: Sequence[O
     ground[:] = cv2.add(ground * through, np.ascontiguousarray(total[..., :3]), dtype=cv2.CV_8U)
 
 
-def _averaged(layers: Sequence[Layer], looked: Sequence[tuple[Singles, Singles | None]]) -> Singles:
+def _averaged(layers: Sequence[Layer], looked: Sequence[tuple[Float32Array, Float32Array | None]]) -> Float32Array:
     """(h, w, 4) The colours and masks of layers, each by its weight and by how well it was seen."""
     sum_of = sum(layer.weight for layer in layers)
     whole = min(1.0, sum_of)
@@ -138,20 +135,20 @@ def _averaged(layers: Sequence[Layer], looked: Sequence[tuple[Singles, Singles |
     return np.asarray(mixed, dtype=np.float32)
 
 
-def _free(balls: Sequence[Outline], box: Box) -> Singles | None:
+def _free(balls: Sequence[Outline], box: Box) -> Float32Array | None:
     """(h, w, 1) 0 on balls, 1 elsewhere; None where there are none."""
     x0, y0, x1, y1 = box
-    free: Singles | None = None
+    free: Float32Array | None = None
     for ball in balls:
         (x, y), reach = ball.centre, ball.reach
         if x0 - reach < x < x1 + reach and y0 - reach < y < y1 + reach:
             apart = ball.distance(x0, y0, x1 - x0, y1 - y0) - ball.radius
-            mine: Singles = np.clip(apart / ball.edge, 0, 1)[..., None]
+            mine: Float32Array = np.clip(apart / ball.edge, 0, 1)[..., None]
             free = mine if free is None else free * mine
     return free
 
 
-def _looked_up(layer: Layer, corner: Floats, box: Box) -> tuple[Singles, Singles | None]:
+def _looked_up(layer: Layer, corner: FloatArray, box: Box) -> tuple[Float32Array, Float32Array | None]:
     """Colours and mask (h, w, 4), and how well they were seen (h, w), of a layer in a box; None: wholly."""
     if layer.turned is not None:
         return _turned(layer, layer.turned, corner, box)
@@ -166,7 +163,7 @@ def _looked_up(layer: Layer, corner: Floats, box: Box) -> tuple[Singles, Singles
     return cover, 1 - _moved(hidden, corner + _middle(layer.places), box, cv2.INTER_LINEAR)
 
 
-def _turned(layer: Layer, turned: Turned, corner: Floats, box: Box) -> tuple[Singles, Singles | None]:
+def _turned(layer: Layer, turned: Turned, corner: FloatArray, box: Box) -> tuple[Float32Array, Float32Array | None]:
     """The same where what is on the ball goes round with it."""
     place = _middle(layer.places)
     shift = (np.array(box[:2]) - corner - place).astype(np.float32)
@@ -191,16 +188,16 @@ def _turned(layer: Layer, turned: Turned, corner: Floats, box: Box) -> tuple[Sin
     return cover, seen
 
 
-def _remapped(patch: Singles, where: Singles, flags: int) -> Singles:
+def _remapped(patch: Float32Array, where: Float32Array, flags: int) -> Float32Array:
     return np.asarray(cv2.remap(patch, where, None, flags, borderMode=cv2.BORDER_CONSTANT), dtype=np.float32)
 
 
-def _corner(layer: Layer) -> Floats:
+def _corner(layer: Layer) -> FloatArray:
     """(2,) px of the first pixel of the shade, relative to the ball's centre."""
     return np.array([layer.sprite.x, layer.sprite.y]) - layer.sprite.centre
 
 
-def _thinned(places: Floats) -> Floats:
+def _thinned(places: FloatArray) -> FloatArray:
     if len(places) <= MOST_SHADES:
         return places
     chosen = np.linspace(0, len(places) - 1, MOST_SHADES).round().astype(int)
@@ -208,7 +205,7 @@ def _thinned(places: Floats) -> Floats:
 
 
 def _hull(
-    picture: Picture, patches: Sequence[Singles], corners: Sequence[Floats], layers: Sequence[Layer]
+    picture: ImageArray, patches: Sequence[Float32Array], corners: Sequence[FloatArray], layers: Sequence[Layer]
 ) -> Box | None:
     """The box around patches with corners at the places of their layers, cut at the picture; None if it is empty."""
     left, top, right, bottom = math.inf, math.inf, -math.inf, -math.inf
@@ -222,7 +219,7 @@ def _hull(
     return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
 
 
-def _moved(patch: Singles, corner: Floats, box: Box, flags: int) -> Singles:
+def _moved(patch: Float32Array, corner: FloatArray, box: Box, flags: int) -> Float32Array:
     """A patch put at a corner between pixels, in a box."""
     shift = np.array([[1.0, 0.0, corner[0] - box[0]], [0.0, 1.0, corner[1] - box[1]]])
     return np.asarray(cv2.warpAffine(patch, shift, (box[2] - box[0], box[3] - box[1]), flags=flags), dtype=np.float32)

@@ -6,12 +6,9 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import Float32Array, FloatArray
 from video.matting.ball_matting import Sprite, taps_along
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 ROUNDS = 12
 """Of Richardson and Lucy: more bring out coding noise."""
@@ -23,13 +20,13 @@ SHARP = 1.0
 """px of streak below which a sprite is sharp."""
 
 
-def streaked(patch: Singles, taps: Floats) -> Singles:
+def streaked(patch: Float32Array, taps: FloatArray) -> Float32Array:
     """A patch (h, w, C) averaged over places (K, 2) px, of the same size."""
     made = cv2.filter2D(patch, cv2.CV_32F, _kernel(taps), borderType=cv2.BORDER_CONSTANT)
     return np.asarray(made, dtype=np.float32).reshape(patch.shape)
 
 
-def _kernel(taps: Floats) -> Singles:
+def _kernel(taps: FloatArray) -> Float32Array:
     """The picture of a point that goes along the taps; turned round, as filter2D correlates."""
     half = int(np.ceil(np.abs(taps).max())) + 1
     kernel = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
@@ -54,7 +51,7 @@ def sharpened(sprite: Sprite, radius: float) -> Sprite:
     seen = np.maximum(sprite.cover, 0)
     disc = _disc(sprite, radius)
     level = np.maximum(seen.sum(axis=(0, 1)), 1e-3) / np.float32(max(float(disc.sum()), 1.0))
-    guess: Singles = disc * level.astype(np.float32)
+    guess: Float32Array = disc * level.astype(np.float32)
     for _ in range(ROUNDS):
         ratio = np.asarray(seen / np.maximum(streaked(guess, taps), 1e-3), dtype=np.float32)
         guess = np.asarray(guess * np.clip(streaked(ratio, -taps), 0.2, 5.0), dtype=np.float32)
@@ -64,7 +61,7 @@ def sharpened(sprite: Sprite, radius: float) -> Sprite:
     return replace(sprite, cover=cover, seen=np.ones_like(sprite.seen), way=sprite.way[[len(sprite.way) // 2]] * 0)
 
 
-def _disc(sprite: Sprite, radius: float) -> Singles:
+def _disc(sprite: Sprite, radius: float) -> Float32Array:
     """(k, l, 1) the soft disc of the ball in the middle of its way."""
     height, width = sprite.cover.shape[:2]
     centre = sprite.centre - np.array([sprite.x, sprite.y]) - sprite.inset
@@ -82,7 +79,7 @@ def lit_like(sharp: Sprite, seen: Sprite) -> Sprite:
     return replace(sharp, cover=cover)
 
 
-def _totals(sprite: Sprite) -> Floats:
+def _totals(sprite: Sprite) -> FloatArray:
     """(3,) mean colour of what was seen of a ball."""
     cover = sprite.cover * (sprite.seen > 0.5)[..., None]
     return np.asarray(cover[..., :3].sum(axis=(0, 1)) / max(float(cover[..., 3].sum()), 1e-3), dtype=np.float64)
@@ -103,7 +100,7 @@ def grown(sprite: Sprite, ratio: float) -> Sprite:
     )
 
 
-def _resized(patch: Singles, ratio: float, shift: Floats | None = None) -> Singles:
+def _resized(patch: Float32Array, ratio: float, shift: FloatArray | None = None) -> Float32Array:
     off = np.zeros(2) if shift is None else shift
     size = tuple(int(np.ceil(side * ratio)) + 1 for side in patch.shape[1::-1])
     grow = np.array([[ratio, 0, off[0]], [0, ratio, off[1]]])

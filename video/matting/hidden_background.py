@@ -7,14 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
+from models.core.typing import BoolArray, FloatArray, ImageArray
 from video.matting.background_plate import SHADED, UNDER, Plate, learn_plate
 from video.matting.ball_matting import SHADOW_RADII, Outline
 from video.matting.ball_timeline import Sightings
 from video.matting.frame_store import Gallery
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Picture = NDArray[np.uint8]
 
 MOST_SAMPLES, FEWEST_SAMPLES = 32, 13
 """Pictures, spread over the clip, that the plate is learnt from."""
@@ -44,7 +41,7 @@ def _rows_to_learn(sightings: Sightings, count: int) -> NDArray[np.int64]:
     return np.unique(spread.round().astype(np.int64))
 
 
-def swept_by(sightings: Sightings) -> Mask:
+def swept_by(sightings: Sightings) -> BoolArray:
     """(H, W) reference pixels that a moving ball with its surroundings ever touches."""
     camera = sightings.scene.camera
     swept = np.zeros((camera.height_px, camera.width_px), dtype=np.uint8)
@@ -56,7 +53,7 @@ def swept_by(sightings: Sightings) -> Mask:
     return swept > 0
 
 
-def _stamp(mask: Picture, outline: Outline, motion: Floats | None) -> None:
+def _stamp(mask: ImageArray, outline: Outline, motion: FloatArray | None) -> None:
     """Mark in reference pixels all that a ball can touch."""
     back = np.eye(3) if motion is None else np.linalg.inv(motion)
     way = apply_homography(np.asarray(back, dtype=np.float64), outline.way)
@@ -66,7 +63,7 @@ def _stamp(mask: Picture, outline: Outline, motion: Floats | None) -> None:
     cv2.circle(mask, points[0].tolist(), thickness // 2, 255, -1)
 
 
-def _sample(sightings: Sightings, row: int, picture: Picture) -> tuple[Picture, Picture, Floats | None]:
+def _sample(sightings: Sightings, row: int, picture: ImageArray) -> tuple[ImageArray, ImageArray, FloatArray | None]:
     """A picture, what of it (H, W) balls cover or shade, and its motion."""
     covered = np.zeros(picture.shape[:2], dtype=np.uint8)
     known = np.flatnonzero(np.isfinite(sightings.centre[row, :, 0]))

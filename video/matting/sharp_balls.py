@@ -9,14 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, ImageArray
 from video.matting.background_plate import Plate
 from video.matting.ball_matting import Sprite, peel
 from video.matting.ball_timeline import Sightings
 from video.matting.deblur import grown, lit_like, sharpened
 from video.matting.frame_store import Gallery
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 SIGHTINGS = 3
 """Of each ball, spread over the clip: light and what is on the ball change."""
@@ -74,7 +72,7 @@ def learn_sharp(sightings: Sightings, gallery: Gallery, plate: Plate) -> SharpBa
     return SharpBalls({ball: tuple(sprites) for ball, sprites in found.items()})
 
 
-def over_plain_ground(sprite: Sprite, behind: Picture) -> Sprite:
+def over_plain_ground(sprite: Sprite, behind: ImageArray) -> Sprite:
     """A sprite whose shade goes on evenly over borders and dark parts of the ground `behind` it: they stay there."""
     height, width = sprite.shade.shape[:2]
     ground = cv2.cvtColor(behind[sprite.y : sprite.y + height, sprite.x : sprite.x + width], cv2.COLOR_RGB2GRAY)
@@ -98,14 +96,14 @@ def sharpest_rows(sightings: Sightings) -> dict[int, list[int]]:
     return dict(wanted)
 
 
-def shifts(sightings: Sightings) -> Floats:
+def shifts(sightings: Sightings) -> FloatArray:
     """(T, N) px that a ball goes from picture to picture, at each the larger of before and after; NaN if unknown."""
     step = np.linalg.norm(np.diff(sightings.centre, axis=0), axis=-1)
     none = np.full((1, step.shape[1]), np.nan)
     return np.asarray(np.fmax(np.concatenate([none, step]), np.concatenate([step, none])), dtype=np.float64)
 
 
-def _slowest(rows: NDArray[np.intp], speed: Floats) -> NDArray[np.intp]:
+def _slowest(rows: NDArray[np.intp], speed: FloatArray) -> NDArray[np.intp]:
     """A few of the rows in which a ball cannot be streaked, spread over the clip; else the slowest."""
     slow = rows[speed[rows] < SLOW_RADII]
     if len(slow):

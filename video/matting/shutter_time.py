@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from models.core.typing import Float32Array, FloatArray, ImageArray
 from video.matting.background_plate import Plate
 from video.matting.ball_matting import Outline, peel, taps_along
 from video.matting.ball_timeline import Sightings
@@ -17,10 +17,6 @@ from video.matting.compositing import Layer, paste
 from video.matting.deblur import lit_like
 from video.matting.frame_store import Gallery
 from video.matting.sharp_balls import FAST_RADII, SharpBalls, alone, shifts
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 SHARES = np.array([0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.17, 0.22, 0.3, 0.4, 0.5, 0.7, 0.9])
 """Of the time between two pictures for which the shutter may be open."""
@@ -58,7 +54,7 @@ def with_exposure(sightings: Sightings, gallery: Gallery, plate: Plate, balls: S
     return replace(sightings, exposure=exposure, way=sightings.ways(sightings.t, exposure))
 
 
-def believed_share(errors: list[tuple[Floats, Floats, float]]) -> float:
+def believed_share(errors: list[tuple[FloatArray, FloatArray, float]]) -> float:
     """The share of the time between two pictures for which the shutter was open; 0 where streaks do not tell.
 
     For every sighting the errors (S,) with each of `SHARES`, those of a ball that coding may have softened, and the
@@ -81,8 +77,8 @@ def fastest(sightings: Sightings, balls: Iterable[int]) -> list[tuple[float, int
 
 
 def _errors(
-    sightings: Sightings, plate: Plate, balls: SharpBalls, row: int, ball: int, picture: Picture, step: float
-) -> tuple[Floats, Floats] | None:
+    sightings: Sightings, plate: Plate, balls: SharpBalls, row: int, ball: int, picture: ImageArray, step: float
+) -> tuple[FloatArray, FloatArray] | None:
     """Squared errors (S,) around a ball of the picture made with each of `SHARES`, and those when it may be softened as
     well; None where they cannot be told."""
     t, radius = float(sightings.t[row]), float(sightings.radius[row, ball])
@@ -110,14 +106,14 @@ def _errors(
     return crisp, soft
 
 
-def _misfits(made: Singles, seen: Singles, radius: float) -> tuple[float, float]:
+def _misfits(made: Float32Array, seen: Float32Array, radius: float) -> tuple[float, float]:
     """Mean squared error of what a ball adds to the empty table (h, w, 3), and the least where it may be softened."""
     ways = [made, *(cv2.GaussianBlur(made, (0, 0), share * radius) for share in SOFT_RADII)]
     errors = [float(((way - seen) ** 2).mean()) for way in ways]
     return errors[0], min(errors)
 
 
-def _shortest(errors: Floats) -> float:
+def _shortest(errors: FloatArray) -> float:
     """The least share that explains sightings (n, S) as well as the best one, but for one standard error.
 
     A streak that is too long shows a ball where it never was; one that is too short, only a crisper one (the rule is

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import BoolArray, FloatArray, ImageArray
 from video.matting.background_plate import Plate
 from video.matting.ball_matting import Outline
 from video.matting.ball_timeline import Sightings
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Picture = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 """x, y, width, height"""
 
@@ -23,13 +20,13 @@ NO_TABLE = 28.0
 """Levels of 255 by which a pixel differs from the table in any usual light."""
 
 
-def shown_balls(sightings: Sightings, plate: Plate, row: int, picture: Picture) -> Mask:
+def shown_balls(sightings: Sightings, plate: Plate, row: int, picture: ImageArray) -> BoolArray:
     """(N,) balls in the picture: the observed, and where it shows rather the ball than the plate.
 
     A ball half hidden by another is seen by anything that is no table: what is left of it may be its number alone. A
     whole one has its own colour, or is a disc of other colours with table all round: stripes turn.
     """
-    shown: Mask = sightings.observed[row].copy()
+    shown: BoolArray = sightings.observed[row].copy()
     for ball in np.flatnonzero(~shown & np.isfinite(sightings.centre[row, :, 0])):
         box, inner, visible = _visible_part(sightings, row, int(ball), picture.shape)
         if visible.sum() < LEAST_VISIBLE * max(visible.size, 1):
@@ -48,7 +45,7 @@ def shown_balls(sightings: Sightings, plate: Plate, row: int, picture: Picture) 
     return shown
 
 
-def _disc_on_table(sightings: Sightings, plate: Plate, row: int, ball: int, picture: Picture) -> bool:
+def _disc_on_table(sightings: Sightings, plate: Plate, row: int, ball: int, picture: ImageArray) -> bool:
     """Whether something that is no table lies where a ball should, and nothing of it around: no hand, no cue."""
     centre, radius = sightings.centre[row, ball], float(sightings.radius[row, ball])
     x, y, width, height = box = _box(centre, RING_RADII[1] * radius, picture.shape)
@@ -61,11 +58,13 @@ def _disc_on_table(sightings: Sightings, plate: Plate, row: int, ball: int, pict
     return bool(inner.size and ring.size and inner.mean() > 0.5 > ring.mean())
 
 
-def _visible_part(sightings: Sightings, row: int, ball: int, shape: tuple[int, ...]) -> tuple[Box, Mask, Mask]:
+def _visible_part(
+    sightings: Sightings, row: int, ball: int, shape: tuple[int, ...]
+) -> tuple[Box, BoolArray, BoolArray]:
     """A box x, y, width, height around a ball, in it (h, w) the ball, and those of its pixels that no other hides."""
     centre, radius = sightings.centre[row, ball], float(sightings.radius[row, ball])
     box = _box(centre, radius, shape)
-    inner: Mask = Outline(centre[None], centre, radius).distance(*box) < INNER_RADII * radius
+    inner: BoolArray = Outline(centre[None], centre, radius).distance(*box) < INNER_RADII * radius
     visible = inner.copy()
     for other in np.flatnonzero(sightings.observed[row] & (sightings.centre[row, :, 1] > centre[1])):
         outline = sightings.outline(row, int(other))
@@ -73,7 +72,7 @@ def _visible_part(sightings: Sightings, row: int, ball: int, shape: tuple[int, .
     return box, inner, visible
 
 
-def _box(centre: Floats, reach: float, shape: tuple[int, ...]) -> Box:
+def _box(centre: FloatArray, reach: float, shape: tuple[int, ...]) -> Box:
     """The pixels within `reach` px of a place, cut at the picture."""
     x0, y0 = (int(v) for v in np.maximum(np.floor(centre - reach), 0))
     x1, y1 = (int(v) for v in np.minimum(np.ceil(centre + reach) + 1, [shape[1], shape[0]]))

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.fit_result import Fit, Light
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray, ImageArray
 from video.drawing.label_layout import Rect, Side, covered_share, place_label, place_panel
 from video.drawing.palette import Colour, apart_from, ball_colour, lab_to_rgb
 from video.drawing.table_inset import Inset, plan_of
@@ -18,9 +18,6 @@ from video.io.options import RenderOptions, Style
 from video.matting.ball_timeline import Sightings
 from video.overlay.frame_overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, uncovered, unit
 from video.overlay.motion_marks import Mark, Path, marks_of, path_of
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 TRAIL_SECONDS = 0.9
 """s of the shot that a trail keeps."""
@@ -63,7 +60,7 @@ class Annotation:
     marks: tuple[Mark, ...]
     inset: Inset
     inset_place: Rect
-    plan: Picture
+    plan: ImageArray
     """The ground of the inset with the paths so far."""
     clock: Clock
     clock_place: Rect
@@ -84,7 +81,7 @@ class Annotation:
     planned: dict[int, int] = field(default_factory=dict)
     """The last point of a ball's path on it."""
 
-    def draw(self, picture: Picture, t: float, balls: Balls, xy: Floats) -> None:
+    def draw(self, picture: ImageArray, t: float, balls: Balls, xy: FloatArray) -> None:
         """Draw on `picture` (H, W, 3), in place; `xy` (N, 2) m are the places of the balls."""
         if self.style == "clean":
             if self.clock.light != "green":
@@ -107,7 +104,9 @@ class Annotation:
         if self.style == "coach":
             self._names(picture, t, balls, taken, things)
 
-    def _trail(self, picture: Picture, t: float, path: Path, centre: Floats, colour: Colour, free: Picture) -> None:
+    def _trail(
+        self, picture: ImageArray, t: float, path: Path, centre: FloatArray, colour: Colour, free: ImageArray
+    ) -> None:
         first, last = path.t.searchsorted([t - TRAIL_SECONDS, t])
         if last - first < 1:
             return
@@ -120,7 +119,7 @@ class Annotation:
         width = float(np.clip(0.42 * path.radius, 2.2, 9 * self.scale))
         draw_trail(picture, way, fade, colour, width, free)
 
-    def _panels(self, picture: Picture, t: float, xy: Floats) -> None:
+    def _panels(self, picture: ImageArray, t: float, xy: FloatArray) -> None:
         for ball, path in enumerate(self.paths):
             first, last = self.planned.get(ball, 0), int(path.t.searchsorted(t))
             if last - first > PLAN_STEP:
@@ -131,7 +130,7 @@ class Annotation:
         self.inset.lay(picture, left, top, self.plan, xy, self.colours)
         self.clock.draw(picture, self.clock_place, t, self.scale)
 
-    def _times(self, picture: Picture, t: float, balls: Balls, taken: list[Rect]) -> None:
+    def _times(self, picture: ImageArray, t: float, balls: Balls, taken: list[Rect]) -> None:
         """Times of the last contacts, each where it was first put."""
         fresh = [k for k, mark in enumerate(self.marks) if 0 <= t - mark.t < self.reading]
         for k in fresh[-MOST_TIMES:]:
@@ -155,7 +154,7 @@ class Annotation:
         places = self.sightings.shown(np.concatenate(ways), t)
         return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in places]
 
-    def _names(self, picture: Picture, t: float, balls: Balls, taken: list[Rect], things: int) -> None:
+    def _names(self, picture: ImageArray, t: float, balls: Balls, taken: list[Rect], things: int) -> None:
         """Name and speed beside the balls that move or have just come to rest; labels are `taken` from `things` on."""
         shown = [int(ball) for ball in balls.present if self._presence(t, int(ball)) > 0 and balls.sure[ball]]
         shown.sort(key=lambda ball: (-len(self.paths[ball].t), ball))
@@ -187,12 +186,14 @@ class Annotation:
         return most
 
 
-def _bounds(picture: Picture) -> tuple[int, int]:
+def _bounds(picture: ImageArray) -> tuple[int, int]:
     """Width and height."""
     return picture.shape[1], picture.shape[0]
 
 
-def _put(picture: Picture, label: Label, corner: Floats, scale: float, opacity: float, taken: list[Rect]) -> None:
+def _put(
+    picture: ImageArray, label: Label, corner: FloatArray, scale: float, opacity: float, taken: list[Rect]
+) -> None:
     """Draw a label inside the picture, and note that its place is taken."""
     if opacity <= 0:
         return
@@ -203,7 +204,7 @@ def _put(picture: Picture, label: Label, corner: Floats, scale: float, opacity: 
 
 
 def annotate(
-    sightings: Sightings, tracks: Tracks, fit: Fit, first: Picture, slow: float, style: Style = "coach"
+    sightings: Sightings, tracks: Tracks, fit: Fit, first: ImageArray, slow: float, style: Style = "coach"
 ) -> Annotation:
     """Prepare the drawing of a shot that is shown `slow` times slower; `first` (H, W, 3) is its first picture."""
     height, width = first.shape[:2]
@@ -224,17 +225,17 @@ def annotate(
     )  # fmt: skip
 
 
-def _cost(sightings: Sightings, paths: Sequence[Path], first: Picture) -> Floats:
+def _cost(sightings: Sightings, paths: Sequence[Path], first: ImageArray) -> FloatArray:
     """What a panel would hide, on a coarse map (h, w): table, balls and paths, and what else there is to see."""
     height, width = (-(-side // COST_STEP) for side in first.shape[:2])
     grey = cv2.cvtColor(cv2.resize(first, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     detail = np.minimum(np.abs(cv2.Laplacian(grey, cv2.CV_32F)) / 60, 1) * DETAIL_COST
     table = np.zeros((height, width), dtype=np.uint8)
     cv2.fillPoly(table, [np.rint(sightings.scene.camera.corners_px / COST_STEP).astype(np.int32)], 1)
-    used: Picture = np.zeros((height, width), dtype=np.uint8)
+    used: ImageArray = np.zeros((height, width), dtype=np.uint8)
     start = float(sightings.t[0])
     balls = sightings.centre[[0, -1]].reshape(-1, 2)
-    pockets: Picture = np.zeros((height, width), dtype=np.uint8)
+    pockets: ImageArray = np.zeros((height, width), dtype=np.uint8)
     for x, y in sightings.project(sightings.scene.table.pocket_centres, start) / COST_STEP:
         cv2.circle(pockets, (round(x), round(y)), 5, 1, -1)
     for places in (*(sightings.project(path.xy, start) for path in paths), balls):

@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.trajectory import State
+from models.core.typing import FloatArray
 from video.matting.ball_timeline import Sightings
 from video.overlay.frame_overlay import Balls
 from video.overlay.motion_marks import LEAST_SPEED
 
-Floats = NDArray[np.float64]
 
-
-def balls_at(sightings: Sightings, state: State, t: Floats) -> list[Balls]:
+def balls_at(sightings: Sightings, state: State, t: FloatArray) -> list[Balls]:
     """The balls on the pictures of times (K,), of which `state` is the state: (K, N)."""
     rows, share = sightings.places(t)
     after, moved = np.minimum(rows + 1, len(sightings.t) - 1), share[:, None, None]
@@ -32,7 +31,7 @@ def balls_at(sightings: Sightings, state: State, t: Floats) -> list[Balls]:
     return [Balls(*row) for row in zip(*columns, strict=True)]
 
 
-def _headings(sightings: Sightings, state: State, t: Floats, moving: NDArray[np.bool_]) -> Floats:
+def _headings(sightings: Sightings, state: State, t: FloatArray, moving: NDArray[np.bool_]) -> FloatArray:
     """(K, N, 2) px, unit vectors of the motion; 0 at rest."""
     ahead = sightings.project(state.xy + 0.01 * state.v, t) - sightings.project(state.xy, t)
     length = np.linalg.norm(ahead, axis=-1, keepdims=True)

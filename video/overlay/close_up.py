@@ -7,14 +7,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, ImageArray
 from video.drawing.palette import FLASH, INK, MIST, WHITE, Colour
 from video.drawing.text import lay, rounded_mask, text_mask, write
 from video.overlay.frame_overlay import draw_ring, fixed
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 SIZE = (960, 720)
 """px of a close-up."""
@@ -35,7 +32,7 @@ class Outline:
     """A ball as it was fitted: centre (2,) and radius in px of the picture."""
 
     name: str
-    centre: Floats
+    centre: FloatArray
     radius: float
 
 
@@ -43,17 +40,17 @@ class Outline:
 class Scenery:
     """A picture (H, W, 3), its number and time (s), and the balls that matter."""
 
-    picture: Picture
+    picture: ImageArray
     frame: int
     t: float
     outlines: tuple[Outline, ...]
     moment: tuple[Outline, ...] = ()
     """The same balls at the moment in question."""
-    line: Floats | None = None
+    line: FloatArray | None = None
     """(n, 2) px, a line on the table that the question is about, at the height of the centres."""
 
 
-def close_up(scene: Scenery, caption: str, lines: Sequence[str]) -> Picture:
+def close_up(scene: Scenery, caption: str, lines: Sequence[str]) -> ImageArray:
     """The balls magnified, their outlines and the gap between them, and what is called."""
     view, scale, corner = _magnified(scene, SIZE, _window([scene]))
     _draw_line(view, scene, scale, corner, 2)
@@ -72,7 +69,7 @@ def close_up(scene: Scenery, caption: str, lines: Sequence[str]) -> Picture:
     return view
 
 
-def strip(scenes: Sequence[Scenery], t: float) -> Picture:
+def strip(scenes: Sequence[Scenery], t: float) -> ImageArray:
     """Pictures around the moment t (s), side by side, all of one place and scale."""
     window = _window(scenes)
     left, top = _free_corner(scenes, window)
@@ -90,7 +87,7 @@ def strip(scenes: Sequence[Scenery], t: float) -> Picture:
     return np.concatenate(row, axis=1)
 
 
-def _free_corner(scenes: Sequence[Scenery], window: tuple[Floats, Floats]) -> tuple[int, int]:
+def _free_corner(scenes: Sequence[Scenery], window: tuple[FloatArray, FloatArray]) -> tuple[int, int]:
     """Left and top, px of a tile, where the caption hides the fewest balls of a strip, in the same place on all."""
     scale, corner = _view(TILE, window)
     far = (TILE[0] - CAPTION[0] - 10, TILE[1] - CAPTION[1] - 10)
@@ -107,7 +104,7 @@ def _free_corner(scenes: Sequence[Scenery], window: tuple[Floats, Floats]) -> tu
     return min(places, key=hidden)
 
 
-def _window(scenes: Sequence[Scenery]) -> tuple[Floats, Floats]:
+def _window(scenes: Sequence[Scenery]) -> tuple[FloatArray, FloatArray]:
     """Middle (2,) and least extent (2,) in px that shows all balls of all pictures; all of it without balls."""
     outlines = [outline for scene in scenes for outline in scene.outlines]
     if not outlines:
@@ -118,14 +115,16 @@ def _window(scenes: Sequence[Scenery]) -> tuple[Floats, Floats]:
     return (low + high) / 2, high - low
 
 
-def _view(size: tuple[int, int], window: tuple[Floats, Floats]) -> tuple[float, Floats]:
+def _view(size: tuple[int, int], window: tuple[FloatArray, FloatArray]) -> tuple[float, FloatArray]:
     """Magnification of a window to `size`, and the window's corner (2,) in the picture."""
     middle, extent = window
     scale = float(min(np.min(np.array(size) / extent), LARGEST))
     return scale, middle - np.array(size) / (2 * scale)
 
 
-def _magnified(scene: Scenery, size: tuple[int, int], window: tuple[Floats, Floats]) -> tuple[Picture, float, Floats]:
+def _magnified(
+    scene: Scenery, size: tuple[int, int], window: tuple[FloatArray, FloatArray]
+) -> tuple[ImageArray, float, FloatArray]:
     """The picture around a window, magnified to `size`; px per px, and the window's corner (2,) in the picture."""
     scale, corner = _view(size, window)
     # pixel centres are whole numbers in both pictures
@@ -135,7 +134,7 @@ def _magnified(scene: Scenery, size: tuple[int, int], window: tuple[Floats, Floa
     return np.ascontiguousarray(view, dtype=np.uint8), scale, corner
 
 
-def _draw_line(view: Picture, scene: Scenery, scale: float, corner: Floats, width: int) -> None:
+def _draw_line(view: ImageArray, scene: Scenery, scale: float, corner: FloatArray, width: int) -> None:
     if scene.line is None:
         return
     mask = np.zeros(view.shape[:2], dtype=np.uint8)
@@ -144,14 +143,14 @@ def _draw_line(view: Picture, scene: Scenery, scale: float, corner: Floats, widt
     lay(view, mask, 0, 0, FLASH)
 
 
-def _draw_balls(view: Picture, scene: Scenery, scale: float, corner: Floats, width: float) -> None:
+def _draw_balls(view: ImageArray, scene: Scenery, scale: float, corner: FloatArray, width: float) -> None:
     for k, outline in enumerate(scene.outlines):
         centre = scale * (outline.centre - corner)
         draw_ring(view, centre, scale * outline.radius, width, RINGS[k % 2], 0.95)
         draw_ring(view, centre, 2.0, width, RINGS[k % 2], 0.95)
 
 
-def _draw_gap(view: Picture, scene: Scenery, scale: float, corner: Floats) -> None:
+def _draw_gap(view: ImageArray, scene: Scenery, scale: float, corner: FloatArray) -> None:
     """The line of centres, bright between the two surfaces."""
     if len(scene.outlines) != 2:
         return
@@ -168,7 +167,7 @@ def _draw_gap(view: Picture, scene: Scenery, scale: float, corner: Floats) -> No
     lay(view, mask, 0, 0, FLASH)
 
 
-def _label(view: Picture, scene: Scenery, scale: float, corner: Floats) -> None:
+def _label(view: ImageArray, scene: Scenery, scale: float, corner: FloatArray) -> None:
     """Names above the balls, below the lower one, so that none hides the gap."""
     lowest = max((outline.centre[1] for outline in scene.outlines), default=0.0)
     for k, outline in enumerate(scene.outlines):

@@ -12,14 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.fit_result import Light
+from models.core.typing import BoolArray, FloatArray, ImageArray
 from video.drawing.label_layout import Rect
 from video.drawing.mask_tile import Ink, Tile, stacked
 from video.drawing.palette import FLASH, INK, LIGHTS, MIST, WHITE, Colour, apart_from, mix
 from video.drawing.text import lay, lay_sparse, number_mask, rounded_mask, text_mask, write
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Picture = NDArray[np.uint8]
 
 SHIFT = 4
 """Binary digits after the point of OpenCV's sub-pixel coordinates."""
@@ -40,19 +37,19 @@ def unit(height: int) -> float:
 class Balls:
     """N balls on one picture."""
 
-    centre: Floats
+    centre: FloatArray
     """(N, 2) px; NaN where absent."""
-    radius: Floats
+    radius: FloatArray
     """(N,) px"""
-    speed: Floats
+    speed: FloatArray
     """(N,) m/s; NaN where unknown."""
-    heading: Floats
+    heading: FloatArray
     """(N, 2) px, unit vectors of the motion; 0 at rest."""
-    moving: Mask
+    moving: BoolArray
     """(N,)"""
-    measured: Mask
+    measured: BoolArray
     """(N,) place measured, not fitted."""
-    sure: Mask
+    sure: BoolArray
     """(N,) seen in a picture around, or carried by accepted physics."""
 
     @property
@@ -74,12 +71,12 @@ class Balls:
         return rects
 
 
-def fixed(px: Floats) -> NDArray[np.int32]:
+def fixed(px: FloatArray) -> NDArray[np.int32]:
     """Pixels to OpenCV's fixed-point coordinates."""
     return np.asarray(np.rint(px * (1 << SHIFT)), dtype=np.int32)
 
 
-def uncovered(shape: tuple[int, ...], balls: Balls) -> Picture:
+def uncovered(shape: tuple[int, ...], balls: Balls) -> ImageArray:
     """(H, W) 255 where no ball lies on a picture of that shape, 0 on the balls."""
     free = np.full(shape[:2], 255, dtype=np.uint8)
     for ball in balls.present:
@@ -88,7 +85,9 @@ def uncovered(shape: tuple[int, ...], balls: Balls) -> Picture:
     return free
 
 
-def draw_trail(picture: Picture, way: Floats, fade: Floats, colour: Colour, width: float, free: Picture) -> None:
+def draw_trail(
+    picture: ImageArray, way: FloatArray, fade: FloatArray, colour: Colour, width: float, free: ImageArray
+) -> None:
     """A line along `way` (n, 2) px with opacity `fade` (n,) 0 to 1, its core white, where it is `free` (H, W)."""
     if len(way) < 2:
         return
@@ -109,7 +108,7 @@ def draw_trail(picture: Picture, way: Floats, fade: Floats, colour: Colour, widt
     lay_sparse(picture, layers, x0, y0, free)
 
 
-def _pieces(way: Floats, fade: Floats) -> list[tuple[NDArray[np.int32], float]]:
+def _pieces(way: FloatArray, fade: FloatArray) -> list[tuple[NDArray[np.int32], float]]:
     """A polyline (n, 2) px cut into lines of even opacity, the oldest first."""
     points = fixed(way).reshape(-1, 1, 2)
     length = float(np.hypot(*np.diff(way, axis=0).T).sum())
@@ -118,7 +117,9 @@ def _pieces(way: Floats, fade: Floats) -> list[tuple[NDArray[np.int32], float]]:
     return [(points[start : end + 1], float(fade[end])) for start, end in pairwise(cuts)]
 
 
-def _strokes(mask: Picture, pieces: Sequence[tuple[NDArray[np.int32], float]], opacity: float, thickness: int) -> None:
+def _strokes(
+    mask: ImageArray, pieces: Sequence[tuple[NDArray[np.int32], float]], opacity: float, thickness: int
+) -> None:
     """Draw the pieces of a polyline, each with its own opacity."""
     for line, fade in pieces:
         level = round(fade * opacity * 255)
@@ -127,7 +128,13 @@ def _strokes(mask: Picture, pieces: Sequence[tuple[NDArray[np.int32], float]], o
 
 
 def draw_ring(
-    picture: Picture, centre: Floats, radius: float, thickness: float, colour: Colour, opacity: float, dashes: int = 0
+    picture: ImageArray,
+    centre: FloatArray,
+    radius: float,
+    thickness: float,
+    colour: Colour,
+    opacity: float,
+    dashes: int = 0,
 ) -> None:
     """A circle, whole or dashed, in place."""
     if not np.isfinite(centre).all() or opacity <= 0.01:
@@ -148,13 +155,13 @@ def draw_ring(
     lay(picture, mask, x0, y0, colour, opacity)
 
 
-def draw_disc(picture: Picture, centre: Floats, radius: float, colour: Colour, opacity: float = 1.0) -> None:
+def draw_disc(picture: ImageArray, centre: FloatArray, radius: float, colour: Colour, opacity: float = 1.0) -> None:
     """A filled circle, in place."""
     mask, x, y = _disc(centre, radius)
     lay(picture, mask, x, y, colour, opacity)
 
 
-def _disc(centre: Floats, radius: float) -> tuple[Picture, int, int]:
+def _disc(centre: FloatArray, radius: float) -> tuple[ImageArray, int, int]:
     """The mask of a filled circle, and its top-left pixel."""
     half = int(np.ceil(radius + 2))
     x0, y0 = (int(v) for v in np.floor(centre) - half)
@@ -163,7 +170,7 @@ def _disc(centre: Floats, radius: float) -> tuple[Picture, int, int]:
     return mask, x0, y0
 
 
-def draw_measured(picture: Picture, balls: Balls, colours: Sequence[Colour], scale: float) -> None:
+def draw_measured(picture: ImageArray, balls: Balls, colours: Sequence[Colour], scale: float) -> None:
     """Dashed rings around balls that no accepted physics carries."""
     for ball in balls.present:
         if balls.measured[ball] and balls.moving[ball] and balls.sure[ball]:
@@ -172,7 +179,9 @@ def draw_measured(picture: Picture, balls: Balls, colours: Sequence[Colour], sca
             draw_ring(picture, balls.centre[ball], radius, 1.6 * scale, mix(colours[ball], WHITE, 0.5), 0.9, dashes)
 
 
-def draw_flash(picture: Picture, centre: Floats, radius: float, age: float, scale: float, strength: float) -> None:
+def draw_flash(
+    picture: ImageArray, centre: FloatArray, radius: float, age: float, scale: float, strength: float
+) -> None:
     """A burst at a contact: `age` 0 to 1 of its life; `strength` scales its reach."""
     left = (1 - age) ** 2
     grown = radius * (0.5 + 1.9 * strength * (1 - left))
@@ -193,7 +202,7 @@ class Label:
         """Width and height, px."""
         return _label_size(self.name, self.value, _letters(scale))
 
-    def draw(self, picture: Picture, corner: Floats, scale: float, opacity: float = 1.0) -> None:
+    def draw(self, picture: ImageArray, corner: FloatArray, scale: float, opacity: float = 1.0) -> None:
         """Draw with the top-left corner at `corner` (2,), in place."""
         width, height = self.size(scale)
         letters = _letters(scale)
@@ -244,7 +253,7 @@ class Clock:
         lower = text_mask(self.slow, small).shape[1] + text_mask(self.word, small).shape[1]
         return lower + round(24 * scale + 1.65 * small + 9.2 * scale) + 2, round(62 * scale)
 
-    def draw(self, picture: Picture, rect: Rect, t: float, scale: float) -> None:
+    def draw(self, picture: ImageArray, rect: Rect, t: float, scale: float) -> None:
         """Draw into `rect`, in place."""
         x, y, width, height = (round(v) for v in rect)
         seconds = number_mask(f"{t:06.3f}", round(27 * scale), bold=True)

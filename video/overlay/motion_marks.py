@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.fit_result import Fit
+from models.core.typing import FloatArray
 from video.drawing.palette import FLASH
 from video.matting.ball_timeline import Sightings
 from video.overlay.frame_overlay import Label, error_text
-
-Floats = NDArray[np.float64]
 
 PATH_STEP = 1 / 240
 """s between points of a path."""
@@ -41,13 +40,13 @@ NORMALS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "top": (0.0, -1.0), "bottom
 class Path:
     """Where one ball moved: n points in order of time; empty for a ball that rests."""
 
-    t: Floats
+    t: FloatArray
     """(n,) s"""
-    xy: Floats
+    xy: FloatArray
     """(n, 2) m"""
-    px: Floats
+    px: FloatArray
     """(n, 2) reference pixels."""
-    spans: Floats
+    spans: FloatArray
     """(k, 2) s, when it moved."""
     radius: float
     """px, of the ball while it moved."""
@@ -60,7 +59,7 @@ class Mark:
     """An event as it is drawn."""
 
     t: float
-    xy: Floats
+    xy: FloatArray
     """(2,) m, the point of contact."""
     ball: int
     strength: float
@@ -88,7 +87,7 @@ def path_of(sightings: Sightings, fit: Fit, ball: int) -> Path:
     return Path(times, xy, px, spans, radius, drawn)
 
 
-def _journeys(sightings: Sightings, ball: int) -> tuple[NDArray[np.intp], Floats]:
+def _journeys(sightings: Sightings, ball: int) -> tuple[NDArray[np.intp], FloatArray]:
     """Pictures (n,) and spans (k, 2) s in which a ball gets somewhere: rests and jitter left out."""
     rows = np.flatnonzero(sightings.moves[:, ball])
     runs = [run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if _goes(sightings, ball, run)]
@@ -106,7 +105,7 @@ def _goes(sightings: Sightings, ball: int, rows: NDArray[np.intp]) -> bool:
     return bool(np.any(~np.isfinite(way)) or way.max() > LEAST_WAY_RADII)
 
 
-def _trimmed(spans: Floats, fit: Fit, ball: int) -> Floats:
+def _trimmed(spans: FloatArray, fit: Fit, ball: int) -> FloatArray:
     """Spans (k, 2) s between pictures, begun and ended where the ball really does."""
     exact = spans.copy()
     for k, (start, end) in enumerate(spans):
@@ -118,7 +117,7 @@ def _trimmed(spans: Floats, fit: Fit, ball: int) -> Floats:
     return exact
 
 
-def spaced(px: Floats, corner: NDArray[np.bool_]) -> NDArray[np.intp]:
+def spaced(px: FloatArray, corner: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Indices of points (n, 2) px at least `POINTS_APART` apart along the way, and of all corners (n,)."""
     if not len(px):
         return np.empty(0, dtype=np.intp)
@@ -154,10 +153,10 @@ def _crowded_out(events: Events) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(hard) & ((near & (hard > hard[:, None])).sum(axis=1) >= MOST_AT_ONCE))
 
 
-def _contact_point(sightings: Sightings, fit: Fit, event: int) -> Floats:
+def _contact_point(sightings: Sightings, fit: Fit, event: int) -> FloatArray:
     """Where two surfaces meet (2,) m: between the balls, at the cushion; else the ball's centre."""
     events, radius = fit.events, sightings.scene.table.ball_radius
-    xy: Floats = events.xy[event]
+    xy: FloatArray = events.xy[event]
     normal = np.zeros(2)
     if events.kind[event] == "cushion":
         normal = np.array(NORMALS.get(events.b[event], (0.0, 0.0)))

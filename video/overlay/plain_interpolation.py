@@ -8,19 +8,16 @@ from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.fit_result import Fit
 from models.core.scene import Scene
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray, ImageArray
 from video.flow.optical_flow import Interpolator
 from video.io.clip import Clip, read_frames
 from video.matting.ball_timeline import sight
 from video.overlay.ball_outlines import balls_at
 from video.synthesis.frame_synthesis import OPTICAL_FLOW, Scenery, open_interval, scenery_of
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 EVEN_S = 1e-3
 """s by which timestamps may wander and still be those of a constant rate: some containers count milliseconds."""
@@ -38,7 +35,7 @@ class Making:
     """s for which the shutter is open; None: as it was filmed."""
 
 
-def between(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, factor: int) -> Iterator[Picture]:
+def between(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, factor: int) -> Iterator[ImageArray]:
     """The pictures (H, W, 3) of a clip with `factor` - 1 new ones in every gap: (D - 1) factor + 1 of D distinct ones.
 
     Every factor-th is the decoded picture itself. ValueError for a factor below 1.
@@ -47,7 +44,7 @@ def between(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, factor: int) -> 
     yield from pictures_at(clip, scenery_of(sight(scene, tracks, fit), clip), times)
 
 
-def pictures_at(clip: Clip, scenery: Scenery, times: Floats, making: Making | None = None) -> Iterator[Picture]:
+def pictures_at(clip: Clip, scenery: Scenery, times: FloatArray, making: Making | None = None) -> Iterator[ImageArray]:
     """The pictures (H, W, 3) at ascending times (K,) s within the clip; a decoded one itself at its time.
 
     Two decoded pictures are held at a time.
@@ -55,7 +52,7 @@ def pictures_at(clip: Clip, scenery: Scenery, times: Floats, making: Making | No
     making = Making() if making is None else making
     t = scenery.sightings.t
     rows = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
-    before: Picture | None = None
+    before: ImageArray | None = None
     for row, (_, after) in enumerate(read_frames(clip, indices=scenery.sightings.frame), start=-1):
         wanted = times[rows == row]
         if before is not None and len(wanted):
@@ -64,8 +61,8 @@ def pictures_at(clip: Clip, scenery: Scenery, times: Floats, making: Making | No
 
 
 def _inside(
-    scenery: Scenery, row: int, first: Picture, second: Picture, times: Floats, making: Making
-) -> Iterator[Picture]:
+    scenery: Scenery, row: int, first: ImageArray, second: ImageArray, times: FloatArray, making: Making
+) -> Iterator[ImageArray]:
     """The pictures from that of `row` to that of `row + 1`."""
     sightings = scenery.sightings
     ends = {float(sightings.t[row]): first, float(sightings.t[row + 1]): second}
@@ -80,7 +77,7 @@ def _inside(
         yield ends[t] if t in ends else interval.at(t, balls.centre, way)
 
 
-def times_between(clip: Clip, factor: int) -> Floats:
+def times_between(clip: Clip, factor: int) -> FloatArray:
     """Times ((D - 1) factor + 1,) s that divide every gap evenly, by the source's clock; ValueError below 1."""
     if factor < 1:
         raise ValueError(f"a factor is 1 or more; got {factor}")
@@ -89,7 +86,7 @@ def times_between(clip: Clip, factor: int) -> Floats:
     return np.concatenate([*inner, t[-1:]])
 
 
-def even_times(clip: Clip, rate: float) -> Floats:
+def even_times(clip: Clip, rate: float) -> FloatArray:
     """Times (K,) s, `rate` of them a second of the clip; those of real pictures where they fall on them."""
     real = clip.t[clip.distinct]
     times = real[0] + np.arange(int((real[-1] - real[0]) * rate + SNAP) + 1) / rate
@@ -109,6 +106,6 @@ def even_rate(clip: Clip, factor: int) -> Fraction | None:
     return rate * factor if np.abs(clip.t[frames] - even).max() < EVEN_S else None
 
 
-def _inner_times(first: float, last: float, factor: int) -> Floats:
+def _inner_times(first: float, last: float, factor: int) -> FloatArray:
     """Times (factor - 1,) that divide a gap evenly."""
     return first + (last - first) * np.arange(1, factor) / factor

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.errors import ClipError
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray, ImageArray
 from video.drawing.label_layout import Rect, covered_share, place_label
 from video.drawing.palette import FLASH, INK, WHITE
 from video.io.clip import Clip, read_frames
@@ -24,9 +24,6 @@ from video.matting.compositing import Layer, paste
 from video.overlay.annotation import EIGHTFOLD, MOST_WORDS, Annotation, annotate
 from video.overlay.frame_overlay import Balls, Label, draw_disc, draw_ring, draw_trail, uncovered
 from video.synthesis.frame_synthesis import Scenery
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 APART_RADII = 5.0
 """Way between two flashes of the stroboscope, in ball radii."""
@@ -50,9 +47,9 @@ class Poster:
     flashes: list[tuple[int, int]]
     """Row and ball of every ghost."""
     rows: frozenset[int]
-    ghosts: list[tuple[Sprite, Floats]] = field(default_factory=list)
-    first: Picture | None = None
-    last: Picture | None = None
+    ghosts: list[tuple[Sprite, FloatArray]] = field(default_factory=list)
+    first: ImageArray | None = None
+    last: ImageArray | None = None
 
     @classmethod
     def of(cls, scenery: Scenery) -> Poster:
@@ -61,7 +58,7 @@ class Poster:
         rows = frozenset({0, len(sightings.t) - 1, *(row for row, _ in flashes)})
         return cls(sightings, scenery.plate, flashes, rows)
 
-    def see(self, row: int, picture: Picture) -> None:
+    def see(self, row: int, picture: ImageArray) -> None:
         """Take from the picture (H, W, 3) of a row what belongs on the poster; it is not written into."""
         if row not in self.rows:
             return
@@ -112,8 +109,8 @@ def _flashes(sightings: Sightings) -> list[tuple[int, int]]:
 
 
 def _cut(
-    sightings: Sightings, plate: Plate, row: int, picture: Picture, balls: Sequence[int]
-) -> list[tuple[Sprite, Floats]]:
+    sightings: Sightings, plate: Plate, row: int, picture: ImageArray, balls: Sequence[int]
+) -> list[tuple[Sprite, FloatArray]]:
     """Sprites of some balls of a picture, and where they were, in pixels of the last picture."""
     others = [int(b) for b in np.flatnonzero(np.isfinite(sightings.centre[row, :, 0])) if b not in balls]
     outlines, stay = ([sightings.outline(row, ball) for ball in group] for group in (balls, others))
@@ -128,7 +125,11 @@ def _cut(
 
 
 def _draw(
-    still: Picture, sightings: Sightings, annotation: Annotation, ghosts: Sequence[tuple[Sprite, Floats]], fit: Fit
+    still: ImageArray,
+    sightings: Sightings,
+    annotation: Annotation,
+    ghosts: Sequence[tuple[Sprite, FloatArray]],
+    fit: Fit,
 ) -> None:
     """Lay ghosts, ways, contacts, names and the plan over the last picture."""
     end = float(sightings.t[-1])
@@ -157,7 +158,7 @@ def _ways(sightings: Sightings, annotation: Annotation, t: float) -> list[Rect]:
     return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in places]
 
 
-def _write(still: Picture, sightings: Sightings, annotation: Annotation, balls: Balls) -> None:
+def _write(still: ImageArray, sightings: Sightings, annotation: Annotation, balls: Balls) -> None:
     """Contacts with their times, and names where the balls started."""
     end, scale = float(sightings.t[-1]), annotation.scale
     bounds = (still.shape[1], still.shape[0])

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, ImageArray
 from video.drawing.palette import MIST, WHITE
 from video.io.clip import Clip, read_frames
 from video.matting.ball_timeline import Sightings
@@ -15,9 +15,6 @@ from video.overlay.ball_outlines import balls_at
 from video.overlay.frame_overlay import Balls, Label, draw_ring, unit
 from video.overlay.motion_marks import Mark
 from video.synthesis.frame_synthesis import Interval, Scenery, open_interval
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 SLOWER = 4.0
 """Times slower than the slow motion before."""
@@ -35,7 +32,7 @@ def chosen_marks(marks: tuple[Mark, ...]) -> list[Mark]:
     return sorted(strongest, key=lambda mark: mark.t)
 
 
-def replay_times(sightings: Sightings, mark: Mark, rate: float, slow: float) -> Floats:
+def replay_times(sightings: Sightings, mark: Mark, rate: float, slow: float) -> FloatArray:
     """Times (K,) s around a contact, within the two pictures that enclose it: beyond them nothing new is seen."""
     row, _ = sightings.place(mark.t)
     first, last = float(sightings.t[row]), float(sightings.t[min(row + 1, len(sightings.t) - 1)])
@@ -44,12 +41,12 @@ def replay_times(sightings: Sightings, mark: Mark, rate: float, slow: float) -> 
     return np.arange(max(first, mark.t - half), min(last, mark.t + half), step)
 
 
-def replays(clip: Clip, scenery: Scenery, marks: list[Mark], rate: float, slow: float) -> Iterator[Picture]:
+def replays(clip: Clip, scenery: Scenery, marks: list[Mark], rate: float, slow: float) -> Iterator[ImageArray]:
     """Close-ups (H, W, 3) of every mark, one after another; two pictures of the clip are held at a time."""
     sightings = scenery.sightings
     rows = [sightings.place(mark.t)[0] for mark in marks]
     wanted = sorted({row + side for row in rows for side in (0, 1)})
-    before: tuple[int, Picture] | None = None
+    before: tuple[int, ImageArray] | None = None
     pictures = read_frames(clip, indices=sightings.frame[wanted])
     for row, (_, picture) in zip(wanted, pictures, strict=True):
         if before is not None and before[0] == row - 1:
@@ -61,7 +58,7 @@ def replays(clip: Clip, scenery: Scenery, marks: list[Mark], rate: float, slow: 
         before = (row, picture)
 
 
-def _replay(interval: Interval, mark: Mark, times: Floats, slow: float) -> Iterator[Picture]:
+def _replay(interval: Interval, mark: Mark, times: FloatArray, slow: float) -> Iterator[ImageArray]:
     sightings = interval.sightings
     state, ways = sightings.state(times), sightings.ways(times, sightings.exposure)
     for t, balls, way in zip(times.tolist(), balls_at(sightings, state, times), ways, strict=True):
@@ -69,7 +66,7 @@ def _replay(interval: Interval, mark: Mark, times: Floats, slow: float) -> Itera
         yield _close(picture, sightings, mark, t, balls, slow)
 
 
-def _close(picture: Picture, sightings: Sightings, mark: Mark, t: float, balls: Balls, slow: float) -> Picture:
+def _close(picture: ImageArray, sightings: Sightings, mark: Mark, t: float, balls: Balls, slow: float) -> ImageArray:
     """The place of the contact magnified to the whole picture, with the fitted outlines and the time to the contact."""
     height, width = picture.shape[:2]
     scale = height / (2 * AROUND_RADII * balls.radius_of(mark.ball))
@@ -78,7 +75,7 @@ def _close(picture: Picture, sightings: Sightings, mark: Mark, t: float, balls: 
     view = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]]])
     way = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
     close = cv2.warpAffine(picture, view, (width, height), flags=way, borderMode=cv2.BORDER_REPLICATE)
-    made: Picture = np.ascontiguousarray(close, dtype=np.uint8)
+    made: ImageArray = np.ascontiguousarray(close, dtype=np.uint8)
     stroke = unit(height)
     for ball in balls.present:
         centre, radius = scale * (balls.centre[ball] - corner), scale * balls.radius_of(int(ball))

@@ -9,11 +9,11 @@ from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.fit_result import Fit
 from models.core.progress import Progress, silent
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray, ImageArray
 from video.io.clip import Clip, read_frames
 from video.io.options import RenderOptions
 from video.io.prefetch import ahead
@@ -29,9 +29,7 @@ from video.synthesis.frame_synthesis import Interval, Scenery, open_interval
 
 __all__ = ["RenderOptions", "render_poster", "render_slow_motion"]
 
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-Onlooker = Callable[[int, Picture], None]
+Onlooker = Callable[[int, ImageArray], None]
 
 LEAST_RATE, MOST_RATE = Fraction(25), Fraction(60)
 """1/s, pictures per second of the finished video."""
@@ -55,7 +53,7 @@ SNAP = 0.05
 """Share of the step between finished pictures within which a real picture is shown as it is."""
 
 
-def unseen(row: int, picture: Picture) -> None:
+def unseen(row: int, picture: ImageArray) -> None:
     """An onlooker who does not look."""
 
 
@@ -64,9 +62,9 @@ class _Made:
     """A picture of the slow motion before anything is drawn upon it, and the balls on it."""
 
     t: float
-    picture: Picture
+    picture: ImageArray
     balls: Balls
-    plan: Floats
+    plan: FloatArray
     """(N, 2) m"""
 
 
@@ -102,7 +100,7 @@ def render_slow_motion(
     return float(times[0])
 
 
-def _times(sightings: Sightings, rate: Fraction, options: RenderOptions) -> Floats:
+def _times(sightings: Sightings, rate: Fraction, options: RenderOptions) -> FloatArray:
     """Times (K,) s of the clip that the finished pictures show, exactly even; real pictures are met where they fall."""
     first, last = float(sightings.t[0]), float(sightings.t[-1])
     if options.trim_still and sightings.moves.any():
@@ -122,10 +120,10 @@ def _pictures(
     scenery: Scenery,
     tracks: Tracks,
     fit: Fit,
-    times: Floats,
+    times: FloatArray,
     options: RenderOptions,
     onlooker: Onlooker,
-) -> Iterator[Picture]:
+) -> Iterator[ImageArray]:
     """The finished pictures in order: drawn upon while those after them are made."""
     annotation: Annotation | None = None
     for made in ahead(_made(clip, scenery, fit, times, onlooker), AHEAD):
@@ -134,13 +132,13 @@ def _pictures(
         yield made.picture
 
 
-def _made(clip: Clip, scenery: Scenery, fit: Fit, times: Floats, onlooker: Onlooker) -> Iterator[_Made]:
+def _made(clip: Clip, scenery: Scenery, fit: Fit, times: FloatArray, onlooker: Onlooker) -> Iterator[_Made]:
     """The pictures in order, two real ones held at a time."""
     sightings = scenery.sightings
     rows, _ = sightings.places(times)
     count = np.bincount(rows, minlength=len(sightings.t))
     moments = _moments(sightings, fit, times)
-    before: Picture | None = None
+    before: ImageArray | None = None
     interval: Interval | None = None
     for row, (_, after) in enumerate(read_frames(clip, indices=sightings.frame), start=-1):
         onlooker(row + 1, after)
@@ -151,7 +149,9 @@ def _made(clip: Clip, scenery: Scenery, fit: Fit, times: Floats, onlooker: Onloo
         before = after
 
 
-def _moments(sightings: Sightings, fit: Fit, times: Floats) -> Iterator[tuple[float, Balls, Floats, Floats]]:
+def _moments(
+    sightings: Sightings, fit: Fit, times: FloatArray
+) -> Iterator[tuple[float, Balls, FloatArray, FloatArray]]:
     """Time, balls, their ways (P, N, 2) px while the shutter is open, and their places (N, 2) m; many at a time."""
     for start in range(0, len(times), AT_ONCE):
         t = times[start : start + AT_ONCE]

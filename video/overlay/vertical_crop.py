@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, IntArray
 from video.matting.ball_timeline import Sightings
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SHAPE = (9, 16)
 """Width to height."""
@@ -25,7 +22,7 @@ def window_width(width: int, height: int) -> int:
     return min(width, 2 * round(height * SHAPE[0] / SHAPE[1] / 2))
 
 
-def window_lefts(sightings: Sightings, times: Floats) -> Ints:
+def window_lefts(sightings: Sightings, times: FloatArray) -> IntArray:
     """(K,) px of the window's left border at times (K,) s: whole pixels, so that real pictures stay real."""
     width, height = sightings.scene.camera.width_px, sightings.scene.camera.height_px
     room = width - window_width(width, height)
@@ -36,7 +33,7 @@ def window_lefts(sightings: Sightings, times: Floats) -> Ints:
     return np.clip(np.rint(lefts), 0, room).astype(np.int64)
 
 
-def _middle(sightings: Sightings, grid: Floats) -> Floats:
+def _middle(sightings: Sightings, grid: FloatArray) -> FloatArray:
     """(G,) px across the picture where the action is: moving balls by their speed, held where none moves."""
     state = sightings.state(grid)
     px = sightings.scene.camera.to_pixels(state.xy, sightings.scene.table.ball_radius)[..., 0]
@@ -52,7 +49,7 @@ def _middle(sightings: Sightings, grid: Floats) -> Floats:
     return np.asarray(np.interp(grid, grid[acts], mean), dtype=np.float64)
 
 
-def _calmed(middle: Floats, step: float) -> Floats:
+def _calmed(middle: FloatArray, step: float) -> FloatArray:
     """A Gaussian average, which sees what comes as well as what was; held at both ends."""
     half = max(1, round(3 * CALM / step))
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * step / CALM) ** 2)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from video.rendering.random_hall import Hall
 from video.rendering.scene_renderer import Motion, Poses
-
-Floats = NDArray[np.float64]
 
 MOST_BALLS = 22
 MOST_STREAK_RADII, MOST_STREAK_PX = 7.0, 62.0
@@ -33,11 +32,11 @@ class Layout:
 
     which: NDArray[np.int64]
     """(N,) into the hall's balls."""
-    place: Floats
+    place: FloatArray
     """(N, 2) m at mid-exposure."""
-    way: Floats
+    way: FloatArray
     """(N, 2) m travelled during the exposure."""
-    rotation: Floats
+    rotation: FloatArray
     """(N, 3, 3) at mid-exposure."""
     turns: NDArray[np.bool_]
     """(N,) whether it rolls."""
@@ -59,13 +58,13 @@ class Layout:
         return Poses(xyz, rotation.reshape(-1, 3, 3))
 
 
-def _rolled(angle: Floats) -> Floats:
+def _rolled(angle: FloatArray) -> FloatArray:
     """Rotation (3, 3) of a ball that rolled by (x, y) radii."""
     size = float(np.linalg.norm(angle))
     # wx = -vy / R, wy = vx / R
     x, y, _ = axis = np.array([-angle[1], angle[0], 0.0]) / max(size, 1e-12)
     cross = np.array([[0, 0, y], [0, 0, -x], [-y, x, 0.0]])
-    turned: Floats = np.cos(size) * np.eye(3) + np.sin(size) * cross + (1 - np.cos(size)) * np.outer(axis, axis)
+    turned: FloatArray = np.cos(size) * np.eye(3) + np.sin(size) * cross + (1 - np.cos(size)) * np.outer(axis, axis)
     return turned
 
 
@@ -86,7 +85,7 @@ def random_layout(rng: np.random.Generator, hall: Hall, magnify: int = 1) -> Lay
     )
 
 
-def _seen_places(rng: np.random.Generator, hall: Hall, count: int) -> Floats:
+def _seen_places(rng: np.random.Generator, hall: Hall, count: int) -> FloatArray:
     """Places (n, 2) m on the table whose ball is in the picture, up to half a radius beyond its border."""
     camera, table = hall.camera, hall.table
     r = table.ball_radius
@@ -98,7 +97,7 @@ def _seen_places(rng: np.random.Generator, hall: Hall, count: int) -> Floats:
     return np.asarray(xy[inside & ahead])
 
 
-def _filled(rng: np.random.Generator, hall: Hall, start: Floats, wanted: int) -> Floats:
+def _filled(rng: np.random.Generator, hall: Hall, start: FloatArray, wanted: int) -> FloatArray:
     """Places (n, 2) m, `start` first, no two balls nearer than touching."""
     radius = hall.table.ball_radius
     placed = list(start)
@@ -117,7 +116,7 @@ def _filled(rng: np.random.Generator, hall: Hall, start: Floats, wanted: int) ->
     return np.array(placed).reshape(-1, 2)
 
 
-def _in_line(rng: np.random.Generator, hall: Hall, other: Floats) -> Floats:
+def _in_line(rng: np.random.Generator, hall: Hall, other: FloatArray) -> FloatArray:
     """A place (2,) m behind or before another ball, as the camera sees it: the lower the camera, the farther off."""
     radius = hall.table.ball_radius
     sight = np.append(other, radius) - hall.camera.eye
@@ -128,11 +127,11 @@ def _in_line(rng: np.random.Generator, hall: Hall, other: Floats) -> Floats:
     return np.asarray(other + radius * (ahead * away + rng.uniform(-BESIDE_RADII, BESIDE_RADII) * across))
 
 
-def _free(place: Floats, placed: list[Floats], radius: float) -> bool:
+def _free(place: FloatArray, placed: list[FloatArray], radius: float) -> bool:
     return not placed or bool((np.linalg.norm(np.array(placed) - place, axis=1) >= 2 * radius).all())
 
 
-def _on_table(hall: Hall, place: Floats) -> bool:
+def _on_table(hall: Hall, place: FloatArray) -> bool:
     r, table = hall.table.ball_radius, hall.table
     inside = bool(
         (place >= 0.99 * r).all() and place[0] <= table.length - 0.99 * r and place[1] <= table.width - 0.99 * r
@@ -141,7 +140,7 @@ def _on_table(hall: Hall, place: Floats) -> bool:
     return inside and bool(clear)
 
 
-def _rack(rng: np.random.Generator, hall: Hall) -> Floats:
+def _rack(rng: np.random.Generator, hall: Hall) -> FloatArray:
     """A triangle of touching balls (n, 2) m, as far as it lies on the table."""
     apexes = _seen_places(rng, hall, 8)
     if not len(apexes):
@@ -156,7 +155,7 @@ def _rack(rng: np.random.Generator, hall: Hall) -> Floats:
     return np.asarray(places[[_on_table(hall, place) for place in places]], dtype=np.float64)
 
 
-def _way(rng: np.random.Generator, hall: Hall, place: Floats, magnify: int) -> Floats:
+def _way(rng: np.random.Generator, hall: Hall, place: FloatArray, magnify: int) -> FloatArray:
     """m travelled during the exposure: short ways more often than long ones."""
     radius_px = float(hall.camera.radius_px(place, hall.table.ball_radius))
     longest = min(MOST_STREAK_RADII * radius_px, MOST_STREAK_PX * magnify)
@@ -167,7 +166,7 @@ def _way(rng: np.random.Generator, hall: Hall, place: Floats, magnify: int) -> F
     return np.asarray(heading * px / max(float(np.linalg.norm(jacobian @ heading)), 1e-9))
 
 
-def _random_rotation(rng: np.random.Generator) -> Floats:
+def _random_rotation(rng: np.random.Generator) -> FloatArray:
     """Uniform rotation (3, 3): QR of a normal matrix, determinant made 1."""
     q, r = np.linalg.qr(rng.normal(size=(3, 3)))
     q = q * np.sign(np.diag(r))

@@ -11,12 +11,10 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.core.typing import Float32Array, FloatArray
 from video.rendering.scene_appearance import IVORY, BallLook, Colour
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 CLOTH_BOUNCE = 0.55
 """Share of the cloth's light that reaches the lower half of a ball."""
@@ -30,31 +28,31 @@ NUMBER_SIZE = 64
 class Light:
     """Lamps as arrays, scaled so that a level paper at the table's centre receives 1 in all."""
 
-    position: Floats
+    position: FloatArray
     """(L, 3) m."""
-    radius: Floats
+    radius: FloatArray
     """(L,) m."""
-    strength: Floats
+    strength: FloatArray
     """(L,) light on a surface that faces the lamp at `reference` metres."""
-    reference: Floats
+    reference: FloatArray
     """(L,) m."""
     ambient: float
-    cloth: Singles
+    cloth: Float32Array
     """(3,) linear colour of the cloth, thrown back to balls."""
 
 
-def singles(values: ArrayLike) -> Singles:
+def singles(values: ArrayLike) -> Float32Array:
     """Values in float32."""
     return np.asarray(values, dtype=np.float32)
 
 
-def linear(colour: Colour) -> Singles:
+def linear(colour: Colour) -> Float32Array:
     """sRGB in [0, 1] to linear light (3,)."""
     c = np.asarray(colour, dtype=np.float64)
     return singles(np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4))
 
 
-def irradiance(light: Light, lamp: int, point: Singles, normal: Singles) -> Singles:
+def irradiance(light: Light, lamp: int, point: Float32Array, normal: Float32Array) -> Float32Array:
     """Light (...) of one lamp on a surface at points (..., 3) with unit normals broadcast against them."""
     way = light.position[lamp].astype(np.float32) - point
     distance = np.sqrt(np.einsum("...i,...i", way, way))
@@ -63,7 +61,7 @@ def irradiance(light: Light, lamp: int, point: Singles, normal: Singles) -> Sing
 
 
 @lru_cache(maxsize=32)
-def number_bitmap(number: int) -> Singles:
+def number_bitmap(number: int) -> Float32Array:
     """A number in black on white (S, S), 0 ink, 1 paper."""
     text, size = str(number), NUMBER_SIZE
     big = np.full((4 * size, 4 * size), 255, np.uint8)
@@ -74,7 +72,7 @@ def number_bitmap(number: int) -> Singles:
     return singles(small / np.float32(255))
 
 
-def paint(ball: BallLook, body: Singles, softness: float) -> Singles:
+def paint(ball: BallLook, body: Float32Array, softness: float) -> Float32Array:
     """Linear colour (h, w, 3) at unit vectors (h, w, 3) of the ball's own frame; `softness` px in ball radii."""
     base, ivory = linear(ball.colour), linear(IVORY)
     colour = np.broadcast_to(base, body.shape)
@@ -99,12 +97,12 @@ def paint(ball: BallLook, body: Singles, softness: float) -> Singles:
     return mix(colour, ivory * (0.03 + 0.97 * ink[..., None]), disc)
 
 
-def mix(a: Singles, b: Singles, share: Singles) -> Singles:
+def mix(a: Float32Array, b: Float32Array, share: Float32Array) -> Float32Array:
     """a where share (h, w) is 0, b where it is 1."""
     return singles(a + (b - a) * share[..., None])
 
 
-def soft_step(x: Singles, width: float) -> Singles:
+def soft_step(x: Float32Array, width: float) -> Float32Array:
     """0 below, 1 above x = 0, over `width`."""
     return singles(np.clip(x / max(width, 1e-6) + 0.5, 0, 1))
 
@@ -113,15 +111,15 @@ def soft_step(x: Singles, width: float) -> Singles:
 class Sprite:
     """A ball in a window of the picture."""
 
-    colour: Singles
+    colour: Float32Array
     """(h, w, 3) linear."""
-    alpha: Singles
+    alpha: Float32Array
     """(h, w) share of the pixel that it covers."""
 
 
 def ball_sprite(
-    ball: BallLook, light: Light, rays: Singles, eye: Floats, depth: Singles, centre: Floats, radius: float,
-    rotation: Floats, pixel: float, gloss: float,
+    ball: BallLook, light: Light, rays: Float32Array, eye: FloatArray, depth: Float32Array, centre: FloatArray, radius: float,
+    rotation: FloatArray, pixel: float, gloss: float,
 ) -> Sprite:  # fmt: skip
     """A ball seen along rays (h, w, 3).
 
@@ -142,7 +140,9 @@ def ball_sprite(
     return Sprite(colour, alpha.astype(np.float32))
 
 
-def lit(colour: Singles, light: Light, normal: Singles, rays: Singles, centre: Floats, gloss: float) -> Singles:
+def lit(
+    colour: Float32Array, light: Light, normal: Float32Array, rays: Float32Array, centre: FloatArray, gloss: float
+) -> Float32Array:
     """Paint (h, w, 3) of a ball at `centre` under all lamps, with their reflections."""
     up = 0.5 + 0.5 * normal[..., 2:]
     total = light.ambient * up + (CLOTH_BOUNCE * (1 - up)) * light.cloth
@@ -161,7 +161,7 @@ def lit(colour: Singles, light: Light, normal: Singles, rays: Singles, centre: F
     return singles(colour * total + gloss * (shine + fresnel * light.ambient)[..., None])
 
 
-def shadow(light: Light, share: Singles, point: Singles, centre: Floats, radius: float) -> Singles:
+def shadow(light: Light, share: Float32Array, point: Float32Array, centre: FloatArray, radius: float) -> Float32Array:
     """Factor (h, w) by which a ball dims the scene at points (h, w, 3).
 
     `share` (h, w, L + 1) says how much of the light there comes from each lamp, the last from everywhere.

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Camera, Table, apply_homography
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 
 def look_at(
-    table: Table, eye: Floats, target: Floats, focal_px: float, width_px: int, height_px: int,
+    table: Table, eye: FloatArray, target: FloatArray, focal_px: float, width_px: int, height_px: int,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> Camera:  # fmt: skip
     """A camera at `eye` (3,) that looks at `target` (3,), m on the table; `up` points to the top of the picture.
@@ -39,19 +37,19 @@ class Lens:
     """Radial error: r_seen = r (1 + k1 r^2), r from the picture's centre in `unit_px`."""
 
     k1: float
-    centre: Floats
+    centre: FloatArray
     """(2,) px."""
     unit_px: float
     """half a table length."""
 
-    def distort(self, px: Floats) -> Floats:
+    def distort(self, px: FloatArray) -> FloatArray:
         """Pinhole pixels (..., 2) to seen ones."""
         off = px - self.centre
         r2 = np.sum(off**2, axis=-1, keepdims=True) / self.unit_px**2
-        seen: Floats = self.centre + off * (1 + self.k1 * r2)
+        seen: FloatArray = self.centre + off * (1 + self.k1 * r2)
         return seen
 
-    def straighten(self, px: Floats) -> Floats:
+    def straighten(self, px: FloatArray) -> FloatArray:
         """Seen pixels (..., 2) to pinhole ones, by fixed-point steps (k1 is small)."""
         off = px - self.centre
         straight = off
@@ -66,16 +64,16 @@ def lens_of(camera: Camera, k1: float) -> Lens:
     return Lens(k1, np.array([(camera.width_px - 1) / 2, (camera.height_px - 1) / 2]), float(sides.max() / 2))
 
 
-def rays_of(camera: Camera, lens: Lens, px: Floats) -> Floats:
+def rays_of(camera: Camera, lens: Lens, px: FloatArray) -> FloatArray:
     """Unit vectors (..., 3) on the table's axes from the eye through seen pixels (..., 2)."""
     straight = lens.straighten(px)
     homogeneous = np.concatenate([straight, np.ones((*px.shape[:-1], 1))], axis=-1)
-    rays: Floats = homogeneous @ np.linalg.inv(camera.matrix[:, :3]).T
+    rays: FloatArray = homogeneous @ np.linalg.inv(camera.matrix[:, :3]).T
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     return rays
 
 
-def project(camera: Camera, lens: Lens, xyz: Floats) -> Floats:
+def project(camera: Camera, lens: Lens, xyz: FloatArray) -> FloatArray:
     """Points (..., 3) in m to seen pixels (..., 2)."""
     homogeneous = xyz @ camera.matrix[:, :3].T + camera.matrix[:, 3]
     return lens.distort(homogeneous[..., :2] / homogeneous[..., 2:])

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Camera
-from video.rendering.ball_shading import Light, Singles, linear
+from models.core.typing import Float32Array, FloatArray
+from video.rendering.ball_shading import Light, linear
 from video.rendering.pinhole_camera import Lens, project
 from video.rendering.scene_appearance import Colour
-
-Floats = NDArray[np.float64]
 
 SKIN: Colour = (0.80, 0.58, 0.46)
 CUE_LENGTH = 1.45
@@ -24,14 +22,14 @@ CUE_LENGTH = 1.45
 class Rod:
     """A tapered rod from a to b (3,), m, with its radii and colour."""
 
-    a: Floats
-    b: Floats
+    a: FloatArray
+    b: FloatArray
     radius_a: float
     radius_b: float
     colour: Colour
 
 
-def cue_rods(tip: Floats, direction: Floats, elevation: float = 0.06) -> tuple[Rod, ...]:
+def cue_rods(tip: FloatArray, direction: FloatArray, elevation: float = 0.06) -> tuple[Rod, ...]:
     """A cue whose tip is at `tip` (3,), m, and which points along `direction` (2,); its butt is raised."""
     way = np.append(np.asarray(direction) / np.linalg.norm(direction) * np.cos(elevation), -np.sin(elevation))
     # lengths from the tip, radius there, colour of the stretch up to the next
@@ -49,7 +47,7 @@ def cue_rods(tip: Floats, direction: Floats, elevation: float = 0.06) -> tuple[R
     )
 
 
-def hand_rods(bridge: Floats, direction: Floats, sleeve: Colour = (0.06, 0.06, 0.08)) -> tuple[Rod, ...]:
+def hand_rods(bridge: FloatArray, direction: FloatArray, sleeve: Colour = (0.06, 0.06, 0.08)) -> tuple[Rod, ...]:
     """A bridge hand under a cue along `direction` (2,): fingers on the cloth at `bridge` (3,), the arm behind."""
     ahead = np.append(np.asarray(direction) / np.linalg.norm(direction), 0.0)
     aside = np.array([-ahead[1], ahead[0], 0.0])
@@ -75,7 +73,7 @@ def hand_rods(bridge: Floats, direction: Floats, sleeve: Colour = (0.06, 0.06, 0
     )
 
 
-def draw_rods(picture: Singles, camera: Camera, lens: Lens, light: Light, rods: tuple[Rod, ...]) -> None:
+def draw_rods(picture: Float32Array, camera: Camera, lens: Lens, light: Light, rods: tuple[Rod, ...]) -> None:
     """Lay rods over a linear picture (H, W, 3), in place, with their shadows."""
     for rod in rods:
         _throw_shadow(picture, camera, lens, light, rod)
@@ -90,7 +88,7 @@ def draw_rods(picture: Singles, camera: Camera, lens: Lens, light: Light, rods: 
         patch += (colour - patch) * alpha[..., None]
 
 
-def _throw_shadow(picture: Singles, camera: Camera, lens: Lens, light: Light, rod: Rod) -> None:
+def _throw_shadow(picture: Float32Array, camera: Camera, lens: Lens, light: Light, rod: Rod) -> None:
     for lamp in range(len(light.radius)):
         source = light.position[lamp]
         ends = [end + (end - source) * (end[2] / (source[2] - end[2])) for end in (rod.a, rod.b)]
@@ -111,7 +109,7 @@ def _throw_shadow(picture: Singles, camera: Camera, lens: Lens, light: Light, ro
 
 def _cover(
     shape: tuple[int, ...], camera: Camera, lens: Lens, rod: Rod
-) -> tuple[tuple[slice, slice], Singles, Singles, Singles]:
+) -> tuple[tuple[slice, slice], Float32Array, Float32Array, Float32Array]:
     """Window of a rod; there distance from its axis in radii, signed side, and covered share (h, w)."""
     ends = project(camera, lens, np.stack([rod.a, rod.b]))
     homogeneous = np.stack([rod.a, rod.b]) @ camera.matrix[2, :3] + camera.matrix[2, 3]

@@ -10,7 +10,6 @@ import colorsys
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Camera, Table
 from models.physics.billiards.tables import PRESETS
@@ -29,8 +28,6 @@ from video.rendering.scene_appearance import (
     pool_ball,
     snooker_ball,
 )
-
-Floats = NDArray[np.float64]
 
 HELD_OUT_HUES = (0.72, 0.93)
 """Cloth: violet to purple."""

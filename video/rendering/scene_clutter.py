@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Camera
-from video.rendering.ball_shading import Light, Singles, linear, singles
+from models.core.typing import Float32Array, FloatArray
+from video.rendering.ball_shading import Light, linear, singles
 from video.rendering.pinhole_camera import lens_of
 from video.rendering.player_props import Rod, cue_rods, draw_rods, hand_rods
 from video.rendering.random_hall import Hall, random_colour
 from video.rendering.scene_appearance import Colour
 
-Floats = NDArray[np.float64]
 SHIFT = 4
 """Bits of a pixel's fraction in cv2's drawing."""
 
 
-def paint_backdrop(rng: np.random.Generator, picture: Singles, hall: Hall, off_table: Singles) -> None:
+def paint_backdrop(rng: np.random.Generator, picture: Float32Array, hall: Hall, off_table: Float32Array) -> None:
     """Marks on the cloth and a crowd beside the table; `off_table` (H, W) m outside the noses."""
     crowd = off_table > 0.18
     if crowd.mean() > 0.02 and rng.random() < 0.7:
@@ -39,7 +39,7 @@ def paint_backdrop(rng: np.random.Generator, picture: Singles, hall: Hall, off_t
             painter(rng, picture, hall)
 
 
-def paint_players(rng: np.random.Generator, picture: Singles, hall: Hall, light: Light) -> None:
+def paint_players(rng: np.random.Generator, picture: Float32Array, hall: Hall, light: Light) -> None:
     """Cues, hands, arms, bodies and racks over the balls."""
     for painter, share in ((_cue, 0.22), (_arm, 0.15), (_body, 0.10), (_frame, 0.06)):
         if rng.random() < share:
@@ -57,11 +57,11 @@ def paint_caption(rng: np.random.Generator, picture: NDArray[np.uint8]) -> None:
     _write(picture, _word(rng, 12), (x + 2, y + h - 3), h / 30, [int(c) for c in rng.integers(0, 256, 3)])
 
 
-def _anywhere(rng: np.random.Generator, picture: Singles) -> Floats:
+def _anywhere(rng: np.random.Generator, picture: Float32Array) -> FloatArray:
     return rng.uniform(0, 1, 2) * picture.shape[1::-1]
 
 
-def _on_cloth(rng: np.random.Generator, hall: Hall, picture: Singles) -> tuple[Floats, Floats, float]:
+def _on_cloth(rng: np.random.Generator, hall: Hall, picture: Float32Array) -> tuple[FloatArray, FloatArray, float]:
     """A px (2,) of the picture, d(px)/d(ball radius) (2, 2) of the cloth there, a ball's radius in px."""
     px = _anywhere(rng, picture)
     camera, r = hall.camera, hall.table.ball_radius
@@ -70,34 +70,36 @@ def _on_cloth(rng: np.random.Generator, hall: Hall, picture: Singles) -> tuple[F
     return px, np.asarray(tilt, dtype=np.float64), float(camera.radius_px(xy, r))
 
 
-def _shine(rng: np.random.Generator, picture: Singles) -> Floats:
+def _shine(rng: np.random.Generator, picture: Float32Array) -> FloatArray:
     """A colour as bright as the picture is."""
     level = float(np.median(picture[::8, ::8])) + 0.1
     bright = level * rng.uniform(0.4, 4.0)
     return np.asarray(linear(random_colour(rng, (0.0, 1.0), (0.1, 1.0))) * bright, dtype=np.float64)
 
 
-def _polygon(picture: Singles, points: Floats, colour: Floats, alpha: float, soft: float = 0.0) -> None:
+def _polygon(picture: Float32Array, points: FloatArray, colour: FloatArray, alpha: float, soft: float = 0.0) -> None:
     """Fill points (n, 2) px, with soft borders of `soft` px."""
     mask = np.zeros(picture.shape[:2], np.uint8)
     cv2.fillPoly(mask, [np.rint(points * 2**SHIFT).astype(np.int32)], 255, cv2.LINE_AA, SHIFT)
     _through(picture, mask, colour, alpha, soft)
 
 
-def _through(picture: Singles, mask: NDArray[np.uint8], colour: Floats, alpha: float, soft: float = 0.0) -> None:
+def _through(
+    picture: Float32Array, mask: NDArray[np.uint8], colour: FloatArray, alpha: float, soft: float = 0.0
+) -> None:
     share = mask.astype(np.float32) / 255
     if soft > 0.3:
         share = cv2.GaussianBlur(share, (0, 0), soft)
     picture += (singles(colour) - picture) * singles(alpha * share)[..., None]
 
 
-def _ring(tilt: Floats, centre: Floats, radius: float, count: int = 40) -> Floats:
+def _ring(tilt: FloatArray, centre: FloatArray, radius: float, count: int = 40) -> FloatArray:
     """Points (n, 2) px of a circle on the cloth, `radius` in ball radii."""
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     return np.asarray(centre + radius * np.column_stack([np.cos(angle), np.sin(angle)]) @ tilt.T)
 
 
-def _spot(rng: np.random.Generator, picture: Singles, hall: Hall) -> None:
+def _spot(rng: np.random.Generator, picture: Float32Array, hall: Hall) -> None:
     """A sticker, a coin, a spot, a worn place: flat and round."""
     px, tilt, radius = _on_cloth(rng, hall, picture)
     size = float(np.exp(rng.uniform(np.log(0.1), np.log(3.0))))
@@ -105,7 +107,7 @@ def _spot(rng: np.random.Generator, picture: Singles, hall: Hall) -> None:
     _polygon(picture, _ring(tilt, px, size), _shine(rng, picture), rng.uniform(0.3, 1.0), soft)
 
 
-def _line(rng: np.random.Generator, picture: Singles, hall: Hall) -> None:
+def _line(rng: np.random.Generator, picture: Float32Array, hall: Hall) -> None:
     """A line or a circle, painted or projected."""
     px, tilt, radius = _on_cloth(rng, hall, picture)
     mask = np.zeros(picture.shape[:2], np.uint8)
@@ -119,7 +121,7 @@ def _line(rng: np.random.Generator, picture: Singles, hall: Hall) -> None:
     _through(picture, mask, _shine(rng, picture), rng.uniform(0.2, 1.0))
 
 
-def paint_halos(rng: np.random.Generator, picture: Singles, hall: Hall, places: Floats) -> None:
+def paint_halos(rng: np.random.Generator, picture: Float32Array, hall: Hall, places: FloatArray) -> None:
     """Rings of light about balls at places (n, 2) m, as projectors draw them."""
     for place in places:
         camera, r = hall.camera, hall.table.ball_radius
@@ -131,7 +133,7 @@ def paint_halos(rng: np.random.Generator, picture: Singles, hall: Hall, places: 
         _through(picture, mask, _shine(rng, picture), rng.uniform(0.2, 1.0))
 
 
-def _logo(rng: np.random.Generator, picture: Singles, hall: Hall) -> None:
+def _logo(rng: np.random.Generator, picture: Float32Array, hall: Hall) -> None:
     """Letters on the cloth."""
     px, tilt, _ = _on_cloth(rng, hall, picture)
     size = 96
@@ -146,7 +148,7 @@ def _logo(rng: np.random.Generator, picture: Singles, hall: Hall) -> None:
     _through(picture, mask, _shine(rng, picture), rng.uniform(0.2, 0.9))
 
 
-def _chalk(rng: np.random.Generator, picture: Singles, hall: Hall) -> None:
+def _chalk(rng: np.random.Generator, picture: Float32Array, hall: Hall) -> None:
     """A cube of chalk with its shadow."""
     px, tilt, radius = _on_cloth(rng, hall, picture)
     turn, half = rng.uniform(0, np.pi), rng.uniform(0.3, 0.45)
@@ -159,7 +161,7 @@ def _chalk(rng: np.random.Generator, picture: Singles, hall: Hall) -> None:
     _polygon(picture, top, colour, 1.0)
 
 
-def _dust(rng: np.random.Generator, picture: Singles, hall: Hall) -> None:
+def _dust(rng: np.random.Generator, picture: Float32Array, hall: Hall) -> None:
     """A smear of chalk or wear, a patch of light, a shadow of somebody: soft and large."""
     px, tilt, radius = _on_cloth(rng, hall, picture)
     size = rng.uniform(0.5, 10.0)
@@ -170,7 +172,7 @@ def _dust(rng: np.random.Generator, picture: Singles, hall: Hall) -> None:
     picture *= singles(np.exp(rng.normal(0, 0.5) * share))[..., None]
 
 
-_CLOTH_MARKS: tuple[tuple[Callable[[np.random.Generator, Singles, Hall], None], float, int], ...] = (
+_CLOTH_MARKS: tuple[tuple[Callable[[np.random.Generator, Float32Array, Hall], None], float, int], ...] = (
     (_dust, 0.5, 4),
     (_spot, 0.4, 4),
     (_line, 0.4, 3),
@@ -180,7 +182,7 @@ _CLOTH_MARKS: tuple[tuple[Callable[[np.random.Generator, Singles, Hall], None], 
 """Painters, in which share of pictures, and how many at the most."""
 
 
-def _blob(rng: np.random.Generator, picture: Singles, px: Floats, size: float) -> None:
+def _blob(rng: np.random.Generator, picture: Float32Array, px: FloatArray, size: float) -> None:
     """An ellipse or a polygon of a spectator, a chair, a poster."""
     colour = _shine(rng, picture)
     if rng.random() < 0.5:
@@ -190,18 +192,18 @@ def _blob(rng: np.random.Generator, picture: Singles, px: Floats, size: float) -
         _polygon(picture, px + size * rng.normal(size=(int(rng.integers(3, 6)), 2)), colour, 1.0)
 
 
-def _heading(rng: np.random.Generator) -> Floats:
+def _heading(rng: np.random.Generator) -> FloatArray:
     angle = rng.uniform(0, 2 * np.pi)
     return np.array([np.cos(angle), np.sin(angle)])
 
 
-def _cue(rng: np.random.Generator, picture: Singles, hall: Hall, light: Light) -> None:
+def _cue(rng: np.random.Generator, picture: Float32Array, hall: Hall, light: Light) -> None:
     place = np.append(hall.camera.to_table(_anywhere(rng, picture), 0.03), rng.uniform(0.02, 0.06))
     rods = cue_rods(place, _heading(rng), float(rng.uniform(0.02, 0.3)))
     _rods(rng, picture, hall, light, rods, keep=0.5)
 
 
-def _arm(rng: np.random.Generator, picture: Singles, hall: Hall, light: Light) -> None:
+def _arm(rng: np.random.Generator, picture: Float32Array, hall: Hall, light: Light) -> None:
     """A bridge hand with its arm, sometimes under a cue."""
     ahead = _heading(rng)
     place = np.append(hall.camera.to_table(_anywhere(rng, picture), 0.0), rng.uniform(0.0, 0.04))
@@ -213,11 +215,11 @@ def _arm(rng: np.random.Generator, picture: Singles, hall: Hall, light: Light) -
     _rods(rng, picture, hall, light, tinted, keep=1.0)
 
 
-def _three(values: Floats) -> Colour:
+def _three(values: FloatArray) -> Colour:
     return float(values[0]), float(values[1]), float(values[2])
 
 
-def _frame(rng: np.random.Generator, picture: Singles, hall: Hall, light: Light) -> None:
+def _frame(rng: np.random.Generator, picture: Float32Array, hall: Hall, light: Light) -> None:
     """The triangle that racks the balls."""
     r = hall.table.ball_radius
     middle = np.append(hall.camera.to_table(_anywhere(rng, picture), r), r)
@@ -229,7 +231,7 @@ def _frame(rng: np.random.Generator, picture: Singles, hall: Hall, light: Light)
 
 
 def _rods(
-    rng: np.random.Generator, picture: Singles, hall: Hall, light: Light, rods: tuple[Rod, ...], keep: float
+    rng: np.random.Generator, picture: Float32Array, hall: Hall, light: Light, rods: tuple[Rod, ...], keep: float
 ) -> None:
     """Rods in front of the camera, blurred along a random way in some pictures."""
     camera: Camera = hall.camera
@@ -243,7 +245,7 @@ def _rods(
     draw_rods(picture, camera, lens_of(camera, 0.0), light, rods)
 
 
-def _body(rng: np.random.Generator, picture: Singles, hall: Hall, light: Light) -> None:
+def _body(rng: np.random.Generator, picture: Float32Array, hall: Hall, light: Light) -> None:
     """A player who stands before the table: large, soft, from a border of the picture."""
     height, width = picture.shape[:2]
     side = rng.integers(4)

@@ -16,17 +16,14 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Camera, Table
-from video.rendering.ball_shading import SHADOW_REACH, Light, Singles, Sprite, ball_sprite, shadow
+from models.core.typing import Float32Array, FloatArray, ImageArray
+from video.rendering.ball_shading import SHADOW_REACH, Light, Sprite, ball_sprite, shadow
 from video.rendering.pinhole_camera import Lens, lens_of, project
 from video.rendering.player_props import Rod, draw_rods
 from video.rendering.scene_appearance import BallLook, Look
 from video.rendering.table_rendering import EmptyTable, make_empty_table, make_light
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 STEP_PX = 0.6
 """px that the fastest ball moves between two moments of an exposure."""
@@ -37,9 +34,9 @@ MOST_MOMENTS = 40
 class Poses:
     """N balls at one time, and what a player holds into the picture."""
 
-    xyz: Floats
+    xyz: FloatArray
     """(N, 3) m, centres; a ball at rest has z = radius; NaN is not there."""
-    rotation: Floats
+    rotation: FloatArray
     """(N, 3, 3) from the ball's frame to the table's axes."""
     rods: tuple[Rod, ...] = ()
     """cue and hand, drawn over the balls."""
@@ -63,13 +60,13 @@ class View:
     """s from the first row to the last; lower rows are later where > 0."""
     light: Light
     empty: EmptyTable
-    overlay: Picture | None
+    overlay: ImageArray | None
     """(H, W, 4) sRGB and opacity, such as a scoreboard, laid over the finished picture."""
 
 
 def make_view(
     table: Table, camera: Camera, look: Look, balls: tuple[BallLook, ...], exposure: float = 0.0, readout: float = 0.0,
-    k1: float = 0.0, overlay: Picture | None = None, samples: int = 3,
+    k1: float = 0.0, overlay: ImageArray | None = None, samples: int = 3,
 ) -> View:  # fmt: skip
     """Render the empty table once and keep it.
 
@@ -80,17 +77,17 @@ def make_view(
     return View(table, camera, lens, look, balls, exposure, readout, light, empty, overlay)
 
 
-def render_picture(view: View, motion: Motion, t: float, rng: np.random.Generator) -> Picture:
+def render_picture(view: View, motion: Motion, t: float, rng: np.random.Generator) -> ImageArray:
     """The picture (H, W, 3) RGB whose middle row's exposure is centred on t, s."""
     return develop(view, expose(view, motion, t), rng)
 
 
-def row_delay(view: View, row: Floats | float) -> Floats:
+def row_delay(view: View, row: FloatArray | float) -> FloatArray:
     """s by which the middle of a row's exposure comes after that of the picture."""
     return np.asarray(view.readout * (np.asarray(row) / (view.camera.height_px - 1) - 0.5))
 
 
-def seen_centres(view: View, motion: Motion, t: float) -> Floats:
+def seen_centres(view: View, motion: Motion, t: float) -> FloatArray:
     """Where the balls' centres (N, 2) px are seen at mid-exposure of the rows that they are in."""
     px = project(view.camera, view.lens, motion(t).xyz)
     for _ in range(3 if view.readout else 0):
@@ -100,7 +97,7 @@ def seen_centres(view: View, motion: Motion, t: float) -> Floats:
     return px
 
 
-def expose(view: View, motion: Motion, t: float) -> Singles:
+def expose(view: View, motion: Motion, t: float) -> Float32Array:
     """Linear light (H, W, 3) gathered by the sensor during the exposure around t."""
     # without readout all balls share their moments: ask for each once
     motion = lru_cache(maxsize=4 * MOST_MOMENTS)(motion)
@@ -130,7 +127,7 @@ def expose(view: View, motion: Motion, t: float) -> Singles:
     return picture
 
 
-def moments(view: View, motion: Motion, t: float) -> Floats:
+def moments(view: View, motion: Motion, t: float) -> FloatArray:
     """Times (M,) relative to the middle of the exposure; one where nothing moves."""
     half = view.exposure / 2
     start, end = motion(t - half - abs(view.readout) / 2), motion(t + half + abs(view.readout) / 2)
@@ -142,14 +139,14 @@ def moments(view: View, motion: Motion, t: float) -> Floats:
     return (np.arange(count) + 0.5) / count * view.exposure - half
 
 
-def _pose(poses: Poses, ball: int) -> tuple[Floats, Floats]:
+def _pose(poses: Poses, ball: int) -> tuple[FloatArray, FloatArray]:
     return poses.xyz[ball], poses.rotation[ball]
 
 
 Window = tuple[slice, slice]
 
 
-def _window(view: View, places: list[Floats], reach: float) -> Window:
+def _window(view: View, places: list[FloatArray], reach: float) -> Window:
     """Rows and columns that hold a ball at all `places` (3,) with `reach` radii around it."""
     r = view.table.ball_radius
     box = np.array(
@@ -163,7 +160,7 @@ def _window(view: View, places: list[Floats], reach: float) -> Window:
     return slice(int(y0), int(y1)), slice(int(x0), int(x1))
 
 
-def _groups(view: View, places: dict[int, list[Floats]]) -> list[tuple[list[int], Window]]:
+def _groups(view: View, places: dict[int, list[FloatArray]]) -> list[tuple[list[int], Window]]:
     """Moving balls joined where their windows overlap, with the window of each group."""
     groups: list[tuple[list[int], Window]] = []
     for ball, way in places.items():
@@ -195,7 +192,9 @@ def _union(a: Window, b: Window) -> Window:
     return rows, columns
 
 
-def _sprite(view: View, ball: int, pose: tuple[Floats, Floats], velocity: Floats, row: float, window: Window) -> Sprite:
+def _sprite(
+    view: View, ball: int, pose: tuple[FloatArray, FloatArray], velocity: FloatArray, row: float, window: Window
+) -> Sprite:
     """Ball in a window, every row at its own time."""
     centre = pose[0]
     if view.readout and np.any(velocity):
@@ -210,7 +209,7 @@ def _sprite(view: View, ball: int, pose: tuple[Floats, Floats], velocity: Floats
     )  # fmt: skip
 
 
-def _pixel_angle(rays: Singles) -> float:
+def _pixel_angle(rays: Float32Array) -> float:
     """Mean side of a pixel, rad."""
     if min(rays.shape[:2]) < 2:
         return 1e-3
@@ -219,19 +218,19 @@ def _pixel_angle(rays: Singles) -> float:
     return float(np.sqrt(area))
 
 
-def _still(view: View, ball: int, pose: tuple[Floats, Floats], centre: Floats) -> tuple[Sprite, Window]:
+def _still(view: View, ball: int, pose: tuple[FloatArray, FloatArray], centre: FloatArray) -> tuple[Sprite, Window]:
     window = _window(view, [pose[0]], 1.1)
     return _sprite(view, ball, pose, np.zeros(3), float(centre[1]), window), window
 
 
-def _dim(patch: Singles, view: View, place: Floats, window: Window, origin: tuple[int, int] = (0, 0)) -> None:
+def _dim(patch: Float32Array, view: View, place: FloatArray, window: Window, origin: tuple[int, int] = (0, 0)) -> None:
     """Throw a ball's shadow into a patch of the picture that starts at `origin`."""
     inside = _shift(window, origin)
     factor = shadow(view.light, view.empty.share[window], view.empty.point[window], place, view.table.ball_radius)
     patch[inside] *= factor[..., None]
 
 
-def _lay(patch: Singles, window: Window, sprite: Sprite, origin: tuple[int, int]) -> None:
+def _lay(patch: Float32Array, window: Window, sprite: Sprite, origin: tuple[int, int]) -> None:
     """Lay a sprite over a patch that starts at `origin`, as far as it reaches."""
     rows, columns = _shift(window, origin)
     top, left = max(-rows.start, 0), max(-columns.start, 0)
@@ -246,9 +245,9 @@ def _shift(window: Window, origin: tuple[int, int]) -> Window:
 
 
 def _average(
-    view: View, ground: Singles, window: Window, group: list[int], order: list[int],
-    poses: list[list[tuple[Floats, Floats]]], speed: list[Floats], still: dict[int, tuple[Sprite, Window]],
-) -> Singles:  # fmt: skip
+    view: View, ground: Float32Array, window: Window, group: list[int], order: list[int],
+    poses: list[list[tuple[FloatArray, FloatArray]]], speed: list[FloatArray], still: dict[int, tuple[Sprite, Window]],
+) -> Float32Array:  # fmt: skip
     """Mean light of a window (h, w, 3) over the moments of the exposure; `ground` has no balls yet."""
     origin, count = (window[0].start, window[1].start), len(poses[group[0]])
     total = np.zeros_like(ground)
@@ -269,7 +268,7 @@ def _average(
     return (total / count).astype(np.float32)
 
 
-def _draw_player(picture: Singles, view: View, motion: Motion, t: float, offsets: Floats) -> None:
+def _draw_player(picture: Float32Array, view: View, motion: Motion, t: float, offsets: FloatArray) -> None:
     """Cue and hand over the picture, blurred by the moments of the exposure where they move."""
     ends = [motion(t + float(dt)).rods for dt in (offsets[0], offsets[-1])]
     if not ends[0] or not ends[1]:
@@ -284,7 +283,7 @@ def _draw_player(picture: Singles, view: View, motion: Motion, t: float, offsets
     picture[:] = total / count
 
 
-def develop(view: View, light: Singles, rng: np.random.Generator) -> Picture:
+def develop(view: View, light: Float32Array, rng: np.random.Generator) -> ImageArray:
     """Linear light (H, W, 3) to the picture of a noisy sensor, with the overlay."""
     look = view.look
     exposed = light * (look.brightness * _falloff(view))[..., None]
@@ -301,15 +300,15 @@ def develop(view: View, light: Singles, rng: np.random.Generator) -> Picture:
     return (picture + (view.overlay[..., :3] - picture.astype(np.float32)) * alpha + 0.5).astype(np.uint8)
 
 
-def _falloff(view: View) -> Singles:
+def _falloff(view: View) -> Float32Array:
     """(H, W) share of the light that the lens lets through."""
     height, width = view.camera.height_px, view.camera.width_px
     y, x = np.ogrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
-    share: Singles = (1 - view.look.vignette * (x**2 + y**2) / 2).astype(np.float32)
+    share: Float32Array = (1 - view.look.vignette * (x**2 + y**2) / 2).astype(np.float32)
     return share
 
 
-def _srgb_curve(levels: int = 4096) -> Picture:
+def _srgb_curve(levels: int = 4096) -> ImageArray:
     x = np.linspace(0, 1, levels)
     y = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
     return (y * 255 + 0.5).astype(np.uint8)

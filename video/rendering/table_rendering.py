@@ -11,15 +11,12 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import NOSE_HEIGHT_RADII, Camera, Table
-from video.rendering.ball_shading import Light, Singles, irradiance, linear, singles
+from models.core.typing import BoolArray, Float32Array, FloatArray
+from video.rendering.ball_shading import Light, irradiance, linear, singles
 from video.rendering.pinhole_camera import Lens, rays_of
 from video.rendering.scene_appearance import Look
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 CUSHION_WIDTH, RAIL_WIDTH = 0.050, 0.125
 """m: cloth-covered top of the cushion, and wood behind it."""
@@ -39,15 +36,15 @@ TEXTURE = 1024
 class EmptyTable:
     """The still part of a scene, per pixel (H, W)."""
 
-    picture: Singles
+    picture: Float32Array
     """(H, W, 3) linear."""
-    rays: Singles
+    rays: Float32Array
     """(H, W, 3) unit vectors from the eye."""
-    depth: Singles
+    depth: Float32Array
     """(H, W) m from the eye; far in the holes."""
-    point: Singles
+    point: Float32Array
     """(H, W, 3) m, what the pixel's middle sees."""
-    share: Singles
+    share: Float32Array
     """(H, W, L + 1) share of its light from each lamp and from everywhere."""
 
 
@@ -55,11 +52,11 @@ class EmptyTable:
 class Hits:
     """What R rays meet: places, unit normals, linear colours, share of the ambient light let through."""
 
-    point: Singles
-    normal: Singles
-    colour: Singles
-    open: Singles
-    hole: Mask
+    point: Float32Array
+    normal: Float32Array
+    colour: Float32Array
+    open: Float32Array
+    hole: BoolArray
 
 
 def make_light(table: Table, look: Look) -> Light:
@@ -96,7 +93,7 @@ def make_empty_table(table: Table, camera: Camera, lens: Lens, look: Look, light
     return EmptyTable(picture, singles(rays), depth.reshape(shape), point, share)
 
 
-def shade(light: Light, hits: Hits) -> tuple[Singles, Singles]:
+def shade(light: Light, hits: Hits) -> tuple[Float32Array, Float32Array]:
     """Linear colour (R, 3) of what rays met, and the share (R, L + 1) of its light by source."""
     parts = [irradiance(light, lamp, hits.point, hits.normal) * hits.open for lamp in range(len(light.radius))]
     parts.append(np.full(len(hits.open), light.ambient, np.float32) * hits.open)
@@ -105,7 +102,7 @@ def shade(light: Light, hits: Hits) -> tuple[Singles, Singles]:
     return hits.colour * total, received / np.maximum(total, 1e-6)
 
 
-def meet(table: Table, look: Look, eye: Floats, rays: Floats, tiles: dict[str, Singles]) -> Hits:
+def meet(table: Table, look: Look, eye: FloatArray, rays: FloatArray, tiles: dict[str, Float32Array]) -> Hits:
     """What rays (R, 3) meet."""
     nose = NOSE_HEIGHT_RADII * table.ball_radius
     top = plane(eye, rays, nose)
@@ -155,21 +152,21 @@ def meet(table: Table, look: Look, eye: Floats, rays: Floats, tiles: dict[str, S
     )
 
 
-def plane(eye: Floats, rays: Floats, z: float) -> Floats:
+def plane(eye: FloatArray, rays: FloatArray, z: float) -> FloatArray:
     """Where rays (R, 3) cross height z, (R, 3); far away for rays that never come down."""
     down = np.minimum(rays[:, 2], -1e-3)
-    crossing: Floats = eye + rays * ((z - eye[2]) / down)[:, None]
+    crossing: FloatArray = eye + rays * ((z - eye[2]) / down)[:, None]
     return crossing
 
 
-def off_table(table: Table, point: Floats) -> Floats:
+def off_table(table: Table, point: FloatArray) -> FloatArray:
     """How far points (R, 3) lie outside the nose rectangle (largest axis), negative inside."""
     x = np.abs(point[:, 0] - table.length / 2) - table.length / 2
     y = np.abs(point[:, 1] - table.width / 2) - table.width / 2
     return np.maximum(x, y)
 
 
-def pocket_regions(table: Table, point: Floats) -> tuple[Mask, Mask, Mask]:
+def pocket_regions(table: Table, point: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
     """Which points (R, 3) lie in a pocket's mouth (no cushion there), its hole, its rim."""
     nothing = np.zeros(len(point), bool)
     if not table.pockets:
@@ -189,7 +186,7 @@ def pocket_regions(table: Table, point: Floats) -> tuple[Mask, Mask, Mask]:
     return (in_corner | in_side) & near, away < HOLE_RADIUS, away < HOLE_RADIUS + RIM
 
 
-def tilt(table: Table, point: Floats, normal: Floats, cushion: Mask) -> None:
+def tilt(table: Table, point: FloatArray, normal: FloatArray, cushion: BoolArray) -> None:
     """Lean the normals of cushion tops by 12 degrees over the table, in place."""
     lean = np.sin(np.radians(12))
     x, y = point[:, 0], point[:, 1]
@@ -200,7 +197,7 @@ def tilt(table: Table, point: Floats, normal: Floats, cushion: Mask) -> None:
 
 
 @lru_cache(maxsize=8)
-def textures(seed: int) -> dict[str, Singles]:
+def textures(seed: int) -> dict[str, Float32Array]:
     """Tiles (S, S) of mean 0 and deviation 1: fine fibres, broad patches, wood grain."""
     rng = np.random.default_rng(seed)
     white = rng.standard_normal((TEXTURE, TEXTURE)).astype(np.float32)
@@ -214,15 +211,15 @@ def textures(seed: int) -> dict[str, Singles]:
     return {name: ((tile - tile.mean()) / tile.std()).astype(np.float32) for name, tile in tiles.items()}
 
 
-def sample(tile: Singles, u: Floats, v: Floats) -> Singles:
+def sample(tile: Float32Array, u: FloatArray, v: FloatArray) -> Float32Array:
     """Values (R,) of a tile at R places, in tiles; repeats mirrored."""
     columns = np.abs(((u + 1) % 2) - 1) * (TEXTURE - 1)
     rows = np.abs(((v + 1) % 2) - 1) * (TEXTURE - 1)
-    values: Singles = tile[rows.astype(np.int32), columns.astype(np.int32)]
+    values: Float32Array = tile[rows.astype(np.int32), columns.astype(np.int32)]
     return values
 
 
-def cloth_colour(table: Table, look: Look, point: Floats, tiles: dict[str, Singles]) -> Floats:
+def cloth_colour(table: Table, look: Look, point: FloatArray, tiles: dict[str, Float32Array]) -> FloatArray:
     """Linear colour (R, 3) of the cloth at points, with wear and the marks of the game."""
     x, y = point[:, 0], point[:, 1]
     wear = 1 + look.wear * (0.05 * sample(tiles["fibre"], x, y) + 0.025 * sample(tiles["patch"], x / 3, y / 3))
@@ -245,7 +242,7 @@ def cloth_colour(table: Table, look: Look, point: Floats, tiles: dict[str, Singl
     return colour
 
 
-def rail_colour(table: Table, look: Look, point: Floats, tiles: dict[str, Singles]) -> Floats:
+def rail_colour(table: Table, look: Look, point: FloatArray, tiles: dict[str, Float32Array]) -> FloatArray:
     """Linear colour (R, 3) of the rails: wood along each rail, diamonds at the eighths."""
     x, y = point[:, 0], point[:, 1]
     ends = (x < -CUSHION_WIDTH) | (x > table.length + CUSHION_WIDTH)
@@ -260,7 +257,7 @@ def rail_colour(table: Table, look: Look, point: Floats, tiles: dict[str, Single
     return np.asarray(colour)
 
 
-def apron_depth(table: Table, eye: Floats, rays: Floats) -> Floats:
+def apron_depth(table: Table, eye: FloatArray, rays: FloatArray) -> FloatArray:
     """Height z (R,) at which rays meet the table's outer sides that face the eye; -inf where they pass."""
     edge = RAIL_WIDTH + CUSHION_WIDTH
     depth = np.full(len(rays), -np.inf)
@@ -273,11 +270,11 @@ def apron_depth(table: Table, eye: Floats, rays: Floats) -> Floats:
         outside = (eye[axis] - near) * (near - size / 2) > 0
         hit = (reach > 0) & (across <= half + edge) & outside
         depth = np.where(hit, eye[2] + reach * rays[:, 2], depth)
-    met: Floats = np.where(depth < NOSE_HEIGHT_RADII * table.ball_radius, depth, -np.inf)
+    met: FloatArray = np.where(depth < NOSE_HEIGHT_RADII * table.ball_radius, depth, -np.inf)
     return met
 
 
-def floor_colour(look: Look, point: Floats, away: Floats, tiles: dict[str, Singles]) -> Floats:
+def floor_colour(look: Look, point: FloatArray, away: FloatArray, tiles: dict[str, Float32Array]) -> FloatArray:
     """Linear colour (R, 3) of the floor, darker near the table."""
     x, y = point[:, 0], point[:, 1]
     base = linear(look.floor)[None, :]

@@ -14,15 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import ByteArray, Float32Array, FloatArray
 from video.rendering.ball_arrangement import Layout, random_layout
-from video.rendering.ball_shading import Singles
 from video.rendering.random_hall import Hall, random_hall
 from video.rendering.scene_clutter import paint_backdrop, paint_caption, paint_halos, paint_players
 from video.rendering.scene_renderer import View, develop, expose, make_view, seen_centres
 from video.rendering.table_rendering import off_table
-
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 
 SIZE_PX = 160
 """Side of a training picture."""
@@ -42,17 +39,17 @@ DISC_PLACES = 61
 class TrainingPicture:
     """A picture and its N balls."""
 
-    rgb: Bytes
+    rgb: ByteArray
     """(S, S, 3)"""
-    centre: Floats
+    centre: FloatArray
     """(N, 2) px at mid-exposure."""
-    radius: Floats
+    radius: FloatArray
     """(N,) px."""
-    streak: Floats
+    streak: FloatArray
     """(N, 2) px travelled during the exposure."""
     look: NDArray[np.int64]
     """(N,) into LOOKS."""
-    visible: Floats
+    visible: FloatArray
     """(N,) share of the disc, at mid-exposure, that nothing hides."""
 
 
@@ -90,7 +87,7 @@ def filmed(rng: np.random.Generator, hall: Hall, view: View, magnify: int = 1) -
     return TrainingPicture(seen, centre, radius, streak, _looks(view), visible)
 
 
-def _backdrop(rng: np.random.Generator, hall: Hall, view: View, layout: Layout) -> Singles:
+def _backdrop(rng: np.random.Generator, hall: Hall, view: View, layout: Layout) -> Float32Array:
     picture = view.empty.picture.copy()
     height, width = picture.shape[:2]
     outside = off_table(hall.table, view.empty.point.reshape(-1, 3).astype(np.float64)).reshape(height, width)
@@ -100,7 +97,7 @@ def _backdrop(rng: np.random.Generator, hall: Hall, view: View, layout: Layout) 
     return picture
 
 
-def _geometry(view: View, layout: Layout) -> tuple[Floats, Floats, Floats]:
+def _geometry(view: View, layout: Layout) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Centres (N, 2), radii (N,), streaks (N, 2) in px."""
     motion = layout.motion()
     streak = seen_centres(view, motion, 0.5) - seen_centres(view, motion, -0.5)
@@ -108,7 +105,9 @@ def _geometry(view: View, layout: Layout) -> tuple[Floats, Floats, Floats]:
     return seen_centres(view, motion, 0.0), np.asarray(radius, dtype=np.float64), streak
 
 
-def _visible(view: View, layout: Layout, centre: Floats, radius: Floats, hidden: NDArray[np.bool_]) -> Floats:
+def _visible(
+    view: View, layout: Layout, centre: FloatArray, radius: FloatArray, hidden: NDArray[np.bool_]
+) -> FloatArray:
     """Share (N,) of each disc that lies in the picture and that neither nearer balls nor players hide."""
     turns = np.arange(DISC_PLACES) * np.pi * (3 - np.sqrt(5.0))
     disc = np.sqrt((np.arange(DISC_PLACES) + 0.5) / DISC_PLACES)[:, None] * np.column_stack(
@@ -131,7 +130,7 @@ def _looks(view: View) -> NDArray[np.int64]:
     return np.array([LOOKS.index(of_kind.get(ball.kind, "coloured")) for ball in view.balls], dtype=np.int64)
 
 
-def _developed(rng: np.random.Generator, view: View, light: Singles) -> Bytes:
+def _developed(rng: np.random.Generator, view: View, light: Float32Array) -> ByteArray:
     """Linear light to the picture that a file holds: white balance, sensor, camera's processing, captions, coding."""
     gain = np.exp(rng.normal(0, 0.12, 3)).astype(np.float32)
     picture = develop(view, np.asarray(light * gain, dtype=np.float32), rng)
@@ -141,7 +140,7 @@ def _developed(rng: np.random.Generator, view: View, light: Singles) -> Bytes:
     return _coded(rng, picture)
 
 
-def _processed(rng: np.random.Generator, picture: Bytes) -> Bytes:
+def _processed(rng: np.random.Generator, picture: ByteArray) -> ByteArray:
     """Contrast, saturation, sharpening or softness, as cameras and editors add them."""
     levels = (np.arange(256) / 255.0) ** rng.uniform(0.7, 1.4)
     tone = np.clip(255 * (levels * rng.uniform(0.8, 1.1) + rng.uniform(-0.03, 0.08)), 0, 255).astype(np.uint8)
@@ -161,7 +160,7 @@ def _processed(rng: np.random.Generator, picture: Bytes) -> Bytes:
     return picture
 
 
-def _coded(rng: np.random.Generator, picture: Bytes) -> Bytes:
+def _coded(rng: np.random.Generator, picture: ByteArray) -> ByteArray:
     """Blocks of 8 px, colour at half the resolution: JPEG stands for video as well, twice at different offsets."""
     for _ in range(int(rng.choice([0, 1, 1, 1, 2]))):
         quality = int(np.clip(rng.normal(70, 22), 15, 97))

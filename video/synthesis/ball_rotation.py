@@ -11,16 +11,13 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.trajectory import State
+from models.core.typing import Float32Array, FloatArray
 from video.flow.optical_flow import grid
 from video.matting.ball_matting import Sprite, reach_around
 from video.matting.ball_timeline import Sightings
 from video.matting.compositing import Turned
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 STEPS = 16
 """Parts of the time between two pictures over which the spin is added up."""
@@ -51,18 +48,18 @@ SMALLEST = np.ones((3, 3), dtype=np.uint8)
 class Spin:
     """How a ball goes round from one picture to the next, in axes right, down and towards the camera."""
 
-    parts: Floats
+    parts: FloatArray
     """(K + 1, 3, 3) rotations from the first picture on, after equal parts of the time."""
     radius: float
     """px"""
-    moved: Singles
+    moved: Float32Array
     """(g, g) how sure it is, 0 to 1, that a place shows another paint in the second sighting than in the first."""
-    light: Singles
+    light: Float32Array
     """(g, g, 3) levels by which lamps make a place brighter than others, whatever paint is there."""
-    darkest: Singles
+    darkest: Float32Array
     """(3,) levels of the darkest paint."""
 
-    def until(self, share: float) -> Floats:
+    def until(self, share: float) -> FloatArray:
         """Rotation (3, 3) from the first picture to a share of the time, 0 to 1."""
         place = share * (len(self.parts) - 1)
         k = min(int(place), len(self.parts) - 2)
@@ -148,12 +145,12 @@ def halves_apart(sides: tuple[Sprite, Sprite], radius: float, views: tuple[Turne
     return float((weight * ((made[0] - made[1]) ** 2).mean(axis=2)).sum() / max(float(weight.sum()), 1e-6))
 
 
-def _rotation(vector: Floats) -> Floats:
+def _rotation(vector: FloatArray) -> FloatArray:
     return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=np.float64))[0], dtype=np.float64)
 
 
 @lru_cache(maxsize=64)
-def _near_half(radius: float) -> tuple[Singles, Singles]:
+def _near_half(radius: float) -> tuple[Float32Array, Float32Array]:
     """Ways out of a ball (g, g, 3) at the pixels around its centre, and the share (g, g) of each that can go round."""
     half = reach_around(radius)
     y, x = (np.mgrid[-half : half + 1, -half : half + 1] / radius).astype(np.float32)
@@ -162,7 +159,7 @@ def _near_half(radius: float) -> tuple[Singles, Singles]:
     return np.stack([x, y, np.sqrt(np.maximum(1 - square, 0))], axis=-1), inner.astype(np.float32)
 
 
-def _bend(outward: Singles, there: Singles, radius: float) -> Singles:
+def _bend(outward: Float32Array, there: Float32Array, radius: float) -> Float32Array:
     """(g, g, 2) px from where what lies at `there` (g, g, 3) on the ball is seen to its pixel; off the ball none.
 
     What is out of sight or on the edge is looked up at the nearest place that is not.
@@ -174,13 +171,13 @@ def _bend(outward: Singles, there: Singles, radius: float) -> Singles:
     return np.asarray(np.where(on[..., None], way, 0), dtype=np.float32)
 
 
-def _bent(patch: Singles, bend: Singles) -> Singles:
+def _bent(patch: Float32Array, bend: Float32Array) -> Float32Array:
     """A patch (g, g, ...) looked up where a bend (g, g, 2) says."""
     side = bend.shape[0]
     return np.asarray(cv2.remap(patch, grid(side, side) - bend, None, cv2.INTER_LINEAR), dtype=np.float32)
 
 
-def _fitted(state: State, ball: int, axes: Floats, seconds: float) -> Floats | None:
+def _fitted(state: State, ball: int, axes: FloatArray, seconds: float) -> FloatArray | None:
     """Rotation vectors (K, 3) in parts of the time from one picture to the next, in the picture's axes."""
     spin = state.w[:, ball].copy()
     spin[:, 2] = np.nan_to_num(spin[:, 2])
@@ -189,7 +186,7 @@ def _fitted(state: State, ball: int, axes: Floats, seconds: float) -> Floats | N
     return np.asarray(np.linalg.det(axes) * spin @ axes.T * (seconds / len(spin)), dtype=np.float64)
 
 
-def _summed(vectors: Floats) -> Floats:
+def _summed(vectors: FloatArray) -> FloatArray:
     """Rotations (K + 1, 3, 3) after each of so many vectors (K, 3)."""
     parts = [np.eye(3)]
     for vector in vectors:
@@ -197,7 +194,7 @@ def _summed(vectors: Floats) -> Floats:
     return np.stack(parts)
 
 
-def _axes(sightings: Sightings, xy: Floats, t: float) -> Floats:
+def _axes(sightings: Sightings, xy: FloatArray, t: float) -> FloatArray:
     """(3, 3) rows: the picture's right and down, and the way to the camera, where a ball is, in the table's axes."""
     camera, size = sightings.scene.camera, sightings.scene.table.ball_radius
     steps = 0.5 * size * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -211,7 +208,7 @@ def _axes(sightings: Sightings, xy: Floats, t: float) -> Floats:
 
 
 @lru_cache(maxsize=64)
-def _around(sprite: Sprite, radius: float) -> Singles:
+def _around(sprite: Sprite, radius: float) -> Float32Array:
     """(g, g, 3) levels of a sighting around the ball's centre.
 
     Shared, not to be written into: a sighting ends one gap and begins the next.
@@ -224,14 +221,14 @@ def _around(sprite: Sprite, radius: float) -> Singles:
 class _Pair:
     """Two sightings of a ball, and what differs between them."""
 
-    seen: tuple[Singles, Singles]
+    seen: tuple[Float32Array, Float32Array]
     """(g, g, 3)"""
     radius: float
-    wide: tuple[tuple[Singles, Singles], tuple[Singles, Singles]]
+    wide: tuple[tuple[Float32Array, Float32Array], tuple[Float32Array, Float32Array]]
     """The most and the least (g, g, 3) of either within a pixel: edges are a pixel off."""
-    still: tuple[Singles, Singles]
+    still: tuple[Float32Array, Float32Array]
     """(g, g) levels by which either shows something that the other does not show there."""
-    moved: Singles
+    moved: Float32Array
     """(g, g) how sure it is, 0 to 1, that another paint shows."""
 
     @classmethod
@@ -249,7 +246,7 @@ class _Pair:
         inner = _near_half(self.radius)[1]
         return float((inner * self.moved).sum() / inner.sum())
 
-    def turned(self, turn: Floats) -> _Account:
+    def turned(self, turn: FloatArray) -> _Account:
         """What a turn (3, 3) from the first sighting to the second leaves of their difference."""
         outward, inner = _near_half(self.radius)
         gains, known = [], []
@@ -271,13 +268,13 @@ class _Pair:
 class _Account:
     """What a turn leaves of the difference between two sightings."""
 
-    seen: tuple[Singles, Singles]
+    seen: tuple[Float32Array, Float32Array]
     """(g, g, 3)"""
-    inner: Singles
+    inner: Float32Array
     """(g, g) share that can go round."""
-    gains: list[Singles]
+    gains: list[Float32Array]
     """Levels (g, g, 3) of both that are beyond what their paint shows in the other one, turned there."""
-    known: list[Singles]
+    known: list[Float32Array]
     """How well (g, g) that is seen there, 0 to 1."""
     area: float
     """px on which another paint shows."""
@@ -300,14 +297,14 @@ class _Account:
             return self.change > PAINT_LEVELS**2 * 2 * self.area
         return self.left < LEAST_GAIN * self.answered
 
-    def paints(self) -> tuple[Singles, Singles]:
+    def paints(self) -> tuple[Float32Array, Float32Array]:
         """(3,) levels of the darkest paint on the ball, and of the brightest."""
         on = self.inner > 0
         seen = np.concatenate([self.seen[0][on], self.seen[1][on]])
         darkest, brightest = (np.percentile(seen, share, axis=0).astype(np.float32) for share in (10, 90))
         return darkest, brightest
 
-    def light(self, paints: tuple[Singles, Singles]) -> Singles:
+    def light(self, paints: tuple[Float32Array, Float32Array]) -> Float32Array:
         """(g, g, 3) levels by which lamps make a place brighter than others, whatever of the `paints` is there.
 
         What is brighter, in both sightings, than its paint is in the other one is so by a lamp.
@@ -316,14 +313,17 @@ class _Account:
         return np.asarray(light * self.inner[..., None], dtype=np.float32)
 
 
-def _beyond(own: Singles, most: Singles, least: Singles) -> Singles:
+def _beyond(own: Float32Array, most: Float32Array, least: Float32Array) -> Float32Array:
     """(g, g, 3) levels by which a sighting is above the most or, negative, below the least."""
     return np.asarray(np.maximum(own - most, 0) - np.maximum(least - own, 0), dtype=np.float32)
 
 
 def _light(
-    seen: tuple[Singles, Singles], gains: list[Singles], known: list[Singles], paints: tuple[Singles, Singles]
-) -> Singles:
+    seen: tuple[Float32Array, Float32Array],
+    gains: list[Float32Array],
+    known: list[Float32Array],
+    paints: tuple[Float32Array, Float32Array],
+) -> Float32Array:
     """(g, g, 3) levels by which places are brighter in both sightings than their paint is elsewhere on the ball.
 
     Where only one sighting shows that paint elsewhere, it cannot be darker than the darkest on the ball.

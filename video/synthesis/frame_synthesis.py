@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.trajectory import State
+from models.core.typing import FloatArray, ImageArray
 from video.flow.moving_regions import Region, coarse, open_regions
 from video.flow.optical_flow import Interpolator, OpticalFlow
 from video.io.chroma import has_squares, square_colours
@@ -25,11 +25,6 @@ from video.matting.shutter_time import fastest, with_exposure
 from video.matting.visible_balls import shown_balls
 from video.synthesis.ball_rotation import Spin, halves_apart, spin_between, spins_of
 from video.synthesis.marking_rotation import Bends, bends_between
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Picture = NDArray[np.uint8]
 
 OPTICAL_FLOW, NO_SHARP = OpticalFlow(), SharpBalls({})
 MOST_TURNED_RADII = 1.5
@@ -78,7 +73,7 @@ class Seen:
     covered: bool = False
     """It is missing from one picture because another ball hides it there: it does not fade."""
 
-    def layers(self, centre: Floats, way: Floats, share: float, gone: float) -> list[Layer]:
+    def layers(self, centre: FloatArray, way: FloatArray, share: float, gone: float) -> list[Layer]:
         """What to lay for the ball at `centre` (2,) px that goes `way` (P, 2) px around it.
 
         At a share of the time, 0 to 1, it has `gone` for another of that in which it moves: as long as it rests it
@@ -102,7 +97,7 @@ class Seen:
         weights = (weights[0] * shown / told, weights[1] * shown / told) if told > 0 else (shown, shown)
         return self._mixed((alike[0], alike[1]), centre[None], weights, turns)
 
-    def _like(self, way: Floats, wanted: Floats) -> bool:
+    def _like(self, way: FloatArray, wanted: FloatArray) -> bool:
         """Whether two streaks look the same."""
         one, other = way[-1] - way[0], wanted[-1] - wanted[0]
         return float(min(np.hypot(*(one - other)), np.hypot(*(one + other)))) < ALIKE_RADII * self.radius
@@ -110,7 +105,7 @@ class Seen:
     @staticmethod
     def _mixed(
         sides: tuple[Sprite | None, Sprite | None],
-        places: Floats,
+        places: FloatArray,
         weights: tuple[float, float],
         turns: tuple[Turned | None, Turned | None],
     ) -> list[Layer]:
@@ -124,8 +119,8 @@ class Interval:
 
     sightings: Sightings
     row: int
-    first: Picture
-    second: Picture
+    first: ImageArray
+    second: ImageArray
     sides: tuple[Peeled, Peeled]
     """The same, their moving balls taken out."""
     balls: tuple[Seen, ...]
@@ -133,12 +128,12 @@ class Interval:
     """Balls that rest near moving ones."""
     regions: tuple[Region, ...] = ()
     """Where something other than balls moves, in pixels of the first picture."""
-    small: tuple[Picture, Picture] | None = None
+    small: tuple[ImageArray, ImageArray] | None = None
     """Both sides made `coarse`; None where the camera moves between them."""
     squared: bool = False
     """Whether the pictures have one colour for every two by two pixels, and what is made of them shall have it too."""
 
-    def at(self, t: float, centres: Floats, ways: Floats | None = None) -> Picture:
+    def at(self, t: float, centres: FloatArray, ways: FloatArray | None = None) -> ImageArray:
         """The picture (H, W, 3) at time t with balls at `centres` (N, 2) px; a real one where it falls on one.
 
         `ways` (P, N, 2) px, relative to the centres, is where the balls go while the shutter is open.
@@ -159,7 +154,7 @@ class Interval:
                 square_colours(picture, box)
         return picture
 
-    def _behind(self, t: float, share: float) -> Picture:
+    def _behind(self, t: float, share: float) -> ImageArray:
         """The two pictures without moving balls, one passing into the other."""
         x = float(np.clip((share - DISSOLVE[0]) / (DISSOLVE[1] - DISSOLVE[0]), 0, 1))
         weight = x * x * (3 - 2 * x)
@@ -171,14 +166,14 @@ class Interval:
         fill_mixed(first.reshape(-1), second.reshape(-1), weight, mixed.reshape(-1))
         return mixed
 
-    def _carried(self, side: int, t: float) -> tuple[bool, Picture]:
+    def _carried(self, side: int, t: float) -> tuple[bool, ImageArray]:
         """One side without moving balls, as a drifting camera sees it at another time; whether it is the side's own."""
         picture = self.sides[side].behind
         step = self.sightings.carry(float(self.sightings.t[self.row + side]), t)
         return (True, picture) if step is None else (False, _warped(picture, step))
 
 
-def _warped(picture: Picture, step: Floats) -> Picture:
+def _warped(picture: ImageArray, step: FloatArray) -> ImageArray:
     """A picture (H, W, 3) as a camera sees it that has moved by a homography (3, 3)."""
     size = (picture.shape[1], picture.shape[0])
     return np.asarray(cv2.warpPerspective(picture, step, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
@@ -188,8 +183,8 @@ def open_interval(
     sightings: Sightings,
     plate: Plate,
     row: int,
-    first: Picture,
-    second: Picture,
+    first: ImageArray,
+    second: ImageArray,
     interpolator: Interpolator = OPTICAL_FLOW,
     sharp: SharpBalls = NO_SHARP,
     *,
@@ -211,7 +206,7 @@ def open_interval(
     ]
     step = sightings.carry(float(sightings.t[row + 1]), float(sightings.t[row]))
     later = sides[1].behind if step is None else _warped(sides[1].behind, step)
-    small: tuple[Picture, Picture] | None = None
+    small: tuple[ImageArray, ImageArray] | None = None
     if step is None:
         kept = before.small if before is not None and again else None
         small = (coarse(known.behind) if kept is None else kept[1], coarse(later))
@@ -274,7 +269,7 @@ def _still(sightings: Sightings, row: int, balls: tuple[int, ...]) -> tuple[Outl
     return tuple(sightings.outline(row, int(ball)) for ball in resting)
 
 
-def _part(sightings: Sightings, plate: Plate, row: int, picture: Picture, balls: tuple[int, ...]) -> Peeled:
+def _part(sightings: Sightings, plate: Plate, row: int, picture: ImageArray, balls: tuple[int, ...]) -> Peeled:
     """Peel those of `balls` that the picture shows out of it."""
     shown = shown_balls(sightings, plate, row, picture)
     mine = [ball for ball in balls if shown[ball]]

@@ -7,15 +7,11 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import Float32Array, ImageArray
 from video.flow.optical_flow import flow_between, grid
 from video.matting.ball_matting import Sprite, reach_around
 from video.matting.compositing import Turned
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 LEAST_SIDE, LARGEST_TIMES = 96, 4.0
 """px to which small balls are magnified before the flow is sought, and at most so much: its patches are 8 px wide."""
@@ -35,9 +31,9 @@ TO_GREY = np.array([[0.299, 0.587, 0.114, 0.0], [0.0, 0.0, 0.0, 1.0]], dtype=np.
 class Bends:
     """Ways of what is on a ball from one sighting to the next, and back."""
 
-    there: Singles
+    there: Float32Array
     """(g, g, 2) px, the centre is the ball's."""
-    back: Singles
+    back: Float32Array
     """(g, g, 2) px"""
 
     def looked_up(self, share: float) -> tuple[Turned, Turned]:
@@ -65,7 +61,7 @@ def bends_between(first: Sprite, second: Sprite, radius: float) -> Bends | None:
 
 
 @lru_cache(maxsize=64)
-def _view(sprite: Sprite, half: int, times: float) -> Picture:
+def _view(sprite: Sprite, half: int, times: float) -> ImageArray:
     """(n, n) grey, magnified: the ball around its centre on a ground of its own mean brightness, which has no edge.
 
     Shared, not to be written into: a ball is seen once for the way to it and once for the way on.
@@ -88,7 +84,7 @@ def _is_seen(sprite: Sprite, half: int, radius: float) -> bool:
     return bool(seen[np.hypot(place[None], place[:, None]) < within].min() >= 0.5)
 
 
-def _explains(way: Singles, first: Picture, second: Picture) -> bool:
+def _explains(way: Float32Array, first: ImageArray, second: ImageArray) -> bool:
     """True where looking the second picture up along the way makes it like the first."""
     side = first.shape[0]
     turned = cv2.remap(second, grid(side, side) + way, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -96,7 +92,7 @@ def _explains(way: Singles, first: Picture, second: Picture) -> bool:
     return bool(left < LEAST_GAIN * before)
 
 
-def _small(way: Singles, half: int, times: float, radius: float) -> Singles:
+def _small(way: Float32Array, half: int, times: float, radius: float) -> Float32Array:
     side = 2 * half + 1
     small = cv2.resize(way, (side, side), interpolation=cv2.INTER_AREA) / np.float32(times)
     smooth = cv2.GaussianBlur(small, (0, 0), max(SMOOTH * radius, 0.5))

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from detectors.training.data.distractors import littered
-
-Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
+from models.core.typing import ByteArray, Float32Array, FloatArray
 
 TURNED_SHARE, LITTERED_SHARE, RELIT_SHARE = 0.5, 0.4, 0.7
 """Share of pictures turned by any angle and scaled, of those with litter on the cloth, and in another light."""
@@ -21,7 +17,7 @@ VISIBLE = 6
 """Column of `training_data.COLUMNS`."""
 
 
-def vary(rng: np.random.Generator, rgb: Bytes, balls: Floats32) -> tuple[Bytes, Floats32]:
+def vary(rng: np.random.Generator, rgb: ByteArray, balls: Float32Array) -> tuple[ByteArray, Float32Array]:
     """A picture (S, S, 3) and its balls (N, 7) in a form drawn at random."""
     rgb, balls = turned(rgb, balls, int(rng.integers(8)))
     if rng.random() < TURNED_SHARE:
@@ -33,7 +29,7 @@ def vary(rng: np.random.Generator, rgb: Bytes, balls: Floats32) -> tuple[Bytes, 
     return rgb, balls
 
 
-def turned(rgb: Bytes, balls: Floats32, way: int) -> tuple[Bytes, Floats32]:
+def turned(rgb: ByteArray, balls: Float32Array, way: int) -> tuple[ByteArray, Float32Array]:
     """A picture (S, S, 3) and its balls (N, 7) in one of the eight positions of a square."""
     last = rgb.shape[0] - 1
     balls = balls.copy()
@@ -46,7 +42,7 @@ def turned(rgb: Bytes, balls: Floats32, way: int) -> tuple[Bytes, Floats32]:
     return np.ascontiguousarray(rgb), balls
 
 
-def _zoomed(rng: np.random.Generator, rgb: Bytes, balls: Floats32) -> tuple[Bytes, Floats32]:
+def _zoomed(rng: np.random.Generator, rgb: ByteArray, balls: Float32Array) -> tuple[ByteArray, Float32Array]:
     side = rgb.shape[0]
     typical = float(np.nanmedian(balls[:, 2])) if np.isfinite(balls[:, 2]).any() else 7.0
     low, high = np.clip([RADII_PX[0] / typical, RADII_PX[1] / typical], *ZOOM)
@@ -55,7 +51,9 @@ def _zoomed(rng: np.random.Generator, rgb: Bytes, balls: Floats32) -> tuple[Byte
     return placed(rgb, balls, linear, rng.uniform(0.3, 0.7, 2) * side, [int(c) for c in rng.integers(0, 256, 3)])
 
 
-def placed(rgb: Bytes, balls: Floats32, linear: Floats, middle: Floats, border: list[int]) -> tuple[Bytes, Floats32]:
+def placed(
+    rgb: ByteArray, balls: Float32Array, linear: FloatArray, middle: FloatArray, border: list[int]
+) -> tuple[ByteArray, Float32Array]:
     """A picture mapped by a similarity (2, 2) that takes the point `middle` (2,) px to the middle of the new one."""
     side = rgb.shape[0]
     matrix = np.column_stack([linear, (side - 1) / 2 - linear @ middle])
@@ -69,7 +67,7 @@ def placed(rgb: Bytes, balls: Floats32, linear: Floats, middle: Floats, border: 
     return np.asarray(moved, dtype=np.uint8), balls
 
 
-def _relit(rng: np.random.Generator, rgb: Bytes) -> Bytes:
+def _relit(rng: np.random.Generator, rgb: ByteArray) -> ByteArray:
     levels = np.linspace(0, 1, 256) ** rng.uniform(0.75, 1.33)
     gain = np.exp(rng.normal(0, 0.12) + rng.normal(0, 0.06, 3))
     tones = np.clip(255 * (levels[:, None] * gain + rng.normal(0, 0.02)), 0, 255).astype(np.uint8)

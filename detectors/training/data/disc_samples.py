@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 from detectors.network.disc_crop import SIDE, Upright
 from detectors.training.data.distractors import littered
 from detectors.training.data.training_shards import Pictures
-
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
+from models.core.typing import ByteArray, Float32Array, FloatArray
 
 LEAST_VISIBLE, LEAST_RADIUS_PX, MOST_MOVED_RADII = 0.35, 3.3, 0.6
 """Of a ball that is measured: share that nothing hides, size, and way during the exposure."""
@@ -31,13 +28,13 @@ LITTERED_SHARE = 0.2
 class DiscPictures:
     """K balls as they are shown."""
 
-    shown: Bytes
+    shown: ByteArray
     """(K, SIDE, SIDE, 3)"""
-    told: Floats32
+    told: Float32Array
     """(K, 2) as in `Upright.told`, ball radii."""
-    radius: Floats32
+    radius: Float32Array
     """(K,) px in the picture."""
-    visible: Floats32
+    visible: Float32Array
     """(K,) share of the disc that nothing hides."""
 
     def __len__(self) -> int:
@@ -81,7 +78,7 @@ def shown_balls(rng: np.random.Generator, given: list[tuple[Discs, int]]) -> Dis
     return DiscPictures(shown, told.reshape(-1, 2), radius, visible)
 
 
-def _shown(rng: np.random.Generator, discs: Discs, row: int) -> tuple[Bytes, Floats, float, float]:
+def _shown(rng: np.random.Generator, discs: Discs, row: int) -> tuple[ByteArray, FloatArray, float, float]:
     """Picture, what is told of it, radius and visible share of one ball."""
     picture, ball = discs.rows[row]
     x, y, radius, *_, visible = discs.pictures.balls[picture, ball].astype(np.float64)
@@ -93,5 +90,5 @@ def _shown(rng: np.random.Generator, discs: Discs, row: int) -> tuple[Bytes, Flo
     return at.picture(discs.pictures.rgb[picture]), at.told(centre), radius, visible
 
 
-def _unit(angle: float) -> Floats:
+def _unit(angle: float) -> FloatArray:
     return np.array([np.cos(angle), np.sin(angle)])

@@ -13,9 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
+from models.core.typing import ByteArray, Float32Array, FloatArray
 
 MOST_PIECES = 5
 SIZES = (0.6, 2.2)
@@ -32,7 +30,7 @@ SHIFT = 4
 """Bits of a pixel's fraction in cv2's drawing."""
 
 
-def littered(rng: np.random.Generator, rgb: Bytes, balls: Floats32) -> Bytes:
+def littered(rng: np.random.Generator, rgb: ByteArray, balls: Float32Array) -> ByteArray:
     """A picture (S, S, 3) with litter beneath its balls (N, 7), columns as in `training_data.COLUMNS`."""
     there = balls[np.isfinite(balls[:, 0])].astype(np.float64)
     radius = float(np.median(there[:, 2])) if len(there) else UNKNOWN_RADIUS_PX
@@ -52,14 +50,14 @@ def littered(rng: np.random.Generator, rgb: Bytes, balls: Floats32) -> Bytes:
     return np.where(_on_balls(there, rgb.shape[0])[..., None], rgb, painted)
 
 
-def _colour(rng: np.random.Generator, rgb: Bytes) -> Floats32:
+def _colour(rng: np.random.Generator, rgb: ByteArray) -> Float32Array:
     """Any colour, black or white, or one of the picture's own."""
     own = rgb[rng.integers(rgb.shape[0]), rng.integers(rgb.shape[1])] * rng.uniform(0.3, 1.6)
     other = rng.uniform(0, 255) + rng.normal(0, 60, 3)
     return np.clip(own if rng.random() < 0.4 else other, 0, 255).astype(np.float32)
 
 
-def _on_balls(balls: Floats, side: int) -> NDArray[np.bool_]:
+def _on_balls(balls: FloatArray, side: int) -> NDArray[np.bool_]:
     """Where (S, S) a ball is at some time of the exposure."""
     drawn = np.zeros((side, side), np.uint8)
     for x, y, radius, dx, dy in balls[:, :5]:
@@ -70,22 +68,22 @@ def _on_balls(balls: Floats, side: int) -> NDArray[np.bool_]:
     return drawn.view(np.bool_)
 
 
-def _ellipse(cover: Bytes, at: Floats, size: float, flat: float, thick: int) -> None:
+def _ellipse(cover: ByteArray, at: FloatArray, size: float, flat: float, thick: int) -> None:
     middle, axes = np.rint(at * 2**SHIFT).astype(int), np.rint(np.array([size, flat * size]) * 2**SHIFT).astype(int)
     cv2.ellipse(cover, middle.tolist(), axes.tolist(), 0, 0, 360, 255, thick, cv2.LINE_AA, SHIFT)
 
 
-def _disc(rng: np.random.Generator, cover: Bytes, at: Floats, size: float, flat: float) -> None:
+def _disc(rng: np.random.Generator, cover: ByteArray, at: FloatArray, size: float, flat: float) -> None:
     """A sticker, a hole, a patch of shade."""
     _ellipse(cover, at, size, flat, -1)
 
 
-def _ring(rng: np.random.Generator, cover: Bytes, at: Floats, size: float, flat: float) -> None:
+def _ring(rng: np.random.Generator, cover: ByteArray, at: FloatArray, size: float, flat: float) -> None:
     """A ring of light, an O, the lit lining of a pocket."""
     _ellipse(cover, at, size, flat, max(1, round(float(rng.uniform(0.1, 0.45)) * size)))
 
 
-def _crescent(rng: np.random.Generator, cover: Bytes, at: Floats, size: float, flat: float) -> None:
+def _crescent(rng: np.random.Generator, cover: ByteArray, at: FloatArray, size: float, flat: float) -> None:
     """What a lamp lights of a round thing."""
     _ellipse(cover, at, size, flat, -1)
     away = at + rng.normal(0, 0.5, 2) * size
@@ -94,7 +92,7 @@ def _crescent(rng: np.random.Generator, cover: Bytes, at: Floats, size: float, f
     cover[aside > 0] = 0
 
 
-def _letter(rng: np.random.Generator, cover: Bytes, at: Floats, size: float, flat: float) -> None:
+def _letter(rng: np.random.Generator, cover: ByteArray, at: FloatArray, size: float, flat: float) -> None:
     """Letters, turned any way."""
     flat_letters = np.zeros((64, 128), np.uint8)
     text = "".join(rng.choice(list(string.ascii_letters + string.digits), int(rng.integers(1, 4))))
@@ -106,13 +104,13 @@ def _letter(rng: np.random.Generator, cover: Bytes, at: Floats, size: float, fla
     cover[:] = cv2.warpAffine(flat_letters, matrix, cover.shape[::-1], flags=cv2.INTER_LINEAR)
 
 
-def _smear(rng: np.random.Generator, cover: Bytes, at: Floats, size: float, flat: float) -> None:
+def _smear(rng: np.random.Generator, cover: ByteArray, at: FloatArray, size: float, flat: float) -> None:
     """A stroke of chalk, a reflection, a seam: as long as a streak, but narrower."""
     way = rng.normal(size=2) * (1.0, flat) * size * rng.uniform(1.0, 4.0)
     ends = np.rint(np.array([at - way / 2, at + way / 2]) * 2**SHIFT).astype(int).tolist()
     cv2.line(cover, ends[0], ends[1], 255, max(1, round(size * float(rng.uniform(0.15, 0.6)))), cv2.LINE_AA, SHIFT)
 
 
-PAINTERS: tuple[Callable[[np.random.Generator, Bytes, Floats, float, float], None], ...] = (
+PAINTERS: tuple[Callable[[np.random.Generator, ByteArray, FloatArray, float, float], None], ...] = (
     _disc, _ring, _crescent, _letter, _smear
 )  # fmt: skip

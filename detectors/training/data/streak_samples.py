@@ -8,7 +8,6 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from detectors.network.network_file import BallModel, open_model
 from detectors.network.peak_decoding import Centres
@@ -16,10 +15,7 @@ from detectors.network.streak_crop import COLUMNS, ROWS, Straight
 from detectors.network.streak_regressor import LEAST_WAY_RADII
 from detectors.training.data.augmentation import vary
 from detectors.training.data.training_shards import read_pictures, training_file
-
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
+from models.core.typing import ByteArray, Float32Array, FloatArray
 
 FORMS = 6
 """In how many forms a training picture is shown to the ball network."""
@@ -38,13 +34,13 @@ of the centre per axis in ball radii, and of the way's length and direction."""
 class StreakPictures:
     """K straightened streaks."""
 
-    shown: Bytes
+    shown: ByteArray
     """(K, ROWS, COLUMNS, 3)"""
-    told: Floats32
+    told: Float32Array
     """(K, 4) as in `Straight.told`, ball radii."""
-    radius: Floats32
+    radius: Float32Array
     """(K,) px."""
-    visible: Floats32
+    visible: Float32Array
     """(K,) share of the disc that nothing hides."""
 
     def __len__(self) -> int:
@@ -73,7 +69,7 @@ def read_streaks(path: Path) -> StreakPictures:
 def _streaks_in(file: Path, model: BallModel, forms: int, seed: int) -> StreakPictures:
     """The streaks that a network sees in the pictures of a file; the first form is the picture itself."""
     pictures, rng = read_pictures(file), np.random.default_rng(seed)
-    rows: list[tuple[Bytes, Floats, float, float]] = []
+    rows: list[tuple[ByteArray, FloatArray, float, float]] = []
     for rgb, balls in zip(pictures.rgb, pictures.balls, strict=True):
         if forms > 1 and not (np.linalg.norm(balls[:, 3:5], axis=1) > balls[:, 2]).any():
             continue
@@ -86,8 +82,8 @@ def _streaks_in(file: Path, model: BallModel, forms: int, seed: int) -> StreakPi
 
 
 def _beside_the_truth(
-    rng: np.random.Generator, rgb: Bytes, balls: Floats, model: BallModel
-) -> list[tuple[Bytes, Floats, float, float]]:
+    rng: np.random.Generator, rgb: ByteArray, balls: FloatArray, model: BallModel
+) -> list[tuple[ByteArray, FloatArray, float, float]]:
     """Straightened picture, what is true of it, radius and visible share of what a network says moves."""
     seen = model.see(np.ascontiguousarray(rgb), float(np.median(balls[:, 2])) if len(balls) else 1.0)
     found = []
@@ -108,7 +104,7 @@ def _beside_the_truth(
     return found
 
 
-def _same(seen: Centres, balls: Floats) -> dict[int, int]:
+def _same(seen: Centres, balls: FloatArray) -> dict[int, int]:
     """Which ball (N, 7) each thing seen is, nearest first, every one once."""
     likely = seen.score > LEAST_SCORE
     apart = np.linalg.norm(seen.centre[:, None] - balls[None, :, :2], axis=-1)

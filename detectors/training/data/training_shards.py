@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import ByteArray, Float32Array
 from video.rendering.ball_arrangement import MOST_BALLS
 from video.rendering.training_images import TrainingPicture, practice_pictures
-
-Floats32 = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
 
 PICTURES_PER_FILE = 240
 COLUMNS = ("x", "y", "radius", "streak_x", "streak_y", "look", "visible")
@@ -26,9 +23,9 @@ HELD_OUT_SEED = 7_000_000
 class Pictures:
     """P training pictures."""
 
-    rgb: Bytes
+    rgb: ByteArray
     """(P, S, S, 3)"""
-    balls: Floats32
+    balls: Float32Array
     """(P, N, 7) columns as in COLUMNS; rows of NaN fill it up."""
 
     def __len__(self) -> int:

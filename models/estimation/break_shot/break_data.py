@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from models.core.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,22 +20,22 @@ class Burst:
     """s, from when on the coming ball is followed."""
     hit: float
     """s, about when it meets the others."""
-    coming: Floats
+    coming: FloatArray
     """(7,) its state at `begins`: place, velocity, slip, surface speed of side spin (m, m/s)."""
-    coming_sigma: Floats
+    coming_sigma: FloatArray
     """(7,) infinite where the samples alone tell."""
-    lying: Floats
+    lying: FloatArray
     """(N, 2) m, where the others lie."""
-    lying_sigma: Floats
+    lying_sigma: FloatArray
     """(N,) m per axis."""
-    t: Floats
+    t: FloatArray
     """(K,) s, when they were seen: the first from `begins` on, the others once it has come; each until it meets a
     cushion or falls."""
-    ball: Ints
+    ball: IntArray
     """(K,) which of the balls."""
-    xy: Floats
+    xy: FloatArray
     """(K, 2) m."""
-    whiten: Floats
+    whiten: FloatArray
     """(K, 2, 2): takes a residual in m to standard deviations."""
     interval: float
     """s between two pictures."""

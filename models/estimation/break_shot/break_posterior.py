@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.break_shot.break_data import Burst
 from models.estimation.break_shot.break_search import Plays
 from models.estimation.break_shot.break_simulation import Play
 from models.physics.billiards.simulation.event_engine import BALL, FIRST, KIND, SECOND, SPEED, TIME
 from models.physics.billiards.simulation.parametrised_shot import slips
 from models.physics.billiards.simulation.simulated_shot import STATE, Run
-
-Floats = NDArray[np.float64]
 
 LULL = 6.0
 """ball radii that the coming ball would go on, without a contact of any: then the burst is over."""
@@ -42,7 +41,7 @@ class Touch:
     a: int
     b: int
     """The faster ball, and the other: their numbers in the tracks."""
-    xy: Floats
+    xy: FloatArray
     """(2,) m, where ball a is."""
     speed: float
     """m/s of closing."""
@@ -58,13 +57,13 @@ class Leaving:
     since: float
     until: float
     """s of the clip."""
-    state: Floats
+    state: FloatArray
     """(6,) place, velocity and slip as it leaves, m and m/s."""
-    covariance: Floats
+    covariance: FloatArray
     """(6, 6) of the state."""
-    came: Floats
+    came: FloatArray
     """(2,) m, where it is at its first contact, and `came_covariance` (2, 2) of that."""
-    came_covariance: Floats
+    came_covariance: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +92,13 @@ def told(plays: Plays) -> ToldBurst:
     return ToldBurst(plays, tuple(touch for touch in touches if touch.probability > LIKELY), tuple(leaving))
 
 
-def _contacts(run: Run) -> Floats:
+def _contacts(run: Run) -> FloatArray:
     """Rows of the engine's contacts of two balls that come together fast enough."""
     events = run.contacts
     return np.asarray(events[(events[:, KIND] == BALL) & (events[:, SPEED] > LEAST_SPEED)])
 
 
-def _until(burst: Burst, contacts: Floats) -> float:
+def _until(burst: Burst, contacts: FloatArray) -> float:
     """s of the run, when the last contact before a lull happens; a picture or more shows what it left."""
     lull = max(burst.interval, LULL * burst.table.ball_radius / burst.speed)
     latest = burst.ends - burst.begins - 1.5 * burst.interval
@@ -110,7 +109,7 @@ def _until(burst: Burst, contacts: Floats) -> float:
     return float(times[pause[0]] if len(pause) else times[-1])
 
 
-def _touch(plays: Plays, directions: Floats, others: list[Floats], contacts: Floats, k: int) -> Touch:
+def _touch(plays: Plays, directions: FloatArray, others: list[FloatArray], contacts: FloatArray, k: int) -> Touch:
     """Contact k of the best play; the other plays have it where the same balls meet as often, about then."""
     burst, best = plays.burst, plays.played[0].run
     row = contacts[k]
@@ -131,12 +130,12 @@ def _touch(plays: Plays, directions: Floats, others: list[Floats], contacts: Flo
     )  # fmt: skip
 
 
-def _same(contacts: Floats, a: int, b: int) -> NDArray[np.bool_]:
+def _same(contacts: FloatArray, a: int, b: int) -> NDArray[np.bool_]:
     one, two = contacts[:, FIRST], contacts[:, SECOND]
     return np.asarray(((one == a) & (two == b)) | ((one == b) & (two == a)))
 
 
-def _leaving(plays: Plays, directions: Floats, number: int, first: float, last: float) -> Leaving:
+def _leaving(plays: Plays, directions: FloatArray, number: int, first: float, last: float) -> Leaving:
     burst = plays.burst
     came, came_covariance = _there(plays, directions, number, first - AFTER)
     state, covariance = _there(plays, directions, number, last + AFTER)
@@ -146,7 +145,7 @@ def _leaving(plays: Plays, directions: Floats, number: int, first: float, last: 
     )  # fmt: skip
 
 
-def _there(plays: Plays, directions: Floats, number: int, t: float) -> tuple[Floats, Floats]:
+def _there(plays: Plays, directions: FloatArray, number: int, t: float) -> tuple[FloatArray, FloatArray]:
     """Place, velocity and slip (6,) of a ball at t, s of the run, as the best play has it, and their covariance (6, 6):
     the errors of its numbers, what other plays have, and what the laws of two balls miss of real ones."""
     there = np.array([slips(one.run.at(t), one.run.balls.radius)[number, :6] for one in plays.played])
@@ -156,7 +155,7 @@ def _there(plays: Plays, directions: Floats, number: int, t: float) -> tuple[Flo
     return there[0], slope @ plays.covariance @ slope.T + (other.T * plays.weight) @ other + np.diag(floor**2)
 
 
-def _slopes(plays: Plays, directions: Floats, numbers: tuple[int, ...], t: float) -> Floats:
+def _slopes(plays: Plays, directions: FloatArray, numbers: tuple[int, ...], t: float) -> FloatArray:
     """Derivatives (K, 6, P) of place, velocity and slip of K balls at t, s of the run, by the numbers of the best play;
     `directions` are those of `Play.directions`."""
     run, chosen = plays.played[0].run, list(numbers)
@@ -166,7 +165,7 @@ def _slopes(plays: Plays, directions: Floats, numbers: tuple[int, ...], t: float
     return slips(slopes.transpose(2, 0, 1), run.balls.radius[chosen]).transpose(1, 2, 0)[:, :6]
 
 
-def _moment_sigma(plays: Plays, directions: Floats, a: int, b: int, t: float) -> float:
+def _moment_sigma(plays: Plays, directions: FloatArray, a: int, b: int, t: float) -> float:
     """s, how far the errors of its numbers move a contact of the best play: by what they change of the gap between two
     balls, at the speed at which it closes."""
     before = t - AFTER

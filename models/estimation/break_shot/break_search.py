@@ -13,14 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.break_shot.break_data import Burst
 from models.estimation.break_shot.break_simulation import Play
 from models.physics.billiards.simulation.parametrised_shot import MOVING
 from models.physics.billiards.simulation.simulated_shot import Run
-
-Floats = NDArray[np.float64]
 
 ATTEMPTS, EXPLAINED = 2, 3.0
 """Searches at most, and the chi2 per degree of freedom with which one is content: valleys are many."""
@@ -60,10 +58,10 @@ _SHAKES = (-1.5, 0.0)
 class Played:
     """One play, and how far it misses what was seen."""
 
-    numbers: Floats
+    numbers: FloatArray
     """(P,) as `Play` counts them."""
     run: Run
-    missed: Floats
+    missed: FloatArray
     """(R,) standard deviations, as `Play.missed` gives them."""
     cost: float
 
@@ -74,9 +72,9 @@ class Plays:
 
     burst: Burst
     played: tuple[Played, ...]
-    weight: Floats
+    weight: FloatArray
     """(M,) probabilities of the plays; they sum to 1."""
-    covariance: Floats
+    covariance: FloatArray
     """(P, P) of the numbers of the best, scaled by its lack of fit."""
     chi2_per_dof: float
     """robust, of the best."""
@@ -131,20 +129,20 @@ def _softness(burst: Burst) -> tuple[float, ...]:
     return (most, float(np.sqrt(most)), 1.0) if most > MUCH else (1.0,)
 
 
-def _all_mended(play: Play, racks: list[Floats], steps: int) -> list[Played]:
+def _all_mended(play: Play, racks: list[FloatArray], steps: int) -> list[Played]:
     """All racks that can be played, led downhill, the best one first."""
     tried = [mended for rack in racks if (mended := _mended(play, rack, steps)) is not None]
     return sorted(tried, key=lambda one: one.cost)
 
 
-def _spread(play: Play) -> tuple[Floats, Floats]:
+def _spread(play: Play) -> tuple[FloatArray, FloatArray]:
     """Numbers (P,) to begin with, and by how much they are drawn and shaken: what samples alone tell is told by all of
     them, and needs no draws."""
     value, sigma = play.usual
     return value, np.where(np.isfinite(sigma), sigma, 0.0)
 
 
-def _shaken(play: Play, best: list[Played], sigma: Floats, times: int, rng: np.random.Generator) -> list[Played]:
+def _shaken(play: Play, best: list[Played], sigma: FloatArray, times: int, rng: np.random.Generator) -> list[Played]:
     """The best plays after more were found beside them."""
     kept, quiet = len(best), 0
     for _ in range(times):
@@ -160,19 +158,19 @@ def _shaken(play: Play, best: list[Played], sigma: Floats, times: int, rng: np.r
     return best
 
 
-def _axes(play: Play, best: Played) -> Floats:
+def _axes(play: Play, best: Played) -> FloatArray:
     """Directions (P, P), one a column, in which the numbers of a play err by a standard deviation each."""
     weight, _ = play.weights(best.missed)
     slope = play.slopes(best.numbers, best.run) * np.sqrt(weight)[:, None]
     normal = slope.T @ slope
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), _LEAST_KNOWN))
     values, axes = np.linalg.eigh(normal * scale * scale[:, None])
-    spread: Floats = scale[:, None] * axes / np.sqrt(np.maximum(values, _RIDGE))
+    spread: FloatArray = scale[:, None] * axes / np.sqrt(np.maximum(values, _RIDGE))
     return spread
 
 
 def _around(
-    play: Play, best: Played, axes: Floats, misfit: float, rng: np.random.Generator
+    play: Play, best: Played, axes: FloatArray, misfit: float, rng: np.random.Generator
 ) -> list[tuple[Played, float]]:
     """Plays drawn around the best along its `axes` (P, P), each with how likely it is beside its draw."""
     found = []
@@ -186,7 +184,7 @@ def _around(
     return [(one, share) for one, share in found if share > np.exp(-0.5 * WORTH_TELLING)]
 
 
-def _at(play: Play, numbers: Floats) -> Played | None:
+def _at(play: Play, numbers: FloatArray) -> Played | None:
     """The play of these numbers; None where it cannot be played."""
     try:
         missed, run = play.missed(numbers)
@@ -196,7 +194,7 @@ def _at(play: Play, numbers: Floats) -> Played | None:
     return Played(numbers, run, missed, cost) if np.isfinite(cost) else None
 
 
-def _mended(play: Play, numbers: Floats, steps: int) -> Played | None:
+def _mended(play: Play, numbers: FloatArray, steps: int) -> Played | None:
     """The numbers led downhill by Levenberg and Marquardt's steps; None where they cannot be played."""
     now, damping = _at(play, numbers), 1e-2
     if now is None:

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, IntArray
 from models.estimation.break_shot.break_data import Burst
 from models.estimation.multiple_shooting.normal_equations import huber
 from models.physics.billiards.simulation.parametrised_shot import (
@@ -28,9 +29,6 @@ from models.physics.billiards.simulation.parametrised_shot import (
 )
 from models.physics.billiards.simulation.simulated_shot import Run
 from models.physics.effects.catalogue import prior_of
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LAWS = Laws("mathavan_2010", "alciatore")
 """Cushions hardly matter: a ball is followed until it meets one."""
@@ -69,12 +67,12 @@ class Play:
         return MOVING + LYING * (len(self.burst.balls) - 1)
 
     @cached_property
-    def rows(self) -> Ints:
+    def rows(self) -> IntArray:
         """Samples that are looked at."""
         return np.flatnonzero(self.burst.t <= self.until)
 
     @cached_property
-    def neighbours(self) -> tuple[Ints, Ints]:
+    def neighbours(self) -> tuple[IntArray, IntArray]:
         """Pairs of balls, among those that lie, that were set to touch."""
         places = self.burst.lying
         apart = np.linalg.norm(places[:, None] - places, axis=2) - 2 * self.burst.table.ball_radius
@@ -82,7 +80,7 @@ class Play:
         return one, two
 
     @cached_property
-    def usual(self) -> tuple[Floats, Floats]:
+    def usual(self) -> tuple[FloatArray, FloatArray]:
         """The numbers (P,) as they are expected, and their standard deviations; infinite where nothing is known."""
         burst, size = self.burst, self.shared + len(SOUGHT)
         value, sigma = np.empty(size), np.full(size, np.inf)
@@ -97,13 +95,13 @@ class Play:
         return value, sigma
 
     @cached_property
-    def bounds(self) -> tuple[Floats, Floats]:
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
         """What the shared numbers do not exceed."""
         sliding, restitution = prior_of("sliding_friction", "mu"), prior_of("ball_restitution", "e")
         low, high = zip(sliding.bounds, restitution.bounds, (0.95, 1.05), strict=True)
         return np.array(low), np.array(high)
 
-    def values(self, numbers: Floats) -> Floats:
+    def values(self, numbers: FloatArray) -> FloatArray:
         """(Q,) all numbers of `playing.NUMBERS`."""
         found = ABSENT.copy()
         for effect, parameter in (("spin_decay", "rate"), ("cushion_restitution", "e"), ("cushion_friction", "mu")):
@@ -112,18 +110,18 @@ class Play:
         found[list(SOUGHT)] = numbers[self.shared :]
         return found
 
-    def run(self, numbers: Floats) -> Run:
+    def run(self, numbers: FloatArray) -> Run:
         """The shot from `burst.begins` on; ArithmeticError where balls meet without end."""
         seconds = min(self.until, self.burst.ends) - self.burst.begins + self.burst.interval
         return played(numbers[: self.shared], self.moving, self.burst.table, self.values(numbers), LAWS, seconds)
 
-    def within(self, numbers: Floats) -> Floats:
+    def within(self, numbers: FloatArray) -> FloatArray:
         """The numbers with the shared ones inside their bounds."""
         found = numbers.copy()
         found[self.shared :] = np.clip(found[self.shared :], *self.bounds)
         return found
 
-    def apart(self, numbers: Floats) -> Floats:
+    def apart(self, numbers: FloatArray) -> FloatArray:
         """The numbers with lying balls that overlap moved apart, until none does."""
         found = numbers.copy()
         places = found[MOVING : self.shared].reshape(-1, 2)
@@ -140,7 +138,7 @@ class Play:
             np.add.at(places, two, -push)
         return found
 
-    def missed(self, numbers: Floats) -> tuple[Floats, Run]:
+    def missed(self, numbers: FloatArray) -> tuple[FloatArray, Run]:
         """In standard deviations, (R,): of the samples seen, of what is known beforehand, and of the gaps."""
         burst, rows, run = self.burst, self.rows, self.run(numbers)
         moments, which = np.unique(burst.t[rows], return_inverse=True)
@@ -150,7 +148,7 @@ class Play:
         gap, scale, _ = self._gaps(numbers)
         return np.concatenate([seen.ravel(), (numbers - value) / sigma, gap / scale]), run
 
-    def slopes(self, numbers: Floats, run: Run) -> Floats:
+    def slopes(self, numbers: FloatArray, run: Run) -> FloatArray:
         """Derivatives (R, P) of what `missed` gives."""
         burst, rows = self.burst, self.rows
         moments, which = np.unique(burst.t[rows], return_inverse=True)
@@ -167,20 +165,20 @@ class Play:
         gaps[:, -1] = -2 * burst.table.ball_radius
         return np.concatenate([seen, np.diag(1 / self.usual[1]), gaps / scale[:, None]])
 
-    def directions(self, numbers: Floats) -> Floats:
+    def directions(self, numbers: FloatArray) -> FloatArray:
         """What the engine's numbers change by when one of these does, see `playing.directions_of`."""
         values = self.values(numbers)
         balls = balls_of(numbers[: self.shared], self.moving, self.burst.table, values)
         return directions_of(balls, self.moving, self.burst.table, values, np.array(SOUGHT))
 
-    def weights(self, missed: Floats) -> tuple[Floats, float]:
+    def weights(self, missed: FloatArray) -> tuple[FloatArray, float]:
         """Weights (R,) and cost: Huber's loss over the samples, squares for the rest."""
         count = 2 * len(self.rows)
         of_samples, cost = huber(missed[:count].reshape(-1, 2))
         weight = np.concatenate([np.repeat(of_samples, 2), np.ones(len(missed) - count)])
         return weight, cost + float(np.sum(missed[count:] ** 2))
 
-    def _gaps(self, numbers: Floats) -> tuple[Floats, Floats, Floats]:
+    def _gaps(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Between neighbours (G,) m, their standard deviations (G,), and directions (G, 2) from one to the other."""
         one, two = self.neighbours
         places = numbers[MOVING : self.shared].reshape(-1, 2)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from models.core.scene import CUSHIONS, POCKETS
@@ -19,8 +18,6 @@ from models.estimation.contact_test.candidate_contacts import (
     cushion_moments,
 )
 from models.estimation.contact_test.shot_record import Record
-
-Floats = NDArray[np.float64]
 
 SURE = 0.9
 """Probability from which a call is a yes, and below 1 - it a no; between, it is inconclusive."""

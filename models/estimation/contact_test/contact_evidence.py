@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from models.core.typing import FloatArray
 from models.estimation.contact_test.contact_moment import (
     MEETING,
     SHARED,
@@ -26,8 +27,6 @@ from models.estimation.contact_test.contact_moment import (
     nearest,
 )
 from models.physics.effects.catalogue import prior_of
-
-Floats = NDArray[np.float64]
 
 KNOWN_NOISE = 50.0
 """Degrees of freedom with which the size of the noise is known before: to a tenth."""
@@ -57,18 +56,18 @@ OUTLIER = 4.5
 class Noise:
     """Whitens K samples whose errors are correlated."""
 
-    sigma: Floats
+    sigma: FloatArray
     """(K,) m."""
-    carry: Floats
+    carry: FloatArray
     """(K,) correlation with the sample before; 0 for the first of a ball."""
 
-    def white(self, rows: Floats) -> Floats:
+    def white(self, rows: FloatArray) -> FloatArray:
         """Rows (K, 2, ...) in m as independent standard errors, flat (2 K, ...)."""
         shape = (-1,) + (1,) * (rows.ndim - 1)
-        unit: Floats = rows / self.sigma.reshape(shape)
+        unit: FloatArray = rows / self.sigma.reshape(shape)
         carry = self.carry.reshape(shape)
         before = np.concatenate([np.zeros_like(unit[:1]), unit[:-1]])
-        white: Floats = (unit - carry * before) / np.sqrt(1 - carry**2)
+        white: FloatArray = (unit - carry * before) / np.sqrt(1 - carry**2)
         return white.reshape(2 * len(rows), *rows.shape[2:])
 
     @property
@@ -81,14 +80,14 @@ class Noise:
 class Fitted:
     """A hypothesis at its best."""
 
-    p: Floats
+    p: FloatArray
     paths: Paths
     chi2: float
     log_evidence: float
-    covariance: Floats
+    covariance: FloatArray
 
 
-Model = Callable[[Encounter, Floats], Paths]
+Model = Callable[[Encounter, FloatArray], Paths]
 
 
 def noise_of(encounter: Encounter, kept: NDArray[np.bool_], correlation: float) -> Noise:
@@ -103,7 +102,7 @@ def noise_of(encounter: Encounter, kept: NDArray[np.bool_], correlation: float) 
     return Noise(np.where(kept, sigma, 1e3 * sigma), np.where(kept & np.roll(kept, 1), carry, 0.0))
 
 
-def _prior(encounter: Encounter, size: int) -> tuple[Floats, Floats]:
+def _prior(encounter: Encounter, size: int) -> tuple[FloatArray, FloatArray]:
     """Usual values and standard deviations (P,); infinite where nothing is known before."""
     mean, sigma = np.zeros(size), np.full(size, np.inf)
     for ball, columns in zip(encounter.balls, encounter.columns, strict=True):
@@ -124,7 +123,7 @@ def _prior(encounter: Encounter, size: int) -> tuple[Floats, Floats]:
     return mean, sigma
 
 
-def starts(encounter: Encounter, t: float) -> tuple[Floats, Floats]:
+def starts(encounter: Encounter, t: float) -> tuple[FloatArray, FloatArray]:
     """First guesses of both hypotheses' parameters."""
     size = encounter.shared + SHARED
     mean, _ = _prior(encounter, size + MEETING)
@@ -136,7 +135,7 @@ def starts(encounter: Encounter, t: float) -> tuple[Floats, Floats]:
     return found[0][:size], found[1]
 
 
-def believed(encounter: Encounter, free: Floats, met: Floats) -> NDArray[np.bool_]:
+def believed(encounter: Encounter, free: FloatArray, met: FloatArray) -> NDArray[np.bool_]:
     """(K,) samples that at least one hypothesis comes near to."""
     sigma = np.concatenate([ball.sigma for ball in encounter.balls])
     everything = np.ones(len(sigma), bool)
@@ -145,16 +144,18 @@ def believed(encounter: Encounter, free: Floats, met: Floats) -> NDArray[np.bool
     for model, start in ((free_paths, free), (met_paths, met)):
         paths = fit(encounter, model, start, noise).paths
         miss.append(np.hypot(*(_seen(encounter) - paths.xy).T) / sigma)
-    least: Floats = np.min(miss, axis=0)
+    least: FloatArray = np.min(miss, axis=0)
     usual = max(float(np.median(least)) / 1.1774, 1.0)
     return np.asarray(least < OUTLIER * usual, dtype=np.bool_)
 
 
-def _seen(encounter: Encounter) -> Floats:
+def _seen(encounter: Encounter) -> FloatArray:
     return np.concatenate([ball.xy for ball in encounter.balls])
 
 
-def _linear(encounter: Encounter, model: Model, p: Floats, noise: Noise, touch: float) -> tuple[Floats, Floats, Paths]:
+def _linear(
+    encounter: Encounter, model: Model, p: FloatArray, noise: Noise, touch: float
+) -> tuple[FloatArray, FloatArray, Paths]:
     """Standard residuals of samples, priors and, last, of the touch, with their derivatives."""
     paths = model(encounter, p)
     mean, sigma = _prior(encounter, len(p))
@@ -167,7 +168,7 @@ def _linear(encounter: Encounter, model: Model, p: Floats, noise: Noise, touch: 
     return np.concatenate(residual), np.concatenate(slope), paths
 
 
-def fit(encounter: Encounter, model: Model, start: Floats, noise: Noise) -> Fitted:
+def fit(encounter: Encounter, model: Model, start: FloatArray, noise: Noise) -> Fitted:
     """Levenberg-Marquardt; the demand that surfaces touch is tightened on the way, from where they still do not."""
     final = float(np.hypot(SHARPNESS, encounter.reach_sigma))
     p, far = start, 0.0
@@ -218,19 +219,19 @@ def _possible(encounter: Encounter, fit: Fitted, touch: float) -> float:
     return float(np.log(weight) - np.log(touch) - 0.5 * np.log(2 * np.pi))
 
 
-def _density(z: Floats | float) -> Floats:
+def _density(z: FloatArray | float) -> FloatArray:
     """Of the standard normal distribution."""
-    found: Floats = np.exp(-0.5 * np.square(z)) / np.sqrt(2 * np.pi)
+    found: FloatArray = np.exp(-0.5 * np.square(z)) / np.sqrt(2 * np.pi)
     return found
 
 
-def _asked(encounter: Encounter, gap: Floats) -> Floats:
+def _asked(encounter: Encounter, gap: FloatArray) -> FloatArray:
     """Density (1/m) of gaps that calls are about: every other one is close, the rest are anything."""
-    near: Floats = 0.5 / (np.pi * CLOSE * (1 + (gap / CLOSE) ** 2))
+    near: FloatArray = 0.5 / (np.pi * CLOSE * (1 + (gap / CLOSE) ** 2))
     return near + 0.25 / encounter.reach
 
 
-def _descend(encounter: Encounter, model: Model, p: Floats, noise: Noise, touch: float) -> Floats:
+def _descend(encounter: Encounter, model: Model, p: FloatArray, noise: Noise, touch: float) -> FloatArray:
     residual, slope, _ = _linear(encounter, model, p, noise, touch)
     cost, damping = float(residual @ residual), 1e-3
     for _ in range(MOST_STEPS):
@@ -254,7 +255,7 @@ def _descend(encounter: Encounter, model: Model, p: Floats, noise: Noise, touch:
     return p
 
 
-def _within(encounter: Encounter, old: Floats, new: Floats) -> Floats:
+def _within(encounter: Encounter, old: FloatArray, new: FloatArray) -> FloatArray:
     """No contact leaves the window, or moves by more than a tenth of it at once."""
     column = encounter.shared + SHARED
     if len(new) <= column:

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.segmentation.track_segmentation import Samples, SpanStart, fit_span
 from models.physics.billiards.cloth.closed_form_motion import STATE, Friction, kinematics, kinematics_jacobian
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 PATH = 6
@@ -42,15 +42,15 @@ class Watched:
 
     begin: float
     """s: where its state is given; nothing else happens to it from then to its last sample."""
-    t: Floats
+    t: FloatArray
     """(n,) s."""
-    xy: Floats
+    xy: FloatArray
     """(n, 2) m."""
-    sigma: Floats
+    sigma: FloatArray
     """(n,) m, one standard deviation per axis."""
-    start: Floats
+    start: FloatArray
     """(6,) first guess of the state where the window begins, from the samples before the moment in question."""
-    through: Floats
+    through: FloatArray
     """(6,) the same from all samples, as if nothing had been met."""
     rests: bool
     """At rest, as far as is seen, until something meets it: only its place is unknown."""
@@ -67,7 +67,7 @@ class Watched:
 class Cushion:
     """A straight nose: centres turn where `inward` @ x = `offset`."""
 
-    inward: Floats
+    inward: FloatArray
     """(2,) unit vector into the table."""
     offset: float
     """m."""
@@ -108,23 +108,23 @@ class Encounter:
 class Paths:
     """What parameters P predict for K samples."""
 
-    xy: Floats
+    xy: FloatArray
     """(K, 2) m, ball by ball."""
-    slope: Floats
+    slope: FloatArray
     """(K, 2, P)."""
     gap: float
     """m between the surfaces at the moment of contact, of free paths when they are nearest."""
-    gap_slope: Floats
+    gap_slope: FloatArray
     """(P,)"""
     closing: float
     """m/s at that moment, along the normal."""
-    closing_slope: Floats
+    closing_slope: FloatArray
     """(P,)"""
     t: float
     """s: that moment."""
 
 
-def watch(samples: Samples, moment: float, begin: float, told: Floats | None = None) -> Watched:
+def watch(samples: Samples, moment: float, begin: float, told: FloatArray | None = None) -> Watched:
     """A ball around a moment (s), with first guesses of how it moves; ValueError without samples before it.
 
     `told` is its state (6,) at `begin` where that is known already, roughly.
@@ -143,19 +143,19 @@ def watch(samples: Samples, moment: float, begin: float, told: Floats | None = N
     return Watched(begin, samples.t, samples.xy, samples.sigma, start, _state(fit_span(samples, begin)), rests)
 
 
-def _state(span: SpanStart) -> Floats:
+def _state(span: SpanStart) -> FloatArray:
     """State (6,) at the start of a span."""
     return _slipping(np.concatenate([span.x, span.v, span.slip]))
 
 
-def _slipping(state: Floats) -> Floats:
+def _slipping(state: FloatArray) -> FloatArray:
     """The same state (6,); a ball that rolls gets a slip that a fit can grow."""
     if np.hypot(*state[4:6]) > LEAST_SLIP:
         return state
     return np.concatenate([state[:4], LEAST_SLIP * np.ones(2)])
 
 
-def free_paths(encounter: Encounter, p: Floats) -> Paths:
+def free_paths(encounter: Encounter, p: FloatArray) -> Paths:
     """Nothing is met; the gap is not asked for."""
     runs = [_run(encounter, p, k, ball.t) for k, ball in enumerate(encounter.balls)]
     xy, slope = (np.concatenate([run[i] for run in runs])[:, :2] for i in (0, 1))
@@ -163,14 +163,14 @@ def free_paths(encounter: Encounter, p: Floats) -> Paths:
     return Paths(xy, slope, np.nan, nothing, np.nan, nothing, np.nan)
 
 
-def nearest(encounter: Encounter, p: Floats) -> Paths:
+def nearest(encounter: Encounter, p: FloatArray) -> Paths:
     """`free_paths` with the gap of the moment at which the bodies are nearest."""
     free, t = free_paths(encounter, p), _nearest(encounter, p)
     ends = [_run(encounter, p, k, np.array([t])) for k in range(len(encounter.balls))]
     return Paths(free.xy, free.slope, *_geometry(encounter, ends), t)
 
 
-def met_paths(encounter: Encounter, p: Floats) -> Paths:
+def met_paths(encounter: Encounter, p: FloatArray) -> Paths:
     """The bodies meet at the time among the parameters, whether or not their surfaces are there."""
     moment = encounter.shared + SHARED
     t = float(p[moment])
@@ -188,12 +188,14 @@ def met_paths(encounter: Encounter, p: Floats) -> Paths:
     return Paths(np.concatenate(xy), np.concatenate(slope), *_geometry(encounter, ends), t)
 
 
-def _friction(encounter: Encounter, p: Floats) -> Friction:
+def _friction(encounter: Encounter, p: FloatArray) -> Friction:
     sliding, rolling = np.exp(np.clip(p[encounter.shared + 2 : encounter.shared + SHARED], *LOG_RANGE))
     return Friction(float(sliding), float(rolling))
 
 
-def _run(encounter: Encounter, p: Floats, k: int, t: Floats, moment: int | None = None) -> tuple[Floats, Floats]:
+def _run(
+    encounter: Encounter, p: FloatArray, k: int, t: FloatArray, moment: int | None = None
+) -> tuple[FloatArray, FloatArray]:
     """States (n, 6) of ball k on its free path at t (n,), and their derivatives (n, 6, P); t is column `moment`."""
     ball, columns, shared = encounter.balls[k], encounter.columns[k], encounter.shared
     slope = np.zeros((len(t), PATH, len(p)))
@@ -213,7 +215,9 @@ def _run(encounter: Encounter, p: Floats, k: int, t: Floats, moment: int | None 
     return value, slope
 
 
-def _go_on(encounter: Encounter, p: Floats, state: Floats, slope: Floats, tau: Floats) -> tuple[Floats, Floats]:
+def _go_on(
+    encounter: Encounter, p: FloatArray, state: FloatArray, slope: FloatArray, tau: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """States (n, 6) tau (n,) after a contact left a ball in `state` (6,) with derivatives (6, P), and theirs."""
     shared = encounter.shared
     states = np.repeat(np.concatenate([state, p[shared : shared + 2]])[None], len(tau), axis=0)
@@ -225,7 +229,7 @@ def _go_on(encounter: Encounter, p: Floats, state: Floats, slope: Floats, tau: F
     return value, grown
 
 
-def _nearest(encounter: Encounter, p: Floats) -> float:
+def _nearest(encounter: Encounter, p: FloatArray) -> float:
     """When the bodies are nearest on free paths, within the samples, s."""
     last = max(float(ball.t[-1]) for ball in encounter.balls)
     t = np.linspace(encounter.begin, last, FINE)
@@ -239,7 +243,7 @@ def _nearest(encounter: Encounter, p: Floats) -> float:
     )
 
 
-def _states(encounter: Encounter, p: Floats, k: int, t: Floats) -> Floats:
+def _states(encounter: Encounter, p: FloatArray, k: int, t: FloatArray) -> FloatArray:
     """Places (n, 2) of ball k on its free path."""
     ball, shared = encounter.balls[k], encounter.shared
     place = p[encounter.columns[k]]
@@ -250,15 +254,17 @@ def _states(encounter: Encounter, p: Floats, k: int, t: Floats) -> Floats:
     return kinematics(states, t - ball.begin, _friction(encounter, p))[:, :2]
 
 
-def _gaps(encounter: Encounter, *x: Floats) -> Floats:
+def _gaps(encounter: Encounter, *x: FloatArray) -> FloatArray:
     """Distances (n,) of the surfaces for places (n, 2) of each ball."""
     if encounter.cushion is not None:
         return x[0] @ encounter.cushion.inward - encounter.cushion.offset
-    gap: Floats = np.hypot(*(x[1] - x[0]).T) - encounter.reach
+    gap: FloatArray = np.hypot(*(x[1] - x[0]).T) - encounter.reach
     return gap
 
 
-def _geometry(encounter: Encounter, ends: list[tuple[Floats, Floats]]) -> tuple[float, Floats, float, Floats]:
+def _geometry(
+    encounter: Encounter, ends: list[tuple[FloatArray, FloatArray]]
+) -> tuple[float, FloatArray, float, FloatArray]:
     """Gap and closing speed at one moment, each with its derivatives (P,)."""
     if encounter.cushion is not None:
         n, (value, slope) = encounter.cushion.inward, ends[0]
@@ -272,7 +278,9 @@ def _geometry(encounter: Encounter, ends: list[tuple[Floats, Floats]]) -> tuple[
     return distance - encounter.reach, n @ slope[:2], closing, -(n @ slope[2:4] + apart[2:4] @ turn)
 
 
-def _impact(encounter: Encounter, ends: list[tuple[Floats, Floats]], p: Floats) -> tuple[list[Floats], list[Floats]]:
+def _impact(
+    encounter: Encounter, ends: list[tuple[FloatArray, FloatArray]], p: FloatArray
+) -> tuple[list[FloatArray], list[FloatArray]]:
     """States (6,) of the balls after the contact, and their derivatives (6, P)."""
     first = encounter.shared + SHARED + 1
     law = p[first : first + MEETING - 1]

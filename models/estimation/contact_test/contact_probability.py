@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from models.core.typing import FloatArray
 from models.estimation.contact_test.contact_evidence import Fitted, believed, fit, noise_of, starts
 from models.estimation.contact_test.contact_moment import MEETING, SHARED, Encounter, free_paths, met_paths, nearest
-
-Floats = NDArray[np.float64]
 
 CORRELATIONS = (0.0, 0.35, 0.6, 0.8)
 """Of errors of successive samples, equally probable before: an AR(1) process each."""
@@ -125,7 +124,7 @@ def _ways(encounter: Encounter) -> Iterator[Encounter]:
         yield replace(encounter, balls=balls)
 
 
-def _weight(encounter: Encounter, met: bool, start: Floats, kept: NDArray[np.bool_], correlation: float) -> _Weight:
+def _weight(encounter: Encounter, met: bool, start: FloatArray, kept: NDArray[np.bool_], correlation: float) -> _Weight:
     found = fit(encounter, met_paths if met else free_paths, start, noise_of(encounter, kept, correlation))
     slips = [found.p[columns][4:] for columns in encounter.columns]
     told_twice = any(len(slip) and np.hypot(*slip) < SLIDES for slip in slips)

@@ -11,9 +11,8 @@ from models.core.events import Events
 from models.core.scene import Camera, Table
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
+from models.core.typing import FloatArray
 from models.estimation.segmentation.track_segmentation import Samples
-
-Floats = NDArray[np.float64]
 
 SCALE_SIGMA = 0.005
 """relative: what lens and unequal heights may add to the distance of two touching balls in a picture."""
@@ -35,28 +34,28 @@ class Record:
     kinds: tuple[str, ...]
     frame: NDArray[np.int64]
     """(T,) pictures, ascending, with the times at which they were shown."""
-    shown: Floats
+    shown: FloatArray
     """(T,) s."""
     ball: NDArray[np.int64]
     """(K,) whose observation; sorted by ball, then by time."""
-    t: Floats
+    t: FloatArray
     """(K,) s."""
-    xy: Floats
+    xy: FloatArray
     """(K, 2) m."""
-    px: Floats
+    px: FloatArray
     """(K, 2) px of the picture; NaN where not known."""
-    sigma: Floats
+    sigma: FloatArray
     """(K,) m."""
     events: Events
-    moments: Floats
+    moments: FloatArray
     """(M,) s, even steps."""
-    path: Floats
+    path: FloatArray
     """(M, N, 2) m; NaN where a ball is not."""
-    velocity: Floats
+    velocity: FloatArray
     """(M, N, 2) m/s."""
-    slip: Floats
+    slip: FloatArray
     """(M, N, 2) m/s, velocity of the points that touch the cloth; NaN where unknown."""
-    path_sigma: Floats
+    path_sigma: FloatArray
     """(M, N) m."""
     table: Table
     camera: Camera | None
@@ -76,16 +75,16 @@ class Record:
         share = (t - self.shown[k]) / (self.shown[k + 1] - self.shown[k])
         return float(self.frame[k] + share * (self.frame[k + 1] - self.frame[k]))
 
-    def place(self, ball: int, t: float) -> Floats:
+    def place(self, ball: int, t: float) -> FloatArray:
         """Where a ball is at t (s), (2,) m, on the fitted path; NaN where it is not."""
-        both: Floats = np.array([np.interp(t, self.moments, self.path[:, ball, k]) for k in (0, 1)])
+        both: FloatArray = np.array([np.interp(t, self.moments, self.path[:, ball, k]) for k in (0, 1)])
         return both
 
-    def state(self, ball: int, t: float) -> Floats | None:
+    def state(self, ball: int, t: float) -> FloatArray | None:
         """Place, velocity and slip (6,) of a ball at t (s) on the fitted path; None where it is not known."""
         k = int(np.clip(np.searchsorted(self.moments, t), 0, len(self.moments) - 1))
         parts = (self.path[k, ball], self.velocity[k, ball], np.nan_to_num(self.slip[k, ball]))
-        state: Floats = np.concatenate(parts)
+        state: FloatArray = np.concatenate(parts)
         return state if np.isfinite(state).all() else None
 
     def speed(self, ball: int, t: float) -> float:

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.errors import TrackError
 from models.core.fit_result import Trust
 from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.forecast.state_estimate import NOSE_FRICTION, PER_BALL, SHARED, Outlook, law_probabilities
 from models.estimation.joint_fit.fit_solution import Data, Solution, gather, layout, owners, residuals
 from models.estimation.joint_fit.joint_refinement import HUBER
@@ -33,8 +33,6 @@ from models.estimation.segmentation.contact_graph import Span
 from models.estimation.whole_shot.free_paths import PIECE, ROLLING_SHARE, SLOPE, UNEVENNESS
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY, STATE, kinematics_jacobian
 from models.tracking.track_noise import estimate_noise, with_noise
-
-Floats = NDArray[np.float64]
 
 FEWEST = 5
 """pictures that speeds can be told from."""
@@ -124,7 +122,7 @@ def outlook(
     return Outlook(t, names, table, mean + by @ shift, (known + known.T) / 2, moving, trust, laws)
 
 
-def _inflated(solution: Solution, factor: float) -> Floats:
+def _inflated(solution: Solution, factor: float) -> FloatArray:
     """The covariance of a fit times a factor, but what is known beforehand of what all share is not forgotten."""
     covariance = factor * solution.covariance
     first = layout(solution.story).globals
@@ -135,7 +133,7 @@ def _inflated(solution: Solution, factor: float) -> Floats:
     return np.asarray(covariance, np.float64)
 
 
-def _levelled(solution: Solution) -> tuple[Floats, Floats]:
+def _levelled(solution: Solution) -> tuple[FloatArray, FloatArray]:
     """How the numbers of a fit move (P + 2,), and their covariance (P + 2, P + 2) with two more for the slope of the
     table (m/s^2): the extra accelerations of all spans are one slope, but for an uneven cloth."""
     plan, story = layout(solution.story), solution.story
@@ -160,7 +158,7 @@ def _per_slope() -> float:
     return ROLLING_SHARE * GRAVITY * 1e-3
 
 
-def _state(solution: Solution, span: int, t: float, columns: int) -> tuple[Floats, Floats, bool]:
+def _state(solution: Solution, span: int, t: float, columns: int) -> tuple[FloatArray, FloatArray, bool]:
     """Place, velocity and slip (6,) of a ball at t, their derivatives (6, columns), and whether it moves."""
     plan, described = layout(solution.story), solution.story.spans[span]
     first, by = int(plan.span[span]), np.zeros((6, columns))
@@ -182,7 +180,7 @@ def _side_spin(span: Span, since: float, radius: float) -> float:
     return max(SIDE_SPIN * speed - DECAY * radius * since, LEAST_SIDE_SPIN * speed)
 
 
-def _shared(solution: Solution, mean: Floats, by: Floats) -> None:
+def _shared(solution: Solution, mean: FloatArray, by: FloatArray) -> None:
     """Fill in what all balls share."""
     plan = layout(solution.story)
     friction = solution.friction
@@ -196,7 +194,7 @@ def _shared(solution: Solution, mean: Floats, by: Floats) -> None:
     by[first + 2, -2] = by[first + 3, -1] = 1 / _per_slope()
 
 
-def _unseen() -> Floats:
+def _unseen() -> FloatArray:
     """(SHARED,) variances of what the fit says nothing of."""
     variance = np.zeros(SHARED)
     # what short stretches of an uneven cloth come to over a second, as one slope

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, POCKETS
+from models.core.typing import FloatArray
 from models.estimation.forecast.probability_regions import level_by_neighbours, level_of_normal
 from models.estimation.forecast.state_estimate import Outlook
 from models.estimation.multiple_shooting.shooting_windows import SENSITIVE
@@ -21,7 +22,6 @@ from models.physics.billiards.parameters import CUSHION_LAWS
 from models.physics.billiards.simulation.event_engine import BALL, FIRST, HOLE, KIND, LINE, SECOND, SOFT, TIME
 from models.physics.billiards.simulation.simulate_shot import Run
 
-Floats = NDArray[np.float64]
 Meeting = tuple[str, str, str]
 """Kind (ball, cushion, pocket, rest), ball, and what it meets; nothing for a rest."""
 
@@ -52,17 +52,17 @@ class Prediction:
     """N balls at T moments; M courses."""
 
     outlook: Outlook
-    t: Floats
+    t: FloatArray
     """(T,) s."""
-    path: Floats
+    path: FloatArray
     """(T, N, 2) m: the course of the mean, then the mean of the courses; NaN where every course has the ball potted."""
-    velocity: Floats
+    velocity: FloatArray
     """(T, N, 2) m/s."""
-    covariance: Floats
+    covariance: FloatArray
     """(T, N, 2, 2) m^2."""
     ensemble: NDArray[np.bool_]
     """(T,) whether the ensemble stands for the future there."""
-    courses: Floats
+    courses: FloatArray
     """(M, T, N, 2) m; NaN once a ball is potted."""
     foretold: tuple[Foretold, ...]
     """in the order of time."""
@@ -70,16 +70,16 @@ class Prediction:
     """(N,) what each ball meets first, and how probably; the most probable first."""
 
     @property
-    def sigma(self) -> Floats:
+    def sigma(self) -> FloatArray:
         """(T, N) m per axis."""
         return np.asarray(np.sqrt(np.trace(self.covariance, axis1=2, axis2=3) / 2), np.float64)
 
     @property
-    def on_table(self) -> Floats:
+    def on_table(self) -> FloatArray:
         """(T, N) probability that a ball has not been potted."""
         return np.asarray(np.isfinite(self.courses[..., 0]).mean(axis=0), np.float64)
 
-    def level(self, row: int, ball: int, xy: Floats, noise: Floats | None = None) -> float:
+    def level(self, row: int, ball: int, xy: FloatArray, noise: FloatArray | None = None) -> float:
         """Share of the probability nearer to the middle than `xy` (2,), seen with errors of covariance `noise` (2, 2):
         the region of 90 % holds the places of at most 0.9. NaN where the ball should be in a pocket."""
         if not self.ensemble[row]:
@@ -89,7 +89,7 @@ class Prediction:
         return level_by_neighbours(xy, there[np.isfinite(there[:, 0])], noise)
 
 
-def predict(look: Outlook, t: Floats, seed: int = 0, draws: int = DRAWS) -> Prediction:
+def predict(look: Outlook, t: FloatArray, seed: int = 0, draws: int = DRAWS) -> Prediction:
     """What follows an outlook at moments t (T,) s, ascending and not before it."""
     if len(t) == 0 or np.any(np.diff(t) < 0) or t[0] < look.t - 1e-9:
         raise ValueError(f"moments to predict ascend from {look.t:g} s on; got {t[:3]} ...")
@@ -113,7 +113,7 @@ def predict(look: Outlook, t: Floats, seed: int = 0, draws: int = DRAWS) -> Pred
     )  # fmt: skip
 
 
-def drawn_courses(look: Outlook, t: Floats, seed: int, draws: int) -> Floats:
+def drawn_courses(look: Outlook, t: FloatArray, seed: int, draws: int) -> FloatArray:
     """Places (M, T, N, 2) m of courses drawn from all that is uncertain, NaN once a ball is potted; no derivatives are
     needed for them."""
     after = np.maximum(t - look.t, 0.0)
@@ -133,7 +133,9 @@ def _drawn(look: Outlook, seconds: float, rng: np.random.Generator, draws: int) 
     ]
 
 
-def _linear(look: Outlook, central: Run, after: Floats, seconds: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _linear(
+    look: Outlook, central: Run, after: FloatArray, seconds: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Places and velocities (T, N, 4), covariance (T, N, 2, 2) of the places, and where (T,) the motion is sensitive.
 
     The path is the mean over the cushion laws; how they differ adds to what the derivatives carry.
@@ -152,7 +154,7 @@ def _linear(look: Outlook, central: Run, after: Floats, seconds: float) -> tuple
     return path, covariance, (size > SENSITIVE) | lost.any(axis=1)
 
 
-def _slopes(look: Outlook) -> Floats:
+def _slopes(look: Outlook) -> FloatArray:
     """Derivatives (9N + 17, D) of what a simulation starts from."""
     return np.stack(
         [
@@ -164,7 +166,7 @@ def _slopes(look: Outlook) -> Floats:
     )
 
 
-def _moments(states: Floats) -> tuple[Floats, Floats]:
+def _moments(states: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean (T, N, 4), and covariance (T, N, 2, 2) of the places, over courses (M, T, N, 4) that have the ball."""
     there = np.isfinite(states[..., 0])
     count = there.sum(axis=0)
@@ -206,7 +208,7 @@ def _parting(one: list[list[tuple[float, Meeting]]], other: list[list[tuple[floa
     return parted
 
 
-def _rests(look: Outlook, after: Floats, states: Floats) -> dict[Meeting, list[float]]:
+def _rests(look: Outlook, after: FloatArray, states: FloatArray) -> dict[Meeting, list[float]]:
     """When (s after the outlook) balls come to rest for good, one time per course where they do; to the next of the
     moments that are asked for."""
     moves = (states[..., 2] != 0) | (states[..., 3] != 0)  # a potted ball, NaN, never rests

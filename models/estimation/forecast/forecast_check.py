@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.forecast.current_state import NOISY_FROM
 from models.estimation.forecast.ensemble_prediction import Prediction
 from models.tracking.track_noise import estimate_noise, with_noise
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,13 +20,13 @@ class Hindsight:
 
     ball: NDArray[np.int64]
     """(K,) index into the balls of the prediction."""
-    t: Floats
+    t: FloatArray
     """(K,) s."""
-    error: Floats
+    error: FloatArray
     """(K,) m from the predicted path."""
-    sigma: Floats
+    sigma: FloatArray
     """(K,) m per axis, as predicted."""
-    level: Floats
+    level: FloatArray
     """(K,) share of the probability nearer to the middle, the noise of the sighting allowed for; NaN where the ball
     should be in a pocket."""
 

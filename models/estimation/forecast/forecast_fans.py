@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.errors import TrackError
 from models.core.events import Events
 from models.core.scene import Scene
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.forecast.current_state import outlook_at
 from models.estimation.forecast.ensemble_prediction import drawn_courses
 from models.estimation.forecast.forecast_values import Foresight, Foresights
-
-Floats = NDArray[np.float64]
 
 AHEAD = 1.5
 """s that a fan reaches."""
@@ -45,7 +43,7 @@ def foresee(tracks: Tracks, scene: Scene, events: Events) -> Foresights:
     return Foresights(tuple(fan for fan in fans if fan is not None))
 
 
-def viewpoints(events: Events, shown: Floats) -> list[float]:
+def viewpoints(events: Events, shown: FloatArray) -> list[float]:
     """Moments (s), each that of a picture, from which to look ahead."""
     sure = events.t[events.probability >= LIKELY]
     touched = [

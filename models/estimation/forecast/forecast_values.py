@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,9 +14,9 @@ class Foresight:
     t: float
     """s, from when one looks ahead."""
     ids: tuple[str, ...]
-    times: Floats
+    times: FloatArray
     """(K,) s"""
-    courses: Floats
+    courses: FloatArray
     """(M, K, N, 2) m; NaN once a ball is potted."""
 
 

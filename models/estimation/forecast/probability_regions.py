@@ -9,10 +9,9 @@ doi:10.1214/aoms/1177700079): it follows several courses at once, and no width h
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 FINEST = 1e-7
 """m: distances below are one place."""
@@ -20,13 +19,13 @@ _GOLDEN = np.pi * (3 - np.sqrt(5))
 """rad: turns that spread evenly."""
 
 
-def level_of_normal(apart: Floats, covariance: Floats) -> float:
+def level_of_normal(apart: FloatArray, covariance: FloatArray) -> float:
     """Level of a place `apart` (2,) m from the mean of a normal distribution with covariance (2, 2)."""
     known = covariance + FINEST**2 * np.eye(2)
     return float(1 - np.exp(-0.5 * apart @ np.linalg.solve(known, apart)))
 
 
-def level_by_neighbours(xy: Floats, draws: Floats, noise: Floats | None = None) -> float:
+def level_by_neighbours(xy: FloatArray, draws: FloatArray, noise: FloatArray | None = None) -> float:
     """Level of `xy` (2,), seen with errors of covariance `noise` (2, 2), among draws (M, 2); NaN below two of them."""
     if len(draws) < 2:
         return float("nan")
@@ -38,14 +37,14 @@ def level_by_neighbours(xy: Floats, draws: Floats, noise: Floats | None = None) 
     return float(np.mean(own[1:] < far[0]))
 
 
-def levels_by_neighbours(places: Floats, draws: Floats) -> Floats:
+def levels_by_neighbours(places: FloatArray, draws: FloatArray) -> FloatArray:
     """Levels (K,) of places (K, 2) among draws (M, 2), M >= 2."""
     far, own = _distances(draws, np.vstack([places, draws]))
     ranked = np.sort(own[len(places) :])
     return np.asarray(np.searchsorted(ranked, far[: len(places)]) / len(draws), np.float64)
 
 
-def outlyingness(courses: Floats) -> Floats:
+def outlyingness(courses: FloatArray) -> FloatArray:
     """Of courses (M, T, 2), NaN where one has ended: the share (M,) of them that stay nearer to the middle.
 
     The level of a place, averaged over a course; the courses of up to 0.9 are the 90 % that go with most others.
@@ -60,7 +59,7 @@ def outlyingness(courses: Floats) -> Floats:
     return np.asarray((np.argsort(np.argsort(mean, kind="stable"), kind="stable") + 0.5) / len(mean), np.float64)
 
 
-def _distances(draws: Floats, places: Floats) -> tuple[Floats, Floats]:
+def _distances(draws: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Of places (K, 2): distance to the k-th nearest draw, and to the next one, for places that are draws; k is the
     root of the number of draws."""
     k = min(max(round(np.sqrt(len(draws))), 1), len(draws) - 1)
@@ -68,7 +67,7 @@ def _distances(draws: Floats, places: Floats) -> tuple[Floats, Floats]:
     return found[:, 0] + FINEST, found[:, 1] + FINEST
 
 
-def _normal_pattern(count: int) -> Floats:
+def _normal_pattern(count: int) -> FloatArray:
     """(M, 2) points that lie as a standard normal distribution does, in an order that goes with nothing."""
     k = np.arange(count)
     radius = np.sqrt(-2 * np.log((np.random.default_rng(0).permutation(count) + 0.5) / count))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from models.core.fit_result import Trust
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from models.estimation.joint_fit.joint_refinement import ROLLING_RANGE, SLIDING_RANGE
 from models.physics.billiards.cloth.closed_form_motion import rolling_spin
 from models.physics.billiards.parameters import (
@@ -31,8 +32,6 @@ from models.physics.billiards.parameters import (
 )
 from models.physics.billiards.simulation.contact_resolution import rebound
 from models.physics.billiards.simulation.simulate_shot import Balls, Run, simulate
-
-Floats = NDArray[np.float64]
 
 PER_BALL = 7
 """Numbers of a ball: x, y (m), vx, vy, slip ux, uy, surface speed of its side spin R wz (m/s)."""
@@ -55,15 +54,15 @@ class Outlook:
     """s."""
     ids: tuple[str, ...]
     table: Table
-    mean: Floats
+    mean: FloatArray
     """(D,)"""
-    covariance: Floats
+    covariance: FloatArray
     """(D, D)"""
     moving: NDArray[np.bool_]
     """(N,)"""
     trust: Trust
     """in the fit that it comes from."""
-    laws: Floats
+    laws: FloatArray
     """(L,) probabilities of `CUSHION_LAWS`."""
 
     @property
@@ -76,7 +75,7 @@ class Outlook:
         """(2N,) columns of x and y of all balls."""
         return (PER_BALL * np.arange(len(self.ids))[:, None] + np.arange(2)).ravel()
 
-    def inputs(self, numbers: Floats, law: str) -> Floats:
+    def inputs(self, numbers: FloatArray, law: str) -> FloatArray:
         """What a simulation starts from (9N + 17,), in the order of `Run.columns`, out of D numbers."""
         n, shared = len(self.ids), numbers[-SHARED:]
         state, radius = numbers[:-SHARED].reshape(n, PER_BALL), self.table.ball_radius
@@ -93,7 +92,7 @@ class Outlook:
         p[[CUSHION_MU, SPIN_DECAY]] = np.exp(shared[12:14])
         return np.concatenate([balls.ravel(), p, size - radius - shared[5:9]])
 
-    def play(self, inputs: Floats, law: str, seconds: float) -> Run:
+    def play(self, inputs: FloatArray, law: str, seconds: float) -> Run:
         """The future from given inputs."""
         n = len(self.ids)
         columns = inputs[: 9 * n].reshape(n, 9)
@@ -102,7 +101,7 @@ class Outlook:
         return simulate(balls, self.table, Physics(p.copy(), NAMES, law, BALL_LAWS[2]), seconds, offsets)
 
 
-def law_probabilities(grip: float, sigma: float) -> Floats:
+def law_probabilities(grip: float, sigma: float) -> FloatArray:
     """(L,) of `CUSHION_LAWS`, by how far the cushions seen so far stopped a ball's spin about their own line."""
     apart = np.array([_grip(law) for law in CUSHION_LAWS]) - grip
     weight = np.exp(-0.5 * (apart**2 - (apart**2).min()) / (sigma**2 + GRIP_SCATTER**2))
@@ -122,7 +121,7 @@ def _restitution(law: str, returned: float) -> float:
 
 
 @cache
-def _returns(law: str) -> tuple[Floats, Floats]:
+def _returns(law: str) -> tuple[FloatArray, FloatArray]:
     """Restitutions (G,), and the share of its speed (G,) that a ball keeps which rolls at 1 m/s into a cushion."""
     grid = np.linspace(0.2, 1.0, 41)
     shares = np.array([_rolled_into(law, e)[0] for e in grid])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from models.core.scene import Table
 from models.core.tracks import Tracks
+from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Recording
 from models.estimation.gap_scenes.time_jumps import time_jumps
 from models.estimation.whole_shot.initial_states import beginning, strikes
@@ -21,9 +22,6 @@ from models.physics.billiards.simulation.parametrised_shot import Laws, slips
 from models.physics.billiards.simulation.simulated_shot import Run
 from models.physics.effect import Effect, Prior
 from models.physics.effects.catalogue import BILLIARDS, BILLIARDS_LAWS
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 USUAL_MODEL = (
     "rolling_resistance", "sliding_friction", "spin_decay", "cushion_restitution", "ball_restitution",
@@ -41,7 +39,7 @@ _RESTS = 1e-3
 class Picture:
     """How a table is filmed."""
 
-    middle: Floats
+    middle: FloatArray
     """(2,) m, of the picture."""
     height: float
     """m that its rows cover."""
@@ -85,13 +83,13 @@ class BilliardsScene:
         """From every strike to the next one."""
         return tuple(recording.rows(*rows) for rows in strikes(recording.places, recording.sigma))
 
-    def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: Mask | None = None) -> Shots:
+    def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: BoolArray | None = None) -> Shots:
         """Whole pieces; spin is carried over where one follows the other directly."""
         follows = [False, *(_follow_directly(one, other) for one, other in pairwise(pieces))]
         stretches = tuple(self._stretch(piece, after) for piece, after in zip(pieces, follows, strict=True))
         return Shots(stretches, self.table, self._priors(), Laws(*forms), view=self._view, wanted=wanted)
 
-    def covariates(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Covariates:
+    def covariates(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> Covariates:
         model = self.model((piece,), forms)
         run = model.run(0, start, shared)
         rows, balls = np.nonzero(piece.seen)
@@ -107,7 +105,7 @@ class BilliardsScene:
         image = (place - self.picture.middle) * self.picture.px_per_m
         return Covariates(phases, place, velocity, since[rows, balls], image)
 
-    def predict(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Floats:
+    def predict(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> FloatArray:
         return self.model((piece,), forms).path_seen(0, start, shared)
 
     @property
@@ -152,7 +150,7 @@ def billiards_scene(
     return BilliardsScene(table, shown, assumed, Laws() if laws is None else laws, jumps, held)
 
 
-def last_contacts(run: Run, t: Floats) -> tuple[Floats, NDArray[np.str_]]:
+def last_contacts(run: Run, t: FloatArray) -> tuple[FloatArray, NDArray[np.str_]]:
     """(T, N) s since each ball last touched something, NaN where it has not; (T, N) `ball`, `cushion` or empty."""
     since = np.full((len(t), len(run.balls.ids)), np.nan)
     kind = np.full(since.shape, "", dtype="<U7")

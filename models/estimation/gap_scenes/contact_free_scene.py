@@ -15,15 +15,15 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Mask, Recording
+from models.core.typing import BoolArray, FloatArray
+from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Recording
 from models.estimation.multiple_shooting.shooting_windows import Flow, Glance, Window
 from models.physics.effect import Effect, EffectKind, Prior
 
-Floats = NDArray[np.float64]
 Numbers = NDArray[np.float64] | NDArray[np.complex128]
 Force = Callable[[Numbers, Numbers, Numbers, Numbers], None]
 """(place (D,), velocity (D,), parameters (P,), acceleration (D,) to be filled); compiled, for real and complex."""
-March = Callable[[Numbers, Numbers, Floats, float], Numbers]
+March = Callable[[Numbers, Numbers, FloatArray, float], Numbers]
 
 LONGEST = 1 / 200
 """s of one step: the fourth-order error of a pendulum of 1 Hz is then below 1e-8 in a second."""
@@ -133,22 +133,24 @@ class SmoothScene:
     def stretches(self, recording: Recording) -> tuple[Recording, ...]:
         return (recording,) if recording.seen.any(axis=0).all() else ()
 
-    def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: Mask | None = None) -> SmoothModel:
+    def model(
+        self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: BoolArray | None = None
+    ) -> SmoothModel:
         everything = np.ones(sum(len(effect.parameters) for effect in self.effects), bool)
         return SmoothModel(self, pieces, everything if wanted is None else wanted)
 
-    def covariates(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Covariates:
+    def covariates(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> Covariates:
         rows, bodies = np.nonzero(piece.seen)
         states = self._states(piece, start, shared)
         half = states.shape[1] // 2
         place, velocity = states[rows, :half, bodies], states[rows, half:, bodies]
         return Covariates((self.phase,) * len(rows), place, velocity, np.full(len(rows), np.nan), None)
 
-    def predict(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Floats:
+    def predict(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> FloatArray:
         states = self._states(piece, start, shared)
         return np.asarray(np.moveaxis(states[:, : states.shape[1] // 2], 1, 2))
 
-    def _states(self, piece: Recording, start: Floats, shared: Floats) -> Floats:
+    def _states(self, piece: Recording, start: FloatArray, shared: FloatArray) -> FloatArray:
         """(T, 2D, N)"""
         bodies = len(piece.bodies)
         starts = np.ascontiguousarray(start.reshape(bodies, -1).T)
@@ -162,7 +164,7 @@ class SmoothModel:
 
     scene: SmoothScene
     pieces: tuple[Recording, ...]
-    wanted: Mask
+    wanted: BoolArray
     windows: tuple[Window, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -172,7 +174,7 @@ class SmoothModel:
     def unknowns(self) -> tuple[Prior, ...]:
         return tuple(prior for effect in self.scene.effects for prior in effect.parameters)
 
-    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
         piece = self.pieces[window]
         bodies, asked = len(piece.bodies), np.flatnonzero(self.wanted)
         size = len(start) // bodies
@@ -186,7 +188,7 @@ class SmoothModel:
         states = np.asarray(flat, np.complex128).reshape(len(piece.t), size, bodies, columns)
         return self._flow(piece, states[:, : size // 2], size, asked, len(shared))
 
-    def glance(self, window: int, start: Floats, shared: Floats) -> Glance:
+    def glance(self, window: int, start: FloatArray, shared: FloatArray) -> Glance:
         piece = self.pieces[window]
         with np.errstate(over="ignore", invalid="ignore"):  # a trial that flies off is rejected
             places = self.scene.predict(piece, start, shared, ())
@@ -222,7 +224,7 @@ def _window(piece: Recording) -> Window:
     return Window(piece.shot, piece.t[rows], who.astype(np.int64), start, np.full(len(start), np.inf))
 
 
-def _guess(piece: Recording, body: int) -> Floats:
+def _guess(piece: Recording, body: int) -> FloatArray:
     """(2D,) place and velocity at the first row, from a line through the first rows seen, a parabola where many are."""
     own = np.flatnonzero(piece.seen[:, body])[:_FIRST]
     degree = min(2 if len(own) >= 8 else 1, len(own) - 1)

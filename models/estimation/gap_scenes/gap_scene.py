@@ -11,14 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.multiple_shooting.shooting_windows import Model
 from models.physics.effect import Effect
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,15 +22,15 @@ class Recording:
     """What was seen of one shot, or of a piece of it: T rows in time, N bodies, D coordinates."""
 
     shot: int
-    frame: Ints
+    frame: IntArray
     """(T,) pictures, growing."""
-    t: Floats
+    t: FloatArray
     """(T,) s, growing."""
     bodies: tuple[str, ...]
     """N names, the same ones in every piece of a shot."""
-    places: Floats
+    places: FloatArray
     """(T, N, D) in the unit of the scene; NaN where a body was not seen, in all of its coordinates."""
-    sigma: Floats
+    sigma: FloatArray
     """(T, N) standard deviation of each coordinate; the scene whitens with it."""
 
     def __post_init__(self) -> None:
@@ -45,7 +41,7 @@ class Recording:
             raise ValueError("a recording needs one name per body, and times that grow")
 
     @property
-    def seen(self) -> Mask:
+    def seen(self) -> BoolArray:
         """(T, N)"""
         return np.asarray(np.isfinite(self.places).all(axis=2))
 
@@ -75,13 +71,13 @@ class Covariates:
 
     phase: tuple[str, ...]
     """(K,) free_roll, after_strike, ball_contact, cushion_contact, rest, flight, swing, slide, ..."""
-    place: Floats
+    place: FloatArray
     """(K, D)"""
-    velocity: Floats
+    velocity: FloatArray
     """(K, D)"""
-    since_contact: Floats
+    since_contact: FloatArray
     """(K,) s since the body last touched anything; NaN where it has not."""
-    image: Floats | None
+    image: FloatArray | None
     """(K, 2) px right of and below the middle of the picture; None without a picture."""
 
 
@@ -128,7 +124,7 @@ class GapScene(Protocol):
         """The pieces between interventions from outside (a strike, a hand), in which the motion runs on its own."""
         ...
 
-    def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: Mask | None = None) -> Model:
+    def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: BoolArray | None = None) -> Model:
         """One window per piece, in their order, started at its first row; pieces that follow each other directly in one
         shot may be linked.
 
@@ -138,11 +134,11 @@ class GapScene(Protocol):
         """
         ...
 
-    def covariates(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Covariates:
+    def covariates(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> Covariates:
         """Of the observations of a piece, simulated from `start` (S,) with all parameters `shared` (P,)."""
         ...
 
-    def predict(self, piece: Recording, start: Floats, shared: Floats, forms: tuple[str, ...]) -> Floats:
+    def predict(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> FloatArray:
         """(T, N, D) where every body would be seen at every row of the piece, seen or not."""
         ...
 
@@ -157,11 +153,11 @@ class Eventful(Protocol):
         ...
 
 
-def neutral_values(scene: GapScene) -> Floats:
+def neutral_values(scene: GapScene) -> FloatArray:
     """(P,) all parameters of the catalogue, every effect absent."""
     return np.array([value for effect in scene.effects for value in effect.neutral], dtype=np.float64)
 
 
-def parameters_of(scene: GapScene, names: tuple[str, ...]) -> Mask:
+def parameters_of(scene: GapScene, names: tuple[str, ...]) -> BoolArray:
     """(P,) True for the parameters of the effects named."""
     return np.array([effect.name in names for effect in scene.effects for _ in effect.parameters], dtype=bool)

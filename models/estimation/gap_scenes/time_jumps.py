@@ -10,12 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.tracks import Tracks
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from models.core.typing import FloatArray
 
 _SIDE = 6
 """pictures on either side: a parabola holds over twice as many."""
@@ -61,7 +58,7 @@ def time_jumps(tracks: Tracks, interval: float, scale: float = 1.0, expected: bo
     return tuple(sorted(found, key=lambda jump: jump.after))
 
 
-def with_pauses(t: Floats, jumps: tuple[TimeJump, ...], interval: float) -> Floats:
+def with_pauses(t: FloatArray, jumps: tuple[TimeJump, ...], interval: float) -> FloatArray:
     """Times (T,) as they were when the pictures were taken."""
     taken = t.copy()
     for jump in jumps:
@@ -69,7 +66,7 @@ def with_pauses(t: Floats, jumps: tuple[TimeJump, ...], interval: float) -> Floa
     return taken
 
 
-def _jump_after(tracks: Tracks, times: Floats, row: int, interval: float, scale: float, expected: bool) -> TimeJump:
+def _jump_after(tracks: Tracks, times: FloatArray, row: int, interval: float, scale: float, expected: bool) -> TimeJump:
     """The pause after `row` that all moving balls together support best; no gain where none does."""
     rows = np.arange(max(row - _SIDE + 1, 0), min(row + _SIDE + 1, len(times)))
     if row - rows[0] + 1 < _SIDE - 1 or rows[-1] - row < _SIDE - 1:
@@ -103,14 +100,14 @@ def _parts(before: int, count: int) -> list[slice]:
     return sorted(parts, key=lambda part: part.start - part.stop)
 
 
-def _goes_on(t: Floats, xy: Floats, before: int) -> bool:
+def _goes_on(t: FloatArray, xy: FloatArray, before: int) -> bool:
     """Whether samples (n,) move alike in the first `before` of them and afterwards."""
     one = (xy[before - 1] - xy[0]) / (t[before - 1] - t[0])
     two = (xy[-1] - xy[before]) / (t[-1] - t[before])
     return float(one @ two) > _KEPT * max(float(one @ one), float(two @ two))
 
 
-def _misfits(t: Floats, xy: Floats, sigma: Floats, before: int, interval: float) -> Floats:
+def _misfits(t: FloatArray, xy: FloatArray, sigma: FloatArray, before: int, interval: float) -> FloatArray:
     """chi2 (0 .. _MOST lost) of a parabola through samples (n,), of which `before` come before the pause."""
     found = np.empty(_MOST + 1)
     for lost in range(_MOST + 1):

@@ -9,14 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_solution import Data
 from models.estimation.segmentation.contact_graph import Contact, Story, after_merging
 from models.physics.billiards.cloth.closed_form_motion import Friction, kinematics
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 RESTITUTION = 0.95
 """Ball against ball, 0.92 to 0.98 (Alciatore, TP A-6)."""
@@ -37,8 +34,8 @@ class Hit:
     t: float
     a: int
     b: int
-    after_a: Floats
-    after_b: Floats
+    after_a: FloatArray
+    after_b: FloatArray
 
 
 def cascade(story: Story, friction: Friction, a: int, b: int, t: float, horizon: float, radius: float) -> list[Hit]:
@@ -63,7 +60,7 @@ def cascade(story: Story, friction: Friction, a: int, b: int, t: float, horizon:
     return hits
 
 
-def _collide(state: Floats, i: int, j: int) -> None:
+def _collide(state: FloatArray, i: int, j: int) -> None:
     """Equal masses exchange velocity along the line of centres; the slip changes as the velocity does."""
     line = state[j, :2] - state[i, :2]
     line = line / max(float(np.hypot(*line)), 1e-9)
@@ -73,7 +70,7 @@ def _collide(state: Floats, i: int, j: int) -> None:
         state[j, part] += push
 
 
-def _next_pair(x: Floats, v: Floats, reach: float) -> tuple[float, int, int]:
+def _next_pair(x: FloatArray, v: FloatArray, reach: float) -> tuple[float, int, int]:
     """s until the next two balls of x (N, 2) m and v (N, 2) m/s meet, and which; those that overlap meet at once."""
     d, u = x[None] - x[:, None], v[None] - v[:, None]
     du, uu, dd = (d * u).sum(axis=2), (u * u).sum(axis=2), (d * d).sum(axis=2)
@@ -89,7 +86,9 @@ def _next_pair(x: Floats, v: Floats, reach: float) -> tuple[float, int, int]:
     return float(wait[i, j]), i, j
 
 
-def with_hits(story: Story, friction: Friction, data: Data, owner: Ints, hits: list[Hit], slack: float) -> Story | None:
+def with_hits(
+    story: Story, friction: Friction, data: Data, owner: IntArray, hits: list[Hit], slack: float
+) -> Story | None:
     """The story with all `hits`; None where it cannot take them.
 
     A change of velocity of a ball without a cause that is `slack` s near to its last hit becomes that hit. `owner` (K,)
@@ -150,7 +149,7 @@ def _coming(story: Story, ball: int, t: float, slack: float) -> int:
     return span_before(story, ball, t) if loose is None else story.contacts[loose].before[0]
 
 
-def _shortened(story: Story, data: Data, owner: Ints, k: int, t: float) -> Story:
+def _shortened(story: Story, data: Data, owner: IntArray, k: int, t: float) -> Story:
     """Span k as its samples before t tell it, where these are few: the rest of them belongs to what follows."""
     rows = np.flatnonzero((owner == k) & (data.t < t))
     v = _slope(data, rows)
@@ -164,7 +163,7 @@ def _shortened(story: Story, data: Data, owner: Ints, k: int, t: float) -> Story
     return Story(tuple(spans), story.contacts)
 
 
-def _as_seen(state: Floats, data: Data, owner: Ints, k: int, t: float) -> Floats:
+def _as_seen(state: FloatArray, data: Data, owner: IntArray, k: int, t: float) -> FloatArray:
     """A foreseen state (8,) with the velocity that the samples of span k after t tell."""
     v = _slope(data, np.flatnonzero((owner == k) & (data.t >= t))[:AROUND])
     if v is None:
@@ -175,20 +174,20 @@ def _as_seen(state: Floats, data: Data, owner: Ints, k: int, t: float) -> Floats
     return seen
 
 
-def _slope(data: Data, rows: Ints) -> Floats | None:
+def _slope(data: Data, rows: IntArray) -> FloatArray | None:
     """Velocity (2,) of a line through samples; None through fewer than two."""
     if len(rows) < 2:
         return None
     tau = data.t[rows] - data.t[rows].mean()
-    v: Floats = tau @ (data.xy[rows] - data.xy[rows].mean(axis=0)) / (tau @ tau)
+    v: FloatArray = tau @ (data.xy[rows] - data.xy[rows].mean(axis=0)) / (tau @ tau)
     return v
 
 
-def state_at(story: Story, friction: Friction, k: int, t: float) -> Floats:
+def state_at(story: Story, friction: Friction, k: int, t: float) -> FloatArray:
     """Position, velocity, slip (6,) of a span at t."""
     span = story.spans[k]
     if span.static:
         return np.concatenate([span.state[:2], np.zeros(4)])
     tau = np.array([max(t - story.begin(k), 0.0)])
-    state: Floats = kinematics(span.state[None], tau, friction)[0]
+    state: FloatArray = kinematics(span.state[None], tau, friction)[0]
     return state

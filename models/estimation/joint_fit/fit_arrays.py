@@ -6,17 +6,13 @@ from dataclasses import replace
 from typing import NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.joint_fit.fit_solution import SHARED, Solution, layout
 from models.estimation.segmentation.contact_graph import ContactKind, Story
 from models.numerics.jit import compiled
 from models.physics.billiards.cloth.closed_form_motion import Friction
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 STRIKE, BALL, CUSHION, FREE, JUMP, BURST = range(6)
 """Kinds of contacts, in the order of `ContactKind`."""
@@ -28,30 +24,30 @@ NONE = -1
 class Skeleton(NamedTuple):
     """Of S spans and C contacts: which joins which, and where their P numbers stand among those sought."""
 
-    ball: Ints
+    ball: IntArray
     """(S,)"""
-    static: Flags
+    static: BoolArray
     """(S,)"""
-    start: Ints
+    start: IntArray
     """(S,) contact that begins a span, and `end` (S,) that ends it; NONE where there is none."""
-    end: Ints
-    t0: Floats
+    end: IntArray
+    t0: FloatArray
     """(S,) s: where a span without a start begins."""
-    kind: Ints
+    kind: IntArray
     """(C,)"""
-    before: Ints
+    before: IntArray
     """(C, 2) spans that end at a contact, and `after` (C, 2) that begin; NONE for a second ball that is not there."""
-    after: Ints
-    side: Ints
+    after: IntArray
+    side: IntArray
     """(C,) which cushion; NONE for other contacts."""
-    driven: Flags
+    driven: BoolArray
     """(C,)"""
-    pushed: Flags
+    pushed: BoolArray
     """(C,)"""
-    leaves: Floats
+    leaves: FloatArray
     """(C, 6) states in which balls leave bursts; `whiten` (C, 6, 6) takes what is off to standard deviations."""
-    whiten: Floats
-    column: Ints
+    whiten: FloatArray
+    column: IntArray
     """(S,) first number of a span."""
     first_contact: int
     first_shared: int
@@ -61,11 +57,11 @@ class Skeleton(NamedTuple):
 class Numbers(NamedTuple):
     """What is sought."""
 
-    state: Floats
+    state: FloatArray
     """(S, 8) at the starts of spans."""
-    t: Floats
+    t: FloatArray
     """(C,) s of contacts."""
-    shared: Floats
+    shared: FloatArray
     """(10,) friction of sliding and rolling, diameter, four noses, three of the rubber."""
 
 
@@ -127,10 +123,10 @@ def finishes(bones, t):  # type: ignore[no-untyped-def]
     return at
 
 
-def _numbered(numbers: list[int | None]) -> Ints:
+def _numbered(numbers: list[int | None]) -> IntArray:
     return np.array([NONE if number is None else number for number in numbers], np.int64)
 
 
-def _paired(spans: list[tuple[int, ...]]) -> Ints:
+def _paired(spans: list[tuple[int, ...]]) -> IntArray:
     """Span numbers (C, 2) of one or two balls."""
     return np.array([(*some, NONE)[:2] for some in spans], np.int64).reshape(-1, 2)

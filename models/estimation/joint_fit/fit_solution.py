@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray, IntArray
 from models.estimation.segmentation.contact_graph import Story
 from models.numerics.jit import compiled
 from models.physics.billiards.cloth.closed_form_motion import STATE, Friction, kinematics
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 
 FOREVER = 100.0
 """s: every ball rests by then."""
@@ -24,10 +20,10 @@ FOREVER = 100.0
 class Data:
     """What was seen, one row per observation, sorted by ball and time."""
 
-    ball: Ints
-    t: Floats
-    xy: Floats
-    whiten: Floats
+    ball: IntArray
+    t: FloatArray
+    xy: FloatArray
+    whiten: FloatArray
     """(K, 2, 2): takes a residual in m to standard deviations."""
 
 
@@ -39,14 +35,14 @@ class Solution:
     friction: Friction
     diameter: float
     """factor on two radii."""
-    nose: Floats
+    nose: FloatArray
     """(4,) m, where centres turn, beyond one radius from each nose; > 0 towards the table."""
-    rubber: Floats
+    rubber: FloatArray
     """(3,) of all cushions: restitution of a slow ball, its change with speed in s/m, and grip: how far the nose stops
     the spin about the line of the cushion, 0 not at all, 1 until it does not slip."""
     chi2: float
     """robust, with pseudo-observations."""
-    covariance: Floats
+    covariance: FloatArray
     """(P, P) of the packed parameters, see `Layout`; empty until `refinement.with_covariance` gives it."""
 
 
@@ -54,7 +50,7 @@ class Solution:
 class Layout:
     """Where each number stands in the packed vector."""
 
-    span: Ints
+    span: IntArray
     """(S,) first column; a static span has two numbers, a moving one eight."""
     contact: int
     """column of the time of the first contact."""
@@ -83,10 +79,10 @@ def layout(story: Story) -> Layout:
     return Layout(starts[:-1], contact, contact + len(story.contacts), contact + len(story.contacts) + SHARED)
 
 
-def owners(story: Story, data: Data) -> Ints:
+def owners(story: Story, data: Data) -> IntArray:
     """Which span each observation belongs to, by time (K,)."""
     begins = np.array([story.begin(k) for k in range(len(story.spans))], np.float64)
-    owner: Ints = owners_among(np.array([span.ball for span in story.spans], np.int64), begins, data.ball, data.t)
+    owner: IntArray = owners_among(np.array([span.ball for span in story.spans], np.int64), begins, data.ball, data.t)
     return owner
 
 
@@ -115,7 +111,7 @@ def owners_among(span_ball, begin, ball, t):  # type: ignore[no-untyped-def]
     return owner
 
 
-def residuals(solution: Solution, data: Data) -> Floats:
+def residuals(solution: Solution, data: Data) -> FloatArray:
     """Measured minus fitted (K, 2) in m."""
     story = solution.story
     owner = owners(story, data)
@@ -126,11 +122,11 @@ def residuals(solution: Solution, data: Data) -> Floats:
     return data.xy - np.where(static[:, None], states[:, :2], fitted)
 
 
-def end_state(solution: Solution, k: int) -> Floats:
+def end_state(solution: Solution, k: int) -> FloatArray:
     """Position, velocity, slip (6,) of a span where it ends."""
     span = solution.story.spans[k]
     if span.static:
         return np.concatenate([span.state[:2], np.zeros(4)])
     tau = np.array([min(solution.story.finish(k) - solution.story.begin(k), FOREVER)])
-    state: Floats = kinematics(span.state[None], tau, solution.friction)[0]
+    state: FloatArray = kinematics(span.state[None], tau, solution.friction)[0]
     return state

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
 from models.core.scene import Table
+from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import (
     DIAMETER,
     NONE,
@@ -31,9 +31,6 @@ from models.estimation.joint_fit.physics_priors import ROLLING_PRIOR, RUBBER, SL
 from models.estimation.segmentation.contact_graph import Story
 from models.numerics.jit import compiled
 from models.physics.billiards.cloth.closed_form_motion import STATE, Friction, differentiate_one
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SLIDING_RANGE, ROLLING_RANGE = (0.05, 0.5), (0.002, 0.04)
 """What no cloth exceeds, polished or wet."""
@@ -59,10 +56,10 @@ HUBER = 2.5
 class _Linear:
     """Residuals and their derivatives at one place."""
 
-    residual: Floats
+    residual: FloatArray
     """(2K + M,) in standard deviations: of the observations, then of what is known."""
-    slope: Floats
-    columns: Ints
+    slope: FloatArray
+    columns: IntArray
     """(K, 2, 11) and (K, 11): of the observations, and at which of the P columns; -1 for none."""
     known: Rows
     """What physics and priors say."""
@@ -114,7 +111,7 @@ def with_covariance(solution: Solution, data: Data, table: Table) -> Solution:
     return replace(solution, covariance=_solved(normal, np.eye(bones.size), 0.0))
 
 
-def _solved(normal: Floats, right: Floats, damping: float) -> Floats:
+def _solved(normal: FloatArray, right: FloatArray, damping: float) -> FloatArray:
     """Solution (P, ...) of damped normal equations (P, P), where nothing is known about a number too.
 
     Scaled to a unit diagonal, so that one ridge far above rounding makes every finite matrix invertible: contacts
@@ -131,7 +128,7 @@ def _solved(normal: Floats, right: Floats, damping: float) -> Floats:
     return np.asarray((found.T * scale).T, dtype=np.float64)
 
 
-def _robust(residual: Floats, observed: int) -> tuple[Floats, float]:
+def _robust(residual: FloatArray, observed: int) -> tuple[FloatArray, float]:
     """Weights (rows,) and cost: Huber over the pairs of the first `observed` rows, squares for the rest."""
     size = np.linalg.norm(residual[:observed].reshape(-1, 2), axis=1)
     inner = np.minimum(size, HUBER)
@@ -142,7 +139,7 @@ def _robust(residual: Floats, observed: int) -> tuple[Floats, float]:
     return weight, cost
 
 
-def _normal(linear: _Linear, weight: Floats, size: int) -> tuple[Floats, Floats]:
+def _normal(linear: _Linear, weight: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
     """Normal matrix (P, P) and gradient (P,)."""
     observed = linear.slope.shape[0] * 2
     normal, gradient, known = np.zeros((size, size)), np.zeros(size), linear.known
@@ -178,7 +175,7 @@ def _accumulate(slope, columns, residual, weight, normal, gradient):  # type: ig
                         normal[row, columns[k, j]] += scaled * slope[k, axis, j]
 
 
-def _moved(bones: Skeleton, now: Numbers, step: Floats) -> Numbers:
+def _moved(bones: Skeleton, now: Numbers, step: FloatArray) -> Numbers:
     """The numbers after a step (P,).
 
     No contact moves by more than 20 ms at once, nor most of the way to another one of its balls; no coefficient by
@@ -225,7 +222,7 @@ def _keep_apart(moves, bones, begin, finish):  # type: ignore[no-untyped-def]
         moves *= share
 
 
-def _in_order(bones: Skeleton, t: Floats) -> bool:
+def _in_order(bones: Skeleton, t: FloatArray) -> bool:
     """Do all spans last?"""
     return bool(np.all(finishes(bones, t) > begins(bones, t) + SHORTEST))
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import (
     BALL,
     BURST,
@@ -33,9 +33,6 @@ from models.estimation.joint_fit.segment_priors import enter, say_of_span, say_o
 from models.numerics.jit import compiled
 from models.physics.billiards.cloth.closed_form_motion import STATE, differentiate_one
 from models.physics.effects.catalogue import prior_of
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _PRIORS = {
     name: prior_of(name, parameter)
@@ -87,13 +84,13 @@ MOST_NUMBERS = 48
 class Rows:
     """M pseudo-observations in standard deviations, and their derivatives by few of P numbers each, row by row."""
 
-    residual: Floats
+    residual: FloatArray
     """(M,)"""
-    slope: Floats
+    slope: FloatArray
     """(E,) derivatives of all rows, one after the other."""
-    column: Ints
+    column: IntArray
     """(E,) which number each is of."""
-    first: Ints
+    first: IntArray
     """(M + 1,) where each row begins."""
 
 

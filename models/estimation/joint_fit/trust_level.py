@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.fit_result import Light, Trust
+from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import Data, Solution, owners, residuals
-
-Floats = NDArray[np.float64]
 
 WORST_CHI2 = 4.0
 """per degree of freedom of a span, against the noise that the samples themselves show."""
@@ -24,7 +23,7 @@ GREEN_SHARE, AMBER_SHARE = 0.9, 0.6
 """of the moving time that accepted fits explain."""
 
 
-def span_chi2(solution: Solution, data: Data) -> tuple[Floats, Floats, NDArray[np.int64]]:
+def span_chi2(solution: Solution, data: Data) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
     """Robust chi2 per number of each span (S,), its RMS residual in m (S,), and its samples (S,)."""
     story = solution.story
     miss = residuals(solution, data)

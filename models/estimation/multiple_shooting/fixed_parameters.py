@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from models.core.typing import BoolArray, FloatArray
 from models.estimation.multiple_shooting.shooting_windows import Flow, Glance, Model, Window, glance, narrowed
 from models.physics.effect import Prior
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,9 +14,9 @@ class Held:
     """The unknowns of `model` that are `free`, the others at the values `shared`."""
 
     model: Model
-    shared: Floats
+    shared: FloatArray
     """(P,) values; those of free numbers are not used."""
-    free: Mask
+    free: BoolArray
     """(P,)"""
     priors: tuple[Prior, ...]
     """(P,) what is known of all numbers beforehand."""
@@ -34,16 +29,16 @@ class Held:
     def windows(self) -> tuple[Window, ...]:
         return self.model.windows
 
-    def whole(self, shared: Floats) -> Floats:
+    def whole(self, shared: FloatArray) -> FloatArray:
         """(P,) all numbers, from the free ones."""
         values = self.shared.copy()
         values[self.free] = shared
         return values
 
-    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
         return self._freed(self.model.flow(window, start, self.whole(shared)))
 
-    def glance(self, window: int, start: Floats, shared: Floats) -> Glance | Flow:
+    def glance(self, window: int, start: FloatArray, shared: FloatArray) -> Glance | Flow:
         found = glance(self.model, window, start, self.whole(shared))
         return found if isinstance(found, Glance) else self._freed(found)
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 _SHORT = 4
 """values of a series below which it says nothing about neighbours."""
 
 
-def correlation_factor(series: list[Floats]) -> float:
+def correlation_factor(series: list[FloatArray]) -> float:
     """1 + 2 (rho_1 + rho_2 + ...) of residuals (K, d) per body: the factor by which the variance of a mean exceeds
     that of independent residuals; at least 1.
 
@@ -31,7 +28,7 @@ def correlation_factor(series: list[Floats]) -> float:
     return max(1.0, 1 + 2 * total)
 
 
-def _autocovariance(series: list[Floats], lag: int) -> float:
+def _autocovariance(series: list[FloatArray], lag: int) -> float:
     """Mean product of residuals `lag` apart, over all series."""
     products = [float((one[lag:] * one[: len(one) - lag]).sum()) for one in series if len(one) > lag]
     count = sum(one[lag:].size for one in series if len(one) > lag)

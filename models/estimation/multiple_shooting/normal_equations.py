@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shared_parameters import prior_cost, slopes
 from models.estimation.multiple_shooting.shooting_problem import (
     UNSEEN,
@@ -22,8 +22,6 @@ from models.estimation.multiple_shooting.shooting_windows import Flow, Glance, M
 from models.estimation.multiple_shooting.state_elimination import ShotBlock
 from models.numerics.jit import compiled
 
-Floats = NDArray[np.float64]
-
 HUBER = 2.5
 """standard deviations where the loss of an observation turns linear."""
 
@@ -36,13 +34,13 @@ def sloped_everywhere(problem: Problem, point: Attempt) -> tuple[Attempt, list[S
     return with_parts(problem, point, parts), [block for _, block in found]
 
 
-def _sloped_part(problem: Problem, part: Part, shared: Floats, shot: int) -> tuple[Part, ShotBlock]:
+def _sloped_part(problem: Problem, part: Part, shared: FloatArray, shot: int) -> tuple[Part, ShotBlock]:
     point = with_slopes(problem, of_part(problem, part, shared, shot), shot)
     sloped = part_of(problem, point, shot)
     return replace(sloped, flows=tuple(map(in_order, sloped.flows))), normal_block(problem, point, shot)
 
 
-def glanced(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Attempt:
+def glanced(problem: Problem, starts: tuple[FloatArray, ...], shared: FloatArray) -> Attempt:
     """Simulate every window, without slopes where the model can leave them out."""
     point = Attempt(starts, shared, (UNSEEN,) * len(starts), np.zeros(len(problem.shots) + 1))
     shots = range(len(problem.shots))
@@ -52,7 +50,7 @@ def glanced(problem: Problem, starts: tuple[Floats, ...], shared: Floats) -> Att
     return point
 
 
-def _glanced_part(problem: Problem, part: Part, shared: Floats, shot: int) -> Part:
+def _glanced_part(problem: Problem, part: Part, shared: FloatArray, shot: int) -> Part:
     own = zip(problem.shots[shot], part.starts, strict=True)
     flows = tuple(in_order(glance(problem.model, k, start, shared)) for k, start in own)
     point = of_part(problem, replace(part, flows=flows), shared, shot)
@@ -76,7 +74,7 @@ def first_share(window: Window, share: float) -> int:
     return int(np.searchsorted(window.t, first + share * (last - first), side="right"))
 
 
-def huber(misfit: Floats) -> tuple[Floats, float]:
+def huber(misfit: FloatArray) -> tuple[FloatArray, float]:
     """Weight of each observation (K,) and cost of misfits (K, d); a flow that is not finite costs infinitely much."""
     weight, loss = np.empty(len(misfit)), np.empty(len(misfit))
     if not _bounded(misfit, weight, loss):
@@ -117,7 +115,7 @@ def normal_blocks(problem: Problem, point: Attempt) -> list[ShotBlock]:
     return by_shot(problem, _block_of_part, point, range(len(problem.shots)))
 
 
-def _block_of_part(problem: Problem, part: Part, shared: Floats, shot: int) -> ShotBlock:
+def _block_of_part(problem: Problem, part: Part, shared: FloatArray, shot: int) -> ShotBlock:
     return normal_block(problem, of_part(problem, part, shared, shot), shot)
 
 
@@ -132,7 +130,7 @@ def states_block(problem: Problem, point: Attempt, shot: int, share: float) -> S
     return _block(problem, with_slopes(problem, point, shot, problem.of_states), shot, share, np.empty(0))
 
 
-def _block(problem: Problem, point: Attempt, shot: int, share: float, scale: Floats) -> ShotBlock:
+def _block(problem: Problem, point: Attempt, shot: int, share: float, scale: FloatArray) -> ShotBlock:
     """Of the first `share` of the windows of a shot, by its states and the first shared numbers; `scale` (P,) are the
     slopes of these by their coordinates."""
     numbers = problem.shots[shot]
@@ -161,7 +159,9 @@ def sloped(point: Attempt, k: int) -> Flow:
     return flow
 
 
-def _link(block: ShotBlock, here: slice, before: slice, sigma: Floats, point: Attempt, k: int, scale: Floats) -> None:
+def _link(
+    block: ShotBlock, here: slice, before: slice, sigma: FloatArray, point: Attempt, k: int, scale: FloatArray
+) -> None:
     """Continuity of the start of window `k` with the end of the window before."""
     tied = np.flatnonzero(np.isfinite(sigma))
     flow = sloped(point, k - 1)

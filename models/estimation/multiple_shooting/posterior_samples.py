@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.normal_equations import glanced, sloped_everywhere
 from models.estimation.multiple_shooting.shared_parameters import bounds, prior_knowledge, values_of
 from models.estimation.multiple_shooting.shooting_problem import Problem
 from models.estimation.multiple_shooting.shooting_windows import Model
 from models.estimation.multiple_shooting.state_elimination import LEAST_KNOWN
 
-Floats = NDArray[np.float64]
-Starts = tuple[Floats, ...]
+Starts = tuple[FloatArray, ...]
 
 
 def drawn(
-    model: Model, starts: Starts, shared: Floats, count: int, wider: float, rng: np.random.Generator
-) -> list[tuple[Starts, Floats]]:
+    model: Model, starts: Starts, shared: FloatArray, count: int, wider: float, rng: np.random.Generator
+) -> list[tuple[Starts, FloatArray]]:
     """`count` starts and shared numbers about a fit of one shot, `wider` times as far off as it leaves them open.
 
     Gaussian in the coordinates of the search: what is far from linear, such as which ball is met first, differs
@@ -40,10 +39,10 @@ def drawn(
     ]
 
 
-def _noise(information: Floats, count: int, rng: np.random.Generator) -> Floats:
+def _noise(information: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
     """(count, M) normal numbers whose inverse covariance is `information` (M, M); what nothing tells stays."""
     scale = np.sqrt(np.maximum(np.diag(information), LEAST_KNOWN))
     sizes, axes = np.linalg.eigh(information / scale / scale[:, None])
     spread = np.where(sizes > len(sizes) * np.finfo(float).eps, 1 / np.sqrt(np.maximum(sizes, 1e-300)), 0.0)
-    drawn: Floats = (rng.standard_normal((count, len(sizes))) * spread) @ axes.T / scale
+    drawn: FloatArray = (rng.standard_normal((count, len(sizes))) * spread) @ axes.T / scale
     return drawn

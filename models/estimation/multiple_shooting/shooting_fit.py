@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.fit_result import Parameter
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.multiple_shooting.normal_equations import (
     glanced,
@@ -42,8 +43,6 @@ from models.estimation.multiple_shooting.shooting_windows import Model, glance
 from models.estimation.multiple_shooting.state_elimination import ShotBlock, eliminate, log_determinant, solved
 from models.numerics.executor import ALONE, Crew
 from models.physics.effect import Prior
-
-Floats = NDArray[np.float64]
 
 UNDETERMINED = 0.8
 """share of the prior's standard deviation above which the data did not determine a number."""
@@ -79,11 +78,11 @@ class ShootingOptions:
 class Shooting:
     """The best-fitting starts and shared numbers."""
 
-    starts: tuple[Floats, ...]
+    starts: tuple[FloatArray, ...]
     """per window (S,)."""
-    shared: Floats
+    shared: FloatArray
     """(P,)"""
-    covariance: Floats
+    covariance: FloatArray
     """(P, P) of the shared numbers, scaled by the lack of fit; in their own units."""
     prior_only: NDArray[np.bool_]
     """(P,) True where the data did not determine a number: its value and error are mostly the prior's."""
@@ -96,21 +95,21 @@ class Shooting:
     as promised, so that only evidences of the same data compare."""
     inflation: float
     """>= 1: factor on variances for residuals larger than promised, and alike from one moment to the next."""
-    start_covariances: tuple[Floats, ...]
+    start_covariances: tuple[FloatArray, ...]
     """per window (S, S), the shared numbers free."""
     converged: bool
 
     @property
-    def sigma(self) -> Floats:
+    def sigma(self) -> FloatArray:
         """(P,) standard deviations of the shared numbers."""
         return np.sqrt(np.diag(self.covariance))
 
 
 def shoot(
     model: Model,
-    shared: Floats | None = None,
+    shared: FloatArray | None = None,
     options: ShootingOptions = ShootingOptions(),
-    starts: tuple[Floats, ...] | None = None,
+    starts: tuple[FloatArray, ...] | None = None,
     anew: bool = False,
     crew: Crew = ALONE,
 ) -> Shooting:
@@ -183,7 +182,7 @@ def _mended(problem: Problem, before: Attempt, trial: Attempt, settling: int) ->
     return with_parts(problem, trial, dict(zip(worse, parts, strict=True)))
 
 
-def _settled_part(problem: Problem, part: Part, shared: Floats, shot: int, iterations: int) -> Part:
+def _settled_part(problem: Problem, part: Part, shared: FloatArray, shot: int, iterations: int) -> Part:
     return part_of(problem, _settled(problem, of_part(problem, part, shared, shot), shot, iterations), shot)
 
 
@@ -211,16 +210,16 @@ def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: 
 def _begun_part(
     problem: Problem,
     part: Part,
-    shared: Floats,
+    shared: FloatArray,
     shot: int,
     options: ShootingOptions,
-    more: tuple[tuple[Floats, ...], ...],
+    more: tuple[tuple[FloatArray, ...], ...],
 ) -> Part:
     return part_of(problem, _begun(problem, of_part(problem, part, shared, shot), shot, options, more), shot)
 
 
 def _begun(
-    problem: Problem, now: Attempt, shot: int, options: ShootingOptions, more: tuple[tuple[Floats, ...], ...] = ()
+    problem: Problem, now: Attempt, shot: int, options: ShootingOptions, more: tuple[tuple[FloatArray, ...], ...] = ()
 ) -> Attempt:
     """The states of one shot from the best of its first guesses, those in `more` (starts of all windows) among them;
     what the others of a window guess differently stands beside what is known of the rest by now."""
@@ -244,7 +243,7 @@ def _begun(
     return min([best, *slow], key=lambda one: float(one.costs[shot]))
 
 
-def _guessed(problem: Problem, now: Attempt, shot: int, starts: tuple[Floats, ...]) -> Attempt:
+def _guessed(problem: Problem, now: Attempt, shot: int, starts: tuple[FloatArray, ...]) -> Attempt:
     """The same, with other starts in one shot."""
     flows, costs = list(now.flows), now.costs.copy()
     for k in problem.shots[shot]:
@@ -276,17 +275,17 @@ def _stepped(problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: f
 
 def _full_step(
     problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: float
-) -> tuple[Floats, list[Floats], Floats]:
+) -> tuple[FloatArray, list[FloatArray], FloatArray]:
     """Steps of the shared numbers (P,) and of the states of every shot, and the gradient by the former (P,)."""
     scale, prior_h, prior_g = prior_knowledge(problem.model.unknowns, now.shared)
     coordinates, low, high = bounds(problem.model.unknowns, now.shared)
-    gradient: Floats = prior_g + sum(block.shared_gradient for block in blocks)
+    gradient: FloatArray = prior_g + sum(block.shared_gradient for block in blocks)
     held = ((coordinates <= low) & (gradient > 0)) | ((coordinates >= high) & (gradient < 0))
     reach = np.maximum(low - coordinates, -_STRIDE / scale), np.minimum(high - coordinates, _STRIDE / scale)
     return *eliminate(blocks, np.diag(prior_h), prior_g, damping, held, reach), gradient
 
 
-def _with_states(problem: Problem, now: Attempt, shot: int, step: Floats) -> Attempt:
+def _with_states(problem: Problem, now: Attempt, shot: int, step: FloatArray) -> Attempt:
     starts, offset = list(now.starts), 0
     for k in problem.shots[shot]:
         size = len(starts[k])
@@ -318,7 +317,7 @@ def _result(problem: Problem, point: Attempt, converged: bool) -> Shooting:
     )
 
 
-def _log_evidence(problem: Problem, point: Attempt, blocks: list[ShotBlock], prior: Floats) -> float:
+def _log_evidence(problem: Problem, point: Attempt, blocks: list[ShotBlock], prior: FloatArray) -> float:
     """Laplace: the height of the maximum times its width, over the widths of what was known beforehand; a state that
     nothing is known of beforehand counts with a width of 1 in its unit."""
     information = prior + sum(block.reduced() for block in blocks)
@@ -346,10 +345,10 @@ def _lack_of_fit(problem: Problem, point: Attempt) -> tuple[float, float]:
 
 
 def _start_covariances(
-    problem: Problem, point: Attempt, blocks: list[ShotBlock], shared: Floats, inflation: float
-) -> tuple[Floats, ...]:
+    problem: Problem, point: Attempt, blocks: list[ShotBlock], shared: FloatArray, inflation: float
+) -> tuple[FloatArray, ...]:
     """(S, S) per window: what its shot leaves open, and what the shared numbers' errors add."""
-    found: list[Floats] = [np.empty((0, 0))] * len(problem.windows)
+    found: list[FloatArray] = [np.empty((0, 0))] * len(problem.windows)
     for numbers, block in zip(problem.shots, blocks, strict=True):
         inner = solved(block.states, np.eye(len(block.gradient)), 0.0) * inflation
         response = solved(block.states, block.coupling, 0.0)

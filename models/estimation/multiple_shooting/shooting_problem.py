@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_windows import Flow, Glance, Model, Window, narrowed
 from models.numerics.executor import ALONE, Crew
-
-Floats = NDArray[np.float64]
 
 UNSEEN = Glance(np.empty((0, 1)), np.empty(0))
 """of a window that was not simulated."""
@@ -22,13 +20,13 @@ UNSEEN = Glance(np.empty((0, 1)), np.empty(0))
 class Attempt:
     """Starts of all windows and shared numbers, simulated."""
 
-    starts: tuple[Floats, ...]
+    starts: tuple[FloatArray, ...]
     """per window (S,)."""
-    shared: Floats
+    shared: FloatArray
     """(P,)"""
     flows: tuple[Flow | Glance, ...]
     """without slopes where none were asked for yet."""
-    costs: Floats
+    costs: FloatArray
     """per shot (Q,); the prior of the shared numbers comes last."""
 
     @property
@@ -69,7 +67,7 @@ def problem_of(model: Model, crew: Crew = ALONE) -> Problem:
 class Part:
     """What an attempt makes of one shot: of each of its windows, in their order."""
 
-    starts: tuple[Floats, ...]
+    starts: tuple[FloatArray, ...]
     flows: tuple[Flow | Glance, ...]
     cost: float
 
@@ -96,7 +94,7 @@ def by_shot(problem: Problem, work: Callable[..., Any], point: Attempt, shots: S
     return problem.crew.each(problem, work, jobs)
 
 
-def of_part(problem: Problem, part: Part, shared: Floats, shot: int) -> Attempt:
+def of_part(problem: Problem, part: Part, shared: FloatArray, shot: int) -> Attempt:
     """An attempt in which one shot is simulated; all others are as they are first guessed, and cost nothing."""
     starts = [window.start for window in problem.windows]
     costs = np.zeros(len(problem.shots) + 1)

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, IntArray
 from models.physics.effect import Prior
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SENSITIVE = 40.0
 """|dx/dx0| beyond which a window should have ended: a millimetre at its start is four centimetres there."""
@@ -24,18 +21,18 @@ class Window:
 
     shot: int
     """Windows of one shot stand next to each other, in the order of time."""
-    t: Floats
+    t: FloatArray
     """(K,) s, when each observation was made, growing."""
-    body: Ints
+    body: IntArray
     """(K,) what was observed: residuals of one body are neighbours in time."""
-    start: Floats
+    start: FloatArray
     """(S,) first guess of the state, and what is known of it beforehand."""
-    sigma: Floats
+    sigma: FloatArray
     """(S,) standard deviation of that knowledge; infinite where nothing is known."""
-    link: Floats | None = None
+    link: FloatArray | None = None
     """(S,) standard deviation of the change of state since the end of the window before, infinite where anything may
     have happened; None where a shot begins."""
-    others: tuple[Floats, ...] = ()
+    others: tuple[FloatArray, ...] = ()
     """(S,) each: other first guesses, where what is hidden leaves several; the one that fits best is taken."""
 
     def __post_init__(self) -> None:
@@ -49,17 +46,17 @@ class Window:
 class Flow:
     """What a simulation of one window predicts; d numbers per observation, P shared numbers."""
 
-    misfit: Floats
+    misfit: FloatArray
     """(K, d) predicted minus observed, in standard deviations."""
-    by_start: Floats
+    by_start: FloatArray
     """(K, d, S)"""
-    by_shared: Floats
+    by_shared: FloatArray
     """(K, d, P)"""
-    end: Floats
+    end: FloatArray
     """(S',) state where the next window of the shot begins, as that window counts it."""
-    end_by_start: Floats
+    end_by_start: FloatArray
     """(S', S)"""
-    end_by_shared: Floats
+    end_by_shared: FloatArray
     """(S', P)"""
     order: Hashable = ()
     """What happened, in its order; where two flows differ in it, derivatives of one tell nothing about the other."""
@@ -69,9 +66,9 @@ class Flow:
 class Glance:
     """A flow without its slopes: enough to say what a trial costs."""
 
-    misfit: Floats
+    misfit: FloatArray
     """(K, d)"""
-    end: Floats
+    end: FloatArray
     """(S',)"""
     order: Hashable = ()
 
@@ -87,7 +84,7 @@ class Model(Protocol):
     @property
     def windows(self) -> tuple[Window, ...]: ...
 
-    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
         """Simulate window number `window` from `start` (S,) with `shared` (P,)."""
         ...
 
@@ -99,9 +96,9 @@ def narrowed(model: Model) -> Model:
     return model if narrow is None else narrow()
 
 
-def glance(model: Model, window: int, start: Floats, shared: Floats) -> Glance | Flow:
+def glance(model: Model, window: int, start: FloatArray, shared: FloatArray) -> Glance | Flow:
     """What a model predicts: by its own `glance`, quicker than `flow`, where it has one."""
-    look: Callable[[int, Floats, Floats], Glance | Flow] = getattr(model, "glance", model.flow)
+    look: Callable[[int, FloatArray, FloatArray], Glance | Flow] = getattr(model, "glance", model.flow)
     return look(window, start, shared)
 
 
@@ -121,7 +118,7 @@ def in_order(flow: Flow | Glance) -> Flow | Glance:
     )
 
 
-def sensitive_from(by_start: Floats, limit: float = SENSITIVE) -> int:
+def sensitive_from(by_start: FloatArray, limit: float = SENSITIVE) -> int:
     """First of K observations that hangs on the start by more than `limit`, from slopes (K, d, S'); K if none does."""
     if by_start.size == 0:
         return len(by_start)

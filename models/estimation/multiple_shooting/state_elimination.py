@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 LEAST_KNOWN = 1e-6
 """1/variance of a number that nothing tells, in its own unit."""
@@ -25,15 +25,15 @@ RIDGE = 1e-10
 class ShotBlock:
     """Sums over the rows of one shot; M numbers of state, P shared ones."""
 
-    states: Floats
+    states: FloatArray
     """(M, M)"""
-    coupling: Floats
+    coupling: FloatArray
     """(M, P)"""
-    shared: Floats
+    shared: FloatArray
     """(P, P)"""
-    gradient: Floats
+    gradient: FloatArray
     """(M,)"""
-    shared_gradient: Floats
+    shared_gradient: FloatArray
     """(P,)"""
 
     @classmethod
@@ -43,7 +43,7 @@ class ShotBlock:
             np.zeros(states), np.zeros(shared),
         )  # fmt: skip
 
-    def add(self, where: slice, by_states: Floats, by_shared: Floats, residual: Floats) -> None:
+    def add(self, where: slice, by_states: FloatArray, by_shared: FloatArray, residual: FloatArray) -> None:
         """Rows with slopes (R, m) by the states at `where`, (R, P) by the shared numbers, and residuals (R,)."""
         self.states[where, where] += by_states.T @ by_states
         self.coupling[where] += by_states.T @ by_shared
@@ -51,24 +51,24 @@ class ShotBlock:
         self.gradient[where] += by_states.T @ residual
         self.shared_gradient += by_shared.T @ residual
 
-    def know(self, where: slice, residual: Floats, sigma: Floats) -> None:
+    def know(self, where: slice, residual: FloatArray, sigma: FloatArray) -> None:
         """The states at `where` are known to be `residual` (m,) off, to `sigma` (m,); infinite: nothing is known."""
         told = 1 / sigma
         np.einsum("ii->i", self.states)[where] += told * told
         self.gradient[where] += told * (residual / sigma)
 
-    def reduced(self) -> Floats:
+    def reduced(self) -> FloatArray:
         """(P, P) what the shot tells of the shared numbers, its states unknown."""
         return self.shared - self.coupling.T @ solved(self.states, self.coupling, 0.0)
 
 
-def log_determinant(normal: Floats) -> float:
+def log_determinant(normal: FloatArray) -> float:
     """Of normal equations (M, M), what nothing tells left out."""
     known = np.diag(normal) > LEAST_KNOWN
     return float(np.linalg.slogdet(normal[np.ix_(known, known)])[1])
 
 
-def solved(normal: Floats, right: Floats, damping: float) -> Floats:
+def solved(normal: FloatArray, right: FloatArray, damping: float) -> FloatArray:
     """Solution (M, ...) of damped normal equations (M, M), also where nothing is known about a number.
 
     Scaled to a unit diagonal, so that one small ridge makes every finite matrix invertible.
@@ -92,12 +92,12 @@ def solved(normal: Floats, right: Floats, damping: float) -> Floats:
 
 def eliminate(
     blocks: list[ShotBlock],
-    prior: Floats,
-    prior_gradient: Floats,
+    prior: FloatArray,
+    prior_gradient: FloatArray,
     damping: float,
     held: NDArray[np.bool_],
-    reach: tuple[Floats, Floats] | None = None,
-) -> tuple[Floats, list[Floats]]:
+    reach: tuple[FloatArray, FloatArray] | None = None,
+) -> tuple[FloatArray, list[FloatArray]]:
     """Levenberg-Marquardt step of the shared numbers (P,), those `held` (P,) kept, and of each shot's states (M,).
 
     `reach`: least and largest step of each shared number (P,); the states follow the step that is left.

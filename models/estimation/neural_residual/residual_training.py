@@ -10,16 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.fixed_parameters import Held
 from models.estimation.multiple_shooting.shooting_fit import Shooting, ShootingOptions, shoot
 from models.estimation.neural_residual.residual_windows import ResidualChains, residual_priors
 from models.estimation.whole_shot.cushion_chains import SCATTER, Leg
 from models.physics.effect import Prior
-
-Floats = NDArray[np.float64]
 
 GAIN = 0.1
 """share of the error on unseen shots that a residual has to take away."""
@@ -44,9 +42,9 @@ class Residual:
     """whether it predicted the shots that stopped it better by `GAIN`."""
     trained_weights: tuple[Prior, ...]
     """for `ResidualChains`."""
-    trained: Floats
+    trained: FloatArray
     """(P,) physics, then weights, of the best round."""
-    physics: Floats
+    physics: FloatArray
     """(8,) fitted without it."""
     error_without: float
     """m, typical open-loop miss of the shots that stopped it."""
@@ -64,7 +62,7 @@ class Residual:
         return self.trained_weights if self.on else ()
 
     @property
-    def shared(self) -> Floats:
+    def shared(self) -> FloatArray:
         """(P,) as delivered: physics, then the weights where it is on."""
         return self.trained if self.on else self.physics
 
@@ -92,7 +90,7 @@ def train_residual(
     return Residual(on, weights, shared, physics.shared, without, error)
 
 
-def prediction_errors(model: ResidualChains, shared: Floats, lead: float = LEAD) -> Floats:
+def prediction_errors(model: ResidualChains, shared: FloatArray, lead: float = LEAD) -> FloatArray:
     """(C,) m, RMS miss of each chain, open loop, from `lead` s after its first sample and for `HORIZON` s.
 
     The start of each chain is fitted to its first `lead` s; cushions and spin then follow from the model alone.
@@ -104,12 +102,12 @@ def prediction_errors(model: ResidualChains, shared: Floats, lead: float = LEAD)
     return np.array([np.sqrt(np.mean(misses**2)) for misses in whole if len(misses)])
 
 
-def typical(errors: Floats) -> float:
+def typical(errors: FloatArray) -> float:
     """Geometric mean of errors (C,): a shot that went another way counts once; NaN of nothing."""
     return float(np.exp(np.mean(np.log(np.maximum(errors, 1e-6))))) if len(errors) else float("nan")
 
 
-def _trained(model: ResidualChains, unseen: tuple[Leg, ...], physics: Shooting) -> tuple[float, Floats]:
+def _trained(model: ResidualChains, unseen: tuple[Leg, ...], physics: Shooting) -> tuple[float, FloatArray]:
     """The least error on unseen legs in all rounds, and the shared numbers there."""
     shared = np.concatenate([physics.shared, [prior.value for prior in model.weights]])
     starts, best = physics.starts, (float("inf"), shared)
@@ -125,7 +123,7 @@ def _trained(model: ResidualChains, unseen: tuple[Leg, ...], physics: Shooting) 
     return best
 
 
-def _missed(chain: ResidualChains, shared: Floats, lead: float) -> Floats:
+def _missed(chain: ResidualChains, shared: FloatArray, lead: float) -> FloatArray:
     """Of one chain."""
     first = chain.legs[0]
     early = first.t <= first.t[0] + lead if len(first.t) else np.empty(0, bool)
@@ -133,8 +131,8 @@ def _missed(chain: ResidualChains, shared: Floats, lead: float) -> Floats:
         return np.empty(0)
     seen = replace(first, t=first.t[early], xy=first.xy[early], whiten=first.whiten[early], bounce=None)
     lone = replace(chain, legs=(seen,))
-    misses: list[Floats] = []
-    starts: tuple[Floats, ...] | None = None
+    misses: list[FloatArray] = []
+    starts: tuple[FloatArray, ...] | None = None
     for model, options in ((lone.without(), _START), (lone, _POLISH)):  # the physics alone is the faster to search with
         count = len(model.unknowns)
         held = Held(model, shared[:count], np.zeros(count, bool), model.unknowns)

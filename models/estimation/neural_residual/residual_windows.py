@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_windows import Flow, Window
 from models.estimation.neural_residual.corrected_derivatives import glides, hops
 from models.estimation.neural_residual.corrected_motion import (
@@ -28,8 +28,6 @@ from models.estimation.whole_shot.cushion_chains import SCATTER, CushionChains, 
 from models.physics.billiards.ball_cushion import mirror
 from models.physics.billiards.parameters import CUSHION_LAWS, neutral
 from models.physics.effect import Prior
-
-Floats = NDArray[np.float64]
 
 WANDERING = 0.5
 """Prior standard deviation of a hidden weight about its seeded place, in units of its input's range."""
@@ -63,7 +61,7 @@ class ResidualChains:
         """Sliding mu, rolling mu, cushion e, cushion mu, one nose per cushion, then the weights."""
         return (self.known or chain_priors()) + self.weights
 
-    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
         """Positions of a leg, and where the next one begins."""
         leg = self.legs[window]
         value, slope = self.glide(start, leg.t - leg.begin, shared)
@@ -77,14 +75,14 @@ class ResidualChains:
             end, end_slope[:, :7], end_slope[:, 7:],
         )  # fmt: skip
 
-    def glide(self, start: Floats, tau: Floats, shared: Floats) -> tuple[Floats, Floats]:
+    def glide(self, start: FloatArray, tau: FloatArray, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
         """States (K, 7) at tau (K,) s after a start (7,), with slopes (K, 7, 7 + P) by start and shared numbers."""
         value, slope = np.empty((len(tau), 7)), np.empty((len(tau), 7, 7 + len(shared)))
         size = np.array([self.table.length, self.table.width])
         glides(start, tau, shared, neutral(), self.table.ball_radius, size, value, slope)
         return value, slope
 
-    def hop(self, leg: Leg, start: Floats, until: float, shared: Floats) -> tuple[Floats, Floats, bool]:
+    def hop(self, leg: Leg, start: FloatArray, until: float, shared: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
         """State (7,) at `until` s beyond the cushion that ends a leg, slopes (7, 7 + P), whether the ball came there.
 
         A ball that turns or stops before the cushion goes on as if there were none.
@@ -103,8 +101,8 @@ class ResidualChains:
         return value, slope, bool(met)
 
     def _beyond(
-        self, leg: Leg, start: Floats, value: Floats, slope: Floats, until: float, shared: Floats
-    ) -> tuple[Floats, Floats]:
+        self, leg: Leg, start: FloatArray, value: FloatArray, slope: FloatArray, until: float, shared: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """State (7,) at `until` s and slopes (7, 7 + P), from where the ball was seen last."""
         if len(leg.t) == 0:
             return self.hop(leg, start, until, shared)[:2]

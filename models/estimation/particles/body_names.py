@@ -6,18 +6,15 @@ import re
 from collections import Counter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, IntArray
 from models.estimation.rigid_bodies.body_clusters import keep_their_distances
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LEAST = 3
 """points that make a body."""
 
 
-def named_bodies(ids: tuple[str, ...], x: Floats) -> Ints | None:
+def named_bodies(ids: tuple[str, ...], x: FloatArray) -> IntArray | None:
     """(N,) bodies of points x (T, N, D): those that share a name up to its last - . or _, and keep their distances.
 
     A point alone in its name is a body of its own. None where no name says anything.

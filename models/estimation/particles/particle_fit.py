@@ -13,14 +13,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, IntArray
 from models.estimation.rigid_bodies.body_clusters import groups
 from models.estimation.rigid_bodies.rigid_body_fit import fit_boxes
 from models.estimation.springs.latent_inference import infer
 from models.neural.common.spline_methods import akima, spline
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Motion = Callable[[Floats], Floats]
+Motion = Callable[[FloatArray], FloatArray]
 """times (M,) s to places (M, N, D)."""
 
 LEAST_SAMPLES = 4
@@ -37,11 +36,11 @@ MOST_BODIES = 200
 class Particles:
     """N particles at T times in D axes; NaN where one was not seen."""
 
-    t: Floats
+    t: FloatArray
     """(T,) s, growing."""
-    x: Floats
+    x: FloatArray
     """(T, N, D)"""
-    body: Ints | None = None
+    body: IntArray | None = None
     """(N,) which particles are fixed to the same rigid body, where that is known."""
 
     def __post_init__(self) -> None:
@@ -64,7 +63,7 @@ class Explained:
     kind: str
     """springs, collisions, free flight, rigid bodies, or the name of a curve."""
     motion: Motion
-    sigma: Floats
+    sigma: FloatArray
     """(N,) standard deviation of a coordinate between two samples."""
     numbers: dict[str, float]
     """What was found of the physics, by name; empty for a curve."""
@@ -102,7 +101,7 @@ def sprung(particles: Particles) -> Explained | None:
     return Explained(kind, lambda t: latent.at(t)[:, 0], sigma, numbers, errors, latent.untold)
 
 
-def _meet(x: Floats) -> bool:
+def _meet(x: FloatArray) -> bool:
     """Whether two particles (T, N, D) are ever seen at the same place, where no spring has a direction."""
     apart = np.linalg.norm(x[:, :, None] - x[:, None], axis=3)
     return bool(np.any(np.triu(apart == 0, 1)))
@@ -133,7 +132,7 @@ def curve_through(degree: int | None) -> Fit:
     return fit
 
 
-def collided(particles: Particles, labels: Ints) -> tuple[Motion, dict[str, float]]:
+def collided(particles: Particles, labels: IntArray) -> tuple[Motion, dict[str, float]]:
     """Rigid bodies that push each other (`models.boxes`)."""
     found = fit_boxes(particles.t, particles.x, labels)
     world = found.world
@@ -142,7 +141,7 @@ def collided(particles: Particles, labels: Ints) -> tuple[Motion, dict[str, floa
     return found.at, numbers
 
 
-def between(particles: Particles, fit: Fit) -> Floats:
+def between(particles: Particles, fit: Fit) -> FloatArray:
     """(N,) root mean square error of a fit at every other sample, hidden from it; infinite where too few are left."""
     rows = np.arange(len(particles.t)) % 2 == 0
     hidden, seen = ~rows & (particles.t < particles.t[rows][-1]), particles.seen

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.estimation.particles.particle_fit import Explained, Fit, Floats, Motion, Particles, fits, sprung
+from models.core.typing import FloatArray
+from models.estimation.particles.particle_fit import Explained, Fit, Motion, Particles, fits, sprung
 
 MOMENTS = (0.5, 0.75)
 """of the samples: from there what follows is foretold, and compared."""
@@ -25,11 +26,11 @@ class Foretold:
 
     kind: str
     """springs, collisions, free flight, rigid bodies, falling or straight on."""
-    t: Floats
+    t: FloatArray
     """(M,) s"""
-    x: Floats
+    x: FloatArray
     """(M, N, D)"""
-    sigma: Floats
+    sigma: FloatArray
     """(M,) standard deviation of a coordinate."""
     numbers: dict[str, float]
     """What was found of the physics, by name."""
@@ -47,12 +48,12 @@ class Growth:
     scale: float
     power: float
 
-    def at(self, lead: Floats) -> Floats:
+    def at(self, lead: FloatArray) -> FloatArray:
         """(M,) after leads (M,) s."""
         return np.asarray(np.hypot(self.floor, self.scale * lead**self.power), np.float64)
 
 
-def foretell(past: Particles, t: Floats) -> Foretold:
+def foretell(past: Particles, t: FloatArray) -> Foretold:
     """Places at times t (M,) after the last sample."""
     springs = sprung(past)
     if springs is not None:
@@ -77,7 +78,7 @@ def going_on(degree: int) -> Fit:
     """The polynomial through the last samples of each particle, of degree 1 with half as many samples as of 2."""
 
     def fit(past: Particles) -> tuple[Motion, dict[str, float]]:
-        curves: list[Callable[[Floats], Floats]] = []
+        curves: list[Callable[[FloatArray], FloatArray]] = []
         for k, there in enumerate(past.seen.T):
             recent = np.flatnonzero(there)[-(RECENT * degree // 2) :]
             last = past.t[recent[-1]]
@@ -87,15 +88,15 @@ def going_on(degree: int) -> Fit:
     return fit
 
 
-def _polynomial(coefficients: Floats, begin: float) -> Callable[[Floats], Floats]:
-    def curve(t: Floats) -> Floats:
+def _polynomial(coefficients: FloatArray, begin: float) -> Callable[[FloatArray], FloatArray]:
+    def curve(t: FloatArray) -> FloatArray:
         powers = (t - begin)[:, None] ** np.arange(len(coefficients) - 1, -1, -1)
         return np.asarray(powers @ coefficients, np.float64)
 
     return curve
 
 
-def misses(past: Particles, fit: Fit) -> tuple[Floats, Floats]:
+def misses(past: Particles, fit: Fit) -> tuple[FloatArray, FloatArray]:
     """Leads (L,) s and root mean square errors (L,) over coordinates, foretold from `MOMENTS` of the past."""
     leads, errors = [], []
     for share in MOMENTS:
@@ -111,7 +112,7 @@ def misses(past: Particles, fit: Fit) -> tuple[Floats, Floats]:
     return (np.concatenate(leads), np.concatenate(errors)) if leads else (np.empty(0), np.empty(0))
 
 
-def growth_of(leads: Floats, errors: Floats, past: Particles) -> Growth:
+def growth_of(leads: FloatArray, errors: FloatArray, past: Particles) -> Growth:
     """How errors (L,) grow with the lead (L,) s: a power law through them. Where there are none, everything is
     uncertain by the extent of the motion."""
     there = (leads > 0) & (errors > 0)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from models.core.typing import FloatArray
 from models.estimation.springs.dense_shooting import (
     Chain,
     Prediction,
@@ -22,8 +22,6 @@ from models.estimation.springs.dense_shooting import (
     relaxed,
 )
 from models.physics.pendulum.double_pendulum import LIKELY, flow, moved
-
-Floats = NDArray[np.float64]
 
 ANGLE_NOISE = 1e-3
 """rad: of a good encoder, or of a marker seen from near."""
@@ -42,23 +40,23 @@ PRIOR = np.array([0.5, 0.7, 0.7, 0.7, 0.3, 0.3, 1.0, 1.0, 0.05, 0.05])
 class ArmChain:
     """Two arms as a chain of states at K samples."""
 
-    spans: Floats
+    spans: FloatArray
     """(K - 1,) s"""
 
-    def allowed(self, shared: Floats) -> Floats:
+    def allowed(self, shared: FloatArray) -> FloatArray:
         """Frictions take energy; the inertia matrix stays positive."""
         found = shared.copy()
         found[4:] = np.clip(found[4:], 0.0, None)
         found[0] = min(found[0], 0.5 * found[1] - 0.02)
         return found
 
-    def numbers(self, shared: Floats) -> Floats:
+    def numbers(self, shared: FloatArray) -> FloatArray:
         """(10,) of coordinates."""
         found = shared.copy()
         found[POSITIVE] = np.exp(shared[POSITIVE])
         return found
 
-    def predict(self, states: Floats, shared: Floats) -> Prediction:
+    def predict(self, states: FloatArray, shared: FloatArray) -> Prediction:
         """Where every state is at the next sample."""
         numbers = self.numbers(shared)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -72,18 +70,18 @@ class ArmChain:
 class Swing:
     """A fitted double pendulum."""
 
-    t: Floats
+    t: FloatArray
     """(K,) s"""
-    states: Floats
+    states: FloatArray
     """(K, 4) angles and angular velocities at the samples."""
-    numbers: Floats
+    numbers: FloatArray
     """(10,) as `models.physics.pendulum.double_pendulum.NAMES`."""
-    sigma: Floats
+    sigma: FloatArray
     """(10,)"""
-    misfit: Floats
+    misfit: FloatArray
     """(4,) root mean square of where the motion from a sample misses the next one: rad, rad/s."""
 
-    def at(self, t: Floats) -> Floats:
+    def at(self, t: FloatArray) -> FloatArray:
         """States (M, 4) at times between the first and the last sample, or after it."""
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
         following = np.minimum(k + 1, len(self.t) - 1)
@@ -95,7 +93,7 @@ class Swing:
         return np.asarray((1 - weight) * ahead.real + weight * back.real, np.float64)
 
 
-def swing(t: Floats, angles: Floats, noise: float = ANGLE_NOISE) -> Swing:
+def swing(t: FloatArray, angles: FloatArray, noise: float = ANGLE_NOISE) -> Swing:
     """The pendulum behind two absolute angles (K, 2) rad at t (K,) s, 0 hanging, not wrapped.
 
     Raises `ValueError` where there are too few samples.
@@ -115,7 +113,7 @@ def swing(t: Floats, angles: Floats, noise: float = ANGLE_NOISE) -> Swing:
     return _swing(t, model, seen, chain)
 
 
-def _problem(t: Floats, angles: Floats, noise: float) -> tuple[ArmChain, Seen, Floats]:
+def _problem(t: FloatArray, angles: FloatArray, noise: float) -> tuple[ArmChain, Seen, FloatArray]:
     states = np.concatenate([angles, CubicSpline(t, angles).derivative()(t)], axis=1)
     weight = np.zeros_like(states)
     weight[:, :2] = 1 / noise
@@ -126,7 +124,7 @@ def _problem(t: Floats, angles: Floats, noise: float) -> tuple[ArmChain, Seen, F
     return ArmChain(np.diff(t)), seen, states
 
 
-def _swing(t: Floats, model: ArmChain, seen: Seen, chain: Chain) -> Swing:
+def _swing(t: FloatArray, model: ArmChain, seen: Seen, chain: Chain) -> Swing:
     numbers = model.numbers(chain.shared)
     sigma = np.sqrt(np.diag(np.linalg.inv(information(normal_equations(seen, chain)))))
     sigma[POSITIVE] *= numbers[POSITIVE]

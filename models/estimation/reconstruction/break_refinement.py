@@ -4,7 +4,6 @@ where the play has it."""
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
 from models.core.trajectory import Trajectory
@@ -18,8 +17,6 @@ from models.estimation.reconstruction.event_list import Happening
 from models.estimation.reconstruction.trajectory_assembly import Piece, shifted
 from models.estimation.segmentation.contact_graph import Contact, Story
 from models.estimation.structure_search.rack_detection import racks, rests_from
-
-Floats = NDArray[np.float64]
 
 WORST_CHI2 = 20.0
 """per degree of freedom, robust: a play that misses more explains nothing."""

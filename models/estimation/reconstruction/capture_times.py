@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 
 from models.core.capture_clock import Clock
 from models.core.tracks import Tracks
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from models.core.typing import FloatArray, IntArray
 
 WINDOW = 9
 """samples that share a parabola: fewer let the clock drift within a few windows, more are cut by contacts."""
@@ -55,15 +53,15 @@ STEPS, ANNEALED = 12, 4
 class _Windows:
     """W runs of `WINDOW` successive samples of a ball on its way."""
 
-    row: Ints
+    row: IntArray
     """(W, 9) pictures."""
-    way: Floats
+    way: FloatArray
     """(W, 9) m along the mean direction."""
-    sigma: Floats
+    sigma: FloatArray
     """(W,) m, one standard deviation along the way."""
-    across: Floats
+    across: FloatArray
     """(W, 9) m, beside it."""
-    sigma_across: Floats
+    sigma_across: FloatArray
     """(W,) m."""
 
     def part(self, rows: NDArray[np.bool_]) -> _Windows:
@@ -100,7 +98,7 @@ def _windows(tracks: Tracks) -> _Windows:
     return _Windows(rows, (off @ u[..., None])[..., 0], along, (off @ beside[..., None])[..., 0], sigma)
 
 
-def _steady(tracks: Tracks) -> tuple[Ints, Ints]:
+def _steady(tracks: Tracks) -> tuple[IntArray, IntArray]:
     """Balls (W,) and pictures (W, 9) of the windows."""
     balls, windows = [], []
     for ball in range(len(tracks.ids)):
@@ -113,7 +111,7 @@ def _steady(tracks: Tracks) -> tuple[Ints, Ints]:
     return np.array(balls, dtype=np.int64), np.array(windows, dtype=np.int64).reshape(-1, WINDOW)
 
 
-def _goes_on(xy: Floats, sigma: Floats) -> bool:
+def _goes_on(xy: FloatArray, sigma: FloatArray) -> bool:
     """Whether samples xy (9, 2) m get on from each to the next, straight and without starting or stopping."""
     steps = np.diff(xy, axis=0)
     length, whole = np.hypot(*steps.T), xy[-1] - xy[0]
@@ -123,7 +121,7 @@ def _goes_on(xy: Floats, sigma: Floats) -> bool:
     return bool(straight.min() > STRAIGHT)
 
 
-def _scaled(windows: _Windows, t: Floats, floor: float) -> _Windows:
+def _scaled(windows: _Windows, t: FloatArray, floor: float) -> _Windows:
     """The windows with sigmas as the samples scatter across the way, where no clock shows."""
     left, _ = _left_over(t[windows.row], np.full(len(windows.row), np.inf))
     chi2 = _quadratic(left, windows.across) / windows.sigma_across**2
@@ -131,7 +129,7 @@ def _scaled(windows: _Windows, t: Floats, floor: float) -> _Windows:
     return replace(windows, sigma=np.hypot(windows.sigma * factor, floor))
 
 
-def _left_over(t: Floats, bend: Floats) -> tuple[Floats, Floats]:
+def _left_over(t: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Q (W, 9, 9) and D (W, 9, 9) for samples x at t (W, 9) on a parabola through them.
 
     x Q x is the sum of the squares of what it misses, and of its bend; D x are its velocities. `bend` (W,) is the
@@ -144,31 +142,31 @@ def _left_over(t: Floats, bend: Floats) -> tuple[Floats, Floats]:
     normal = turned @ basis
     normal[:, 2, 2] += bend**-2.0
     solved = np.linalg.solve(normal, turned)
-    left: Floats = np.eye(WINDOW) - basis @ solved
+    left: FloatArray = np.eye(WINDOW) - basis @ solved
     return left, np.stack([0 * one, one, tau], axis=-1) @ solved
 
 
-def _chi2(windows: _Windows, t: Floats) -> tuple[Floats, Floats, Floats]:
+def _chi2(windows: _Windows, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of each window (W,) at times t (T,) of the pictures, and `_left_over`."""
     left, pace = _left_over(t[windows.row], ACCELERATION / windows.sigma)
     return _quadratic(left, windows.way) / windows.sigma**2, left, pace
 
 
-def _quadratic(matrix: Floats, x: Floats) -> Floats:
+def _quadratic(matrix: FloatArray, x: FloatArray) -> FloatArray:
     return np.asarray((x[:, None] @ matrix @ x[..., None])[:, 0, 0])
 
 
-def _misfit(windows: _Windows, t: Floats, worst: float = WORST) -> float:
+def _misfit(windows: _Windows, t: FloatArray, worst: float = WORST) -> float:
     """Robust chi2 of all windows: none adds more than `worst` (Geman, McClure 1985)."""
     return OVERLAP * float(_soft(_chi2(windows, t)[0], worst).sum())
 
 
-def _soft(chi2: Floats, worst: float = WORST) -> Floats:
-    soft: Floats = chi2 / (1 + chi2 / worst)
+def _soft(chi2: FloatArray, worst: float = WORST) -> FloatArray:
+    soft: FloatArray = chi2 / (1 + chi2 / worst)
     return soft
 
 
-def _cadence(windows: _Windows, t: Floats, interval: float) -> Floats:
+def _cadence(windows: _Windows, t: FloatArray, interval: float) -> FloatArray:
     """Times (T,) of the pictures if they were taken regularly and some dropped or held, at the same rate on average."""
     best, plain = t, _misfit(windows, t)
     most, dof = LEAST_GAIN, OVERLAP * FREE * len(windows.row)
@@ -180,7 +178,7 @@ def _cadence(windows: _Windows, t: Floats, interval: float) -> Floats:
     return best
 
 
-def _regular(t: Floats, interval: float) -> Iterator[Floats]:
+def _regular(t: FloatArray, interval: float) -> Iterator[FloatArray]:
     """Times (T,) of pictures that were taken regularly, as conversions of the rate would show them at t (T,)."""
     yield from _even(t, interval)
     shown = np.round((t - t[0]) / interval).astype(np.int64)
@@ -190,14 +188,14 @@ def _regular(t: Floats, interval: float) -> Iterator[Floats]:
             yield t[0] + (number - number[0]) * interval * every / (every + 1)
 
 
-def _even(t: Floats, interval: float) -> list[Floats]:
+def _even(t: FloatArray, interval: float) -> list[FloatArray]:
     """Even times (T,) where t (T,) is not: repeats were left out, or pictures are held for two intervals and three."""
     order = np.arange(len(t))
     uneven = np.any(np.round((t - t[0]) / interval) != order)
     return [t[0] + order * (t[-1] - t[0]) / (len(t) - 1)] if uneven else []
 
 
-def _with_losses(windows: _Windows, t: Floats, interval: float) -> list[Floats]:
+def _with_losses(windows: _Windows, t: FloatArray, interval: float) -> list[FloatArray]:
     """Times (T,) as they are, and with pictures lost here and there, where the windows across such a gap ask for it."""
     ways, taken = [t], t
     for _ in range(len(t)):
@@ -212,7 +210,7 @@ def _with_losses(windows: _Windows, t: Floats, interval: float) -> list[Floats]:
     return ways
 
 
-def _torn(windows: _Windows, base: Floats) -> list[int]:
+def _torn(windows: _Windows, base: FloatArray) -> list[int]:
     """Pictures after which most windows fit badly."""
     found = []
     for row in np.unique(windows.row[:, :-1]):
@@ -222,20 +220,20 @@ def _torn(windows: _Windows, base: Floats) -> list[int]:
     return found
 
 
-def _gain_of_loss(windows: _Windows, t: Floats, base: Floats, row: int, pause: float) -> float:
+def _gain_of_loss(windows: _Windows, t: FloatArray, base: FloatArray, row: int, pause: float) -> float:
     """Robust chi2 that a pause of so many s after a picture explains."""
     across = (windows.row[:, 0] <= row) & (row < windows.row[:, -1])
     after = _soft(_chi2(windows.part(across), _paused(t, row, pause))[0])
     return OVERLAP * float((base[across] - after).sum()) / max(float(after.mean()) / FREE, 1.0)
 
 
-def _paused(t: Floats, row: int, pause: float) -> Floats:
+def _paused(t: FloatArray, row: int, pause: float) -> FloatArray:
     later = t.copy()
     later[row + 1 :] += pause
     return later
 
 
-def _jittered(windows: _Windows, t: Floats, interval: float) -> tuple[float, Floats, Floats]:
+def _jittered(windows: _Windows, t: FloatArray, interval: float) -> tuple[float, FloatArray, FloatArray]:
     """Log evidence of the likeliest jitter about t (T,), the times (T,) and their sigmas; none where none is needed."""
     ways = [(-_misfit(windows, t) / 2, t, np.zeros(len(t)))]
     for share in JITTERS:
@@ -248,7 +246,7 @@ def _jittered(windows: _Windows, t: Floats, interval: float) -> tuple[float, Flo
     return max(ways, key=lambda way: way[0])
 
 
-def _descended(windows: _Windows, t: Floats, spread: float) -> tuple[Floats, Floats]:
+def _descended(windows: _Windows, t: FloatArray, spread: float) -> tuple[FloatArray, FloatArray]:
     """Times (T,) that fit the windows best, `spread` s about t (T,), and what the windows say of them (T, T)."""
     taken, least = t, 0.1 * float(np.diff(t).min())
     for step in range(STEPS):
@@ -265,12 +263,14 @@ def _descended(windows: _Windows, t: Floats, spread: float) -> tuple[Floats, Flo
     return taken, information
 
 
-def _jitter_cost(windows: _Windows, taken: Floats, t: Floats, spread: float, worst: float) -> float:
+def _jitter_cost(windows: _Windows, taken: FloatArray, t: FloatArray, spread: float, worst: float) -> float:
     off = (taken - t) / spread
     return _misfit(windows, taken, worst) + float(off @ off)
 
 
-def _normal(windows: _Windows, left: Floats, pace: Floats, weight: Floats, size: int) -> tuple[Floats, Floats]:
+def _normal(
+    windows: _Windows, left: FloatArray, pace: FloatArray, weight: FloatArray, size: int
+) -> tuple[FloatArray, FloatArray]:
     """Half the second and first derivatives of the weighted chi2 by the times (T, T), (T,)."""
     rest, speed = ((matrix @ windows.way[..., None])[..., 0] for matrix in (left, pace))  # (W, 9) m, m/s
     scale = weight / windows.sigma**2

@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.events import Events
+from models.core.typing import FloatArray
 from models.estimation.contact_test.candidate_contacts import watched
 from models.estimation.contact_test.contact_moment import Encounter
 from models.estimation.contact_test.contact_probability import Verdict, timed
 from models.estimation.contact_test.shot_record import Record
-
-Floats = NDArray[np.float64]
 
 WORST_CHI2 = 1.6
 """per degree of freedom: beyond, two ideal balls do not explain what was seen."""
@@ -59,7 +57,7 @@ def _again(record: Record, k: int) -> Verdict | None:
     return found if found.closing > 0 and found.chi2 < WORST_CHI2 and near else None
 
 
-def _sorted(record: Record, events: Events, t: Floats, t_sigma: Floats) -> Events:
+def _sorted(record: Record, events: Events, t: FloatArray, t_sigma: FloatArray) -> Events:
     """Events in the order of new times t (E,)."""
     order = np.argsort(t, kind="stable")
     frame = np.array([record.frame_at(moment) for moment in t]).reshape(-1)

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from models.core.events import Events
 from models.core.scene import CUSHIONS, POCKETS, Table
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import span_before, state_at
 from models.estimation.joint_fit.fit_solution import Layout, Solution, end_state, layout
 from models.estimation.reconstruction.trajectory_assembly import state_covariance
 from models.estimation.segmentation.contact_classification import CUE_KINDS, INWARD, NEAR_BALL, cushion_distances
 from models.estimation.segmentation.contact_graph import Contact
 from models.physics.billiards.cloth.closed_form_motion import STATE, Friction, kinematics, rest_time, slide_time
-
-Floats = NDArray[np.float64]
 
 GAP_HORIZON = 0.25
 """s: how far free paths are followed beyond a contact to find their least distance."""
@@ -53,7 +52,7 @@ class Happening:
     t_sigma: float
     a: str
     b: str
-    xy: Floats
+    xy: FloatArray
     probability: float
     gap: float = np.nan
     gap_sigma: float = np.nan
@@ -61,7 +60,7 @@ class Happening:
 
 
 def events_of(
-    solution: Solution, tracks: Tracks, table: Table, chi2: Floats, potted: list[Happening], played: list[Happening]
+    solution: Solution, tracks: Tracks, table: Table, chi2: FloatArray, potted: list[Happening], played: list[Happening]
 ) -> Events:
     """All events of a clip, those that were `played` too; `chi2` (S,) per span inflates the errors of times where
     a span fits badly."""
@@ -111,7 +110,7 @@ def listed(found: list[Happening], tracks: Tracks) -> Events:
     )  # fmt: skip
 
 
-def frame_at(tracks: Tracks, t: Floats) -> Floats:
+def frame_at(tracks: Tracks, t: FloatArray) -> FloatArray:
     """Fractional pictures (E,) at times t (E,), also a little outside the clip."""
     if len(tracks.t) < 2:
         return np.zeros_like(t)
@@ -120,7 +119,7 @@ def frame_at(tracks: Tracks, t: Floats) -> Floats:
         tracks.frame.astype(float),
     )
     share = (t - tracks.t[row]) / (tracks.t[row + 1] - tracks.t[row])
-    frames: Floats = numbers[row] + share * (numbers[row + 1] - numbers[row])
+    frames: FloatArray = numbers[row] + share * (numbers[row + 1] - numbers[row])
     return frames
 
 
@@ -181,7 +180,7 @@ def probability(gain: float) -> float:
 
 
 def _contact(
-    solution: Solution, plan: Layout, number: int, contact: Contact, tracks: Tracks, table: Table, chi2: Floats
+    solution: Solution, plan: Layout, number: int, contact: Contact, tracks: Tracks, table: Table, chi2: FloatArray
 ) -> list[Happening]:
     ids = tracks.ids
     if contact.kind in ("jump", "burst"):
@@ -358,7 +357,7 @@ def _scaled(friction: Friction, index: int, by: float) -> Friction:
     return Friction(friction.sliding * (by if index == 0 else 1.0), friction.rolling * (by if index == 1 else 1.0))
 
 
-def _free_path(solution: Solution, k: int, t: Floats) -> Floats:
+def _free_path(solution: Solution, k: int, t: FloatArray) -> FloatArray:
     """Positions (M, 2) of a span, followed beyond its end as if nothing had happened."""
     span = solution.story.spans[k]
     if span.static:

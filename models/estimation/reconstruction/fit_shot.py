@@ -14,6 +14,7 @@ from models.core.options import FitOptions
 from models.core.progress import Progress, silent
 from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.break_shot.break_posterior import ToldBurst
 from models.estimation.contact_test.shot_record import record_of
 from models.estimation.joint_fit.fit_solution import Data, Solution, gather, layout, owners, residuals
@@ -34,8 +35,6 @@ from models.estimation.structure_search.missed_cushions import with_rebounds_ret
 from models.estimation.structure_search.strike_times import with_strikes_retold
 from models.estimation.structure_search.structure_revision import revise, without_doubts
 from models.tracking.track_noise import FLOOR, Noise, estimate_noise, outliers, seldom_seen, with_noise
-
-Floats = NDArray[np.float64]
 
 _NAMED = 3
 """changes of velocity that a doubt names."""
@@ -93,7 +92,7 @@ def _as_shown(fit: Fit, tracks: Tracks, clock: Clock) -> Fit:
 
 
 def _fitted(
-    tracks: Tracks, late: Floats, table: Table, options: FitOptions, progress: Progress
+    tracks: Tracks, late: FloatArray, table: Table, options: FitOptions, progress: Progress
 ) -> tuple[Fit, Solution | None]:
     """The fit of tracks in the times (T,) at which pictures were taken, known to `late` (T,) s."""
     noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
@@ -161,7 +160,7 @@ def _first_story(tracks: Tracks, table: Table, options: FitOptions) -> Story:
     return tell(samples, segments, table, tracks.kinds).with_pushes()
 
 
-def _excess(solution: Solution, data: Data) -> Floats:
+def _excess(solution: Solution, data: Data) -> FloatArray:
     """chi2 per degree of freedom of the span of each sample (K,), 1 to 100: bad spans shall not bend the good ones."""
     chi2, _, _ = span_chi2(solution, data)
     return np.clip(np.nan_to_num(chi2, nan=1.0), 1.0, 100.0)[owners(solution.story, data)]
@@ -220,7 +219,7 @@ def _doubts(solution: Solution, ids: tuple[str, ...], left_out: list[str]) -> li
     return found
 
 
-def _share(t: Floats, moving: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> tuple[float, float]:
+def _share(t: FloatArray, moving: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> tuple[float, float]:
     """Share of the moving time that is accepted, and the moving time in ball seconds."""
     step = np.gradient(t)[:, None] if len(t) > 1 else np.ones((len(t), 1))
     seconds = float((moving * step).sum())

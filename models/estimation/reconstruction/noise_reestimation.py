@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import Data, Solution, residuals
 from models.tracking.track_noise import Noise
-
-Floats = NDArray[np.float64]
 
 WINDOW = 25
 """Samples of a ball over which residuals are judged."""
@@ -45,9 +43,9 @@ def reappraised(tracks: Tracks, seen: Tracks, noise: Noise, solution: Solution, 
     return replace(tracks, sigma_along=fresh[..., 0], sigma=fresh[..., 1])
 
 
-def _local(values: Floats) -> Floats:
+def _local(values: FloatArray) -> FloatArray:
     """Median (n, 2) of the values (n, 2) around each."""
     half = min(WINDOW, len(values)) // 2
     padded = np.pad(values, ((half, half), (0, 0)), mode="reflect" if half < len(values) else "edge")
-    medians: Floats = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0), axis=-1)
+    medians: FloatArray = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0), axis=-1)
     return medians

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
+from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import Data, Layout, Solution, layout, owners
 from models.estimation.segmentation.contact_graph import Story
 from models.numerics.splines import smooth_pieces
@@ -21,10 +22,7 @@ from models.physics.billiards.cloth.closed_form_motion import (
     rolling_spin,
 )
 
-Floats = NDArray[np.float64]
-
-
-PhysicalRow = tuple[str, float, float, Floats, Floats]
+PhysicalRow = tuple[str, float, float, FloatArray, FloatArray]
 """Phase, start and end s after the span's, coefficients (4, 2) of place and (2, 2) of slip."""
 
 KNOWN_FOR = 0.1
@@ -38,10 +36,10 @@ class Piece:
     ball: int
     start: float
     end: float
-    position: Floats
-    spin: Floats
+    position: FloatArray
+    spin: FloatArray
     phase: str
-    covariance: Floats
+    covariance: FloatArray
 
 
 def pieces_of(
@@ -87,7 +85,7 @@ def pack(pieces: list[Piece], ids: tuple[str, ...]) -> Trajectory:
     )
 
 
-def state_covariance(solution: Solution, plan: Layout, span: int, tau: Floats) -> Floats:
+def state_covariance(solution: Solution, plan: Layout, span: int, tau: FloatArray) -> FloatArray:
     """Covariances (M, 4, 4) of position and velocity of one span at times tau (M,) after its start, at those times of
     the clock: when it began, and where, err together."""
     described = solution.story.spans[span]
@@ -103,7 +101,7 @@ def state_covariance(solution: Solution, plan: Layout, span: int, tau: Floats) -
         columns.append(plan.contact + described.start)
         part = np.concatenate([part, -slope[:, :4, STATE, None]], axis=2)
     local = solution.covariance[np.ix_(columns, columns)]
-    covariance: Floats = part @ local @ np.swapaxes(part, 1, 2)
+    covariance: FloatArray = part @ local @ np.swapaxes(part, 1, 2)
     return covariance
 
 
@@ -164,7 +162,7 @@ def _physical(solution: Solution, plan: Layout, k: int, begin: float, end: float
     return pieces
 
 
-def _parts(phase: str, start: float, stop: float, position: Floats, slip: Floats) -> list[PhysicalRow]:
+def _parts(phase: str, start: float, stop: float, position: FloatArray, slip: FloatArray) -> list[PhysicalRow]:
     """A polynomial in parts that are short, each with what is known of its own beginning: the errors of place, velocity
     and deceleration of a long one make up for each other, which a piece does not carry on."""
     if phase == "rest":
@@ -201,7 +199,7 @@ def _measured(
     return _curve(span.ball, t, xy, np.full(len(t), noise), begin, end)
 
 
-def _curve(ball: int, t: Floats, xy: Floats, sigma: Floats, begin: float, end: float) -> list[Piece]:
+def _curve(ball: int, t: FloatArray, xy: FloatArray, sigma: FloatArray, begin: float, end: float) -> list[Piece]:
     """Pieces of a smooth curve through samples, held at its ends."""
     breaks, coefficients = smooth_pieces(t, xy, sigma) if len(t) > 1 else (t, np.empty((0, 4, 2)))
     noise, interval = float(np.median(sigma)), float(np.median(np.diff(t))) if len(t) > 1 else 0.04
@@ -219,11 +217,11 @@ def _curve(ball: int, t: Floats, xy: Floats, sigma: Floats, begin: float, end: f
     return pieces
 
 
-def _still(x: Floats) -> Floats:
+def _still(x: FloatArray) -> FloatArray:
     return np.concatenate([x[None], np.zeros((3, 2))])
 
 
-def shifted(position: Floats, by: float) -> Floats:
+def shifted(position: FloatArray, by: float) -> FloatArray:
     """Coefficients (4, 2) of the same cubic about a later moment."""
     a, b, c, d = position
     return np.array([a + by * (b + by * (c + by * d)), b + by * (2 * c + 3 * by * d), c + 3 * by * d, d])

@@ -14,8 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from models.core.typing import FloatArray, IntArray
 
 STIFF = 0.02
 """share of its mean by which the distance of two points of one body may change: tracking errs."""
@@ -27,17 +26,17 @@ LEAST_AREA = 1e-3
 class Bodies:
     """B rigid bodies that N points are fixed to."""
 
-    body: Ints
+    body: IntArray
     """(N,) which body a point is fixed to."""
-    offsets: Floats
+    offsets: FloatArray
     """(N, 2) of a point in the frame of its body's centre."""
-    corners: Floats
+    corners: FloatArray
     """(B, V, 2) of the polygons in the frame of the centre, in the sense that turns x towards y; padded."""
-    count: Ints
+    count: IntArray
     """(B,) corners of each; 1 for a disc."""
-    area: Floats
+    area: FloatArray
     """(B,) of the polygons, NaN for discs."""
-    moment: Floats
+    moment: FloatArray
     """(B,) square of the radius of gyration of the polygons, NaN for discs."""
 
     @property
@@ -46,7 +45,7 @@ class Bodies:
         return np.asarray(self.count == 1, np.bool_)
 
     @property
-    def lever(self) -> Floats:
+    def lever(self) -> FloatArray:
         """(B,) root mean square distance of a body's points from its centre: length of a radian; 0 for discs."""
         squares = np.bincount(self.body, (self.offsets**2).sum(axis=1), len(self.count))
         return np.asarray(np.sqrt(squares / np.bincount(self.body, minlength=len(self.count))), np.float64)
@@ -57,20 +56,20 @@ class Bodies:
         away = np.linalg.norm(self.corners, axis=2).max(axis=1)[~self.discs]
         return float(np.median(away)) if len(away) else float("nan")
 
-    def points(self, places: Floats) -> Floats:
+    def points(self, places: FloatArray) -> FloatArray:
         """(..., N, 2) of bodies at places (..., B, 3)."""
         at = places[..., self.body, :]
         return at[..., :2] + turned(self.offsets, at[..., 2])
 
 
-def turned(vectors: Floats, angle: Floats) -> Floats:
+def turned(vectors: FloatArray, angle: FloatArray) -> FloatArray:
     """Vectors (..., 2) turned by angles (...)."""
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = vectors[..., 0], vectors[..., 1]
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
-def groups(x: Floats) -> Ints:
+def groups(x: FloatArray) -> IntArray:
     """(N,) which points move as one body: points x (T, N, 2) all of whose distances stay. Bodies that never move
     against each other cannot be told apart."""
     count = x.shape[1]
@@ -86,7 +85,7 @@ def groups(x: Floats) -> Ints:
     return np.asarray(connected_components(coo_array(alike), directed=False)[1], np.int64)
 
 
-def keep_their_distances(x: Floats) -> bool:
+def keep_their_distances(x: FloatArray) -> bool:
     """Whether points x (T, n, D) could be fixed to one body; what was not seen (NaN) says nothing."""
     apart = np.linalg.norm(x[:, :, None] - x[:, None], axis=3)
     with np.errstate(invalid="ignore"):
@@ -94,7 +93,7 @@ def keep_their_distances(x: Floats) -> bool:
     return bool(np.all(spread <= 2 * STIFF * np.nanmax(apart)))
 
 
-def assembled(x: Floats, body: Ints) -> tuple[Bodies, Floats, float]:
+def assembled(x: FloatArray, body: IntArray) -> tuple[Bodies, FloatArray, float]:
     """Bodies, their places (T, B, 3) and the standard deviation of a coordinate, from points x (T, N, 2) of bodies
     (N,). The deviation is what rigid bodies leave; NaN where there are none. Angles are not wrapped."""
     count = int(body.max()) + 1
@@ -121,9 +120,9 @@ def assembled(x: Floats, body: Ints) -> tuple[Bodies, Floats, float]:
     return bodies, places, float(np.sqrt(left / freedom)) if freedom else float("nan")
 
 
-def _shape(x: Floats) -> Floats:
+def _shape(x: FloatArray) -> FloatArray:
     """(n, 2) mean shape of points x (T, n, 2), turned as in the first frame."""
-    shape: Floats = x[0] - x[0].mean(axis=0)
+    shape: FloatArray = x[0] - x[0].mean(axis=0)
     for _ in range(3):
         at = _placed(x, shape - shape.mean(axis=0))
         back = turned(x - at[:, None, :2], -at[:, None, 2])
@@ -131,7 +130,7 @@ def _shape(x: Floats) -> Floats:
     return shape
 
 
-def _placed(x: Floats, offsets: Floats) -> Floats:
+def _placed(x: FloatArray, offsets: FloatArray) -> FloatArray:
     """(T, 3) places at which a shape fits points x (T, n, 2) best: Kabsch 1976, doi 10.1107/S0567739476001873."""
     middle, centre = offsets.mean(axis=0), x.mean(axis=1)
     shape, seen = offsets - middle, x - centre[:, None]
@@ -140,7 +139,7 @@ def _placed(x: Floats, offsets: Floats) -> Floats:
     return np.concatenate([centre - turned(middle, angle), angle[:, None]], axis=1)
 
 
-def _hull(shape: Floats) -> tuple[Floats, Floats, float, float]:
+def _hull(shape: FloatArray) -> tuple[FloatArray, FloatArray, float, float]:
     """Corners (n, 2), centre of mass, area and squared radius of gyration of the polygon around points."""
     if len(shape) == 1:
         return shape, shape[0], float("nan"), float("nan")

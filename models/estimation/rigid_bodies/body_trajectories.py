@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
+from models.core.typing import FloatArray, IntArray
 from models.estimation.rigid_bodies.body_clusters import Bodies
 from models.estimation.rigid_bodies.world_parameters import World
 from models.physics.rigid_bodies.contact_impulses import march
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CONTACTS_PER_BODY = 12
 TRAVEL = 0.1
@@ -28,17 +25,17 @@ EAGERNESS = 0.7
 class Beginning:
     """From what a simulation begins."""
 
-    place: Floats
+    place: FloatArray
     """(B, 3)"""
-    start: Floats
+    start: FloatArray
     """(B, 3) velocities."""
-    owners: Ints
+    owners: IntArray
     """(C, 3) contacts as in `models.physics.rigid_bodies.collision_detection`, -1 where there is none."""
-    pushed: Floats
+    pushed: FloatArray
     """(C, 2) what they pushed in the step before."""
 
 
-def at_rest(place: Floats, start: Floats) -> Beginning:
+def at_rest(place: FloatArray, start: FloatArray) -> Beginning:
     """Bodies at (B, 3) with velocities (B, 3) of whose contacts nothing is known."""
     most = CONTACTS_PER_BODY * len(place) + 8
     return Beginning(place, start, np.full((most, 3), -1), np.zeros((most, 2)))
@@ -48,13 +45,13 @@ def at_rest(place: Floats, start: Floats) -> Beginning:
 class Course:
     """K samples of B bodies and the K - 1 simulations between them."""
 
-    t: Floats
+    t: FloatArray
     """(K,)"""
     begins: tuple[Beginning, ...]
     """(K) from which the simulations begin, the last one that of the future."""
-    misses: Floats
+    misses: FloatArray
     """(K - 1, B, 3) from where they end to the next place."""
-    surprise: Floats
+    surprise: FloatArray
     """(K - 1, B, 3) from where they would have ended with the velocities of the interval before to where the body was
     seen: what the world does not explain."""
 
@@ -68,7 +65,7 @@ class Follower:
     steps: int
     """of a typical interval."""
 
-    def run(self, begin: Beginning, span: float, samples: Ints, steps: int) -> tuple[Floats, Beginning]:
+    def run(self, begin: Beginning, span: float, samples: IntArray, steps: int) -> tuple[FloatArray, Beginning]:
         """Places (M, B, 3) after `samples` (M,) of `steps` steps of `span`, and the state after the last."""
         bodies, world = self.bodies, self.world
         q, v = begin.place.copy(), begin.start.copy()
@@ -82,7 +79,7 @@ class Follower:
         return found, Beginning(q, v, owners, pushed)
 
 
-def steps_for(bodies: Bodies, world: World, t: Floats, places: Floats) -> int:
+def steps_for(bodies: Bodies, world: World, t: FloatArray, places: FloatArray) -> int:
     """Steps of a typical interval."""
     size = bodies.size if np.isfinite(bodies.size) else float(np.median(world.radius))
     span = float(np.median(np.diff(t)))
@@ -91,14 +88,14 @@ def steps_for(bodies: Bodies, world: World, t: Floats, places: Floats) -> int:
     return int(np.clip((fastest + fall) / (TRAVEL * size), FEWEST_STEPS, MOST_STEPS))
 
 
-def turned_off(seen: Floats, found: Floats) -> Floats:
+def turned_off(seen: FloatArray, found: FloatArray) -> FloatArray:
     """(B, 3) from where bodies are found to where they were seen; angles by the shorter way."""
     off = seen - found
     off[:, 2] = (off[:, 2] + np.pi) % (2 * np.pi) - np.pi
     return off
 
 
-def follow(follower: Follower, t: Floats, seen: Floats, sigma: float, passes: int) -> Course:
+def follow(follower: Follower, t: FloatArray, seen: FloatArray, sigma: float, passes: int) -> Course:
     """The course of bodies seen at (K, B, 3), with standard deviation sigma of the centres: each interval is simulated
     `passes` times, and velocities change only by what is more than noise."""
     lever = levers(follower.bodies)
@@ -116,13 +113,13 @@ def follow(follower: Follower, t: Floats, seen: Floats, sigma: float, passes: in
 
 
 def _arrive(
-    follower: Follower, begin: Beginning, seen: Floats, span: float, lever: Floats, sigma: float, passes: int,
+    follower: Follower, begin: Beginning, seen: FloatArray, span: float, lever: FloatArray, sigma: float, passes: int,
     settle: bool,
-) -> tuple[Beginning, Beginning, Floats, Floats]:  # fmt: skip
+) -> tuple[Beginning, Beginning, FloatArray, FloatArray]:  # fmt: skip
     """The beginning whose velocities bring the bodies nearest to where they are seen, the end, what is still missed,
     and what was missed at first. To `settle`, each pass takes over what contacts pushed at the end of the last."""
     steps = np.array([follower.steps])
-    best: tuple[float, Beginning, Beginning, Floats] | None = None
+    best: tuple[float, Beginning, Beginning, FloatArray] | None = None
     surprise = np.zeros_like(begin.place)
     for number in range(passes):
         (last,), end = follower.run(begin, span, steps, follower.steps)
@@ -138,13 +135,13 @@ def _arrive(
     return best[1], best[2], best[3], surprise
 
 
-def levers(bodies: Bodies) -> Floats:
+def levers(bodies: Bodies) -> FloatArray:
     """(B, 3) that makes lengths of places: angles by the distance of the points."""
     lever = bodies.lever
     return np.stack([np.ones_like(lever), np.ones_like(lever), lever], axis=1)
 
 
-def _share(miss: Floats, lever: Floats, sigma: float) -> Floats:
+def _share(miss: FloatArray, lever: FloatArray, sigma: float) -> FloatArray:
     """(B, 1) of a miss that is not noise: one less the noise's share of its square, not below 0 (James and Stein)."""
     if sigma <= 0:
         return np.ones((len(miss), 1))

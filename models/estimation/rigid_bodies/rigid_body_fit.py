@@ -11,14 +11,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray, IntArray
 from models.estimation.rigid_bodies.body_clusters import Bodies, assembled, groups
 from models.estimation.rigid_bodies.body_trajectories import Beginning, Course, Follower, follow, levers, steps_for
 from models.estimation.rigid_bodies.world_parameters import World, bend_error, guessed
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROUNDS = 2
 """over all numbers, with steps that are halved each time."""
@@ -57,7 +54,7 @@ class BoxesMotion:
             return ()
         return ("rigid bodies that collide foretell these points hardly better than going straight on",)
 
-    def at(self, t: Floats) -> Floats:
+    def at(self, t: FloatArray) -> FloatArray:
         """Points (M, N, 2) at times (M,), between the samples and after the last one."""
         course = self.course
         interval = np.clip(np.searchsorted(course.t, t, side="right") - 1, 0, len(course.t) - 1)
@@ -67,7 +64,7 @@ class BoxesMotion:
             found[mine] = self._within(int(k), t[mine]) if k < len(course.t) - 1 else self._after(t[mine])
         return self.bodies.points(found)
 
-    def _within(self, k: int, t: Floats) -> Floats:
+    def _within(self, k: int, t: FloatArray) -> FloatArray:
         """Places (M, B, 3) in interval k; what its simulation misses is made up for evenly."""
         course, steps = self.course, self.follower.steps
         span = float(course.t[k + 1] - course.t[k])
@@ -75,14 +72,14 @@ class BoxesMotion:
         path = self._path(course.begins[k], span, share * steps, steps)
         return np.asarray(path + share[:, None, None] * course.misses[k], np.float64)
 
-    def _after(self, t: Floats) -> Floats:
+    def _after(self, t: FloatArray) -> FloatArray:
         """Places (M, B, 3) after the last sample."""
         last = self.course.t[-1]
         step = float(np.median(np.diff(self.course.t))) / self.follower.steps
         steps = max(int(np.ceil(float((t - last).max()) / step)), 1)
         return self._path(self.course.begins[-1], steps * step, (t - last) / step, steps)
 
-    def _path(self, begin: Beginning, span: float, at: Floats, steps: int) -> Floats:
+    def _path(self, begin: Beginning, span: float, at: FloatArray, steps: int) -> FloatArray:
         """Places (M, B, 3) after fractional numbers of steps (M,) of a simulation."""
         before = np.floor(at.clip(0, steps)).astype(np.int64)
         wanted = np.unique(np.concatenate([before, np.minimum(before + 1, steps)]))
@@ -92,7 +89,7 @@ class BoxesMotion:
         return np.asarray((1 - share) * path[index[0]] + share * path[index[1]], np.float64)
 
 
-def fit_boxes(t: Floats, x: Floats, body: Ints | None = None, sigma: float | None = None) -> BoxesMotion:
+def fit_boxes(t: FloatArray, x: FloatArray, body: IntArray | None = None, sigma: float | None = None) -> BoxesMotion:
     """The motion behind points x (T, N, 2) at t (T,). `body` (N,) says which points are fixed to the same body, else
     that is found; `sigma` is the standard deviation of a coordinate, else what rigid bodies leave.
 
@@ -111,7 +108,7 @@ def fit_boxes(t: Floats, x: Floats, body: Ints | None = None, sigma: float | Non
     return BoxesMotion(bodies, world, course, noise, _mean_length(course.surprise[1:], bodies), straight, follower)
 
 
-def _least_surprise(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> tuple[World, float]:
+def _least_surprise(bodies: Bodies, t: FloatArray, places: FloatArray, sigma: float) -> tuple[World, float]:
     """The world that surprises least, number after number: down a parabola through three tries."""
     worlds = guessed(bodies, t, places, sigma)
     busy = _busy(places, bodies)
@@ -140,7 +137,7 @@ def _least_surprise(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> 
     return world, least
 
 
-def _busy(places: Floats, bodies: Bodies) -> slice:
+def _busy(places: FloatArray, bodies: Bodies) -> slice:
     """The fewest samples on end that hold most of what bends the paths: there numbers show, at a part of the cost."""
     bent = np.abs(np.diff(places, 2, axis=0) * levers(bodies)).sum(axis=(1, 2))
     before = np.concatenate([[0.0], np.cumsum(bent)])
@@ -184,6 +181,6 @@ def _changes(
     yield lambda w, s: replace(w, drag=max(w.drag + 0.5 * share * s, 0.0))
 
 
-def _mean_length(off: Floats, bodies: Bodies) -> float:
+def _mean_length(off: FloatArray, bodies: Bodies) -> float:
     """Mean over intervals, bodies and axes of (K, B, 3), angles by the distance of the points."""
     return float(np.mean(np.abs(off * levers(bodies))))

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.rigid_bodies.body_clusters import Bodies
-
-Floats = NDArray[np.float64]
 
 SIDES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 """Inward normals of the boundaries that are looked for."""
@@ -37,17 +35,17 @@ SLACK = 1e-3
 class World:
     """Numbers that hold for all bodies. Lengths and times are the caller's."""
 
-    gravity: Floats
+    gravity: FloatArray
     """(2,)"""
     friction: float
     restitution: float
     drag: float
     """1/time: share of its velocity that a body loses."""
-    radius: Floats
+    radius: FloatArray
     """(B,) of discs, 0 for polygons."""
     density: float
     """of discs, that of polygons being 1."""
-    planes: Floats
+    planes: FloatArray
     """(W, 3) inward normals and offsets of straight boundaries."""
 
     @property
@@ -55,7 +53,7 @@ class World:
         """All numbers that are sought."""
         return (*self.gravity.tolist(), self.friction, self.restitution, self.drag, self.density, *self.radius.tolist())
 
-    def lightness(self, bodies: Bodies) -> Floats:
+    def lightness(self, bodies: Bodies) -> FloatArray:
         """(B, 2) one over mass and one over moment of inertia."""
         discs = bodies.discs
         area = np.where(discs, np.pi * self.radius**2 * self.density, bodies.area)
@@ -64,13 +62,13 @@ class World:
         mass = area / np.median(area)
         return np.stack([1 / mass, 1 / (mass * moment)], axis=1)
 
-    def laws(self, bodies: Bodies) -> Floats:
+    def laws(self, bodies: Bodies) -> FloatArray:
         """(7,) for `models.physics.rigid_bodies.contact_impulses.march`."""
         size = bodies.size if np.isfinite(bodies.size) else float(np.median(self.radius))
         return np.array([*self.gravity, self.friction, self.restitution, self.drag, SLACK * size, STILL * size])
 
 
-def guessed(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> list[World]:
+def guessed(bodies: Bodies, t: FloatArray, places: FloatArray, sigma: float) -> list[World]:
     """Worlds to begin a search with, from places (T, B, 3) at t (T,) with standard deviation sigma: with the gravity
     that is seen, and with none, since seen from above what slows down looks like falling."""
     radius = _radii(bodies, places)
@@ -81,7 +79,7 @@ def guessed(bodies: Bodies, t: Floats, places: Floats, sigma: float) -> list[Wor
     ]
 
 
-def _gravity(t: Floats, places: Floats, sigma: float) -> Floats:
+def _gravity(t: FloatArray, places: FloatArray, sigma: float) -> FloatArray:
     """Gravity seen over every sample, or over every few where noise hides it between neighbours."""
     for stride in STRIDES:
         found = _steady(t[::stride], places[::stride], sigma) if len(t) > 4 * stride else np.zeros(2)
@@ -90,7 +88,7 @@ def _gravity(t: Floats, places: Floats, sigma: float) -> Floats:
     return np.zeros(2)
 
 
-def _steady(t: Floats, places: Floats, sigma: float) -> Floats:
+def _steady(t: FloatArray, places: FloatArray, sigma: float) -> FloatArray:
     """The acceleration that most bodies keep for two intervals running: nothing but gravity is so steady and common."""
     bend, error = _bends(t, places), bend_error(t, sigma)
     middle = (bend[:-1] + bend[1:]) / 2
@@ -108,7 +106,7 @@ def _steady(t: Floats, places: Floats, sigma: float) -> Floats:
     return np.asarray(np.median(flights[chosen], axis=0), np.float64)
 
 
-def _corners(bodies: Bodies, places: Floats) -> list[Floats]:
+def _corners(bodies: Bodies, places: FloatArray) -> list[FloatArray]:
     """(T, n, 2) corners of every body as seen."""
     cos, sin = np.cos(places[..., 2]), np.sin(places[..., 2])
     found = []
@@ -119,7 +117,7 @@ def _corners(bodies: Bodies, places: Floats) -> list[Floats]:
     return found
 
 
-def _radii(bodies: Bodies, places: Floats) -> Floats:
+def _radii(bodies: Bodies, places: FloatArray) -> FloatArray:
     """(B,) of discs: the least distance of the centre from any polygon, or half of that from another disc."""
     radius = np.zeros(len(bodies.count))
     polygons = [corners for corners, disc in zip(_corners(bodies, places), bodies.discs, strict=True) if not disc]
@@ -132,7 +130,7 @@ def _radii(bodies: Bodies, places: Floats) -> Floats:
     return radius
 
 
-def _distance(point: Floats, corners: Floats) -> Floats:
+def _distance(point: FloatArray, corners: FloatArray) -> FloatArray:
     """(T,) of points (T, 2) from the edges of polygons (T, n, 2)."""
     edge = np.roll(corners, -1, axis=1) - corners
     off = point[:, None] - corners
@@ -140,7 +138,9 @@ def _distance(point: Floats, corners: Floats) -> Floats:
     return np.asarray(np.linalg.norm(off - share[..., None] * edge, axis=2).min(axis=1), np.float64)
 
 
-def _planes(bodies: Bodies, t: Floats, places: Floats, radius: Floats, gravity: Floats, sigma: float) -> Floats:
+def _planes(
+    bodies: Bodies, t: FloatArray, places: FloatArray, radius: FloatArray, gravity: FloatArray, sigma: float
+) -> FloatArray:
     """(W, 3) where at least two bodies were pushed back at the end of all motion on a side."""
     push = _bends(t, places) - gravity  # (T - 2, B, 2)
     size = np.linalg.norm(push, axis=2)
@@ -156,7 +156,7 @@ def _planes(bodies: Bodies, t: Floats, places: Floats, radius: Floats, gravity: 
     return np.array(found).reshape(-1, 3)
 
 
-def _end(lowest: Floats) -> float:
+def _end(lowest: FloatArray) -> float:
     """Where most of the distances lie that bodies near an end keep: the densest half (half-sample mode, Robertson and
     Cryer 1974), since a body that bounces is rarely seen at the moment of contact."""
     left = np.sort(lowest)
@@ -168,13 +168,13 @@ def _end(lowest: Floats) -> float:
     return float(left.mean())
 
 
-def _bends(t: Floats, places: Floats) -> Floats:
+def _bends(t: FloatArray, places: FloatArray) -> FloatArray:
     """(T - 2, B, 2) accelerations at the inner samples."""
     span = np.diff(t)
     rate = np.diff(places[..., :2], axis=0) / span[:, None, None]
     return np.asarray(2 * np.diff(rate, axis=0) / (span[1:] + span[:-1])[:, None, None], np.float64)
 
 
-def bend_error(t: Floats, sigma: float) -> float:
+def bend_error(t: FloatArray, sigma: float) -> float:
     """What noise alone can make of an acceleration."""
     return CLEARLY * 2.5 * sigma / float(np.median(np.diff(t))) ** 2

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
+from models.core.typing import FloatArray
 from models.estimation.segmentation.contact_graph import Contact, ContactKind, Span, Story
 from models.estimation.segmentation.jitter_removal import STILL, curve_of, part_of
 from models.estimation.segmentation.track_segmentation import Samples, Segment, SpanStart, fit_span
-
-Floats = NDArray[np.float64]
 
 NEAR_CUSHION = 0.6
 """ball radii: a centre may be so far from where it should touch (calibration, cloth edge, soft rubber)."""
@@ -36,9 +35,9 @@ class Break:
     early: float
     late: float
     """s: times of the samples before and after."""
-    x: Floats
-    before: Floats
-    after: Floats
+    x: FloatArray
+    before: FloatArray
+    after: FloatArray
     """(2,) m and m/s."""
     from_rest: bool
     gain: float
@@ -48,7 +47,7 @@ class Break:
     """The curves before and after do not meet."""
 
     @property
-    def change(self) -> Floats:
+    def change(self) -> FloatArray:
         """Of the velocity, (2,) m/s."""
         return self.after - self.before
 
@@ -61,7 +60,7 @@ class _Cause:
     cushion: str = ""
 
 
-def cushion_distances(x: Floats, table: Table) -> Floats:
+def cushion_distances(x: FloatArray, table: Table) -> FloatArray:
     """From points (..., 2) to the four noses (..., 4), in the order of `CUSHIONS`, m."""
     return np.stack([x[..., 0], table.length - x[..., 0], x[..., 1], table.width - x[..., 1]], axis=-1)
 
@@ -180,7 +179,7 @@ def _pair_score(one: Break, two: Break, radius: float) -> float:
     return miss + momentum + 0.3 * late - 0.5
 
 
-def _apart(one: Break, two: Break, reach: float) -> Floats:
+def _apart(one: Break, two: Break, reach: float) -> FloatArray:
     """From ball to ball (2,) at the moment that the better seen of two breaks tells; nearest to `reach` m.
 
     A ball that was lost for some pictures may have met the other at any time meanwhile.
@@ -188,7 +187,7 @@ def _apart(one: Break, two: Break, reach: float) -> Floats:
     t = one.t if one.late - one.early <= two.late - two.early else two.t
     places = [[b.x, b.left_curve.at(t), b.right_curve.at(t)] for b in (one, two)]
     apart = np.array([b - a for a in places[0] for b in places[1]])
-    nearest: Floats = apart[np.argmin(np.abs(np.linalg.norm(apart, axis=1) - reach))]
+    nearest: FloatArray = apart[np.argmin(np.abs(np.linalg.norm(apart, axis=1) - reach))]
     return nearest
 
 
@@ -357,7 +356,9 @@ def _span(ball: int, samples: Samples, part: Segment, t: float | None = None, st
     return Span(ball, False, None, None, begin, np.concatenate([fit.x, fit.v, fit.slip, np.zeros(2)]))
 
 
-def _meeting(samples: Samples, left: Segment, right: Segment, one: SpanStart, two: SpanStart) -> tuple[float, Floats]:
+def _meeting(
+    samples: Samples, left: Segment, right: Segment, one: SpanStart, two: SpanStart
+) -> tuple[float, FloatArray]:
     """When and where two successive curves meet: near the gap between their samples, at their closest approach."""
     early, late = float(samples.t[left.last]), float(samples.t[right.first])
     slack = min(0.3 * (late - early), 0.5 * _interval(samples))
@@ -382,11 +383,11 @@ def _interval(samples: Samples) -> float:
     return float(np.median(np.diff(samples.t)))
 
 
-def _velocity(samples: Samples, segments: list[Segment], k: int, fit: SpanStart, t: float) -> Floats:
+def _velocity(samples: Samples, segments: list[Segment], k: int, fit: SpanStart, t: float) -> FloatArray:
     """From the fit; from the neighbours' samples where the segment itself has only one."""
     part = segments[k]
     if part.last > part.first:
         return fit.velocity(t)
     before, after = max(part.first - 1, 0), min(part.last + 1, len(samples.t) - 1)
-    mean: Floats = (samples.xy[after] - samples.xy[before]) / (samples.t[after] - samples.t[before])
+    mean: FloatArray = (samples.xy[after] - samples.xy[before]) / (samples.t[after] - samples.t[before])
     return mean

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 ContactKind = Literal["strike", "ball", "cushion", "free", "jump", "burst"]
 """`free`: a ball changed its velocity and nothing known was near; `jump`: its path does not go on where it ended,
@@ -29,7 +28,7 @@ class Span:
     """Contact that ends it; None at the end of the track."""
     t0: float
     """s: start of the track where `start` is None; else a first guess, the contact's time counts."""
-    state: Floats
+    state: FloatArray
     """(8,) at the start, see `models.physics.billiards.cloth.closed_form_motion.STATE`."""
 
 
@@ -52,9 +51,9 @@ class Contact:
     """chi2 that the break improves, over one span without it."""
     since: float = field(default=np.nan, compare=False)
     """s, of a burst: its first contact, where t is its last."""
-    leaves: Floats = field(default_factory=lambda: np.zeros(6), compare=False)
+    leaves: FloatArray = field(default_factory=lambda: np.zeros(6), compare=False)
     """(6,) place, velocity and slip with which the ball leaves a burst, as it was played."""
-    whiten: Floats = field(default_factory=lambda: np.zeros((6, 6)), compare=False)
+    whiten: FloatArray = field(default_factory=lambda: np.zeros((6, 6)), compare=False)
     """Takes what another state (6,) is off to standard deviations of the play."""
 
 
@@ -127,7 +126,7 @@ class Story:
         ]
         return Story(tuple(spans), tuple(contacts))
 
-    def split(self, contact: Contact, states: tuple[Floats, ...]) -> Story:
+    def split(self, contact: Contact, states: tuple[FloatArray, ...]) -> Story:
         """The story with one more contact, which cuts the spans `contact.before`; `states` (8,) are those after it.
 
         `contact.after` is ignored: the new spans get numbers of their own.

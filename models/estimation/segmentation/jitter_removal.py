@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.segmentation.track_segmentation import Samples, Segment, SpanStart, fit_span
-
-Floats = NDArray[np.float64]
 
 SETTLED = 0.15
 """m/s: a ball that is slower before it stands has rolled out rather than been stopped."""
@@ -142,7 +140,7 @@ def _returned(samples: Samples, parts: list[Segment], radius: float) -> list[Seg
     return joined
 
 
-def _began_at(samples: Samples, place: Floats, first: int, radius: float) -> bool:
+def _began_at(samples: Samples, place: FloatArray, first: int, radius: float) -> bool:
     """Whether the samples before the first rest begin at its place and stay near: the ball was not on its way there."""
     ways = np.linalg.norm(samples.xy[:first] - place, axis=1)
     return first > 0 and bool(ways[0] < BACK * radius and ways.max() < AWAY * radius)

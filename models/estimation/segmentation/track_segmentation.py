@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from models.core.typing import FloatArray, IntArray
 
 SLIDE_TIMES = (0.0, 0.04, 0.08, 0.13, 0.2, 0.3, 0.42, 0.6, 0.85, 1.2, 1.7)
 """s: how long a ball may slide before it rolls; the grid of the closed-form fit. 1.7 s is a hard break shot."""
@@ -35,17 +34,17 @@ _VAGUE = 1e-8
 class Samples:
     """What was seen of one ball: t (n,) s, xy (n, 2) m, sigma (n,) m, root mean square per axis."""
 
-    t: Floats
-    xy: Floats
-    sigma: Floats
-    shape: Floats | None = None
+    t: FloatArray
+    xy: FloatArray
+    sigma: FloatArray
+    shape: FloatArray | None = None
     """(n, 2) sigma of x and of y over `sigma`; None: 1."""
 
     @property
-    def weight(self) -> Floats:
+    def weight(self) -> FloatArray:
         """(n, 2) 1/m^2: inverse variances of x and y."""
         shape = np.ones((len(self.t), 2)) if self.shape is None else self.shape
-        weight: Floats = (self.sigma[:, None] * shape) ** -2
+        weight: FloatArray = (self.sigma[:, None] * shape) ** -2
         return weight
 
     def part(self, rows: slice) -> Samples:
@@ -67,19 +66,19 @@ class SpanStart:
     """Closed-form fit of a span: state at `t0`, chi2, and how long it slides."""
 
     t0: float
-    x: Floats
-    v: Floats
-    slide_acceleration: Floats
-    roll_acceleration: Floats
+    x: FloatArray
+    v: FloatArray
+    slide_acceleration: FloatArray
+    roll_acceleration: FloatArray
     slide: float
     chi2: float
 
-    def at(self, t: float | Floats) -> Floats:
+    def at(self, t: float | FloatArray) -> FloatArray:
         """Positions (..., 2) at times t (...)."""
         basis = _basis(np.asarray(t, dtype=np.float64) - self.t0, self.slide)
         return basis @ np.stack([self.x, self.v, self.slide_acceleration, self.roll_acceleration])
 
-    def velocity(self, t: float) -> Floats:
+    def velocity(self, t: float) -> FloatArray:
         """(2,) m/s."""
         tau = t - self.t0
         return (
@@ -89,7 +88,7 @@ class SpanStart:
         )
 
     @property
-    def slip(self) -> Floats:
+    def slip(self) -> FloatArray:
         """Slip velocity (2,) at the start, m/s: friction takes 7/2 of what it takes from the centre."""
         return -3.5 * self.slide_acceleration * self.slide
 
@@ -130,14 +129,14 @@ def fit_span(samples: Samples, t0: float) -> SpanStart:
     return best
 
 
-def _oddity(solution: Floats, slide: float, length: float) -> float:
+def _oddity(solution: FloatArray, slide: float, length: float) -> float:
     """chi2 of a long slide that is not as strong as friction makes it."""
     if slide < LONG_SLIDE or length < LONG_SLIDE:
         return 0.0
     return float(((np.hypot(*solution[2]) - SLIDING_ACCELERATION) / SLIDING_SPREAD) ** 2)
 
 
-def _basis(tau: Floats, slide: float) -> Floats:
+def _basis(tau: FloatArray, slide: float) -> FloatArray:
     """1, tau, and the double integrals of 'sliding' and of 'rolling' (..., 4)."""
     if not np.isfinite(slide):
         return np.stack([np.ones_like(tau), tau, tau**2 / 2, np.zeros_like(tau)], axis=-1)
@@ -146,7 +145,7 @@ def _basis(tau: Floats, slide: float) -> Floats:
     return np.stack([np.ones_like(tau), tau, early**2 / 2 + early * roll, roll**2 / 2], axis=-1)
 
 
-def _first_pass(samples: Samples, price: float) -> Ints:
+def _first_pass(samples: Samples, price: float) -> IntArray:
     """Starts of pieces, and n at the end: constants and parabolas by dynamic programming."""
     n = len(samples.t)
     best = np.full(n + 1, np.inf)
@@ -164,7 +163,7 @@ def _first_pass(samples: Samples, price: float) -> Ints:
     return np.array(bounds[::-1])
 
 
-def _piece_costs(samples: Samples, first: int) -> Floats:
+def _piece_costs(samples: Samples, first: int) -> FloatArray:
     """chi2 of the best constant or parabola through samples first..j, for every j >= first."""
     t, w = samples.t[first:] - samples.t[first], samples.weight[first:]
     xy = samples.xy[first:] - samples.xy[first]
@@ -176,7 +175,7 @@ def _piece_costs(samples: Samples, first: int) -> Floats:
     normal = normal + np.diag([_VAGUE, _VAGUE, SLIDING_ACCELERATION**-2])
     solution = np.linalg.solve(normal, right[..., None])[..., 0]
     parabola = square - (solution * right).sum(axis=(1, 2))
-    cost: Floats = np.minimum(constant, parabola + 4.0)
+    cost: FloatArray = np.minimum(constant, parabola + 4.0)
     return cost
 
 
@@ -187,7 +186,7 @@ def _static_cost(samples: Samples, first: int, end: int) -> float:
 
 
 def _second_pass(
-    samples: Samples, bounds: Ints, allowed: NDArray[np.bool_], price: float, dear: float
+    samples: Samples, bounds: IntArray, allowed: NDArray[np.bool_], price: float, dear: float
 ) -> list[Segment]:
     """Join pieces into spans; `bounds` (K+1,) are the starts of pieces and n."""
     count = len(bounds)
@@ -221,7 +220,7 @@ def _spin_from_nowhere(span: SpanStart) -> float:
     return float(min((np.hypot(*span.slip) / usual) ** 2, MOST_ODD))
 
 
-def _walk_back(bounds: Ints, best: Floats, came: Ints) -> list[Segment]:
+def _walk_back(bounds: IntArray, best: FloatArray, came: IntArray) -> list[Segment]:
     segments: list[Segment] = []
     m, static = len(bounds) - 1, int(np.argmin(best[-1]))
     while m > 0:

@@ -11,15 +11,13 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.springs.coordinate_series import EXACT, Coordinates, units
 from models.estimation.springs.fit_quality import doubts
 from models.estimation.springs.graph_search import settled
 from models.estimation.springs.spring_fit import SpringFit, fit_graph
 from models.physics.springs.spring_system import Springs, springs
-
-Floats = NDArray[np.float64]
 
 JOLT = 8.0
 """times what the way from one particle to another usually bends from sample to sample: then something pushed."""
@@ -56,7 +54,7 @@ def nearest_jolt(seen: Coordinates, graph: Springs) -> float:
     return min(near, default=np.inf)
 
 
-def _least_at_jolt(between: Floats, least: float) -> float:
+def _least_at_jolt(between: FloatArray, least: float) -> float:
     """The least distance at which two particles `between` (T, D) apart turn round within a sample or two, where they
     else go on as they were; infinite where they never do."""
     apart, bend = np.linalg.norm(between, axis=1), np.linalg.norm(np.diff(between, 2, axis=0), axis=1)

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from models.core.typing import BoolArray, FloatArray
 from models.estimation.springs.parameter_layout import Units
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 LEAST_SAMPLES = 8
 STILL = 0.02
@@ -27,9 +24,9 @@ EXACT = 1e-6
 class Coordinates:
     """N particles at T times in D axes; NaN where one was not seen."""
 
-    t: Floats
+    t: FloatArray
     """(T,) s, growing."""
-    x: Floats
+    x: FloatArray
     """(T, N, D)"""
     sigma: float | None = None
     """standard deviation of every coordinate, where it is known."""
@@ -49,7 +46,7 @@ class Coordinates:
         return Coordinates(self.t[:count], self.x[:count], self.sigma)
 
 
-def filled(seen: Coordinates) -> tuple[Floats, Floats]:
+def filled(seen: Coordinates) -> tuple[FloatArray, FloatArray]:
     """Places and velocities (T, N, D) of cubic splines through what was seen: first guesses."""
     x, v = np.empty_like(seen.x), np.empty_like(seen.x)
     for i, axis in np.ndindex(seen.x.shape[1:]):
@@ -60,7 +57,7 @@ def filled(seen: Coordinates) -> tuple[Floats, Floats]:
     return x, v
 
 
-def held(seen: Coordinates) -> Bools:
+def held(seen: Coordinates) -> BoolArray:
     """(N,) True where a particle stays in place and only its measurement errs."""
     middle = np.nanmean(seen.x, axis=0)
     off = np.nan_to_num(seen.x - middle)
@@ -69,7 +66,7 @@ def held(seen: Coordinates) -> Bools:
     return np.asarray((spread < STILL * spread.max()) & (wander < WANDERING), np.bool_)
 
 
-def noise(seen: Coordinates, still: Bools) -> float | None:
+def noise(seen: Coordinates, still: BoolArray) -> float | None:
     """Standard deviation of a coordinate: as told, else that of particles that are held, else unknown."""
     least = EXACT * units(seen).length
     if seen.sigma is not None:
@@ -96,7 +93,7 @@ def bend(seen: Coordinates) -> float:
     return float(np.sqrt(np.nanmean(np.diff(seen.x, 2, axis=0) ** 2)))
 
 
-def steadiness(seen: Coordinates) -> tuple[list[tuple[int, int]], Floats, Floats]:
+def steadiness(seen: Coordinates) -> tuple[list[tuple[int, int]], FloatArray, FloatArray]:
     """All pairs, their median distances, and how much these vary, relative; of distances that hardly vary first."""
     pairs = list(combinations(range(seen.x.shape[1]), 2))
     if not pairs:

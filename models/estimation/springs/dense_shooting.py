@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solveh_banded
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 LONGEST_STEP = 0.5
 """of a shared coordinate in one iteration, in units of its scale."""
@@ -32,28 +31,28 @@ _QUIET = 1e-4
 class Prediction:
     """What a flow says of a chain of K states with S numbers, tied by L = K - 1 links; P shared coordinates."""
 
-    ends: Floats
+    ends: FloatArray
     """(L, S) where the motion from each state is at the next sample."""
-    by_state: Floats
+    by_state: FloatArray
     """(L, S, S)"""
-    by_shared: Floats
+    by_shared: FloatArray
     """(L, S, P)"""
-    bonds: Floats
+    bonds: FloatArray
     """(K, R) what must vanish in every state, in standard deviations: rods have their length."""
-    bonds_by_state: Floats
+    bonds_by_state: FloatArray
     """(K, R, S)"""
-    bonds_by_shared: Floats
+    bonds_by_shared: FloatArray
     """(K, R, P)"""
 
 
 class ChainModel(Protocol):
     """Who predicts."""
 
-    def predict(self, states: Floats, shared: Floats) -> Prediction:
+    def predict(self, states: FloatArray, shared: FloatArray) -> Prediction:
         """From states (K, S) and shared coordinates (P,)."""
         ...
 
-    def allowed(self, shared: Floats) -> Floats:
+    def allowed(self, shared: FloatArray) -> FloatArray:
         """The nearest shared coordinates (P,) that are possible."""
         ...
 
@@ -62,17 +61,17 @@ class ChainModel(Protocol):
 class Seen:
     """Observations of a chain: values and 1/sigma, 0 where nothing was seen."""
 
-    states: Floats
+    states: FloatArray
     """(K, S)"""
-    weight: Floats
+    weight: FloatArray
     """(K, S)"""
-    shared: Floats
+    shared: FloatArray
     """(P,) what was seen of the shared coordinates directly, or is known beforehand."""
-    shared_weight: Floats
+    shared_weight: FloatArray
     """(P,)"""
-    scale: Floats
+    scale: FloatArray
     """(P,) by how much a shared coordinate may move."""
-    state_scale: Floats
+    state_scale: FloatArray
     """(S,) by how much a state may move."""
 
 
@@ -80,11 +79,11 @@ class Seen:
 class Chain:
     """One place of the search."""
 
-    states: Floats
+    states: FloatArray
     """(K, S)"""
-    shared: Floats
+    shared: FloatArray
     """(P,)"""
-    tie: Floats
+    tie: FloatArray
     """(S,) standard deviation of a link."""
     prediction: Prediction
     cost: float
@@ -96,27 +95,27 @@ class Chain:
 class Band:
     """Normal equations: blocks on the diagonal and beside it, border and corner."""
 
-    diagonal: Floats
+    diagonal: FloatArray
     """(K, S, S)"""
-    beside: Floats
+    beside: FloatArray
     """(L, S, S) of state k and state k + 1."""
-    border: Floats
+    border: FloatArray
     """(K, S, P)"""
-    corner: Floats
+    corner: FloatArray
     """(P, P)"""
-    gradient: Floats
+    gradient: FloatArray
     """(K, S)"""
-    shared_gradient: Floats
+    shared_gradient: FloatArray
     """(P,)"""
 
 
-def begin(model: ChainModel, seen: Seen, states: Floats, shared: Floats, tie: Floats) -> Chain:
+def begin(model: ChainModel, seen: Seen, states: FloatArray, shared: FloatArray, tie: FloatArray) -> Chain:
     """A chain that has not been moved yet."""
     prediction = model.predict(states, shared)
     return Chain(states, shared, tie, prediction, _cost(seen, states, shared, tie, prediction))
 
 
-def tightened(seen: Seen, chain: Chain, tie: Floats) -> Chain:
+def tightened(seen: Seen, chain: Chain, tie: FloatArray) -> Chain:
     """The same chain with other ties (S,)."""
     cost = _cost(seen, chain.states, chain.shared, tie, chain.prediction)
     return replace(chain, tie=tie, cost=cost, converged=False)
@@ -140,7 +139,7 @@ def relaxed(model: ChainModel, seen: Seen, chain: Chain, iterations: int) -> Cha
     return chain
 
 
-def _cost(seen: Seen, states: Floats, shared: Floats, tie: Floats, prediction: Prediction) -> float:
+def _cost(seen: Seen, states: FloatArray, shared: FloatArray, tie: FloatArray, prediction: Prediction) -> float:
     parts = (
         (states - seen.states) * seen.weight,
         (shared - seen.shared) * seen.shared_weight,
@@ -175,13 +174,13 @@ def normal_equations(seen: Seen, chain: Chain) -> Band:
     return Band(diagonal, beside, border, corner, gradient, shared_gradient)
 
 
-def information(band: Band) -> Floats:
+def information(band: Band) -> FloatArray:
     """(P, P) what is known of the shared coordinates, all states unknown."""
     inside = _banded(band, np.zeros(band.gradient.shape[1]), band.border)
     return np.asarray(band.corner - np.einsum("ksp,ksq->pq", band.border, inside), np.float64)
 
 
-def state_covariance(band: Band, shared: Floats) -> Floats:
+def state_covariance(band: Band, shared: FloatArray) -> FloatArray:
     """(S, S) of the first state, given the covariance (P, P) of the shared coordinates."""
     count, size, _ = band.border.shape
     units = np.zeros((count, size, size))
@@ -202,7 +201,7 @@ def _moved(model: ChainModel, seen: Seen, chain: Chain, band: Band, damping: flo
     return Chain(moved, there, chain.tie, prediction, _cost(seen, moved, there, chain.tie, prediction))
 
 
-def _step(seen: Seen, band: Band, damping: float) -> tuple[Floats, Floats]:
+def _step(seen: Seen, band: Band, damping: float) -> tuple[FloatArray, FloatArray]:
     """Of states (K, S) and shared coordinates (P,), bounded in the scales of what is shared."""
     right = np.concatenate([band.border, band.gradient[:, :, None]], axis=2)
     inside = _banded(band, damping * float((seen.weight**2).max()) * _pull(seen), right)
@@ -215,12 +214,12 @@ def _step(seen: Seen, band: Band, damping: float) -> tuple[Floats, Floats]:
     return -(inside[:, :, -1] + inside[:, :, :-1] @ shared), shared
 
 
-def _pull(seen: Seen) -> Floats:
+def _pull(seen: Seen) -> FloatArray:
     """(S,) what damping holds the numbers of a state with, relative to an observation of a place."""
     return np.asarray(np.square(seen.state_scale.min() / seen.state_scale), np.float64)
 
 
-def _banded(band: Band, extra: Floats, right: Floats) -> Floats:
+def _banded(band: Band, extra: FloatArray, right: FloatArray) -> FloatArray:
     """Solution (K, S, Q) of the equations of the states with `right` (K, S, Q), `extra` (S,) on the diagonal."""
     count, size, columns = right.shape
     stored = np.zeros((2 * size, count * size))

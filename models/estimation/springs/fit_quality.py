@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.springs.coordinate_series import EXACT, Coordinates
 from models.estimation.springs.spring_fit import SpringFit, residuals
 from models.physics.springs.spring_system import Springs, acceleration
-
-Floats = NDArray[np.float64]
 
 MOST_CHI2 = 1.5
 """per degree of freedom."""
@@ -43,19 +41,19 @@ def doubts(fit: SpringFit, noise_known: bool) -> tuple[str, ...]:
     return tuple(found)
 
 
-def correlation(off: Floats) -> float:
+def correlation(off: FloatArray) -> float:
     """Of residuals (T, M) with the next ones."""
     there = np.nan_to_num(off)
     return float((there[1:] * there[:-1]).sum() / max((there**2).sum(), 1e-300))
 
 
-def unevenness(off: Floats) -> float:
+def unevenness(off: FloatArray) -> float:
     """Largest mean square of the residuals (T, M) of an eighth of the time, over the median one."""
     parts = [float(np.nanmean(part**2)) for part in np.array_split(off, 8) if np.isfinite(part).any()]
     return max(parts) / max(float(np.median(parts)), 1e-300)
 
 
-def compliance(seen: Coordinates, fit: SpringFit) -> tuple[Floats, Floats]:
+def compliance(seen: Coordinates, fit: SpringFit) -> tuple[FloatArray, FloatArray]:
     """(R,) lengthening of every rod per force on it, and its standard deviation.
 
     Seen lengths against the tension that the fitted motion asks for: slow against the swing of a stiff spring, so that
@@ -77,7 +75,7 @@ def compliance(seen: Coordinates, fit: SpringFit) -> tuple[Floats, Floats]:
     return values, sigmas
 
 
-def tensions(graph: Springs, states: Floats) -> Floats:
+def tensions(graph: Springs, states: FloatArray) -> FloatArray:
     """(T, R) with what force every rod pulls its ends together."""
     free = ~graph.held
     loose = Springs(
@@ -97,7 +95,7 @@ def tensions(graph: Springs, states: Floats) -> Floats:
     return found
 
 
-def least_stiffness(seen: Coordinates, fit: SpringFit) -> Floats:
+def least_stiffness(seen: Coordinates, fit: SpringFit) -> FloatArray:
     """(E,) what the stiffness of a rod exceeds at two standard deviations; NaN for springs."""
     found = np.full(len(fit.graph.pairs), np.nan)
     if len(fit.graph.rods) == 0:

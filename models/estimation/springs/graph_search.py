@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from models.estimation.springs.coordinate_series import Bools, Coordinates, steadiness, units
+from models.core.typing import BoolArray
+from models.estimation.springs.coordinate_series import Coordinates, steadiness, units
 from models.estimation.springs.fit_quality import compliance, doubts, tensions
 from models.estimation.springs.spring_fit import (
     GLANCE,
@@ -21,7 +21,6 @@ from models.estimation.springs.spring_fit import (
 )
 from models.physics.springs.spring_system import Springs, springs
 
-Floats = NDArray[np.float64]
 Pair = tuple[int, int]
 
 GLANCED = 40
@@ -58,7 +57,7 @@ SETTLING = 4
 """rounds in which the noise is learned from residuals."""
 
 
-def searched(seen: Coordinates, still: Bools, noise: float | None) -> SpringFit:
+def searched(seen: Coordinates, still: BoolArray, noise: float | None) -> SpringFit:
     """The best fit of the graphs that are plausible; it may still leave more than noise."""
     steady, missing = _pairs(seen, still, STEADY)
     rigid = {tuple(_pairs(seen, still, change)[0]) for change in RIGID}
@@ -141,7 +140,7 @@ def _doubtful(glance: SpringFit) -> list[list[int]]:
     ]  # fmt: skip
 
 
-def _pairs(seen: Coordinates, still: Bools, change: float) -> tuple[list[Pair], list[Pair]]:
+def _pairs(seen: Coordinates, still: BoolArray, change: float) -> tuple[list[Pair], list[Pair]]:
     """Pairs whose distance changes by less than `change`, in order, and the others, those that change least first."""
     pairs, _, vary = steadiness(seen)
     free = [k for k, (i, j) in enumerate(pairs) if not (still[i] and still[j])]
@@ -187,7 +186,7 @@ def _stretching(seen: Coordinates, rigid: SpringFit, noise: float | None) -> Spr
     return settled(descended(fit_graph(seen, graph, noise, START, start=rigid), left, NEAR), noise)
 
 
-def _guess(seen: Coordinates, still: Bools, pairs: list[Pair], swing: float) -> Springs:
+def _guess(seen: Coordinates, still: BoolArray, pairs: list[Pair], swing: float) -> Springs:
     """A graph to begin with: `swing` rad between two samples, distances as they are."""
     every, distance, _ = steadiness(seen)
     far = dict(zip(every, distance.tolist(), strict=True))

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.springs.parameter_layout import standards
 from models.estimation.springs.spring_fit import SpringFit
 from models.physics.springs.spring_system import Springs, flow, steps_for
-
-Floats = NDArray[np.float64]
 
 UNSURE = 0.5
 """of a number: a larger standard deviation says no more than its size, if that."""
@@ -22,7 +20,7 @@ WITHIN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
 
 
 def sentences(
-    graph: Springs, names: Sequence[str], values: Floats, sigma: Floats, least: Floats, depth: float
+    graph: Springs, names: Sequence[str], values: FloatArray, sigma: FloatArray, least: FloatArray, depth: float
 ) -> tuple[str, ...]:
     """Of a fit whose rods stand for springs of at least the stiffness `least` (E,), and whose surfaces overlap by
     `depth` where nobody sees it."""
@@ -38,14 +36,14 @@ def _masses(graph: Springs) -> Iterator[str]:
         yield f"Masses are told only as multiples of that of particle {first}, where forces join them."
 
 
-def _rods(graph: Springs, least: Floats) -> Iterator[str]:
+def _rods(graph: Springs, least: FloatArray) -> Iterator[str]:
     for edge in graph.rods.tolist():
         i, j = graph.pairs[edge].tolist()
         bound = f", except that it is above {least[edge]:.3g}" if np.isfinite(least[edge]) else ""
         yield f"How stiff the rod {i}-{j} is, and what dampens it, is not told{bound}."
 
 
-def _numbers(names: Sequence[str], values: Floats, sigma: Floats) -> Iterator[str]:
+def _numbers(names: Sequence[str], values: FloatArray, sigma: FloatArray) -> Iterator[str]:
     for name, value, error in zip(names, values.tolist(), sigma.tolist(), strict=True):
         unsure = not np.isfinite(error) or error > UNSURE * abs(value)
         if unsure and not name.startswith(("gravity", "place")):  # these may well be nothing
@@ -68,7 +66,7 @@ def hidden_depth(fit: SpringFit) -> float:
     return max(float((graph.radius[i] + graph.radius[j] - _apart(fit)).max()), 0.0)
 
 
-def _apart(fit: SpringFit) -> Floats:
+def _apart(fit: SpringFit) -> FloatArray:
     """(M, C) distances of pairs that may collide, at moments between samples."""
     graph, none = fit.graph, np.empty(0, np.int64)
     i, j = graph.touching.T

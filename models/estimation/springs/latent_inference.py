@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.springs.colliding_particles import colliding
 from models.estimation.springs.coordinate_series import Coordinates, held, noise
 from models.estimation.springs.fit_quality import doubts, least_stiffness
@@ -22,26 +22,24 @@ from models.estimation.springs.model_reduction import simplified
 from models.estimation.springs.spring_fit import SpringFit, covariance
 from models.physics.springs.spring_system import Springs, flow, motion, steps_for
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True)
 class Latent:
     """What coordinates say of the springs behind them."""
 
-    t: Floats
+    t: FloatArray
     """(T,) s, of the samples."""
-    states: Floats
+    states: FloatArray
     """(T, 2, N, D) places and velocities at the samples."""
     graph: Springs
     """Masses are relative to the first free particle of every group that hangs together."""
     names: tuple[str, ...]
     """(P,) of the numbers that were fitted."""
-    values: Floats
+    values: FloatArray
     """(P,)"""
-    sigma: Floats
+    sigma: FloatArray
     """(P,)"""
-    least_stiffness: Floats
+    least_stiffness: FloatArray
     """(E,) what the stiffness of a rod exceeds, at two standard deviations; NaN for springs."""
     noise: float
     """standard deviation of a coordinate."""
@@ -56,7 +54,7 @@ class Latent:
     def accepted(self) -> bool:
         return not self.doubts
 
-    def at(self, t: Floats) -> Floats:
+    def at(self, t: FloatArray) -> FloatArray:
         """States (M, 2, N, D) at any times (M,): between samples, before the first and after the last one."""
         after = np.flatnonzero(t > self.t[-1])
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
@@ -71,7 +69,7 @@ class Latent:
         return found
 
 
-def infer(t: Floats, x: Floats, sigma: float | None = None) -> Latent:
+def infer(t: FloatArray, x: FloatArray, sigma: float | None = None) -> Latent:
     """The springs behind coordinates x (T, N, D) at times t (T,) s, NaN where a particle was not seen.
 
     `sigma` is the standard deviation of a coordinate where it is known; otherwise held particles or the residuals of

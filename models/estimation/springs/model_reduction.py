@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.springs.coordinate_series import Coordinates
 from models.estimation.springs.dense_shooting import normal_equations, state_covariance
 from models.estimation.springs.spring_fit import (
@@ -23,8 +23,6 @@ from models.estimation.springs.spring_fit import (
     from_rest,
     from_slack,
 )
-
-Floats = NDArray[np.float64]
 
 KINDS = ("mass", "stiffness", "damping", "rest")
 REST_AT_START = "starts from rest"
@@ -82,7 +80,7 @@ def candidates(fit: SpringFit) -> list[Simplification]:
     return found
 
 
-def _price_of_slack(fit: SpringFit, spread: Floats, around: Floats) -> tuple[float, int]:
+def _price_of_slack(fit: SpringFit, spread: FloatArray, around: FloatArray) -> tuple[float, int]:
     """Of springs that have their rest lengths at the first sample; errors of lengths and places taken as independent,
     which the fit that follows corrects."""
     slack = replace(fit.model, slack=True, bond=1.0).predict(fit.chain.states, fit.chain.shared)
@@ -91,7 +89,7 @@ def _price_of_slack(fit: SpringFit, spread: Floats, around: Floats) -> tuple[flo
     return _wald(slack.bonds[0, rows], by_state @ around @ by_state.T + by_shared @ spread @ by_shared.T)
 
 
-def _price_of_equality(fit: SpringFit, names: list[str], kind: str, spread: Floats) -> tuple[float, int]:
+def _price_of_equality(fit: SpringFit, names: list[str], kind: str, spread: FloatArray) -> tuple[float, int]:
     where = [fit.model.layout.names.index(name) for name in names]
     values, around = fit.chain.shared[where], spread[np.ix_(where, where)]
     if kind == "mass":  # the first one is the unit
@@ -100,7 +98,7 @@ def _price_of_equality(fit: SpringFit, names: list[str], kind: str, spread: Floa
     return _wald(contrast @ values, contrast @ around @ contrast.T)
 
 
-def _wald(off: Floats, spread: Floats) -> tuple[float, int]:
+def _wald(off: FloatArray, spread: FloatArray) -> tuple[float, int]:
     """chi2 of numbers being zero, and how many of them were free."""
     scale = np.sqrt(np.diag(spread).clip(1e-300))
     values, vectors = np.linalg.eigh(spread / scale / scale[:, None])

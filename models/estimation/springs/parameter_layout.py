@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.physics.springs.spring_system import Floats, Ints, Springs
+from models.core.typing import FloatArray, IntArray
+from models.physics.springs.spring_system import Springs
 
 FASTEST_SWING = 60.0
 """rad between two samples: stiffer springs are sought as rods."""
@@ -23,28 +24,28 @@ class Layout:
 
     names: tuple[str, ...]
     """(P,) such as `stiffness 0-1`."""
-    inputs: Ints
+    inputs: IntArray
     """(I,)"""
-    owner: Ints
+    owner: IntArray
     """(I,) coordinate that sets it."""
     logarithmic: NDArray[np.bool_]
     """(P,) True where the coordinate is the logarithm of the number."""
-    scale: Floats
+    scale: FloatArray
     """(P,) by how much a coordinate may move at a time."""
-    low: Floats
+    low: FloatArray
     """(P,)"""
-    high: Floats
+    high: FloatArray
     """(P,)"""
 
-    def values(self, shared: Floats) -> Floats:
+    def values(self, shared: FloatArray) -> FloatArray:
         """(P,) numbers of coordinates."""
         return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, shared, 0.0)), shared)
 
-    def slope(self, shared: Floats) -> Floats:
+    def slope(self, shared: FloatArray) -> FloatArray:
         """(P,) d number / d coordinate."""
         return np.where(self.logarithmic, self.values(shared), 1.0)
 
-    def coordinates(self, values: Floats) -> Floats:
+    def coordinates(self, values: FloatArray) -> FloatArray:
         """(P,) of numbers."""
         return np.where(self.logarithmic, np.log(np.where(self.logarithmic, values, 1.0)), values)
 
@@ -61,7 +62,7 @@ class Layout:
         merged = self._merged(np.where(others, target[first], target))
         return replace(merged, names=tuple(name if one == names[0] else one for one in merged.names))
 
-    def _merged(self, target: Ints) -> Layout:
+    def _merged(self, target: IntArray) -> Layout:
         """Old coordinate k becomes new coordinate target[k] (P,), or is dropped where that is -1."""
         kept = [int(np.flatnonzero(target == new)[0]) for new in range(int(target.max(initial=-1)) + 1)]
         owner = target[self.owner]
@@ -137,7 +138,7 @@ def _rows(graph: Springs, units: Units) -> list[_Row]:
     return rows
 
 
-def standards(graph: Springs) -> Ints:
+def standards(graph: Springs) -> IntArray:
     """The first free particle of every group that hangs together: its mass is the unit of its group."""
     group = np.arange(len(graph.mass))
     for _ in range(len(group)):

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.springs.coordinate_series import Coordinates, bend, filled, units
 from models.estimation.springs.dense_shooting import Chain, Seen, begin, information, normal_equations, relaxed
 from models.estimation.springs.parameter_layout import Layout, layout
 from models.estimation.springs.spring_flow import SpringChain
 from models.physics.springs.spring_system import Springs
-
-Floats = NDArray[np.float64]
 
 LOOSE = 0.3
 """of the bend of the paths: how loosely links are tied first."""
@@ -58,7 +56,7 @@ class SpringFit:
         return self.model.at(self.chain.shared)
 
     @property
-    def states(self) -> Floats:
+    def states(self) -> FloatArray:
         """(T, 2, N, D)"""
         return self.model.full(self.chain.states, self.chain.shared)
 
@@ -98,7 +96,7 @@ def fit_graph(
     return descended(SpringFit(model, observed, chain, error), LOOSE * bend(seen), effort)
 
 
-def _observed(seen: Coordinates, model: SpringChain, shared: Floats, noise: float) -> Seen:
+def _observed(seen: Coordinates, model: SpringChain, shared: FloatArray, noise: float) -> Seen:
     half = model.free.size // 2
     there = np.isfinite(seen.x).reshape(len(seen.x), -1)[:, model.free[:half]]
     states = np.zeros((len(seen.x), 2 * half))
@@ -139,14 +137,14 @@ def from_rest(fit: SpringFit) -> SpringFit:
     return replace(fit, seen=replace(fit.seen, states=states, weight=weight))
 
 
-def residuals(fit: SpringFit) -> Floats:
+def residuals(fit: SpringFit) -> FloatArray:
     """(T, S / 2) fitted minus seen places of free particles; NaN where they were not seen."""
     half = fit.chain.states.shape[1] // 2
     off = fit.chain.states[:, :half] - fit.seen.states[:, :half]
     return np.where(fit.seen.weight[:, :half] > 0, off, np.nan)
 
 
-def covariance(fit: SpringFit) -> Floats:
+def covariance(fit: SpringFit) -> FloatArray:
     """(P, P) of the shared coordinates."""
     known = information(normal_equations(fit.seen, fit.chain))
     size = 1 / np.sqrt(np.diag(known).clip(1e-300))

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.typing import FloatArray, IntArray
 from models.estimation.springs.dense_shooting import Prediction
 from models.estimation.springs.parameter_layout import Layout, Units
-from models.physics.springs.spring_system import Floats, Ints, Springs, flow, steps_for
+from models.physics.springs.spring_system import Springs, flow, steps_for
 
 FARTHEST = 10.0
 """typical distances that a particle may fly between two samples; a search that goes farther has gone astray."""
@@ -24,7 +25,7 @@ class SpringChain:
     graph: Springs
     units: Units
     layout: Layout
-    spans: Floats
+    spans: FloatArray
     """(L,) s between samples."""
     bond: float
     """standard deviation of the length of a rod."""
@@ -32,17 +33,17 @@ class SpringChain:
     """springs have their rest lengths at the first sample."""
 
     @property
-    def free(self) -> Ints:
+    def free(self) -> IntArray:
         """(S,) inputs of `springs.flow` that are numbers of state."""
         count, axes = len(self.graph.mass), len(self.graph.gravity)
         places = np.flatnonzero(np.repeat(~self.graph.held, axes))
         return np.concatenate([places, count * axes + places])
 
-    def allowed(self, shared: Floats) -> Floats:
+    def allowed(self, shared: FloatArray) -> FloatArray:
         """Coordinates (P,) within their bounds."""
         return np.clip(shared, self.layout.low, self.layout.high)
 
-    def full(self, states: Floats, shared: Floats) -> Floats:
+    def full(self, states: FloatArray, shared: FloatArray) -> FloatArray:
         """States (K, 2, N, D) of all particles."""
         count, axes = len(self.graph.mass), len(self.graph.gravity)
         whole = np.zeros((len(states), 2 * count * axes))
@@ -51,7 +52,7 @@ class SpringChain:
         whole[:, self.layout.inputs[pinned]] = shared[self.layout.owner[pinned]]
         return whole.reshape(len(states), 2, count, axes)
 
-    def at(self, shared: Floats) -> Springs:
+    def at(self, shared: FloatArray) -> Springs:
         """The graph with the numbers of coordinates (P,)."""
         count, edges, axes = len(self.graph.mass), len(self.graph.pairs), len(self.graph.gravity)
         numbers = self.graph.numbers
@@ -66,14 +67,14 @@ class SpringChain:
             contact=contact,
         )  # fmt: skip
 
-    def coordinates(self, places: Floats) -> Floats:
+    def coordinates(self, places: FloatArray) -> FloatArray:
         """Shared coordinates (P,) of the graph itself, held particles at `places` (N, D)."""
         inputs = np.concatenate([places.ravel(), np.zeros(places.size), self.graph.numbers])
         values = np.zeros(len(self.layout.names))
         values[self.layout.owner] = inputs[self.layout.inputs]
         return self.allowed(self.layout.coordinates(values))
 
-    def predict(self, states: Floats, shared: Floats) -> Prediction:
+    def predict(self, states: FloatArray, shared: FloatArray) -> Prediction:
         """Where every state is at the next sample, and how far rods are off their lengths."""
         whole, free = self.full(states, shared), self.free
         speed = 2 * float(np.abs(states[:, len(free) // 2 :]).max(initial=0.0))
@@ -94,20 +95,20 @@ class SpringChain:
             bonds_by_all[:, :, self._pins()] @ self._pinned() - lengths,
         )
 
-    def _gather(self) -> Floats:
+    def _gather(self) -> FloatArray:
         """(I, P) adds up the inputs of each coordinate."""
         return np.eye(len(self.layout.names))[self.layout.owner]
 
-    def _pins(self) -> Ints:
+    def _pins(self) -> IntArray:
         return self.layout.inputs[self.layout.inputs < self.graph.mass.size * self.graph.gravity.size]
 
-    def _pinned(self) -> Floats:
+    def _pinned(self) -> FloatArray:
         return self._gather()[self.layout.inputs < self.graph.mass.size * self.graph.gravity.size]
 
-    def _slack_springs(self) -> Ints:
+    def _slack_springs(self) -> IntArray:
         return np.flatnonzero(np.isfinite(self.graph.stiffness)) if self.slack else np.empty(0, np.int64)
 
-    def _lengths(self, whole: Floats) -> Floats:
+    def _lengths(self, whole: FloatArray) -> FloatArray:
         """(K, 2 R + E', P) which coordinate is the length of each rod, and of each slack spring at the first sample, in
         units of `bond`."""
         rods, slack = self.graph.rods, self._slack_springs()
@@ -120,7 +121,7 @@ class SpringChain:
             found[0, row, self.layout.owner[self.layout.inputs == first + spring]] = 1 / self.bond
         return found
 
-    def _bonds(self, whole: Floats) -> tuple[Floats, Floats]:
+    def _bonds(self, whole: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Lengths of rods and their rates over a sample, then lengths of slack springs, over `bond` (K, 2 R + E'), and
         slopes (K, 2 R + E', 2 N D) by states."""
         rods, slack, count = self.graph.rods, self._slack_springs(), len(whole)
@@ -134,7 +135,7 @@ class SpringChain:
         return values / self.bond, by_states / self.bond
 
 
-def _stretch(whole: Floats, pairs: Ints, span: float) -> tuple[Floats, Floats, Floats]:
+def _stretch(whole: FloatArray, pairs: IntArray, span: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Distances of pairs (R, 2) in states (K, 2, N, D) and their changes in `span` (K, R); slopes (K, 2, R, 2 N D)."""
     i, j = pairs.T
     apart, rate = whole[:, 0, j] - whole[:, 0, i], whole[:, 1, j] - whole[:, 1, i]  # (K, R, D)

@@ -14,15 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
+from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.contact_cascades import SHORTEST, SLOW, Hit, cascade, loose_break, with_hits
 from models.estimation.joint_fit.fit_solution import Data, Solution, end_state, owners, residuals
 from models.estimation.joint_fit.joint_refinement import refine
 from models.estimation.segmentation.contact_classification import INWARD, NEAR_BALL
 from models.estimation.segmentation.contact_graph import Contact, Story
 from models.physics.billiards.cloth.closed_form_motion import kinematics
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STEP = 2e-3
 """s between the moments at which distances are looked at; a ball at 5 m/s moves a third of its radius."""
@@ -173,7 +171,7 @@ def closing_speed(solution: Solution, contact: Contact) -> float:
 
 
 def _tried(
-    solution: Solution, data: Data, owner: Ints, table: Table, met: Story, hits: list[Hit],
+    solution: Solution, data: Data, owner: IntArray, table: Table, met: Story, hits: list[Hit],
     tolls: tuple[float, float], alone: dict[frozenset[int], float], asked: Answers, fresh: frozenset[int] | None,
 ) -> Encounter | None:  # fmt: skip
     """What a story gains over that of the solution where they differ; None where only old spans are concerned."""
@@ -211,7 +209,9 @@ def interval_of(data: Data) -> float:
     return float(np.median(np.diff(np.unique(data.t))))
 
 
-def _path(solution: Solution, data: Data, miss: Floats, ball: int, t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def _path(
+    solution: Solution, data: Data, miss: FloatArray, ball: int, t: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Places (M, 2) of a ball, NaN where it was not followed, and whether it moves (M,).
 
     The fitted path, drawn to the samples by what it misses, `miss` (K, 2) m: it is wrong where a contact is wanting.

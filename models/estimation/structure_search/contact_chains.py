@@ -7,7 +7,6 @@ hardly moves. Once the first contact is told alone, what it sets going has no ca
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
 from models.estimation.joint_fit.contact_cascades import Hit, cascade, with_hits
@@ -16,8 +15,6 @@ from models.estimation.joint_fit.joint_refinement import refine
 from models.estimation.joint_fit.trust_level import span_chi2
 from models.estimation.segmentation.contact_graph import Contact, Story
 from models.estimation.structure_search.ball_encounters import NEAR_IN_TIME, Answers, interval_of, total_cost
-
-Floats = NDArray[np.float64]
 
 HORIZONS = (1.0, 2.5)
 """picture intervals after a contact in which it may send balls off."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
+from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import SHORTEST, SLOW
 from models.estimation.joint_fit.fit_solution import Data, Solution, end_state, owners
 from models.estimation.joint_fit.joint_refinement import refine
@@ -20,9 +20,6 @@ from models.estimation.segmentation.contact_classification import INWARD, NEAR_C
 from models.estimation.segmentation.contact_graph import Contact, Story
 from models.estimation.structure_search.ball_encounters import as_refined, interval_of, refined_part, total_cost
 from models.physics.billiards.cloth.closed_form_motion import kinematics
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SOON = 2.5
 """picture intervals: farther from another contact, a cushion breaks the path by itself."""
@@ -37,7 +34,7 @@ class _Corner:
     """A story with one cushion more, which cuts one of the spans of a contact."""
 
     contact: Contact
-    states: tuple[Floats, Floats]
+    states: tuple[FloatArray, FloatArray]
     """(8,) of the span that is cut, at its beginning, and of the new one."""
     around: int
     """The contact beside it."""
@@ -114,8 +111,8 @@ def _corners(solution: Solution, table: Table, soon: float) -> list[_Corner]:
 
 
 def _then(
-    solution: Solution, k: int, n: Floats, way: float, cushion: str, soon: float
-) -> tuple[Contact, tuple[Floats, Floats]] | None:
+    solution: Solution, k: int, n: FloatArray, way: float, cushion: str, soon: float
+) -> tuple[Contact, tuple[FloatArray, FloatArray]] | None:
     """Span k meets a cushion `way` m off after it begins: as it is told it goes away from there, or spin turns it."""
     span, story = solution.story.spans[k], solution.story
     begin = story.begin(k)
@@ -140,8 +137,8 @@ def _then(
 
 
 def _first(
-    solution: Solution, k: int, n: Floats, way: float, cushion: str, soon: float
-) -> tuple[Contact, tuple[Floats, Floats]] | None:
+    solution: Solution, k: int, n: FloatArray, way: float, cushion: str, soon: float
+) -> tuple[Contact, tuple[FloatArray, FloatArray]] | None:
     """Span k meets a cushion before it ends `way` m off: as it is told it still runs towards it there."""
     span, story = solution.story.spans[k], solution.story
     coming = float(n @ end_state(solution, k)[2:4])

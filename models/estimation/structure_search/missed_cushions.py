@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
+from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import SLOW
 from models.estimation.joint_fit.fit_solution import Data, Solution, end_state
 from models.estimation.joint_fit.joint_refinement import refine
@@ -16,8 +16,6 @@ from models.estimation.joint_fit.physics_priors import CUSHION_RESTITUTION
 from models.estimation.segmentation.contact_classification import INWARD, NEAR_CUSHION, cushion_distances
 from models.estimation.segmentation.contact_graph import Contact, Story
 from models.physics.billiards.cloth.closed_form_motion import kinematics
-
-Floats = NDArray[np.float64]
 
 OVERSHOOT = 0.2
 """ball radii: a path that goes so far into a cushion has met it."""
@@ -39,7 +37,7 @@ def with_rebounds_retold(solution: Solution, data: Data, table: Table) -> Soluti
     return min([solution, *tried], key=lambda one: one.chi2)
 
 
-def _rebounding(solution: Solution, rubber: Floats) -> Solution:
+def _rebounding(solution: Solution, rubber: FloatArray) -> Solution:
     """The solution whose balls leave cushions along the normal as `rubber` (3,) has them leave, with its slip."""
     story, (restitution, slower, grip) = solution.story, rubber
     spans = list(story.spans)
@@ -147,7 +145,7 @@ def inserted(solution: Solution, story: Story, data: Data, table: Table) -> Stor
     return story
 
 
-def _in_pocket_mouth(x: Floats, table: Table) -> bool:
+def _in_pocket_mouth(x: FloatArray, table: Table) -> bool:
     """Where there is no cushion to meet: within three radii of a pocket."""
     return bool(
         len(table.pocket_centres) and np.linalg.norm(table.pocket_centres - x, axis=1).min() < 3 * table.ball_radius

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray, IntArray
 from models.estimation.break_shot.break_data import Burst
 from models.estimation.joint_fit.contact_cascades import span_before
 from models.estimation.joint_fit.fit_solution import Data, Solution
@@ -15,9 +16,6 @@ from models.estimation.segmentation.contact_graph import Story
 from models.estimation.structure_search.ball_encounters import interval_of
 from models.physics.billiards.cloth.closed_form_motion import kinematics
 from models.tracking.track_noise import FLOOR
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FEWEST, FEWEST_LEAVE = 4, 3
 """balls that lie together, and that set off at once: contacts of fewer are told one by one."""
@@ -47,7 +45,7 @@ class _Lying:
     """A ball that rests until the burst, whatever the story has it do shortly before."""
 
     ball: int
-    place: Floats
+    place: FloatArray
     """(2,) m."""
     sigma: float
     """m per axis."""
@@ -101,7 +99,7 @@ def rests_from(story: Story, ball: int, t: float) -> float:
     return max(story.begin(span_before(story, ball, t - LOOKED_BACK)), t - LOOKED_BACK)
 
 
-def _rest(data: Data, rows: Ints) -> tuple[Floats, float, bool]:
+def _rest(data: Data, rows: IntArray) -> tuple[FloatArray, float, bool]:
     """Where samples of one place say it is, (2,) m, its standard deviation, m per axis, and whether they agree."""
     known = np.einsum("kij,kil->kjl", data.whiten[rows], data.whiten[rows])
     covariance = np.linalg.inv(known.sum(axis=0))
@@ -123,7 +121,7 @@ def _together(lying: list[_Lying], leaving: set[int], reach: float) -> list[_Lyi
     return found
 
 
-def _groups(near: NDArray[np.bool_]) -> Ints:
+def _groups(near: NDArray[np.bool_]) -> IntArray:
     """(n,) the first of all that each hangs together with, by way of pairs (n, n) that are near each other."""
     linked = near | np.eye(len(near), dtype=np.bool_)
     while not np.array_equal(linked, further := linked @ linked):
@@ -189,7 +187,7 @@ def _until(solution: Solution, ball: int, hit: float, window: float) -> float:
     return min([hit + window, *met])
 
 
-def _in_jaws(xy: Floats, table: Table) -> NDArray[np.bool_]:
+def _in_jaws(xy: FloatArray, table: Table) -> NDArray[np.bool_]:
     """(K,) which places (K, 2) are in or before a pocket."""
     if not table.pockets:
         return np.zeros(len(xy), np.bool_)

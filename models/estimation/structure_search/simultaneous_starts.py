@@ -10,7 +10,6 @@ from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
 from models.estimation.joint_fit.contact_cascades import SHORTEST, SLOW
@@ -18,8 +17,6 @@ from models.estimation.joint_fit.fit_solution import Data, Solution
 from models.estimation.joint_fit.joint_refinement import refine
 from models.estimation.segmentation.contact_graph import Contact, Story
 from models.estimation.structure_search.ball_encounters import interval_of, total_cost
-
-Floats = NDArray[np.float64]
 
 
 def opened(solution: Solution, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import SLOW
 from models.estimation.joint_fit.fit_solution import Data, Solution, end_state, owners
 from models.estimation.joint_fit.joint_refinement import refine
@@ -28,8 +29,6 @@ from models.estimation.structure_search.corner_cushions import with_corners
 from models.estimation.structure_search.missed_cushions import doubled, inserted, renamed
 from models.estimation.structure_search.simultaneous_starts import opened
 from models.physics.billiards.cloth.closed_form_motion import kinematics
-
-Floats = NDArray[np.float64]
 
 TOUCHING = 0.5
 """ball radii: two balls may be so far from touching where one of them breaks, and have met."""
@@ -121,7 +120,7 @@ def without_doubts(solution: Solution, data: Data, table: Table, dear: float) ->
     return _pruned(solution, _gains(solution, data, table, Answers()), data, table, (0.0, dear))
 
 
-def _pruned(solution: Solution, gains: Floats, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
+def _pruned(solution: Solution, gains: FloatArray, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
     """The solution without contacts that the samples do not ask for; `gains` (C,) are kept in the others.
 
     Where the whole clip misses them, the more needed half of them stays, and so on. Those that stay are needed by more
@@ -141,7 +140,7 @@ def _pruned(solution: Solution, gains: Floats, data: Data, table: Table, tolls: 
     return replace(solution, story=_with_gains(solution.story, believed).with_pushes())
 
 
-def _needless(solution: Solution, gains: Floats, tolls: tuple[float, float]) -> list[int]:
+def _needless(solution: Solution, gains: FloatArray, tolls: tuple[float, float]) -> list[int]:
     """Contacts that gain less than they cost, the most needless first; no two of the same span."""
     contacts = solution.story.contacts
     price = np.array([tolls[doubtful(solution, c)] for c in contacts])
@@ -155,7 +154,7 @@ def _needless(solution: Solution, gains: Floats, tolls: tuple[float, float]) -> 
     return gone
 
 
-def _with_gains(story: Story, gains: Floats) -> Story:
+def _with_gains(story: Story, gains: FloatArray) -> Story:
     return Story(story.spans, tuple(replace(c, gain=float(g)) for c, g in zip(story.contacts, gains, strict=True)))
 
 
@@ -165,7 +164,7 @@ def _without(story: Story, contacts: list[int]) -> Story:
     return story.with_pushes()
 
 
-def _gains(solution: Solution, data: Data, table: Table, asked: Answers) -> Floats:
+def _gains(solution: Solution, data: Data, table: Table, asked: Answers) -> FloatArray:
     """chi2 (C,) that every contact improves; `asked` keeps the answers for when nothing has changed."""
     owner, story, gains = owners(solution.story, data), solution.story, []
     for number, contact in enumerate(story.contacts):
@@ -198,7 +197,7 @@ def _gain(solution: Solution, data: Data, owner: NDArray[np.int64], table: Table
     return joined - split.chi2
 
 
-def _joined(solution: Solution, part: Story, local: Data, k: int) -> Floats:
+def _joined(solution: Solution, part: Story, local: Data, k: int) -> FloatArray:
     """First guess of the state of a span without the contact at its end: straight through its samples."""
     span = part.spans[k]
     rows = local.ball == span.ball

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.normal_equations import HUBER, glanced
 from models.estimation.multiple_shooting.posterior_samples import drawn
 from models.estimation.multiple_shooting.shooting_fit import UNDETERMINED, Shooting, ShootingOptions, shoot
@@ -21,8 +21,7 @@ from models.estimation.whole_shot.shot_windows import Shots
 from models.physics.billiards.simulation.event_engine import TIME
 from models.physics.billiards.simulation.parametrised_shot import SIDE_SPIN, sizes
 
-Floats = NDArray[np.float64]
-Starts = tuple[Floats, ...]
+Starts = tuple[FloatArray, ...]
 
 FIRST = 0.25
 """s, the first moments: about a dozen pictures of every ball."""
@@ -57,17 +56,17 @@ class Guess:
     """Where a search stands."""
 
     starts: Starts
-    shared: Floats
+    shared: FloatArray
 
 
-def grown(model: Shots, shared: Floats, rng: np.random.Generator, options: ShootingOptions) -> Shooting:
+def grown(model: Shots, shared: FloatArray, rng: np.random.Generator, options: ShootingOptions) -> Shooting:
     """One shot fitted to more and more of what was seen of it, begun with the numbers `shared` (P,)."""
     now, _ = _followed(model, shared, rng, to_the_end=True)
     return _finished(model, now, options)
 
 
 def grown_if_lawful(
-    model: Shots, shared: Floats, rng: np.random.Generator, options: ShootingOptions
+    model: Shots, shared: FloatArray, rng: np.random.Generator, options: ShootingOptions
 ) -> Shooting | None:
     """The same, given up (None) where not even draws explain what comes into view: a wrong law shows at the first
     cushion, and following it to the end costs more than all that a right one does."""
@@ -75,7 +74,7 @@ def grown_if_lawful(
     return _finished(model, now, options) if lawful else None
 
 
-def _followed(model: Shots, shared: Floats, rng: np.random.Generator, to_the_end: bool) -> tuple[Guess, bool]:
+def _followed(model: Shots, shared: FloatArray, rng: np.random.Generator, to_the_end: bool) -> tuple[Guess, bool]:
     """Where a search stands once all was seen, and whether the laws explained it on the way: where not, the search goes
     on without draws, or ends."""
     begin, last = float(model.stretches[0].t[0]), max(float(stretch.t[-1]) for stretch in model.stretches)
@@ -147,7 +146,7 @@ def goes_on(model: Shots, now: Guess, usual: float) -> bool:
     return all(one.sum() <= _PROMISED * usual * (len(one) + clear * np.sqrt(len(one))) for one, clear in costs)
 
 
-def _first(model: Shots, shared: Floats) -> tuple[Guess, float]:
+def _first(model: Shots, shared: FloatArray) -> tuple[Guess, float]:
     """The best of all first guesses by the first moments, and their variance over what was promised, at least 1."""
     part = replace(model, stretches=(model.stretches[0].until(float(model.stretches[0].t[0]) + FIRST),))
     window = part.windows[0]
@@ -196,7 +195,7 @@ def _guess(found: Shooting) -> Guess:
     return Guess(found.starts, found.shared)
 
 
-def _costs(misfit: Floats) -> Floats:
+def _costs(misfit: FloatArray) -> FloatArray:
     """(K,) robust cost of each observation."""
     size = np.linalg.norm(misfit, axis=1)
     inner = np.minimum(size, HUBER)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from models.core.events import Events
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_windows import Flow, Window
 from models.estimation.segmentation.contact_classification import INWARD
 from models.estimation.whole_shot.free_paths import FASTEST, SLIP
@@ -25,7 +26,6 @@ from models.physics.billiards.parameters import CUSHION_E, CUSHION_MU, SLIDING_M
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import prior_of
 
-Floats = NDArray[np.float64]
 Rebound = Callable[..., tuple[complex, complex, complex, complex, complex]]
 """A cushion law: vn, vt, wn, wt, wz, radius, mass, p to the first five."""
 
@@ -61,11 +61,11 @@ class Leg:
     """s, about when the contact was after which it begins."""
     tied: bool
     """whether a cushion ties it to the leg before."""
-    t: Floats
+    t: FloatArray
     """(K,) s."""
-    xy: Floats
+    xy: FloatArray
     """(K, 2) m."""
-    whiten: Floats
+    whiten: FloatArray
     """(K, 2, 2): takes a residual in m to standard deviations."""
     bounce: Bounce | None
     """None where it ends otherwise."""
@@ -92,7 +92,7 @@ class CushionChains:
         """Sliding mu, rolling mu, cushion e, cushion mu, and one nose offset per cushion."""
         return self.known or chain_priors()
 
-    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
         """Positions of a leg, and where the law puts the next one."""
         leg = self.legs[window]
         value, by_state, by_shared = glide(start, leg.t - leg.begin, shared)
@@ -106,7 +106,9 @@ class CushionChains:
             end, end_by_start, end_by_shared,
         )  # fmt: skip
 
-    def hop(self, leg: Leg, start: Floats, until: float, shared: Floats) -> tuple[Floats, Floats, Floats]:
+    def hop(
+        self, leg: Leg, start: FloatArray, until: float, shared: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """State (7,) at `until` s beyond the cushion that ends a leg, with slopes (7, 7) and (7, P)."""
         bounce = leg.bounce
         if bounce is None:
@@ -130,7 +132,7 @@ class CushionChains:
             after_state @ by_shared + after_shared - np.outer(last_rate, tau_by_shared),
         )
 
-    def _meeting(self, start: Floats, guess: float, inward: Floats, wall: float, shared: Floats) -> float:
+    def _meeting(self, start: FloatArray, guess: float, inward: FloatArray, wall: float, shared: FloatArray) -> float:
         """s after the start at which the ball's centre is one radius from the nose, nearest to a guess (Newton)."""
         tau = max(guess, 1e-4)
         for _ in range(_NEWTON):
@@ -145,7 +147,9 @@ class CushionChains:
                 break
         return tau
 
-    def _rebounded(self, state: Floats, inward: Floats, shared: Floats) -> tuple[Floats, Floats, Floats]:
+    def _rebounded(
+        self, state: FloatArray, inward: FloatArray, shared: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """State (7,) after the law, and its derivatives by the state before (7, 7) and the shared numbers (7, P)."""
         inputs = np.concatenate([state, shared]).astype(np.complex128)
         columns = np.zeros((7, len(inputs)))
@@ -193,19 +197,21 @@ def legs_of(tracks: Tracks, events: Events, chain: int) -> tuple[Leg, ...]:
     return tuple(leg for leg in found if leg.tied or len(leg.t) >= 3 or leg.bounce is not None)
 
 
-def glide(start: Floats, tau: Floats, shared: Floats) -> tuple[Floats, Floats, Floats]:
+def glide(start: FloatArray, tau: FloatArray, shared: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """States (K, 7) of a ball at tau (K,) s after its start (7,), with slopes (K, 7, 7) and (K, 7, P)."""
     value, slope, _ = _glide(start, tau, shared)
     return value, slope[:, :, :7], slope[:, :, 7:]
 
 
-def _glide_with_rate(start: Floats, tau: float, shared: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _glide_with_rate(
+    start: FloatArray, tau: float, shared: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """One state (7,), its slopes (7, 7) and (7, P), and its rate (7,)."""
     value, slope, rate = _glide(start, np.array([tau]), shared)
     return value[0], slope[0, :, :7], slope[0, :, 7:], rate[0]
 
 
-def _glide(start: Floats, tau: Floats, shared: Floats) -> tuple[Floats, Floats, Floats]:
+def _glide(start: FloatArray, tau: FloatArray, shared: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     state = np.concatenate([start[:6], np.zeros(2)])
     friction = Friction(float(shared[0]), float(shared[1]))
     moved, slopes = kinematics_jacobian(np.broadcast_to(state, (len(tau), STATE)), tau, friction)
@@ -219,7 +225,7 @@ def _glide(start: Floats, tau: Floats, shared: Floats) -> tuple[Floats, Floats, 
 
 
 def _through(
-    law: Rebound, state: NDArray[np.complex128], shared: NDArray[np.complex128], inward: Floats, table: Table
+    law: Rebound, state: NDArray[np.complex128], shared: NDArray[np.complex128], inward: FloatArray, table: Table
 ) -> NDArray[np.complex128]:
     """State (7,) after a cushion, in the axes of the law: n into the cushion, t = z x n."""
     radius, n = table.ball_radius, -inward
@@ -242,7 +248,7 @@ def _wall(table: Table, cushion: str) -> float:
 def _window(leg: Leg, scatter: float) -> Window:
     """Starts where the first samples say; from a contact of an unknown kind, spin may be anything a cue can give."""
     few = min(len(leg.t), 5)
-    line: Floats = np.zeros((2, 2))
+    line: FloatArray = np.zeros((2, 2))
     if few >= 2:
         line = np.asarray(np.linalg.lstsq(np.vander(leg.t[:few] - leg.begin, 2), leg.xy[:few], rcond=None)[0])
     elif few == 1:

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_windows import Flow, Window
 from models.physics.billiards.cloth.closed_form_motion import (
     GRAVITY,
@@ -28,8 +28,6 @@ from models.physics.billiards.cloth.closed_form_motion import (
 )
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import prior_of
-
-Floats = NDArray[np.float64]
 
 ROLLING_SHARE = 5 / 7
 """of the weight's component along a slope accelerates a ball that rolls: the rest turns it."""
@@ -64,11 +62,11 @@ class FreePath:
     ball: str
     begin: float
     """s, where its state is sought: just after a contact."""
-    t: Floats
+    t: FloatArray
     """(K,) s."""
-    xy: Floats
+    xy: FloatArray
     """(K, 2) m."""
-    whiten: Floats
+    whiten: FloatArray
     """(K, 2, 2): takes a residual in m to standard deviations."""
     spinless: bool = False
     """it begins where a ball at rest was struck by another one, so that its slip is about its velocity."""
@@ -102,7 +100,7 @@ class FreePaths:
         """Sliding mu, rolling mu, slope_x, slope_y."""
         return self.known or cloth_priors(self.slope)
 
-    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
         """Positions on one window, and the state where the next one begins."""
         piece = self.pieces[window]
         follows = window + 1 < len(self.windows) and self.windows[window + 1].link is not None
@@ -137,12 +135,12 @@ def cloth_priors(slope: float = SLOPE) -> tuple[Prior, ...]:
     )
 
 
-def rest_place(start: Floats, shared: Floats, spinless: bool) -> Floats:
+def rest_place(start: FloatArray, shared: FloatArray, spinless: bool) -> FloatArray:
     """Where a path of an even cloth ends (2,) m, from its start (8,) as sought and the shared numbers (4,)."""
     state = _slip_of(spinless) @ start
     state[6:8] = ROLLING_SHARE * GRAVITY * 1e-3 * shared[2:4]
     friction = Friction(float(shared[0]), float(shared[1]))
-    place: Floats = kinematics(state[None], rest_time(state[None], friction) + 1.0, friction)[0, :2]
+    place: FloatArray = kinematics(state[None], rest_time(state[None], friction) + 1.0, friction)[0, :2]
     return place
 
 
@@ -224,7 +222,7 @@ def _windows(pieces: list[FreePath], number: int, unevenness: float) -> list[Win
     return windows
 
 
-def _slip_of(spinless: bool) -> Floats:
+def _slip_of(spinless: bool) -> FloatArray:
     """(8, 8): takes the numbers that are sought to the state of a span; slip counts from the velocity of a ball that
     had no spin, else from none."""
     mix = np.eye(STATE)
@@ -233,6 +231,6 @@ def _slip_of(spinless: bool) -> Floats:
     return mix
 
 
-def _with_slip(start: Floats, share: float) -> Floats:
+def _with_slip(start: FloatArray, share: float) -> FloatArray:
     """A state (8,) whose slip is `share` of its velocity."""
     return np.concatenate([start[:4], share * start[2:4], start[6:]])

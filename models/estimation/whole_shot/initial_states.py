@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from models.core.typing import BoolArray, FloatArray
 
 _ROWS = 12
 """pictures that a first velocity is taken from, at most."""
@@ -25,7 +22,7 @@ AWAY = 1000.0
 """m: there a ball lies that was never seen, and meets nothing."""
 
 
-def beginning(t: Floats, xy: Floats, sigma: Floats) -> tuple[Floats, Mask]:
+def beginning(t: FloatArray, xy: FloatArray, sigma: FloatArray) -> tuple[FloatArray, BoolArray]:
     """(N, 7) places and velocities at t[0] of balls seen at xy (T, N, 2) with errors (T, N), without spin; (N,) which
     of them move."""
     start, moving = np.zeros((xy.shape[1], 7)), np.zeros(xy.shape[1], bool)
@@ -38,7 +35,7 @@ def beginning(t: Floats, xy: Floats, sigma: Floats) -> tuple[Floats, Mask]:
     return start, moving
 
 
-def _of_ball(t: Floats, xy: Floats, sigma: Floats) -> tuple[Floats, bool]:
+def _of_ball(t: FloatArray, xy: FloatArray, sigma: FloatArray) -> tuple[FloatArray, bool]:
     """(4,) place and velocity at t = 0, from as many pictures as one smooth path explains."""
     for count in range(len(t), 1, -1):
         degree = 2 if count >= _BENT else 1
@@ -54,14 +51,14 @@ def _of_ball(t: Floats, xy: Floats, sigma: Floats) -> tuple[Floats, bool]:
     return np.concatenate([curve[0], curve[1]]), True
 
 
-def _path(t: Floats, xy: Floats, sigma: Floats, degree: int) -> tuple[Floats, float]:
+def _path(t: FloatArray, xy: FloatArray, sigma: FloatArray, degree: int) -> tuple[FloatArray, float]:
     """Coefficients (degree + 1, 2) of powers of t, and chi2."""
     design = np.vander(t, degree + 1, increasing=True) / sigma[:, None]
     curve = np.linalg.lstsq(design, xy / sigma[:, None], rcond=None)[0]
     return np.asarray(curve, np.float64), float(np.square(design @ curve - xy / sigma[:, None]).sum())
 
 
-def moves(xy: Floats, sigma: Floats) -> Mask:
+def moves(xy: FloatArray, sigma: FloatArray) -> BoolArray:
     """(T,) whether any of the balls seen at xy (T, N, 2) moves there."""
     found = np.zeros(len(xy), bool)
     for ball in range(xy.shape[1]):
@@ -76,7 +73,7 @@ def moves(xy: Floats, sigma: Floats) -> Mask:
     return found
 
 
-def strikes(xy: Floats, sigma: Floats) -> list[tuple[int, int]]:
+def strikes(xy: FloatArray, sigma: FloatArray) -> list[tuple[int, int]]:
     """First row, and the row after the last one, of every stretch in which balls move after a strike."""
     moving = moves(xy, sigma)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], moving]).astype(int)) == 1)
@@ -87,7 +84,7 @@ def strikes(xy: Floats, sigma: Floats) -> list[tuple[int, int]]:
     return [(first, last) for first, last in found if last > first]
 
 
-def _moved(xy: Floats, sigma: Floats, first: int) -> int:
+def _moved(xy: FloatArray, sigma: FloatArray, first: int) -> int:
     """The first row, from `first` on, in which a ball has clearly left its place."""
     before = xy[max(first - _SIDE, 0) : first + 1]
     place = np.array([_middle(before[:, ball]) for ball in range(xy.shape[1])])
@@ -98,7 +95,7 @@ def _moved(xy: Floats, sigma: Floats, first: int) -> int:
     return first
 
 
-def _middle(places: Floats) -> Floats:
+def _middle(places: FloatArray) -> FloatArray:
     """(2,) median of the places (M, 2) that were seen; NaN where none was."""
     seen = places[np.isfinite(places[:, 0])]
     return np.asarray(np.median(seen, axis=0)) if len(seen) else np.full(2, np.nan)

@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.multiple_shooting.shooting_windows import Window
 from models.estimation.whole_shot.free_paths import FASTEST
 from models.physics.billiards.simulation.parametrised_shot import packed
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 SLIP = 0.7
 """of the speed, plus `AT_REST`: prior standard deviation of a slip."""
@@ -37,28 +33,28 @@ class Stretch:
     shot: int
     begin: float
     """s, <= t[0]."""
-    t: Floats
+    t: FloatArray
     """(T,) s."""
-    xy: Floats
+    xy: FloatArray
     """(T, N, 2) m; NaN where a ball was not seen."""
-    whiten: Floats
+    whiten: FloatArray
     """(T, N, 2, 2): takes residuals in m to standard deviations."""
-    start: Floats
+    start: FloatArray
     """(N, 7) first guess of the numbers of every ball, see `playing`."""
-    moving: Mask
+    moving: BoolArray
     """(N,) the balls that move at the beginning."""
     follows: bool = False
     """whether spin is carried over from the stretch before."""
-    row: Floats | None = None
+    row: FloatArray | None = None
     """(T, N) of the picture, in its height from its middle; None where there is no picture."""
-    late: Floats | None = None
+    late: FloatArray | None = None
     """(T,) s, by which one picture missing would shift each time; None: nothing is missing."""
 
-    observed: tuple[Ints, Ints] = field(init=False, repr=False)
+    observed: tuple[IntArray, IntArray] = field(init=False, repr=False)
     """(K,) row and (K,) ball of each observation."""
-    seen: Floats = field(init=False, repr=False)
+    seen: FloatArray = field(init=False, repr=False)
     """(K, 2) m, what was observed."""
-    whitened: Floats = field(init=False, repr=False)
+    whitened: FloatArray = field(init=False, repr=False)
     """(K, 2, 2) `whiten` of each observation."""
 
     def __post_init__(self) -> None:
@@ -93,7 +89,7 @@ def window_of(stretch: Stretch, guesses: bool) -> Window:
     return Window(stretch.shot, stretch.t[rows], balls, first, known, tied, () if stretch.follows else others)
 
 
-def _spinning(start: Floats, slip: float, side: float) -> Floats:
+def _spinning(start: FloatArray, slip: float, side: float) -> FloatArray:
     """(N, 7) with slips that are a share of the velocities, and side spins of the speeds."""
     found = start.copy()
     found[:, 4:6] = slip * start[:, 2:4]

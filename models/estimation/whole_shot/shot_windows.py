@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.multiple_shooting.shooting_windows import Flow, Glance, Window
 from models.estimation.whole_shot.shot_segments import Stretch, window_of
 from models.numerics.jit import compiled
@@ -34,10 +34,6 @@ from models.physics.billiards.simulation.parametrised_shot import (
 from models.physics.billiards.simulation.simulated_shot import Run
 from models.physics.effect import Prior
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
 ON_VIEW = slice(PICTURE, PICTURE + len(ON_PICTURE))
 """Where the numbers of a view stand among all numbers."""
 _USUAL_SLIDING = 0.2
@@ -53,22 +49,22 @@ class Shots:
     unknowns: tuple[Prior, ...]
     """P of them, named as in `playing.NUMBERS`."""
     laws: Laws
-    fixed: Floats = field(default_factory=ABSENT.copy)
+    fixed: FloatArray = field(default_factory=ABSENT.copy)
     """(Q,) all numbers; those of the unknowns do not count."""
     view: View | None = None
     """None: what is seen is where it is."""
-    wanted: Mask | None = None
+    wanted: BoolArray | None = None
     """(P,) unknowns that slopes are needed for; None: all."""
     guesses: bool = True
     """whether the slips of the first guesses are only guesses, and others are to be tried."""
     windows: tuple[Window, ...] = field(init=False)
-    places: Ints = field(init=False, repr=False)
+    places: IntArray = field(init=False, repr=False)
     """(P,) of the unknowns among all numbers."""
-    sloped: Mask = field(init=False, repr=False)
+    sloped: BoolArray = field(init=False, repr=False)
     """(P,) the unknowns that slopes are needed for."""
-    of_motion: Mask = field(init=False, repr=False)
+    of_motion: BoolArray = field(init=False, repr=False)
     """(P,) those of them that the motion hangs on, and not only what is seen of it."""
-    kept: tuple[Ints, ...] = field(init=False, repr=False)
+    kept: tuple[IntArray, ...] = field(init=False, repr=False)
     """Per window (S',), which of the 7 N numbers of all balls the next one begins with; none where none follows."""
 
     def __post_init__(self) -> None:
@@ -82,7 +78,7 @@ class Shots:
         object.__setattr__(self, "kept", tuple(self._kept(window) for window in range(len(self.stretches))))
         object.__setattr__(self, "windows", tuple(window_of(one, self.guesses) for one in self.stretches))
 
-    def values(self, shared: Floats) -> Floats:
+    def values(self, shared: FloatArray) -> FloatArray:
         """(Q,) all numbers, from the unknown ones (P,)."""
         whole = self.fixed.copy()
         whole[self.places] = shared
@@ -96,14 +92,14 @@ class Shots:
         """The same, without slopes by unknowns."""
         return replace(self, wanted=np.zeros(len(self.unknowns), bool))
 
-    def run(self, window: int, start: Floats, shared: Floats) -> Run:
+    def run(self, window: int, start: FloatArray, shared: FloatArray) -> Run:
         """The shot of a window as it is played; ArithmeticError where balls meet without end."""
         stretch = self.stretches[window]
         last, end = stretch.t[-1] + 1.0 / 60 - stretch.begin, self._end(window)
         last = last if end == np.inf else max(last, end)
         return played(start, stretch.moving, self.table, self.values(shared), self.laws, last)
 
-    def flow(self, window: int, start: Floats, shared: Floats) -> Flow:
+    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
         """Where every ball is seen, and with what spin the next window begins."""
         stretch, values = self.stretches[window], self.values(shared)
         run = self.possible_run(window, start, shared)
@@ -120,7 +116,7 @@ class Shots:
         handed = self._handed_over(window, look.end, at_end, run, values)
         return Flow(misfit, by_start, by_shared, *handed, _order(run))
 
-    def glance(self, window: int, start: Floats, shared: Floats) -> Glance:
+    def glance(self, window: int, start: FloatArray, shared: FloatArray) -> Glance:
         """The same without slopes."""
         stretch, values = self.stretches[window], self.values(shared)
         run = self.possible_run(window, start, shared)
@@ -132,7 +128,7 @@ class Shots:
         misfit = _whitened(stretch.whitened, (shown - stretch.seen)[..., None])[..., 0]
         return Glance(misfit, self._next_start(window, look.end, run), _order(run))
 
-    def path_seen(self, window: int, start: Floats, shared: Floats) -> Floats:
+    def path_seen(self, window: int, start: FloatArray, shared: FloatArray) -> FloatArray:
         """(T, N, 2) m, where balls would be seen at the times of a window, also where they were not seen: each row of
         the picture at its own time, later where pictures are missing."""
         stretch, values, view = self.stretches[window], self.values(shared), self._view
@@ -145,7 +141,7 @@ class Shots:
             found = np.stack([_held(run.at(later[:, k])[..., :2])[:, k] for k in balls], axis=1)
         return seen(view, found, values[ON_VIEW])[0] if self._views(values) else found
 
-    def possible_run(self, window: int, start: Floats, shared: Floats) -> Run | None:
+    def possible_run(self, window: int, start: FloatArray, shared: FloatArray) -> Run | None:
         """None where nature does not allow the numbers, or balls meet without end."""
         if not possible(start, self.values(shared)):
             return None
@@ -158,11 +154,11 @@ class Shots:
     def _view(self) -> View:
         return View(np.zeros(2), 1.0) if self.view is None else self.view
 
-    def _views(self, values: Floats) -> bool:
+    def _views(self, values: FloatArray) -> bool:
         """Whether a picture may shift what is seen."""
         return self.view is not None and bool((values[ON_VIEW] != FAITHFUL).any())
 
-    def _look(self, window: int, run: Run, values: Floats) -> _Look:
+    def _look(self, window: int, run: Run, values: FloatArray) -> _Look:
         """At all that is observed of a window and at its end."""
         stretch, end = self.stretches[window], self._end(window)
         at, place = _times(stretch, values)
@@ -172,7 +168,9 @@ class Shots:
         xy, v = _held(seen_at[..., :2])[place, balls], _finite(seen_at[place, balls, 2:4])
         return _Look(xy + v * (at - inside)[place, None], v, inside, place, states[len(inside) :])
 
-    def _slopes(self, stretch: Stretch, look: _Look, found: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
+    def _slopes(
+        self, stretch: Stretch, look: _Look, found: FloatArray, values: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Where the K observations should be (K, 2), by the start (K, 2, S) and by the unknowns (K, 2, P), if any are
         asked for; from the slopes `found` of their places by the start and by what moves the balls."""
         size = found.shape[2] - int(self.of_motion.sum())
@@ -186,7 +184,7 @@ class Shots:
             by_shared[..., on_view] = by_picture[..., self.places[on_view] - PICTURE]
         return xy, by_place @ by_start, by_shared
 
-    def _by_unknowns(self, stretch: Stretch, look: _Look, moved: Floats) -> Floats:
+    def _by_unknowns(self, stretch: Stretch, look: _Look, moved: FloatArray) -> FloatArray:
         """(K, 2, P) slopes of places on the table: `moved` (K, 2, M) by the motion, and by when they are seen."""
         by_shared = np.zeros((len(moved), 2, self._columns))
         if not self._columns:
@@ -199,7 +197,9 @@ class Shots:
                 by_shared[..., list(self.places).index(number)] = look.v * late[:, None]
         return by_shared
 
-    def _with_secant(self, window: int, start: Floats, shared: Floats, misfit: Floats, by_shared: Floats) -> None:
+    def _with_secant(
+        self, window: int, start: FloatArray, shared: FloatArray, misfit: FloatArray, by_shared: FloatArray
+    ) -> None:
         """Fill in the slope by sliding friction where it is absent."""
         for number in np.flatnonzero(self.sloped & (self.places == SLIDING_MU)):
             usual = shared.copy()
@@ -217,21 +217,21 @@ class Shots:
         follows = window + 1 < len(self.stretches) and self.stretches[window + 1].follows
         return self.stretches[window + 1].begin - self.stretches[window].begin if follows else np.inf
 
-    def _kept(self, window: int) -> Ints:
+    def _kept(self, window: int) -> IntArray:
         """As `kept`."""
         if self._end(window) == np.inf:
             return np.empty(0, np.int64)
         following = self.stretches[window + 1].moving
         return packed(np.arange(len(following) * MOVING, dtype=np.float64).reshape(-1, MOVING), following).astype(int)
 
-    def _next_start(self, window: int, end: Floats, run: Run) -> Floats:
+    def _next_start(self, window: int, end: FloatArray, run: Run) -> FloatArray:
         """(S',) with what the next window begins, from the states (1, N, 7) at the end of a window."""
         kept = self.kept[window]
         return _finite(slips(end[0], run.balls.radius).reshape(-1)[kept]) if len(kept) else np.empty(0)
 
     def _handed_over(
-        self, window: int, end: Floats, by: Floats, run: Run, values: Floats
-    ) -> tuple[Floats, Floats, Floats]:
+        self, window: int, end: FloatArray, by: FloatArray, run: Run, values: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """State where the next window begins (S',), by the start (S', S) and by the unknowns (S', P), if any are asked
         for; from the states there (1, N, 7) and their derivatives `by` (N, 7, C)."""
         size, kept = len(self.windows[window].start), self.kept[window]
@@ -257,18 +257,18 @@ class Shots:
 class _Look:
     """At the K observations of a window."""
 
-    xy: Floats
+    xy: FloatArray
     """(K, 2) m, where they were made."""
-    v: Floats
+    v: FloatArray
     """(K, 2) m/s, with what velocity."""
-    t: Floats
+    t: FloatArray
     """(M,) s since the beginning, when."""
-    place: Ints
+    place: IntArray
     """(K,) which of these times is that of each."""
-    end: Floats
+    end: FloatArray
     """(1, N, 7) states where the window hands over, (0, N, 7) where none follows."""
 
-    def where(self, stretch: Stretch) -> Ints:
+    def where(self, stretch: Stretch) -> IntArray:
         """(M, N) number of the observation of each ball at each time, -1 where there is none."""
         found = np.full((len(self.t), len(stretch.moving)), -1, np.int64)
         found[self.place, stretch.observed[1]] = np.arange(len(self.place))
@@ -287,7 +287,7 @@ def _whitened(whiten, values):  # type: ignore[no-untyped-def]
     return found
 
 
-def _finite(values: Floats) -> Floats:
+def _finite(values: FloatArray) -> FloatArray:
     """With 0 for the NaN of balls in pockets: nearly always there is none, which is soon seen."""
     return values if np.isfinite(values).all() else np.nan_to_num(values)
 
@@ -297,13 +297,13 @@ def _order(run: Run) -> tuple[tuple[int, ...], ...]:
     return tuple(map(tuple, run.contacts[:, [0, 2, 3]].astype(int).tolist()))
 
 
-def possible(start: Floats, values: Floats) -> bool:
+def possible(start: FloatArray, values: FloatArray) -> bool:
     """Whether nature allows these numbers."""
     finite = np.isfinite(start).all() and np.isfinite(values).all()
     return bool(finite and (abs(values[NAP]) < values[ROLLING_MU] or values[NAP] == 0))
 
 
-def _by_size(states: Floats, run: Run, values: Floats) -> Floats:
+def _by_size(states: FloatArray, run: Run, values: FloatArray) -> FloatArray:
     """(N, 3, Q): what slip and side spin change by because the radius enters them."""
     found = np.zeros((len(states), 3, len(NUMBERS)))
     by_radius = np.stack([-states[:, 5], states[:, 4], states[:, 6]], axis=1) * run.balls.radius[:, None]
@@ -312,13 +312,13 @@ def _by_size(states: Floats, run: Run, values: Floats) -> Floats:
     return found
 
 
-def _moments(stretch: Stretch, values: Floats) -> Floats:
+def _moments(stretch: Stretch, values: FloatArray) -> FloatArray:
     """(T,) s since the beginning, when the middle row of each picture was taken."""
     t = stretch.t - stretch.begin
     return t if stretch.late is None else t + values[FRAMES] * stretch.late
 
 
-def _times(stretch: Stretch, values: Floats) -> tuple[Floats, Ints]:
+def _times(stretch: Stretch, values: FloatArray) -> tuple[FloatArray, IntArray]:
     """Times since the beginning at which to look (M,), and which of them each observation was made at (K,)."""
     rows, balls = stretch.observed
     t = _moments(stretch, values)
@@ -328,7 +328,7 @@ def _times(stretch: Stretch, values: Floats) -> tuple[Floats, Ints]:
     return at, place.astype(np.int64)
 
 
-def _held(xy: Floats) -> Floats:
+def _held(xy: FloatArray) -> FloatArray:
     """(T, N, 2) where balls in pockets stay where they were seen last."""
     if not np.isnan(xy).any():
         return xy

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.fit_result import Parameter
 from models.core.scene import CUSHIONS, Table
+from models.core.typing import BoolArray, FloatArray
 from models.estimation.multiple_shooting.shooting_fit import Shooting, ShootingOptions, parameters_of, priors_of, shoot
 from models.estimation.whole_shot.continuation_fit import grown, grown_if_lawful
 from models.estimation.whole_shot.cushion_chains import NOSE_SIGMA
@@ -20,9 +20,6 @@ from models.physics.billiards.parameters import NAMES, USES
 from models.physics.billiards.simulation.parametrised_shot import ABSENT, MOVING, NUMBERS, Laws, sizes, unpacked
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import prior_of
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 CANDIDATES = tuple(Laws(cushion, "inelastic") for cushion in ("mirror", "han_2005", "mathavan_2010", "stronge"))
 CLOTH = ("sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate")
@@ -46,9 +43,9 @@ class TableFit:
     parameters: tuple[Parameter, ...]
     chi2_per_dof: float
     converged: bool
-    states: tuple[Floats, ...]
+    states: tuple[FloatArray, ...]
     """per stretch (N, 7), as `playing` counts them: place, velocity, slip, surface speed of side spin."""
-    covariances: tuple[Floats, ...]
+    covariances: tuple[FloatArray, ...]
     """per stretch (N, 7, 7) of each ball's state; 0 for the velocities and spins of a ball that lies."""
     evidence: tuple[tuple[Laws, float], ...]
     """log evidence of every candidate, divided by the lack of fit of the best; the best one first."""
@@ -172,7 +169,9 @@ def _under(
     return min([found, searched(model, options, rng)], key=lambda one: one.cost)
 
 
-def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator, guess: Floats | None = None) -> Shooting:
+def searched(
+    model: Shots, options: ShootingOptions, rng: np.random.Generator, guess: FloatArray | None = None
+) -> Shooting:
     """All shots together, begun from each alone, and each of those with the numbers `guess` (P,), the usual ones where
     not given.
 
@@ -184,7 +183,7 @@ def searched(model: Shots, options: ShootingOptions, rng: np.random.Generator, g
     return _joined(model, {one: grown(_only(model, [one]), usual, rng, options) for one in numbers}, options, rng)
 
 
-def _usual(model: Shots) -> Floats:
+def _usual(model: Shots) -> FloatArray:
     """(P,) numbers that most tables have."""
     return np.array([prior.value for prior in model.unknowns])
 
@@ -236,14 +235,14 @@ def _only(model: Shots, numbers: list[int]) -> Shots:
 
 
 def _together(
-    model: Shots, numbers: list[int], alone: dict[int, Shooting], shared: Floats, options: ShootingOptions
+    model: Shots, numbers: list[int], alone: dict[int, Shooting], shared: FloatArray, options: ShootingOptions
 ) -> Shooting:
     """Some shots in one fit, each begun where it was alone."""
     starts = tuple(start for number in numbers for start in alone[number].starts)
     return shoot(_only(model, numbers), shared, options, starts)
 
 
-def _by_ball(covariance: Floats, moving: Mask) -> Floats:
+def _by_ball(covariance: FloatArray, moving: BoolArray) -> FloatArray:
     """(N, 7, 7) of each ball, from (S, S) of a start."""
     found, at = np.zeros((len(moving), MOVING, MOVING)), sizes(moving)
     for k, (first, after) in enumerate(pairwise(at)):
@@ -251,7 +250,7 @@ def _by_ball(covariance: Floats, moving: Mask) -> Floats:
     return found
 
 
-def numbers_of(fitted: TableFit) -> Floats:
+def numbers_of(fitted: TableFit) -> FloatArray:
     """(Q,) all numbers of `playing.NUMBERS` that a fit stands for."""
     values = ABSENT.copy()
     for parameter in fitted.parameters:

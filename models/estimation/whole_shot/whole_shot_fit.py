@@ -23,9 +23,6 @@ from models.estimation.whole_shot.table_prior import KnownTable
 from models.physics.billiards.simulation.parametrised_shot import slips, spins
 from models.tracking.track_noise import estimate_noise, with_noise
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 MOST_BALLS = 4
 """that move: a break hangs on its start too much to be explained whole."""
 MOST_CONTACTS = 40

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.neural.common.method_interface import Floats
+from models.core.typing import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
     """N points in D axes as C = N D numbers; one length for all of them, so that angles stay angles."""
 
-    centre: Floats
+    centre: FloatArray
     """(C,) middle of each coordinate."""
     length: float
     """half the widest range of a coordinate."""
@@ -21,26 +21,26 @@ class Scaling:
     """s, the first sample."""
     step: float
     """s from sample to sample, the median: the thesis' unit of time."""
-    speed: Floats
+    speed: FloatArray
     """(C,) typical change of each scaled coordinate within a step; 0 where a coordinate never changes."""
     shape: tuple[int, int]
     """N, D."""
 
-    def coordinates(self, states: Floats) -> Floats:
+    def coordinates(self, states: FloatArray) -> FloatArray:
         """(T, N, D) to (T, C)."""
-        flat: Floats = (states.reshape(len(states), -1) - self.centre) / self.length
+        flat: FloatArray = (states.reshape(len(states), -1) - self.centre) / self.length
         return flat
 
-    def states(self, coordinates: Floats) -> Floats:
+    def states(self, coordinates: FloatArray) -> FloatArray:
         """(T, C) to (T, N, D)."""
         return (coordinates * self.length + self.centre).reshape(-1, *self.shape)
 
-    def steps(self, times: Floats) -> Floats:
+    def steps(self, times: FloatArray) -> FloatArray:
         """s to steps since the first sample."""
         return (times - self.start) / self.step
 
 
-def scaling(times: Floats, states: Floats) -> Scaling:
+def scaling(times: FloatArray, states: FloatArray) -> Scaling:
     """The scales of samples (T, N, D) at (T,) s. Motions of nothing at all have length 1."""
     flat = states.reshape(len(states), -1)
     low, high = flat.min(axis=0), flat.max(axis=0)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 LEAST_SAMPLES = 4
 """A motion needs them: two to have a velocity, two more to learn how it changes."""
@@ -41,16 +40,16 @@ class Budget:
 class Fitted:
     """A learnt motion of N points in D axes."""
 
-    motion: Callable[[Floats], Floats]
+    motion: Callable[[FloatArray], FloatArray]
     """times (M,) s to coordinates (M, N, D)."""
-    loss_curve: Floats
+    loss_curve: FloatArray
     """(L,) loss on the visible samples after each step, in the method's own unit; empty where nothing is trained."""
     parameters: int
     """numbers that were learnt."""
     seconds: float
     """CPU s."""
 
-    def at(self, times: Floats) -> Floats:
+    def at(self, times: FloatArray) -> FloatArray:
         """Coordinates (M, N, D) at times (M,) s, between samples and after; not finite where a motion is lost."""
         return self.motion(np.asarray(times, np.float64))
 
@@ -62,14 +61,14 @@ class Method(Protocol):
     def name(self) -> str:
         """In tables."""
 
-    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Fitted:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: Budget) -> Fitted:
         """Learn from coordinates (T, N, D) at rising times (T,) s; the same seed and effort give the same motion.
 
         Raises `ValueError` for samples that are not a motion, `LostMotion` where nothing was found.
         """
 
 
-def checked(times: Floats, states: Floats) -> tuple[Floats, Floats]:
+def checked(times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Both as float64; raises `ValueError` where they are not the samples of one motion."""
     t, x = np.asarray(times, np.float64), np.asarray(states, np.float64)
     if t.ndim != 1 or x.ndim != 3 or len(t) != len(x) or x.size == 0:

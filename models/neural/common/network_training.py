@@ -17,7 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from models.neural.common.method_interface import Budget, Floats, LostMotion
+from models.core.typing import FloatArray
+from models.neural.common.method_interface import Budget, LostMotion
 
 Loss = Callable[[], Tensor]
 
@@ -90,7 +91,7 @@ class Best:
         return time.process_time() - self.began
 
 
-def train(network: nn.Module, loss: Loss, schedule: Schedule, budget: Budget) -> Floats:
+def train(network: nn.Module, loss: Loss, schedule: Schedule, budget: Budget) -> FloatArray:
     """Leave the network in its state of least loss, or in the last one where every step sees other samples; the losses
     (L,) on the way there.
 

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator, make_interp_spline
 
-from models.neural.common.method_interface import Budget, Fitted, Floats, checked
+from models.core.typing import FloatArray
+from models.neural.common.method_interface import Budget, Fitted, checked
 
-Curve = Callable[[Floats], Floats]
+Curve = Callable[[FloatArray], FloatArray]
 
 
-def spline(times: Floats, states: Floats, degree: int) -> Curve:
+def spline(times: FloatArray, states: FloatArray, degree: int) -> Curve:
     """Not-a-knot spline of an odd degree through states (T, ...), of a lower one where samples are few.
 
     Before and after the samples it goes on as its first and last piece.
@@ -22,7 +23,7 @@ def spline(times: Floats, states: Floats, degree: int) -> Curve:
     return make_interp_spline(times, states, k=min(degree, len(times) - 1))  # type: ignore[no-any-return]
 
 
-def akima(times: Floats, states: Floats) -> Curve:
+def akima(times: FloatArray, states: FloatArray) -> Curve:
     """Akima 1970 (doi 10.1145/321607.321609): cubic pieces that one outlier disturbs little."""
     return Akima1DInterpolator(times, states, extrapolate=True)  # type: ignore[no-any-return]
 
@@ -34,7 +35,7 @@ class Spline:
     name: str
     degree: int
 
-    def fit(self, times: Floats, states: Floats, seed: int = 0, budget: Budget | None = None) -> Fitted:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
         """The curve through every sample."""
         return _fitted(lambda t, x: spline(t, x, self.degree), times, states)
 
@@ -45,12 +46,12 @@ class Akima:
 
     name: str = "akima"
 
-    def fit(self, times: Floats, states: Floats, seed: int = 0, budget: Budget | None = None) -> Fitted:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
         """The curve through every sample."""
         return _fitted(akima, times, states)
 
 
-def _fitted(through: Callable[[Floats, Floats], Curve], times: Floats, states: Floats) -> Fitted:
+def _fitted(through: Callable[[FloatArray, FloatArray], Curve], times: FloatArray, states: FloatArray) -> Fitted:
     began = time.process_time()
     curve = through(*checked(times, states))
     return Fitted(curve, np.empty(0), 0, time.process_time() - began)

@@ -20,8 +20,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from models.core.typing import FloatArray
 from models.neural.common.coordinate_scaling import Scaling, scaling
-from models.neural.common.method_interface import Budget, Fitted, Floats, checked
+from models.neural.common.method_interface import Budget, Fitted, checked
 from models.neural.common.network_training import Schedule, one_thread, train
 from models.neural.common.perceptron import Perceptron, count_parameters, seeded
 from models.neural.common.spline_methods import spline
@@ -85,7 +86,7 @@ class ConstraintNet:
     schedule: Schedule = CONSTRAINT_SCHEDULE
     dtype: torch.dtype = torch.float32
 
-    def fit(self, times: Floats, states: Floats, seed: int = 0, budget: Budget | None = None) -> Fitted:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
         """Short trainings of every kind and start; the best goes on with all samples."""
         began = time.process_time()
         t, x = checked(times, states)
@@ -96,7 +97,7 @@ class ConstraintNet:
         motion = self.motion(network, lines, scale)
         return Fitted(motion, curve, count_parameters(network), time.process_time() - began)
 
-    def _chosen(self, seen: Tensor, t: Tensor, seed: int, budget: Budget) -> tuple[Constraint, Floats]:
+    def _chosen(self, seen: Tensor, t: Tensor, seed: int, budget: Budget) -> tuple[Constraint, FloatArray]:
         middles = middles_of(seen, t)
         held = torch.arange(len(middles.right)) % HELD_OUT == HELD_OUT // 2
         test = middles.kept(held).shrunk()
@@ -118,15 +119,15 @@ class ConstraintNet:
             layers.last.bias.sub_(layers(seen).mean())
         return Constraint(layers, self.iterations)
 
-    def _train(self, network: Constraint, pairs: Pairs, budget: Budget) -> Floats:
+    def _train(self, network: Constraint, pairs: Pairs, budget: Budget) -> FloatArray:
         return train(network, lambda: missed(network, pairs), self.schedule, budget)
 
     def motion(
-        self, network: Constraint, lines: Callable[[Floats], Floats], scale: Scaling
-    ) -> Callable[[Floats], Floats]:
+        self, network: Constraint, lines: Callable[[FloatArray], FloatArray], scale: Scaling
+    ) -> Callable[[FloatArray], FloatArray]:
         """Lines through samples, projected."""
 
-        def at(times: Floats) -> Floats:
+        def at(times: FloatArray) -> FloatArray:
             guess = torch.as_tensor(scale.coordinates(lines(times)), dtype=self.dtype)
             with one_thread(), torch.no_grad():
                 return scale.states(network(guess).double().numpy())

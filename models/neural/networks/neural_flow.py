@@ -16,9 +16,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from models.core.typing import FloatArray
 from models.neural.common.coordinate_scaling import Scaling, scaling
 from models.neural.common.integration_steps import Step, march, settled
-from models.neural.common.method_interface import Budget, Fitted, Floats, checked
+from models.neural.common.method_interface import Budget, Fitted, checked
 from models.neural.common.network_training import Schedule, one_thread, train
 from models.neural.common.perceptron import count_parameters, seeded
 from models.neural.common.spline_methods import spline
@@ -84,7 +85,7 @@ class LearntFlow:
     tolerance: float = 1e-6
     """of scaled states: the steps of the finished motion are halved until it changes by less."""
 
-    def fit(self, times: Floats, states: Floats, seed: int = 0, budget: Budget | None = None) -> Fitted:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
         """A law for this one motion, in float64."""
         began = time.process_time()
         t, x = checked(times, states)
@@ -104,9 +105,11 @@ class LearntFlow:
         motion = self._motion(network, scale, steps, pace)
         return Fitted(motion, curve, count_parameters(network), time.process_time() - began)
 
-    def _motion(self, network: Shooting, scale: Scaling, steps: Tensor, pace: float) -> Callable[[Floats], Floats]:
+    def _motion(
+        self, network: Shooting, scale: Scaling, steps: Tensor, pace: float
+    ) -> Callable[[FloatArray], FloatArray]:
         @torch.no_grad()
-        def at(times: Floats) -> Floats:
+        def at(times: FloatArray) -> FloatArray:
             t = torch.as_tensor(scale.steps(times) * pace)[:, None]
             with one_thread():
                 found = torch.where(t > steps[-1], self._beyond(network, steps, t), self._within(network, steps, t))
@@ -140,7 +143,7 @@ class LearntFlow:
         )
 
 
-def _network(law: Law, scale: Scaling, t: Floats, x: Floats, pace: float, seed: int) -> Shooting:
+def _network(law: Law, scale: Scaling, t: FloatArray, x: FloatArray, pace: float, seed: int) -> Shooting:
     """A fresh law, with the velocities of a spline for momenta."""
     q = scale.coordinates(x)
     speed = spline(scale.steps(t) * pace, q, 5).derivative()(scale.steps(t) * pace)  # type: ignore[attr-defined]

@@ -19,9 +19,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from models.core.typing import FloatArray
 from models.neural.common.coordinate_scaling import Scaling, scaling
 from models.neural.common.integration_steps import Euler, RungeKutta, Step
-from models.neural.common.method_interface import Budget, Fitted, Floats, checked
+from models.neural.common.method_interface import Budget, Fitted, checked
 from models.neural.common.network_training import Schedule, one_thread, train
 from models.neural.common.perceptron import Perceptron, count_parameters, seeded
 from models.neural.common.time_encoding import Clock
@@ -60,7 +61,7 @@ class NeuralSimulator:
     """take from a state between two samples its share of the miss at the second: half of it from a midpoint."""
     dtype: torch.dtype = torch.float32
 
-    def fit(self, times: Floats, states: Floats, seed: int = 0, budget: Budget | None = None) -> Fitted:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
         """A network for this one motion."""
         began = time.process_time()
         t, x = checked(times, states)
@@ -92,13 +93,13 @@ class NeuralSimulator:
         return found
 
     @torch.no_grad()
-    def _motion(self, network: Velocity, seen: Samples, scale: Scaling) -> Callable[[Floats], Floats]:
+    def _motion(self, network: Velocity, seen: Samples, scale: Scaling) -> Callable[[FloatArray], FloatArray]:
         with one_thread():
             marched = torch.stack(self._march(network, seen), dim=1)  # (T - 1, substeps + 1, C)
         miss = marched[:, -1] - seen.x[1:] if self.corrected else torch.zeros_like(seen.x[1:])
 
         @torch.no_grad()
-        def at(times: Floats) -> Floats:
+        def at(times: FloatArray) -> FloatArray:
             steps = torch.as_tensor(scale.steps(times), dtype=self.dtype)[:, None]
             with one_thread():
                 within = self._within(network, seen, marched, miss, steps)
@@ -137,7 +138,7 @@ class Samples:
     """(T, C)"""
 
     @classmethod
-    def of(cls, t: Floats, x: Floats, dtype: torch.dtype) -> Samples:
+    def of(cls, t: FloatArray, x: FloatArray, dtype: torch.dtype) -> Samples:
         """From numpy."""
         return cls(torch.as_tensor(np.asarray(t), dtype=dtype)[:, None], torch.as_tensor(x, dtype=dtype))
 

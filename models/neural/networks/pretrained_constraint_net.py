@@ -16,14 +16,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from models.core.typing import FloatArray
 from models.neural.common.coordinate_scaling import scaling
-from models.neural.common.method_interface import Budget, Fitted, Floats, checked
+from models.neural.common.method_interface import Budget, Fitted, checked
 from models.neural.common.network_training import Schedule, train
 from models.neural.common.perceptron import count_parameters, seeded
 from models.neural.common.spline_methods import spline
 from models.neural.networks.constraint_net import CONSTRAINT_NET, ConstraintNet, Pairs, missed
 
-Lessons = Callable[[float, int], Floats]
+Lessons = Callable[[float, int], FloatArray]
 """(seconds, seed) to coordinates (B, 3, N, D): B stretches of that length at their beginning, middle and end."""
 TAUGHT_SCHEDULE = Schedule(adam=7500, rate=2e-3, last_rate=1e-6, patience=7500, clip=1.0, sampled=True)
 
@@ -39,7 +40,7 @@ class TaughtConstraintNet:
     batch: int = 32
     """lessons a step."""
 
-    def fit(self, times: Floats, states: Floats, seed: int = 0, budget: Budget | None = None) -> Fitted:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
         """Never looks at the visible samples while it learns but for the time between them."""
         began = time.process_time()
         t, x = checked(times, states)

@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 ON_PICTURE = ("lens_distortion.k1", "perspective.p_x", "perspective.p_y", "scale.seen", "lens_second_term.k2")
 """Numbers that move what is seen."""
@@ -24,20 +23,20 @@ FAITHFUL = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
 class View:
     """Where a picture lies on the table."""
 
-    middle: Floats
+    middle: FloatArray
     """(2,) m, of the picture."""
     half: float
     """m, half the length of the table: the unit of the lens."""
     height: float = 1.0
     """m, of the picture: a row is a share of it, counted from its middle."""
 
-    def rows(self, xy: Floats) -> Floats:
+    def rows(self, xy: FloatArray) -> FloatArray:
         """(...) rows in which places (..., 2) are seen."""
-        found: Floats = (xy[..., 1] - self.middle[1]) / self.height
+        found: FloatArray = (xy[..., 1] - self.middle[1]) / self.height
         return found
 
 
-def seen(view: View, xy: Floats, numbers: Floats) -> tuple[Floats, Floats, Floats]:
+def seen(view: View, xy: FloatArray, numbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where places (..., 2) are seen, m, with `numbers` (5,) as in `ON_PICTURE`; its derivatives (..., 2, 2) by the
     place and (..., 2, 5) by the numbers."""
     k1, p, scale, k2 = numbers[0], numbers[1:3], numbers[3], numbers[4]

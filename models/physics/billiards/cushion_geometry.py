@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, POCKETS, Table
-
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 NORMALS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
 """(4, 2) into the cushions, in the order of `CUSHIONS`."""
@@ -60,16 +58,16 @@ makers, and radii estimates."""
 class Rails:
     """The table as contacts see it; sides are indices of `CUSHIONS`."""
 
-    lines: Floats
+    lines: FloatArray
     """(L, 6) noses and facings: nx, ny into the cushion, c = n . x on the nose (m), the part of t = (-ny, nx) . x that
     exists from and to (m), side."""
-    arcs: Floats
+    arcs: FloatArray
     """(A, 4) jaws: centre, radius (m), side."""
-    holes: Floats
+    holes: FloatArray
     """(H, 3) centre, radius (m), in the order of `POCKETS`."""
 
 
-def rails(table: Table, offsets: Floats | None = None) -> Rails:
+def rails(table: Table, offsets: FloatArray | None = None) -> Rails:
     """The rails of a table, each nose moved outwards by its offset (4,) in m, in the order of `CUSHIONS`."""
     return _moved(table, (0.0,) * len(CUSHIONS) if offsets is None else tuple(offsets.tolist()))
 
@@ -87,7 +85,7 @@ def _moved(table: Table, offsets: tuple[float, ...]) -> Rails:
     return _with_pockets(table, size, moved)
 
 
-def _with_pockets(table: Table, size: Floats, moved: Floats) -> Rails:
+def _with_pockets(table: Table, size: FloatArray, moved: FloatArray) -> Rails:
     kind = SNOOKER if table.game == "snooker" else POOL
     scale = table.ball_radius / kind.ball_radius
     lines: list[list[float]] = []
@@ -106,7 +104,7 @@ def _with_pockets(table: Table, size: Floats, moved: Floats) -> Rails:
     return Rails(np.array(lines), np.array(arcs), _holes(table, kind, scale))
 
 
-def _noses(size: Floats, kind: Pockets, scale: float) -> list[list[tuple[Floats, Mouth, Floats, Mouth]]]:
+def _noses(size: FloatArray, kind: Pockets, scale: float) -> list[list[tuple[FloatArray, Mouth, FloatArray, Mouth]]]:
     """Per side, the noses between the sharp points of two mouths."""
     length, width = size
     corner, middle = scale * kind.corner.gap / np.sqrt(2), scale * kind.middle.gap / 2
@@ -128,13 +126,13 @@ def _noses(size: Floats, kind: Pockets, scale: float) -> list[list[tuple[Floats,
     return tips
 
 
-def _line(inward: Floats, first: Floats, last: Floats, side: int) -> list[float]:
+def _line(inward: FloatArray, first: FloatArray, last: FloatArray, side: int) -> list[float]:
     across = np.array([-inward[1], inward[0]])
     low, high = sorted((float(across @ first), float(across @ last)))
     return [float(inward[0]), float(inward[1]), float(inward @ first), low, high, side]
 
 
-def _jaw(place: Floats, way: Floats, mouth: Mouth, scale: float, side: int) -> tuple[list[float], list[float]]:
+def _jaw(place: FloatArray, way: FloatArray, mouth: Mouth, scale: float, side: int) -> tuple[list[float], list[float]]:
     """The arc that begins at `place`, where a nose ends that goes in direction `way`, and the facing behind it."""
     radius, angle = scale * mouth.jaw, np.radians(mouth.turn)
     centre = place + radius * NORMALS[side]
@@ -144,7 +142,7 @@ def _jaw(place: Floats, way: Floats, mouth: Mouth, scale: float, side: int) -> t
     return [*map(float, centre), radius, side], _line(inward, first, first + FACING * onward, side)
 
 
-def _holes(table: Table, kind: Pockets, scale: float) -> Floats:
+def _holes(table: Table, kind: Pockets, scale: float) -> FloatArray:
     found = []
     middle_of_table = np.array([table.length, table.width]) / 2
     for name, place in zip(POCKETS, table.pocket_centres, strict=True):

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 GRAVITY = 9.81
 """m/s^2."""
@@ -57,7 +56,7 @@ USES: dict[str, tuple[str, ...]] = {
 _CLOTH = tuple(name for name in NAMES if not name.startswith(("cushion", "ball")))
 
 
-def neutral() -> Floats:
+def neutral() -> FloatArray:
     """The vector (P,) of a world without effects: no friction, elastic, flat."""
     values = np.zeros(len(NAMES))
     values[[CUSHION_E, BALL_E, PRESSED_CLOTH]] = 1.0
@@ -68,7 +67,7 @@ def neutral() -> Floats:
 class Physics:
     """Which effects act, how strongly, and by which laws balls and cushions touch."""
 
-    values: Floats
+    values: FloatArray
     """(P,) in the order of `NAMES`; SI, but slope in mm/m."""
     present: tuple[str, ...]
     """Names among `NAMES` that were given; the rest is neutral."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.numerics.integrators import DOP853, Tableau
 
-Floats = NDArray[np.float64]
 Numbers = NDArray[np.float64] | NDArray[np.complex128]
 
 NAMES = ("coupling", "inertia", "weight 1", "weight 2", "viscous 1", "viscous 2", "dry 1", "dry 2", "drag 1", "drag 2")
@@ -47,7 +47,7 @@ def rate(state: Numbers, numbers: Numbers) -> Numbers:
     ])  # fmt: skip
 
 
-def moved(state: Numbers, numbers: Numbers, spans: Floats, method: Tableau = DOP853) -> Numbers:
+def moved(state: Numbers, numbers: Numbers, spans: FloatArray, method: Tableau = DOP853) -> Numbers:
     """States (4, K, ...) after `spans` (K, ...) s."""
     fastest = max(float(np.abs(state[2:].real).max(initial=0.0)), SLOWEST)
     count = max(1, int(np.ceil(float(np.abs(spans).max(initial=0.0)) * min(fastest, 100.0) / RADIANS_PER_STEP)))
@@ -64,7 +64,7 @@ def moved(state: Numbers, numbers: Numbers, spans: Floats, method: Tableau = DOP
     return state
 
 
-def flow(states: Floats, numbers: Floats, spans: Floats) -> tuple[Floats, Floats, Floats]:
+def flow(states: FloatArray, numbers: FloatArray, spans: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Ends (K, 4) of states (K, 4) after `spans` (K,), slopes (K, 4, 4) by the start and (K, 4, 10) by the numbers."""
     count, inputs = len(states), 4 + len(numbers)
     shifted = np.repeat(np.concatenate([states, np.broadcast_to(numbers, (count, len(numbers)))], axis=1)[:, :, None],
@@ -76,7 +76,7 @@ def flow(states: Floats, numbers: Floats, spans: Floats) -> tuple[Floats, Floats
     return ends[:, :, 0].real.T, slopes[:, :, :4], slopes[:, :, 4:]
 
 
-def energy(state: Floats, numbers: Floats) -> Floats:
+def energy(state: FloatArray, numbers: FloatArray) -> FloatArray:
     """Over A, of states (4, ...)."""
     first, second, w1, w2 = state
     coupling, inertia, weight1, weight2 = numbers[:4]

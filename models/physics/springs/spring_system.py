@@ -11,15 +11,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.numerics.integrators import DOP853, Tableau
 from models.physics.springs.spring_kernels import accelerate
 from models.physics.springs.spring_tangents import flows
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 RADIANS_PER_STEP = 0.9
 """of the fastest swing: DOP853 is then off by about 1e-6 of its amplitude per step."""
@@ -35,23 +31,23 @@ TURN_PER_STEP = 0.3
 class Springs:
     """N particles in D axes, E pairs of them joined."""
 
-    mass: Floats
+    mass: FloatArray
     """(N,)"""
-    held: Bools
+    held: BoolArray
     """(N,) True where a particle never moves."""
-    pairs: Ints
+    pairs: IntArray
     """(E, 2) which particles are joined."""
-    stiffness: Floats
+    stiffness: FloatArray
     """(E,) mass/s^2; infinite for a rod."""
-    damping: Floats
+    damping: FloatArray
     """(E,) mass/s."""
-    rest: Floats
+    rest: FloatArray
     """(E,) length at which a spring does not pull."""
-    gravity: Floats
+    gravity: FloatArray
     """(D,) length/s^2."""
-    radius: Floats
+    radius: FloatArray
     """(N,) of the surfaces that collide; 0 where nothing does."""
-    contact: Floats
+    contact: FloatArray
     """(2,) stiffness and damping of collisions."""
 
     def __post_init__(self) -> None:
@@ -70,12 +66,12 @@ class Springs:
             raise ValueError(f"a pair joins two different particles of {count}; got {self.pairs.tolist()}")
 
     @property
-    def rods(self) -> Ints:
+    def rods(self) -> IntArray:
         """(R,) numbers of the pairs that keep their length."""
         return np.flatnonzero(np.isinf(self.stiffness))
 
     @property
-    def touching(self) -> Ints:
+    def touching(self) -> IntArray:
         """(C, 2) pairs that collide: those with a radius that nothing joins."""
         joined = {frozenset(pair) for pair in self.pairs.tolist()}
         found = [
@@ -85,7 +81,7 @@ class Springs:
         return np.array(found, np.int64).reshape(-1, 2)
 
     @property
-    def numbers(self) -> Floats:
+    def numbers(self) -> FloatArray:
         """(M,) all numbers: mass, stiffness (0 for rods), damping, rest, gravity, radius, contact."""
         stiffness = np.where(np.isinf(self.stiffness), 0.0, self.stiffness)
         parts = (self.mass, stiffness, self.damping, self.rest, self.gravity, self.radius, self.contact)
@@ -93,20 +89,20 @@ class Springs:
 
 
 def springs(
-    mass: Floats,
+    mass: FloatArray,
     pairs: list[tuple[int, int]],
-    stiffness: Floats | float,
-    damping: Floats | float,
-    rest: Floats | float,
-    gravity: Floats,
+    stiffness: FloatArray | float,
+    damping: FloatArray | float,
+    rest: FloatArray | float,
+    gravity: FloatArray,
     held: tuple[int, ...] = (),
-    radius: Floats | float = 0.0,
+    radius: FloatArray | float = 0.0,
     contact: tuple[float, float] = (0.0, 0.0),
 ) -> Springs:
     """A graph from plain numbers: one number stands for all springs, `held` counts particles."""
     masses = np.asarray(mass, np.float64)
 
-    def each(given: Floats | float, size: int = len(pairs)) -> Floats:
+    def each(given: FloatArray | float, size: int = len(pairs)) -> FloatArray:
         return np.broadcast_to(np.asarray(given, np.float64), size).copy()
 
     return Springs(
@@ -115,7 +111,7 @@ def springs(
     )  # fmt: skip
 
 
-def acceleration(graph: Springs, x: Floats, v: Floats) -> Floats:
+def acceleration(graph: Springs, x: FloatArray, v: FloatArray) -> FloatArray:
     """(N, D) of particles at x with velocities v (N, D)."""
     found = np.empty_like(x)
     accelerate(
@@ -125,13 +121,13 @@ def acceleration(graph: Springs, x: Floats, v: Floats) -> Floats:
     return found
 
 
-def rate(graph: Springs, state: Floats) -> Floats:
+def rate(graph: Springs, state: FloatArray) -> FloatArray:
     """Derivative of a state (2, N, D) by time, for `models.numerics.integrators`."""
     v = np.where(graph.held[:, None], 0.0, state[1])
     return np.stack([v, acceleration(graph, state[0], v)])
 
 
-def slope(graph: Springs, state: Floats) -> Floats:
+def slope(graph: Springs, state: FloatArray) -> FloatArray:
     """Jacobian (2 N D, 2 N D) of `rate`, by the complex step."""
     columns, step = [], 1e-30
     numbers = np.where(np.isinf(graph.stiffness), 0.0, graph.stiffness)
@@ -149,7 +145,7 @@ def slope(graph: Springs, state: Floats) -> Floats:
     return np.array(columns).T
 
 
-def energy(graph: Springs, x: Floats, v: Floats) -> float:
+def energy(graph: Springs, x: FloatArray, v: FloatArray) -> float:
     """Kinetic, elastic and gravitational energy of particles at x with velocities v (N, D)."""
     free = ~graph.held
     moving = 0.5 * graph.mass[free] @ (v[free] ** 2).sum(axis=1)
@@ -184,19 +180,21 @@ def fastest(graph: Springs, speed: float = 0.0) -> float:
 class Flows:
     """Where K stretches of motion end, and how that hangs on where they begin and on the graph's numbers."""
 
-    ends: Floats
+    ends: FloatArray
     """(K, 2, N, D) places and velocities."""
-    slopes: Floats
+    slopes: FloatArray
     """(K, 2 N D, M) by the M inputs that were asked for."""
 
 
-def steps_for(graph: Springs, spans: Floats, speed: float = 0.0) -> Ints:
+def steps_for(graph: Springs, spans: FloatArray, speed: float = 0.0) -> IntArray:
     """(K,) how many steps of DOP853 stretches of `spans` (K,) s take, where particles move at `speed` at most."""
     asked = np.ceil(np.abs(spans) * fastest(graph, speed) / RADIANS_PER_STEP)
     return np.asarray(np.clip(np.nan_to_num(asked, nan=1.0), 1, MOST_STEPS), np.int64)
 
 
-def flow(graph: Springs, starts: Floats, spans: Floats, inputs: Ints, steps: Ints, tableau: Tableau = DOP853) -> Flows:
+def flow(
+    graph: Springs, starts: FloatArray, spans: FloatArray, inputs: IntArray, steps: IntArray, tableau: Tableau = DOP853
+) -> Flows:
     """Move K states `starts` (K, 2, N, D) on by `spans` (K,) s in `steps` (K,), with exact slopes by `inputs` (M,).
 
     Inputs count the 2 N D numbers of a start first, then `Springs.numbers`. The slopes are those of the steps taken,
@@ -211,7 +209,7 @@ def flow(graph: Springs, starts: Floats, spans: Floats, inputs: Ints, steps: Int
     return Flows(ends, slopes)
 
 
-def motion(graph: Springs, start: Floats, t: Floats) -> Floats:
+def motion(graph: Springs, start: FloatArray, t: FloatArray) -> FloatArray:
     """States (T, 2, N, D) at times t (T,) s, growing, from `start` (2, N, D) at t[0]."""
     states, none = [start], np.empty(0, np.int64)
     for span in np.diff(t):

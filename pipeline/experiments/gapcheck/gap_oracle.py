@@ -12,7 +12,8 @@ from diagnosis.fitting.hypothesis_fits import Fitted, Question, fit, look, quest
 from diagnosis.fitting.noise_estimation import Noise, estimate_noise, with_noise
 from diagnosis.fitting.shot_split import split_shots
 from diagnosis.selection.signatures import signatures
-from models.estimation.gap_scenes.gap_scene import Floats, GapScene, Recording
+from models.core.typing import FloatArray
+from models.estimation.gap_scenes.gap_scene import GapScene, Recording
 
 APART = 9.0
 """chi2 from which somebody who compares only two causes can tell them: three standard deviations."""
@@ -43,7 +44,7 @@ class Oracle:
         rival = fit(self.question, truth.pieces, tuple(sorted(other)))
         return (rival.cost - truth.cost) / truth.lack > APART
 
-    def sigmas(self, names: frozenset[str], strengths: Floats) -> float:
+    def sigmas(self, names: frozenset[str], strengths: FloatArray) -> float:
         """How many standard deviations strengths (p,) of missing effects are, all else adjusted."""
         mask = self.question.mask(tuple(names))
         found = signatures(self.question, look(self.question, self.base).told, self.base.free, self.base.lack)

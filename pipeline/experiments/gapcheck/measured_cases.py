@@ -18,8 +18,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
-Floats = NDArray[np.float64]
-Shot = tuple[NDArray[np.int64], Floats, Floats]
+from models.core.typing import FloatArray
+
+Shot = tuple[NDArray[np.int64], FloatArray, FloatArray]
 """Frames (T,), times (T,) s, coordinates (T, D)."""
 
 CUBE_HALF, CUBE_HZ = 0.0524, 148.0

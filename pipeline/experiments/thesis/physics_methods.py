@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.core.typing import FloatArray
 from models.estimation.pendulum.pendulum_fit import swing
 from models.estimation.rigid_bodies.rigid_body_fit import fit_boxes
 from models.estimation.springs.latent_inference import infer
@@ -14,7 +15,6 @@ from models.neural.common.method_interface import Budget, checked
 from pipeline.experiments.thesis.assessed_motion import Judged
 from pipeline.experiments.thesis.scenes.boxes_scene import bodies
 from pipeline.experiments.thesis.scenes.double_pendulum_scene import as_angles, as_points
-from pipeline.experiments.thesis.scenes.withheld_series import Floats
 
 NO_LOSS = np.empty(0)
 BOXES_NUMBERS = 6
@@ -27,7 +27,7 @@ class SpringsFit:
 
     name: str = "physics fit"
 
-    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Judged:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: Budget) -> Judged:
         """Always the whole search, whatever the budget: a part of it is no fit."""
         began = time.process_time()
         latent = infer(*checked(times, states))
@@ -41,7 +41,7 @@ class ArmsFit:
 
     name: str = "physics fit"
 
-    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Judged:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: Budget) -> Judged:
         """Neither seed nor budget matter."""
         began = time.process_time()
         t, x = checked(times, states)
@@ -56,7 +56,7 @@ class BoxesFit:
 
     name: str = "physics fit"
 
-    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Judged:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: Budget) -> Judged:
         """Neither seed nor budget matter."""
         began = time.process_time()
         t, x = checked(times, states)

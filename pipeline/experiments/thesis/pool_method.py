@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray, IntArray
 from models.neural.common.method_interface import Budget, checked
 from pipeline.experiments.thesis.assessed_motion import Judged
 from pipeline.experiments.thesis.scenes.pool_scene import stretch_of
-from pipeline.experiments.thesis.scenes.withheld_series import Floats
 from pipeline.io.observed_shot import read_seen_shot
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +24,7 @@ class BilliardsFit:
     shot: int
     name: str = "physics fit"
 
-    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Judged:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: Budget) -> Judged:
         """Neither seed nor budget matter; the places in metres are those of the run at these times."""
         from models.estimation.reconstruction.fit_shot import fit_shot  # slow to import
 
@@ -40,7 +37,7 @@ class BilliardsFit:
         seconds = time.process_time() - began
         radius = scene.table.ball_radius
 
-        def motion(t: Floats) -> Floats:
+        def motion(t: FloatArray) -> FloatArray:
             frames = tracks.frame[nearest(tracks.t, t + stretch.t[0])]
             xy = fit.trajectory.at(t + stretch.t[0]).xy
             order = [fit.trajectory.ids.index(name) for name in stretch.ids]
@@ -50,12 +47,12 @@ class BilliardsFit:
         return Judged(motion, np.empty(0), len(fit.parameters), seconds, tuple(doubts))
 
 
-def nearest(t: Floats, wanted: Floats) -> Ints:
+def nearest(t: FloatArray, wanted: FloatArray) -> IntArray:
     """Row of t (T,) that is nearest to each wanted time (M,)."""
     return np.asarray(np.abs(t[:, None] - wanted).argmin(axis=0), np.int64)
 
 
-def part_of(tracks: Tracks, rows: Ints, ids: tuple[str, ...]) -> Tracks:
+def part_of(tracks: Tracks, rows: IntArray, ids: tuple[str, ...]) -> Tracks:
     """Some pictures and balls of tracks."""
     balls = np.array([tracks.ids.index(name) for name in ids])
     part = np.ix_(rows, balls)

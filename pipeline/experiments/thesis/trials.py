@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from models.core.typing import FloatArray
 from models.neural.common.method_interface import Budget, Fitted, Method
 from models.neural.common.spline_methods import CUBIC, LINEAR
 from pipeline.engine.result_cache import Cache, Key
 from pipeline.engine.source_fingerprint import library_versions, source_hashes
 from pipeline.experiments.thesis.assessed_motion import Judged
-from pipeline.experiments.thesis.scenes.withheld_series import Case, Floats, Series, mean_square
+from pipeline.experiments.thesis.scenes.withheld_series import Case, Series, mean_square
 
 STAGE = "reproduce"
 LOST = 1e6
@@ -42,11 +43,11 @@ class Trial:
     """Numbers that were learnt."""
     note: str
     """What is wrong with the motion; empty where nothing is known to be."""
-    t: Floats
+    t: FloatArray
     """(H,) s of the midpoints."""
-    error: Floats
+    error: FloatArray
     """(H,) px: root mean square over points and coordinates at each."""
-    loss: Floats
+    loss: FloatArray
     """(L,) of the network on what it saw."""
 
     @property
@@ -116,7 +117,7 @@ def _learnt(fit: Callable[[], Fitted]) -> tuple[Fitted | None, str]:
         return None, str(error)
 
 
-def _lost(guess: Floats, fitted: Fitted | None) -> str:
+def _lost(guess: FloatArray, fitted: Fitted | None) -> str:
     if not np.isfinite(guess).all():
         return "the motion is lost"
     return "; ".join(fitted.doubts) if isinstance(fitted, Judged) else ""

@@ -8,13 +8,11 @@ from types import MappingProxyType
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 
 from diagnosis.verdicts.verdict import Gap
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from pipeline.reporting.text.gap_sentences import length, shot_named
-
-Floats = NDArray[np.float64]
 
 _RAIL = 0.05
 """m around the table that plans show."""
@@ -52,7 +50,7 @@ def _is_plan(gap: Gap) -> bool:
     return bool(gap.before[0].shape[2] > 1)
 
 
-def _predictions(gap: Gap) -> list[tuple[str, tuple[Floats, ...], Line]]:
+def _predictions(gap: Gap) -> list[tuple[str, tuple[FloatArray, ...], Line]]:
     """Label, paths by window and look of what was predicted."""
     before: Line = {"color": BEFORE, "width": 2, "dash": "dash"}
     if not _differ(gap):
@@ -65,7 +63,7 @@ def _worst(gap: Gap) -> int:
     return int(np.argmax([float(np.mean(one)) if len(one) else 0.0 for one in errors]))
 
 
-def _misses(gap: Gap, window: int, paths: tuple[Floats, ...]) -> tuple[Floats, Floats, Floats]:
+def _misses(gap: Gap, window: int, paths: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Time since the prediction began (K,), its error (K,) and place (K, D), of what was predicted and seen."""
     one = gap.windows[window]
     seen = one.piece.seen.copy()

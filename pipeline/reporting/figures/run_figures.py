@@ -6,16 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from models.core.fit_result import Fit, Parameter
 from models.core.scene import Scene
+from models.core.typing import FloatArray
 from pipeline.reporting.figures.motion_samples import ever_moves, kinetic_energy, moments
 from pipeline.reporting.text.sentences import event_sentence, event_time, parameter_words, textbook_range
 from video.drawing.palette import INK, Colour, mix
-
-Floats = NDArray[np.float64]
 
 PLOT_HZ = 60.0
 HOVER = "%{customdata[0]:.3f} s, %{customdata[1]:.2f} m/s"
@@ -94,7 +92,9 @@ def energy_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
     return figure.update_yaxes(title="energy (mJ)", rangemode="tozero")
 
 
-def _over_time(scene: Scene, fit: Fit, colours: Sequence[str], t: Floats, values: Floats, xy: Floats) -> go.Figure:
+def _over_time(
+    scene: Scene, fit: Fit, colours: Sequence[str], t: FloatArray, values: FloatArray, xy: FloatArray
+) -> go.Figure:
     figure = go.Figure()
     moves = ever_moves(xy, scene.table.ball_radius)
     for k, ball in enumerate(fit.trajectory.ids):

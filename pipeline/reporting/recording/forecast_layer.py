@@ -6,10 +6,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import Foresight, Foresights
 from pipeline.reporting.figures.motion_samples import few_points
 from pipeline.reporting.recording.recorded_shot import Shot
-from pipeline.reporting.recording.recording_stream import Floats, timeline
+from pipeline.reporting.recording.recording_stream import timeline
 from video.drawing.palette import mix
 
 WAY = 1.0
@@ -52,7 +53,7 @@ def _log_ways(
     stream: rr.RecordingStream,
     shot: Shot,
     entity: str,
-    bundles: list[list[Floats]],
+    bundles: list[list[FloatArray]],
     frames: NDArray[np.intp],
     until: float,
 ) -> None:
@@ -69,14 +70,14 @@ def _told(shot: Shot, frames: NDArray[np.intp]) -> NDArray[np.intp]:
     return frames if shot.scene.camera.motion is not None else frames[:1]
 
 
-def _to_pixels(shot: Shot, ways: list[Floats], frame: int) -> list[Floats]:
+def _to_pixels(shot: Shot, ways: list[FloatArray], frame: int) -> list[FloatArray]:
     return [shot.scene.camera.to_pixels(way, shot.scene.table.ball_radius, frame) for way in ways]
 
 
-def _known(line: Floats) -> Floats:
+def _known(line: FloatArray) -> FloatArray:
     return line[np.isfinite(line[:, 0])]
 
 
-def _goes(line: Floats, least: float) -> bool:
+def _goes(line: FloatArray, least: float) -> bool:
     known = _known(line)
     return len(known) > 1 and float(np.linalg.norm(known - known[0], axis=1).max()) > least

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from models.core.detections import Detections
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from pipeline.reporting.recording.recorded_shot import Shot
-from pipeline.reporting.recording.recording_stream import Colours, Floats, timeline
+from pipeline.reporting.recording.recording_stream import timeline
 from video.io.clip import Clip
 from video.io.embedded_clip import playable, re_encoded
 
@@ -55,7 +56,7 @@ def log_detections(stream: rr.RecordingStream, clip: Clip, detections: Detection
     stream.log("picture/detections", rr.Points2D.from_fields(colors=[255, 255, 255, 160]), static=True)
 
 
-def log_tracks(stream: rr.RecordingStream, clip: Clip, tracks: Tracks, colours: Colours) -> None:
+def log_tracks(stream: rr.RecordingStream, clip: Clip, tracks: Tracks, colours: ByteArray) -> None:
     """A ring about each ball where it was seen."""
     seen = tracks.observed
     angle = np.linspace(0, 2 * np.pi, 33)
@@ -85,7 +86,7 @@ def log_paths(stream: rr.RecordingStream, shot: Shot) -> None:
 
 
 def log_past(
-    stream: rr.RecordingStream, entity: str, shot: Shot, t: Floats, xy: Floats, ball: int, *, in_picture: bool
+    stream: rr.RecordingStream, entity: str, shot: Shot, t: FloatArray, xy: FloatArray, ball: int, *, in_picture: bool
 ) -> None:
     """At every picture the way of a ball until then, of its points (n, 2) m at t (n,) s."""
     shown = shot.clip.t

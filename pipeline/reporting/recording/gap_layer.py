@@ -10,17 +10,15 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from diagnosis.verdicts.verdict import Gap, Report
 from models.core.errors import OptionError
+from models.core.typing import FloatArray
 from pipeline.engine.atomic_write import aside
 from pipeline.io.run_folder import read_scene
 from pipeline.reporting.recording.recording_stream import VIDEO_TIME, finish, open_stream
 from pipeline.reporting.text.gap_sentences import causes, closed_sentence, gap_sentence
 from video.drawing.palette import Colour, mix
-
-Floats = NDArray[np.float64]
 
 BEFORE, AFTER = (230, 80, 70), (70, 190, 130)
 MILD, BAD = (255, 225, 130), (200, 20, 40)
@@ -34,19 +32,19 @@ class Missed:
     """K held-out sightings of one window, with what was predicted for them."""
 
     shot: int
-    t: Floats
+    t: FloatArray
     """(K,) s"""
-    since: Floats
+    since: FloatArray
     """(K,) s since the prediction began."""
-    seen: Floats
+    seen: FloatArray
     """(K, 2) as drawn, the second axis down: the first and the last coordinate, or time and the only one."""
-    before: Floats
+    before: FloatArray
     """(K, 2)"""
-    after: Floats
+    after: FloatArray
     """(K, 2)"""
-    miss_before: Floats
+    miss_before: FloatArray
     """(K,) m or rad."""
-    miss_after: Floats
+    miss_after: FloatArray
     """(K,)"""
 
 

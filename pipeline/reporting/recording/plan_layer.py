@@ -6,9 +6,10 @@ import numpy as np
 import rerun as rr
 
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from pipeline.reporting.recording.frame_layer import log_past
 from pipeline.reporting.recording.recorded_shot import Shot
-from pipeline.reporting.recording.recording_stream import Floats, timeline
+from pipeline.reporting.recording.recording_stream import timeline
 
 POCKET_RADII = 1.6
 """Ball radii of a drawn pocket."""
@@ -74,6 +75,6 @@ def magnification(shot: Shot) -> float:
     return float(step * max(n for n in (1, 2, 5) if n * step <= wanted * (1 + 1e-12)))
 
 
-def _usual(sizes: Floats) -> float:
+def _usual(sizes: FloatArray) -> float:
     known = sizes[np.isfinite(sizes)]
     return float(np.median(known)) if len(known) else 0.0

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
+from models.core.typing import FloatArray
 from pipeline.reporting.figures.motion_samples import kinetic_energy
 from pipeline.reporting.recording.recorded_shot import Shot
-from pipeline.reporting.recording.recording_stream import Floats, timeline
+from pipeline.reporting.recording.recording_stream import timeline
 
 TOGETHER = (120, 170, 255)
 """Colour of what belongs to all balls."""
@@ -30,7 +31,13 @@ def log_plots(stream: rr.RecordingStream, shot: Shot) -> None:
 
 
 def _log_line(
-    stream: rr.RecordingStream, shot: Shot, entity: str, name: str, colour: tuple[int, ...], t: Floats, values: Floats
+    stream: rr.RecordingStream,
+    shot: Shot,
+    entity: str,
+    name: str,
+    colour: tuple[int, ...],
+    t: FloatArray,
+    values: FloatArray,
 ) -> None:
     stream.log(entity, rr.SeriesLines(colors=colour, names=name, widths=1.5), static=True)
     known = np.isfinite(values)

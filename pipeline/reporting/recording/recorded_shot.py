@@ -11,12 +11,10 @@ from models.core.fit_result import Fit
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import State
+from models.core.typing import ByteArray, FloatArray
 from pipeline.reporting.figures.motion_samples import ever_moves, few_points, moments
 from video.drawing.palette import INK, apart_from, ball_colour, on_any_ground
 from video.io.clip import Clip
-
-Floats = NDArray[np.float64]
-Colours = NDArray[np.uint8]
 
 PATH_HZ = 100.0
 """Samples per second of the fitted paths and plots."""
@@ -32,29 +30,29 @@ class Shot:
     scene: Scene
     tracks: Tracks
     fit: Fit
-    t: Floats
+    t: FloatArray
     """(K,) s, evenly over the motion."""
     state: State
     """of all balls at t."""
     moves: NDArray[np.bool_]
     """(N,) which balls get somewhere."""
-    lines: Colours
+    lines: ByteArray
     """(N, 3) of what is drawn over the picture."""
-    plotted: Colours
+    plotted: ByteArray
     """(N, 3) of what is drawn on the viewer's own ground, which is dark or light as its user has it."""
 
     @property
     def ids(self) -> tuple[str, ...]:
         return self.fit.trajectory.ids
 
-    def way(self, ball: int) -> tuple[Floats, Floats]:
+    def way(self, ball: int) -> tuple[FloatArray, FloatArray]:
         """Moments (n,) s and places (n, 2) m of a ball's path, as few as its line needs."""
         there = np.isfinite(self.state.xy[:, ball, 0])
         t, xy = self.t[there], self.state.xy[there, ball]
         kept = few_points(xy, WAY_OFF * self.scene.table.ball_radius)
         return t[kept], xy[kept]
 
-    def in_pictures(self, xy: Floats) -> NDArray[np.float32]:
+    def in_pictures(self, xy: FloatArray) -> NDArray[np.float32]:
         """Places (n, 2) m in px: (F, n, 2) of every picture where the camera drifts, (1, n, 2) of all else."""
         radius, camera = self.scene.table.ball_radius, self.scene.camera
         if camera.motion is None:

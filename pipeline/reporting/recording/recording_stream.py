@@ -11,8 +11,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Colours = NDArray[np.uint8]
+from models.core.typing import FloatArray
 
 VIDEO_TIME = "video_time"
 """s of the source clip."""
@@ -44,7 +43,7 @@ def finish(stream: rr.RecordingStream, path: Path) -> None:
         stream.disconnect()
 
 
-def timeline(t: Floats, shown: Floats) -> list[rr.TimeColumn]:
+def timeline(t: FloatArray, shown: FloatArray) -> list[rr.TimeColumn]:
     """Moments t (K,) s on both timelines, of a clip that shows its pictures at `shown` (F,) s."""
     return [
         rr.TimeColumn(VIDEO_TIME, duration=np.asarray(t, dtype=np.float64)),
@@ -52,6 +51,6 @@ def timeline(t: Floats, shown: Floats) -> list[rr.TimeColumn]:
     ]
 
 
-def frame_at(t: Floats, shown: Floats) -> NDArray[np.int64]:
+def frame_at(t: FloatArray, shown: FloatArray) -> NDArray[np.int64]:
     """The picture (K,) that is on the screen at t (K,) s; the first before anything is."""
     return np.maximum(np.searchsorted(shown, np.asarray(t) + 1e-9, side="right") - 1, 0).astype(np.int64)

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from pipeline.reporting.text.sentences import event_sentence, event_time
-
-Floats = NDArray[np.float64]
 
 JUST = 1e-3
 """s before and after a contact, beyond twice its error, at which a ball's velocity is told."""
@@ -168,7 +166,7 @@ def _speeds(fit: Fit, ball: str, other: str, touch: int) -> str:
     return "; ".join(parts) + "." if parts else "not known"
 
 
-def _beside(events: Events, k: int) -> Floats:
+def _beside(events: Events, k: int) -> FloatArray:
     """s before and after event k at which it is sure that it is still to come, and over."""
     return np.asarray(np.array([-1.0, 1.0]) * (JUST + 2 * events.t_sigma[k]), np.float64)
 
@@ -193,7 +191,7 @@ def _way_on(fit: Fit, ball: str, touch: int, own: list[int], end: float) -> str:
     return f"{ball} {slow}{_course(before, later)}, at {speeds[2]:.2f} m/s {look - t:.2f} s later."
 
 
-def _course(before: Floats, later: Floats) -> str:
+def _course(before: FloatArray, later: FloatArray) -> str:
     """How a ball turned from one velocity (2,) to another, as a player says it."""
     angle = _turn(before, later)
     side = "right" if angle > 0 else "left"  # y runs down: a positive angle turns clockwise as seen from above
@@ -204,7 +202,7 @@ def _course(before: Floats, later: Floats) -> str:
     return f"went off {abs(angle):.0f}° to the {side} of its old way"
 
 
-def _turn(before: Floats, later: Floats) -> float:
+def _turn(before: FloatArray, later: FloatArray) -> float:
     """Degrees from one velocity (2,) to another; clockwise, as seen from above, above 0."""
     cross = before[0] * later[1] - before[1] * later[0]
     return float(np.degrees(np.arctan2(cross, before @ later)))

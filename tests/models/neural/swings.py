@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.neural.common.method_interface import Floats
+from models.core.typing import FloatArray
 
 
-def circle(t: Floats, turns: float = 1.0) -> Floats:
+def circle(t: FloatArray, turns: float = 1.0) -> FloatArray:
     """(T, 1, 2): a point that goes round evenly, px."""
     angle = 2 * np.pi * turns * t
     return 100 * np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, None]
 
 
-def mse(guess: Floats, truth: Floats) -> float:
+def mse(guess: FloatArray, truth: FloatArray) -> float:
     return float(np.mean((guess - truth) ** 2))

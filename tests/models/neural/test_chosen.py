@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from swings import circle, mse
 
-from models.neural.common.method_interface import Budget, Fitted, Floats, LostMotion
+from models.core.typing import FloatArray
+from models.neural.common.method_interface import Budget, Fitted, LostMotion
 from models.neural.common.network_training import Schedule
 from models.neural.common.spline_methods import CUBIC, LINEAR
 from models.neural.method_selection import Chosen
@@ -23,7 +24,7 @@ class Nothing:
 
     name: str = "nothing"
 
-    def fit(self, times: Floats, states: Floats, seed: int, budget: Budget) -> Fitted:
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: Budget) -> Fitted:
         raise LostMotion("none")
 
 

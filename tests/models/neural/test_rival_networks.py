@@ -10,7 +10,8 @@ import torch
 from scipy.integrate import solve_ivp
 from swings import circle, mse
 
-from models.neural.common.method_interface import Budget, Floats
+from models.core.typing import FloatArray
+from models.neural.common.method_interface import Budget
 from models.neural.common.network_training import Schedule
 from models.neural.common.spline_methods import CUBIC, LINEAR
 from models.neural.networks.constraint_net import CONSTRAINT_NET
@@ -24,16 +25,16 @@ SHORT = Schedule(adam=200, rate=5e-3)
 FLOWS = (SECOND_ORDER, PLAIN_FLOW, HAMILTONIAN, SEPARABLE, INTERACTION)
 
 
-def pendulum(t: Floats) -> Floats:
+def pendulum(t: FloatArray) -> FloatArray:
     """(T, 1, 1) rad: an ideal pendulum of length g from rest at 2 rad."""
     path = solve_ivp(lambda _, y: [y[1], -np.sin(y[0])], (0, t[-1]), [2.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-9)
     return path.y[0][:, None, None]
 
 
-def two_springs(t: Floats, seed: int) -> Floats:
+def two_springs(t: FloatArray, seed: int) -> FloatArray:
     """(T, 3, 2): three equal points, the first joined to the second and that to the third."""
 
-    def change(_: float, y: Floats) -> Floats:
+    def change(_: float, y: FloatArray) -> FloatArray:
         x, v = y.reshape(2, 3, 2)
         pull = np.zeros((3, 2))
         for i, j in ((0, 1), (1, 2)):
@@ -105,7 +106,7 @@ def test_a_constraint_network_finds_the_length_of_a_rigid_pendulum() -> None:
         schedule=Schedule(adam=200, rate=3e-3, last_rate=1e-6, clip=1.0),
     )  # fmt: skip
 
-    def short(guess: Floats) -> float:
+    def short(guess: FloatArray) -> float:
         return float(np.abs(np.linalg.norm(guess[:, 0], axis=1) - 100).mean())
 
     fitted = method.fit(t, circle(t))
@@ -116,7 +117,7 @@ def test_a_constraint_network_finds_the_length_of_a_rigid_pendulum() -> None:
 def test_a_taught_constraint_network_halves_what_lines_miss_of_a_rigid_pendulum() -> None:
     """Lessons are other parts of the same circle. Measured: 79 times lower here, 3.6 and 214 with other starts."""
 
-    def lessons(seconds: float, seed: int) -> Floats:
+    def lessons(seconds: float, seed: int) -> FloatArray:
         begin = np.random.default_rng(seed).uniform(0, 1, 512)[:, None]
         return np.stack([circle(begin[:, 0] + seconds * share) for share in (0.0, 0.5, 1.0)], axis=1)
 

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.typing import FloatArray
 from models.numerics.jit import compiled
-
-Floats = NDArray[np.float64]
 
 GRAVITY = 9.81
 """m/s^2."""
@@ -39,32 +38,32 @@ class Friction:
     rolling: float
 
 
-def rolling_spin(v: Floats, slip: Floats, radius: float) -> Floats:
+def rolling_spin(v: FloatArray, slip: FloatArray, radius: float) -> FloatArray:
     """wx, wy (..., 2) in rad/s of a ball with velocity v (..., 2) and slip (..., 2), m/s."""
     return np.stack([slip[..., 1] - v[..., 1], v[..., 0] - slip[..., 0]], axis=-1) / radius
 
 
-def slide_time(state: Floats, friction: Friction) -> Floats:
+def slide_time(state: FloatArray, friction: Friction) -> FloatArray:
     """How long spans (..., 8) slide, s (...)."""
-    time: Floats = 2 / 7 * np.hypot(state[..., 4], state[..., 5]) / (friction.sliding * GRAVITY)
+    time: FloatArray = 2 / 7 * np.hypot(state[..., 4], state[..., 5]) / (friction.sliding * GRAVITY)
     return time
 
 
-def rest_time(state: Floats, friction: Friction) -> Floats:
+def rest_time(state: FloatArray, friction: Friction) -> FloatArray:
     """How long spans (..., 8) take until rest, s (...)."""
     slide = slide_time(state, friction)
     _, v, _ = _roll_start(state, friction)
     speed = np.hypot(v[..., 0], v[..., 1])
-    time: Floats = slide + speed / _deceleration(v, speed, state[..., 6:8], friction.rolling * GRAVITY)
+    time: FloatArray = slide + speed / _deceleration(v, speed, state[..., 6:8], friction.rolling * GRAVITY)
     return time
 
 
-def kinematics(state: Floats, tau: Floats, friction: Friction) -> Floats:
+def kinematics(state: FloatArray, tau: FloatArray, friction: Friction) -> FloatArray:
     """Position, velocity and slip (M, 6) of spans (M, 8) at times tau (M,) after their starts."""
     return np.real(_follow(state, tau, friction.sliding, friction.rolling))
 
 
-def kinematics_jacobian(state: Floats, tau: Floats, friction: Friction) -> tuple[Floats, Floats]:
+def kinematics_jacobian(state: FloatArray, tau: FloatArray, friction: Friction) -> tuple[FloatArray, FloatArray]:
     """`kinematics` (M, 6), and its derivatives (M, 6, 11) by the state, tau, ln mu_sliding and ln mu_rolling."""
     value, slope = np.empty((len(tau), 6)), np.empty((len(tau), 6, STATE + 3))
     _differentiate(
@@ -164,7 +163,9 @@ def _roll(slid, ds, cx, cy, slow, out, d):  # type: ignore[no-untyped-def]
             d[4 + i, k] = ds[4 + i, k]
 
 
-def polynomials(state: Floats, duration: float, friction: Friction) -> list[tuple[str, float, float, Floats, Floats]]:
+def polynomials(
+    state: FloatArray, duration: float, friction: Friction
+) -> list[tuple[str, float, float, FloatArray, FloatArray]]:
     """Pieces of one span (8,): phase, start, end (s after the start of the span), position (4, 2), slip (2, 2).
 
     Position and slip are coefficients of powers of the time since the piece began; pieces of no length are left out.
@@ -185,7 +186,7 @@ def polynomials(state: Floats, duration: float, friction: Friction) -> list[tupl
     return [piece for piece in cut if piece[2] - piece[1] > 1e-9]
 
 
-def _roll_start(state: Floats, friction: Friction) -> tuple[Floats, Floats, Floats]:
+def _roll_start(state: FloatArray, friction: Friction) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Position and velocity (..., 2) where rolling starts, and the acceleration (..., 2) before."""
     slip = state[..., 4:6]
     speed = np.hypot(slip[..., 0], slip[..., 1])[..., None]

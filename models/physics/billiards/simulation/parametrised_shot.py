@@ -14,16 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.numerics.jit import compiled
 from models.physics.billiards.calibration_errors import FAITHFUL, ON_PICTURE
 from models.physics.billiards.parameters import NAMES, Physics, neutral
 from models.physics.billiards.simulation.shot_derivatives import PER_BALL
 from models.physics.billiards.simulation.simulate_shot import simulate
 from models.physics.billiards.simulation.simulated_shot import Balls, Run
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 MASS, RADIUS, FACTOR = (len(NAMES) + k for k in range(3))
 NOSE, PICTURE = len(NAMES) + 3, len(NAMES) + 7
@@ -49,12 +46,12 @@ class Laws:
     ball: str = "inelastic"
 
 
-def sizes(moving: Mask) -> NDArray[np.int64]:
+def sizes(moving: BoolArray) -> NDArray[np.int64]:
     """(N + 1,) where the numbers of each ball begin, and their count."""
     return np.concatenate([[0], np.cumsum(np.where(moving, MOVING, LYING))]).astype(np.int64)
 
 
-def unpacked(start: Floats, moving: Mask) -> Floats:
+def unpacked(start: FloatArray, moving: BoolArray) -> FloatArray:
     """(N, 7) from the numbers of a start (S,); zeros for what a ball that lies has not."""
     whole, at = np.zeros((len(moving), MOVING)), sizes(moving)
     for k, moves in enumerate(moving):
@@ -62,12 +59,12 @@ def unpacked(start: Floats, moving: Mask) -> Floats:
     return whole
 
 
-def packed(whole: Floats, moving: Mask) -> Floats:
+def packed(whole: FloatArray, moving: BoolArray) -> FloatArray:
     """(S,) from (N, 7)."""
     return np.concatenate([row[: MOVING if moves else LYING] for row, moves in zip(whole, moving, strict=True)])
 
 
-def balls_of(start: Floats, moving: Mask, table: Table, values: Floats) -> Balls:
+def balls_of(start: FloatArray, moving: BoolArray, table: Table, values: FloatArray) -> Balls:
     """The balls that a start (S,) and all numbers (Q,) stand for."""
     count = len(moving)
     state, radius, mass = np.zeros((count, MOVING)), np.empty(count), np.empty(count)
@@ -99,14 +96,14 @@ def _names(count: int) -> tuple[str, ...]:
     return tuple(str(k) for k in range(count))
 
 
-def played(start: Floats, moving: Mask, table: Table, values: Floats, laws: Laws, seconds: float) -> Run:
+def played(start: FloatArray, moving: BoolArray, table: Table, values: FloatArray, laws: Laws, seconds: float) -> Run:
     """The shot; ArithmeticError where balls meet without end."""
     physics = Physics(values[: len(NAMES)].copy(), (), laws.cushion, laws.ball)
     offsets = values[NOSE : NOSE + 4]
     return simulate(balls_of(start, moving, table, values), table, physics, max(seconds, 1e-6), offsets)
 
 
-def directions_of(balls: Balls, moving: Mask, table: Table, values: Floats, numbers: Ints) -> Floats:
+def directions_of(balls: Balls, moving: BoolArray, table: Table, values: FloatArray, numbers: IntArray) -> FloatArray:
     """What the engine's numbers (9 N + P + 4,) change by when a start (S,) or one of `numbers`, indices (M,) in
     `NUMBERS`, changes: (9 N + P + 4, S + M)."""
     begins = int(moving.sum()) * (MOVING - LYING) + len(moving) * LYING
@@ -146,13 +143,13 @@ _UNITS = np.eye(MOVING)
 _UNITS[2:6, 4:6] = [[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]]
 
 
-def spins(numbers: Floats, radius: float) -> tuple[Floats, Floats]:
+def spins(numbers: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
     """Numbers (N, 7) of a fit as states of the engine, and the matrix (7, 7) that turns one into the other."""
     turn = _UNITS.T / np.where(np.arange(MOVING) < LINEAR, 1.0, radius)[:, None]
     return numbers @ turn.T, turn
 
 
-def slips(states: Floats, radius: Floats) -> Floats:
+def slips(states: FloatArray, radius: FloatArray) -> FloatArray:
     """States (..., N, 7) of the engine as numbers of a fit, for radii (N,)."""
     found = states.copy()
     found[..., 4] = states[..., 2] - radius * states[..., 5]

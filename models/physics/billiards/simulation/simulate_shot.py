@@ -8,9 +8,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.scene import Table
+from models.core.typing import FloatArray
 from models.physics.billiards.cloth.forces import curved
 from models.physics.billiards.cloth.motion_pieces import CURVED_ROWS, STRAIGHT_ROWS
 from models.physics.billiards.cushion_geometry import Rails, rails
@@ -20,14 +20,13 @@ from models.physics.billiards.simulation.simulated_shot import Balls, Run, energ
 
 __all__ = ["Balls", "Physics", "Rails", "Run", "energy", "rails", "simulate"]
 
-Floats = NDArray[np.float64]
 
 _ROOM = 512
 """Contacts that are made room for at first."""
 MOST_CONTACTS = 500_000
 
 
-def simulate(balls: Balls, table: Table, physics: Physics, seconds: float, offsets: Floats | None = None) -> Run:
+def simulate(balls: Balls, table: Table, physics: Physics, seconds: float, offsets: FloatArray | None = None) -> Run:
     """Play a shot for `seconds`; `offsets` (4,) in m move the noses outwards, in the order of `CUSHIONS`.
 
     ArithmeticError for a shot of more than `MOST_CONTACTS` contacts.

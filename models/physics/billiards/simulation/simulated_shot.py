@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.scene import CUSHIONS, POCKETS
 from models.core.trajectory import State, Trajectory
+from models.core.typing import FloatArray, IntArray
 from models.numerics.jit import compiled
 from models.physics.billiards.cloth.cloth_motion import plan
 from models.physics.billiards.cloth.forces import curved
@@ -46,9 +46,6 @@ from models.physics.billiards.simulation.event_engine import (
 )
 from models.physics.billiards.simulation.shot_derivatives import BALL_COLUMNS, CURVING, differentiate
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 STATE = 7
 """Numbers of a ball: x, y, vx, vy, wx, wy, wz."""
 _SMOOTH = 1e-8
@@ -60,11 +57,11 @@ class Balls:
     """N balls at the beginning, in the frame of the table."""
 
     ids: tuple[str, ...]
-    state: Floats
+    state: FloatArray
     """(N, 7) x, y (m), vx, vy (m/s), wx, wy, wz (rad/s)."""
-    radius: Floats
+    radius: FloatArray
     """(N,) m."""
-    mass: Floats
+    mass: FloatArray
     """(N,) kg."""
 
     def __post_init__(self) -> None:
@@ -77,10 +74,10 @@ class Balls:
             raise ValueError("balls have a radius and a mass above 0")
 
 
-def energy(state: Floats, radius: Floats, mass: Floats) -> Floats:
+def energy(state: FloatArray, radius: FloatArray, mass: FloatArray) -> FloatArray:
     """Kinetic energy (..., N) in J of balls in states (..., N, 7); solid spheres."""
     v, w = np.sum(state[..., 2:4] ** 2, axis=-1), np.sum(state[..., 4:7] ** 2, axis=-1)
-    total: Floats = 0.5 * mass * (v + 0.4 * radius**2 * w)
+    total: FloatArray = 0.5 * mass * (v + 0.4 * radius**2 * w)
     return total
 
 
@@ -92,11 +89,11 @@ class Run:
     rails: Rails
     physics: Physics
     seconds: float
-    contacts: Floats
+    contacts: FloatArray
     """(E, EVENT_WIDTH) as `engine.play` logs them."""
-    legs: Floats
+    legs: FloatArray
     """(L, LEG_WIDTH) sorted by ball, then by time."""
-    gone: Floats = field(init=False, repr=False)
+    gone: FloatArray = field(init=False, repr=False)
     """(N,) s, when each ball fell into a pocket; infinite where it did not."""
 
     def __post_init__(self) -> None:
@@ -105,7 +102,7 @@ class Run:
             gone[int(hole[FIRST])] = hole[TIME]
         object.__setattr__(self, "gone", gone)
 
-    def at(self, t: float | Floats) -> Floats:
+    def at(self, t: float | FloatArray) -> FloatArray:
         """States (..., N, 7) at times t (...), s; NaN for a ball in a pocket."""
         times = np.asarray(t, dtype=np.float64)
         order = np.argsort(times.reshape(-1), kind="stable")
@@ -124,7 +121,7 @@ class Run:
         of_balls = [f"{ball}.{name}" for ball in self.balls.ids for name in BALL_COLUMNS]
         return (*of_balls, *NAMES, *(f"nose.{side}" for side in CUSHIONS))
 
-    def jacobian(self, t: float | Floats, wrt: tuple[str, ...] | None = None) -> Floats:
+    def jacobian(self, t: float | FloatArray, wrt: tuple[str, ...] | None = None) -> FloatArray:
         """Derivatives (..., N, 7, P) of the states at t (...) by `wrt`, names among `columns`.
 
         The order of contacts is held fixed. Without `wrt`: by the states, radii and masses of all balls and the
@@ -142,7 +139,7 @@ class Run:
         found = self.along(times.reshape(-1), place, directions, STATE)
         return found.reshape(*times.shape, len(self.balls.ids), STATE, len(wrt))
 
-    def along(self, t: Floats, place: Ints, directions: Floats, numbers: int) -> Floats:
+    def along(self, t: FloatArray, place: IntArray, directions: FloatArray, numbers: int) -> FloatArray:
         """Derivatives (K, `numbers`, C) of the states at t (T,), or with 2 `numbers` of the places alone, along
         directions (P, C) in all that the shot depends on, in the order of `columns`.
 
@@ -151,7 +148,9 @@ class Run:
         """
         return self.along_to(t, place, directions, numbers, np.inf)[0]
 
-    def along_to(self, t: Floats, place: Ints, directions: Floats, numbers: int, end: float) -> tuple[Floats, Floats]:
+    def along_to(
+        self, t: FloatArray, place: IntArray, directions: FloatArray, numbers: int, end: float
+    ) -> tuple[FloatArray, FloatArray]:
         """The same, and derivatives (N, 7, C) of the states of all balls at the time `end`; those are NaN where it is
         infinite."""
         first = len(BALL_COLUMNS) * len(self.balls.ids)
@@ -168,7 +167,7 @@ class Run:
         )  # fmt: skip
         return found, at_end
 
-    def state(self, t: float | Floats) -> State:
+    def state(self, t: float | FloatArray) -> State:
         """The same as a `State`, with standard deviations of 0: nothing is uncertain."""
         found = self.at(t)
         nothing = np.where(np.isnan(found[..., 0]), np.nan, 0.0)
@@ -211,7 +210,7 @@ class Run:
             np.array(turn), tuple(name), np.zeros((len(cubics), 4, 4)),
         )  # fmt: skip
 
-    def pieces(self) -> tuple[Floats, Ints, Ints, Floats]:
+    def pieces(self) -> tuple[FloatArray, IntArray, IntArray, FloatArray]:
         """Polynomial pieces (M, WIDTH), their columns START and END on the clock of the shot; ball (M,), phase (M,),
         and side spin with its rate (M, 2)."""
         most = self.rows * len(self.legs)
@@ -223,14 +222,14 @@ class Run:
         )  # fmt: skip
         return rows[:count], balls[:count], phases[:count], spins[:count]
 
-    def _strikes(self) -> list[tuple[str, float, str, str, Floats, float]]:
+    def _strikes(self) -> list[tuple[str, float, str, str, FloatArray, float]]:
         moving = np.hypot(*self.balls.state[:, 2:4].T)
         return [
             ("strike", 0.0, name, "", self.balls.state[k, :2], float(moving[k]))
             for k, name in enumerate(self.balls.ids) if moving[k] > 0
         ]  # fmt: skip
 
-    def _contacts(self) -> list[tuple[str, float, str, str, Floats, float]]:
+    def _contacts(self) -> list[tuple[str, float, str, str, FloatArray, float]]:
         ids, places = self.balls.ids, self._places()
         found = []
         for event, place in zip(self.contacts, places, strict=True):
@@ -245,7 +244,7 @@ class Run:
             found.append((name, float(event[TIME]), a, b, place, float(event[SPEED])))
         return found
 
-    def _places(self) -> Floats:
+    def _places(self) -> FloatArray:
         """(E, 2) m, where the first ball of each contact was: there its next leg begins."""
         found = np.empty((len(self.contacts), 2))
         used = np.ones(len(self.balls.ids), dtype=np.int64)
@@ -258,7 +257,7 @@ class Run:
                 used[b] += 1
         return found
 
-    def _rests(self) -> list[tuple[str, float, str, str, Floats, float]]:
+    def _rests(self) -> list[tuple[str, float, str, str, FloatArray, float]]:
         pieces, balls, phases, _ = self.pieces()
         came = np.flatnonzero((phases[1:] == REST) & (phases[:-1] != REST) & (balls[1:] == balls[:-1])) + 1
         return [
@@ -310,7 +309,7 @@ def cut(legs, gone, radius, p, seconds, table_rows, found, balls, kinds, spins):
     return made
 
 
-def _cubics(row: Floats, spin: Floats) -> list[tuple[float, float, Floats, Floats]]:
+def _cubics(row: FloatArray, spin: FloatArray) -> list[tuple[float, float, FloatArray, FloatArray]]:
     """Start, end, position (4, 2), spin (2, 3) of the cubic pieces that stand for one piece of degree five."""
     x = np.stack([row[X : X + 6], row[Y : Y + 6]], axis=1)
     w = np.stack([row[WX : WX + 5], row[WY : WY + 5]], axis=1)
@@ -327,7 +326,7 @@ def _cubics(row: Floats, spin: Floats) -> list[tuple[float, float, Floats, Float
     ]  # fmt: skip
 
 
-def _cubic(x: Floats, a: float, b: float) -> Floats:
+def _cubic(x: FloatArray, a: float, b: float) -> FloatArray:
     """Position (4, 2) from a to b with the place and velocity of x (6, 2) at both ends; exact where x is a cubic."""
     (p0, v0), (p1, v1) = (_value_and_rate(x, t) for t in (a, b))
     h = b - a
@@ -337,7 +336,7 @@ def _cubic(x: Floats, a: float, b: float) -> Floats:
     return np.array([p0, v0, (3 * mean - 2 * v0 - v1) / h, (v0 + v1 - 2 * mean) / h**2])
 
 
-def _turn(w: Floats, spin: Floats, a: float, b: float) -> Floats:
+def _turn(w: FloatArray, spin: FloatArray, a: float, b: float) -> FloatArray:
     """Spin (2, 3) from a to b."""
     (w0, _), (w1, _) = (_value_and_rate(w, t) for t in (a, b))
     left = [max(abs(spin[0]) - abs(spin[1]) * t, 0.0) * np.sign(spin[0]) for t in (a, b)]
@@ -345,6 +344,6 @@ def _turn(w: Floats, spin: Floats, a: float, b: float) -> Floats:
     return np.array([first, (last - first) / (b - a)])
 
 
-def _value_and_rate(c: Floats, t: float) -> tuple[Floats, Floats]:
+def _value_and_rate(c: FloatArray, t: float) -> tuple[FloatArray, FloatArray]:
     powers = t ** np.arange(len(c))
     return powers @ c, (np.arange(1, len(c)) * powers[:-1]) @ c[1:]

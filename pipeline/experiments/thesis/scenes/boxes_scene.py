@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.errors import OptionError
-from pipeline.experiments.thesis.scenes.withheld_series import Case, Floats, Series, filmed
+from models.core.typing import FloatArray
+from pipeline.experiments.thesis.scenes.withheld_series import Case, Series, filmed
 from pipeline.io.run_folder import read_table
 
 WORLD = Path(__file__).resolve().parents[4] / "worlds" / "boxes.py"
@@ -31,7 +32,7 @@ def boxes(case: Case, seconds: float) -> Series:
 
 
 @lru_cache(maxsize=4)
-def thrown(speed: str, seed: int, seconds: float) -> tuple[Floats, Floats]:
+def thrown(speed: str, seed: int, seconds: float) -> tuple[FloatArray, FloatArray]:
     """Times (T,) s and places (T, 201, 2) px of a throw."""
     if not WORLD.is_file():
         raise OptionError(f"The boxes are moved by worlds/boxes.py of the repository; there is no {WORLD}")

@@ -6,10 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from models.core.typing import FloatArray
 from models.physics.springs.spring_system import flow, springs, steps_for
 from pipeline.experiments.thesis.scenes.boxes_scene import FILMED_HZ, thrown
 from pipeline.experiments.thesis.scenes.double_pendulum_scene import FIRST, GRAVITY, KINDS, LENGTH
-from pipeline.experiments.thesis.scenes.withheld_series import Floats
 
 SWINGS, THROWS = 64, 6
 WIDEST = 0.6 * np.pi
@@ -21,13 +21,13 @@ FASTEST = 2000.0
 """px/s of a ball against another."""
 
 
-def swings(kind: str, seconds: float, seed: int) -> Floats:
+def swings(kind: str, seconds: float, seed: int) -> FloatArray:
     """(B, 3, 3, 2) px: stretches of double pendulums like that of the scene, let go from rest at other angles."""
     path = _swung(kind, seconds / 2, seed)  # (T, SWINGS, 3, 2)
     return _stretches(path)
 
 
-def throws(speed: str, seconds: float, seed: int) -> Floats:
+def throws(speed: str, seconds: float, seed: int) -> FloatArray:
     """(B, 3, 201, 2) px: stretches of other throws of the same speed."""
     step = max(round(seconds / 2 * FILMED_HZ), 1)
     first = OTHER + THROWS * seed
@@ -35,14 +35,14 @@ def throws(speed: str, seconds: float, seed: int) -> Floats:
     return _stretches(paths)
 
 
-def _stretches(path: Floats) -> Floats:
+def _stretches(path: FloatArray) -> FloatArray:
     """(B, 3, N, 2) of neighbouring frames of paths (T, S, N, 2)."""
     frames = np.stack([path[:-2], path[1:-1], path[2:]], axis=2)
     return frames.reshape(-1, *frames.shape[2:])
 
 
 @lru_cache(maxsize=8)
-def _swung(kind: str, span: float, seed: int) -> Floats:
+def _swung(kind: str, span: float, seed: int) -> FloatArray:
     """(T, SWINGS, 3, 2) px, a frame every `span` s."""
     angles = np.random.default_rng(OTHER + seed).uniform(-WIDEST, WIDEST, (SWINGS, 2, 1))
     arms = LENGTH * np.concatenate([np.sin(angles), np.cos(angles)], axis=2)

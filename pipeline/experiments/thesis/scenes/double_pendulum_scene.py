@@ -9,8 +9,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from models.core.errors import OptionError
+from models.core.typing import FloatArray
 from models.physics.springs.spring_system import rate, springs
-from pipeline.experiments.thesis.scenes.withheld_series import Case, Floats, Series, filmed
+from pipeline.experiments.thesis.scenes.withheld_series import Case, Series, filmed
 
 KINDS = {"soft": (300.0, 0.1), "medium": (3e3, 1.0), "stiff": (1e5, 20.0)}
 """Stiffness (mass/s^2) and damping (mass/s) of springs, which the thesis does not give; masses are 1."""
@@ -29,7 +30,7 @@ RECORDED_SECONDS = 10.0
 
 
 @lru_cache(maxsize=16)
-def swung(kind: str, t: tuple[float, ...]) -> Floats:
+def swung(kind: str, t: tuple[float, ...]) -> FloatArray:
     """True places (T, 3, 2) px at times t s of the balls, from rest in a row."""
     stiffness, damping = KINDS[kind]
     graph = springs(np.ones(3), [(0, 1), (1, 2)], stiffness, damping, LENGTH, np.array([0.0, GRAVITY]), held=(0,))
@@ -71,14 +72,14 @@ def recording_in(folder: Path | None) -> Path | None:
     return next((path.parent for path in sorted(folder.rglob(RECORDING))), None)
 
 
-def as_points(angles: Floats) -> Floats:
+def as_points(angles: FloatArray) -> FloatArray:
     """(T, 3, 2) px of pivot, joint and end, of absolute angles (T, 2), 0 hanging; y down."""
     arms = LENGTH * np.stack([np.sin(angles), np.cos(angles)], axis=2)
     steps = np.concatenate([np.broadcast_to(FIRST, (len(angles), 1, 2)), arms], axis=1)
     return np.asarray(np.cumsum(steps, axis=1), np.float64)
 
 
-def as_angles(points: Floats) -> Floats:
+def as_angles(points: FloatArray) -> FloatArray:
     """(T, 2) absolute angles, not wrapped, of `as_points`."""
     arms = np.diff(points, axis=1)
     return np.asarray(np.unwrap(np.arctan2(arms[..., 0], arms[..., 1]), axis=0), np.float64)

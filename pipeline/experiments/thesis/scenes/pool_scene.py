@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from models.core.errors import OptionError
-from pipeline.experiments.thesis.scenes.withheld_series import Case, Floats, Series, filmed
+from models.core.typing import FloatArray
+from pipeline.experiments.thesis.scenes.withheld_series import Case, Series, filmed
 from pipeline.io.run_folder import Columns, read_table
 
 LEAST_FRAMES = 15
@@ -23,9 +24,9 @@ class Stretch:
 
     ids: tuple[str, ...]
     """(N,)"""
-    t: Floats
+    t: FloatArray
     """(T,) s of the clip."""
-    places: Floats
+    places: FloatArray
     """(T, N, 2) px."""
 
 

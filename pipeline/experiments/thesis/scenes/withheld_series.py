@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from models.core.typing import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +30,11 @@ class Series:
     """N points at T frames, px."""
 
     case: Case
-    t: Floats
+    t: FloatArray
     """(T,) s"""
-    truth: Floats
+    truth: FloatArray
     """(T, N, 2)"""
-    seen: Floats
+    seen: FloatArray
     """(T, N, 2) with noise; a method is shown every other row of it."""
 
     def __post_init__(self) -> None:
@@ -43,23 +42,23 @@ class Series:
             raise ValueError(f"a series has an odd number of frames; got {self.truth.shape} at {self.t.shape}")
 
     @property
-    def shown(self) -> tuple[Floats, Floats]:
+    def shown(self) -> tuple[FloatArray, FloatArray]:
         """Times and coordinates that a method may learn from."""
         return self.t[::2], self.seen[::2]
 
     @property
-    def hidden(self) -> tuple[Floats, Floats]:
+    def hidden(self) -> tuple[FloatArray, FloatArray]:
         """Times and true coordinates of the withheld midpoints."""
         return self.t[1::2], self.truth[1::2]
 
 
-def filmed(case: Case, t: Floats, truth: Floats) -> Series:
+def filmed(case: Case, t: FloatArray, truth: FloatArray) -> Series:
     """The series of a case with its noise; an even number of frames loses the last one."""
     kept = len(t) - 1 + len(t) % 2
     noise = np.random.default_rng([case.seed, 1]).standard_normal(truth.shape)
     return Series(case, t[:kept], truth[:kept], (truth + case.noise * noise)[:kept])
 
 
-def mean_square(guess: Floats, truth: Floats) -> float:
+def mean_square(guess: FloatArray, truth: FloatArray) -> float:
     """px^2: mean over frames, points and coordinates."""
     return float(np.mean((guess - truth) ** 2))
