@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from drawn import PX_PER_M, RADIUS, drawn_scene
+from support.rendered_balls import PX_PER_M, RADIUS, drawn_scene
 
 from detectors.measurement.frame_detections import Found
 from detectors.measurement.overlap_resolution import stood_apart

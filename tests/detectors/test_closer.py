@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from drawn import Ball, draw, drawn_scene
+from support.rendered_balls import Ball, draw, drawn_scene
 
 from detectors.measurement.cloth_background import learn_cloth
 from detectors.measurement.working_view import View, view_of

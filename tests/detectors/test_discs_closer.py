@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from drawn import CLOTH, PX_PER_M, RADIUS, Ball, draw, drawn_scene
+from support.rendered_balls import CLOTH, PX_PER_M, RADIUS, Ball, draw, drawn_scene
 
 from detectors.measurement.circle_fit import Circles, fit_circles, softened
 from detectors.network.disc_crop import RADIUS_PX, SIDE, Upright

@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from drawn import CLOTH, HEIGHT, PX_PER_M, RADIUS, WIDTH, Ball, draw, drawn_scene, misses, spread_balls
+from support.rendered_balls import CLOTH, HEIGHT, PX_PER_M, RADIUS, WIDTH, Ball, draw, drawn_scene, misses, spread_balls
 
 from detectors.apparent_ball_size import with_seen_size
 from detectors.detect import detect_in_picture

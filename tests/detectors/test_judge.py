@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from drawn import PX_PER_M, RADIUS, Ball, draw, drawn_scene, spread_balls
+from support.rendered_balls import PX_PER_M, RADIUS, Ball, draw, drawn_scene, spread_balls
 
 from detectors.measurement.cloth_background import learn_cloth
 from detectors.measurement.working_view import view_of

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from drawn import Ball, draw, drawn_scene
+from support.rendered_balls import Ball, draw, drawn_scene
 
 from detectors.hough.hough_detector import ball_finder
 from detectors.measurement.frame_change import Memory, touched_places, windows

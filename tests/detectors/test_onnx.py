@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from drawn import HEIGHT, RADIUS, WIDTH, Ball, draw, drawn_scene, misses, spread_balls
+from support.rendered_balls import HEIGHT, RADIUS, WIDTH, Ball, draw, drawn_scene, misses, spread_balls
 
 from detectors.detect import detect_in_picture
 from detectors.network.network_detector import NetworkFinder, network_finder

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn import Ball, draw, drawn_scene
+from support.rendered_balls import Ball, draw, drawn_scene
 
 from detectors.network.network_detector import network_finder
 from detectors.network.network_file import open_model, tiles

@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from drawn import drawn_scene
+from support.rendered_balls import drawn_scene
 
 from detectors.measurement.circle_fit import softened
 from detectors.network.outline_fusion import Surroundings, outlined

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from drawn import PX_PER_M, RADIUS, Ball, draw
+from support.rendered_balls import PX_PER_M, RADIUS, Ball, draw
 
 from detectors.network.network_file import SHIPPED, model_facts
 from detectors.network.streak_crop import COLUMNS, MARGIN_RADII, RADIUS_PX, ROWS, Straight

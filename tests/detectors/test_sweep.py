@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from drawn import PX_PER_M, RADIUS, Ball, draw, drawn_scene
+from support.rendered_balls import PX_PER_M, RADIUS, Ball, draw, drawn_scene
 
 from detectors.measurement.motion_blur import Sweep, fitted_sweep, share_covered
 from detectors.measurement.working_view import view_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pucks import Filming, Pucks, film
+from support.pucks import Filming, Pucks, film
 
 from diagnosis.fitting.diagnosis_windows import stretches
 from diagnosis.fitting.hypothesis_fits import Fitted, Question, fit, look, nearest, question_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pucks import Filming, Pucks, film
+from support.pucks import Filming, Pucks, film
 
 from diagnosis.fitting.hypothesis_fits import fit, question_of
 from diagnosis.verdicts.candidate_probabilities import strengths

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pucks import CATALOGUE, LENS, SCALE, Filming, Pucks, film
+from support.pucks import CATALOGUE, LENS, SCALE, Filming, Pucks, film
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import Report

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pucks import Filming, Pucks, film
+from support.pucks import Filming, Pucks, film
 
 from diagnosis.fitting.fit_residuals import Residuals, residuals
 from diagnosis.fitting.hypothesis_fits import Fitted, Question, Seen, fit, look, question_of

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pucks import Filming, Pucks, film
+from support.pucks import Filming, Pucks, film
 
 from diagnosis.fitting import window_growth
 from diagnosis.fitting.diagnosis_windows import fit_adaptively, stretches

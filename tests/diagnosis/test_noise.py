@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pucks import Filming, film
+from support.pucks import Filming, film
 
 from diagnosis.fitting.noise_estimation import estimate_noise, with_noise
 

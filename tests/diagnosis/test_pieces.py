@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pucks import Pucks
+from support.pucks import Pucks
 
 from diagnosis.fitting.diagnosis_windows import fit_adaptively
 from diagnosis.fitting.hypothesis_fits import question_of

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from association_shots import POOL, R, Seen, break_shot, observe, overhead, owners, play, scattered, switches
+from support.tracking_shots import POOL, R, Seen, break_shot, observe, overhead, owners, play, scattered, switches
 
 from models.core.detections import Detections
 from models.core.errors import TrackError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from played_shots import SIGMA, TABLE, numbers, opening
+from support.simulated_shots import SIGMA, TABLE, numbers, opening
 
 from diagnosis.fitting.diagnosis_windows import fit_adaptively, stretches
 from diagnosis.fitting.hypothesis_fits import allowed, fit, question_of

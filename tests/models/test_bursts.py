@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from filmed_shots import RADIUS, Filmed, film, scene
+from support.filmed_shots import RADIUS, Filmed, film, scene
 
 from models.core.fit_result import Fit
 from models.core.options import FitOptions

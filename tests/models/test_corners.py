@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import fixed_step_table as truth
 import numpy as np
 import pytest
-from filmed_shots import DELAY, Filmed, film
-from told_stories import PRICES, moving, named, refined, resting
+from support import fixed_step_table as truth
+from support.contact_graphs import PRICES, moving, named, refined, resting
+from support.filmed_shots import DELAY, Filmed, film
 
 from models.estimation.joint_fit.fit_solution import Data, Solution
 from models.estimation.segmentation.contact_graph import Contact

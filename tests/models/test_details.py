@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from played_shots import SIGMA, TABLE, numbers, opening
+from support.simulated_shots import SIGMA, TABLE, numbers, opening
 
 from diagnosis.fitting.diagnosis_windows import fit_begun
 from diagnosis.fitting.hypothesis_fits import fit, question_of

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from bouncing_ball import filmed
+from support.bouncing_ball import filmed
 
 from models.estimation.multiple_shooting.posterior_samples import drawn
 from models.estimation.multiple_shooting.shooting_fit import shoot

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filmed_shots import Filmed, match, random_shot
+from support.filmed_shots import Filmed, match, random_shot
 
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.fit_shot import fit_shot

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from filmed_shots import RADIUS, WIDTH, Filmed, film
+from support.filmed_shots import RADIUS, WIDTH, Filmed, film
 
 from models.estimation.joint_fit.contact_cascades import cascade
 from models.estimation.reconstruction.fit_shot import fit_shot

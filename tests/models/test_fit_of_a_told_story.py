@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filmed_shots import DELAY, RADIUS, film
+from support.filmed_shots import DELAY, RADIUS, film
 
 from models.estimation.reconstruction.fit_shot import fit_shot, fit_story
 from models.estimation.segmentation.contact_graph import Contact, Span, Story

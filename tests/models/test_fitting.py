@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filmed_shots import PX_PER_M, RADIUS, film, match, position_rms_px, random_shot, scene
-from fixed_step_table import GRIPPING, MIRROR, SPEED_DEPENDENT
+from support.filmed_shots import PX_PER_M, RADIUS, film, match, position_rms_px, random_shot, scene
+from support.fixed_step_table import GRIPPING, MIRROR, SPEED_DEPENDENT
 
 from models.core.options import FitOptions
 from models.core.tracks import Tracks

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from played_shots import LAWS, SIGMA, TABLE, filmed, numbers
+from support.simulated_shots import LAWS, SIGMA, TABLE, filmed, numbers
 
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 from models.estimation.whole_shot.continuation_fit import Guess, goes_on, grown, next_view

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from played_shots import SIGMA, TABLE, filmed, numbers
+from support.simulated_shots import SIGMA, TABLE, filmed, numbers
 
 from models.estimation.whole_shot.initial_states import beginning
 from models.estimation.whole_shot.table_fit import fit_known, unknowns_of

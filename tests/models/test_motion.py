@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import fixed_step_table as truth
 import numpy as np
 import pytest
+from support import fixed_step_table as truth
 
 from models.physics.billiards.cloth.closed_form_motion import (
     Friction,

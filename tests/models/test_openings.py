@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from filmed_shots import RADIUS, Filmed, film
+from support.filmed_shots import RADIUS, Filmed, film
 
 from models.estimation.reconstruction.fit_shot import fit_shot
 

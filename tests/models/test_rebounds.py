@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import fixed_step_table as truth
 import numpy as np
 import pytest
-from filmed_shots import DELAY, RADIUS, Filmed, film, scene
-from told_stories import moving, refined, resting
+from support import fixed_step_table as truth
+from support.contact_graphs import moving, refined, resting
+from support.filmed_shots import DELAY, RADIUS, Filmed, film, scene
 
 from models.estimation.joint_fit.fit_solution import Data, Solution
 from models.estimation.joint_fit.joint_refinement import refine

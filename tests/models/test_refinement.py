@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filmed_shots import RADIUS, scene
+from support.filmed_shots import RADIUS, scene
 
 from models.estimation.joint_fit.fit_arrays import begins, numbers_of, skeleton_of, solution_with
 from models.estimation.joint_fit.fit_solution import Data, Solution, owners_among

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from filmed_shots import DELAY, RADIUS, Filmed, film
-from told_stories import PRICES, moving, named, refined, resting
+from support.contact_graphs import PRICES, moving, named, refined, resting
+from support.filmed_shots import DELAY, RADIUS, Filmed, film
 
 from models.estimation.joint_fit.fit_solution import Data, Solution
 from models.estimation.segmentation.contact_graph import Contact

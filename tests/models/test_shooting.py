@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bouncing_ball import NOTHING, Bounces, filmed, flight
 from numpy.typing import NDArray
+from support.bouncing_ball import NOTHING, Bounces, filmed, flight
 
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.multiple_shooting.shooting_fit import Shooting, parameters_of, priors_of, shoot

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from played_shots import filmed, numbers, shots, unknown
+from support.simulated_shots import filmed, numbers, shots, unknown
 
 from models.physics.billiards.calibration_errors import View, seen
 from models.physics.billiards.simulation.parametrised_shot import NUMBERS, packed

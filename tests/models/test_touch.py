@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from filmed_shots import RADIUS, film
 from scipy.stats import norm
+from support.filmed_shots import RADIUS, film
 
 from models.estimation.contact_test.contact_moment import (
     SHARED,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from association_shots import R, overhead
+from support.tracking_shots import R, overhead
 
 from models.core.detections import Detections
 from models.core.typing import FloatArray

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from played_shots import SIGMA, TABLE, filmed, numbers
+from support.simulated_shots import SIGMA, TABLE, filmed, numbers
 
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 from models.estimation.whole_shot.continuation_fit import grown_if_lawful

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from played_shots import LAWS, SIGMA, TABLE, numbers, opening
+from support.simulated_shots import LAWS, SIGMA, TABLE, numbers, opening
 
 from models.core.fit_result import Fit, Trust
 from models.core.options import FitOptions

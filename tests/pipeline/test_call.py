@@ -6,11 +6,11 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import made_up_shot as shot
 import numpy as np
 import pytest
 from PIL import Image
-from terminal import Terminal, terminal
+from support import synthetic_run as shot
+from support.pseudo_terminal import Terminal, terminal
 
 from models.core.scene import Scene
 from pipeline.io.run_folder import read_record

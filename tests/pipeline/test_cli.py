@@ -12,10 +12,10 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
-import made_up_shot as shot
 import numpy as np
 import pytest
-from terminal import Terminal, terminal
+from support import synthetic_run as shot
+from support.pseudo_terminal import Terminal, terminal
 
 from pipeline.batch.clip_discovery import find_clips, folders_of
 from pipeline.cli.commands import ORDER, first_sentence, load

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 from scipy.integrate import solve_ivp
-from terminal import Terminal, terminal
+from support.pseudo_terminal import Terminal, terminal
 
 trueroll = pytest.fixture(terminal)
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import made_up_shot as shot
 import numpy as np
 import pytest
-from browser import barriers, chromium, complaints, page_of
 from PIL import Image
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
+from support import synthetic_run as shot
+from support.browser import barriers, chromium, complaints, page_of
 
 from diagnosis.fitting.gap_closure import Ahead, Closing
 from diagnosis.verdicts.verdict import Candidate, Gap, Place, Report, Strength

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import made_up_shot as shot
 import numpy as np
 import pytest
 import rerun as rr
 from rerun.chunk import Chunk, RrdReader
+from support import synthetic_run as shot
 
 from models.core.progress import Progress
 from models.estimation.forecast.forecast_values import Foresight, Foresights

@@ -6,9 +6,9 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import made_up_shot as shot
 import numpy as np
 import pytest
+from support import synthetic_run as shot
 
 from pipeline.reporting.figures.run_figures import plan_figure, speed_figure
 from pipeline.reporting.pages.run_report import ReportFiles, event_rows, write_report

@@ -7,9 +7,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import made_up_shot as shot
 import numpy as np
 import pytest
+from support import synthetic_run as shot
 
 from models.core.fit_result import Fit, Laws, Parameter
 from models.core.scene import Scene

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import made_up_shot as shot
 import numpy as np
 import pytest
+from support import synthetic_run as shot
 
 from models.core.events import Events
 from models.core.fit_result import Fit

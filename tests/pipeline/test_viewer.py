@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from terminal import Terminal, terminal
+from support.pseudo_terminal import Terminal, terminal
 
 from models.core.errors import OptionError, TruerollError
 from pipeline.reporting.recording.rerun_viewer import free_port, recordings_of, show_recordings

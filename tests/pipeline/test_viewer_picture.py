@@ -8,11 +8,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import made_up_shot as shot
 import numpy as np
 import pytest
-from browser import chromium
 from PIL import Image
+from support import synthetic_run as shot
+from support.browser import chromium
 from test_recording import made_up_fans
 
 from pipeline.reporting.recording.recording_file import write_recording

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import staged_shot as shot
+from support import staged_shot as shot
 
 from models.core.events import Events
 from models.core.fit_result import Fit

@@ -9,7 +9,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-import staged_shot as shot
+from support import staged_shot as shot
 
 from video.io.clip import read_frames
 from video.io.video_writer import VideoWriter

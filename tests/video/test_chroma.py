@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import staged_shot as shot
+from support import staged_shot as shot
 
 from models.core.typing import ImageArray
 from video.io.chroma import has_squares, square_colours

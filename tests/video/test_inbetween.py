@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import staged_shot as shot
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
+from support import staged_shot as shot
 
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import staged_shot as shot
+from support import staged_shot as shot
 
 from models.core.scene import Camera, Scene
 from models.core.typing import FloatArray, ImageArray

@@ -10,7 +10,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-import staged_shot as shot
+from support import staged_shot as shot
 
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust

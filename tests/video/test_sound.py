@@ -8,7 +8,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-import staged_shot as shot
+from support import staged_shot as shot
 
 from video.io.audio import add_sound
 from video.io.clip import open_clip

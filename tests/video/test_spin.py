@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import staged_shot as shot
+from support import staged_shot as shot
 
 from models.core.typing import FloatArray, ImageArray
 from video.matting.background_plate import Plate

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from table_pictures import Look, corner_error, draw_table, looking, moved, small_motion, write_clip
+from support.table_images import Look, corner_error, draw_table, looking, moved, small_motion, write_clip
 
 from models.core.errors import OptionError, TableNotFound
 from models.core.scene import Camera, Scene, apply_homography

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import staged_shot as shot
+from support import staged_shot as shot
 
 from video.matting.ball_timeline import sight
 from video.overlay.vertical_crop import window_lefts, window_width

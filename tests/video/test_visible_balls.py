@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import staged_shot as shot
 from numpy.typing import NDArray
+from support import staged_shot as shot
 
 from video.matting.background_plate import Plate
 from video.matting.ball_timeline import Sightings, sight

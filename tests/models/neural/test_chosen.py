@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from swings import circle, mse
+from support.pendulum_swings import circle, mse
 
 from models.core.typing import FloatArray
 from models.neural.common.method_interface import Budget, Fitted, LostMotion

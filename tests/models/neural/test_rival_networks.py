@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.integrate import solve_ivp
-from swings import circle, mse
+from support.pendulum_swings import circle, mse
 
 from models.core.typing import FloatArray
 from models.neural.common.method_interface import Budget

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from swings import circle, mse
+from support.pendulum_swings import circle, mse
 from torch import nn
 
 from models.neural.common.method_interface import Budget

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from filmed_shots import Filmed
+from support.filmed_shots import Filmed
 
 from models.estimation.joint_fit.fit_solution import Data, Solution, gather
 from models.estimation.joint_fit.joint_refinement import refine

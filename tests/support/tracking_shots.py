@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import fixed_step_table
 import numpy as np
 from numpy.typing import NDArray
+from support import fixed_step_table
 
 from models.core.detections import Detections
 from models.core.scene import Camera, Scene, Table

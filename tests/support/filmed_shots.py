@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import fixed_step_table as truth
 import numpy as np
+from support import fixed_step_table as truth
 
 from models.core.fit_result import Fit
 from models.core.scene import Camera, Scene, Table
