@@ -1,4 +1,4 @@
-"""Where a detector saw balls: one row per ball and picture."""
+"""Output of a detector: one row per detected ball and frame."""
 
 from __future__ import annotations
 
@@ -12,33 +12,34 @@ from models.core.typing import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Detections:
-    """K detections in columns, sorted by frame; pixels of the original upright picture.
+    """K detections in columns, sorted by frame.
 
-    `centre` is the place at mid-exposure. A sharp ball has a `streak` of (0, 0).
+    Coordinates are pixels of the original frame in upright orientation: x to the right, y down. A moving ball leaves a
+    motion-blur streak; a sharp ball has a `streak` of (0, 0).
     """
 
     frame: NDArray[np.int64]
-    """(K,) picture in presentation order."""
+    """(K,) index of the frame in presentation order, from 0."""
     centre: FloatArray
-    """(K, 2) px."""
+    """(K, 2) px, centre of the ball at mid-exposure."""
     radius: FloatArray
-    """(K,) px."""
+    """(K,) px, radius of the ball in the image."""
     streak: FloatArray
-    """(K, 2) px: the way travelled during the exposure, sign unknown."""
+    """(K, 2) px, displacement during the exposure; its sign is unknown."""
     colour: FloatArray
-    """(K, 3) CIE L*a*b* of the ball without its highlight."""
+    """(K, 3) CIE L*a*b*, colour of the ball without its highlight."""
     white: FloatArray
-    """(K,) share of the disc that is white: near 1 cue ball, 0.2 to 0.7 a stripe."""
+    """(K,) white share of the disc, 0 to 1: near 1 for a cue ball, 0.2 to 0.7 for a stripe."""
     white_rim: FloatArray
-    """(K,) the same of its outer ring, where a stripe is white and hardly any number."""
+    """(K,) white share of the outer ring, 0 to 1. A stripe is white there; a printed number seldom reaches it."""
     value: FloatArray
-    """(K,) in [0, 1]: brightest of the colour channels where it is not white (HSV); only black is dark in all."""
+    """(K,) HSV value (largest colour channel) of the part that is not white, 0 to 1; low for a black ball only."""
     score: FloatArray
-    """(K,) in [0, 1]."""
+    """(K,) confidence score, 0 to 1."""
     sigma: FloatArray
-    """(K,) px, one standard deviation per axis, across the streak."""
+    """(K,) px, standard deviation of the centre across the streak."""
     sigma_along: FloatArray
-    """(K,) px, along the streak; equals `sigma` for sharp balls."""
+    """(K,) px, standard deviation of the centre along the streak; equals `sigma` for sharp balls."""
 
     def __post_init__(self) -> None:
         k = len(self.frame)

@@ -1,26 +1,29 @@
-"""What can go wrong with a user's material; wrong arguments of a function raise ValueError instead.
+"""Errors of a user's material. Wrong arguments of a function raise ValueError instead.
 
 TruerollError
-├── ClipError            video/: the file is not a clip that can be used
-├── TableNotFound        video/: no table in the picture, or it cannot be trusted
+├── ClipError            video/: the file is not a usable clip
+├── TableNotFound        video/: the image shows no table, or none that was found reliably
 ├── ModelError           detectors/: an ONNX file is not a ball detector
-├── TrackError           models/: too little was seen to follow balls
-└── OptionError          pipeline/: an option that makes no sense for this clip
+├── TrackError           models/: too few detections to track balls
+└── OptionError          pipeline/: an option that is wrong or does not suit the clip
 """
 
 from __future__ import annotations
 
 
 class TruerollError(Exception):
-    """One sentence: what was wanted, what came, what to do. Shown without a traceback."""
+    """Base of all errors of a user's material. One sentence: what was expected, what was found, what to do.
+
+    The command line prints it without a traceback.
+    """
 
 
 class ClipError(TruerollError):
-    """The file is not a clip that can be used."""
+    """The file is not a usable clip."""
 
 
 class TableNotFound(TruerollError):
-    """No table in the picture, or none that can be trusted."""
+    """The image shows no table, or none that was found reliably."""
 
 
 class ModelError(TruerollError):
@@ -28,8 +31,8 @@ class ModelError(TruerollError):
 
 
 class TrackError(TruerollError):
-    """Too little was seen to follow balls."""
+    """There are too few detections to track balls."""
 
 
 class OptionError(TruerollError):
-    """An option that makes no sense for this clip."""
+    """An option is wrong or does not suit the clip."""

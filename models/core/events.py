@@ -1,4 +1,4 @@
-"""What happened: strikes, contacts, pockets and rests, each with a time between frames."""
+"""Events of a shot: strikes, contacts, pocketed balls and rests, each with a time between frames."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ class Events:
     """E events in columns, sorted by time."""
 
     kind: tuple[str, ...]
-    """(E,) one of `EVENT_KINDS`; rest is when a ball has a twentieth of its radius left to go, about a pixel: the last
-    moment at which an eye tells it from its final place."""
+    """(E,) one of `EVENT_KINDS`. At a rest, a ball is a twentieth of its radius, about a pixel, away from its final
+    position: the last moment at which a viewer can see the difference."""
     t: FloatArray
-    """(E,) s."""
+    """(E,) s, time of the event since the first frame."""
     t_sigma: FloatArray
-    """(E,) s, > 0."""
+    """(E,) s, standard deviation of `t`, > 0."""
     frame: FloatArray
-    """(E,) the same moment in pictures, fractional."""
+    """(E,) the same time in frames, fractional."""
     a: tuple[str, ...]
     """(E,) id of the ball."""
     b: tuple[str, ...]
-    """(E,) the other ball, the cushion or the pocket; empty for strike and rest."""
+    """(E,) id of the other ball, name of the cushion or of the pocket; empty for strike and rest."""
     xy: FloatArray
-    """(E, 2) m, centre of ball a."""
+    """(E, 2) m, centre of ball `a` in table coordinates."""
     probability: FloatArray
-    """(E,) that it happened."""
+    """(E,) probability that the event happened."""
     gap: FloatArray
-    """(E,) m, least distance of the two surfaces on their free paths, negative where they would overlap.
+    """(E,) m, smallest distance of the two surfaces if the contact did not happen; negative if they would overlap.
 
-    NaN if not a contact, or unknown.
+    NaN if the event is no contact, or the gap is unknown.
     """
     gap_sigma: FloatArray
-    """(E,) m."""
+    """(E,) m, standard deviation of `gap`."""
     speed: FloatArray
-    """(E,) m/s, closing speed along the normal; strike: speed after; NaN for rest."""
+    """(E,) m/s, closing speed along the contact normal; for a strike the speed of the ball afterwards; NaN for rest."""
 
     def __post_init__(self) -> None:
         count = len(self.kind)

@@ -1,4 +1,4 @@
-"""What a fit found: events, motion, parameters, and whether to believe it."""
+"""Result of the fit of a shot: events, trajectory, parameters, and trust level."""
 
 from __future__ import annotations
 
@@ -12,69 +12,84 @@ from models.core.events import Events
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 
-Light = Literal["green", "amber", "red"]
+TrustLevel = Literal["green", "amber", "red"]
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One fitted number of the physics, such as `rolling_resistance.mu`."""
+    """A fitted parameter of the physics."""
 
     name: str
+    """`effect.parameter`, e.g. `rolling_resistance.mu`."""
     value: float
+    """Estimate, in `unit`."""
     sigma: float
+    """Standard deviation of `value`, in `unit`."""
     unit: str
+    """Unit symbol; empty for dimensionless parameters."""
     prior_only: bool
-    """True where the data did not determine it: value and sigma are the prior's."""
+    """Whether the data do not identify the parameter, so that value and sigma are those of the prior."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """The traffic light of a clip, and the sentences that say why."""
+    """Trust level of the result of a clip, with the reasons for it."""
 
-    light: Light
+    level: TrustLevel
+    """`green`: an accepted fit explains the motion; `amber`: it explains most of the motion, or there is a warning;
+    `red`: the estimates must not be used."""
     reasons: tuple[str, ...]
+    """Sentences for the user."""
 
 
 @dataclass(frozen=True, slots=True)
-class Laws:
-    """By which published laws balls and cushions touched in a fit of whole shots, and how well these told of it.
+class WholeShotSolution:
+    """Result of a fit of whole shots: the selected contact models, their parameters, and the state after the strike.
 
-    N balls, those that moved.
+    N counts the balls that moved.
     """
 
-    cushion: str
-    ball: str
+    cushion_model: str
+    """Name of the selected contact model of ball and cushion."""
+    ball_model: str
+    """Name of the selected contact model of two balls."""
     chi2_per_dof: float
-    """robust, of all that was seen of these balls."""
+    """Robust chi-square per degree of freedom of all observed positions of these balls."""
     parameters: tuple[Parameter, ...]
+    """Parameters of the effects, of the contact models and of the table."""
     t: float
-    """s, when the balls were in these states: just after the first strike."""
+    """s, time of `state`: just after the first strike."""
     ids: tuple[str, ...]
+    """(N,) ids of the balls."""
     state: FloatArray
-    """(N, 7) x, y (m), vx, vy (m/s), wx, wy, wz (rad/s)."""
+    """(N, 7) state of the balls: x, y (m), vx, vy (m/s), wx, wy, wz (rad/s)."""
     covariance: FloatArray
-    """(N, 7, 7)"""
+    """(N, 7, 7) covariance of `state` for each ball, SI units."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A fitted shot."""
+    """Fit of a shot with T frames and N balls."""
 
     events: Events
+    """Strikes, contacts, pocketed balls and rests."""
     trajectory: Trajectory
+    """Motion of every ball between and within frames."""
     parameters: tuple[Parameter, ...]
+    """Parameters that were fitted to the segments between contacts."""
     noise: float
-    """m, one standard deviation per axis of the measured positions, as the residuals say (robust)."""
+    """m, standard deviation of measured positions per axis, estimated robustly from the residuals."""
     chi2_per_dof: float
-    """of the accepted pieces, against the noise that successive samples show by themselves."""
+    """Chi-square per degree of freedom of the accepted segments, relative to the noise between successive samples."""
     residual: FloatArray
-    """(T, N, 2) m, measured minus fitted; NaN where not seen."""
+    """(T, N, 2) m, measured minus fitted position; NaN where a ball was not observed."""
     moving: NDArray[np.bool_]
-    """(T, N) ball in motion."""
+    """(T, N) whether a ball moves."""
     accepted: NDArray[np.bool_]
-    """(T, N) an accepted fit holds there."""
+    """(T, N) whether an accepted fit explains the motion."""
     trust: Trust
-    laws: Laws | None = None
-    """of the whole shots; None where no law explains them."""
-    lawless: str = ""
-    """why there are none, a sentence."""
+    """Trust level, with reasons."""
+    whole_shot: WholeShotSolution | None = None
+    """Fit of whole shots; None if it was not requested, or no contact model explains them."""
+    whole_shot_refusal: str = ""
+    """Sentence on why `whole_shot` is None; empty otherwise."""

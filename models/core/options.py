@@ -1,45 +1,148 @@
-"""What can be chosen where balls are followed and fitted: light to import, the command line is made from it."""
+"""Options of tracking, fitting and forecasting, and how options describe themselves; fast to import.
+
+The command line, its help and its checks are derived from the option dataclasses of all packages.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+_KEY = "option"
+"""Key of an `OptionSpec` in the metadata of a dataclass field."""
+
+
+@dataclass(frozen=True, slots=True)
+class OptionSpec:
+    """Meaning, unit and range of an option."""
+
+    help: str
+    """Complete sentences."""
+    unit: str = ""
+    """Unit of the value, as in "s" or "m/s"; empty where there is none or the help names it."""
+    minimum: float | None = None
+    """Least value."""
+    above: float | None = None
+    """Value that must be exceeded, instead of a minimum."""
+    maximum: float | None = None
+    """Largest value."""
+
+    @property
+    def valid_range(self) -> str:
+        """The range with its unit in words, such as "more than 0 s"; empty if all values are valid."""
+        low = "" if self.above is None else f"more than {self.above:g}"
+        if self.minimum is not None:
+            low = f"{self.minimum:g}"
+        if self.maximum is None:
+            words = f"{low} or more" if self.minimum is not None else low
+        elif self.minimum is not None:
+            words = f"{low} to {self.maximum:g}"
+        else:
+            words = " and ".join(part for part in (low, f"at most {self.maximum:g}") if part)
+        return f"{words} {self.unit}".rstrip() if words else ""
+
+    def allows(self, value: float) -> bool:
+        """Whether a value is finite and within the range."""
+        return (
+            math.isfinite(value)
+            and (self.minimum is None or value >= self.minimum)
+            and (self.above is None or value > self.above)
+            and (self.maximum is None or value <= self.maximum)
+        )
+
+
+def option(
+    default: T,
+    *,
+    help: str,
+    unit: str = "",
+    minimum: float | None = None,
+    above: float | None = None,
+    maximum: float | None = None,
+) -> T:
+    """Declare an option as a field of a frozen dataclass.
+
+    Args:
+        default: Default value.
+        help: Meaning, in complete sentences.
+        unit: Unit of the value.
+        minimum: Least value.
+        above: Value that must be exceeded, instead of a minimum.
+        maximum: Largest value.
+
+    Returns:
+        A dataclass field with this default and an `OptionSpec` in its metadata.
+    """
+    return field(default=default, metadata={_KEY: OptionSpec(help, unit, minimum, above, maximum)})
+
+
+def list_option_specs(kind: type[Any]) -> Mapping[str, OptionSpec]:
+    """List the options of an option dataclass.
+
+    Args:
+        kind: A dataclass whose fields are declared with `option`.
+
+    Returns:
+        The specification of each option by the name of its field.
+    """
+    return {one.name: one.metadata[_KEY] for one in fields(kind)}
 
 
 @dataclass(frozen=True, slots=True)
 class TrackOptions:
-    """How detections become tracks."""
+    """Options of tracking: how detections become tracks."""
 
-    breadth: int = 8
-    """readings of an ambiguous moment that are followed side by side; 1 decides at once"""
-    patience: float = 0.4
-    """s that an ambiguous moment may stay undecided"""
-    balls: int = 0
-    """most balls on the table; 0: as many as are seen"""
+    breadth: int = option(
+        8,
+        help="Most track hypotheses of an ambiguous moment that are followed side by side; 1 decides at once.",
+        unit="hypotheses",
+        minimum=1,
+    )
+    patience: float = option(
+        0.4, help="Longest time for which an ambiguous moment may stay undecided.", unit="s", above=0
+    )
+    balls: int = option(0, help="Most balls on the table; 0 sets no limit.", unit="balls", minimum=0)
 
 
 @dataclass(frozen=True, slots=True)
 class FitOptions:
-    """How a shot is fitted."""
+    """Options of the fit of a shot."""
 
-    quick: bool = False
-    """fewer iterations of the joint refinement."""
-    break_price: float = 20.0
-    """chi2 that a contact must improve where something is near that may cause it."""
-    free_price: float = 150.0
-    """chi2 that a change of velocity must improve where nothing is near."""
-    laws: bool = False
-    """explain whole shots by published laws as well: spin, friction of the cushions, the size of the balls. Takes up
-    to a minute, and the first time on a machine two more to compile."""
-    profile: str = ""
-    """a table profile that trueroll diagnose wrote (FILE): laws and numbers to start from, as with --laws."""
-    moving_speed: float = 0.02
-    """m/s above which a ball counts as moving."""
+    quick: bool = option(False, help="Fit with fewer iterations of the joint refinement.")
+    break_price: float = option(
+        20.0,
+        help="Least decrease of chi2 for which a contact is accepted, where a ball or cushion is near enough.",
+        minimum=0,
+    )
+    free_price: float = option(
+        150.0,
+        help="Least decrease of chi2 for which a velocity change is accepted, where no ball or cushion is near.",
+        minimum=0,
+    )
+    laws: bool = option(
+        False,
+        help="Also fit whole shots with published contact models: spin, cushion friction, ball size. It takes up to a"
+        " minute, and two more to compile the first time on a machine.",
+    )
+    profile: str = option(
+        "",
+        help="Table profile (FILE) that trueroll diagnose wrote: contact models and parameters to start from, as with"
+        " --laws.",
+    )
+    moving_speed: float = option(
+        0.02, help="Speed above which a ball counts as moving.", unit="m/s", above=0, maximum=1
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class ForecastOptions:
-    """What is foretold beside what happened."""
+    """Options of the forecasts that the recording shows."""
 
-    fans: bool = False
-    """show in the recording where balls could have gone, foretold from a few moments of the shot. The first time on
-    a machine it takes a minute to compile."""
+    fans: bool = option(
+        False,
+        help="Show forecasts from a few moments of the shot in the recording: where each ball could have gone. It takes"
+        " a minute to compile the first time on a machine.",
+    )

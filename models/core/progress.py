@@ -1,12 +1,16 @@
-"""How long work says how far it is."""
+"""The type of progress callbacks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 Progress = Callable[[float], None]
-"""Called with the share of the work that is done, 0 to 1."""
+"""A function that is called with the finished share of some work, 0 to 1."""
 
 
-def silent(_: float) -> None:
-    """A progress that nobody watches."""
+def ignore_progress(_: float) -> None:
+    """Ignore the finished share: the callback of work that nobody follows.
+
+    Args:
+        _: Finished share, 0 to 1.
+    """

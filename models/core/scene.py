@@ -1,4 +1,4 @@
-"""The table and the camera that looks at it: what turns pixels into metres."""
+"""Table and calibrated camera: the conversion between pixels and metres."""
 
 from __future__ import annotations
 
@@ -21,18 +21,26 @@ NOSE_HEIGHT_RADII = 1.27
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table and its balls; lengths in metres between the cushion noses.
+    """Dimensions of a table and its balls.
 
-    x runs along `length`, y along `width`; the origin is a corner of the nose rectangle.
+    Table coordinates are in metres. The origin is the top-left corner of the rectangle between the noses. x runs
+    along `length`, y along `width`; z is the height above the cloth.
     """
 
     name: str
+    """Name in the table catalogue, e.g. `pool-9ft`."""
     game: Game
+    """Family of games, which decides on the ball classes."""
     length: float
+    """m, between the noses of the short cushions."""
     width: float
+    """m, between the noses of the long cushions."""
     ball_radius: float
+    """m."""
     ball_mass: float
+    """kg."""
     pockets: bool
+    """Whether the table has pockets."""
 
     def __post_init__(self) -> None:
         if not 0 < self.width <= self.length:
@@ -42,13 +50,13 @@ class Table:
 
     @property
     def corners(self) -> FloatArray:
-        """Corners of the nose rectangle (4, 2) in m: top-left, top-right, bottom-right, bottom-left."""
+        """Corners (4, 2) of the nose rectangle in m: top-left, top-right, bottom-right, bottom-left."""
         length, width = self.length, self.width
         return np.array([[0.0, 0.0], [length, 0.0], [length, width], [0.0, width]])
 
     @property
     def pocket_centres(self) -> FloatArray:
-        """Where the pockets are (6, 2) in m, in the order of `POCKETS`; empty (0, 2) without pockets."""
+        """Centres (6, 2) of the pockets in m, in the order of `POCKETS`; (0, 2) for a table without pockets."""
         if not self.pockets:
             return np.empty((0, 2))
         length, width = self.length, self.width
@@ -58,23 +66,29 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A pinhole camera above a table.
+    """A calibrated pinhole camera above a table.
 
-    `matrix` (3, 4) takes (x, y, z, 1), metres, z the height above the cloth, to homogeneous pixels of the
-    *reference picture*. `motion` (T, 3, 3), if given, takes pixels of the reference picture to pixels of
-    frame T: a camera that drifts. `corner_covariance` (8, 8) in px^2 is that of the four corners
-    (x, y of each, in the order of `Table.corners`) which the matrix was computed from.
+    The calibration refers to a reference image; `motion` maps it to every frame if the camera moves.
     """
 
     matrix: FloatArray
+    """(3, 4) projection of table coordinates (x, y, z, 1), m, to homogeneous pixels of the reference image."""
     width_px: int
+    """Width of the frames, px."""
     height_px: int
+    """Height of the frames, px."""
     corners_px: FloatArray
+    """(4, 2) px, located corners of the table, in the order of `Table.corners`."""
     corner_covariance: FloatArray
+    """(8, 8) px^2, covariance of x and y of the four corners."""
     plane: Literal["cloth", "noses"]
+    """Plane in which the corners were located: the cloth, or the height of the cushion noses."""
     height: float
+    """m, height of the camera above the cloth."""
     height_sigma: float
+    """m, standard deviation of `height`."""
     motion: FloatArray | None = None
+    """(T, 3, 3) homographies from pixels of the reference image to pixels of each frame; None for a static camera."""
 
     def __post_init__(self) -> None:
         if self.matrix.shape != (3, 4):
@@ -83,63 +97,107 @@ class Camera:
             raise ValueError("a camera needs four corners (4, 2) and their covariance (8, 8)")
 
     def homography(self, z: float) -> FloatArray:
-        """Plane at height z (m) above the cloth to reference pixels, (3, 3)."""
+        """Compute the homography (3, 3) from the plane at height z (m) to pixels of the reference image."""
         m, plane = self.matrix, np.empty((3, 3))
         plane[:, :2], plane[:, 2] = m[:, :2], m[:, 2] * z + m[:, 3]
         return plane
 
     def to_pixels(self, xy: FloatArray, z: float, frame: NDArray[np.int64] | int | None = None) -> FloatArray:
-        """Points (..., 2) in m at height z to pixels (..., 2), of the reference picture or of `frame` (...)."""
+        """Project points of the table to pixels.
+
+        Args:
+            xy: Points (..., 2), m.
+            z: Height of the points above the cloth, m.
+            frame: Frame indices, broadcast against the points; None for the reference image.
+
+        Returns:
+            Pixels (..., 2).
+        """
         px = apply_homography(self.homography(z), xy)
         if self.motion is None or frame is None:
             return px
         return apply_homography(self.motion[frame], px)
 
     def to_table(self, px: FloatArray, z: float, frame: NDArray[np.int64] | int | None = None) -> FloatArray:
-        """Pixels (..., 2) to points (..., 2) in m on the plane at height z."""
+        """Map pixels to points on a horizontal plane above the table.
+
+        Args:
+            px: Pixels (..., 2).
+            z: Height of the plane above the cloth, m.
+            frame: Frame indices, broadcast against the pixels; None for the reference image.
+
+        Returns:
+            Points (..., 2), m.
+        """
         if self.motion is not None and frame is not None:
-            px = apply_homography(_inverse(self.motion[frame]), px)
-        return apply_homography(_inverse(self.homography(z)), px)
+            px = apply_homography(_invert_matrices(self.motion[frame]), px)
+        return apply_homography(_invert_matrices(self.homography(z)), px)
 
     def metres_per_pixel(self, xy: FloatArray, z: float) -> FloatArray:
-        """d(x, y)/d(px) at table points (..., 2): Jacobians (..., 2, 2) in m/px."""
-        return _inverse(homography_jacobian(self.homography(z), xy))
+        """Evaluate the Jacobians (..., 2, 2), m/px, of table position by pixel.
+
+        Args:
+            xy: Points (..., 2), m.
+            z: Height of the points above the cloth, m.
+
+        Returns:
+            Jacobians for the reference image.
+        """
+        return _invert_matrices(homography_jacobian(self.homography(z), xy))
 
     def radius_px(self, xy: FloatArray, radius: float) -> FloatArray:
-        """Mean seen radius (...) in px of a ball that rests at (..., 2) m."""
+        """Predict the mean radius of balls in the reference image.
+
+        Args:
+            xy: Centres (..., 2) of resting balls, m.
+            radius: Radius of the balls, m.
+
+        Returns:
+            Radii (...), px.
+        """
         jacobian = homography_jacobian(self.homography(radius), xy)
-        radii: FloatArray = radius * np.sqrt(np.abs(np.linalg.det(jacobian)) / self._foreshortening(xy, radius))
+        radii: FloatArray = radius * np.sqrt(np.abs(np.linalg.det(jacobian)) / self._viewing_angle_cosine(xy, radius))
         return radii
 
-    def _foreshortening(self, xy: FloatArray, z: float) -> FloatArray:
-        """Cosine between the line of sight and the vertical at points (..., 2), in (0, 1]."""
-        eye = self.eye
+    def _viewing_angle_cosine(self, xy: FloatArray, z: float) -> FloatArray:
+        """Compute the cosine (...) between line of sight and vertical at points (..., 2) at height z; in (0, 1]."""
+        eye = self.position
         ray = np.concatenate([eye[:2] - xy, np.broadcast_to(eye[2] - z, (*xy.shape[:-1], 1))], axis=-1)
         cosine: FloatArray = np.abs(ray[..., 2]) / np.linalg.norm(ray, axis=-1)
         return cosine
 
     @property
-    def eye(self) -> FloatArray:
-        """Where the camera stands (3,), in m above the table."""
+    def position(self) -> FloatArray:
+        """Optical centre (3,) of the camera in table coordinates, m."""
         return np.asarray(np.linalg.solve(self.matrix[:, :3], -self.matrix[:, 3]), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A table seen by a camera, with the colour of its cloth and what the search for it has to say."""
+    """Result of the calibration of a clip: table, camera, colour of the cloth, and notes for the user."""
 
     table: Table
+    """Dimensions of the table and its balls."""
     camera: Camera
+    """Calibrated camera."""
     cloth_lab: FloatArray
-    """CIE L*a*b* of the cloth (3,)."""
+    """(3,) CIE L*a*b* colour of the cloth."""
     notes: tuple[str, ...]
-    """Sentences for the user: how the table was found, what was assumed."""
-    doubts: tuple[str, ...] = ()
-    """Those among them that say what may be wrong, so that no result deserves full trust before it is settled."""
+    """Sentences for the user: how the table was located, and which assumptions were made."""
+    warnings: tuple[str, ...] = ()
+    """Those notes that name a possible error. A result with warnings has at best the trust level amber."""
 
 
 def apply_homography(homography: FloatArray, points: FloatArray) -> FloatArray:
-    """Map points (..., 2) by homographies (..., 3, 3), broadcast against each other."""
+    """Map points by homographies.
+
+    Args:
+        homography: Homographies (..., 3, 3), broadcast against the points.
+        points: Points (..., 2).
+
+    Returns:
+        Mapped points (..., 2).
+    """
     h = homography
     x, y = points[..., 0], points[..., 1]
     w = h[..., 2, 0] * x + h[..., 2, 1] * y + h[..., 2, 2]
@@ -149,7 +207,15 @@ def apply_homography(homography: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def homography_jacobian(homography: FloatArray, points: FloatArray) -> FloatArray:
-    """Jacobians (..., 2, 2) of a homography (3, 3) at points (..., 2)."""
+    """Evaluate the Jacobians of a homography.
+
+    Args:
+        homography: Homography (3, 3).
+        points: Points (..., 2).
+
+    Returns:
+        Jacobians (..., 2, 2) of mapped point by point.
+    """
     mapped = apply_homography(homography, points)
     w = points @ homography[2, :2] + homography[2, 2]
     linear = homography[:2, :2] - mapped[..., :, None] * homography[2, :2]
@@ -157,6 +223,6 @@ def homography_jacobian(homography: FloatArray, points: FloatArray) -> FloatArra
     return jacobian
 
 
-def _inverse(matrices: FloatArray) -> FloatArray:
-    """Inverses of square matrices (..., n, n)."""
+def _invert_matrices(matrices: FloatArray) -> FloatArray:
+    """Invert square matrices (..., M, M)."""
     return np.asarray(np.linalg.inv(matrices), dtype=np.float64)

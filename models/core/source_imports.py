@@ -1,4 +1,4 @@
-"""Which modules a source imports, found without parsing all of it."""
+"""Finds the imports of a Python source, mostly without parsing all of it."""
 
 from __future__ import annotations
 
@@ -7,33 +7,56 @@ import re
 from collections.abc import Iterator
 
 Import = tuple[int, str, tuple[str, ...]]
-"""Leading dots, the module, the names taken from it."""
+"""Number of leading dots, the module, the names imported from it."""
 
-STATEMENT = re.compile(
+IMPORT_STATEMENT = re.compile(
     rb"^[ \t]*(from[ \t]+[.\w]+[ \t]+import[ \t]*(?:\([^()]*\)|(?:[^\n\\(]|\\\n)+)|import[ \t]+(?:[^\n\\]|\\\n)+)",
     re.MULTILINE,
 )
-WORD = re.compile(rb"\bimport\b")
-BODIES = ("body", "orelse", "finalbody", "handlers", "cases")
-"""Where statements hold statements."""
+IMPORT_WORD = re.compile(rb"\bimport\b")
+DISCOVERY_CALL = re.compile(rb'\bdiscover_modules\(\s*"([\w.]+)"\s*\)')
+STATEMENT_FIELDS = ("body", "orelse", "finalbody", "handlers", "cases")
+"""Fields of syntax nodes that hold statements."""
 
 
-def imports_of(source: bytes) -> tuple[Import, ...]:
-    """All imports of a Python source, wherever they stand; SyntaxError where it has to be parsed and cannot be.
+def find_imports(source: bytes) -> tuple[Import, ...]:
+    """Find all imports of a Python source, imports inside functions included.
 
-    Statements on lines of their own are cut out, which takes a thirtieth of the time of parsing the source. Where the
-    word stands elsewhere too, in a comment or behind a colon, all of it is parsed.
+    Import statements on lines of their own are cut out and parsed, which takes a thirtieth of the time of parsing the
+    whole source. Where the word `import` also occurs elsewhere, in a comment or after a colon, all of it is parsed.
+
+    Args:
+        source: The source code.
+
+    Returns:
+        The imports, in no particular order.
+
+    Raises:
+        SyntaxError: The whole source had to be parsed and is not valid.
     """
-    statements = STATEMENT.findall(source)
-    if len(WORD.findall(source)) == len(statements):
+    statements = IMPORT_STATEMENT.findall(source)
+    if len(IMPORT_WORD.findall(source)) == len(statements):
         try:
-            return tuple(_told(ast.parse(b"\n".join(statements))))
-        except SyntaxError:  # cut wrongly: a bracket within a comment
+            return tuple(_iterate_imports(ast.parse(b"\n".join(statements))))
+        except SyntaxError:  # a statement was cut wrongly, e.g. at a bracket within a comment
             pass
-    return tuple(_told(ast.parse(source)))
+    return tuple(_iterate_imports(ast.parse(source)))
 
 
-def _told(tree: ast.AST) -> Iterator[Import]:
+def find_discovered_packages(source: bytes) -> tuple[str, ...]:
+    """Find the packages of which a source imports every module by `models.core.module_discovery.discover_modules`.
+
+    Args:
+        source: The source code.
+
+    Returns:
+        Names of the packages, as they stand in the calls.
+    """
+    return tuple(package.decode() for package in DISCOVERY_CALL.findall(source))
+
+
+def _iterate_imports(tree: ast.AST) -> Iterator[Import]:
+    """Yield the imports below a syntax node."""
     waiting = [tree]
     while waiting:
         node = waiting.pop()
@@ -41,5 +64,5 @@ def _told(tree: ast.AST) -> Iterator[Import]:
             yield from ((0, alias.name, ()) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             yield node.level, node.module or "", tuple(alias.name for alias in node.names)
-        for body in BODIES:
+        for body in STATEMENT_FIELDS:
             waiting.extend(getattr(node, body, ()))

@@ -1,4 +1,4 @@
-"""Balls through time: which detection is which ball."""
+"""Tracks: positions of identified balls over time."""
 
 from __future__ import annotations
 
@@ -10,42 +10,43 @@ from numpy.typing import NDArray
 from models.core.typing import FloatArray
 
 KINDS = ("cue", "solid", "stripe", "eight", "red", "yellow", "white", "green", "brown", "blue", "pink", "black", "ball")
-"""What a ball can be called. `cue` is the pool or snooker cue ball; `white` and `yellow` the carom cue balls."""
+"""Ball classes. `cue` is the cue ball of pool and snooker; `white` and `yellow` are the cue balls of carom."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """N balls at T distinct pictures (repeats left out); NaN where a ball was not seen.
+    """Tracks of N balls over T frames, without duplicate frames; NaN where a ball was not observed.
 
-    Positions in metres are those of the ball's centre, in the plane one radius above the cloth.
+    Positions are those of the centre of the ball, in the plane one ball radius above the cloth (see `Table` for the
+    coordinates).
     """
 
     frame: NDArray[np.int64]
-    """(T,) picture in presentation order, strictly increasing."""
+    """(T,) index of the frame in presentation order, strictly increasing."""
     t: FloatArray
-    """(T,) s, at mid-exposure as far as known: the presentation time."""
+    """(T,) s, presentation time, taken as the middle of the exposure; strictly increasing."""
     ids: tuple[str, ...]
-    """(N,) unique names, such as `cue`, `red`, `solid-2`."""
+    """(N,) unique ids, e.g. `cue`, `red`, `solid-2`."""
     kinds: tuple[str, ...]
-    """(N,) one of `KINDS`."""
+    """(N,) ball class, one of `KINDS`."""
     xy: FloatArray
-    """(T, N, 2) m."""
+    """(T, N, 2) m, position on the table."""
     px: FloatArray
-    """(T, N, 2) px of the original picture."""
+    """(T, N, 2) px, position in the original frame."""
     sigma: FloatArray
-    """(T, N) m, one standard deviation per axis, across the streak."""
+    """(T, N) m, standard deviation of the position across the streak."""
     sigma_along: FloatArray
-    """(T, N) m, along the streak; equals `sigma` for sharp balls."""
+    """(T, N) m, standard deviation of the position along the streak; equals `sigma` for sharp balls."""
     streak: FloatArray
-    """(T, N, 2) m: the way travelled during the exposure, sign unknown; (0, 0) for sharp balls."""
+    """(T, N, 2) m, displacement during the exposure, with unknown sign; (0, 0) for sharp balls."""
     radius_px: FloatArray
-    """(T, N) px."""
+    """(T, N) px, radius of the ball in the image."""
     colour: FloatArray
-    """(N, 3) CIE L*a*b*."""
-    lay: FloatArray | None = None
-    """(T, N, 2, 2) how the picture lies on the table: d(m)/d(px) over its root mean square per axis, so that a circle
-    of errors in an oblique picture is an ellipse on the table. `sigma` and `sigma_along` are pixels times that root
-    mean square. None: no direction is special."""
+    """(N, 3) CIE L*a*b*, mean colour of the ball."""
+    image_jacobian: FloatArray | None = None
+    """(T, N, 2, 2) Jacobian of table position by pixel, divided by its root mean square per axis. In an oblique view,
+    errors that are isotropic in the image are anisotropic on the table. `sigma` and `sigma_along` are errors in px
+    times that root mean square in m/px. None: errors are isotropic on the table."""
 
     def __post_init__(self) -> None:
         frames, balls = len(self.frame), len(self.ids)
@@ -58,53 +59,63 @@ class Tracks:
         ):  # fmt: skip
             if getattr(self, name).shape != shape:
                 raise ValueError(f"Tracks.{name} must be {shape}; got {getattr(self, name).shape}")
-        if self.lay is not None and self.lay.shape != (frames, balls, 2, 2):
-            raise ValueError(f"Tracks.lay must be {(frames, balls, 2, 2)}; got {self.lay.shape}")
+        if self.image_jacobian is not None and self.image_jacobian.shape != (frames, balls, 2, 2):
+            raise ValueError(f"Tracks.image_jacobian must be {(frames, balls, 2, 2)}; got {self.image_jacobian.shape}")
         if frames > 1 and (np.any(np.diff(self.frame) <= 0) or np.any(np.diff(self.t) <= 0)):
             raise ValueError("Tracks must go forward in frame and time")
 
-    def until(self, t: float) -> Tracks:
-        """What was seen up to t (s): earlier pictures, and the balls that are in them."""
+    def truncate_after(self, t: float) -> Tracks:
+        """Return the tracks up to time t (s): earlier frames, and the balls observed in them."""
         rows = self.t <= t + 1e-9
-        balls = np.flatnonzero(self.observed[rows].any(axis=0))
+        balls = np.flatnonzero(self.is_observed[rows].any(axis=0))
         part = np.ix_(rows, balls)
         return replace(
             self, frame=self.frame[rows], t=self.t[rows], ids=tuple(self.ids[k] for k in balls),
             kinds=tuple(self.kinds[k] for k in balls), xy=self.xy[part], px=self.px[part], sigma=self.sigma[part],
             sigma_along=self.sigma_along[part], streak=self.streak[part], radius_px=self.radius_px[part],
-            colour=self.colour[balls], lay=None if self.lay is None else self.lay[part],
+            colour=self.colour[balls],
+            image_jacobian=None if self.image_jacobian is None else self.image_jacobian[part],
         )  # fmt: skip
 
     @property
-    def observed(self) -> NDArray[np.bool_]:
-        """(T, N) where a ball was seen."""
+    def is_observed(self) -> NDArray[np.bool_]:
+        """(T, N) whether a ball was observed in a frame."""
         return np.isfinite(self.xy[..., 0])
 
-    def as_seen(self, vectors: FloatArray) -> FloatArray:
-        """Vectors (T, N, 2) on the table, m, as the picture shows them: there errors are alike in all directions."""
-        if self.lay is None:
+    def map_to_image(self, vectors: FloatArray) -> FloatArray:
+        """Map vectors (T, N, 2) on the table to the orientation of the image, where errors are isotropic.
+
+        The scale is kept: the result is in m.
+        """
+        if self.image_jacobian is None:
             return vectors
-        return np.asarray(np.linalg.solve(_known(self.lay), vectors[..., None])[..., 0], dtype=np.float64)
+        return np.asarray(
+            np.linalg.solve(_replace_unknown(self.image_jacobian), vectors[..., None])[..., 0], dtype=np.float64
+        )
 
     @property
     def whitening(self) -> FloatArray:
-        """(T, N, 2, 2): takes residuals in m to standard deviations, along the streak in the picture and across it."""
-        streak = self.as_seen(self.streak)
+        """Whitening matrices (T, N, 2, 2): residuals in m to standard deviations, along the streak and across it."""
+        streak = self.map_to_image(self.streak)
         length = np.linalg.norm(streak, axis=-1, keepdims=True)
         along = np.where(length > 0, streak / np.maximum(length, 1e-12), np.array([1.0, 0.0]))
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
         white = np.stack([along / self.sigma_along[..., None], across / self.sigma[..., None]], axis=-2)
-        return white if self.lay is None else np.asarray(white @ np.linalg.inv(_known(self.lay)))
+        return (
+            white
+            if self.image_jacobian is None
+            else np.asarray(white @ np.linalg.inv(_replace_unknown(self.image_jacobian)))
+        )
 
     @property
     def sigma_xy(self) -> FloatArray:
-        """(T, N, 2) m, one standard deviation of x and of y."""
-        spread = np.linalg.inv(_known(self.whitening))
+        """Standard deviations (T, N, 2) of x and y, m; NaN where a ball was not observed."""
+        spread = np.linalg.inv(_replace_unknown(self.whitening))
         sigma: FloatArray = np.sqrt((spread**2).sum(axis=-1))
-        return np.where(self.observed[..., None], sigma, np.nan)
+        return np.where(self.is_observed[..., None], sigma, np.nan)
 
 
-def _known(matrices: FloatArray) -> FloatArray:
-    """Square matrices (..., 2, 2), the identity where one is not known."""
-    known = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
-    return np.where(known, matrices, np.eye(2))
+def _replace_unknown(matrices: FloatArray) -> FloatArray:
+    """Replace matrices (..., 2, 2) that are not finite by the identity."""
+    is_finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
+    return np.where(is_finite, matrices, np.eye(2))

@@ -1,4 +1,4 @@
-"""Where every ball is at any time: closed-form pieces between events."""
+"""Trajectory: the state of every ball at any time, as polynomial pieces between events."""
 
 from __future__ import annotations
 
@@ -7,58 +7,58 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.capture_clock import Clock
+from models.core.capture_clock import CaptureClock
 from models.core.typing import FloatArray
 
 PHASES = ("slide", "roll", "rest", "measured")
-"""`measured`: no accepted physics there; a curve through the measured positions."""
+"""Phases of motion. `measured`: no accepted fit; the piece is a curve through the measured positions."""
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """N balls at times (...)."""
+    """State of N balls at times (...), in table coordinates."""
 
     xy: FloatArray
-    """(..., N, 2) m; NaN before a ball appears or after it is potted."""
+    """(..., N, 2) m, position; NaN before a ball appears and after it is pocketed."""
     v: FloatArray
-    """(..., N, 2) m/s."""
+    """(..., N, 2) m/s, velocity."""
     w: FloatArray
-    """(..., N, 3) rad/s; NaN where unknown."""
+    """(..., N, 3) rad/s, angular velocity; NaN where unknown."""
     sigma: FloatArray
-    """(..., N) m."""
+    """(..., N) m, standard deviation of the position, root mean square of both axes."""
     sigma_v: FloatArray
-    """(..., N) m/s."""
+    """(..., N) m/s, standard deviation of the velocity, root mean square of both axes."""
     measured: NDArray[np.bool_]
-    """(..., N) True where no accepted physics holds."""
+    """(..., N) whether the position comes from a curve through measurements, without an accepted fit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """M pieces of the motion of N balls.
+    """Motion of N balls as M polynomial pieces.
 
-    Within a piece, with tau = t - start: x(tau) = sum_k position[k] tau^k, w(tau) = spin[0] + spin[1] tau. Where a
-    `clock` says that pictures were not taken when they are shown, t and the pieces are times of showing, tau is the
-    time that went by before the camera, and velocities are those that the balls had.
-    The pieces of a ball do not overlap; a ball is undefined outside them.
+    Within a piece, with tau = t - start: x(tau) = sum_k position[k] tau^k, w(tau) = spin[0] + spin[1] tau. With a
+    `clock`, t and the limits of the pieces are presentation times, while tau is the difference of capture times; so
+    velocities are physical. The pieces of a ball do not overlap; its state is undefined outside them.
     """
 
     ids: tuple[str, ...]
-    """(N,)"""
+    """(N,) ids of the balls."""
     ball: NDArray[np.int64]
-    """(M,) index into `ids`; pieces sorted by ball, then by start."""
+    """(M,) index into `ids`. Pieces are sorted by ball, then by start."""
     start: FloatArray
-    """(M,) s."""
+    """(M,) s, begin of the piece."""
     end: FloatArray
-    """(M,) s, > start."""
+    """(M,) s, end of the piece, > `start`."""
     position: FloatArray
-    """(M, 4, 2) m/s^k."""
+    """(M, 4, 2) m/s^k, coefficients of the position."""
     spin: FloatArray
-    """(M, 2, 3) rad/s, rad/s^2; NaN where unknown."""
+    """(M, 2, 3) rad/s and rad/s^2, coefficients of the angular velocity; NaN where unknown."""
     phase: tuple[str, ...]
     """(M,) one of `PHASES`."""
     covariance: FloatArray
-    """(M, 4, 4) of (x, y, vx, vy) at `start`, SI units."""
-    clock: Clock | None = None
+    """(M, 4, 4) covariance of (x, y, vx, vy) at `start`, SI units."""
+    clock: CaptureClock | None = None
+    """Capture times of the frames; None if they equal the presentation times."""
 
     def __post_init__(self) -> None:
         pieces = len(self.ball)
@@ -76,11 +76,18 @@ class Trajectory:
             raise ValueError("Trajectory pieces must be sorted by ball, then by start")
 
     def at(self, t: float | FloatArray) -> State:
-        """State of every ball at times t (...), s."""
+        """Evaluate the state of every ball.
+
+        Args:
+            t: Times (...), s.
+
+        Returns:
+            The states, with arrays (..., N, ...).
+        """
         times = np.asarray(t, dtype=np.float64)
         flat = times.reshape(-1)
         shape = (*times.shape, len(self.ids))
-        columns = [self._of_ball(ball, flat) for ball in range(len(self.ids))]
+        columns = [self._evaluate_ball(ball, flat) for ball in range(len(self.ids))]
         if not columns:
             empty = np.empty((*shape, 2))
             return State(empty, empty, np.empty((*shape, 3)), np.empty(shape), np.empty(shape), np.empty(shape, bool))
@@ -90,20 +97,20 @@ class Trajectory:
             sigma.reshape(shape), sigma_v.reshape(shape), measured.reshape(shape).astype(bool),
         )  # fmt: skip
 
-    def _of_ball(self, ball: int, t: FloatArray) -> tuple[FloatArray, ...]:
-        """xy (T, 2), v (T, 2), w (T, 3), sigma (T,), sigma_v (T,), measured (T,) of one ball."""
+    def _evaluate_ball(self, ball: int, t: FloatArray) -> tuple[FloatArray, ...]:
+        """Evaluate one ball: xy (T, 2), v (T, 2), w (T, 3), sigma (T,), sigma_v (T,), measured (T,)."""
         rows = np.flatnonzero(self.ball == ball)
-        nothing = (len(t),)
+        shape = (len(t),)
         if not len(rows):
             return (
-                *(np.full((*nothing, k), np.nan) for k in (2, 2, 3)),
-                *(np.full(nothing, np.nan) for _ in range(2)),
-                np.zeros(nothing),
+                *(np.full((*shape, k), np.nan) for k in (2, 2, 3)),
+                *(np.full(shape, np.nan) for _ in range(2)),
+                np.zeros(shape),
             )
-        place = np.clip(np.searchsorted(self.start[rows], t, side="right") - 1, 0, None)
-        row = rows[place]
+        piece = np.clip(np.searchsorted(self.start[rows], t, side="right") - 1, 0, None)
+        row = rows[piece]
         outside = (t < self.start[row] - 1e-12) | (t > self.end[row] + 1e-12)
-        tau = self._elapsed(self.start[row], t)[:, None]
+        tau = self._capture_interval(self.start[row], t)[:, None]
         c = self.position[row]
         xy = c[:, 0] + tau * (c[:, 1] + tau * (c[:, 2] + tau * c[:, 3]))
         v = c[:, 1] + tau * (2 * c[:, 2] + tau * 3 * c[:, 3])
@@ -114,9 +121,9 @@ class Trajectory:
         sigma_v = np.sqrt(vv.mean(axis=1))
         for values in (xy, v, w, sigma, sigma_v):
             values[outside] = np.nan
-        measured = np.array([self.phase[m] == "measured" for m in rows])[place] & ~outside
+        measured = np.array([self.phase[m] == "measured" for m in rows])[piece] & ~outside
         return xy, v, w, sigma, sigma_v, measured.astype(np.float64)
 
-    def _elapsed(self, start: FloatArray, t: FloatArray) -> FloatArray:
-        """s that went by from what is shown at `start` to what is shown at t."""
-        return t - start if self.clock is None else self.clock.taken_at(t) - self.clock.taken_at(start)
+    def _capture_interval(self, start: FloatArray, t: FloatArray) -> FloatArray:
+        """Return the capture time, s, that passed between the presentation times `start` and `t`."""
+        return t - start if self.clock is None else self.clock.capture_time_at(t) - self.clock.capture_time_at(start)

@@ -1,4 +1,4 @@
-"""Array types that the whole program uses; shapes stand in docstrings, with the letters of the glossary."""
+"""Array types of the whole program; docstrings state the shapes with fixed letters (see the glossary)."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""How long to learn, and what: chosen by visible samples alone.
+"""Selection of a method and its number of training steps by the error on held-out visible samples.
 
-A network that learns until its loss is gone learns the noise too. So every candidate, a method and a share of its
-steps, first learns from a series in which some visible samples are held out; the one that finds them best learns once
-more, from all of them. What is to be found in the end is never looked at.
+A network that is trained to zero loss fits the noise too. Every candidate, a method with a share of its steps, is
+therefore first trained on a series with some visible samples held out. The candidate with the smallest error on them is
+trained again on all visible samples. The samples on which methods are compared are not used.
 """
 
 from __future__ import annotations
@@ -13,48 +13,62 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import LEAST_SAMPLES, Budget, Fitted, LostMotion, Method, checked
+from models.neural.common.method_interface import (
+    MIN_SAMPLES,
+    FittedMotion,
+    MotionMethod,
+    MotionNotFoundError,
+    TrainingBudget,
+    validate_samples,
+)
 
-HELD_OUT = 4
-"""every so many-th sample."""
+HOLDOUT_STRIDE = 4
+"""Interval between held-out samples, in samples."""
 
 
 @dataclass(frozen=True, slots=True)
-class Chosen:
-    """The best of several candidates as a method."""
+class MethodSelection:
+    """A method that selects the best of several candidates."""
 
     name: str
-    candidates: tuple[tuple[Method, float], ...]
-    """methods, and the share of their steps."""
+    candidates: tuple[tuple[MotionMethod, float], ...]
+    """Methods, each with the share of its training steps."""
 
-    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
-        """One fit for each candidate and one more; the first candidate where samples are too few to choose by."""
+    def fit(
+        self, times: FloatArray, states: FloatArray, seed: int = 0, budget: TrainingBudget | None = None
+    ) -> FittedMotion:
+        """Fit every candidate, and the best one again on all samples.
+
+        If there are too few samples to hold any out, the first candidate is used. Arguments as in `MotionMethod.fit`.
+        """
         began = time.process_time()
-        t, x = checked(times, states)
-        whole = budget or Budget()
+        t, x = validate_samples(times, states)
+        whole = budget or TrainingBudget()
         scores = [
-            missed(method, t, x, seed, shared(whole, effort, len(self.candidates)))
+            evaluate_holdout_error(method, t, x, seed, split_budget(whole, effort, len(self.candidates)))
             for method, effort in self.candidates
         ]
         method, effort = self.candidates[int(np.argmin(scores))]
-        found = method.fit(t, x, seed, shared(whole, effort, 1))
-        return Fitted(found.motion, found.loss_curve, found.parameters, time.process_time() - began)
+        fitted = method.fit(t, x, seed, split_budget(whole, effort, 1))
+        return FittedMotion(fitted.motion, fitted.loss_curve, fitted.parameter_count, time.process_time() - began)
 
 
-def shared(budget: Budget, effort: float, count: int) -> Budget:
-    """The budget of one of `count` candidates, which together may take half the time."""
-    return Budget(budget.effort * effort, budget.seconds / 2 / count)
+def split_budget(budget: TrainingBudget, effort: float, count: int) -> TrainingBudget:
+    """Return the budget of one of `count` candidates, which together may take half the time."""
+    return TrainingBudget(budget.effort * effort, budget.seconds / 2 / count)
 
 
-def missed(method: Method, t: FloatArray, x: FloatArray, seed: int, budget: Budget) -> float:
-    """Mean square miss of held-out samples; infinite where the method finds no motion."""
-    held = np.arange(len(t)) % HELD_OUT == HELD_OUT // 2
-    held[[0, -1]] = False
-    if not held.any() or np.sum(~held) < LEAST_SAMPLES:
+def evaluate_holdout_error(
+    method: MotionMethod, t: FloatArray, x: FloatArray, seed: int, budget: TrainingBudget
+) -> float:
+    """Evaluate the mean squared error on held-out samples; infinite if the method finds no motion."""
+    is_held_out = np.arange(len(t)) % HOLDOUT_STRIDE == HOLDOUT_STRIDE // 2
+    is_held_out[[0, -1]] = False
+    if not is_held_out.any() or np.sum(~is_held_out) < MIN_SAMPLES:
         return 0.0
     try:
-        guess = method.fit(t[~held], x[~held], seed, budget).at(t[held])
-    except LostMotion:
+        guess = method.fit(t[~is_held_out], x[~is_held_out], seed, budget).at(t[is_held_out])
+    except MotionNotFoundError:
         return float("inf")
-    error = float(np.mean((guess - x[held]) ** 2))
+    error = float(np.mean((guess - x[is_held_out]) ** 2))
     return error if np.isfinite(error) else float("inf")

@@ -1,4 +1,4 @@
-"""Numerical methods that know nothing of billiards: roots, splines, integrators, compiled loops, executors.
+"""Numerical methods that are independent of billiards: roots, splines, integrators, compiled loops, executors.
 
 Physical models live in `models.physics`, statistical estimation in `models.estimation`.
 """

@@ -1,4 +1,4 @@
-"""When compiled loops are made: in a new installation all of them, for a minute in which nothing else happens."""
+"""Notification of the first compilation of kernels: a new installation compiles all of them, which takes a minute."""
 
 from __future__ import annotations
 
@@ -10,22 +10,32 @@ from numba.core.event import Event, Listener, install_listener
 
 
 @contextmanager
-def compiling_told(tell: Callable[[], None]) -> Iterator[None]:
-    """`tell` is called once, before the first function is compiled that is then kept on disk (`models.numerics.jit`)."""
-    with install_listener("numba:compile", _FirstKept(tell)):
+def notify_first_compilation(notify: Callable[[], None]) -> Iterator[None]:
+    """Call `notify` once, before the first compilation of a function that is cached on disk.
+
+    Args:
+        notify: Called without arguments, in the thread that compiles.
+
+    Yields:
+        None; the notification is active inside the `with` block.
+    """
+    with install_listener("numba:compile", _CachedCompilationListener(notify)):
         yield
 
 
-class _FirstKept(Listener):  # type: ignore[misc]
-    """Not of functions that every process compiles anew: these are few and small."""
+class _CachedCompilationListener(Listener):  # type: ignore[misc]
+    """Listens to compilations of cached functions.
 
-    def __init__(self, tell: Callable[[], None]) -> None:
-        self._tell: Callable[[], None] | None = tell
+    Functions that every process compiles again are ignored: they are few and small.
+    """
+
+    def __init__(self, notify: Callable[[], None]) -> None:
+        self._notify: Callable[[], None] | None = notify
 
     def on_start(self, event: Event) -> None:
-        if self._tell is not None and isinstance(event.data["dispatcher"]._cache, FunctionCache):
-            tell, self._tell = self._tell, None
-            tell()
+        if self._notify is not None and isinstance(event.data["dispatcher"]._cache, FunctionCache):
+            notify, self._notify = self._notify, None
+            notify()
 
     def on_end(self, event: Event) -> None:
         return None

@@ -1,59 +1,63 @@
-"""When two surfaces meet: the first time a gap that is a polynomial in time closes.
+"""Contact times of two surfaces: the first time at which a gap that is a polynomial in time closes.
 
-A polynomial is monotone between the roots of its derivative, so its roots are found one by one from those of its
-highest derivative down; none can be missed, however fast a ball is, and none is found twice.
+A polynomial is monotone between the roots of its derivative. The roots of the highest derivative therefore bracket
+those of the next lower one, and so on down to the polynomial. No root is missed, however fast a ball is, and none is
+found twice.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
+from models.numerics.jit import compile_kernel
 
-MOST_DEGREE = 10
-"""Squared distance of two quintics."""
-GENTLE = 1e-3
-"""m/s: surfaces that close more slowly are let sink in by `DEPTH` and are then returned without loss and friction, so
-that balls that press on each other, or bounce ever lower, meet a finite number of times."""
-DEPTH = 1e-6
-"""m."""
-STILL = 1e-9
-"""m/s: surfaces that lie deeper than `DEPTH` and close more slowly do not meet yet."""
+MAX_DEGREE = 10
+"""Degree of the squared distance of two quintic paths."""
+GENTLE_SPEED = 1e-3
+"""m/s: surfaces that close more slowly may overlap by `CONTACT_DEPTH` and then rebound without loss or friction. Balls
+that press on each other, or bounce ever lower, thus meet a finite number of times."""
+CONTACT_DEPTH = 1e-6
+"""m: overlap at which a gentle contact happens."""
+STILL_SPEED = 1e-9
+"""m/s: surfaces that overlap more than `CONTACT_DEPTH` and close more slowly do not meet yet."""
 NEVER = np.inf
 
 
-@compiled
-def value(c, degree, t):  # type: ignore[no-untyped-def]
-    """Sum of c[k] t^k."""
+@compile_kernel
+def polynomial_value(c, degree, t):  # type: ignore[no-untyped-def]
+    """Evaluate the polynomial sum of c[k] t^k."""
     total = c[degree]
     for k in range(degree - 1, -1, -1):
         total = total * t + c[k]
     return total
 
 
-@compiled
-def slope(c, degree, t):  # type: ignore[no-untyped-def]
-    """Derivative of `value` by t."""
+@compile_kernel
+def polynomial_slope(c, degree, t):  # type: ignore[no-untyped-def]
+    """Evaluate the derivative of `polynomial_value` with respect to t."""
     total = 0.0
     for k in range(degree, 0, -1):
         total = total * t + k * c[k]
     return total
 
 
-@compiled
-def crossing(c, degree, level, low, high):  # type: ignore[no-untyped-def]
-    """Where c passes `level` between low and high, where it is monotone and on different sides of it."""
-    sign = 1.0 if value(c, degree, high) > level else -1.0
+@compile_kernel
+def find_crossing(c, degree, level, low, high):  # type: ignore[no-untyped-def]
+    """Find where c passes `level` between low and high.
+
+    c must be monotone there, with its ends on different sides of `level`. Newton's method with bisection as fallback.
+    """
+    sign = 1.0 if polynomial_value(c, degree, high) > level else -1.0
     t = 0.5 * (low + high)
     for _ in range(100):
-        miss = value(c, degree, t) - level
+        miss = polynomial_value(c, degree, t) - level
         if miss == 0.0:
             break
         if sign * miss > 0.0:
             high = t
         else:
             low = t
-        steep = slope(c, degree, t)
+        steep = polynomial_slope(c, degree, t)
         new = t - miss / steep if steep != 0.0 else low
         if not low < new < high:
             new = 0.5 * (low + high)
@@ -63,75 +67,88 @@ def crossing(c, degree, level, low, high):  # type: ignore[no-untyped-def]
     return t
 
 
-@compiled
-def turning_points(c, degree, length, work):  # type: ignore[no-untyped-def]
-    """0, the roots of the derivative of c within (0, length), and length, in work[0]; how many there are."""
-    found = work[1]
-    found[0], found[1] = 0.0, length
+@compile_kernel
+def find_turning_points(c, degree, length, work):  # type: ignore[no-untyped-def]
+    """Write 0, the roots of the derivative of c within (0, length) and length into work[0], and return their number."""
+    roots = work[1]
+    roots[0], roots[1] = 0.0, length
     count = 2
     d = work[2]
-    for order in range(degree - 1, 0, -1):  # the derivative of this order is monotone between `found`
+    for order in range(degree - 1, 0, -1):  # the derivative of this order is monotone between `roots`
         for k in range(degree - order + 1):
             factor = 1.0
             for j in range(k + 1, k + order + 1):
                 factor *= j
             d[k] = c[k + order] * factor
-        new, made = work[0], 1
+        new, new_count = work[0], 1
         new[0] = 0.0
-        before = value(d, degree - order, found[0])
+        before = polynomial_value(d, degree - order, roots[0])
         for k in range(count - 1):
-            after = value(d, degree - order, found[k + 1])
+            after = polynomial_value(d, degree - order, roots[k + 1])
             if before * after < 0.0:
-                new[made] = crossing(d, degree - order, 0.0, found[k], found[k + 1])
-                made += 1
+                new[new_count] = find_crossing(d, degree - order, 0.0, roots[k], roots[k + 1])
+                new_count += 1
             elif after == 0.0 and k < count - 2:
-                new[made] = found[k + 1]
-                made += 1
+                new[new_count] = roots[k + 1]
+                new_count += 1
             before = after
-        new[made] = length
-        count = made + 1
-        found[:count] = new[:count]
-    work[0, :count] = found[:count]
+        new[new_count] = length
+        count = new_count + 1
+        roots[:count] = new[:count]
+    work[0, :count] = roots[:count]
     return count
 
 
-@compiled
-def meeting(c, degree, length, reach, begin, through, work):  # type: ignore[no-untyped-def]
-    """The first time in [begin, length] when surfaces meet, how fast they close, and whether gently; else `NEVER`.
+@compile_kernel
+def find_meeting(c, degree, length, reach, begin, through, work):  # type: ignore[no-untyped-def]
+    """Find the first contact of two surfaces.
 
-    c (MOST_DEGREE + 1,) is the gap in m where `reach` is 0, else distance^2 - reach^2 of two centres, as powers of
-    time. They meet where the gap closes at `GENTLE` or faster; where it closes more slowly, once it is -`DEPTH`.
-    `through`: a gap that is closed already has to open first.
+    They meet where the gap closes at `GENTLE_SPEED` or faster. Where it closes more slowly, they meet once the gap is
+    -`CONTACT_DEPTH`.
+
+    Args:
+        c: Coefficients (MAX_DEGREE + 1,) of powers of time: of the gap in m where `reach` is 0, else of
+            distance^2 - reach^2 of two centres in m^2.
+        degree: Degree of the polynomial.
+        length: End of the search interval, s.
+        reach: Distance of two centres in contact, m; 0 if c is the gap itself.
+        begin: Begin of the search interval, s.
+        through: If true, a gap that is closed already has to open first.
+        work: Work space (3, MAX_DEGREE + 2) or larger, overwritten.
+
+    Returns:
+        Time of the contact in s, closing speed in m/s, and whether the contact is gentle. The time is `NEVER` if there
+        is no contact.
     """
-    level = -DEPTH if reach == 0.0 else DEPTH * (DEPTH - 2.0 * reach)
+    level = -CONTACT_DEPTH if reach == 0.0 else CONTACT_DEPTH * (CONTACT_DEPTH - 2.0 * reach)
     while degree > 1 and c[degree] == 0.0:
         degree -= 1
-    count = turning_points(c, degree, length, work)
+    count = find_turning_points(c, degree, length, work)
     for k in range(count - 1):
         low, high = max(work[0, k], begin), work[0, k + 1]
         if high <= low:
             continue
-        gap, end = value(c, degree, low), value(c, degree, high)
+        gap, end = polynomial_value(c, degree, low), polynomial_value(c, degree, high)
         if end >= min(gap, 0.0) or (through and gap <= 0.0):
             continue
-        t = crossing(c, degree, 0.0, low, high) if gap > 0.0 else low
-        closing = speed(c, degree, reach, t)
-        if closing >= GENTLE:
+        t = find_crossing(c, degree, 0.0, low, high) if gap > 0.0 else low
+        closing = closing_speed(c, degree, reach, t)
+        if closing >= GENTLE_SPEED:
             return t, closing, False
         deep = level
         if gap <= level:
-            if closing > STILL:
+            if closing > STILL_SPEED:
                 return t, closing, True
-            deep = gap - (DEPTH if reach == 0.0 else 2.0 * reach * DEPTH)
+            deep = gap - (CONTACT_DEPTH if reach == 0.0 else 2.0 * reach * CONTACT_DEPTH)
         if end <= deep:
-            t = crossing(c, degree, deep, t, high)
-            return t, speed(c, degree, reach, t), True
+            t = find_crossing(c, degree, deep, t, high)
+            return t, closing_speed(c, degree, reach, t), True
     return NEVER, 0.0, False
 
 
-@compiled
-def speed(c, degree, reach, t):  # type: ignore[no-untyped-def]
-    """Closing speed at t, m/s; `reach` as in `meeting`."""
+@compile_kernel
+def closing_speed(c, degree, reach, t):  # type: ignore[no-untyped-def]
+    """Evaluate the closing speed at t, m/s; `reach` as in `find_meeting`."""
     if reach == 0.0:
-        return -slope(c, degree, t)
-    return -0.5 * slope(c, degree, t) / np.sqrt(value(c, degree, t) + reach * reach)
+        return -polynomial_slope(c, degree, t)
+    return -0.5 * polynomial_slope(c, degree, t) / np.sqrt(polynomial_value(c, degree, t) + reach * reach)

@@ -1,4 +1,4 @@
-"""Curves through measured positions, without physics: linear, and not-a-knot cubic."""
+"""Curves through measured positions, without physics: linear, not-a-knot cubic, and smoothing cubic."""
 
 from __future__ import annotations
 
@@ -6,38 +6,61 @@ import numpy as np
 
 from models.core.typing import FloatArray
 
-LONGEST_SMOOTH_GAP = 2.5
-"""typical intervals between samples: over wider gaps a cubic overshoots, so the curve is straight there."""
+MAX_SMOOTH_GAP = 2.5
+"""Median sample intervals: over wider gaps a cubic overshoots, so the curve is straight there."""
 
 
-def linear_pieces(t: FloatArray, xy: FloatArray) -> FloatArray:
-    """Coefficients (T-1, 4, 2) of powers of t - t[k] of the polygon through xy (T, 2) at t (T,)."""
+def fit_linear_pieces(t: FloatArray, xy: FloatArray) -> FloatArray:
+    """Connect samples by straight lines.
+
+    Args:
+        t: Times (T,), s, increasing.
+        xy: Positions (T, 2), m.
+
+    Returns:
+        Coefficients (T-1, 4, 2) of powers of t - t[k], m/s^k.
+    """
     slope = np.diff(xy, axis=0) / np.diff(t)[:, None]
     zero = np.zeros_like(slope)
     return np.stack([xy[:-1], slope, zero, zero], axis=1)
 
 
-def cubic_pieces(t: FloatArray, xy: FloatArray) -> FloatArray:
-    """Coefficients (T-1, 4, 2) of the not-a-knot cubic spline through xy (T, 2), straight over gaps."""
+def fit_cubic_pieces(t: FloatArray, xy: FloatArray) -> FloatArray:
+    """Fit a not-a-knot cubic spline through samples, with straight lines over wide gaps.
+
+    Args:
+        t: Times (T,), s, increasing.
+        xy: Positions (T, 2), m.
+
+    Returns:
+        Coefficients (T-1, 4, 2) of powers of t - t[k], m/s^k.
+    """
     if len(t) < 4:
-        return linear_pieces(t, xy)
-    from scipy.interpolate import CubicSpline  # slow to import, and not needed where physics accepts all
+        return fit_linear_pieces(t, xy)
+    from scipy.interpolate import CubicSpline  # slow to import, and not needed if every segment has an accepted fit
 
     pieces = np.moveaxis(CubicSpline(t, xy, bc_type="not-a-knot").c[::-1], 0, 1)  # (T-1, 4, 2)
     step = np.diff(t)
-    wide = step > LONGEST_SMOOTH_GAP * np.median(step)
-    return np.where(wide[:, None, None], linear_pieces(t, xy), pieces)
+    wide = step > MAX_SMOOTH_GAP * np.median(step)
+    return np.where(wide[:, None, None], fit_linear_pieces(t, xy), pieces)
 
 
-def smooth_pieces(t: FloatArray, xy: FloatArray, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Break points (M+1,) and coefficients (M, 4, 2) of the smoothest cubic that keeps to samples within their errors.
+def fit_smoothing_pieces(t: FloatArray, xy: FloatArray, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Fit the smoothest cubic that stays within the errors of the samples.
 
-    Straight lines between samples where a gap is wide, so that nothing is invented there. Shapes: t (T,), xy (T, 2),
-    sigma (T,) m.
+    If a gap is wide, or there are fewer than six samples, the curve passes through all samples (`fit_cubic_pieces`).
+
+    Args:
+        t: Times (T,), s, increasing.
+        xy: Positions (T, 2), m.
+        sigma: Standard deviations of the positions (T,), m.
+
+    Returns:
+        Break points (M+1,) in s, and coefficients (M, 4, 2) of powers of the time since the break point, m/s^k.
     """
     step = np.diff(t)
-    if len(t) < 6 or np.any(step > LONGEST_SMOOTH_GAP * np.median(step)):
-        return t, cubic_pieces(t, xy)
+    if len(t) < 6 or np.any(step > MAX_SMOOTH_GAP * np.median(step)):
+        return t, fit_cubic_pieces(t, xy)
     from scipy.interpolate import PPoly, UnivariateSpline
 
     curves = [PPoly.from_spline(UnivariateSpline(t, xy[:, k], w=1 / sigma, s=len(t))._eval_args) for k in (0, 1)]

@@ -1,19 +1,29 @@
-"""What an effect says of itself: its parameters with unit, bounds and prior, and where it acts."""
+"""Description of an effect: its parameters with unit, bounds and prior, and where it acts."""
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, final
 
 Phase = Literal["free_roll", "after_strike", "ball_contact", "cushion_contact", "rest", "image_region", "time_jump"]
+"""Phases of a billiards shot in which an effect shows."""
 EffectKind = Literal["physics", "observation", "detail", "probe"]
-"""What moves otherwise; what is seen otherwise; what a law leaves open and is no cause by itself (one of its partners
-is); a generic smooth field that only shows the shape of what is unknown."""
+"""`physics` changes the motion; `observation` changes the measurement of the same motion; `detail` is a parameter that
+a contact model leaves open and no cause by itself (one of its partners is); `probe` is a generic smooth field that only
+shows the shape of an unknown effect."""
+Site = Literal["cloth", "cushion", "ball", "set", "camera"]
+"""Where a billiards effect acts: between the cloth or the air and a ball, in a contact with a cushion, in a contact of
+two balls, in the sizes and masses of the set of balls, in the camera. The engine reads the parameters of the first
+three."""
+ENGINE_SITES: tuple[Site, ...] = ("cloth", "cushion", "ball")
+LAST = sys.maxsize
+"""Rank of an effect behind all that have a number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """A parameter before anything is seen."""
+    """Prior distribution of a parameter."""
 
     name: str
     unit: str
@@ -21,10 +31,10 @@ class Prior:
     value: float
     """The usual value."""
     sigma: float
-    """One standard deviation: of the logarithm where `relative`, else in `unit`."""
+    """Standard deviation: of the logarithm if `relative`, otherwise in `unit`."""
     relative: bool
     bounds: tuple[float, float]
-    """What no table exceeds."""
+    """The least and the greatest value on any real table."""
 
     def __post_init__(self) -> None:
         low, high = self.bounds
@@ -33,24 +43,26 @@ class Prior:
 
 
 class Effect(Protocol):
-    """An effect of a catalogue: of billiards, or of any other scene."""
+    """An effect of a catalogue, of billiards or of another scene."""
 
     @property
     def name(self) -> str:
-        """As users know it."""
+        """Name in files and options."""
         ...
 
     @property
-    def kind(self) -> EffectKind: ...
+    def kind(self) -> EffectKind:
+        """Whether the effect changes the motion or its measurement."""
+        ...
 
     @property
     def phases(self) -> tuple[str, ...]:
-        """Where it acts: each scene has phases of its own, billiards those of `Phase`."""
+        """Phases in which the effect shows; every scene has its own, billiards has those of `Phase`."""
         ...
 
     @property
     def parameters(self) -> tuple[Prior, ...]:
-        """What a fit may determine; sigma is the scale of natural strengths."""
+        """Parameters that a fit may determine; sigma is the scale of natural strengths."""
         ...
 
     @property
@@ -60,34 +72,69 @@ class Effect(Protocol):
 
     @property
     def partners(self) -> tuple[str, ...]:
-        """Effects that it is easily confused with."""
+        """Effects and model choices with a similar signature."""
         ...
 
     @property
     def reference(self) -> str:
-        """Where its law and its usual values come from."""
+        """Source of the equation and of the usual values."""
         ...
 
 
-class Choice(Protocol):
-    """A choice between published forms, which acts like an effect."""
+@final
+@dataclass(frozen=True, slots=True)
+class BilliardsEffect:
+    """An effect of billiards; every file in `models.physics.effects` defines one as `EFFECT`."""
+
+    name: str
+    kind: EffectKind
+    site: Site
+    phases: tuple[Phase, ...]
+    parameters: tuple[Prior, ...]
+    neutral: tuple[float, ...]
+    reference: str
+    partners: tuple[str, ...] = ()
+    phrase: str = ""
+    """Words for reports; empty where the name with spaces for underscores is clear."""
+    limits: tuple[float, float] = (0.0, float("inf"))
+    """Least and greatest value that a simulation accepts, for every parameter of the effect."""
+    bends_path: bool = False
+    """Whether the path of a ball on the cloth has no closed form under this effect, so that it is integrated."""
+    rank: int = LAST
+    """Position in the catalogue, which orders candidates in reports; effects of equal rank are sorted by name."""
+    slot: int = LAST
+    """Order of the parameters in the engine's vector; effects of equal slot are sorted by name."""
+
+    def __post_init__(self) -> None:
+        if len(self.neutral) != len(self.parameters):
+            raise ValueError(
+                f"{self.name} has {len(self.parameters)} parameters and {len(self.neutral)} neutral values"
+            )
 
     @property
-    def name(self) -> str: ...
+    def is_in_engine(self) -> bool:
+        """Whether the parameters belong to the vector of the simulation engine."""
+        return self.site in ENGINE_SITES
 
     @property
-    def phases(self) -> tuple[Phase, ...]: ...
+    def parameter_names(self) -> tuple[str, ...]:
+        """Full names, effect and parameter: `slope.slope_x`."""
+        return tuple(f"{self.name}.{prior.name}" for prior in self.parameters)
 
-    @property
-    def forms(self) -> tuple[str, ...]: ...
 
-    @property
-    def partners(self) -> tuple[str, ...]: ...
+@final
+@dataclass(frozen=True, slots=True)
+class ModelChoice:
+    """A choice between published contact models, which a diagnosis treats like an effect."""
 
-    @property
-    def brings(self) -> tuple[str, ...]:
-        """Effects that belong to another form: it is not itself without them."""
-        ...
-
-    @property
-    def reference(self) -> str: ...
+    name: str
+    phases: tuple[Phase, ...]
+    forms: tuple[str, ...]
+    """Names of the models."""
+    partners: tuple[str, ...]
+    """Effects with a similar signature."""
+    companions: tuple[str, ...]
+    """Effects that belong to another form: without them it is not the published model."""
+    reference: str
+    phrase: str
+    """Words for reports."""

@@ -1,4 +1,4 @@
-"""How balls look over many pictures: what their kinds are told from."""
+"""Appearance of balls over many frames, from which their classes are determined."""
 
 from __future__ import annotations
 
@@ -11,22 +11,24 @@ from numpy.typing import NDArray
 from models.core.detections import Detections
 from models.core.typing import FloatArray, IntArray
 
-CLEAR_RADII = 1.9
-"""Of two balls whose centres are seen nearer than this many radii, one hides some of the other."""
-FEWEST_CLEAR = 5
-"""Pictures in which a ball stands clear of the others, from which only those are looked at."""
+MIN_CLEARANCE = 1.9
+"""Of two balls whose centres are nearer than this many radii, one hides part of the other."""
+MIN_CLEAR_DETECTIONS = 5
+"""Unoccluded detections of a ball from which the occluded ones are ignored."""
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """How N balls look over many pictures."""
+class Appearance:
+    """Appearance of N balls, averaged over many frames."""
 
     colour: FloatArray
     """(N, 3) median CIE L*a*b*."""
     white: FloatArray
     """(N,) median white share."""
     white_high: FloatArray
-    """(N,) 90th percentile of the white share of a ball that rolls: a stripe shows it now and then. Else the median."""
+    """(N,) 90th percentile of the white share of a rolling ball, since a stripe shows its white only now and then; the
+    median of a resting one.
+    """
     white_rim: FloatArray
     """(N,) median white share of the outer ring."""
     value: FloatArray
@@ -38,32 +40,41 @@ class Look:
         return np.hypot(self.colour[:, 1], self.colour[:, 2])
 
 
-def look_of(colours: list[FloatArray], rows: list[IntArray], detections: Detections) -> Look:
-    """The look of N balls from their colours (3,) and the rows of `detections` in which each is seen."""
-    clear = _clear(detections)
-    chosen = [row[clear[row]] if clear[row].sum() >= FEWEST_CLEAR else row for row in rows]
+def summarize_appearance(colours: list[FloatArray], rows: list[IntArray], detections: Detections) -> Appearance:
+    """Summarize the appearance of N balls over their detections.
+
+    Args:
+        colours: N mean colours (3,), CIE L*a*b*.
+        rows: N arrays with the rows of `detections` that belong to each ball.
+        detections: All detections of the clip.
+
+    Returns:
+        The appearance of the N balls. Occluded detections are ignored where enough others exist.
+    """
+    is_clear = _is_unoccluded(detections)
+    selected = [row[is_clear[row]] if is_clear[row].sum() >= MIN_CLEAR_DETECTIONS else row for row in rows]
     white, rim, value = detections.white, detections.white_rim, detections.value
-    return Look(
+    return Appearance(
         np.array(colours),
-        np.array([np.median(white[row]) for row in chosen]),
-        np.array([np.percentile(white[row], 90 if _rolls(detections, row) else 50) for row in chosen]),
-        np.array([np.median(rim[row]) for row in chosen]),
-        np.array([np.median(value[row]) for row in chosen]),
+        np.array([np.median(white[row]) for row in selected]),
+        np.array([np.percentile(white[row], 90 if _leaves_its_place(detections, row) else 50) for row in selected]),
+        np.array([np.median(rim[row]) for row in selected]),
+        np.array([np.median(value[row]) for row in selected]),
     )
 
 
-def _rolls(detections: Detections, row: IntArray) -> bool:
-    """Whether a ball is seen to leave its place."""
+def _leaves_its_place(detections: Detections, row: IntArray) -> bool:
+    """Return whether a ball moves by more than its radius."""
     return bool(np.ptp(detections.centre[row], axis=0).max() > detections.radius[row].max())
 
 
-def _clear(detections: Detections) -> NDArray[np.bool_]:
-    """Which detections (K,) no other one of the same picture covers or is covered by."""
-    clear = np.ones(len(detections), dtype=bool)
+def _is_unoccluded(detections: Detections) -> NDArray[np.bool_]:
+    """Mark the detections (K,) that no other detection of the same frame overlaps."""
+    is_clear = np.ones(len(detections), dtype=bool)
     ends = np.flatnonzero(np.diff(detections.frame, prepend=-1, append=np.iinfo(np.int64).max))
     for first, last in pairwise(ends):
         centre, radius = detections.centre[first:last], detections.radius[first:last]
-        apart = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
-        np.fill_diagonal(apart, np.inf)
-        clear[first:last] = (apart > CLEAR_RADII * (radius[:, None] + radius[None]) / 2).all(axis=1)
-    return clear
+        distance = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
+        np.fill_diagonal(distance, np.inf)
+        is_clear[first:last] = (distance > MIN_CLEARANCE * (radius[:, None] + radius[None]) / 2).all(axis=1)
+    return is_clear

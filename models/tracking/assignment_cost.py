@@ -1,4 +1,4 @@
-"""What every detection of a new picture costs every ball: how well physics and colour explain it.
+"""Assignment costs: how well motion and colour explain each detection of a new frame as each ball.
 
 Costs are negative logarithms of likelihood ratios against "this detection is clutter".
 """
@@ -12,202 +12,241 @@ from numpy.typing import NDArray
 
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
-from models.tracking.motion_prediction import Foresight, foresee
-from models.tracking.table_detections import Sightings
+from models.tracking.motion_prediction import MotionPrediction, predict_motion
+from models.tracking.table_detections import TableDetections
 
-CLUTTER = 0.15
-"""1/m^2 and picture: false detections."""
-SEEN, SEEN_HIDDEN = 0.95, 0.3
-"""Chance that a ball is detected: in the open, and where it went unseen lately."""
-PUSH = 1.5
-"""m/s^2, standard deviation per axis of what free motion does beyond rolling (sliding is about 2)."""
-UNFORESEEN, UNFORESEEN_NEAR = 0.002, 0.05
-"""Chance per picture of a contact that was not foreseen: in the open, and near balls and cushions."""
-SHARES = (1.0, 0.3, 0.1, 0.03)
-"""of the speed at play that a contact may give a ball, and of what is not known of a ball's place."""
-LEAST_REACH = 0.002
-"""m"""
-STRIKE, STRIKE_NEW = 5e-4, 0.2
-"""Chance per picture of being set in motion by something that is not tracked; and that a new ball moves already."""
+CLUTTER_DENSITY = 0.15
+"""False detections per m^2 and frame."""
+DETECTION_PROBABILITY, HIDDEN_DETECTION_PROBABILITY = 0.95, 0.3
+"""Probability that a ball is detected: in the open, and after it was missed for some frames."""
+ACCELERATION_SIGMA = 1.5
+"""m/s^2 per axis, one standard deviation: acceleration beyond rolling (sliding is about 2)."""
+UNPREDICTED_CONTACT_PROBABILITY, UNPREDICTED_CONTACT_PROBABILITY_NEAR = 0.002, 0.05
+"""Probability per frame of a contact that was not predicted: in the open, and near balls and cushions."""
+REACH_SHARES = (1.0, 0.3, 0.1, 0.03)
+"""Equally probable shares of the nearby speed that a contact gives a ball, and of the uncertainty of its place."""
+MIN_REACH = 0.002
+"""m."""
+STRIKE_PROBABILITY, NEW_BALL_STRIKE_PROBABILITY = 5e-4, 0.2
+"""Probability per frame that something untracked sets a ball in motion; and that a new ball already moves."""
 STRIKE_SPEED = 3.0
 """m/s, typical of a struck ball; the tail reaches four times that."""
-OUTLIER, OUTLIER_RADII = 0.01, 0.4
-"""Share of sightings that are off (a hand, a shadow, a highlight), and by how many ball radii."""
-TIMING = 0.15
-"""Standard deviation of the time of a foreseen contact, in picture intervals."""
-COLOUR_LIMIT = 12.0
-"""Most that a wrong colour may cost: a hand, a shadow or a streak changes it."""
-CLOTH_LIKE, GHOST = 12.0, 8.0
-"""CIE Lab distance from the cloth below which a shadow or a projected line is meant, balls keep 20 and more; and what
-such a sighting costs a ball of another colour."""
-MOST_CLOTH = 0.6
-"""Share of the cloth's colour in the mean colour of a streak, at most."""
-STILL = 3
-"""Sightings that a ball counts at birth where the next pictures show it at rest."""
-FREE, MET, BUMPED, STRUCK, OFF = range(5)
-"""A ball went on freely, through foreseen contacts, through unforeseen ones, was struck, or was badly measured."""
-HURRY, HURRY_SLACK_RADII = 12.0, 1.0
-"""What a streak costs that is longer than the ball can have gone since the last picture; and radii that it may be."""
-PULL = 10.0
-"""Most that it may cost to be moved against the push of the only ball near."""
+OUTLIER_PROBABILITY, OUTLIER_RADII = 0.01, 0.4
+"""Share of detections that are displaced (by a hand, a shadow, a highlight), and the displacement in ball radii."""
+CONTACT_TIME_SIGMA = 0.15
+"""Frame intervals: standard deviation of the time of a predicted contact."""
+MAX_COLOUR_COST = 12.0
+"""Upper limit of the cost of a wrong colour: a hand, a shadow or a streak changes the colour."""
+CLOTH_COLOUR_DISTANCE, CLOTH_COLOUR_COST = 12.0, 8.0
+"""CIE Lab distance from the cloth below which a detection is a shadow or a projected line (balls keep 20 and more); and
+the cost of such a detection for a ball of another colour.
+"""
+MAX_CLOTH_SHARE = 0.6
+"""Largest share of the cloth's colour in the mean colour of a streak."""
+STILL_HITS = 3
+"""Initial hit count of a new ball that the next frames show at rest."""
+FREE, PREDICTED_CONTACT, UNPREDICTED_CONTACT, STRUCK, OUTLIER = range(5)
+"""Modes of a ball between two frames: free motion, a predicted contact, an unpredicted contact, a strike, or a
+displaced detection.
+"""
+LONG_STREAK_COST, STREAK_SLACK_RADII = 12.0, 1.0
+"""Cost of a streak that is longer than the way the ball can have gone since the last frame; and its tolerance, ball
+radii.
+"""
+MAX_PULL_COST = 10.0
+"""Upper limit of the cost of a motion against the push of the only ball nearby."""
 
 
 @dataclass(slots=True)
-class Reading:
-    """One reading of all pictures so far: N balls and what they were assigned in the last picture."""
+class TrackHypothesis:
+    """One assignment history of all frames so far: N balls, their states, their detections in the last frame."""
 
     label: IntArray
     """(N,)"""
     xy: FloatArray
     v: FloatArray
     p: FloatArray
-    """(N, 3) variances per axis: place, place with velocity, velocity."""
+    """(N, 3) variances per axis: place, covariance of place and velocity, velocity."""
     colour: FloatArray
-    spread: FloatArray
-    """(N, 3) and (N,): mean L*a*b* and its standard deviation."""
-    seen: IntArray
-    missed: IntArray
-    """(N,) pictures seen in all (`STILL` at birth for what is seen to rest), and missed since it was last seen."""
-    last: IntArray
-    """(N,) detection in the last picture, -1 for none."""
-    price: float = 0.0
-    parent: Reading | None = field(default=None, repr=False)
+    colour_sigma: FloatArray
+    """(N, 3) and (N,): mean colour, L*a*b*, and its standard deviation."""
+    hit_count: IntArray
+    miss_count: IntArray
+    """(N,) frames with a detection (`STILL_HITS` at birth for a ball at rest), and frames since the last detection."""
+    last_detection: IntArray
+    """(N,) detection in the last frame, -1 for none."""
+    cost: float = 0.0
+    parent: TrackHypothesis | None = field(default=None, repr=False)
 
     @property
-    def sure(self) -> NDArray[np.bool_]:
-        """(N,) balls that were seen often enough to be believed."""
-        return self.seen >= 3
+    def is_confirmed(self) -> NDArray[np.bool_]:
+        """(N,) balls with enough detections."""
+        return self.hit_count >= 3
 
 
 @dataclass(frozen=True, slots=True)
-class Bid:
-    """What every detection costs every ball of a reading, and the state it would start from."""
+class AssignmentCosts:
+    """Costs of all detections for all balls of one hypothesis, and the predicted states."""
 
     cost: FloatArray
-    """(N, K) against clutter."""
-    miss: FloatArray
-    """(N,)"""
+    """(N, K) negative log likelihood ratio against clutter."""
+    missed_cost: FloatArray
+    """(N,) cost of no detection."""
     mode: IntArray
-    """(N, K) what explains it best: `FREE`, ... `OFF`."""
-    pace: FloatArray
-    """(N,) m/s, speeds at play near each ball."""
-    foresight: Foresight
+    """(N, K) most probable mode of each assignment: `FREE`, ... `OUTLIER`."""
+    nearby_speed: FloatArray
+    """(N,) m/s, largest speed among the balls near each ball."""
+    prediction: MotionPrediction
     p_free: FloatArray
     p_contact: FloatArray
     """(N, 3)"""
 
 
-def make_bid(reading: Reading, sightings: Sightings, now: IntArray, dt: float, table: Table) -> Bid:
-    """Price detections `now` (K,) for all balls."""
-    xy, v, p = reading.xy, reading.v, reading.p
+def evaluate_assignment_costs(
+    hypothesis: TrackHypothesis, detections: TableDetections, now: IntArray, dt: float, table: Table
+) -> AssignmentCosts:
+    """Evaluate the costs of the detections `now` (K,) for all balls of a hypothesis, `dt` s after its frame."""
+    xy, v, p = hypothesis.xy, hypothesis.v, hypothesis.p
     speed = np.hypot(v[:, 0], v[:, 1])
     resting = (speed < 0.02) | (speed < 2 * np.sqrt(p[:, 2]))
-    solid = reading.sure & ((reading.missed <= 3) | resting)
-    foresight = foresee(xy, np.where(resting[:, None] & (reading.seen > 3)[:, None], 0.0, v), dt, table, solid)
-    push = np.minimum(PUSH, 0.02 + 20 * speed)
-    p_free = _propagate(p, dt, push)
-    doubt = _contact_doubt(foresight, p_free, table.ball_radius)
-    # a velocity that is off by `doubt` since the contact puts the ball off by as much times `since`
-    since = foresight.since
-    p_contact = p_free + np.stack([doubt**2 * (since**2 + (TIMING * dt) ** 2), doubt**2 * since, doubt**2], axis=1)
-    near, pace, push_from = _opportunity(reading, foresight, dt, table)
+    solid = hypothesis.is_confirmed & ((hypothesis.miss_count <= 3) | resting)
+    prediction = predict_motion(
+        xy, np.where(resting[:, None] & (hypothesis.hit_count > 3)[:, None], 0.0, v), dt, table, solid
+    )
+    acceleration = np.minimum(ACCELERATION_SIGMA, 0.02 + 20 * speed)
+    p_free = _propagate_variances(p, dt, acceleration)
+    velocity_sigma = _contact_velocity_sigma(prediction, p_free, table.ball_radius)
+    # a velocity error since the contact becomes a place error by the time since then
+    since = prediction.time_since_contact
+    p_contact = p_free + np.stack(
+        [velocity_sigma**2 * (since**2 + (CONTACT_TIME_SIGMA * dt) ** 2), velocity_sigma**2 * since, velocity_sigma**2],
+        axis=1,
+    )
+    is_near, nearby_speed, push_from = _find_contact_opportunity(hypothesis, prediction, dt, table)
 
-    z, s = sightings.xy[now], sightings.sigma[now]
-    extra = sightings.sigma_along[now] ** 2 - s**2
-    along = unit(sightings.streak[now])
-    met = foresight.contacts > 0
-    bump = np.where(near, UNFORESEEN_NEAR, UNFORESEEN)
-    half = xy + v * dt / 2
-    # balls push and never pull: what departs against the only possible push has not been pushed
-    against = -((z[None] - foresight.free[:, None]) * push_from[:, None]).sum(axis=2) / (s[None] + 0.002)
-    pull = np.minimum(np.maximum(against, 0.0) ** 2 / 2, PULL)
-    wild = (OUTLIER_RADII * table.ball_radius) ** 2
-    density = np.stack(
+    z, s = detections.xy[now], detections.sigma[now]
+    extra = detections.sigma_along[now] ** 2 - s**2
+    along = unit_vectors(detections.streak[now])
+    has_contact = prediction.contact_count > 0
+    contact_probability = np.where(is_near, UNPREDICTED_CONTACT_PROBABILITY_NEAR, UNPREDICTED_CONTACT_PROBABILITY)
+    midpoint = xy + v * dt / 2
+    # balls push and never pull: a departure against the only possible push has another cause
+    opposing = -((z[None] - prediction.free[:, None]) * push_from[:, None]).sum(axis=2) / (s[None] + 0.002)
+    pull_cost = np.minimum(np.maximum(opposing, 0.0) ** 2 / 2, MAX_PULL_COST)
+    outlier_variance = (OUTLIER_RADII * table.ball_radius) ** 2
+    log_density = np.stack(
         [
-            _log_spread(z, foresight.free, 0 * p_free[:, 0], np.sqrt(p_free[:, 0]), s, extra, along)
-            + np.log(np.where(met, 0.2, 0.95 - bump))[:, None],
-            _log_normal(z, foresight.xy, p_contact[:, 0], s, extra, along) + np.log(np.where(met, 0.75, 1e-9))[:, None],
-            _log_spread(z, half, p[:, 0], 0.6 * pace * dt, s, extra, along) + np.log(bump)[:, None] - pull,
-            _log_far(z, half, (STRIKE_SPEED * dt / 2) ** 2)
-            + np.log(np.where(reading.seen == 1, STRIKE_NEW, STRIKE))[:, None],
-            _log_normal(z, foresight.free, p_free[:, 0] + wild, s, extra, along) + np.log(OUTLIER),
+            _log_spread(z, prediction.free, 0 * p_free[:, 0], np.sqrt(p_free[:, 0]), s, extra, along)
+            + np.log(np.where(has_contact, 0.2, 0.95 - contact_probability))[:, None],
+            _log_normal(z, prediction.xy, p_contact[:, 0], s, extra, along)
+            + np.log(np.where(has_contact, 0.75, 1e-9))[:, None],
+            _log_spread(z, midpoint, p[:, 0], 0.6 * nearby_speed * dt, s, extra, along)
+            + np.log(contact_probability)[:, None]
+            - pull_cost,
+            _log_far(z, midpoint, (STRIKE_SPEED * dt / 2) ** 2)
+            + np.log(np.where(hypothesis.hit_count == 1, NEW_BALL_STRIKE_PROBABILITY, STRIKE_PROBABILITY))[:, None],
+            _log_normal(z, prediction.free, p_free[:, 0] + outlier_variance, s, extra, along)
+            + np.log(OUTLIER_PROBABILITY),
         ]
     )  # (5, N, K)
-    density -= HURRY * _hurried(reading, sightings, now, pace * dt, dt, table)
-    mode = np.argmax(density, axis=0)
-    seen = _detection_chance(reading, foresight, table)
-    cost = -density.max(axis=0) - np.log(seen)[:, None] + np.log(CLUTTER) + _tint(reading, sightings, now, table)
-    return Bid(cost, -np.log(1 - seen), mode, pace, foresight, p_free, p_contact)
+    log_density -= LONG_STREAK_COST * _is_streak_too_long(hypothesis, detections, now, nearby_speed * dt, dt, table)
+    mode = np.argmax(log_density, axis=0)
+    detection_probability = _detection_probability(hypothesis, prediction, table)
+    cost = (
+        -log_density.max(axis=0)
+        - np.log(detection_probability)[:, None]
+        + np.log(CLUTTER_DENSITY)
+        + _colour_cost(hypothesis, detections, now, table)
+    )
+    return AssignmentCosts(cost, -np.log(1 - detection_probability), mode, nearby_speed, prediction, p_free, p_contact)
 
 
-def _hurried(
-    reading: Reading, sightings: Sightings, now: IntArray, way: FloatArray, dt: float, table: Table
+def _is_streak_too_long(
+    hypothesis: TrackHypothesis, detections: TableDetections, now: IntArray, reach: FloatArray, dt: float, table: Table
 ) -> FloatArray:
-    """(5, N, K) 1 where a streak is too long for a ball in a mode; at play near it a ball goes `way` (N,) m.
+    """Mark (5, N, K) with 1 where a streak is too long for a ball in a mode.
 
-    No shutter is open for longer than from picture to picture. Only a blow by something that is not tracked makes a
-    ball faster than what plays near it, and that begins where the ball was.
+    At the nearby speed a ball goes `reach` (N,) m. No exposure outlasts the frame interval. Only a strike by something
+    untracked makes a ball faster than the balls nearby, and such a motion begins at the place of the ball.
     """
-    length, slack = np.hypot(*sightings.streak[now].T)[None], HURRY_SLACK_RADII * table.ball_radius
-    furthest = (way + 2 * np.sqrt(reading.p[:, 2]) * dt + slack)[:, None]
-    gone = np.hypot(*np.moveaxis(sightings.xy[now][None] - reading.xy[:, None], 2, 0))
-    known = length > furthest
-    return np.stack([known, known, known, known & (length > 2 * gone + slack), known]).astype(np.float64)
+    length, slack = np.hypot(*detections.streak[now].T)[None], STREAK_SLACK_RADII * table.ball_radius
+    furthest = (reach + 2 * np.sqrt(hypothesis.p[:, 2]) * dt + slack)[:, None]
+    distance = np.hypot(*np.moveaxis(detections.xy[now][None] - hypothesis.xy[:, None], 2, 0))
+    is_too_long = length > furthest
+    return np.stack(
+        [is_too_long, is_too_long, is_too_long, is_too_long & (length > 2 * distance + slack), is_too_long]
+    ).astype(np.float64)
 
 
-def _tint(reading: Reading, sightings: Sightings, now: IntArray, table: Table) -> FloatArray:
-    """Price (N, K) of colours: a streak mixes the ball's with the cloth's, and what looks like cloth is no ball's."""
-    colour, cloth = sightings.colour[now], sightings.cloth
-    off = colour[None] - reading.colour[:, None]
-    fade = cloth - reading.colour
-    streaked = np.hypot(*sightings.streak[now].T) > table.ball_radius
-    share = (off * fade[:, None]).sum(axis=2) / np.maximum((fade**2).sum(axis=1), 1e-9)[:, None]
-    share = np.where(streaked, np.clip(share, 0.0, MOST_CLOTH), 0.0)
-    distance = ((off - share[:, :, None] * fade[:, None]) ** 2).sum(axis=2) / reading.spread[:, None] ** 2
-    clothy = np.hypot.reduce(colour - cloth, axis=1) < CLOTH_LIKE
-    plain = np.hypot.reduce(fade, axis=1) > 2 * CLOTH_LIKE
-    ghost = GHOST * (clothy & ~streaked)[None] * plain[:, None]
-    return np.asarray(np.minimum(distance / 2, COLOUR_LIMIT) + ghost)
+def _colour_cost(hypothesis: TrackHypothesis, detections: TableDetections, now: IntArray, table: Table) -> FloatArray:
+    """Evaluate the cost (N, K) of colours.
+
+    A streak mixes the ball's colour with the cloth's, and a cloth-like colour is no ball.
+    """
+    colour, cloth = detections.colour[now], detections.cloth
+    difference = colour[None] - hypothesis.colour[:, None]
+    fade = cloth - hypothesis.colour
+    streaked = np.hypot(*detections.streak[now].T) > table.ball_radius
+    share = (difference * fade[:, None]).sum(axis=2) / np.maximum((fade**2).sum(axis=1), 1e-9)[:, None]
+    share = np.where(streaked, np.clip(share, 0.0, MAX_CLOTH_SHARE), 0.0)
+    distance = ((difference - share[:, :, None] * fade[:, None]) ** 2).sum(axis=2) / hypothesis.colour_sigma[
+        :, None
+    ] ** 2
+    is_cloth_like = np.hypot.reduce(colour - cloth, axis=1) < CLOTH_COLOUR_DISTANCE
+    is_distinct = np.hypot.reduce(fade, axis=1) > 2 * CLOTH_COLOUR_DISTANCE
+    cloth_cost = CLOTH_COLOUR_COST * (is_cloth_like & ~streaked)[None] * is_distinct[:, None]
+    return np.asarray(np.minimum(distance / 2, MAX_COLOUR_COST) + cloth_cost)
 
 
-def _propagate(p: FloatArray, dt: float, push: FloatArray) -> FloatArray:
-    """Variances (N, 3) after dt of free motion with a white acceleration `push` (N,)."""
-    place = p[:, 0] + 2 * dt * p[:, 1] + dt**2 * p[:, 2] + (push * dt**2 / 2) ** 2
-    return np.stack([place, p[:, 1] + dt * p[:, 2] + push**2 * dt**3 / 2, p[:, 2] + (push * dt) ** 2], axis=1)
+def _propagate_variances(p: FloatArray, dt: float, acceleration: FloatArray) -> FloatArray:
+    """Propagate variances (N, 3) over dt of free motion with a white acceleration `acceleration` (N,)."""
+    place = p[:, 0] + 2 * dt * p[:, 1] + dt**2 * p[:, 2] + (acceleration * dt**2 / 2) ** 2
+    return np.stack(
+        [place, p[:, 1] + dt * p[:, 2] + acceleration**2 * dt**3 / 2, p[:, 2] + (acceleration * dt) ** 2], axis=1
+    )
 
 
-def _contact_doubt(foresight: Foresight, p: FloatArray, radius: float) -> FloatArray:
-    """Standard deviation (N,) of the velocity after foreseen contacts, m/s: an offset turns the line of centres."""
+def _contact_velocity_sigma(prediction: MotionPrediction, p: FloatArray, radius: float) -> FloatArray:
+    """Estimate the standard deviation (N,) of the velocity after predicted contacts, m/s.
+
+    An offset of a ball turns the line of centres.
+    """
     tilt = np.clip(2 * np.sqrt(p[:, 0]) / radius, 0.12, 1.0)
-    doubt: FloatArray = foresight.kick * np.minimum(tilt * np.maximum(foresight.contacts, 1), 1.0)
-    return doubt
+    velocity_sigma: FloatArray = prediction.velocity_change * np.minimum(
+        tilt * np.maximum(prediction.contact_count, 1), 1.0
+    )
+    return velocity_sigma
 
 
-def _opportunity(
-    reading: Reading, foresight: Foresight, dt: float, table: Table
+def _find_contact_opportunity(
+    hypothesis: TrackHypothesis, prediction: MotionPrediction, dt: float, table: Table
 ) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
-    """Which balls (N,) come near something that may change their velocity, the speeds (N,) at play there, m/s, and
-    the unit vectors (N, 2) from the one ball that could push them; 0 where that may be several, or a cushion."""
+    """Find which balls (N,) come near something that may change their velocity.
+
+    Returns also the speeds (N,) nearby, m/s, and unit vectors (N, 2) from the one ball that could push each; 0 where
+    several balls or a cushion could.
+    """
     r = table.ball_radius
-    a, b = reading.xy, foresight.free
+    a, b = hypothesis.xy, prediction.free
     speed = np.hypot(*(b - a).T) / max(dt, 1e-9)
     low, high = np.minimum(a, b), np.maximum(a, b)
-    slack = 0.015 + 3 * np.sqrt(reading.p[:, 0])
+    slack = 0.015 + 3 * np.sqrt(hypothesis.p[:, 0])
     rail = (
         (low.min(axis=1) < r + slack) | (high[:, 0] > table.length - r - slack) | (high[:, 1] > table.width - r - slack)
     )
     reach = (speed[:, None] + speed[None]) * dt / 2 + 2 * r + slack[:, None] + slack[None]
     middle = (a + b) / 2
-    close = np.hypot(*np.moveaxis(middle[:, None] - middle[None], 2, 0)) < reach
-    np.fill_diagonal(close, False)
-    pace = np.maximum(speed, np.where(close, speed[None], 0.0).max(axis=1, initial=0.0))
-    near = (rail & (speed > 0.02)) | (close.any(axis=1) & (pace > 0.02))
-    other = np.argmax(close, axis=1) if len(a) else np.empty(0, np.int64)
-    push_from = np.where(((close.sum(axis=1) == 1) & ~rail)[:, None], unit(a - a[other]), 0.0)
-    return near, pace, push_from
+    is_close = np.hypot(*np.moveaxis(middle[:, None] - middle[None], 2, 0)) < reach
+    np.fill_diagonal(is_close, False)
+    nearby_speed = np.maximum(speed, np.where(is_close, speed[None], 0.0).max(axis=1, initial=0.0))
+    is_near = (rail & (speed > 0.02)) | (is_close.any(axis=1) & (nearby_speed > 0.02))
+    other = np.argmax(is_close, axis=1) if len(a) else np.empty(0, np.int64)
+    push_from = np.where(((is_close.sum(axis=1) == 1) & ~rail)[:, None], unit_vectors(a - a[other]), 0.0)
+    return is_near, nearby_speed, push_from
 
 
-def unit(vectors: FloatArray) -> FloatArray:
+def unit_vectors(vectors: FloatArray) -> FloatArray:
+    """Normalize vectors (n, 2)."""
     length = np.hypot(vectors[:, 0], vectors[:, 1])
     return vectors / np.maximum(length, 1e-9)[:, None]
 
@@ -215,7 +254,7 @@ def unit(vectors: FloatArray) -> FloatArray:
 def _log_normal(
     z: FloatArray, mean: FloatArray, variance: FloatArray, sigma: FloatArray, extra: FloatArray, along: FloatArray
 ) -> FloatArray:
-    """Log density (N, K) in 1/m^2 of detections z (K, 2) around places (N, 2); a streak is less sure along itself."""
+    """Evaluate the log density (N, K) in 1/m^2 of detections z (K, 2) around places (N, 2), wider along the streak."""
     r = z[None] - mean[:, None]
     across = variance[:, None] + sigma[None] ** 2
     lengthwise = across + extra[None]
@@ -234,29 +273,29 @@ def _log_spread(
     extra: FloatArray,
     along: FloatArray,
 ) -> FloatArray:
-    """Log density (N, K) of detections around places that are known to within `reach` (N,) m, or much better.
+    """Evaluate the log density (N, K) of detections around places known to within `reach` (N,) m, or much better.
 
-    What a blow leaves for the balls of a rack spreads over decades: each of `SHARES` of the reach is as likely.
+    The velocities after a break spread over decades: each of `REACH_SHARES` of the reach is equally probable.
     """
     densities = [
-        _log_normal(z, mean, variance + (share * reach + LEAST_REACH) ** 2, sigma, extra, along) for share in SHARES
+        _log_normal(z, mean, variance + (share * reach + MIN_REACH) ** 2, sigma, extra, along) for share in REACH_SHARES
     ]
-    mixed: FloatArray = np.logaddexp.reduce(densities, axis=0) - np.log(len(SHARES))
+    mixed: FloatArray = np.logaddexp.reduce(densities, axis=0) - np.log(len(REACH_SHARES))
     return mixed
 
 
 def _log_far(z: FloatArray, mean: FloatArray, variance: float) -> FloatArray:
-    """Log density (N, K) in 1/m^2 with a heavy tail."""
+    """Evaluate a log density (N, K) in 1/m^2 with a heavy tail."""
     r2 = ((z[None] - mean[:, None]) ** 2).sum(axis=2)
     density: FloatArray = -np.log(2 * np.pi * (variance + 1e-6)) - 1.5 * np.log1p(r2 / (variance + 1e-6))
     return density
 
 
-def _detection_chance(reading: Reading, foresight: Foresight, table: Table) -> FloatArray:
-    """Chance (N,) that a detector sees the ball; small in the jaws of a pocket and where it went unseen lately."""
-    chance = np.where(reading.missed > 3, SEEN_HIDDEN, SEEN)
-    chance = np.where(reading.sure, chance, 0.5)
+def _detection_probability(hypothesis: TrackHypothesis, prediction: MotionPrediction, table: Table) -> FloatArray:
+    """Estimate the detection probability (N,); it is low in the jaws of a pocket and after missed detections."""
+    probability = np.where(hypothesis.miss_count > 3, HIDDEN_DETECTION_PROBABILITY, DETECTION_PROBABILITY)
+    probability = np.where(hypothesis.is_confirmed, probability, 0.5)
     if table.pockets:
-        gap = np.hypot(*np.moveaxis(foresight.free[:, None] - table.pocket_centres[None], 2, 0)).min(axis=1)
-        chance = np.where(gap < 3 * table.ball_radius, np.minimum(chance, 0.6), chance)
-    return chance
+        gap = np.hypot(*np.moveaxis(prediction.free[:, None] - table.pocket_centres[None], 2, 0)).min(axis=1)
+        probability = np.where(gap < 3 * table.ball_radius, np.minimum(probability, 0.6), probability)
+    return probability

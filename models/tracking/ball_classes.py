@@ -1,53 +1,66 @@
-"""What a ball is called: kinds from colours seen over many pictures, and unique ids."""
+"""Ball classes from colours observed over many frames, and unique ids."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from models.core.scene import Game
 from models.core.typing import FloatArray
-from models.numerics.assignment import assigned
-from models.tracking.appearance import Look
+from models.tracking.appearance import Appearance
 
 SNOOKER_COLOURS = {
     "cue": (85.0, 0.0, 12.0), "red": (38.0, 50.0, 32.0), "yellow": (75.0, 5.0, 65.0), "green": (38.0, -35.0, 12.0),
     "brown": (38.0, 22.0, 30.0), "blue": (38.0, 0.0, -42.0), "pink": (68.0, 38.0, 12.0), "black": (18.0, 0.0, 2.0),
 }  # fmt: skip
-"""CIE L*a*b* under even, warm white light; read off photographs of sets, good to about 15."""
-MOST_SATURATED = 55.0
-"""CIE chroma beyond which colours are not told apart by it."""
-UNSURE_COLOUR = 60.0
-"""Lab distance beyond which a snooker ball has no name."""
-UNLIKE_REDS, UNLIKE_NEXT, LEAST_UNLIKE = 2.5, 1.2, 8.0
-"""The brown among balls that all look red is as many times as far from their middle as they usually are, and farther
-than any other one by such a factor and such a Lab distance: reds are many and alike, in any light."""
-PALE, PALER = 0.5, 0.2
-"""Paleness from which a struck ball is believed to be the cue ball, and by how much another may beat it."""
-ONE_COLOUR, LEAST_OF_A_COLOUR = 14.0, 3
-"""Lab distance within which pool balls have one colour, and how many of each of two colours make an English set."""
-LEAST_OF_A_STRIPE, LEAST_OF_A_TURN = 0.25, 0.4
-"""White of the outer ring and half of that of the disc, together: of a stripe at least (by its geometry from 0.3; the
-spot of a solid's number, a third of the ball's diameter, gives 0.2 at most); and share of the disc that is white on a
-stripe now and then while it rolls."""
-BLACK, MOST_OF_AN_EIGHT = 0.4, 0.35
-"""The eight is the ball that is darkest in its brightest channel, where that is darker than this share of the lightest
-ball and less of it is white: a dark blue or maroon ball has one bright channel."""
+"""CIE L*a*b* under even, warm white light, read off photographs of sets; accurate to about 15."""
+MAX_CHROMA = 55.0
+"""CIE chroma above which colours are not distinguished by it."""
+MAX_COLOUR_DISTANCE = 60.0
+"""Lab distance beyond which a snooker ball gets no class."""
+BROWN_TO_USUAL_RATIO, BROWN_TO_NEXT_RATIO, MIN_BROWN_DISTANCE = 2.5, 1.2, 8.0
+"""The brown among balls that all look red differs from their median colour by this factor more than usual, by this
+factor more than any other ball, and by at least this Lab distance: reds are many and alike in any light.
+"""
+MIN_PALENESS, MAX_PALENESS_DEFICIT = 0.5, 0.2
+"""Least white likeness of a struck ball to be the cue ball, and by how much another ball may exceed it."""
+SAME_COLOUR_DISTANCE, MIN_BALLS_PER_COLOUR = 14.0, 3
+"""Lab distance within which pool balls have one colour, and how many balls of each of two colours make an English set.
+"""
+MIN_STRIPE_WHITE, MIN_STRIPE_WHITE_HIGH = 0.25, 0.4
+"""Least sum of the white share of the outer ring and half of that of the disc for a stripe (0.3 by geometry; the number
+spot of a solid, a third of the ball's diameter, gives 0.2 at most); and the white share of the disc that a rolling
+stripe shows now and then.
+"""
+MAX_EIGHT_VALUE, MAX_EIGHT_WHITE = 0.4, 0.35
+"""The eight is the ball with the darkest brightest channel, if that is below this share of the lightest ball's and its
+white share is small: a dark blue or maroon ball has one bright channel.
+"""
 NUMBERED = ("solid", "stripe", "ball")
-"""Kinds of which there are always several: their ids count from 1."""
+"""Classes with several balls: their ids count from 1."""
 
 
-def name_kinds(look: Look, game: Game, struck: int | None = None) -> tuple[str, ...]:
-    """One of `models.core.tracks.KINDS` per ball; `ball` where unsure. The ball that is `struck` is hardly another's."""
-    if not len(look.white):
+def classify_balls(appearance: Appearance, game: Game, struck_ball: int | None = None) -> tuple[str, ...]:
+    """Classify balls by their appearance.
+
+    Args:
+        appearance: Appearance of N balls.
+        game: Game that the table is for; it decides which classes exist.
+        struck_ball: Index of the ball that was struck first, probably the cue ball; None where unknown.
+
+    Returns:
+        One of `models.core.tracks.KINDS` per ball; `ball` where uncertain.
+    """
+    if not len(appearance.white):
         return ()
     if game == "carom":
-        return _carom(look)
-    return _snooker(look, struck) if game == "snooker" else _pool(look, struck)
+        return _classify_carom(appearance)
+    return _classify_snooker(appearance, struck_ball) if game == "snooker" else _classify_pool(appearance, struck_ball)
 
 
-def name_ids(kinds: tuple[str, ...], xy: FloatArray) -> tuple[str, ...]:
-    """Unique ids from kinds and first places (N, 2): left before right, then top before bottom."""
+def assign_ids(kinds: tuple[str, ...], xy: FloatArray) -> tuple[str, ...]:
+    """Assign unique ids from classes and first places (N, 2): left before right, then top before bottom."""
     ids = [""] * len(kinds)
     count: dict[str, int] = {}
     for ball in np.lexsort((xy[:, 1], xy[:, 0])):
@@ -58,114 +71,127 @@ def name_ids(kinds: tuple[str, ...], xy: FloatArray) -> tuple[str, ...]:
     return tuple(ids)
 
 
-def _snooker(look: Look, struck: int | None) -> tuple[str, ...]:
-    """One ball of each colour, any number of reds: the cheapest way to give every ball a name."""
+def _classify_snooker(appearance: Appearance, struck_ball: int | None) -> tuple[str, ...]:
+    """Classify by the cheapest assignment with one ball of each colour and any number of reds."""
     names = list(SNOOKER_COLOURS)
     reference = np.array([SNOOKER_COLOURS[name] for name in names])
-    weight = np.array([0.6, 1.0, 1.0])  # lightness says least: it changes with the light and the highlight
-    distance = np.hypot.reduce((_calm(look.colour)[:, None] - _calm(reference)[None]) * weight, axis=2)
-    distance[:, names.index("cue")] += 40.0 * (look.white < 0.5)
-    distance[look.white >= 0.7, names.index("cue")] *= 0.5
-    if struck is not None:
-        distance[struck, names.index("cue")] *= 0.5
+    weight = np.array([0.6, 1.0, 1.0])  # lightness is least reliable: it changes with the light and the highlight
+    distance = np.hypot.reduce(
+        (_limit_saturation(appearance.colour)[:, None] - _limit_saturation(reference)[None]) * weight, axis=2
+    )
+    distance[:, names.index("cue")] += 40.0 * (appearance.white < 0.5)
+    distance[appearance.white >= 0.7, names.index("cue")] *= 0.5
+    if struck_ball is not None:
+        distance[struck_ball, names.index("cue")] *= 0.5
     reddish = np.flatnonzero(np.isin(np.argmin(distance, axis=1), [names.index("red"), names.index("brown")]))
-    brown = _brown_among(look, reddish)
+    brown = _find_brown(appearance, reddish)
     if brown is not None:
-        distance[reddish, names.index("brown")] = UNSURE_COLOUR
-        distance[brown, [names.index("red"), names.index("brown")]] = UNSURE_COLOUR, 0.0
-    return _cheapest(distance, names)
+        distance[reddish, names.index("brown")] = MAX_COLOUR_DISTANCE
+        distance[brown, [names.index("red"), names.index("brown")]] = MAX_COLOUR_DISTANCE, 0.0
+    return _assign_names(distance, names)
 
 
-def _brown_among(look: Look, reddish: NDArray[np.int64]) -> int | None:
-    """Which of the balls (n,) that seem red is the brown, where one is not like the others."""
-    if len(reddish) <= LEAST_OF_A_COLOUR:
+def _find_brown(appearance: Appearance, reddish: NDArray[np.int64]) -> int | None:
+    """Find the brown among the balls (n,) that look red, if one differs from the others."""
+    if len(reddish) <= MIN_BALLS_PER_COLOUR:
         return None
-    off = np.hypot.reduce(look.colour[reddish] - np.median(look.colour[reddish], axis=0), axis=1)
-    order = np.argsort(off)
-    brown, usual = int(reddish[order[-1]]), float(np.median(off))
-    duller = look.chroma[brown] < np.median(look.chroma[reddish])
-    apart = off[order[-1]] > max(UNLIKE_REDS * usual, UNLIKE_NEXT * off[order[-2]], LEAST_UNLIKE)
-    return brown if apart and duller else None
+    deviation = np.hypot.reduce(appearance.colour[reddish] - np.median(appearance.colour[reddish], axis=0), axis=1)
+    order = np.argsort(deviation)
+    brown, usual = int(reddish[order[-1]]), float(np.median(deviation))
+    is_duller = appearance.chroma[brown] < np.median(appearance.chroma[reddish])
+    is_distinct = deviation[order[-1]] > max(
+        BROWN_TO_USUAL_RATIO * usual, BROWN_TO_NEXT_RATIO * deviation[order[-2]], MIN_BROWN_DISTANCE
+    )
+    return brown if is_distinct and is_duller else None
 
 
-def _cheapest(distance: FloatArray, names: list[str]) -> tuple[str, ...]:
-    """A name for each of N balls, each of the M names once and "red" any number of times, from distances (N, M)."""
+def _assign_names(distance: FloatArray, names: list[str]) -> tuple[str, ...]:
+    """Assign a class to each of N balls from distances (N, M): each of the M classes once, red any number of times."""
     balls = len(distance)
-    column = names + ["red"] * (balls - 1) + ["ball"] * balls
-    reds = np.repeat(distance[:, [names.index("red")]], balls - 1, axis=1)
-    cost = np.concatenate([distance, reds, np.full((balls, balls), UNSURE_COLOUR)], axis=1)
-    _, chosen = assigned(cost)
-    return tuple(column[c] for c in chosen)
+    class_of_column = names + ["red"] * (balls - 1) + ["ball"] * balls
+    red_columns = np.repeat(distance[:, [names.index("red")]], balls - 1, axis=1)
+    cost = np.concatenate([distance, red_columns, np.full((balls, balls), MAX_COLOUR_DISTANCE)], axis=1)
+    _, columns = linear_sum_assignment(cost)
+    return tuple(class_of_column[c] for c in columns)
 
 
-def _calm(colour: FloatArray) -> FloatArray:
-    """Colours (..., 3) with their saturation limited: cameras exaggerate it, the hue stays."""
+def _limit_saturation(colour: FloatArray) -> FloatArray:
+    """Limit the saturation of colours (..., 3): cameras exaggerate it, the hue stays."""
     chroma = np.hypot(colour[..., 1], colour[..., 2])
-    share = np.minimum(1.0, MOST_SATURATED / np.maximum(chroma, 1e-9))
+    share = np.minimum(1.0, MAX_CHROMA / np.maximum(chroma, 1e-9))
     return np.asarray(colour * np.stack([np.ones_like(share), share, share], axis=-1))
 
 
-def _carom(look: Look) -> tuple[str, ...]:
-    """Red, yellow, white: the three that fit best; colours in relation to each other, as the light differs."""
-    lightness, a, b = look.colour.T
-    cost = np.stack([-(a - 0.3 * b), -(b - 0.8 * a), look.chroma - 0.3 * lightness - 10.0 * look.white], axis=1)
-    balls, picks = assigned(cost - cost.min() + 1.0) if len(a) <= 3 else _pick(cost)
+def _classify_carom(appearance: Appearance) -> tuple[str, ...]:
+    """Find the best red, yellow and white ball; colours are compared with each other because the light differs."""
+    lightness, a, b = appearance.colour.T
+    cost = np.stack(
+        [-(a - 0.3 * b), -(b - 0.8 * a), appearance.chroma - 0.3 * lightness - 10.0 * appearance.white], axis=1
+    )
+    balls, picks = linear_sum_assignment(cost - cost.min() + 1.0) if len(a) <= 3 else _assign_by_class(cost)
     kinds = ["ball"] * len(a)
-    plausible = (a > 20.0, (b > 25.0) & (a < 35.0), (look.chroma < 40.0) & (lightness > 50.0))
+    plausible = (a > 20.0, (b > 25.0) & (a < 35.0), (appearance.chroma < 40.0) & (lightness > 50.0))
     for ball, pick in zip(balls, picks, strict=True):
         if plausible[pick][ball]:
             kinds[ball] = ("red", "yellow", "white")[pick]
     return tuple(kinds)
 
 
-def _pick(cost: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    picks, balls = assigned(cost.T)
+def _assign_by_class(cost: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    picks, balls = linear_sum_assignment(cost.T)
     return balls, picks
 
 
-def _pool(look: Look, struck: int | None) -> tuple[str, ...]:
-    """Cue and eight once; two many-fold plain colours are an English set, otherwise solids and stripes."""
-    lightness, a, b = look.colour.T
-    striped = look.white_rim + 0.5 * look.white
-    shows = (striped >= LEAST_OF_A_STRIPE) | (look.white_high >= LEAST_OF_A_TURN)
-    kinds = np.where(shows, "stripe", "solid").astype(object)
-    cue = _cue(look, struck)
+def _classify_pool(appearance: Appearance, struck_ball: int | None) -> tuple[str, ...]:
+    """Find the cue ball and the eight, then classify the rest.
+
+    Two plain colours with many balls are an English set, otherwise there are solids and stripes.
+    """
+    lightness, a, b = appearance.colour.T
+    striped = appearance.white_rim + 0.5 * appearance.white
+    shows_stripe = (striped >= MIN_STRIPE_WHITE) | (appearance.white_high >= MIN_STRIPE_WHITE_HIGH)
+    kinds = np.where(shows_stripe, "stripe", "solid").astype(object)
+    cue = _find_cue_ball(appearance, struck_ball)
     if cue is not None:
         kinds[cue] = "cue"
-    eight = int(np.argmin(np.where((kinds == "cue") | (look.white > MOST_OF_AN_EIGHT), np.inf, look.value)))
+    eight = int(np.argmin(np.where((kinds == "cue") | (appearance.white > MAX_EIGHT_WHITE), np.inf, appearance.value)))
     if (
         kinds[eight] != "cue"
-        and look.value[eight] < BLACK * lightness.max() / 100
-        and look.white[eight] < MOST_OF_AN_EIGHT
+        and appearance.value[eight] < MAX_EIGHT_VALUE * lightness.max() / 100
+        and appearance.white[eight] < MAX_EIGHT_WHITE
     ):
         kinds[eight] = "eight"
     rest = (kinds != "cue") & (kinds != "eight")
     red = rest & (a > 25) & (a > 0.6 * b)
     yellow = rest & ~red & (b > 15) & (b > abs(a))
-    if min(red.sum(), yellow.sum()) >= LEAST_OF_A_COLOUR and _alike(look.colour[red]) and _alike(look.colour[yellow]):
+    if (
+        min(red.sum(), yellow.sum()) >= MIN_BALLS_PER_COLOUR
+        and _have_one_colour(appearance.colour[red])
+        and _have_one_colour(appearance.colour[yellow])
+    ):
         kinds[red], kinds[yellow] = "red", "yellow"
     return tuple(kinds)
 
 
-def _cue(look: Look, struck: int | None) -> int | None:
-    """The cue ball: the whitest one, or the struck one where it is pale: tinted light makes whites yellow or green."""
-    whitest = int(np.argmax(look.white - look.chroma / 200))
-    clear = look.white[whitest] > 0.6 and look.chroma[whitest] < 45
-    if struck is None or struck == whitest:
-        pale = struck == whitest and _paleness(look)[whitest] > PALE
+def _find_cue_ball(appearance: Appearance, struck_ball: int | None) -> int | None:
+    """Find the cue ball: the whitest one, or the struck one if it is pale (tinted light colours whites)."""
+    whitest = int(np.argmax(appearance.white - appearance.chroma / 200))
+    clear = appearance.white[whitest] > 0.6 and appearance.chroma[whitest] < 45
+    if struck_ball is None or struck_ball == whitest:
+        pale = struck_ball == whitest and _white_likeness(appearance)[whitest] > MIN_PALENESS
         return whitest if clear or pale else None
-    paleness = _paleness(look)
-    if paleness[struck] > PALE and paleness[struck] > paleness.max() - PALER:
-        return struck
+    paleness = _white_likeness(appearance)
+    if paleness[struck_ball] > MIN_PALENESS and paleness[struck_ball] > paleness.max() - MAX_PALENESS_DEFICIT:
+        return struck_ball
     return whitest if clear else None
 
 
-def _paleness(look: Look) -> FloatArray:
-    """(N,) how much a ball looks like a white one in tinted light: light, with little colour, some of it white."""
-    return np.asarray(look.colour[:, 0] / 100 - look.chroma / 150 + look.white / 2)
+def _white_likeness(appearance: Appearance) -> FloatArray:
+    """Rate (N,) how much a ball looks like a white one in tinted light: light, with little colour, partly white."""
+    return np.asarray(appearance.colour[:, 0] / 100 - appearance.chroma / 150 + appearance.white / 2)
 
 
-def _alike(colour: FloatArray) -> bool:
-    """Whether balls (n, 3) have one colour: those of an English set do, solids and stripes do not."""
-    off = np.hypot.reduce(colour - np.median(colour, axis=0), axis=1)
-    return bool(np.percentile(off, 75) < ONE_COLOUR)
+def _have_one_colour(colour: FloatArray) -> bool:
+    """Return whether balls (n, 3) share one colour, as those of an English set do, unlike solids and stripes."""
+    deviation = np.hypot.reduce(colour - np.median(colour, axis=0), axis=1)
+    return bool(np.percentile(deviation, 75) < SAME_COLOUR_DISTANCE)

@@ -1,4 +1,7 @@
-"""Which tracklets are balls: hands, cues, chalk, shadows and projected lines come, go, jitter or look like cloth."""
+"""Rejection of tracklets that are no balls.
+
+Hands, cues, chalk, shadows and projected lines come, go, jitter or look like cloth.
+"""
 
 from __future__ import annotations
 
@@ -7,159 +10,176 @@ from numpy.typing import NDArray
 
 from models.core.scene import Scene, Table
 from models.core.typing import FloatArray
-from models.tracking.assignment_cost import CLOTH_LIKE
-from models.tracking.table_detections import Sightings
-from models.tracking.tracklet_linking import Tracklet, fell
+from models.tracking.assignment_cost import CLOTH_COLOUR_DISTANCE
+from models.tracking.table_detections import TableDetections
+from models.tracking.tracklet_linking import Tracklet, ends_in_pocket
 
-LEAST_SEEN = 5
-"""sightings: fewer are no ball."""
-LEAST_SHARE = 0.08
-"""of the pictures: a ball that does not fall into a pocket is seen at least this often."""
-JITTER = 6.0
-"""standard deviations: what a hand departs from between its neighbours in most pictures, a ball only at contacts."""
+MIN_DETECTIONS = 5
+"""Least number of detections of a ball."""
+MIN_FRAME_SHARE = 0.08
+"""Least share of the frames with a detection, of a ball that does not fall into a pocket."""
+MAX_DEPARTURE = 6.0
+"""Standard deviations: median departure of a detection from between its neighbours; a hand exceeds it, a ball only at
+contacts.
+"""
 TIME_JITTER = 0.07
-"""Error of a picture's time, in the interval of its neighbours: containers round, and repeat pictures irregularly."""
-ERRATIC = 4.0
-"""Standard deviations from between its neighbours above which a sighting is erratic: the velocity changed."""
+"""Error of a frame's time over the interval of its neighbours: containers round, and duplicate frames come irregularly.
+"""
+ERRATIC_DEPARTURE = 4.0
+"""Standard deviations from between its neighbours above which a detection is erratic: the velocity changed."""
 ERRATIC_BALL, ERRATIC_CLUTTER = 0.05, 0.35
-"""Share of the sightings in motion that are erratic without a ball near: 0 to 0.1 of balls, 0.25 to 0.5 of hands."""
+"""Share of moving detections that are erratic without a ball nearby: 0 to 0.1 for balls, 0.25 to 0.5 for hands."""
 STILL_BALL, STILL_CLUTTER = 0.9, 0.7
-"""Share of the others, where nothing moves."""
-PRIOR = 2.0
-"""Log odds of a ball among what lasts and looks like one."""
-EXCUSE = 3.5
+"""Share of the other detections, where nothing moves."""
+PRIOR_LOG_ODDS = 2.0
+"""Prior log odds of a ball among tracklets that last and look like one."""
+EXCUSE_RADII = 3.5
 """Radii from another ball's centre within which a velocity may change."""
-MOST_LOST = 0.15
-"""Share of its pictures in which a ball may go unseen while it moves, or before it vanishes in the open."""
-STREAKED, MOST_IMPOSSIBLE = 2.2, 0.3
-"""Radii by which a streak is longer than the way to either neighbour, which no exposure makes nor two balls that touch;
-and in how many of the pictures: an edge of a sleeve, a cue or a line looks like a streak that goes nowhere."""
-JAWS, TIPS, OVER_NOSE = 2.2, 4.0, 0.93
-"""Radii from a pocket's centre: to where balls may hang in the jaws, and to where its lining reaches; and from a nose:
-what lies nearer throughout, beside the jaws, is that lining."""
-STEADY, STEADY_RADII = 0.8, 0.1
-"""Share of the pictures in which a ball of the cloth's colour is seen at one place, and how near to it."""
-VANISH_TIME, VANISH_PICTURES = 0.3, 5
-"""s and pictures before the end: what is no longer seen there has vanished."""
+MAX_MISSED_SHARE = 0.15
+"""Largest share of missed frames of a ball that moves, or before it vanishes in the open."""
+STREAK_EXCESS_RADII, MAX_IMPOSSIBLE_SHARE = 2.2, 0.3
+"""Radii by which a streak exceeds the distance to either neighbour, which neither an exposure nor two touching balls
+cause; and the largest share of such detections. The edge of a sleeve, a cue or a line looks like a streak that goes
+nowhere.
+"""
+JAW_RADII, LINING_RADII, NOSE_DISTANCE_RADII = 2.2, 4.0, 0.93
+"""Radii from a pocket's centre: where balls may hang in the jaws, and the end of its lining; and from a nose: a resting
+object nearer than that, beside the jaws, is the lining.
+"""
+STEADY_SHARE, STEADY_RADII = 0.8, 0.1
+"""Share of the frames in which a cloth-coloured ball stays at one place, and the size of that place in radii."""
+VANISH_TIME, VANISH_FRAMES = 0.3, 5
+"""s and frames before the end of the clip: a track that ends earlier has vanished."""
 VANISH_SCORE = 0.85
-"""Median score of what appears or vanishes in the open and is a ball behind a player all the same."""
+"""Median confidence of an object that appears or vanishes in the open and still is a ball, hidden by a player."""
 POCKET_REACH = 0.2
-"""m from a pocket's centre within which a ball may vanish between two pictures."""
+"""m from a pocket's centre within which a ball may vanish between two frames."""
 
 
-def looks_like_ball(piece: Tracklet, sightings: Sightings, t: FloatArray, scene: Scene) -> bool:
-    """Whether the pictures of a tracklet may be those of a ball, before its pieces are joined."""
-    clothy = float(np.hypot.reduce(piece.colour - scene.cloth_lab)) < CLOTH_LIKE
-    if clothy and not (
-        len(piece.picture) > STEADY * len(t) and _rests(piece, sightings, STEADY_RADII * scene.table.ball_radius)
+def looks_like_ball(tracklet: Tracklet, detections: TableDetections, t: FloatArray, scene: Scene) -> bool:
+    """Return whether a tracklet may be a ball by colour and streaks, before linking."""
+    is_cloth_like = float(np.hypot.reduce(tracklet.colour - scene.cloth_lab)) < CLOTH_COLOUR_DISTANCE
+    if is_cloth_like and not (
+        len(tracklet.frame_index) > STEADY_SHARE * len(t)
+        and _is_resting(tracklet, detections, STEADY_RADII * scene.table.ball_radius)
     ):
         return False
-    return _impossible_streaks(piece, sightings, scene.table) <= MOST_IMPOSSIBLE
+    return _impossible_streak_share(tracklet, detections, scene.table) <= MAX_IMPOSSIBLE_SHARE
 
 
-def is_ball(piece: Tracklet, sightings: Sightings, t: FloatArray, scene: Scene) -> bool:
-    """Whether a tracklet lasts, looks and moves as a ball."""
-    seen = len(piece.picture)
-    lasting = seen >= LEAST_SHARE * len(t) or fell(piece, scene.table)
-    if seen < LEAST_SEEN or not lasting:
+def is_ball(tracklet: Tracklet, detections: TableDetections, t: FloatArray, scene: Scene) -> bool:
+    """Return whether a tracklet lasts, looks and moves like a ball."""
+    count = len(tracklet.frame_index)
+    lasting = count >= MIN_FRAME_SHARE * len(t) or ends_in_pocket(tracklet, scene.table)
+    if count < MIN_DETECTIONS or not lasting:
         return False
-    if not looks_like_ball(piece, sightings, t, scene) or _lines_pocket(piece, sightings, scene.table):
+    if not looks_like_ball(tracklet, detections, t, scene) or _is_pocket_lining(tracklet, detections, scene.table):
         return False
-    if _lost_share(piece, sightings, scene.table) > MOST_LOST or _jitter(piece, sightings, t) > JITTER:
+    if (
+        _share_of_missed_frames(tracklet, detections, scene.table) > MAX_MISSED_SHARE
+        or _median_departure(tracklet, detections, t) > MAX_DEPARTURE
+    ):
         return False
-    if not _vanishes(piece, t, scene.table):
+    if not _vanishes_in_open(tracklet, t, scene.table):
         return True
-    steady = seen > (1 - MOST_LOST) * (piece.picture[-1] - piece.picture[0] + 1)
-    return steady and float(np.median(sightings.score[piece.row])) >= VANISH_SCORE
+    steady = count > (1 - MAX_MISSED_SHARE) * (tracklet.frame_index[-1] - tracklet.frame_index[0] + 1)
+    return steady and float(np.median(detections.score[tracklet.row])) >= VANISH_SCORE
 
 
-def _rests(piece: Tracklet, sightings: Sightings, reach: float) -> bool:
-    """Whether nine sightings in ten are within reach (m) of the middle one."""
-    xy = sightings.xy[piece.row]
+def _is_resting(tracklet: Tracklet, detections: TableDetections, reach: float) -> bool:
+    """Return whether nine detections in ten are within `reach` m of the median place."""
+    xy = detections.xy[tracklet.row]
     return float(np.percentile(np.hypot(*(xy - np.median(xy, axis=0)).T), 90)) < reach
 
 
-def _lines_pocket(piece: Tracklet, sightings: Sightings, table: Table) -> bool:
-    """Whether it lies beside the mouth of a pocket and over the line of the noses, where no ball can be."""
-    if not table.pockets or not _rests(piece, sightings, table.ball_radius / 2):
+def _is_pocket_lining(tracklet: Tracklet, detections: TableDetections, table: Table) -> bool:
+    """Return whether a tracklet rests beside a pocket's mouth, over the nose line, where no ball can be."""
+    if not table.pockets or not _is_resting(tracklet, detections, table.ball_radius / 2):
         return False
-    place = np.median(sightings.xy[piece.row], axis=0)
+    place = np.median(detections.xy[tracklet.row], axis=0)
     gap = float(np.hypot(*(table.pocket_centres - place).T).min())
     inside = float(min(place.min(), table.length - place[0], table.width - place[1]))
     r = table.ball_radius
-    return JAWS * r < gap < TIPS * r and inside < OVER_NOSE * r
+    return JAW_RADII * r < gap < LINING_RADII * r and inside < NOSE_DISTANCE_RADII * r
 
 
-def _impossible_streaks(piece: Tracklet, sightings: Sightings, table: Table) -> float:
-    """Share of the sightings with a streak longer than the way to either neighbour: no exposure outlasts a picture."""
-    xy, length = sightings.xy[piece.row], np.hypot(*sightings.streak[piece.row].T)
-    way = np.hypot(*np.diff(xy, axis=0).T)
-    longest = np.maximum(np.concatenate([way[:1], way]), np.concatenate([way, way[-1:]]))
-    return float(np.mean(length > longest + STREAKED * table.ball_radius))
+def _impossible_streak_share(tracklet: Tracklet, detections: TableDetections, table: Table) -> float:
+    """Return the share of detections whose streak exceeds the distance to either neighbour.
+
+    No exposure outlasts a frame.
+    """
+    xy, length = detections.xy[tracklet.row], np.hypot(*detections.streak[tracklet.row].T)
+    step = np.hypot(*np.diff(xy, axis=0).T)
+    longest = np.maximum(np.concatenate([step[:1], step]), np.concatenate([step, step[-1:]]))
+    return float(np.mean(length > longest + STREAK_EXCESS_RADII * table.ball_radius))
 
 
-def moves_like_ball(piece: Tracklet, others: list[Tracklet], sightings: Sightings, t: FloatArray, table: Table) -> bool:
-    """Whether its motion is likelier that of a ball than of a hand, which turns and halts again and again.
+def moves_like_ball(
+    tracklet: Tracklet, others: list[Tracklet], detections: TableDetections, t: FloatArray, table: Table
+) -> bool:
+    """Return whether the motion is more probable for a ball than for a hand, which turns and halts again and again.
 
     A ball's velocity changes at contacts only: those with `others` are excused, those with cushions are few.
     """
-    if len(piece.picture) < 3:
+    if len(tracklet.frame_index) < 3:
         return True
-    off, chord = _departures(piece, sightings, t)
-    excused = _near(piece, others, sightings, EXCUSE * table.ball_radius)[1:-1]
-    erratic = (off > ERRATIC) & ~excused
-    moving = (chord > ERRATIC) & ~erratic
-    still = (chord <= ERRATIC) & (off <= ERRATIC)
-    odds = PRIOR + float(np.sum(erratic)) * np.log(ERRATIC_BALL / ERRATIC_CLUTTER)
+    off, chord = _chord_departures(tracklet, detections, t)
+    excused = _is_near_other_ball(tracklet, others, detections, EXCUSE_RADII * table.ball_radius)[1:-1]
+    erratic = (off > ERRATIC_DEPARTURE) & ~excused
+    moving = (chord > ERRATIC_DEPARTURE) & ~erratic
+    still = (chord <= ERRATIC_DEPARTURE) & (off <= ERRATIC_DEPARTURE)
+    odds = PRIOR_LOG_ODDS + float(np.sum(erratic)) * np.log(ERRATIC_BALL / ERRATIC_CLUTTER)
     odds += float(np.sum(moving)) * np.log((1 - ERRATIC_BALL) / (1 - ERRATIC_CLUTTER))
     odds += float(np.sum(still)) * np.log(STILL_BALL / STILL_CLUTTER)
     return bool(odds > 0)
 
 
-def _near(piece: Tracklet, others: list[Tracklet], sightings: Sightings, reach: float) -> NDArray[np.bool_]:
-    """At which sightings (M,) another ball, where it was seen last, is within reach (m)."""
-    near = np.zeros(len(piece.picture), bool)
+def _is_near_other_ball(
+    tracklet: Tracklet, others: list[Tracklet], detections: TableDetections, reach: float
+) -> NDArray[np.bool_]:
+    """Mark the detections (M,) at which the latest place of another ball is within `reach` m."""
+    is_near = np.zeros(len(tracklet.frame_index), bool)
     for other in others:
-        latest = np.searchsorted(other.picture, piece.picture, side="right") - 1
-        gap = np.hypot(*(sightings.xy[piece.row] - sightings.xy[other.row[np.maximum(latest, 0)]]).T)
-        near |= (latest >= 0) & (gap < reach)
-    return near
+        latest = np.searchsorted(other.frame_index, tracklet.frame_index, side="right") - 1
+        gap = np.hypot(*(detections.xy[tracklet.row] - detections.xy[other.row[np.maximum(latest, 0)]]).T)
+        is_near |= (latest >= 0) & (gap < reach)
+    return is_near
 
 
-def _lost_share(piece: Tracklet, sightings: Sightings, table: Table) -> float:
-    """Share of the pictures from first to last in which it moved unseen; resting behind a hand does not count."""
-    way = np.hypot(*np.diff(sightings.xy[piece.row], axis=0).T)
-    unseen = np.diff(piece.picture) - 1
-    lost = int(unseen[way > table.ball_radius].sum())
-    return lost / (lost + len(piece.picture))
+def _share_of_missed_frames(tracklet: Tracklet, detections: TableDetections, table: Table) -> float:
+    """Return the share of frames in which it moved undetected; resting behind a hand does not count."""
+    step = np.hypot(*np.diff(detections.xy[tracklet.row], axis=0).T)
+    gap_frames = np.diff(tracklet.frame_index) - 1
+    missed = int(gap_frames[step > table.ball_radius].sum())
+    return missed / (missed + len(tracklet.frame_index))
 
 
-def _jitter(piece: Tracklet, sightings: Sightings, t: FloatArray) -> float:
-    """Median departure of each sighting from between its neighbours, in standard deviations."""
-    return float(np.median(_departures(piece, sightings, t)[0])) if len(piece.picture) > 2 else 0.0
+def _median_departure(tracklet: Tracklet, detections: TableDetections, t: FloatArray) -> float:
+    """Return the median departure of a detection from between its neighbours, in standard deviations."""
+    return float(np.median(_chord_departures(tracklet, detections, t)[0])) if len(tracklet.frame_index) > 2 else 0.0
 
 
-def _departures(piece: Tracklet, sightings: Sightings, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How far each sighting (M - 2,) is from between its neighbours, and they from each other, in sigma."""
-    times, xy, sigma = t[piece.picture], sightings.xy[piece.row], sightings.sigma_along[piece.row]
+def _chord_departures(tracklet: Tracklet, detections: TableDetections, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the departure (M - 2,) of each detection from between its neighbours, and their distance, in sigma."""
+    times, xy, sigma = t[tracklet.frame_index], detections.xy[tracklet.row], detections.sigma_along[tracklet.row]
     share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
     chord = xy[2:] - xy[:-2]
     off = xy[1:-1] - xy[:-2] - share * chord
     length = np.hypot(*chord.T)
     along = (off * chord).sum(axis=1) / np.maximum(length, 1e-9)
     across = np.sqrt(np.maximum((off**2).sum(axis=1) - along**2, 0.0))
-    push = 2.0 * (times[2:] - times[:-2]) ** 2 / 8  # m: what sliding friction bends a path by
-    spread = np.hypot(1.2 * sigma[1:-1], push)
+    curvature = 2.0 * (times[2:] - times[:-2]) ** 2 / 8  # m: bend of a path by sliding friction
+    spread = np.hypot(1.2 * sigma[1:-1], curvature)
     off_sigma: FloatArray = np.hypot(along / np.hypot(spread, TIME_JITTER * length), across / spread)
     return off_sigma, length / (1.5 * sigma[1:-1])
 
 
-def _vanishes(piece: Tracklet, t: FloatArray, table: Table) -> bool:
-    """Whether it ends before the clip does, away from the pockets."""
-    last = int(piece.picture[-1])
-    if t[-1] - t[last] < VANISH_TIME or len(t) - 1 - last < VANISH_PICTURES:
+def _vanishes_in_open(tracklet: Tracklet, t: FloatArray, table: Table) -> bool:
+    """Return whether a tracklet ends before the clip does, away from the pockets."""
+    last = int(tracklet.frame_index[-1])
+    if t[-1] - t[last] < VANISH_TIME or len(t) - 1 - last < VANISH_FRAMES:
         return False
     if not table.pockets:
         return True
-    gap = float(np.hypot(*(table.pocket_centres - piece.end[:2]).T).min())
-    return gap > POCKET_REACH + VANISH_TIME * float(np.hypot(*piece.end[2:]))
+    gap = float(np.hypot(*(table.pocket_centres - tracklet.end[:2]).T).min())
+    return gap > POCKET_REACH + VANISH_TIME * float(np.hypot(*tracklet.end[2:]))

@@ -1,7 +1,7 @@
-"""Where balls go within one picture interval: straight on, off a cushion, or off each other.
+"""Prediction of all balls over one frame interval: straight on, off a cushion, or off each other.
 
-Association asks this once per picture and hypothesis, so it is rough on purpose: no spin, one restitution for every
-contact, and a velocity that does not change between contacts. What it leaves out goes into its uncertainty.
+Tracking calls this once per frame and hypothesis, so it is rough on purpose: no spin, one restitution for every
+contact, and a constant velocity between contacts. The prediction variance covers the rest.
 """
 
 from __future__ import annotations
@@ -20,71 +20,81 @@ CUSHION_RESTITUTION = 0.8
 """0.75 to 0.98 by law and speed (Mathavan, Jackson, Parkin 2010)."""
 ROLLING_DECELERATION = 0.15
 """m/s^2, of a ball that rolls freely."""
-MOST_CONTACTS = 250
-"""per interval: a break has about 100; beyond, the balls are jammed and the rest of the interval is straight."""
-_JAWS = 2.6
-"""ball radii from a pocket's centre within which there is no cushion."""
+MAX_CONTACTS = 250
+"""Per interval: a break has about 100; beyond, the balls are jammed and the rest of the interval is straight."""
+_JAW_RADII = 2.6
+"""Ball radii from a pocket's centre within which there is no cushion."""
 
 
 @dataclass(frozen=True, slots=True)
-class Foresight:
-    """N balls one interval later."""
+class MotionPrediction:
+    """Predicted states of N balls one frame interval later."""
 
     free: FloatArray
-    """(N, 2) m, as if nothing stood in the way."""
+    """(N, 2) m, without any contact."""
     free_v: FloatArray
     """(N, 2) m/s."""
     xy: FloatArray
-    """(N, 2) m, after cushions and contacts."""
+    """(N, 2) m, after contacts with cushions and balls."""
     v: FloatArray
     """(N, 2) m/s."""
-    kick: FloatArray
-    """(N,) m/s, sum of the velocity changes; 0 where the ball met nothing."""
-    contacts: NDArray[np.int64]
-    """(N,) how many cushions and balls it met."""
-    since: FloatArray
-    """(N,) s from there to the end of the interval, weighted by the velocity changes."""
+    velocity_change: FloatArray
+    """(N,) m/s, sum of the velocity changes; 0 without a contact."""
+    contact_count: NDArray[np.int64]
+    """(N,) number of contacts with cushions and balls."""
+    time_since_contact: FloatArray
+    """(N,) s from the contacts to the end of the interval, weighted by the velocity changes."""
 
 
-def foresee(xy: FloatArray, v: FloatArray, dt: float, table: Table, solid: NDArray[np.bool_]) -> Foresight:
-    """Move balls at xy (N, 2) m with v (N, 2) m/s by dt seconds; only `solid` (N,) ones meet each other."""
+def predict_motion(
+    xy: FloatArray, v: FloatArray, dt: float, table: Table, solid: NDArray[np.bool_]
+) -> MotionPrediction:
+    """Predict balls at xy (N, 2) m with v (N, 2) m/s over dt s; only `solid` (N,) ones collide with each other."""
     speed = np.hypot(v[:, 0], v[:, 1])
-    keep = np.clip(1.0 - ROLLING_DECELERATION * dt / np.maximum(speed, 1e-9), 0.0, 1.0)[:, None]
-    mean_v = v * (1.0 + keep) / 2
-    free, free_v = xy + mean_v * dt, v * keep
+    speed_ratio = np.clip(1.0 - ROLLING_DECELERATION * dt / np.maximum(speed, 1e-9), 0.0, 1.0)[:, None]
+    mean_v = v * (1.0 + speed_ratio) / 2
+    free, free_v = xy + mean_v * dt, v * speed_ratio
     x, w = xy.copy(), mean_v.copy()
-    kick, since, contacts = np.zeros(len(x)), np.zeros(len(x)), np.zeros(len(x), np.int64)
-    left = dt
-    for _ in range(MOST_CONTACTS):
-        pair_t, a, b = _next_ball(x, w, table.ball_radius, solid, left)
-        rail_t, c, axis = _next_cushion(x, w, table, left)
-        step = min(pair_t, rail_t, left)
+    velocity_change, time_since_contact, contact_count = np.zeros(len(x)), np.zeros(len(x)), np.zeros(len(x), np.int64)
+    time_left = dt
+    for _ in range(MAX_CONTACTS):
+        pair_t, a, b = _next_ball_contact(x, w, table.ball_radius, solid, time_left)
+        cushion_t, c, axis = _next_cushion_contact(x, w, table, time_left)
+        step = min(pair_t, cushion_t, time_left)
         x += w * step
-        left -= step
-        if min(pair_t, rail_t) > left + step or left + step <= 0:
+        time_left -= step
+        if min(pair_t, cushion_t) > time_left + step or time_left + step <= 0:
             break
-        if pair_t <= rail_t:
-            change = _bounce(x, w, a, b)
-            kick[[a, b]] += change
-            since[[a, b]] += change * left
-            contacts[[a, b]] += 1
+        if pair_t <= cushion_t:
+            change = _collide_balls(x, w, a, b)
+            velocity_change[[a, b]] += change
+            time_since_contact[[a, b]] += change * time_left
+            contact_count[[a, b]] += 1
         else:
             change = abs(w[c, axis]) * (1 + CUSHION_RESTITUTION)
-            kick[c] += change
-            since[c] += change * left
+            velocity_change[c] += change
+            time_since_contact[c] += change * time_left
             w[c, axis] *= -CUSHION_RESTITUTION
-            contacts[c] += 1
+            contact_count[c] += 1
     else:
-        x += w * left
-    met = (contacts > 0)[:, None]
-    since = since / np.maximum(kick, 1e-12)
-    return Foresight(free, free_v, np.where(met, x, free), np.where(met, w, free_v), kick, contacts, since)
+        x += w * time_left
+    has_contact = (contact_count > 0)[:, None]
+    time_since_contact = time_since_contact / np.maximum(velocity_change, 1e-12)
+    return MotionPrediction(
+        free,
+        free_v,
+        np.where(has_contact, x, free),
+        np.where(has_contact, w, free_v),
+        velocity_change,
+        contact_count,
+        time_since_contact,
+    )
 
 
-def _next_ball(
+def _next_ball_contact(
     x: FloatArray, v: FloatArray, radius: float, solid: NDArray[np.bool_], horizon: float
 ) -> tuple[float, int, int]:
-    """Time to the next contact of two balls, and which; infinite if there is none before the horizon."""
+    """Find the time to the next contact of two balls, and which; infinite if there is none before the horizon."""
     moving = np.flatnonzero(solid & ((v != 0).any(axis=1)))
     others = np.flatnonzero(solid)
     if not len(moving) or len(others) < 2:
@@ -105,8 +115,8 @@ def _next_ball(
     return (first if first <= horizon else np.inf), int(moving[i]), int(others[j])
 
 
-def _next_cushion(x: FloatArray, v: FloatArray, table: Table, horizon: float) -> tuple[float, int, int]:
-    """Time to the next cushion contact, which ball, and along which axis; infinite if none."""
+def _next_cushion_contact(x: FloatArray, v: FloatArray, table: Table, horizon: float) -> tuple[float, int, int]:
+    """Find the time to the next cushion contact, the ball and the axis; infinite if there is none."""
     r = table.ball_radius
     low, high = np.full(2, r), np.array([table.length - r, table.width - r])
     wall = np.where(v > 0, high, low)
@@ -116,7 +126,7 @@ def _next_cushion(x: FloatArray, v: FloatArray, table: Table, horizon: float) ->
     if table.pockets and np.any(time <= horizon):
         for ball, axis in np.argwhere(time <= horizon):
             place = x[ball] + v[ball] * time[ball, axis]
-            if np.min(np.hypot(*(table.pocket_centres - place).T)) < _JAWS * r:
+            if np.min(np.hypot(*(table.pocket_centres - place).T)) < _JAW_RADII * r:
                 time[ball, axis] = np.inf
     best = int(np.argmin(time)) if time.size else 0
     first = float(time.flat[best]) if time.size else np.inf
@@ -124,8 +134,8 @@ def _next_cushion(x: FloatArray, v: FloatArray, table: Table, horizon: float) ->
     return (first if first <= horizon else np.inf), ball, axis
 
 
-def _bounce(x: FloatArray, v: FloatArray, a: int, b: int) -> float:
-    """Two equal masses exchange the velocity along their line of centres; the change of either, m/s."""
+def _collide_balls(x: FloatArray, v: FloatArray, a: int, b: int) -> float:
+    """Exchange the velocity of two equal masses along their line of centres; return the change of either, m/s."""
     normal = x[b] - x[a]
     normal = normal / max(float(np.hypot(*normal)), 1e-12)
     change = (1 + BALL_RESTITUTION) / 2 * float((v[a] - v[b]) @ normal)

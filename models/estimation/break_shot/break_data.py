@@ -1,4 +1,4 @@
-"""A burst: balls that lie together, one that comes, and where all of them were seen before and shortly after."""
+"""Data of a break shot: balls that lie together, one that comes in, and their observations before and shortly after."""
 
 from __future__ import annotations
 
@@ -11,50 +11,51 @@ from models.core.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
-class Burst:
-    """N balls that lie until one more, the first, comes; they have numbers 0, 1, ... here."""
+class BreakShot:
+    """A break shot of N resting balls and the incoming one, which has index 0 here."""
 
     balls: tuple[int, ...]
-    """(N + 1,) their numbers in the tracks."""
-    begins: float
-    """s, from when on the coming ball is followed."""
+    """(N + 1,) ball indices in the tracks."""
+    start: float
+    """s, from which the incoming ball is tracked."""
     hit: float
-    """s, about when it meets the others."""
-    coming: FloatArray
-    """(7,) its state at `begins`: place, velocity, slip, surface speed of side spin (m, m/s)."""
-    coming_sigma: FloatArray
-    """(7,) infinite where the samples alone tell."""
-    lying: FloatArray
-    """(N, 2) m, where the others lie."""
-    lying_sigma: FloatArray
+    """s, approximate time at which it meets the others."""
+    incoming_state: FloatArray
+    """(7,) its state at `start`: place, velocity, slip, surface speed of side spin (m, m/s)."""
+    incoming_sigma: FloatArray
+    """(7,) infinite where the samples alone determine it."""
+    rest_places: FloatArray
+    """(N, 2) m, places of the others."""
+    rest_sigma: FloatArray
     """(N,) m per axis."""
     t: FloatArray
-    """(K,) s, when they were seen: the first from `begins` on, the others once it has come; each until it meets a
-    cushion or falls."""
+    """(K,) s, of the observations: the incoming ball from `start` on, the others after the hit; each until it meets a
+    cushion or falls.
+    """
     ball: IntArray
-    """(K,) which of the balls."""
+    """(K,) index among the balls here."""
     xy: FloatArray
     """(K, 2) m."""
     whiten: FloatArray
     """(K, 2, 2): takes a residual in m to standard deviations."""
     interval: float
-    """s between two pictures."""
+    """s between two frames."""
     friction: tuple[float, float]
-    """Of sliding and rolling on this cloth, as far as known."""
+    """Of sliding and rolling on this cloth, estimated from the clip."""
     diameter: float
-    """Distance at which balls touch, over two radii, as far as known."""
+    """Distance at which balls touch, over two radii, estimated from the clip."""
     table: Table
 
     @property
     def speed(self) -> float:
-        """m/s of the coming ball."""
-        return float(np.hypot(*self.coming[2:4]))
+        """m/s of the incoming ball."""
+        return float(np.hypot(*self.incoming_state[2:4]))
 
-    def softened(self, by: float) -> Burst:
-        """The same, its samples `by` times as noisy."""
-        return replace(self, whiten=self.whiten / by)
+    def inflate_noise(self, factor: float) -> BreakShot:
+        """Return the same break shot with `factor` times the noise."""
+        return replace(self, whiten=self.whiten / factor)
 
     @property
-    def ends(self) -> float:
-        """s, when it was seen last."""
+    def end(self) -> float:
+        """s, of the last observation."""
         return float(self.t.max())

@@ -1,4 +1,4 @@
-"""What plays of a burst have in common: its contacts, each with its probability, and the balls as they leave it."""
+"""Posterior of a break shot: its contacts, each with its probability, and the states in which balls leave it."""
 
 from __future__ import annotations
 
@@ -8,171 +8,213 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
-from models.estimation.break_shot.break_data import Burst
-from models.estimation.break_shot.break_search import Plays
-from models.estimation.break_shot.break_simulation import Play
-from models.physics.billiards.simulation.event_engine import BALL, FIRST, KIND, SECOND, SPEED, TIME
-from models.physics.billiards.simulation.parametrised_shot import slips
-from models.physics.billiards.simulation.simulated_shot import STATE, Run
+from models.estimation.break_shot.break_data import BreakShot
+from models.estimation.break_shot.break_search import BreakEnsemble
+from models.estimation.break_shot.break_simulation import BreakModel
+from models.physics.billiards.simulation.event_engine import (
+    BALL,
+    EVENT_FIRST,
+    EVENT_KIND,
+    EVENT_SECOND,
+    EVENT_SPEED,
+    EVENT_TIME,
+)
+from models.physics.billiards.simulation.parametrised_shot import convert_to_starts
+from models.physics.billiards.simulation.simulated_shot import STATE_SIZE, SimulatedShot
 
-LULL = 6.0
-"""ball radii that the coming ball would go on, without a contact of any: then the burst is over."""
-LEAST_SPEED = 0.02
+LULL_RADII = 6.0
+"""Ball radii that the incoming ball would go on without any contact: then the break is over."""
+MIN_SPEED = 0.02
 """m/s of closing; slower contacts change nothing."""
-LIKELY = 0.5
-"""A contact is told that happens in so many of the plays, weighted."""
-MOST_SURE = 0.96
-"""Of contacts that all plays share, so many were true on breaks of a world with other code (`benchmarks/breaks.py`)."""
-LEAST_SIGMA = 1e-4
-"""s: balls that touch for a third of a millisecond do not touch at a moment."""
+MIN_PROBABILITY = 0.5
+"""Least weighted share of the samples with a contact that is listed."""
+MAX_PROBABILITY = 0.96
+"""Share of contacts common to all samples that were true on breaks simulated by other code; see
+`benchmarks/tracking/breaks.py`.
+"""
+MIN_TIME_SIGMA = 1e-4
+"""s: balls in contact for a third of a millisecond do not touch at one moment."""
 PLACE_SIGMA, SPEED_SIGMA, SLIP_SIGMA = 1e-4, 0.01, 0.03
-"""m, and of the speed of a ball: what the laws of contacts miss."""
-AFTER = 1e-9
-"""s after a contact, when the balls have left each other."""
+"""m, and shares of the speed of a ball: errors of the contact laws."""
+TIME_EPSILON = 1e-9
+"""s after a contact, when the balls have separated."""
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
-    """A contact of two balls in a burst."""
+class BreakContact:
+    """A contact of two balls in a break."""
 
     t: float
     t_sigma: float
     """s of the clip."""
     a: int
     b: int
-    """The faster ball, and the other: their numbers in the tracks."""
+    """The faster ball, and the other: their indices in the tracks."""
     xy: FloatArray
-    """(2,) m, where ball a is."""
+    """(2,) m, place of ball a."""
     speed: float
     """m/s of closing."""
     probability: float
 
 
 @dataclass(frozen=True, slots=True)
-class Leaving:
-    """A ball in a burst, from its first contact to its last one."""
+class BreakExit:
+    """A ball in a break, from its first contact to its last one."""
 
     ball: int
-    """Its number in the tracks."""
-    since: float
-    until: float
-    """s of the clip."""
+    """Its index in the tracks."""
+    start: float
+    end: float
+    """s of the clip: first and last contact."""
     state: FloatArray
-    """(6,) place, velocity and slip as it leaves, m and m/s."""
+    """(6,) place, velocity and slip after its last contact, m and m/s."""
     covariance: FloatArray
     """(6, 6) of the state."""
-    came: FloatArray
-    """(2,) m, where it is at its first contact, and `came_covariance` (2, 2) of that."""
-    came_covariance: FloatArray
+    arrival: FloatArray
+    """(2,) m, place at its first contact, and `arrival_covariance` (2, 2) of that."""
+    arrival_covariance: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class ToldBurst:
-    """A burst as its best play has it, with what the others say of that."""
+class BreakPosterior:
+    """The best sample of a break, with the spread of the others."""
 
-    plays: Plays
-    touches: tuple[Touch, ...]
-    leaving: tuple[Leaving, ...]
+    ensemble: BreakEnsemble
+    contacts: tuple[BreakContact, ...]
+    exits: tuple[BreakExit, ...]
 
 
-def told(plays: Plays) -> ToldBurst:
-    """The contacts from the first to the last before a lull, and how the balls leave."""
-    burst, best = plays.burst, plays.played[0].run
-    contacts = _contacts(best)
-    last = _until(burst, contacts)
-    contacts = contacts[contacts[:, TIME] <= last]
-    others = [_contacts(one.run) for one in plays.played]
-    directions = Play(burst, burst.ends).directions(plays.played[0].numbers)
-    touches = [_touch(plays, directions, others, contacts, k) for k in range(len(contacts))]
-    leaving = []
-    for number in range(len(burst.balls)):
-        mine = contacts[(contacts[:, FIRST] == number) | (contacts[:, SECOND] == number), TIME]
+def summarize_break(ensemble: BreakEnsemble) -> BreakPosterior:
+    """Summarize the contacts from the first to the last before a lull, and the states in which balls leave.
+
+    Args:
+        ensemble: Posterior samples of a break.
+
+    Returns:
+        The posterior.
+    """
+    break_shot, best = ensemble.break_shot, ensemble.samples[0].run
+    rows = _list_ball_contacts(best)
+    last = _break_end(break_shot, rows)
+    rows = rows[rows[:, EVENT_TIME] <= last]
+    others = [_list_ball_contacts(one.run) for one in ensemble.samples]
+    directions = BreakModel(break_shot, break_shot.end).state_directions(ensemble.samples[0].parameters)
+    contact_summaries = [_summarize_contact(ensemble, directions, others, rows, k) for k in range(len(rows))]
+    exits = []
+    for number in range(len(break_shot.balls)):
+        mine = rows[(rows[:, EVENT_FIRST] == number) | (rows[:, EVENT_SECOND] == number), EVENT_TIME]
         if len(mine):
-            leaving.append(_leaving(plays, directions, number, float(mine[0]), float(mine[-1])))
-    return ToldBurst(plays, tuple(touch for touch in touches if touch.probability > LIKELY), tuple(leaving))
+            exits.append(_summarize_exit(ensemble, directions, number, float(mine[0]), float(mine[-1])))
+    return BreakPosterior(
+        ensemble, tuple(contact for contact in contact_summaries if contact.probability > MIN_PROBABILITY), tuple(exits)
+    )
 
 
-def _contacts(run: Run) -> FloatArray:
-    """Rows of the engine's contacts of two balls that come together fast enough."""
+def _list_ball_contacts(run: SimulatedShot) -> FloatArray:
+    """List the engine's contacts of two balls that approach fast enough."""
     events = run.contacts
-    return np.asarray(events[(events[:, KIND] == BALL) & (events[:, SPEED] > LEAST_SPEED)])
+    return np.asarray(events[(events[:, EVENT_KIND] == BALL) & (events[:, EVENT_SPEED] > MIN_SPEED)])
 
 
-def _until(burst: Burst, contacts: FloatArray) -> float:
-    """s of the run, when the last contact before a lull happens; a picture or more shows what it left."""
-    lull = max(burst.interval, LULL * burst.table.ball_radius / burst.speed)
-    latest = burst.ends - burst.begins - 1.5 * burst.interval
-    times = contacts[contacts[:, TIME] <= latest, TIME]
+def _break_end(break_shot: BreakShot, contacts: FloatArray) -> float:
+    """Return the time of the last contact before a lull, s of the simulation; at least a frame shows its result."""
+    lull = max(break_shot.interval, LULL_RADII * break_shot.table.ball_radius / break_shot.speed)
+    latest = break_shot.end - break_shot.start - 1.5 * break_shot.interval
+    times = contacts[contacts[:, EVENT_TIME] <= latest, EVENT_TIME]
     if not len(times):
         return 0.0
     pause = np.flatnonzero(np.diff(times) > lull)
     return float(times[pause[0]] if len(pause) else times[-1])
 
 
-def _touch(plays: Plays, directions: FloatArray, others: list[FloatArray], contacts: FloatArray, k: int) -> Touch:
-    """Contact k of the best play; the other plays have it where the same balls meet as often, about then."""
-    burst, best = plays.burst, plays.played[0].run
+def _summarize_contact(
+    ensemble: BreakEnsemble, directions: FloatArray, others: list[FloatArray], contacts: FloatArray, k: int
+) -> BreakContact:
+    """Summarize contact k of the best sample; others share it where the same balls meet as often, about then."""
+    break_shot, best = ensemble.break_shot, ensemble.samples[0].run
     row = contacts[k]
-    a, b, t = int(row[FIRST]), int(row[SECOND]), float(row[TIME])
-    mine = np.flatnonzero(_same(contacts, a, b))
-    again = int(np.searchsorted(mine, k))
+    a, b, t = int(row[EVENT_FIRST]), int(row[EVENT_SECOND]), float(row[EVENT_TIME])
+    mine = np.flatnonzero(_is_same_pair(contacts, a, b))
+    occurrence = int(np.searchsorted(mine, k))
     moments = np.full(len(others), np.nan)
     for m, other in enumerate(others):
-        theirs = other[_same(other, a, b), TIME]
-        if again < len(theirs) and abs(theirs[again] - t) < burst.interval:
-            moments[m] = theirs[again]
-    has = np.isfinite(moments)
-    share = plays.weight[has] / plays.weight[has].sum()
-    spread = float(np.hypot(np.sqrt(share @ (moments[has] - t) ** 2), _moment_sigma(plays, directions, a, b, t)))
-    return Touch(
-        burst.begins + t, max(spread, LEAST_SIGMA), burst.balls[a], burst.balls[b], best.at(t)[a, :2],
-        float(row[SPEED]), MOST_SURE * float(plays.weight[has].sum()),
-    )  # fmt: skip
+        other_times = other[_is_same_pair(other, a, b), EVENT_TIME]
+        if occurrence < len(other_times) and abs(other_times[occurrence] - t) < break_shot.interval:
+            moments[m] = other_times[occurrence]
+    is_shared = np.isfinite(moments)
+    share = ensemble.weight[is_shared] / ensemble.weight[is_shared].sum()
+    spread = float(
+        np.hypot(np.sqrt(share @ (moments[is_shared] - t) ** 2), _contact_time_sigma(ensemble, directions, a, b, t))
+    )
+    return BreakContact(
+        break_shot.start + t,
+        max(spread, MIN_TIME_SIGMA),
+        break_shot.balls[a],
+        break_shot.balls[b],
+        best.states_at(t)[a, :2],
+        float(row[EVENT_SPEED]),
+        MAX_PROBABILITY * float(ensemble.weight[is_shared].sum()),
+    )
 
 
-def _same(contacts: FloatArray, a: int, b: int) -> NDArray[np.bool_]:
-    one, two = contacts[:, FIRST], contacts[:, SECOND]
+def _is_same_pair(contacts: FloatArray, a: int, b: int) -> NDArray[np.bool_]:
+    """Mark the contacts of balls a and b."""
+    one, two = contacts[:, EVENT_FIRST], contacts[:, EVENT_SECOND]
     return np.asarray(((one == a) & (two == b)) | ((one == b) & (two == a)))
 
 
-def _leaving(plays: Plays, directions: FloatArray, number: int, first: float, last: float) -> Leaving:
-    burst = plays.burst
-    came, came_covariance = _there(plays, directions, number, first - AFTER)
-    state, covariance = _there(plays, directions, number, last + AFTER)
-    return Leaving(
-        burst.balls[number], burst.begins + first, burst.begins + last, state, covariance,
-        came[:2], came_covariance[:2, :2],
+def _summarize_exit(
+    ensemble: BreakEnsemble, directions: FloatArray, number: int, first: float, last: float
+) -> BreakExit:
+    """Summarize the state in which a ball leaves the break."""
+    break_shot = ensemble.break_shot
+    arrival, arrival_covariance = _state_with_covariance(ensemble, directions, number, first - TIME_EPSILON)
+    state, covariance = _state_with_covariance(ensemble, directions, number, last + TIME_EPSILON)
+    return BreakExit(
+        break_shot.balls[number], break_shot.start + first, break_shot.start + last, state, covariance,
+        arrival[:2], arrival_covariance[:2, :2],
     )  # fmt: skip
 
 
-def _there(plays: Plays, directions: FloatArray, number: int, t: float) -> tuple[FloatArray, FloatArray]:
-    """Place, velocity and slip (6,) of a ball at t, s of the run, as the best play has it, and their covariance (6, 6):
-    the errors of its numbers, what other plays have, and what the laws of two balls miss of real ones."""
-    there = np.array([slips(one.run.at(t), one.run.balls.radius)[number, :6] for one in plays.played])
-    (slope,), other = _slopes(plays, directions, (number,), t), there - there[0]
-    speed = float(np.hypot(*there[0, 2:4]))
-    floor = np.repeat([PLACE_SIGMA, SPEED_SIGMA * speed + LEAST_SPEED, SLIP_SIGMA * speed + LEAST_SPEED], 2)
-    return there[0], slope @ plays.covariance @ slope.T + (other.T * plays.weight) @ other + np.diag(floor**2)
+def _state_with_covariance(
+    ensemble: BreakEnsemble, directions: FloatArray, number: int, t: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return place, velocity and slip (6,) of a ball at t, s of the simulation, and their covariance (6, 6).
+
+    It includes the errors of the parameters, the spread of other samples, and errors of the contact laws.
+    """
+    states = np.array(
+        [convert_to_starts(one.run.states_at(t), one.run.balls.radius)[number, :6] for one in ensemble.samples]
+    )
+    (jacobian,), other = _state_derivatives(ensemble, directions, (number,), t), states - states[0]
+    speed = float(np.hypot(*states[0, 2:4]))
+    floor = np.repeat([PLACE_SIGMA, SPEED_SIGMA * speed + MIN_SPEED, SLIP_SIGMA * speed + MIN_SPEED], 2)
+    return states[0], jacobian @ ensemble.covariance @ jacobian.T + (other.T * ensemble.weight) @ other + np.diag(
+        floor**2
+    )
 
 
-def _slopes(plays: Plays, directions: FloatArray, numbers: tuple[int, ...], t: float) -> FloatArray:
-    """Derivatives (K, 6, P) of place, velocity and slip of K balls at t, s of the run, by the numbers of the best play;
-    `directions` are those of `Play.directions`."""
-    run, chosen = plays.played[0].run, list(numbers)
-    place = np.full((1, len(plays.burst.balls)), -1)
+def _state_derivatives(
+    ensemble: BreakEnsemble, directions: FloatArray, numbers: tuple[int, ...], t: float
+) -> FloatArray:
+    """Return derivatives (K, 6, P) of the states of K balls at t, s of the simulation, by the best parameters.
+
+    `directions` are those of `BreakModel.state_directions`.
+    """
+    run, chosen = ensemble.samples[0].run, list(numbers)
+    place = np.full((1, len(ensemble.break_shot.balls)), -1)
     place[0, chosen] = np.arange(len(chosen))
-    slopes = run.along(np.array([t]), place, directions, STATE)
-    return slips(slopes.transpose(2, 0, 1), run.balls.radius[chosen]).transpose(1, 2, 0)[:, :6]
+    derivatives = run.directional_derivatives(np.array([t]), place, directions, STATE_SIZE)
+    return convert_to_starts(derivatives.transpose(2, 0, 1), run.balls.radius[chosen]).transpose(1, 2, 0)[:, :6]
 
 
-def _moment_sigma(plays: Plays, directions: FloatArray, a: int, b: int, t: float) -> float:
-    """s, how far the errors of its numbers move a contact of the best play: by what they change of the gap between two
-    balls, at the speed at which it closes."""
-    before = t - AFTER
-    states = slips(plays.played[0].run.at(before), plays.played[0].run.balls.radius)
-    apart = states[b, :2] - states[a, :2]
-    line = apart / np.hypot(*apart)
-    closing = max(float((states[a, 2:4] - states[b, 2:4]) @ line), LEAST_SPEED)
-    one, two = _slopes(plays, directions, (a, b), before)
+def _contact_time_sigma(ensemble: BreakEnsemble, directions: FloatArray, a: int, b: int, t: float) -> float:
+    """Return the effect of parameter errors on the time of a contact, s: change of the gap over closing speed."""
+    before = t - TIME_EPSILON
+    states = convert_to_starts(ensemble.samples[0].run.states_at(before), ensemble.samples[0].run.balls.radius)
+    separation = states[b, :2] - states[a, :2]
+    line = separation / np.hypot(*separation)
+    closing = max(float((states[a, 2:4] - states[b, 2:4]) @ line), MIN_SPEED)
+    one, two = _state_derivatives(ensemble, directions, (a, b), before)
     gap = line @ (two[:2] - one[:2])
-    return float(np.hypot(np.sqrt(max(gap @ plays.covariance @ gap, 0.0)), PLACE_SIGMA)) / closing
+    return float(np.hypot(np.sqrt(max(gap @ ensemble.covariance @ gap, 0.0)), PLACE_SIGMA)) / closing

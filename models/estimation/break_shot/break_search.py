@@ -1,10 +1,10 @@
-"""Plays of a burst that end where the balls were seen: many racks are tried, good ones mended, mended ones shaken.
+"""Search for simulations of a break shot that end where the balls were observed.
 
-Which of two contacts comes first changes all that follows, so that the loss has as many valleys as there are orders.
-Within one, the exact derivatives of the play lead down (Levenberg-Marquardt). So racks are drawn from what pictures
-tell of them; what is seen shortly after the hit is looked at first, when few contacts have happened; the better ones
-go on, samples counting as noisy at first; and the best are shaken and mended again, as in basin hopping (Wales and
-Doye 1997, doi:10.1021/jp970984n). At last racks are drawn around the best, as far as it is determined: what all those
+The order of two contacts changes all that follows, so that the loss has as many local minima as there are orders.
+Within one, exact derivatives of the simulation give the descent (Levenberg-Marquardt). Racks are drawn from their
+measured places; first only observations shortly after the hit are used, when few contacts have happened; the better
+racks go on, at first with inflated noise; and the best are perturbed and optimized again, as in basin hopping (Wales
+and Doye 1997, doi:10.1021/jp970984n). At last samples are drawn around the best within its covariance: what all those
 that end in the same place have in common is known.
 """
 
@@ -15,208 +15,232 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.break_shot.break_data import Burst
-from models.estimation.break_shot.break_simulation import Play
-from models.physics.billiards.simulation.parametrised_shot import MOVING
-from models.physics.billiards.simulation.simulated_shot import Run
+from models.estimation.break_shot.break_data import BreakShot
+from models.estimation.break_shot.break_simulation import BreakModel
+from models.physics.billiards.simulation.parametrised_shot import MOVING_BALL_SIZE
+from models.physics.billiards.simulation.simulated_shot import SimulatedShot
 
-ATTEMPTS, EXPLAINED = 2, 3.0
-"""Searches at most, and the chi2 per degree of freedom with which one is content: valleys are many."""
-DRAWN = 40
-"""racks begun with."""
+MAX_SEARCHES, GOOD_CHI2 = 2, 3.0
+"""Most searches, and the chi2 per degree of freedom that ends them: local minima are many."""
+RANDOM_RACKS = 40
+"""Random racks at the start."""
 STAGES = ((0.4, 16, 5), (0.67, 8, 6), (1.0, 5, 12))
-"""Share of the time after the hit that is looked at, how many racks go on, and steps taken for each."""
-SHAKEN, STEPS = 200, 10
-"""times that one of the best is shaken, and steps to mend it."""
-SOFT = 0.07
-"""ball radii: at first no sample is taken to be surer, about the noise of a pixel."""
-MUCH = 1.5
-"""How many times surer samples may be before they are taken to be noisier."""
-HOPELESS = 30.0
-"""chi2 per degree of freedom of the best rack so far, from which shaking helps no more."""
-QUIET = 50
-"""shakes in a row that may gain nothing."""
-AROUND = 24
-"""racks drawn around the best."""
-WORTH_TELLING = 9.0
-"""How much less likely than the best a play may be, as chi2."""
-_GAIN = 0.5
-"""cost that a step must gain to go on."""
-_NOTABLE = 1.0
-"""cost that a shake must gain to count."""
-_DAMPINGS = 5
-"""how often a step is shortened."""
-_STEEPEST = 1e12
-"""standard deviations over a unit of a number."""
-_LEAST_KNOWN, _RIDGE = 1e-6, 1e-9
-"""1/variance of a number that nothing tells, in its own unit, and what is added to a unit diagonal."""
-_SHAKES = (-1.5, 0.0)
-"""powers of ten, standard deviations by which numbers are shaken."""
+"""Share of the time after the hit that is used, number of racks that go on, and optimization steps for each."""
+MAX_HOPS, OPTIMIZATION_STEPS = 200, 10
+"""Perturbations of one of the best, and steps to optimize it."""
+SOFT_NOISE_RADII = 0.07
+"""Ball radii: initial noise level of all samples, about a pixel."""
+MIN_NOISE_RATIO = 1.5
+"""Ratio of the initial to the real noise above which it is lowered in steps."""
+MAX_CHI2 = 30.0
+"""chi2 per degree of freedom of the best rack so far above which basin hopping does not help."""
+MAX_IDLE_HOPS = 50
+"""Successive perturbations without a gain."""
+POSTERIOR_DRAWS = 24
+"""Samples drawn around the best."""
+MAX_CHI2_DISTANCE = 9.0
+"""Largest chi2 distance of a sample from the best."""
+_MIN_STEP_GAIN = 0.5
+"""Cost that a step must gain to go on."""
+_MIN_HOP_GAIN = 1.0
+"""Cost that a perturbation must gain to count."""
+_MAX_DAMPINGS = 5
+"""Number of times that a step is shortened."""
+_MAX_JACOBIAN = 1e12
+"""Standard deviations per unit of a parameter."""
+_MIN_INFORMATION, _RIDGE = 1e-6, 1e-9
+"""1/variance of an unobserved parameter, in its own unit, and the ridge on a unit diagonal."""
+_HOP_POWERS = (-1.5, 0.0)
+"""Powers of ten: standard deviations of the perturbations."""
 
 
 @dataclass(frozen=True, slots=True)
-class Played:
-    """One play, and how far it misses what was seen."""
+class BreakSample:
+    """One simulation of a break, and its misfit."""
 
-    numbers: FloatArray
-    """(P,) as `Play` counts them."""
-    run: Run
-    missed: FloatArray
-    """(R,) standard deviations, as `Play.missed` gives them."""
+    parameters: FloatArray
+    """(P,) as in `BreakModel`."""
+    run: SimulatedShot
+    residual: FloatArray
+    """(R,) standard deviations, from `BreakModel.evaluate_residuals`."""
     cost: float
 
 
 @dataclass(frozen=True, slots=True)
-class Plays:
-    """M plays of one burst that what was seen does not tell apart, the best one first."""
+class BreakEnsemble:
+    """M posterior samples of one break, the best one first."""
 
-    burst: Burst
-    played: tuple[Played, ...]
+    break_shot: BreakShot
+    samples: tuple[BreakSample, ...]
     weight: FloatArray
-    """(M,) probabilities of the plays; they sum to 1."""
+    """(M,) probabilities; they sum to 1."""
     covariance: FloatArray
-    """(P, P) of the numbers of the best, scaled by its lack of fit."""
+    """(P, P) of the parameters of the best, scaled by its lack of fit."""
     chi2_per_dof: float
-    """robust, of the best."""
+    """Robust, of the best."""
 
 
-def search(burst: Burst, rng: np.random.Generator) -> Plays | None:
-    """The plays that explain a burst best; None where none could be played."""
-    found: Plays | None = None
-    for _ in range(ATTEMPTS):
-        other = _searched(burst, rng)
-        if found is None or (other is not None and other.chi2_per_dof < found.chi2_per_dof):
-            found = other
-        if found is None or found.chi2_per_dof < EXPLAINED:
-            break
-    return found
+def search_break(break_shot: BreakShot, rng: np.random.Generator) -> BreakEnsemble | None:
+    """Search for the simulations that explain a break best.
 
+    Args:
+        break_shot: The break shot with its observations.
+        rng: Generator of the random racks.
 
-def _searched(burst: Burst, rng: np.random.Generator) -> Plays | None:
-    """The same, from racks drawn once."""
-    play = Play(burst, burst.ends)
-    value, sigma = _spread(play)
-    racks = [play.apart(value)] + [
-        play.apart(play.within(value + sigma * rng.normal(size=len(value)))) for _ in range(DRAWN - 1)
-    ]
-    softness = _softness(burst)
-    best: list[Played] = []
-    for share, kept, steps in STAGES:
-        early = Play(burst.softened(softness[0]), burst.hit + share * (burst.ends - burst.hit))
-        best = _all_mended(early, racks, steps)[:kept]
-        racks = [one.numbers for one in best]
-    dof = max(2 * len(play.rows) - MOVING, 1)
-    if not best or best[0].cost > HOPELESS * dof:
-        return None
-    for soft in softness:
-        blurred = Play(burst.softened(soft), burst.ends)
-        best = _all_mended(blurred, [one.numbers for one in best], STEPS)
-        best = _shaken(blurred, best, sigma, SHAKEN // len(softness), rng)
-    misfit = max(best[0].cost / dof, 1.0)
-    axes = _axes(play, best[0]) * np.sqrt(misfit)
-    around = _around(play, best[0], axes, misfit, rng)
-    others = [(one, np.exp(-(one.cost - best[0].cost) / (2 * misfit))) for one in best[1:]]
-    told = [(best[0], 1.0 / (1 + len(around)))] + [(one, share / (1 + len(around))) for one, share in around] + others
-    weight = np.array([share for _, share in told])
-    return Plays(burst, tuple(one for one, _ in told), weight / weight.sum(), axes @ axes.T, best[0].cost / dof)
-
-
-def _softness(burst: Burst) -> tuple[float, ...]:
-    """How many times noisier samples are taken to be, at first, midway, and at last: the sharper they are, the narrower
-    the valleys, and a rack that is nearly right looks as bad as any."""
-    usual = float(np.median(1 / np.linalg.norm(burst.whiten, -2, axis=(1, 2))))
-    most = SOFT * burst.table.ball_radius / usual
-    return (most, float(np.sqrt(most)), 1.0) if most > MUCH else (1.0,)
-
-
-def _all_mended(play: Play, racks: list[FloatArray], steps: int) -> list[Played]:
-    """All racks that can be played, led downhill, the best one first."""
-    tried = [mended for rack in racks if (mended := _mended(play, rack, steps)) is not None]
-    return sorted(tried, key=lambda one: one.cost)
-
-
-def _spread(play: Play) -> tuple[FloatArray, FloatArray]:
-    """Numbers (P,) to begin with, and by how much they are drawn and shaken: what samples alone tell is told by all of
-    them, and needs no draws."""
-    value, sigma = play.usual
-    return value, np.where(np.isfinite(sigma), sigma, 0.0)
-
-
-def _shaken(play: Play, best: list[Played], sigma: FloatArray, times: int, rng: np.random.Generator) -> list[Played]:
-    """The best plays after more were found beside them."""
-    kept, quiet = len(best), 0
-    for _ in range(times):
-        one = best[min(int(rng.exponential()), len(best) - 1)]
-        size = 10 ** rng.uniform(*_SHAKES)
-        other = _mended(play, play.apart(play.within(one.numbers + size * sigma * rng.normal(size=len(sigma)))), STEPS)
-        if other is None:
-            continue
-        quiet = 0 if other.cost < best[0].cost - _NOTABLE else quiet + 1
-        best = sorted([*best, other], key=lambda one: one.cost)[:kept]
-        if quiet >= QUIET:
+    Returns:
+        Posterior samples; None if nothing could be simulated.
+    """
+    best: BreakEnsemble | None = None
+    for _ in range(MAX_SEARCHES):
+        other = _search_from_random_racks(break_shot, rng)
+        if best is None or (other is not None and other.chi2_per_dof < best.chi2_per_dof):
+            best = other
+        if best is None or best.chi2_per_dof < GOOD_CHI2:
             break
     return best
 
 
-def _axes(play: Play, best: Played) -> FloatArray:
-    """Directions (P, P), one a column, in which the numbers of a play err by a standard deviation each."""
-    weight, _ = play.weights(best.missed)
-    slope = play.slopes(best.numbers, best.run) * np.sqrt(weight)[:, None]
-    normal = slope.T @ slope
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), _LEAST_KNOWN))
+def _search_from_random_racks(break_shot: BreakShot, rng: np.random.Generator) -> BreakEnsemble | None:
+    """Search from random racks drawn once."""
+    model = BreakModel(break_shot, break_shot.end)
+    value, sigma = _proposal_spread(model)
+    racks = [model.separate_balls(value)] + [
+        model.separate_balls(model.clip_to_bounds(value + sigma * rng.normal(size=len(value))))
+        for _ in range(RANDOM_RACKS - 1)
+    ]
+    noise_levels = _noise_levels(break_shot)
+    best: list[BreakSample] = []
+    for share, count, steps in STAGES:
+        early_model = BreakModel(
+            break_shot.inflate_noise(noise_levels[0]), break_shot.hit + share * (break_shot.end - break_shot.hit)
+        )
+        best = _optimize_racks(early_model, racks, steps)[:count]
+        racks = [one.parameters for one in best]
+    dof = max(2 * len(model.rows) - MOVING_BALL_SIZE, 1)
+    if not best or best[0].cost > MAX_CHI2 * dof:
+        return None
+    for noise in noise_levels:
+        noisy_model = BreakModel(break_shot.inflate_noise(noise), break_shot.end)
+        best = _optimize_racks(noisy_model, [one.parameters for one in best], OPTIMIZATION_STEPS)
+        best = _hop_basins(noisy_model, best, sigma, MAX_HOPS // len(noise_levels), rng)
+    misfit = max(best[0].cost / dof, 1.0)
+    axes = _posterior_axes(model, best[0]) * np.sqrt(misfit)
+    draws = _sample_around(model, best[0], axes, misfit, rng)
+    others = [(one, np.exp(-(one.cost - best[0].cost) / (2 * misfit))) for one in best[1:]]
+    weighted = [(best[0], 1.0 / (1 + len(draws)))] + [(one, share / (1 + len(draws))) for one, share in draws] + others
+    weight = np.array([share for _, share in weighted])
+    return BreakEnsemble(
+        break_shot, tuple(one for one, _ in weighted), weight / weight.sum(), axes @ axes.T, best[0].cost / dof
+    )
+
+
+def _noise_levels(break_shot: BreakShot) -> tuple[float, ...]:
+    """Return noise factors from the first to the last stage.
+
+    The smaller the noise, the narrower the local minima, and a rack that is nearly right looks as bad as any.
+    """
+    usual_sigma = float(np.median(1 / np.linalg.norm(break_shot.whiten, -2, axis=(1, 2))))
+    largest = SOFT_NOISE_RADII * break_shot.table.ball_radius / usual_sigma
+    return (largest, float(np.sqrt(largest)), 1.0) if largest > MIN_NOISE_RATIO else (1.0,)
+
+
+def _optimize_racks(model: BreakModel, racks: list[FloatArray], steps: int) -> list[BreakSample]:
+    """Optimize all racks that can be simulated, the best one first."""
+    optimized = [sample for rack in racks if (sample := _optimize_rack(model, rack, steps)) is not None]
+    return sorted(optimized, key=lambda one: one.cost)
+
+
+def _proposal_spread(model: BreakModel) -> tuple[FloatArray, FloatArray]:
+    """Return initial parameters (P,) and the spread of draws; what samples alone determine needs no draws."""
+    value, sigma = model.prior
+    return value, np.where(np.isfinite(sigma), sigma, 0.0)
+
+
+def _hop_basins(
+    model: BreakModel, best: list[BreakSample], sigma: FloatArray, times: int, rng: np.random.Generator
+) -> list[BreakSample]:
+    """Perturb and optimize the best samples, and return the best of all."""
+    count, idle_hops = len(best), 0
+    for _ in range(times):
+        one = best[min(int(rng.exponential()), len(best) - 1)]
+        size = 10 ** rng.uniform(*_HOP_POWERS)
+        other = _optimize_rack(
+            model,
+            model.separate_balls(model.clip_to_bounds(one.parameters + size * sigma * rng.normal(size=len(sigma)))),
+            OPTIMIZATION_STEPS,
+        )
+        if other is None:
+            continue
+        idle_hops = 0 if other.cost < best[0].cost - _MIN_HOP_GAIN else idle_hops + 1
+        best = sorted([*best, other], key=lambda one: one.cost)[:count]
+        if idle_hops >= MAX_IDLE_HOPS:
+            break
+    return best
+
+
+def _posterior_axes(model: BreakModel, best: BreakSample) -> FloatArray:
+    """Return directions (P, P), one a column, in which the parameters err by one standard deviation each."""
+    weight, _ = model.huber_weights(best.residual)
+    jacobian = model.evaluate_jacobian(best.parameters, best.run) * np.sqrt(weight)[:, None]
+    normal = jacobian.T @ jacobian
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), _MIN_INFORMATION))
     values, axes = np.linalg.eigh(normal * scale * scale[:, None])
     spread: FloatArray = scale[:, None] * axes / np.sqrt(np.maximum(values, _RIDGE))
     return spread
 
 
-def _around(
-    play: Play, best: Played, axes: FloatArray, misfit: float, rng: np.random.Generator
-) -> list[tuple[Played, float]]:
-    """Plays drawn around the best along its `axes` (P, P), each with how likely it is beside its draw."""
-    found = []
-    for _ in range(AROUND):
+def _sample_around(
+    model: BreakModel, best: BreakSample, axes: FloatArray, misfit: float, rng: np.random.Generator
+) -> list[tuple[BreakSample, float]]:
+    """Draw samples around the best along its `axes` (P, P), each with its relative probability."""
+    draws = []
+    for _ in range(POSTERIOR_DRAWS):
         draw = rng.normal(size=len(axes))
-        numbers = play.apart(play.within(best.numbers + axes @ draw))
-        other = _at(play, numbers)
+        parameters = model.separate_balls(model.clip_to_bounds(best.parameters + axes @ draw))
+        other = _simulate_sample(model, parameters)
         if other is not None:
-            worse = (other.cost - best.cost) / misfit - float(draw @ draw)
-            found.append((other, float(np.exp(-0.5 * max(worse, 0.0)))))
-    return [(one, share) for one, share in found if share > np.exp(-0.5 * WORTH_TELLING)]
+            excess = (other.cost - best.cost) / misfit - float(draw @ draw)
+            draws.append((other, float(np.exp(-0.5 * max(excess, 0.0)))))
+    return [(one, share) for one, share in draws if share > np.exp(-0.5 * MAX_CHI2_DISTANCE)]
 
 
-def _at(play: Play, numbers: FloatArray) -> Played | None:
-    """The play of these numbers; None where it cannot be played."""
+def _simulate_sample(model: BreakModel, parameters: FloatArray) -> BreakSample | None:
+    """Simulate these parameters; None if impossible."""
     try:
-        missed, run = play.missed(numbers)
+        residual, run = model.evaluate_residuals(parameters)
     except ArithmeticError:
         return None
-    cost = play.weights(missed)[1]
-    return Played(numbers, run, missed, cost) if np.isfinite(cost) else None
+    cost = model.huber_weights(residual)[1]
+    return BreakSample(parameters, run, residual, cost) if np.isfinite(cost) else None
 
 
-def _mended(play: Play, numbers: FloatArray, steps: int) -> Played | None:
-    """The numbers led downhill by Levenberg and Marquardt's steps; None where they cannot be played."""
-    now, damping = _at(play, numbers), 1e-2
-    if now is None:
+def _optimize_rack(model: BreakModel, parameters: FloatArray, steps: int) -> BreakSample | None:
+    """Optimize the parameters by damped least squares; None where they cannot be simulated."""
+    current, damping = _simulate_sample(model, parameters), 1e-2
+    if current is None:
         return None
     for _ in range(steps):
-        weight, _ = play.weights(now.missed)
-        slope = play.slopes(now.numbers, now.run)
-        if not np.abs(slope).max() < _STEEPEST:  # a contact that is only just one, or not a number
-            return now
-        normal, gradient = slope.T @ (slope * weight[:, None]), slope.T @ (weight * now.missed)
-        scale = 1 / np.sqrt(np.maximum(np.diag(normal), _LEAST_KNOWN))
-        scaled, further = normal * scale * scale[:, None], None
-        for _ in range(_DAMPINGS):
+        weight, _ = model.huber_weights(current.residual)
+        jacobian = model.evaluate_jacobian(current.parameters, current.run)
+        if not np.abs(jacobian).max() < _MAX_JACOBIAN:  # a grazing contact, or NaN
+            return current
+        normal, gradient = jacobian.T @ (jacobian * weight[:, None]), jacobian.T @ (weight * current.residual)
+        scale = 1 / np.sqrt(np.maximum(np.diag(normal), _MIN_INFORMATION))
+        scaled, improved = normal * scale * scale[:, None], None
+        for _ in range(_MAX_DAMPINGS):
             step = scale * np.linalg.solve(scaled + (damping + _RIDGE) * np.eye(len(scale)), -gradient * scale)
-            tried = _at(play, play.within(now.numbers + step)) if np.all(np.isfinite(step)) else None
-            if tried is not None and tried.cost < now.cost:
-                further = tried
+            trial = (
+                _simulate_sample(model, model.clip_to_bounds(current.parameters + step))
+                if np.all(np.isfinite(step))
+                else None
+            )
+            if trial is not None and trial.cost < current.cost:
+                improved = trial
                 break
             damping = max(damping * 5, 1e-3)
-        if further is None:
-            return now
-        gained, now, damping = now.cost - further.cost, further, damping * 0.2
-        if gained < _GAIN:
-            return now
-    return now
+        if improved is None:
+            return current
+        gain, current, damping = current.cost - improved.cost, improved, damping * 0.2
+        if gain < _MIN_STEP_GAIN:
+            return current
+    return current

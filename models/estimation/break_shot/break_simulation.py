@@ -1,8 +1,8 @@
-"""A burst played from numbers: how far it misses what was seen and known, and the derivatives of that.
+"""Simulation of a break shot from its parameters, with residuals and their derivatives.
 
-Sought are the state of the coming ball, the place of every other one, friction and restitution, and the distance at
-which balls touch. Half a millimetre by which balls of a rack lie off their places decides who meets whom, and no camera
-sees it; but where the balls go tells it.
+The parameters are the state of the incoming ball, the place of every other one, friction and restitution, and the
+distance at which balls touch. Displacements of half a millimetre in a rack decide which balls meet, and no camera
+resolves them; but they follow from where the balls go.
 """
 
 from __future__ import annotations
@@ -14,175 +14,188 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray, IntArray
-from models.estimation.break_shot.break_data import Burst
-from models.estimation.multiple_shooting.normal_equations import huber
+from models.estimation.break_shot.break_data import BreakShot
+from models.estimation.multiple_shooting.normal_equations import evaluate_huber_loss
 from models.physics.billiards.simulation.parametrised_shot import (
-    ABSENT,
-    FACTOR,
-    LYING,
-    MOVING,
-    NUMBERS,
-    Laws,
-    balls_of,
-    directions_of,
-    played,
+    MOVING_BALL_SIZE,
+    NEUTRAL_SHOT_PARAMETERS,
+    RADIUS_FACTOR,
+    RESTING_BALL_SIZE,
+    SHOT_PARAMETERS,
+    ContactModels,
+    build_balls,
+    build_directions,
+    simulate_start,
 )
-from models.physics.billiards.simulation.simulated_shot import Run
-from models.physics.effects.catalogue import prior_of
+from models.physics.billiards.simulation.simulated_shot import SimulatedShot
+from models.physics.effects.catalogue import find_prior
 
-LAWS = Laws("mathavan_2010", "alciatore")
-"""Cushions hardly matter: a ball is followed until it meets one."""
-SOUGHT = (NUMBERS.index("sliding_friction.mu"), NUMBERS.index("ball_restitution.e"), FACTOR)
-"""Numbers that all balls share; what else the cloth does is of no account within a tenth of a second."""
+CONTACT_LAWS = ContactModels("mathavan_2010", "alciatore")
+"""Cushions hardly matter: a ball is tracked until it meets one."""
+FITTED_PARAMETERS = (
+    SHOT_PARAMETERS.index("sliding_friction.mu"),
+    SHOT_PARAMETERS.index("ball_restitution.e"),
+    RADIUS_FACTOR,
+)
+"""Shared parameters; other properties of the cloth are negligible within a tenth of a second."""
 FACTOR_SIGMA = 0.005
-"""of the distance of touching balls, beside what the whole clip tells of it."""
-NEIGHBOURS = 4e-3
-"""m between the surfaces of two balls that were set to touch, as far as a camera tells."""
+"""Of the distance of touching balls, beside the estimate of the whole clip."""
+NEIGHBOUR_GAP = 4e-3
+"""m between the surfaces of two balls that were set to touch, by their measured places."""
 GAP_SIGMA = 6e-4
-"""m, of what is left between balls that were set to touch."""
+"""m, remaining gap between balls that were set to touch."""
 OVERLAP_SIGMA = 2e-5
-"""m: balls do not lie in each other."""
+"""m: balls do not overlap."""
 SLIP_SIGMA, SIDE_SIGMA = 0.5, 0.35
-"""of the speed of the coming ball."""
-_PUSHES = 60
-"""rounds in which balls that overlap move apart."""
+"""Shares of the speed of the incoming ball."""
+_MAX_PUSHES = 60
+"""Rounds in which overlapping balls move apart."""
 
 
 @dataclass(frozen=True)
-class Play:
-    """The numbers (P,) of a burst: 7 of the coming ball, 2 of each other one, and those `SOUGHT`."""
+class BreakModel:
+    """The model of a break; parameters (P,): 7 of the incoming ball, 2 of each other one, `FITTED_PARAMETERS`."""
 
-    burst: Burst
+    break_shot: BreakShot
     until: float
-    """s: what is seen later is not looked at yet."""
+    """s: later observations are not used."""
 
     @cached_property
-    def moving(self) -> NDArray[np.bool_]:
-        """(N + 1,)"""
-        return np.asarray(np.arange(len(self.burst.balls)) == 0)
+    def is_moving(self) -> NDArray[np.bool_]:
+        """(N + 1,) True for the incoming ball."""
+        return np.asarray(np.arange(len(self.break_shot.balls)) == 0)
 
     @cached_property
-    def shared(self) -> int:
-        """Where the numbers begin that all balls share."""
-        return MOVING + LYING * (len(self.burst.balls) - 1)
+    def common_column(self) -> int:
+        """First column of the shared parameters."""
+        return MOVING_BALL_SIZE + RESTING_BALL_SIZE * (len(self.break_shot.balls) - 1)
 
     @cached_property
     def rows(self) -> IntArray:
-        """Samples that are looked at."""
-        return np.flatnonzero(self.burst.t <= self.until)
+        """Rows of the observations that are used."""
+        return np.flatnonzero(self.break_shot.t <= self.until)
 
     @cached_property
     def neighbours(self) -> tuple[IntArray, IntArray]:
-        """Pairs of balls, among those that lie, that were set to touch."""
-        places = self.burst.lying
-        apart = np.linalg.norm(places[:, None] - places, axis=2) - 2 * self.burst.table.ball_radius
-        one, two = np.nonzero(np.triu(apart < NEIGHBOURS, 1))
+        """Pairs of resting balls that were set to touch."""
+        places = self.break_shot.rest_places
+        gaps = np.linalg.norm(places[:, None] - places, axis=2) - 2 * self.break_shot.table.ball_radius
+        one, two = np.nonzero(np.triu(gaps < NEIGHBOUR_GAP, 1))
         return one, two
 
     @cached_property
-    def usual(self) -> tuple[FloatArray, FloatArray]:
-        """The numbers (P,) as they are expected, and their standard deviations; infinite where nothing is known."""
-        burst, size = self.burst, self.shared + len(SOUGHT)
+    def prior(self) -> tuple[FloatArray, FloatArray]:
+        """Prior means (P,) and standard deviations; infinite without a prior."""
+        break_shot, size = self.break_shot, self.common_column + len(FITTED_PARAMETERS)
         value, sigma = np.empty(size), np.full(size, np.inf)
-        value[:MOVING], sigma[:MOVING] = burst.coming, burst.coming_sigma
-        sigma[4:6] = np.minimum(sigma[4:6], SLIP_SIGMA * burst.speed)
-        sigma[6] = min(float(sigma[6]), SIDE_SIGMA * burst.speed)
-        value[MOVING : self.shared] = burst.lying.ravel()
-        sigma[MOVING : self.shared] = np.repeat(burst.lying_sigma, LYING)
-        sliding, restitution = prior_of("sliding_friction", "mu"), prior_of("ball_restitution", "e")
-        value[self.shared :] = [burst.friction[0], restitution.value, burst.diameter]
-        sigma[self.shared :] = [sliding.sigma * sliding.value, restitution.sigma, FACTOR_SIGMA]
+        value[:MOVING_BALL_SIZE], sigma[:MOVING_BALL_SIZE] = break_shot.incoming_state, break_shot.incoming_sigma
+        sigma[4:6] = np.minimum(sigma[4:6], SLIP_SIGMA * break_shot.speed)
+        sigma[6] = min(float(sigma[6]), SIDE_SIGMA * break_shot.speed)
+        value[MOVING_BALL_SIZE : self.common_column] = break_shot.rest_places.ravel()
+        sigma[MOVING_BALL_SIZE : self.common_column] = np.repeat(break_shot.rest_sigma, RESTING_BALL_SIZE)
+        sliding, restitution = find_prior("sliding_friction", "mu"), find_prior("ball_restitution", "e")
+        value[self.common_column :] = [break_shot.friction[0], restitution.value, break_shot.diameter]
+        sigma[self.common_column :] = [sliding.sigma * sliding.value, restitution.sigma, FACTOR_SIGMA]
         return value, sigma
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """What the shared numbers do not exceed."""
-        sliding, restitution = prior_of("sliding_friction", "mu"), prior_of("ball_restitution", "e")
+        """Bounds of the shared parameters."""
+        sliding, restitution = find_prior("sliding_friction", "mu"), find_prior("ball_restitution", "e")
         low, high = zip(sliding.bounds, restitution.bounds, (0.95, 1.05), strict=True)
         return np.array(low), np.array(high)
 
-    def values(self, numbers: FloatArray) -> FloatArray:
-        """(Q,) all numbers of `playing.NUMBERS`."""
-        found = ABSENT.copy()
+    def physics_values(self, parameters: FloatArray) -> FloatArray:
+        """Return (Q,) all parameters of `parametrised_shot`."""
+        values = NEUTRAL_SHOT_PARAMETERS.copy()
         for effect, parameter in (("spin_decay", "rate"), ("cushion_restitution", "e"), ("cushion_friction", "mu")):
-            found[NUMBERS.index(f"{effect}.{parameter}")] = prior_of(effect, parameter).value
-        found[NUMBERS.index("rolling_resistance.mu")] = self.burst.friction[1]
-        found[list(SOUGHT)] = numbers[self.shared :]
-        return found
+            values[SHOT_PARAMETERS.index(f"{effect}.{parameter}")] = find_prior(effect, parameter).value
+        values[SHOT_PARAMETERS.index("rolling_resistance.mu")] = self.break_shot.friction[1]
+        values[list(FITTED_PARAMETERS)] = parameters[self.common_column :]
+        return values
 
-    def run(self, numbers: FloatArray) -> Run:
-        """The shot from `burst.begins` on; ArithmeticError where balls meet without end."""
-        seconds = min(self.until, self.burst.ends) - self.burst.begins + self.burst.interval
-        return played(numbers[: self.shared], self.moving, self.burst.table, self.values(numbers), LAWS, seconds)
+    def simulate(self, parameters: FloatArray) -> SimulatedShot:
+        """Simulate the shot from its start; raise ArithmeticError where contacts do not end."""
+        seconds = min(self.until, self.break_shot.end) - self.break_shot.start + self.break_shot.interval
+        return simulate_start(
+            parameters[: self.common_column],
+            self.is_moving,
+            self.break_shot.table,
+            self.physics_values(parameters),
+            CONTACT_LAWS,
+            seconds,
+        )
 
-    def within(self, numbers: FloatArray) -> FloatArray:
-        """The numbers with the shared ones inside their bounds."""
-        found = numbers.copy()
-        found[self.shared :] = np.clip(found[self.shared :], *self.bounds)
-        return found
+    def clip_to_bounds(self, parameters: FloatArray) -> FloatArray:
+        """Clip the shared parameters to their bounds."""
+        clipped = parameters.copy()
+        clipped[self.common_column :] = np.clip(clipped[self.common_column :], *self.bounds)
+        return clipped
 
-    def apart(self, numbers: FloatArray) -> FloatArray:
-        """The numbers with lying balls that overlap moved apart, until none does."""
-        found = numbers.copy()
-        places = found[MOVING : self.shared].reshape(-1, 2)
+    def separate_balls(self, parameters: FloatArray) -> FloatArray:
+        """Move overlapping resting balls apart, until none overlap."""
+        separated = parameters.copy()
+        places = separated[MOVING_BALL_SIZE : self.common_column].reshape(-1, 2)
         one, two = self.neighbours
-        reach = 2 * self.burst.table.ball_radius * found[-1] + OVERLAP_SIGMA
-        for _ in range(_PUSHES):
+        reach = 2 * self.break_shot.table.ball_radius * separated[-1] + OVERLAP_SIGMA
+        for _ in range(_MAX_PUSHES):
             between = places[two] - places[one]
-            far = np.linalg.norm(between, axis=1)
-            lack = np.minimum(far - reach, 0.0)
-            if not lack.any():
+            distance = np.linalg.norm(between, axis=1)
+            overlap = np.minimum(distance - reach, 0.0)
+            if not overlap.any():
                 break
-            push = (0.5 * lack / far)[:, None] * between
+            push = (0.5 * overlap / distance)[:, None] * between
             np.add.at(places, one, push)
             np.add.at(places, two, -push)
-        return found
+        return separated
 
-    def missed(self, numbers: FloatArray) -> tuple[FloatArray, Run]:
-        """In standard deviations, (R,): of the samples seen, of what is known beforehand, and of the gaps."""
-        burst, rows, run = self.burst, self.rows, self.run(numbers)
-        moments, which = np.unique(burst.t[rows], return_inverse=True)
-        there = run.at(moments - burst.begins)[which, burst.ball[rows], :2]
-        seen = np.einsum("kij,kj->ki", burst.whiten[rows], there - burst.xy[rows])
-        value, sigma = self.usual
-        gap, scale, _ = self._gaps(numbers)
-        return np.concatenate([seen.ravel(), (numbers - value) / sigma, gap / scale]), run
+    def evaluate_residuals(self, parameters: FloatArray) -> tuple[FloatArray, SimulatedShot]:
+        """Evaluate the residuals (R,) of observations, priors and gaps, in standard deviations, and the simulation."""
+        break_shot, rows, run = self.break_shot, self.rows, self.simulate(parameters)
+        moments, moment_index = np.unique(break_shot.t[rows], return_inverse=True)
+        places = run.states_at(moments - break_shot.start)[moment_index, break_shot.ball[rows], :2]
+        sample_residual = np.einsum("kij,kj->ki", break_shot.whiten[rows], places - break_shot.xy[rows])
+        value, sigma = self.prior
+        gap, scale, _ = self._neighbour_gaps(parameters)
+        return np.concatenate([sample_residual.ravel(), (parameters - value) / sigma, gap / scale]), run
 
-    def slopes(self, numbers: FloatArray, run: Run) -> FloatArray:
-        """Derivatives (R, P) of what `missed` gives."""
-        burst, rows = self.burst, self.rows
-        moments, which = np.unique(burst.t[rows], return_inverse=True)
-        place = np.full((len(moments), len(burst.balls)), -1)
-        place[which, burst.ball[rows]] = np.arange(len(rows))
-        moved = run.along(moments - burst.begins, place, self.directions(numbers), LYING)
-        seen = np.einsum("kij,kjp->kip", burst.whiten[rows], moved).reshape(-1, len(numbers))
-        _, scale, towards = self._gaps(numbers)
+    def evaluate_jacobian(self, parameters: FloatArray, run: SimulatedShot) -> FloatArray:
+        """Evaluate the derivatives (R, P) of the residuals."""
+        break_shot, rows = self.break_shot, self.rows
+        moments, moment_index = np.unique(break_shot.t[rows], return_inverse=True)
+        place = np.full((len(moments), len(break_shot.balls)), -1)
+        place[moment_index, break_shot.ball[rows]] = np.arange(len(rows))
+        derivatives = run.directional_derivatives(
+            moments - break_shot.start, place, self.state_directions(parameters), RESTING_BALL_SIZE
+        )
+        sample_jacobian = np.einsum("kij,kjp->kip", break_shot.whiten[rows], derivatives).reshape(-1, len(parameters))
+        _, scale, towards = self._neighbour_gaps(parameters)
         one, two = self.neighbours
-        gaps, row = np.zeros((len(one), len(numbers))), np.arange(len(one))
+        gaps, row = np.zeros((len(one), len(parameters))), np.arange(len(one))
         for axis in range(2):
-            gaps[row, MOVING + LYING * two + axis] = towards[:, axis]
-            gaps[row, MOVING + LYING * one + axis] = -towards[:, axis]
-        gaps[:, -1] = -2 * burst.table.ball_radius
-        return np.concatenate([seen, np.diag(1 / self.usual[1]), gaps / scale[:, None]])
+            gaps[row, MOVING_BALL_SIZE + RESTING_BALL_SIZE * two + axis] = towards[:, axis]
+            gaps[row, MOVING_BALL_SIZE + RESTING_BALL_SIZE * one + axis] = -towards[:, axis]
+        gaps[:, -1] = -2 * break_shot.table.ball_radius
+        return np.concatenate([sample_jacobian, np.diag(1 / self.prior[1]), gaps / scale[:, None]])
 
-    def directions(self, numbers: FloatArray) -> FloatArray:
-        """What the engine's numbers change by when one of these does, see `playing.directions_of`."""
-        values = self.values(numbers)
-        balls = balls_of(numbers[: self.shared], self.moving, self.burst.table, values)
-        return directions_of(balls, self.moving, self.burst.table, values, np.array(SOUGHT))
+    def state_directions(self, parameters: FloatArray) -> FloatArray:
+        """Return the change of the engine's parameters with each of these, see `parametrised_shot`."""
+        values = self.physics_values(parameters)
+        balls = build_balls(parameters[: self.common_column], self.is_moving, self.break_shot.table, values)
+        return build_directions(balls, self.is_moving, self.break_shot.table, values, np.array(FITTED_PARAMETERS))
 
-    def weights(self, missed: FloatArray) -> tuple[FloatArray, float]:
-        """Weights (R,) and cost: Huber's loss over the samples, squares for the rest."""
+    def huber_weights(self, residual: FloatArray) -> tuple[FloatArray, float]:
+        """Return weights (R,) and cost: Huber's loss over the samples, squares for the rest."""
         count = 2 * len(self.rows)
-        of_samples, cost = huber(missed[:count].reshape(-1, 2))
-        weight = np.concatenate([np.repeat(of_samples, 2), np.ones(len(missed) - count)])
-        return weight, cost + float(np.sum(missed[count:] ** 2))
+        sample_weights, cost = evaluate_huber_loss(residual[:count].reshape(-1, 2))
+        weight = np.concatenate([np.repeat(sample_weights, 2), np.ones(len(residual) - count)])
+        return weight, cost + float(np.sum(residual[count:] ** 2))
 
-    def _gaps(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Between neighbours (G,) m, their standard deviations (G,), and directions (G, 2) from one to the other."""
+    def _neighbour_gaps(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return gaps between neighbours (G,) m, their sigmas (G,), and directions (G, 2) from one to the other."""
         one, two = self.neighbours
-        places = numbers[MOVING : self.shared].reshape(-1, 2)
+        places = parameters[MOVING_BALL_SIZE : self.common_column].reshape(-1, 2)
         between = places[two] - places[one]
-        far = np.linalg.norm(between, axis=1)
-        gap = far - 2 * self.burst.table.ball_radius * numbers[-1]
-        return gap, np.where(gap < 0, OVERLAP_SIGMA, GAP_SIGMA), between / far[:, None]
+        distance = np.linalg.norm(between, axis=1)
+        gap = distance - 2 * self.break_shot.table.ball_radius * parameters[-1]
+        return gap, np.where(gap < 0, OVERLAP_SIGMA, GAP_SIGMA), between / distance[:, None]

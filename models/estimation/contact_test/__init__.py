@@ -1,1 +1,1 @@
-"""Did two bodies touch: competing hypotheses about one moment, and the answers to calls."""
+"""Test whether two bodies touched: competing hypotheses about one moment, and answers to umpires' questions."""

@@ -1,7 +1,7 @@
-"""Did two bodies touch? Everything that may have happened is weighed, and the balance struck.
+"""Probability that two bodies touched, from the evidence of all possible motions.
 
 Apart from touching or not, a ball may have rolled or slid where its path begins, and errors of successive samples may
-be correlated more or less: the evidences of all these add up.
+be correlated more or less: the evidences of all these hypotheses add up.
 """
 
 from __future__ import annotations
@@ -15,157 +15,191 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from models.core.typing import FloatArray
-from models.estimation.contact_test.contact_evidence import Fitted, believed, fit, noise_of, starts
-from models.estimation.contact_test.contact_moment import MEETING, SHARED, Encounter, free_paths, met_paths, nearest
+from models.estimation.contact_test.contact_evidence import (
+    HypothesisFit,
+    build_noise,
+    find_inliers,
+    fit_hypothesis,
+    guess_parameters,
+)
+from models.estimation.contact_test.contact_moment import (
+    CONTACT_COUNT,
+    SHARED_COUNT,
+    PossibleContact,
+    predict_contact_paths,
+    predict_free_paths,
+    predict_nearest_approach,
+)
 
 CORRELATIONS = (0.0, 0.35, 0.6, 0.8)
-"""Of errors of successive samples, equally probable before: an AR(1) process each."""
-SLIDES = 0.05
-"""m/s of slip from which a ball slides; with less it is told as one that rolls."""
-HOPELESS = 20.0
-"""ln of the odds at which a hypothesis is not followed any further."""
+"""Correlations of the errors of successive samples (AR(1)), equally probable before."""
+MIN_SLIDING_SLIP = 0.05
+"""m/s of slip from which a ball slides; with less it duplicates the rolling hypothesis."""
+MAX_LOG_ODDS = 20.0
+"""ln of the odds at which a hypothesis is dropped."""
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """What the samples say of one moment."""
+class ContactTestResult:
+    """Result of the contact test at one moment."""
 
     probability: float
-    """That the bodies touched."""
+    """Of a contact of the bodies."""
     t: float
-    """s: of the contact; of the nearest moment where none is likelier."""
+    """s: of the contact; of the nearest approach if that is more probable."""
     t_sigma: float
     gap: float
-    """m: least distance of the surfaces on free paths, negative where they would overlap, as the samples before and
-    after tell, whichever hypothesis is likelier."""
+    """m: least distance of the surfaces on free paths, negative where they would overlap, whichever hypothesis is more
+    probable.
+    """
     gap_sigma: float
     chi2: float
-    """per degree of freedom, of the likelier hypothesis, against the errors that the samples promise."""
+    """Per degree of freedom, of the more probable hypothesis, against the stated errors of the samples."""
     correlation: float
-    """of errors of successive samples."""
+    """Of errors of successive samples."""
     closing: float
-    """m/s along the normal at contact; 0 where they did not touch."""
+    """m/s along the normal at contact; 0 if they did not touch."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Weight:
-    """One way in which it may have been."""
+class WeightedHypothesis:
+    """One possible motion and its evidence."""
 
-    encounter: Encounter
+    contact: PossibleContact
     correlation: float
-    fit: Fitted
+    fit: HypothesisFit
     log_evidence: float
 
 
-def weigh(encounter: Encounter, t: float, correlations: tuple[float, ...] = CORRELATIONS) -> Verdict:
-    """How probable a contact near t (s) is, and when; ValueError where there are too few samples to say.
+def evaluate_contact(
+    contact: PossibleContact, t: float, correlations: tuple[float, ...] = CORRELATIONS
+) -> ContactTestResult:
+    """Evaluate the probability and the time of a contact near t (s).
 
-    The encounter's window holds no other contact. `correlations` are those of errors that are thought possible.
+    The window must hold no other contact. `correlations` are those of errors that are considered possible. Raises
+    ValueError with too few samples.
     """
-    _check(encounter)
-    kept = _kept(encounter, t)
-    found = []
-    for way in _ways(encounter):
-        free = _weight(way, False, starts(way, t)[0], kept, correlations[0])
-        found += [free, _met(way, t, kept, correlations[0], free.fit)]
-    best = max(weight.log_evidence for weight in found)
-    for begun in [weight for weight in found if weight.log_evidence > best - HOPELESS]:
-        start, met = begun.fit.p, _touches(begun)
-        found += [_weight(begun.encounter, met, start, kept, correlation) for correlation in correlations[1:]]
-    return _verdict(found)
+    require_samples(contact)
+    is_inlier = select_inliers(contact, t)
+    hypotheses = []
+    for option in list_motion_hypotheses(contact):
+        without_contact = _weigh_hypothesis(option, False, guess_parameters(option, t)[0], is_inlier, correlations[0])
+        hypotheses += [without_contact, fit_contact(option, t, is_inlier, correlations[0], without_contact.fit)]
+    best = max(hypothesis.log_evidence for hypothesis in hypotheses)
+    for candidate in [hypothesis for hypothesis in hypotheses if hypothesis.log_evidence > best - MAX_LOG_ODDS]:
+        start, with_contact = candidate.fit.parameters, _is_contact(candidate)
+        hypotheses += [
+            _weigh_hypothesis(candidate.contact, with_contact, start, is_inlier, correlation)
+            for correlation in correlations[1:]
+        ]
+    return combine_hypotheses(hypotheses)
 
 
-def timed(encounter: Encounter, t: float) -> Verdict:
-    """When bodies touched that surely did, near t (s); errors taken as independent. ValueError as for `weigh`."""
-    _check(encounter)
-    kept = _kept(encounter, t)
-    return _verdict([_met(way, t, kept, 0.0) for way in _ways(encounter)])
+def require_samples(contact: PossibleContact) -> None:
+    """Raise ValueError with too few samples."""
+    count = sum(len(ball.t) for ball in contact.balls)
+    if 2 * count < contact.common_column + SHARED_COUNT + CONTACT_COUNT:
+        raise ValueError(f"the contact test needs at least {contact.common_column} samples; got {count}")
 
 
-def _check(encounter: Encounter) -> None:
-    count = sum(len(ball.t) for ball in encounter.balls)
-    if 2 * count < encounter.shared + SHARED + MEETING:
-        raise ValueError(f"a contact is weighed by at least {encounter.shared} samples; got {count}")
+def select_inliers(contact: PossibleContact, t: float) -> NDArray[np.bool_]:
+    """Select samples (K,) that are no outliers, however the balls moved."""
+    moving = replace(contact, balls=tuple(replace(ball, rests=False) for ball in contact.balls))
+    return find_inliers(moving, *guess_parameters(moving, t))
 
 
-def _kept(encounter: Encounter, t: float) -> NDArray[np.bool_]:
-    """(K,) samples that are believed, however the balls moved."""
-    moving = replace(encounter, balls=tuple(replace(ball, rests=False) for ball in encounter.balls))
-    return believed(moving, *starts(moving, t))
+def fit_contact(
+    option: PossibleContact,
+    t: float,
+    is_inlier: NDArray[np.bool_],
+    correlation: float,
+    without_contact: HypothesisFit | None = None,
+) -> WeightedHypothesis:
+    """Fit the contact from the initial guess and from the path without contact; return the better fit."""
+    start = guess_parameters(option, t)[1]
+    fitted = _weigh_hypothesis(option, True, start, is_inlier, correlation)
+    if without_contact is None or fitted.fit.chi2 < without_contact.chi2:
+        return fitted
+    column = option.common_column + SHARED_COUNT
+    alternative_start = np.concatenate([without_contact.parameters, [without_contact.paths.t], start[column + 1 :]])
+    alternative = _weigh_hypothesis(option, True, alternative_start, is_inlier, correlation)
+    return max(fitted, alternative, key=lambda hypothesis: hypothesis.log_evidence)
 
 
-def _met(way: Encounter, t: float, kept: NDArray[np.bool_], correlation: float, free: Fitted | None = None) -> _Weight:
-    """The better of two descents: from how the balls came, and from the path that ignores the contact."""
-    start = starts(way, t)[1]
-    found = _weight(way, True, start, kept, correlation)
-    if free is None or found.fit.chi2 < free.chi2:
-        return found
-    column = way.shared + SHARED
-    again = np.concatenate([free.p, [free.paths.t], start[column + 1 :]])
-    other = _weight(way, True, again, kept, correlation)
-    return max(found, other, key=lambda weight: weight.log_evidence)
+def predict_gap(contact: PossibleContact, t: float) -> tuple[float, float]:
+    """Predict the gap and its sigma, m, from the samples before t (s) alone; errors are independent."""
+    is_after = np.concatenate([ball.t >= t for ball in contact.balls])
+    _, start = guess_parameters(contact, t)
+    fitted = fit_hypothesis(
+        contact, predict_free_paths, start[: contact.common_column + SHARED_COUNT], build_noise(contact, ~is_after, 0.0)
+    )
+    return _free_path_gap(contact, fitted)
 
 
-def geometry_alone(encounter: Encounter, t: float) -> tuple[float, float]:
-    """Gap, and its sigma, m, to which the paths that are seen before t (s) lead; errors taken as independent."""
-    late = np.concatenate([ball.t >= t for ball in encounter.balls])
-    _, met = starts(encounter, t)
-    found = fit(encounter, free_paths, met[: encounter.shared + SHARED], noise_of(encounter, ~late, 0.0))
-    return _margin(encounter, found)
-
-
-def _ways(encounter: Encounter) -> Iterator[Encounter]:
-    """The encounter with every ball rolling or sliding where its path begins, or resting if it may."""
-    told = [
+def list_motion_hypotheses(contact: PossibleContact) -> Iterator[PossibleContact]:
+    """Yield the contact with every ball rolling or sliding where its path begins, or resting if it may."""
+    options = [
         [replace(ball, rests=False, rolls=rolls) for rolls in (True, False)] + [ball] * ball.rests
-        for ball in encounter.balls
+        for ball in contact.balls
     ]
-    for balls in product(*told):
-        yield replace(encounter, balls=balls)
+    for balls in product(*options):
+        yield replace(contact, balls=balls)
 
 
-def _weight(encounter: Encounter, met: bool, start: FloatArray, kept: NDArray[np.bool_], correlation: float) -> _Weight:
-    found = fit(encounter, met_paths if met else free_paths, start, noise_of(encounter, kept, correlation))
-    slips = [found.p[columns][4:] for columns in encounter.columns]
-    told_twice = any(len(slip) and np.hypot(*slip) < SLIDES for slip in slips)
-    return _Weight(encounter, correlation, found, -np.inf if told_twice else found.log_evidence)
+def _weigh_hypothesis(
+    contact: PossibleContact, with_contact: bool, start: FloatArray, is_inlier: NDArray[np.bool_], correlation: float
+) -> WeightedHypothesis:
+    """Fit one hypothesis and evaluate its evidence."""
+    fitted = fit_hypothesis(
+        contact,
+        predict_contact_paths if with_contact else predict_free_paths,
+        start,
+        build_noise(contact, is_inlier, correlation),
+    )
+    slips = [fitted.parameters[columns][4:] for columns in contact.columns]
+    is_duplicate = any(len(slip) and np.hypot(*slip) < MIN_SLIDING_SLIP for slip in slips)
+    return WeightedHypothesis(contact, correlation, fitted, -np.inf if is_duplicate else fitted.log_evidence)
 
 
-def _touches(weight: _Weight) -> bool:
-    return len(weight.fit.p) > weight.encounter.shared + SHARED
+def _is_contact(hypothesis: WeightedHypothesis) -> bool:
+    """Return whether a hypothesis includes the contact."""
+    return len(hypothesis.fit.parameters) > hypothesis.contact.common_column + SHARED_COUNT
 
 
-def _verdict(found: list[_Weight]) -> Verdict:
-    free, met = ([w.log_evidence for w in found if _touches(w) is touches] for touches in (False, True))
-    probability = float(np.exp(logsumexp(met) - logsumexp([*free, *met])))
-    touched = probability > 0.5
-    best = max((w for w in found if _touches(w) is touched), key=lambda w: w.log_evidence)
-    encounter, chosen = best.encounter, best.fit
-    gap, gap_sigma = _margin(encounter, chosen)
-    column = encounter.shared + SHARED
-    variance = chosen.covariance[column, column] if touched else _nearest_variance(encounter, chosen)
-    data = 2 * sum(len(ball.t) for ball in encounter.balls)
-    return Verdict(
-        probability, chosen.paths.t, float(np.sqrt(variance)), gap, gap_sigma,
-        chosen.chi2 / max(data - len(chosen.p), 1), best.correlation,
-        max(chosen.paths.closing, 0.0) if touched else 0.0,
+def combine_hypotheses(hypotheses: list[WeightedHypothesis]) -> ContactTestResult:
+    """Combine the evidences of all hypotheses into the result."""
+    without_contact, with_contact = (
+        [item.log_evidence for item in hypotheses if _is_contact(item) is touches] for touches in (False, True)
+    )
+    probability = float(np.exp(logsumexp(with_contact) - logsumexp([*without_contact, *with_contact])))
+    is_contact = probability > 0.5
+    best = max((item for item in hypotheses if _is_contact(item) is is_contact), key=lambda item: item.log_evidence)
+    contact, fitted = best.contact, best.fit
+    gap, gap_sigma = _free_path_gap(contact, fitted)
+    column = contact.common_column + SHARED_COUNT
+    variance = fitted.covariance[column, column] if is_contact else _nearest_variance(contact, fitted)
+    data = 2 * sum(len(ball.t) for ball in contact.balls)
+    return ContactTestResult(
+        probability, fitted.paths.t, float(np.sqrt(variance)), gap, gap_sigma,
+        fitted.chi2 / max(data - len(fitted.parameters), 1), best.correlation,
+        max(fitted.paths.closing, 0.0) if is_contact else 0.0,
     )  # fmt: skip
 
 
-def _margin(encounter: Encounter, found: Fitted) -> tuple[float, float]:
-    """Gap of the free paths that begin as this fit does, and its sigma, m."""
-    size = encounter.shared + SHARED
-    paths = nearest(encounter, found.p[:size])
-    variance = float(paths.gap_slope @ found.covariance[:size, :size] @ paths.gap_slope)
-    if len(found.p) == size:
-        variance += encounter.reach_sigma**2
+def _free_path_gap(contact: PossibleContact, fitted: HypothesisFit) -> tuple[float, float]:
+    """Return the gap of the free paths that begin like this fit, and its sigma, m."""
+    size = contact.common_column + SHARED_COUNT
+    paths = predict_nearest_approach(contact, fitted.parameters[:size])
+    variance = float(paths.gap_gradient @ fitted.covariance[:size, :size] @ paths.gap_gradient)
+    if len(fitted.parameters) == size:
+        variance += contact.reach_sigma**2
     return paths.gap, float(np.sqrt(variance))
 
 
-def _nearest_variance(encounter: Encounter, found: Fitted) -> float:
-    """Of the moment at which free paths are nearest, s^2: where the closing speed passes zero."""
-    later = met_paths(encounter, np.concatenate([found.p, [found.paths.t + 1e-3, 1.0, 0.0, 0.0]]))
-    rate = (later.closing - found.paths.closing) / 1e-3
-    slope = found.paths.closing_slope / min(rate, -1e-6)
-    variance = float(slope @ found.covariance @ slope)
+def _nearest_variance(contact: PossibleContact, fitted: HypothesisFit) -> float:
+    """Return the variance of the time of nearest approach, s^2: where the closing speed passes zero."""
+    later = predict_contact_paths(contact, np.concatenate([fitted.parameters, [fitted.paths.t + 1e-3, 1.0, 0.0, 0.0]]))
+    rate = (later.closing - fitted.paths.closing) / 1e-3
+    gradient = fitted.paths.closing_gradient / min(rate, -1e-6)
+    variance = float(gradient @ fitted.covariance @ gradient)
     return min(variance, 0.25)

@@ -1,8 +1,8 @@
-"""The rest of a shot: where every ball goes from a moment on, how surely, and what will happen with what probability.
+"""Prediction of the rest of a shot: paths with uncertainty, and events with probabilities.
 
-While the motion hangs on its start by less than `SENSITIVE` and every course that is probable meets the same things in
-the same order, mean and covariance are carried by the exact derivatives of the simulation. Beyond, contacts multiply
-errors and courses part: an ensemble, drawn from all that is uncertain, stands for what may happen.
+While the motion depends on its start by less than `MAX_SENSITIVITY` and every probable ensemble member has the same
+events in the same order, exact derivatives of the simulation carry mean and covariance. Beyond, contacts multiply
+errors and members diverge: an ensemble, drawn from all uncertainties, represents the future.
 """
 
 from __future__ import annotations
@@ -16,58 +16,69 @@ from numpy.typing import NDArray
 from models.core.scene import CUSHIONS, POCKETS
 from models.core.typing import FloatArray
 from models.estimation.forecast.probability_regions import level_by_neighbours, level_of_normal
-from models.estimation.forecast.state_estimate import Outlook
-from models.estimation.multiple_shooting.shooting_windows import SENSITIVE
-from models.physics.billiards.parameters import CUSHION_LAWS
-from models.physics.billiards.simulation.event_engine import BALL, FIRST, HOLE, KIND, LINE, SECOND, SOFT, TIME
-from models.physics.billiards.simulation.simulate_shot import Run
+from models.estimation.forecast.state_estimate import StateEstimate
+from models.estimation.multiple_shooting.shooting_windows import MAX_SENSITIVITY
+from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.simulation.event_engine import (
+    BALL,
+    EVENT_FIRST,
+    EVENT_GENTLE,
+    EVENT_KIND,
+    EVENT_SECOND,
+    EVENT_TIME,
+    HOLE,
+    LINE,
+)
+from models.physics.billiards.simulation.simulate_shot import SimulatedShot
 
-Meeting = tuple[str, str, str]
-"""Kind (ball, cushion, pocket, rest), ball, and what it meets; nothing for a rest."""
+EventKey = tuple[str, str, str]
+"""Kind (ball, cushion, pocket, rest), ball, and what it meets; empty for a rest."""
 
-DRAWS = 256
-"""Courses of the ensemble: shares are known to 3 %."""
-PARTED = 0.01
-"""share of courses that may meet other things, below which one order of contacts counts as sure."""
-_STEP = 1e-6
-"""of the derivatives of what a simulation starts from, which is smooth."""
-RARE = 0.02
-"""probability below which a meeting is not listed."""
+ENSEMBLE_SIZE = 256
+"""Members of the ensemble: probabilities are known to 3 %."""
+MAX_DIVERGED_SHARE = 0.01
+"""Share of members with other events below which one order of contacts counts as certain."""
+_DIFFERENCE_STEP = 1e-6
+"""Step of the derivatives of the simulation inputs, which are smooth."""
+MIN_EVENT_PROBABILITY = 0.02
+"""Probability below which an event is not listed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Foretold:
-    """Something that may happen."""
+class PredictedEvent:
+    """An event that may happen."""
 
-    meeting: Meeting
+    event: EventKey
     probability: float
     t: float
-    """s, median of the first time where it happens; the others are its 5 % and 95 % quantiles."""
+    """s, median of its first time where it happens; the others are its 5 % and 95 % quantiles."""
     t_low: float
     t_high: float
 
 
 @dataclass(frozen=True, slots=True)
-class Prediction:
-    """N balls at T moments; M courses."""
+class ShotPrediction:
+    """Prediction of N balls at T moments with M ensemble members."""
 
-    outlook: Outlook
+    state: StateEstimate
     t: FloatArray
     """(T,) s."""
     path: FloatArray
-    """(T, N, 2) m: the course of the mean, then the mean of the courses; NaN where every course has the ball potted."""
+    """(T, N, 2) m: the path of the mean state, then the mean of the ensemble; NaN where all members have potted the
+    ball.
+    """
     velocity: FloatArray
     """(T, N, 2) m/s."""
     covariance: FloatArray
     """(T, N, 2, 2) m^2."""
-    ensemble: NDArray[np.bool_]
-    """(T,) whether the ensemble stands for the future there."""
-    courses: FloatArray
+    is_ensemble: NDArray[np.bool_]
+    """(T,) True where the ensemble represents the future."""
+    members: FloatArray
     """(M, T, N, 2) m; NaN once a ball is potted."""
-    foretold: tuple[Foretold, ...]
-    """in the order of time."""
-    first: tuple[tuple[tuple[Meeting, float], ...], ...]
-    """(N,) what each ball meets first, and how probably; the most probable first."""
+    events: tuple[PredictedEvent, ...]
+    """In the order of time."""
+    first_contacts: tuple[tuple[tuple[EventKey, float], ...], ...]
+    """(N,) first events of each ball with probabilities; the most probable first."""
 
     @property
     def sigma(self) -> FloatArray:
@@ -77,172 +88,213 @@ class Prediction:
     @property
     def on_table(self) -> FloatArray:
         """(T, N) probability that a ball has not been potted."""
-        return np.asarray(np.isfinite(self.courses[..., 0]).mean(axis=0), np.float64)
+        return np.asarray(np.isfinite(self.members[..., 0]).mean(axis=0), np.float64)
 
     def level(self, row: int, ball: int, xy: FloatArray, noise: FloatArray | None = None) -> float:
-        """Share of the probability nearer to the middle than `xy` (2,), seen with errors of covariance `noise` (2, 2):
-        the region of 90 % holds the places of at most 0.9. NaN where the ball should be in a pocket."""
-        if not self.ensemble[row]:
-            known = self.covariance[row, ball] + (0.0 if noise is None else noise)
-            return level_of_normal(xy - self.path[row, ball], known)
-        there = self.courses[:, row, ball]
-        return level_by_neighbours(xy, there[np.isfinite(there[:, 0])], noise)
+        """Return the probability that is denser than at `xy` (2,), measured with covariance `noise` (2, 2).
+
+        The region of 90 % holds the places of at most 0.9. NaN where the ball should be in a pocket.
+        """
+        if not self.is_ensemble[row]:
+            total = self.covariance[row, ball] + (0.0 if noise is None else noise)
+            return level_of_normal(xy - self.path[row, ball], total)
+        places = self.members[:, row, ball]
+        return level_by_neighbours(xy, places[np.isfinite(places[:, 0])], noise)
 
 
-def predict(look: Outlook, t: FloatArray, seed: int = 0, draws: int = DRAWS) -> Prediction:
-    """What follows an outlook at moments t (T,) s, ascending and not before it."""
-    if len(t) == 0 or np.any(np.diff(t) < 0) or t[0] < look.t - 1e-9:
-        raise ValueError(f"moments to predict ascend from {look.t:g} s on; got {t[:3]} ...")
-    after = np.maximum(t - look.t, 0.0)
+def forecast_shot(state: StateEstimate, t: FloatArray, seed: int = 0, draws: int = ENSEMBLE_SIZE) -> ShotPrediction:
+    """Predict the rest of a shot.
+
+    Args:
+        state: State estimate of N balls.
+        t: (T,) s, ascending and not before the state.
+        seed: Random seed of the ensemble.
+        draws: Number M of ensemble members.
+
+    Returns:
+        Paths with covariance, ensemble members and events.
+
+    Raises:
+        ValueError: If `t` is empty, not ascending, or before the state.
+    """
+    if len(t) == 0 or np.any(np.diff(t) < 0) or t[0] < state.t - 1e-9:
+        raise ValueError(f"moments to predict ascend from {state.t:g} s on; got {t[:3]} ...")
+    after = np.maximum(t - state.t, 0.0)
     seconds = float(max(after[-1], 1e-3)) + 1e-6
-    central = look.play(look.inputs(look.mean, look.central_law), look.central_law, seconds)
-    runs = _drawn(look, seconds, np.random.default_rng(seed), draws)
-    states = np.stack([run.at(after) for run in runs])
-    places, covariance, sensitive = _linear(look, central, after, seconds)
-    order = [_meetings(run) for run in runs]
-    parted = np.array([_parting(_meetings(central), other) for other in order])
-    until = float(np.quantile(parted, PARTED, method="lower"))
+    central = state.simulate_ahead(
+        state.simulation_inputs(state.mean, state.most_probable_law), state.most_probable_law, seconds
+    )
+    runs = _simulate_members(state, seconds, np.random.default_rng(seed), draws)
+    states = np.stack([run.states_at(after) for run in runs])
+    places, covariance, sensitive = _propagate_linearly(state, central, after, seconds)
+    order = [_list_contacts(run) for run in runs]
+    divergence_times = np.array([_divergence_time(_list_contacts(central), other) for other in order])
+    until = float(np.quantile(divergence_times, MAX_DIVERGED_SHARE, method="lower"))
     ensemble = np.asarray(np.maximum.accumulate(sensitive | (after > until)))
-    mean, spread = _moments(states[..., :4])
-    chosen = ensemble[:, None, None]
-    return Prediction(
-        look, t, np.where(chosen, mean[..., :2], places[..., :2]), np.where(chosen, mean[..., 2:], places[..., 2:]),
-        np.where(chosen[..., None], spread, covariance), ensemble, states[..., :2],
-        _foretold(look, order, _rests(look, after, states)),
-        tuple(_first(order, ball) for ball in range(len(look.ids))),
-    )  # fmt: skip
+    mean, spread = _ensemble_moments(states[..., :4])
+    use_ensemble = ensemble[:, None, None]
+    return ShotPrediction(
+        state,
+        t,
+        np.where(use_ensemble, mean[..., :2], places[..., :2]),
+        np.where(use_ensemble, mean[..., 2:], places[..., 2:]),
+        np.where(use_ensemble[..., None], spread, covariance),
+        ensemble,
+        states[..., :2],
+        _summarize_events(state, order, _find_rest_times(state, after, states)),
+        tuple(_rank_first_contacts(order, ball) for ball in range(len(state.ids))),
+    )
 
 
-def drawn_courses(look: Outlook, t: FloatArray, seed: int, draws: int) -> FloatArray:
-    """Places (M, T, N, 2) m of courses drawn from all that is uncertain, NaN once a ball is potted; no derivatives are
-    needed for them."""
-    after = np.maximum(t - look.t, 0.0)
-    runs = _drawn(look, float(max(after[-1], 1e-3)) + 1e-6, np.random.default_rng(seed), draws)
-    return np.stack([run.at(after)[..., :2] for run in runs])
+def sample_trajectories(state: StateEstimate, t: FloatArray, seed: int, draws: int) -> FloatArray:
+    """Sample trajectories (M, T, N, 2) m from all uncertainties, NaN once a ball is potted, without derivatives."""
+    after = np.maximum(t - state.t, 0.0)
+    runs = _simulate_members(state, float(max(after[-1], 1e-3)) + 1e-6, np.random.default_rng(seed), draws)
+    return np.stack([run.states_at(after)[..., :2] for run in runs])
 
 
-def _drawn(look: Outlook, seconds: float, rng: np.random.Generator, draws: int) -> list[Run]:
-    """Courses from draws of all that is uncertain, the cushion law among it."""
-    value, vectors = np.linalg.eigh(look.covariance)
+def _simulate_members(
+    state: StateEstimate, seconds: float, rng: np.random.Generator, draws: int
+) -> list[SimulatedShot]:
+    """Simulate draws from all uncertainties, including the cushion law."""
+    value, vectors = np.linalg.eigh(state.covariance)
     root = vectors * np.sqrt(np.maximum(value, 0.0))
-    laws = rng.choice(len(CUSHION_LAWS), draws, p=look.laws)
-    numbers = look.mean + rng.standard_normal((draws, len(value))) @ root.T
+    laws = rng.choice(len(CUSHION_MODELS), draws, p=state.laws)
+    numbers = state.mean + rng.standard_normal((draws, len(value))) @ root.T
     return [
-        look.play(look.inputs(one, CUSHION_LAWS[law]), CUSHION_LAWS[law], seconds)
+        state.simulate_ahead(state.simulation_inputs(one, CUSHION_MODELS[law]), CUSHION_MODELS[law], seconds)
         for one, law in zip(numbers, laws, strict=True)
     ]
 
 
-def _linear(
-    look: Outlook, central: Run, after: FloatArray, seconds: float
+def _propagate_linearly(
+    state: StateEstimate, central: SimulatedShot, after: FloatArray, seconds: float
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Places and velocities (T, N, 4), covariance (T, N, 2, 2) of the places, and where (T,) the motion is sensitive.
+    """Return states (T, N, 4), covariance of places (T, N, 2, 2), and where (T,) the motion is sensitive.
 
-    The path is the mean over the cushion laws; how they differ adds to what the derivatives carry.
+    The path is the mean over the cushion laws; their differences add to the propagated covariance.
     """
-    states = central.at(after)[..., :4]
-    by = central.jacobian(after, central.columns)[:, :, :2] @ _slopes(look)
-    covariance = by @ look.covariance @ np.swapaxes(by, 2, 3)
-    each = np.stack([look.play(look.inputs(look.mean, law), law, seconds).at(after)[..., :4] for law in CUSHION_LAWS])
-    path = np.einsum("l,ltnk->tnk", look.laws, each)
-    apart = (each - path)[..., :2]
-    covariance = covariance + np.einsum("l,ltni,ltnj->tnij", look.laws, apart, apart)
-    known = np.nan_to_num(by[..., look.places], nan=0.0)
-    size = np.linalg.norm(known, axis=(2, 3), ord=2).max(axis=1, initial=0.0)
-    lost = ~np.isfinite(covariance).all(axis=(2, 3)) & np.isfinite(states[..., 0])
-    lost |= np.isfinite(path[..., 0]) != np.isfinite(states[..., 0])
-    return path, covariance, (size > SENSITIVE) | lost.any(axis=1)
+    states = central.states_at(after)[..., :4]
+    jacobian = central.jacobian(after, central.columns)[:, :, :2] @ _input_derivatives(state)
+    covariance = jacobian @ state.covariance @ np.swapaxes(jacobian, 2, 3)
+    each = np.stack(
+        [
+            state.simulate_ahead(state.simulation_inputs(state.mean, law), law, seconds).states_at(after)[..., :4]
+            for law in CUSHION_MODELS
+        ]
+    )
+    path = np.einsum("l,ltnk->tnk", state.laws, each)
+    deviations = (each - path)[..., :2]
+    covariance = covariance + np.einsum("l,ltni,ltnj->tnij", state.laws, deviations, deviations)
+    place_jacobian = np.nan_to_num(jacobian[..., state.place_columns], nan=0.0)
+    sensitivity = np.linalg.norm(place_jacobian, axis=(2, 3), ord=2).max(axis=1, initial=0.0)
+    is_unreliable = ~np.isfinite(covariance).all(axis=(2, 3)) & np.isfinite(states[..., 0])
+    is_unreliable |= np.isfinite(path[..., 0]) != np.isfinite(states[..., 0])
+    return path, covariance, (sensitivity > MAX_SENSITIVITY) | is_unreliable.any(axis=1)
 
 
-def _slopes(look: Outlook) -> FloatArray:
-    """Derivatives (9N + 17, D) of what a simulation starts from."""
+def _input_derivatives(state: StateEstimate) -> FloatArray:
+    """Return the derivatives (9N + 17, D) of the simulation inputs."""
     return np.stack(
         [
-            (look.inputs(look.mean + step, look.central_law) - look.inputs(look.mean - step, look.central_law))
-            / (2 * _STEP)
-            for step in _STEP * np.eye(len(look.mean))
+            (
+                state.simulation_inputs(state.mean + step, state.most_probable_law)
+                - state.simulation_inputs(state.mean - step, state.most_probable_law)
+            )
+            / (2 * _DIFFERENCE_STEP)
+            for step in _DIFFERENCE_STEP * np.eye(len(state.mean))
         ],
         axis=1,
     )
 
 
-def _moments(states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean (T, N, 4), and covariance (T, N, 2, 2) of the places, over courses (M, T, N, 4) that have the ball."""
-    there = np.isfinite(states[..., 0])
-    count = there.sum(axis=0)
+def _ensemble_moments(states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean (T, N, 4), and covariance (T, N, 2, 2) of places, over members (M, T, N, 4) with the ball."""
+    is_on_table = np.isfinite(states[..., 0])
+    count = is_on_table.sum(axis=0)
     share = np.where(count > 0, count, np.nan)[..., None]
-    mean = np.where(there[..., None], states, 0.0).sum(axis=0) / share
-    apart = np.where(there[..., None], states[..., :2] - mean[..., :2], 0.0)
-    return mean, np.einsum("mtni,mtnj->tnij", apart, apart) / np.maximum(share - 1, 1.0)[..., None]
+    mean = np.where(is_on_table[..., None], states, 0.0).sum(axis=0) / share
+    deviations = np.where(is_on_table[..., None], states[..., :2] - mean[..., :2], 0.0)
+    return mean, np.einsum("mtni,mtnj->tnij", deviations, deviations) / np.maximum(share - 1, 1.0)[..., None]
 
 
-def _meetings(run: Run) -> list[list[tuple[float, Meeting]]]:
-    """Per ball, what it meets and when, in the order of time; gentle contacts, of balls that lie together, left out."""
+def _list_contacts(run: SimulatedShot) -> list[list[tuple[float, EventKey]]]:
+    """List the contacts of each ball with their times, without gentle ones of balls that lie together."""
     ids = run.balls.ids
-    found: list[list[tuple[float, Meeting]]] = [[] for _ in ids]
+    contacts: list[list[tuple[float, EventKey]]] = [[] for _ in ids]
     sides = {0: run.rails.lines[:, 5], 1: run.rails.arcs[:, 3] if len(run.rails.arcs) else np.empty(0)}
-    for event in run.contacts[run.contacts[:, SOFT] == 0]:
-        t, kind, a, other = float(event[TIME]), int(event[KIND]), int(event[FIRST]), int(event[SECOND])
+    for event in run.contacts[run.contacts[:, EVENT_GENTLE] == 0]:
+        t, kind, a, other = (
+            float(event[EVENT_TIME]),
+            int(event[EVENT_KIND]),
+            int(event[EVENT_FIRST]),
+            int(event[EVENT_SECOND]),
+        )
         if kind == BALL:
-            found[a].append((t, ("ball", ids[a], ids[other])))
-            found[other].append((t, ("ball", ids[other], ids[a])))
+            contacts[a].append((t, ("ball", ids[a], ids[other])))
+            contacts[other].append((t, ("ball", ids[other], ids[a])))
         elif kind == HOLE:
-            found[a].append((t, ("pocket", ids[a], POCKETS[other])))
+            contacts[a].append((t, ("pocket", ids[a], POCKETS[other])))
         else:
-            found[a].append((t, ("cushion", ids[a], CUSHIONS[int(sides[int(kind != LINE)][other])])))
-    return found
+            contacts[a].append((t, ("cushion", ids[a], CUSHIONS[int(sides[int(kind != LINE)][other])])))
+    return contacts
 
 
-def _parting(one: list[list[tuple[float, Meeting]]], other: list[list[tuple[float, Meeting]]]) -> float:
-    """When (s) some ball first meets something in one of two courses that it does not in the other."""
-    parted = np.inf
+def _divergence_time(one: list[list[tuple[float, EventKey]]], other: list[list[tuple[float, EventKey]]]) -> float:
+    """Return the time (s) of the first event of some ball that differs between two simulations."""
+    earliest = np.inf
     for a, b in zip(one, other, strict=True):
-        for (t, what), (s, instead) in zip(a, b, strict=False):
-            if what != instead:
-                parted = min(parted, t, s)
+        for (t, event), (s, other_event) in zip(a, b, strict=False):
+            if event != other_event:
+                earliest = min(earliest, t, s)
                 break
         else:
             rest = a[len(b) :] or b[len(a) :]
             if rest:
-                parted = min(parted, rest[0][0])
-    return parted
+                earliest = min(earliest, rest[0][0])
+    return earliest
 
 
-def _rests(look: Outlook, after: FloatArray, states: FloatArray) -> dict[Meeting, list[float]]:
-    """When (s after the outlook) balls come to rest for good, one time per course where they do; to the next of the
-    moments that are asked for."""
-    moves = (states[..., 2] != 0) | (states[..., 3] != 0)  # a potted ball, NaN, never rests
-    found: dict[Meeting, list[float]] = {}
-    for ball, name in enumerate(look.ids):
-        moved = moves[..., ball]
-        stopped = moved.any(axis=1) & ~moved[:, -1]
-        first = moved.shape[1] - np.argmax(moved[stopped][:, ::-1], axis=1)
+def _find_rest_times(state: StateEstimate, after: FloatArray, states: FloatArray) -> dict[EventKey, list[float]]:
+    """Find when (s after the state) balls come to rest for good, one time per member, rounded up to the moments."""
+    is_moving = (states[..., 2] != 0) | (states[..., 3] != 0)  # a potted ball, NaN, never rests
+    rest_times: dict[EventKey, list[float]] = {}
+    for ball, name in enumerate(state.ids):
+        ball_moves = is_moving[..., ball]
+        stopped = ball_moves.any(axis=1) & ~ball_moves[:, -1]
+        first = ball_moves.shape[1] - np.argmax(ball_moves[stopped][:, ::-1], axis=1)
         if stopped.any():
-            found[("rest", name, "")] = after[first].tolist()
-    return found
+            rest_times[("rest", name, "")] = after[first].tolist()
+    return rest_times
 
 
-def _foretold(
-    look: Outlook, order: list[list[list[tuple[float, Meeting]]]], rests: dict[Meeting, list[float]]
-) -> tuple[Foretold, ...]:
-    """What happens in at least `RARE` of the courses; two balls are named in the order of the clip."""
+def _summarize_events(
+    state: StateEstimate, order: list[list[list[tuple[float, EventKey]]]], rests: dict[EventKey, list[float]]
+) -> tuple[PredictedEvent, ...]:
+    """Summarize events in at least `MIN_EVENT_PROBABILITY` of the members.
+
+    A pair of balls is named in the order of the clip.
+    """
     times = dict(rests)
-    for course in order:
-        seen: dict[Meeting, float] = {}
-        for t, what in (meeting for ball in course for meeting in ball):
-            kind, a, b = what
-            if kind != "ball" or look.ids.index(a) < look.ids.index(b):
-                seen.setdefault(what, t)
-        for what, t in seen.items():
-            times.setdefault(what, []).append(t)
-    listed = [
-        Foretold(what, len(t) / len(order), *(look.t + float(q) for q in np.quantile(t, (0.5, 0.05, 0.95))))
-        for what, t in times.items()
-        if len(t) >= RARE * len(order)
+    for member in order:
+        first_times: dict[EventKey, float] = {}
+        for t, event in (meeting for ball in member for meeting in ball):
+            kind, a, b = event
+            if kind != "ball" or state.ids.index(a) < state.ids.index(b):
+                first_times.setdefault(event, t)
+        for event, t in first_times.items():
+            times.setdefault(event, []).append(t)
+    events = [
+        PredictedEvent(event, len(t) / len(order), *(state.t + float(q) for q in np.quantile(t, (0.5, 0.05, 0.95))))
+        for event, t in times.items()
+        if len(t) >= MIN_EVENT_PROBABILITY * len(order)
     ]
-    return tuple(sorted(listed, key=lambda one: one.t))
+    return tuple(sorted(events, key=lambda one: one.t))
 
 
-def _first(order: list[list[list[tuple[float, Meeting]]]], ball: int) -> tuple[tuple[Meeting, float], ...]:
-    met = Counter(course[ball][0][1] for course in order if course[ball])
-    return tuple((what, count / len(order)) for what, count in met.most_common())
+def _rank_first_contacts(
+    order: list[list[list[tuple[float, EventKey]]]], ball: int
+) -> tuple[tuple[EventKey, float], ...]:
+    """Rank the first contacts of a ball by probability."""
+    counts = Counter(member[ball][0][1] for member in order if member[ball])
+    return tuple((event, count / len(order)) for event, count in counts.most_common())

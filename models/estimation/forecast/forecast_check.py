@@ -1,4 +1,4 @@
-"""A prediction held against what was seen afterwards."""
+"""Comparison of a prediction with the positions measured afterwards."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.forecast.current_state import NOISY_FROM
-from models.estimation.forecast.ensemble_prediction import Prediction
-from models.tracking.track_noise import estimate_noise, with_noise
+from models.estimation.forecast.current_state import MIN_NOISE_SPEED
+from models.estimation.forecast.ensemble_prediction import ShotPrediction
+from models.tracking.track_noise import apply_noise, estimate_noise
 
 
 @dataclass(frozen=True, slots=True)
-class Hindsight:
-    """K places that were seen of balls that were predicted, by ball, then by time."""
+class PredictionCheck:
+    """K measured places of predicted balls, by ball, then by time."""
 
     ball: NDArray[np.int64]
-    """(K,) index into the balls of the prediction."""
+    """(K,) index among the balls of the prediction."""
     t: FloatArray
     """(K,) s."""
     error: FloatArray
@@ -27,26 +27,34 @@ class Hindsight:
     sigma: FloatArray
     """(K,) m per axis, as predicted."""
     level: FloatArray
-    """(K,) share of the probability nearer to the middle, the noise of the sighting allowed for; NaN where the ball
-    should be in a pocket."""
-
-
-def hindsight(prediction: Prediction, seen: Tracks) -> Hindsight:
-    """Every place seen at one of the moments that were predicted, after the first.
-
-    How noisy it was seen is told from all of `seen`: that is of the sighting, not of the prediction.
+    """(K,) share of the probability that is denser, including the measurement noise; NaN where the ball should be in a
+    pocket.
     """
-    measured = with_noise(seen, estimate_noise(seen, NOISY_FROM, prediction.outlook.table.ball_radius))
-    errors = np.linalg.inv(np.where(seen.observed[..., None, None], measured.whitening, np.eye(2)))
-    found = []
-    for ball, name in enumerate(prediction.outlook.ids):
-        column = seen.ids.index(name)
-        for row in np.flatnonzero(prediction.t > prediction.outlook.t + 1e-9):
-            picture = np.flatnonzero((np.abs(seen.t - prediction.t[row]) < 1e-9) & seen.observed[:, column])
-            if len(picture):
-                xy, error = seen.xy[picture[0], column], errors[picture[0], column]
+
+
+def check_prediction(prediction: ShotPrediction, tracks: Tracks) -> PredictionCheck:
+    """Compare a prediction with every place measured at one of its moments, after the first.
+
+    The measurement noise is estimated from all of `tracks`, since it belongs to the measurement, not to the prediction.
+
+    Args:
+        prediction: Prediction of N balls.
+        tracks: Tracks of the whole shot.
+
+    Returns:
+        Errors and levels of K places.
+    """
+    measured = apply_noise(tracks, estimate_noise(tracks, MIN_NOISE_SPEED, prediction.state.table.ball_radius))
+    errors = np.linalg.inv(np.where(tracks.is_observed[..., None, None], measured.whitening, np.eye(2)))
+    rows = []
+    for ball, name in enumerate(prediction.state.ids):
+        column = tracks.ids.index(name)
+        for row in np.flatnonzero(prediction.t > prediction.state.t + 1e-9):
+            frames = np.flatnonzero((np.abs(tracks.t - prediction.t[row]) < 1e-9) & tracks.is_observed[:, column])
+            if len(frames):
+                xy, error = tracks.xy[frames[0], column], errors[frames[0], column]
                 level = prediction.level(int(row), ball, xy, error @ error.T)
-                miss = float(np.hypot(*(xy - prediction.path[row, ball])))
-                found.append((ball, prediction.t[row], miss, prediction.sigma[row, ball], level))
-    columns = np.array(found, dtype=np.float64).reshape(-1, 5)
-    return Hindsight(columns[:, 0].astype(np.int64), *columns[:, 1:].T)
+                distance = float(np.hypot(*(xy - prediction.path[row, ball])))
+                rows.append((ball, prediction.t[row], distance, prediction.sigma[row, ball], level))
+    columns = np.array(rows, dtype=np.float64).reshape(-1, 5)
+    return PredictionCheck(columns[:, 0].astype(np.int64), *columns[:, 1:].T)

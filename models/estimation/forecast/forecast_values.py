@@ -1,4 +1,4 @@
-"""Fans to be drawn over a shot: what was to be expected at a few of its moments."""
+"""Fans of predicted paths, to be drawn over a shot."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from models.core.typing import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Foresight:
-    """N balls, M courses, K moments."""
+class ForecastFan:
+    """Predicted paths of N balls with M members at K times."""
 
     t: float
-    """s, from when one looks ahead."""
+    """s, start of the fan."""
     ids: tuple[str, ...]
     times: FloatArray
-    """(K,) s"""
-    courses: FloatArray
+    """(K,) s."""
+    members: FloatArray
     """(M, K, N, 2) m; NaN once a ball is potted."""
 
 
 @dataclass(frozen=True, slots=True)
-class Foresights:
-    """In the order of time."""
+class ForecastFans:
+    """Fans of a shot, in the order of time."""
 
-    fans: tuple[Foresight, ...]
+    fans: tuple[ForecastFan, ...]

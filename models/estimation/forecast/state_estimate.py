@@ -1,5 +1,4 @@
-"""What is known of a shot at a moment: every ball's state, cloth and cushions, with the covariance of all together,
-and how a simulation starts from there."""
+"""State of all balls, cloth and cushions at a moment, with their joint covariance, as input of a simulation."""
 
 from __future__ import annotations
 
@@ -13,42 +12,43 @@ from models.core.fit_result import Trust
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.joint_refinement import ROLLING_RANGE, SLIDING_RANGE
-from models.physics.billiards.cloth.closed_form_motion import rolling_spin
-from models.physics.billiards.parameters import (
+from models.physics.billiards.ball_ball.ball_models import BALL_MODELS
+from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.cloth.closed_form_motion import spin_from_slip
+from models.physics.billiards.parameter_vector import (
     BALL_E,
-    BALL_LAWS,
     CUSHION_E,
     CUSHION_E_SLOPE,
-    CUSHION_LAWS,
     CUSHION_MU,
-    NAMES,
+    PARAMETER_NAMES,
     ROLLING_MU,
     SLIDING_MU,
     SLOPE_X,
     SLOPE_Y,
     SPIN_DECAY,
-    Physics,
-    neutral,
+    neutral_parameters,
 )
 from models.physics.billiards.simulation.contact_resolution import rebound
-from models.physics.billiards.simulation.simulate_shot import Balls, Run, simulate
+from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
+from models.physics.billiards.simulation.table_physics import Physics
 
-PER_BALL = 7
-"""Numbers of a ball: x, y (m), vx, vy, slip ux, uy, surface speed of its side spin R wz (m/s)."""
-SHARED = 14
+PARAMETERS_PER_BALL = 7
+"""Parameters of a ball: x, y (m), vx, vy, slip ux, uy, surface speed of its side spin R wz (m/s)."""
+SHARED_COUNT = 14
 """ln sliding mu, ln rolling mu, slope x, y (mm/m), diameter, four noses (m), restitution of cushions and its change
-with speed (s/m), restitution of balls, ln friction of cushions, ln decay of side spin."""
+with speed (s/m), restitution of balls, ln friction of cushions, ln decay of side spin.
+"""
 NOSE_FRICTION = 0.18
 """Coulomb friction between ball and nose."""
 GRIP_SCATTER = 0.3
-"""of the grip of real cushions about that of a law."""
-RETURNED = (0.3, 0.98)
-"""share of its speed with which a ball can leave a cushion."""
+"""Of the grip of real cushions about that of a law."""
+RETURN_SPEED_RANGE = (0.3, 0.98)
+"""Share of its speed with which a ball can leave a cushion."""
 
 
 @dataclass(frozen=True, slots=True)
-class Outlook:
-    """N balls at a moment; D = 7 N + 14 numbers."""
+class StateEstimate:
+    """Estimated state of N balls at a moment; D = 7 N + 14 parameters."""
 
     t: float
     """s."""
@@ -61,77 +61,82 @@ class Outlook:
     moving: NDArray[np.bool_]
     """(N,)"""
     trust: Trust
-    """in the fit that it comes from."""
+    """Trust level of the fit that it comes from."""
     laws: FloatArray
-    """(L,) probabilities of `CUSHION_LAWS`."""
+    """(L,) probabilities of `CUSHION_MODELS`."""
 
     @property
-    def central_law(self) -> str:
-        """The most probable one."""
-        return CUSHION_LAWS[int(np.argmax(self.laws))]
+    def most_probable_law(self) -> str:
+        """The most probable cushion law."""
+        return CUSHION_MODELS[int(np.argmax(self.laws))]
 
     @property
-    def places(self) -> NDArray[np.int64]:
+    def place_columns(self) -> NDArray[np.int64]:
         """(2N,) columns of x and y of all balls."""
-        return (PER_BALL * np.arange(len(self.ids))[:, None] + np.arange(2)).ravel()
+        return (PARAMETERS_PER_BALL * np.arange(len(self.ids))[:, None] + np.arange(2)).ravel()
 
-    def inputs(self, numbers: FloatArray, law: str) -> FloatArray:
-        """What a simulation starts from (9N + 17,), in the order of `Run.columns`, out of D numbers."""
-        n, shared = len(self.ids), numbers[-SHARED:]
-        state, radius = numbers[:-SHARED].reshape(n, PER_BALL), self.table.ball_radius
+    def simulation_inputs(self, parameters: FloatArray, law: str) -> FloatArray:
+        """Convert D parameters to the simulation inputs (9N + 17,), in the order of `SimulatedShot.columns`."""
+        n, shared = len(self.ids), parameters[-SHARED_COUNT:]
+        state, radius = parameters[:-SHARED_COUNT].reshape(n, PARAMETERS_PER_BALL), self.table.ball_radius
         size = radius * shared[4]
         balls = np.column_stack(
-            [state[:, :4], rolling_spin(state[:, 2:4], state[:, 4:6], size), state[:, 6] / size, np.full(n, size),
+            [state[:, :4], spin_from_slip(state[:, 2:4], state[:, 4:6], size), state[:, 6] / size, np.full(n, size),
              np.full(n, self.table.ball_mass)]
         )  # fmt: skip
-        p = neutral()
-        p[[SLIDING_MU, ROLLING_MU]] = np.clip(np.exp(shared[:2]), *np.transpose([SLIDING_RANGE, ROLLING_RANGE]))
-        p[[SLOPE_X, SLOPE_Y]] = shared[2:4]
-        p[CUSHION_E] = _restitution(law, float(np.clip(shared[9], *RETURNED)))
-        p[[CUSHION_E_SLOPE, BALL_E]] = -shared[10], min(shared[11], 1.0)
-        p[[CUSHION_MU, SPIN_DECAY]] = np.exp(shared[12:14])
-        return np.concatenate([balls.ravel(), p, size - radius - shared[5:9]])
+        physics = neutral_parameters()
+        physics[[SLIDING_MU, ROLLING_MU]] = np.clip(np.exp(shared[:2]), *np.transpose([SLIDING_RANGE, ROLLING_RANGE]))
+        physics[[SLOPE_X, SLOPE_Y]] = shared[2:4]
+        physics[CUSHION_E] = _equivalent_restitution(law, float(np.clip(shared[9], *RETURN_SPEED_RANGE)))
+        physics[[CUSHION_E_SLOPE, BALL_E]] = -shared[10], min(shared[11], 1.0)
+        physics[[CUSHION_MU, SPIN_DECAY]] = np.exp(shared[12:14])
+        return np.concatenate([balls.ravel(), physics, size - radius - shared[5:9]])
 
-    def play(self, inputs: FloatArray, law: str, seconds: float) -> Run:
-        """The future from given inputs."""
+    def simulate_ahead(self, inputs: FloatArray, law: str, seconds: float) -> SimulatedShot:
+        """Simulate the future from given inputs."""
         n = len(self.ids)
         columns = inputs[: 9 * n].reshape(n, 9)
-        p, offsets = inputs[9 * n : 9 * n + len(NAMES)], inputs[9 * n + len(NAMES) :]
-        balls = Balls(self.ids, columns[:, :7].copy(), columns[:, 7].copy(), columns[:, 8].copy())
-        return simulate(balls, self.table, Physics(p.copy(), NAMES, law, BALL_LAWS[2]), seconds, offsets)
+        p, offsets = inputs[9 * n : 9 * n + len(PARAMETER_NAMES)], inputs[9 * n + len(PARAMETER_NAMES) :]
+        balls = BallSet(self.ids, columns[:, :7].copy(), columns[:, 7].copy(), columns[:, 8].copy())
+        return simulate(balls, self.table, Physics(p.copy(), PARAMETER_NAMES, law, BALL_MODELS[2]), seconds, offsets)
 
 
 def law_probabilities(grip: float, sigma: float) -> FloatArray:
-    """(L,) of `CUSHION_LAWS`, by how far the cushions seen so far stopped a ball's spin about their own line."""
-    apart = np.array([_grip(law) for law in CUSHION_LAWS]) - grip
-    weight = np.exp(-0.5 * (apart**2 - (apart**2).min()) / (sigma**2 + GRIP_SCATTER**2))
+    """Evaluate the probabilities (L,) of `CUSHION_MODELS` from the grip of the observed cushion contacts."""
+    difference = np.array([_grip_of_law(law) for law in CUSHION_MODELS]) - grip
+    weight = np.exp(-0.5 * (difference**2 - (difference**2).min()) / (sigma**2 + GRIP_SCATTER**2))
     return np.asarray(weight / weight.sum(), np.float64)
 
 
-def _grip(law: str) -> float:
-    """How far a cushion stops the spin of a ball that rolls straight into it: 0 not at all, 1 until no slip is left."""
-    speed, spin = _rolled_into(law, 0.85)
+def _grip_of_law(law: str) -> float:
+    """Return how far a cushion stops the spin of a straight rolling ball: 0 not at all, 1 until it sticks."""
+    speed, spin = _rebound_of_rolling_ball(law, 0.85)
     return (1.0 - spin) / speed
 
 
-def _restitution(law: str, returned: float) -> float:
-    """The restitution by which a law sends a ball that rolls straight into a cushion back at a share of its speed."""
-    grid, shares = _returns(law)
+def _equivalent_restitution(law: str, returned: float) -> float:
+    """Return the restitution for which a law returns a straight rolling ball at a share of its speed."""
+    grid, shares = _return_speed_table(law)
     return float(np.interp(returned, shares, grid))
 
 
 @cache
-def _returns(law: str) -> tuple[FloatArray, FloatArray]:
-    """Restitutions (G,), and the share of its speed (G,) that a ball keeps which rolls at 1 m/s into a cushion."""
+def _return_speed_table(law: str) -> tuple[FloatArray, FloatArray]:
+    """Tabulate restitutions (G,) and the share of its speed (G,) that a ball keeps at a cushion.
+
+    The ball rolls straight into the cushion at 1 m/s.
+    """
     grid = np.linspace(0.2, 1.0, 41)
-    shares = np.array([_rolled_into(law, e)[0] for e in grid])
+    shares = np.array([_rebound_of_rolling_ball(law, e)[0] for e in grid])
     return grid, np.asarray(np.maximum.accumulate(shares))
 
 
-def _rolled_into(law: str, e: float) -> tuple[float, float]:
-    """What a ball that rolls at 1 m/s straight into a cushion leaves with: its speed, and the surface speed of its spin
-    about the line of the cushion, which was 1."""
-    p, radius = neutral(), 0.028575
-    p[[SLIDING_MU, CUSHION_E, CUSHION_MU]] = 0.2, e, NOSE_FRICTION
-    after = rebound(CUSHION_LAWS.index(law), 1.0, 0.0, 0.0, 1.0 / radius, 0.0, radius, 0.17, p)
+def _rebound_of_rolling_ball(law: str, e: float) -> tuple[float, float]:
+    """Return the speed after a ball rolls at 1 m/s straight into a cushion, and the surface speed of its spin.
+
+    The spin is that about the line of the cushion; its surface speed was 1.
+    """
+    physics, radius = neutral_parameters(), 0.028575
+    physics[[SLIDING_MU, CUSHION_E, CUSHION_MU]] = 0.2, e, NOSE_FRICTION
+    after = rebound(CUSHION_MODELS.index(law), 1.0, 0.0, 0.0, 1.0 / radius, 0.0, radius, 0.17, physics)
     return -float(after[0]), radius * float(after[3])

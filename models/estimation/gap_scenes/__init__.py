@@ -1,1 +1,4 @@
-"""The scenes that the diagnosis of the sim-to-real gap can analyse, behind one interface."""
+"""The scenes that the diagnosis of the sim-to-real gap can analyse, behind the interface `GapScene`.
+
+The diagnosis itself lives in `diagnosis`, the physics of each scene in `models.physics`.
+"""

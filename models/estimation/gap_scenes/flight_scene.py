@@ -1,4 +1,4 @@
-"""A body in flight, for the diagnosis: gravity is known, everything else may be missing."""
+"""A body in flight, for the diagnosis: gravity is known, every other effect may be missing."""
 
 from __future__ import annotations
 
@@ -7,22 +7,29 @@ from functools import cache
 import numpy as np
 
 from models.estimation.gap_scenes.contact_free_scene import (
-    Force,
-    Numbers,
+    AccelerationFunction,
+    ContactFreeScene,
+    RealOrComplexArray,
     SceneEffect,
-    SmoothScene,
-    brake_probe,
-    compiled_here,
-    marcher,
+    build_brake_probe,
+    build_integrator,
+    compile_closure,
 )
 from models.physics.effect import Prior
 
-STILL = 1e-3
-"""m/s below which drag by the square of speed fades out."""
+MIN_DRAG_SPEED = 1e-3
+"""m/s below which drag by the square of the speed vanishes."""
 
 
-def effects(coordinates: int) -> tuple[SceneEffect, ...]:
-    """The catalogue in so many coordinates, the last of which is height."""
+def flight_effects(coordinates: int) -> tuple[SceneEffect, ...]:
+    """Build the catalogue of effects of a flight.
+
+    Args:
+        coordinates: Number of coordinates, the last of which is height.
+
+    Returns:
+        Drags, and with more than one coordinate lift and wind; the brake probe comes last.
+    """
     level = ("wind_x", "wind_y")[: coordinates - 1]
     wind = tuple(Prior(name, "m/s", 0.0, 1.0, False, (-20.0, 20.0)) for name in level)
     drags = (
@@ -35,42 +42,47 @@ def effects(coordinates: int) -> tuple[SceneEffect, ...]:
             "a = -k u against the air, Stokes 1851", ("air_drag",),
         ),
     )  # fmt: skip
-    probe = brake_probe("m", "flight")
+    probe = build_brake_probe("m", "flight")
     if coordinates == 1:
         return (*drags, probe)
     magnus = SceneEffect(
         "magnus", (Prior("s", "1/s", 0.0, 0.3, False, (-20.0, 20.0)),), (0.0,), ("flight",),
-        "a = s v turned by 90 degrees, up where it flies towards +x: lift by spin", ("wind",),
+        "a = s v rotated by 90 degrees, upwards for motion towards +x: lift by spin", ("wind",),
     )  # fmt: skip
     blown = SceneEffect(
         "wind", wind, (0.0,) * len(wind), ("flight",),
-        "steady air, without which drag is measured; it pulls at 0.1 1/s of its speed where there is no other drag",
+        "steady air, relative to which drag acts; it accelerates by 0.1 1/s of its speed where there is no other drag",
         ("magnus",),
     )  # fmt: skip
     return (*drags, magnus, blown, probe)
 
 
-LEAST_DRAG = 0.1
-"""1/s by which wind pulls at a body that has no drag."""
-FAINT, BRISK = 0.02, 10.0
-"""1/s of drag at a speed of so many m/s from which that is all of the wind."""
+MIN_WIND_DRAG = 0.1
+"""1/s of drag by which wind accelerates a body that has no other drag."""
+NEGLIGIBLE_DRAG, DRAG_REFERENCE_SPEED = 0.02, 10.0
+"""1/s of drag at this speed (m/s), from which `MIN_WIND_DRAG` no longer acts, see `NEGLIGIBLE_DRAG`."""
 
 
 @cache
-def force_of(coordinates: int, gravity: float) -> Force:
-    """Acceleration by gravity (m/s2), drags, lift and wind, in the order of `effects`."""
+def build_flight_acceleration(coordinates: int, gravity: float) -> AccelerationFunction:
+    """Build the acceleration by gravity (m/s^2), drags, lift and wind.
 
-    @compiled_here
-    def force(place: Numbers, velocity: Numbers, p: Numbers, out: Numbers) -> None:
+    Its parameters are in the order of `flight_effects`.
+    """
+
+    @compile_closure
+    def force(
+        place: RealOrComplexArray, velocity: RealOrComplexArray, p: RealOrComplexArray, out: RealOrComplexArray
+    ) -> None:
         last = coordinates - 1
-        square = 0 * velocity[0] + STILL**2
+        square = 0 * velocity[0] + MIN_DRAG_SPEED**2
         for k in range(coordinates):
             blown = p[3 + k] if k < last else 0.0 * p[0]
             square += (velocity[k] - blown) * (velocity[k] - blown)
         speed = np.sqrt(square)
         drag = p[0] * speed + p[1]
-        usual = p[0] * BRISK + p[1]
-        least = LEAST_DRAG * np.exp(-usual * usual / FAINT**2)
+        usual = p[0] * DRAG_REFERENCE_SPEED + p[1]
+        least = MIN_WIND_DRAG * np.exp(-usual * usual / NEGLIGIBLE_DRAG**2)
         for k in range(coordinates):
             blown = p[3 + k] if k < last else 0.0 * p[0]
             out[k] = -drag * (velocity[k] - blown) + least * blown
@@ -79,13 +91,30 @@ def force_of(coordinates: int, gravity: float) -> Force:
             out[0] -= p[2] * velocity[last]
             out[last] += p[2] * velocity[0]
 
-    found: Force = force
-    return found
+    acceleration: AccelerationFunction = force
+    return acceleration
 
 
-def flight_scene(coordinates: int, gravity: float = 9.81, assumed: tuple[str, ...] = ()) -> SmoothScene:
-    """The scene for a simulator that has gravity and the effects `assumed`."""
-    march = marcher(force_of(coordinates, gravity), True)
-    return SmoothScene(
-        "flight", "m", "flight", effects(coordinates), assumed, march, ("lens_distortion", "perspective")
+def build_flight_scene(
+    coordinates: int, gravity: float = 9.81, simulator_effects: tuple[str, ...] = ()
+) -> ContactFreeScene:
+    """Build the scene of a simulator that has gravity and further effects.
+
+    Args:
+        coordinates: Number of coordinates, the last of which is height.
+        gravity: m/s^2.
+        simulator_effects: Names of the effects that the simulator has.
+
+    Returns:
+        The scene.
+    """
+    march = build_integrator(build_flight_acceleration(coordinates, gravity), True)
+    return ContactFreeScene(
+        "flight",
+        "m",
+        "flight",
+        flight_effects(coordinates),
+        simulator_effects,
+        march,
+        ("lens_distortion", "perspective"),
     )

@@ -1,8 +1,8 @@
-"""What the diagnosis of the gap asks of a scene: recordings go in, effects are offered, windows can be simulated.
+"""Interface between the diagnosis of the sim-to-real gap and a scene: recordings, effects, and models of windows.
 
-The diagnosis knows no scene and no effect. A scene offers a catalogue of effects, those that the user's simulator has
-among them, and a model whose shared unknowns are the parameters of *all* of them. An absent effect stands at its
-neutral values; the derivative by its parameters there is its signature, from the same simulation as everything else.
+The diagnosis knows no scene and no effect. A scene offers a catalogue of effects, including those that the user's
+simulator has, and a model whose shared unknowns are the parameters of *all* of them. An absent effect has its neutral
+parameter values; the derivative by its parameters there is its signature, from the same simulation as everything else.
 """
 
 from __future__ import annotations
@@ -13,151 +13,205 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.estimation.multiple_shooting.shooting_windows import Model
+from models.estimation.multiple_shooting.shooting_windows import ShootingModel
 from models.physics.effect import Effect
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What was seen of one shot, or of a piece of it: T rows in time, N bodies, D coordinates."""
+    """Observations of one shot, or of a part of it: T rows in time, N bodies, D coordinates."""
 
     shot: int
+    """Index of the shot."""
     frame: IntArray
-    """(T,) pictures, growing."""
+    """(T,) frame numbers, increasing."""
     t: FloatArray
-    """(T,) s, growing."""
+    """(T,) s, increasing."""
     bodies: tuple[str, ...]
-    """N names, the same ones in every piece of a shot."""
-    places: FloatArray
-    """(T, N, D) in the unit of the scene; NaN where a body was not seen, in all of its coordinates."""
+    """N names, the same in every part of a shot."""
+    positions: FloatArray
+    """(T, N, D) in the unit of the scene; NaN in all coordinates where a body was not observed."""
     sigma: FloatArray
-    """(T, N) standard deviation of each coordinate; the scene whitens with it."""
+    """(T, N) standard deviation of each coordinate."""
 
     def __post_init__(self) -> None:
-        rows, bodies = self.places.shape[:2]
+        rows, bodies = self.positions.shape[:2]
         if self.t.shape != (rows,) or self.frame.shape != (rows,) or self.sigma.shape != (rows, bodies):
             raise ValueError("a recording needs one time and frame per row, and one sigma per row and body")
         if len(self.bodies) != bodies or np.any(np.diff(self.t) <= 0):
-            raise ValueError("a recording needs one name per body, and times that grow")
+            raise ValueError("a recording needs one name per body, and increasing times")
 
     @property
-    def seen(self) -> BoolArray:
-        """(T, N)"""
-        return np.asarray(np.isfinite(self.places).all(axis=2))
+    def is_observed(self) -> BoolArray:
+        """(T, N) whether a body was observed."""
+        return np.asarray(np.isfinite(self.positions).all(axis=2))
 
-    def rows(self, first: int, last: int) -> Recording:
-        """The piece of rows `first` to `last`, the last one left out."""
+    def select_rows(self, first: int, last: int) -> Recording:
+        """Select the rows from `first` up to, but excluding, `last`."""
         part = slice(first, last)
-        return replace(self, frame=self.frame[part], t=self.t[part], places=self.places[part], sigma=self.sigma[part])
+        return replace(
+            self, frame=self.frame[part], t=self.t[part], positions=self.positions[part], sigma=self.sigma[part]
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Alternatives:
-    """A choice between published forms, such as of the cushion's law."""
+    """A choice between published contact models, such as those of a cushion."""
 
     name: str
-    """As an effect: cushion_law, ball_law."""
+    """Named like an effect: cushion_law, ball_law."""
     forms: tuple[str, ...]
-    assumed: str
-    """What the user's simulator has; one of `forms`."""
+    simulator_form: str
+    """The one of `forms` that the user's simulator has."""
     phases: tuple[str, ...]
-    brings: tuple[str, ...] = ()
-    """Effects that belong to another form: it is not itself where the simulator lacks them."""
+    companions: tuple[str, ...] = ()
+    """Effects that belong to another form: it is incomplete where the simulator lacks them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Covariates:
-    """Where, when and how fast the K observations of a window were, in the order of its observations."""
+    """Position, phase and velocity of the K observations of a window, in the order of its observations."""
 
     phase: tuple[str, ...]
-    """(K,) free_roll, after_strike, ball_contact, cushion_contact, rest, flight, swing, slide, ..."""
-    place: FloatArray
-    """(K, D)"""
+    """(K,) free_roll, after_strike, ball_contact, cushion_contact, rest, flight, swing, slide."""
+    position: FloatArray
+    """(K, D) in the unit of the scene."""
     velocity: FloatArray
-    """(K, D)"""
+    """(K, D) in the unit of the scene per s."""
     since_contact: FloatArray
-    """(K,) s since the body last touched anything; NaN where it has not."""
+    """(K,) s since the last contact of the body; NaN where there was none."""
     image: FloatArray | None
-    """(K, 2) px right of and below the middle of the picture; None without a picture."""
+    """(K, 2) px to the right of and below the image centre; None without an image."""
 
 
 class GapScene(Protocol):
     """A scene under diagnosis, for one set of recordings and one simulator of the user.
 
-    Observations of a window are the seen (row, body) pairs of its piece, row by row, the bodies of a row in order.
+    The observations of a window are the observed (row, body) pairs of its segment, row by row, the bodies of a row in
+    order.
     """
 
     @property
     def name(self) -> str:
-        """billiards, flight, pendulum, slide."""
+        """One of billiards, flight, pendulum, slide."""
         ...
 
     @property
     def unit(self) -> str:
-        """Of a coordinate: m or rad."""
+        """Unit of a coordinate: m or rad."""
         ...
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The catalogue: what these recordings allow to test, what the simulator already has included."""
+        """The catalogue: effects that these recordings allow to test, including those of the simulator."""
         ...
 
     @property
-    def assumed(self) -> tuple[str, ...]:
-        """Names of the effects that the user's simulator has; their parameters are fitted all the same."""
+    def simulator_effects(self) -> tuple[str, ...]:
+        """Names of the effects that the user's simulator has; their parameters are fitted as well."""
         ...
 
     @property
-    def alternatives(self) -> tuple[Alternatives, ...]: ...
+    def alternatives(self) -> tuple[Alternatives, ...]:
+        """Choices between published contact models."""
+        ...
 
     @property
     def gauges(self) -> tuple[str, ...]:
-        """What no data of this kind can tell, such as the frame rate."""
+        """Quantities that no data of this kind can identify, such as the frame rate."""
         ...
 
     @property
     def not_tested(self) -> tuple[str, ...]:
-        """Effects of the library that these recordings give no way to test, such as a lens without a picture."""
+        """Effects of the library that these recordings cannot test, such as lens distortion without an image."""
         ...
 
-    def stretches(self, recording: Recording) -> tuple[Recording, ...]:
-        """The pieces between interventions from outside (a strike, a hand), in which the motion runs on its own."""
+    def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
+        """Split a recording at external interventions (a strike, a hand), between which the motion is autonomous."""
         ...
 
-    def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: BoolArray | None = None) -> Model:
-        """One window per piece, in their order, started at its first row; pieces that follow each other directly in one
-        shot may be linked.
+    def build_model(
+        self, segments: tuple[Recording, ...], forms: tuple[str, ...], jacobian_mask: BoolArray | None = None
+    ) -> ShootingModel:
+        """Build a model with one window per segment, in their order, each started at its first row.
 
-        `forms` names one form per entry of `alternatives`. `unknowns` are the P parameters of all effects, in the order
-        of the catalogue, named `effect.parameter`; slopes are needed for those `wanted` (P,), others may be 0. Misfits
-        are predicted minus seen, over the sigmas of the pieces.
+        Consecutive segments of one shot may be linked. `unknowns` are the P parameters of all effects, in the order of
+        the catalogue, named `effect.parameter`. Residuals are predicted minus observed, divided by the sigmas of the
+        segments.
+
+        Args:
+            segments: Segments of recordings.
+            forms: One form per entry of `alternatives`.
+            jacobian_mask: (P,) parameters whose Jacobian is needed; that of others may be 0. None: all.
+
+        Returns:
+            The model.
         """
         ...
 
-    def covariates(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> Covariates:
-        """Of the observations of a piece, simulated from `start` (S,) with all parameters `shared` (P,)."""
+    def observation_covariates(
+        self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
+    ) -> Covariates:
+        """Compute the covariates of the observations of a segment.
+
+        Args:
+            segment: Segment of a recording.
+            start: (S,) start state.
+            shared: (P,) parameters of all effects.
+            forms: One form per entry of `alternatives`.
+
+        Returns:
+            Covariates of the K observations, from a simulation.
+        """
         ...
 
-    def predict(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> FloatArray:
-        """(T, N, D) where every body would be seen at every row of the piece, seen or not."""
+    def predict_positions(
+        self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
+    ) -> FloatArray:
+        """Predict where every body would be observed at every row of a segment, also where it was not.
+
+        Args:
+            segment: Segment of a recording.
+            start: (S,) start state.
+            shared: (P,) parameters of all effects.
+            forms: One form per entry of `alternatives`.
+
+        Returns:
+            (T, N, D) in the unit of the scene.
+        """
         ...
 
 
 @runtime_checkable
-class Eventful(Protocol):
-    """A scene in which so much happens that the fit of a long piece does not find its way from what is seen alone."""
+class ContactRichScene(Protocol):
+    """A scene with so many contacts that the fit of a long segment does not converge from an initial guess alone."""
 
     @property
-    def calm(self) -> float:
-        """s, of pieces in which a fit finds its way; longer ones grow from them."""
+    def initial_window_length(self) -> float:
+        """s, duration of segments whose fit converges; longer ones are fitted by continuation."""
         ...
 
 
 def neutral_values(scene: GapScene) -> FloatArray:
-    """(P,) all parameters of the catalogue, every effect absent."""
+    """Collect the parameter values of a catalogue with every effect absent.
+
+    Args:
+        scene: Scene with a catalogue of effects.
+
+    Returns:
+        (P,) neutral values.
+    """
     return np.array([value for effect in scene.effects for value in effect.neutral], dtype=np.float64)
 
 
-def parameters_of(scene: GapScene, names: tuple[str, ...]) -> BoolArray:
-    """(P,) True for the parameters of the effects named."""
+def effect_parameter_mask(scene: GapScene, names: tuple[str, ...]) -> BoolArray:
+    """Mark the parameters of the named effects.
+
+    Args:
+        scene: Scene with a catalogue of effects.
+        names: Names of effects.
+
+    Returns:
+        (P,) True for a parameter of one of these effects.
+    """
     return np.array([effect.name in names for effect in scene.effects for _ in effect.parameters], dtype=bool)

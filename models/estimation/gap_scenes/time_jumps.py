@@ -1,8 +1,8 @@
-"""Pictures that are missing in a recording without a trace in its times: everything that moves jumps ahead at once.
+"""Detection of frames that are missing without a trace in their times: everything that moves jumps ahead at once.
 
-A ball that jumps ahead keeps its direction and its speed, which no contact does. So around every picture the paths of
-all moving balls are fitted by parabolas in a time that pauses for 0, 1, 2, ... pictures; the pause that explains them
-wins where it explains them well.
+A ball that jumps ahead keeps its direction and its speed, which no contact does. Around every frame, the paths of all
+moving balls are therefore fitted by parabolas in a time with a pause of 0, 1, 2, ... frames; the pause of least chi2 is
+accepted where it explains the paths well.
 """
 
 from __future__ import annotations
@@ -14,106 +14,126 @@ import numpy as np
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 
-_SIDE = 6
-"""pictures on either side: a parabola holds over twice as many."""
-_NARROW = 4
-"""the fewest, on a side where a contact is near."""
-_MOST = 15
-"""pictures lost at once."""
-_GAIN = 40.0
-"""chi2 that a pause must explain."""
-_FIT = 3.0
-"""chi2 per degree of freedom up to which it explains."""
-_KEPT = 0.4
-"""share of the larger of two velocities that the smaller one keeps along it: a strike or a contact keeps less."""
+_FRAMES_PER_SIDE = 6
+"""Frames on either side: a parabola is a good model over twice as many."""
+_MIN_FRAMES_PER_SIDE = 4
+"""Least frames on a side near a contact."""
+_MAX_LOST_FRAMES = 15
+"""Largest number of frames lost at once."""
+_MIN_CHI2_GAIN = 40.0
+"""Decrease of chi2 that a pause must achieve."""
+_MAX_CHI2 = 3.0
+"""chi2 per degree of freedom up to which a pause explains the paths."""
+_MIN_VELOCITY_SHARE = 0.4
+"""Share of the larger of two velocities that the smaller one keeps along it: a strike or a contact keeps less."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimeJump:
-    """Pictures lost after one picture."""
+    """Frames lost after one frame."""
 
     after: int
-    """row of `Tracks` after which they are missing."""
-    lost: int
-    """how many."""
+    """Row of `Tracks` after which they are missing."""
+    lost_frames: int
+    """Number of missing frames."""
     gain: float
-    """chi2 that they explain."""
+    """Decrease of chi2 by the pause."""
 
 
-def time_jumps(tracks: Tracks, interval: float, scale: float = 1.0, expected: bool = False) -> tuple[TimeJump, ...]:
-    """Lost pictures, in the order of time; `interval` is s between pictures, `scale` a factor on the tracks' sigmas.
+def find_time_jumps(
+    tracks: Tracks, interval: float, scale: float = 1.0, expected: bool = False
+) -> tuple[TimeJump, ...]:
+    """Find lost frames, in the order of time.
 
-    Where they are `expected`, for other recordings of the same camera lack some, contacts nearby are no reason against
-    them: a ball is looked at over fewer pictures, or left out where no pause explains it.
+    Args:
+        tracks: Tracks of a recording.
+        interval: s between frames.
+        scale: Factor on the standard deviations of the tracks.
+        expected: Whether other recordings of the same camera lack frames. Contacts nearby are then no evidence against
+            them: a ball is fitted over fewer frames, or ignored where no pause explains it.
+
+    Returns:
+        One jump per place of lost frames.
     """
-    found: list[TimeJump] = []
+    jumps: list[TimeJump] = []
     times = tracks.t
     for _ in range(len(tracks.t)):
-        best = max((_jump_after(tracks, times, row, interval, scale, expected) for row in range(len(times) - 1)),
+        best = max((_find_jump_after(tracks, times, row, interval, scale, expected) for row in range(len(times) - 1)),
                    key=lambda jump: jump.gain, default=None)  # fmt: skip
-        if best is None or best.gain < _GAIN or any(best.after == known.after for known in found):
+        if best is None or best.gain < _MIN_CHI2_GAIN or any(best.after == earlier.after for earlier in jumps):
             break
-        found.append(best)
-        times = with_pauses(tracks.t, tuple(found), interval)
-    return tuple(sorted(found, key=lambda jump: jump.after))
+        jumps.append(best)
+        times = add_pauses(tracks.t, tuple(jumps), interval)
+    return tuple(sorted(jumps, key=lambda jump: jump.after))
 
 
-def with_pauses(t: FloatArray, jumps: tuple[TimeJump, ...], interval: float) -> FloatArray:
-    """Times (T,) as they were when the pictures were taken."""
+def add_pauses(t: FloatArray, jumps: tuple[TimeJump, ...], interval: float) -> FloatArray:
+    """Convert presentation times (T,) into capture times by inserting the pauses of lost frames.
+
+    Args:
+        t: (T,) s.
+        jumps: Lost frames.
+        interval: s between frames.
+
+    Returns:
+        (T,) s.
+    """
     taken = t.copy()
     for jump in jumps:
-        taken[jump.after + 1 :] += jump.lost * interval
+        taken[jump.after + 1 :] += jump.lost_frames * interval
     return taken
 
 
-def _jump_after(tracks: Tracks, times: FloatArray, row: int, interval: float, scale: float, expected: bool) -> TimeJump:
-    """The pause after `row` that all moving balls together support best; no gain where none does."""
-    rows = np.arange(max(row - _SIDE + 1, 0), min(row + _SIDE + 1, len(times)))
-    if row - rows[0] + 1 < _SIDE - 1 or rows[-1] - row < _SIDE - 1:
+def _find_jump_after(
+    tracks: Tracks, times: FloatArray, row: int, interval: float, scale: float, expected: bool
+) -> TimeJump:
+    """Find the pause after `row` that all moving balls together support best; its gain is 0 where there is none."""
+    rows = np.arange(max(row - _FRAMES_PER_SIDE + 1, 0), min(row + _FRAMES_PER_SIDE + 1, len(times)))
+    if row - rows[0] + 1 < _FRAMES_PER_SIDE - 1 or rows[-1] - row < _FRAMES_PER_SIDE - 1:
         return TimeJump(row, 0, 0.0)
-    chi2, free = np.zeros(_MOST + 1), 0
+    chi2, free = np.zeros(_MAX_LOST_FRAMES + 1), 0
     for ball in range(len(tracks.ids)):
-        seen = rows[tracks.observed[rows, ball]]
-        before = int((seen <= row).sum())
-        if min(before, len(seen) - before) < _NARROW:
+        observed_rows = rows[tracks.is_observed[rows, ball]]
+        before = int((observed_rows <= row).sum())
+        if min(before, len(observed_rows) - before) < _MIN_FRAMES_PER_SIDE:
             continue
-        t, xy, sigma = times[seen], tracks.xy[seen, ball], scale * tracks.sigma[seen, ball]
-        for part in _parts(before, len(seen)) if expected else (slice(0, len(seen)),):
+        t, xy, sigma = times[observed_rows], tracks.xy[observed_rows, ball], scale * tracks.sigma[observed_rows, ball]
+        for part in _list_row_ranges(before, len(observed_rows)) if expected else (slice(0, len(observed_rows)),):
             own_before, own_free = before - part.start, 2 * (part.stop - part.start) - 6
-            if not _goes_on(t[part], xy[part], own_before):
+            if not _keeps_velocity(t[part], xy[part], own_before):
                 continue
-            own = _misfits(t[part], xy[part], sigma[part], own_before, interval)
-            if not expected or own.min() <= _FIT * own_free:
+            own = _parabola_chi2(t[part], xy[part], sigma[part], own_before, interval)
+            if not expected or own.min() <= _MAX_CHI2 * own_free:
                 chi2 += own
                 free += own_free
                 break
     lost = int(np.argmin(chi2))
-    if free == 0 or chi2[lost] > _FIT * free:
+    if free == 0 or chi2[lost] > _MAX_CHI2 * free:
         return TimeJump(row, 0, 0.0)
     return TimeJump(row, lost, float(chi2[0] - chi2[lost]))
 
 
-def _parts(before: int, count: int) -> list[slice]:
-    """Parts of so many samples on both sides of a pause, the longest first."""
-    narrow = max(before - _NARROW, 0), min(before + _NARROW, count)
+def _list_row_ranges(before: int, count: int) -> list[slice]:
+    """List the ranges of samples on both sides of a pause that can be fitted, the longest first."""
+    narrow = max(before - _MIN_FRAMES_PER_SIDE, 0), min(before + _MIN_FRAMES_PER_SIDE, count)
     parts = [slice(first, last) for first in (0, narrow[0]) for last in (count, narrow[1])]
     return sorted(parts, key=lambda part: part.start - part.stop)
 
 
-def _goes_on(t: FloatArray, xy: FloatArray, before: int) -> bool:
-    """Whether samples (n,) move alike in the first `before` of them and afterwards."""
+def _keeps_velocity(t: FloatArray, xy: FloatArray, before: int) -> bool:
+    """Return whether samples (n,) keep their velocity between the first `before` of them and the others."""
     one = (xy[before - 1] - xy[0]) / (t[before - 1] - t[0])
     two = (xy[-1] - xy[before]) / (t[-1] - t[before])
-    return float(one @ two) > _KEPT * max(float(one @ one), float(two @ two))
+    return float(one @ two) > _MIN_VELOCITY_SHARE * max(float(one @ one), float(two @ two))
 
 
-def _misfits(t: FloatArray, xy: FloatArray, sigma: FloatArray, before: int, interval: float) -> FloatArray:
-    """chi2 (0 .. _MOST lost) of a parabola through samples (n,), of which `before` come before the pause."""
-    found = np.empty(_MOST + 1)
-    for lost in range(_MOST + 1):
+def _parabola_chi2(t: FloatArray, xy: FloatArray, sigma: FloatArray, before: int, interval: float) -> FloatArray:
+    """Compute chi2 of parabolas through samples (n,) with a pause of 0, 1, ... lost frames after the first `before`."""
+    chi2 = np.empty(_MAX_LOST_FRAMES + 1)
+    for lost in range(_MAX_LOST_FRAMES + 1):
         s = t - t[before - 1] + np.where(np.arange(len(t)) >= before, lost * interval, 0.0)
         design = np.vander(s / interval, 3) / sigma[:, None]
-        seen = xy / sigma[:, None]
-        solved = np.linalg.lstsq(design, seen, rcond=None)[0]
-        found[lost] = float(((seen - design @ solved) ** 2).sum())
-    return found
+        target = xy / sigma[:, None]
+        coefficients = np.linalg.lstsq(design, target, rcond=None)[0]
+        chi2[lost] = float(((target - design @ coefficients) ** 2).sum())
+    return chi2

@@ -1,4 +1,4 @@
-"""A story as arrays, for compiled code: what a refinement leaves as it is, and the numbers that it seeks."""
+"""Contact graph and parameters as arrays, for compiled code."""
 
 from __future__ import annotations
 
@@ -9,124 +9,139 @@ import numpy as np
 
 from models.core.scene import CUSHIONS
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.estimation.joint_fit.fit_solution import SHARED, Solution, layout
-from models.estimation.segmentation.contact_graph import ContactKind, Story
-from models.numerics.jit import compiled
-from models.physics.billiards.cloth.closed_form_motion import Friction
+from models.estimation.joint_fit.fit_solution import SHARED_COUNT, JointSolution, layout_parameters
+from models.estimation.segmentation.contact_graph import ContactGraph, ContactKind
+from models.numerics.jit import compile_kernel
+from models.physics.billiards.cloth.closed_form_motion import ClothFriction
 
-STRIKE, BALL, CUSHION, FREE, JUMP, BURST = range(6)
+STRIKE, BALL, CUSHION, FREE, JUMP, BREAK = range(6)
 """Kinds of contacts, in the order of `ContactKind`."""
-SLIDING, ROLLING, DIAMETER, NOSE, RUBBER = 0, 1, 2, 3, 7
-"""Where the numbers that all spans share begin."""
+SLIDING_COLUMN, ROLLING_COLUMN, DIAMETER_COLUMN, NOSE_COLUMN, RUBBER_COLUMN = 0, 1, 2, 3, 7
+"""First columns of the shared parameters."""
 NONE = -1
 
 
-class Skeleton(NamedTuple):
-    """Of S spans and C contacts: which joins which, and where their P numbers stand among those sought."""
+class GraphArrays(NamedTuple):
+    """Connections of S segments and C contacts, and the columns of their P parameters."""
 
     ball: IntArray
     """(S,)"""
     static: BoolArray
     """(S,)"""
     start: IntArray
-    """(S,) contact that begins a span, and `end` (S,) that ends it; NONE where there is none."""
+    """(S,) contact that begins a segment, and `end` (S,) that ends it; NONE if there is none."""
     end: IntArray
     t0: FloatArray
-    """(S,) s: where a span without a start begins."""
+    """(S,) s: start of a segment without a contact there."""
     kind: IntArray
     """(C,)"""
     before: IntArray
-    """(C, 2) spans that end at a contact, and `after` (C, 2) that begin; NONE for a second ball that is not there."""
+    """(C, 2) segments that end at a contact, and `after` (C, 2) that begin; NONE for a missing second ball."""
     after: IntArray
     side: IntArray
-    """(C,) which cushion; NONE for other contacts."""
+    """(C,) cushion index; NONE for other contacts."""
     driven: BoolArray
     """(C,)"""
     pushed: BoolArray
     """(C,)"""
     leaves: FloatArray
-    """(C, 6) states in which balls leave bursts; `whiten` (C, 6, 6) takes what is off to standard deviations."""
+    """(C, 6) states in which balls leave breaks; `whiten` (C, 6, 6) takes deviations to standard deviations."""
     whiten: FloatArray
     column: IntArray
-    """(S,) first number of a span."""
+    """(S,) first parameter of a segment."""
     first_contact: int
     first_shared: int
     size: int
 
 
-class Numbers(NamedTuple):
-    """What is sought."""
+class FitParameters(NamedTuple):
+    """Parameters of the joint fit."""
 
     state: FloatArray
-    """(S, 8) at the starts of spans."""
+    """(S, 8) at the starts of segments."""
     t: FloatArray
-    """(C,) s of contacts."""
+    """(C,) s, times of contacts."""
     shared: FloatArray
     """(10,) friction of sliding and rolling, diameter, four noses, three of the rubber."""
 
 
-def skeleton_of(story: Story) -> Skeleton:
-    """What a refinement of this story leaves as it is."""
-    spans, contacts, plan = story.spans, story.contacts, layout(story)
+def build_graph_arrays(graph: ContactGraph) -> GraphArrays:
+    """Build the arrays that a refinement of the graph keeps fixed."""
+    segments, contacts, layout = graph.segments, graph.contacts, layout_parameters(graph)
     kinds = get_args(ContactKind)
-    return Skeleton(
-        np.array([span.ball for span in spans], np.int64), np.array([span.static for span in spans], np.bool_),
-        _numbered([span.start for span in spans]), _numbered([span.end for span in spans]),
-        np.array([span.t0 for span in spans], np.float64), np.array([kinds.index(c.kind) for c in contacts], np.int64),
-        _paired([c.before for c in contacts]), _paired([c.after for c in contacts]),
+    return GraphArrays(
+        np.array([segment.ball for segment in segments], np.int64),
+        np.array([segment.static for segment in segments], np.bool_),
+        _index_array([segment.start for segment in segments]),
+        _index_array([segment.end for segment in segments]),
+        np.array([segment.t0 for segment in segments], np.float64),
+        np.array([kinds.index(c.kind) for c in contacts], np.int64),
+        _pair_array([c.before for c in contacts]),
+        _pair_array([c.after for c in contacts]),
         np.array([CUSHIONS.index(c.cushion) if c.kind == "cushion" else NONE for c in contacts], np.int64),
-        np.array([c.driven for c in contacts], np.bool_), np.array([c.pushed for c in contacts], np.bool_),
-        np.array([c.leaves for c in contacts]).reshape(-1, 6), np.array([c.whiten for c in contacts]).reshape(-1, 6, 6),
-        plan.span.astype(np.int64), plan.contact, plan.globals, plan.size,
-    )  # fmt: skip
+        np.array([c.driven for c in contacts], np.bool_),
+        np.array([c.pushed for c in contacts], np.bool_),
+        np.array([c.exit_state for c in contacts]).reshape(-1, 6),
+        np.array([c.exit_whitening for c in contacts]).reshape(-1, 6, 6),
+        layout.segment.astype(np.int64),
+        layout.contact,
+        layout.shared,
+        layout.size,
+    )
 
 
-def numbers_of(solution: Solution, story: Story) -> Numbers:
-    """Where a refinement of `story` begins: its own states and times, what spans share as in the solution."""
+def extract_parameters(solution: JointSolution, graph: ContactGraph) -> FitParameters:
+    """Extract the initial parameters: states and times of `graph`, shared ones of the solution."""
     friction = solution.friction
-    cloth = np.array([friction.sliding, friction.rolling, solution.diameter])
-    states = [span.state for span in story.spans]
-    return Numbers(
-        np.array(states, np.float64).reshape(-1, 8), np.array([c.t for c in story.contacts], np.float64),
-        np.concatenate([cloth, solution.nose, solution.rubber]),
+    cloth = np.array([friction.sliding, friction.rolling, solution.diameter_factor])
+    states = [segment.state for segment in graph.segments]
+    return FitParameters(
+        np.array(states, np.float64).reshape(-1, 8), np.array([c.t for c in graph.contacts], np.float64),
+        np.concatenate([cloth, solution.nose_offsets, solution.rubber]),
     )  # fmt: skip
 
 
-def solution_with(solution: Solution, story: Story, numbers: Numbers) -> Solution:
-    """A solution of `story` with other numbers; its chi2 and covariance are those of the old one."""
-    spans = tuple(replace(span, state=state) for span, state in zip(story.spans, numbers.state, strict=True))
-    contacts = tuple(replace(c, t=t) for c, t in zip(story.contacts, numbers.t.tolist(), strict=True))
-    shared = numbers.shared
+def apply_parameters(solution: JointSolution, graph: ContactGraph, parameters: FitParameters) -> JointSolution:
+    """Make a solution of `graph` with other parameters; its chi2 and covariance are those of the old one."""
+    segments = tuple(
+        replace(segment, state=state) for segment, state in zip(graph.segments, parameters.state, strict=True)
+    )
+    contacts = tuple(replace(c, t=t) for c, t in zip(graph.contacts, parameters.t.tolist(), strict=True))
+    shared = parameters.shared
     return replace(
-        solution, story=Story(spans, contacts), friction=Friction(float(shared[SLIDING]), float(shared[ROLLING])),
-        diameter=float(shared[DIAMETER]), nose=shared[NOSE:RUBBER].copy(), rubber=shared[RUBBER:SHARED].copy(),
-    )  # fmt: skip
+        solution,
+        graph=ContactGraph(segments, contacts),
+        friction=ClothFriction(float(shared[SLIDING_COLUMN]), float(shared[ROLLING_COLUMN])),
+        diameter_factor=float(shared[DIAMETER_COLUMN]),
+        nose_offsets=shared[NOSE_COLUMN:RUBBER_COLUMN].copy(),
+        rubber=shared[RUBBER_COLUMN:SHARED_COUNT].copy(),
+    )
 
 
-@compiled
-def begins(bones, t):  # type: ignore[no-untyped-def]
-    """When spans begin (S,) s if contacts happen at t (C,)."""
-    at = bones.t0.copy()
-    for k in range(len(at)):
-        if bones.start[k] != NONE:
-            at[k] = t[bones.start[k]]
-    return at
+@compile_kernel
+def start_times(arrays, t):  # type: ignore[no-untyped-def]
+    """Return the start times (S,) s of segments if contacts happen at t (C,)."""
+    times = arrays.t0.copy()
+    for k in range(len(times)):
+        if arrays.start[k] != NONE:
+            times[k] = t[arrays.start[k]]
+    return times
 
 
-@compiled
-def finishes(bones, t):  # type: ignore[no-untyped-def]
-    """When spans end (S,) s; infinite where they run to the end of the track."""
-    at = np.full(len(bones.t0), np.inf)
-    for k in range(len(at)):
-        if bones.end[k] != NONE:
-            at[k] = t[bones.end[k]]
-    return at
+@compile_kernel
+def end_times(arrays, t):  # type: ignore[no-untyped-def]
+    """Return the end times (S,) s of segments; infinite where they run to the end of the track."""
+    times = np.full(len(arrays.t0), np.inf)
+    for k in range(len(times)):
+        if arrays.end[k] != NONE:
+            times[k] = t[arrays.end[k]]
+    return times
 
 
-def _numbered(numbers: list[int | None]) -> IntArray:
-    return np.array([NONE if number is None else number for number in numbers], np.int64)
+def _index_array(indices: list[int | None]) -> IntArray:
+    return np.array([NONE if index is None else index for index in indices], np.int64)
 
 
-def _paired(spans: list[tuple[int, ...]]) -> IntArray:
-    """Span numbers (C, 2) of one or two balls."""
-    return np.array([(*some, NONE)[:2] for some in spans], np.int64).reshape(-1, 2)
+def _pair_array(groups: list[tuple[int, ...]]) -> IntArray:
+    """Return segment indices (C, 2) of one or two balls."""
+    return np.array([(*group, NONE)[:2] for group in groups], np.int64).reshape(-1, 2)

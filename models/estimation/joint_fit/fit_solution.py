@@ -1,4 +1,4 @@
-"""A story with numbers: states, contact times and coefficients that were fitted, and the samples they answer for."""
+"""Solution of the joint fit: a contact graph with states, contact times and coefficients, and its observations."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
-from models.estimation.segmentation.contact_graph import Story
-from models.numerics.jit import compiled
-from models.physics.billiards.cloth.closed_form_motion import STATE, Friction, kinematics
+from models.estimation.segmentation.contact_graph import ContactGraph
+from models.numerics.jit import compile_kernel
+from models.physics.billiards.cloth.closed_form_motion import SEGMENT_STATE_SIZE, ClothFriction, evaluate_kinematics
 
-FOREVER = 100.0
+LONGEST_MOTION = 100.0
 """s: every ball rests by then."""
 
 
 @dataclass(frozen=True, slots=True)
-class Data:
-    """What was seen, one row per observation, sorted by ball and time."""
+class Observations:
+    """Observed places, one row per observation, sorted by ball and time."""
 
     ball: IntArray
     t: FloatArray
@@ -28,105 +28,148 @@ class Data:
 
 
 @dataclass(frozen=True, slots=True)
-class Solution:
-    """A refined story."""
+class JointSolution:
+    """A refined contact graph."""
 
-    story: Story
-    friction: Friction
-    diameter: float
-    """factor on two radii."""
-    nose: FloatArray
-    """(4,) m, where centres turn, beyond one radius from each nose; > 0 towards the table."""
+    graph: ContactGraph
+    friction: ClothFriction
+    diameter_factor: float
+    """Factor on two radii."""
+    nose_offsets: FloatArray
+    """(4,) m, distance of the contact line from one radius inside each nose; > 0 towards the table."""
     rubber: FloatArray
     """(3,) of all cushions: restitution of a slow ball, its change with speed in s/m, and grip: how far the nose stops
-    the spin about the line of the cushion, 0 not at all, 1 until it does not slip."""
+    the spin about the line of the cushion, 0 not at all, 1 until it does not slip.
+    """
     chi2: float
-    """robust, with pseudo-observations."""
+    """Robust, with pseudo-observations."""
     covariance: FloatArray
-    """(P, P) of the packed parameters, see `Layout`; empty until `refinement.with_covariance` gives it."""
+    """(P, P) of the packed parameters, see `ParameterLayout`; empty until `joint_refinement.add_covariance` adds it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
-    """Where each number stands in the packed vector."""
+class ParameterLayout:
+    """Columns of the packed parameters."""
 
-    span: IntArray
-    """(S,) first column; a static span has two numbers, a moving one eight."""
+    segment: IntArray
+    """(S,) first column; a static segment has two parameters, a moving one eight."""
     contact: int
-    """column of the time of the first contact."""
-    globals: int
-    """ln mu_sliding, ln mu_rolling, diameter, four noses, three of the rubber."""
+    """Column of the time of the first contact."""
+    shared: int
+    """First column of ln mu_sliding, ln mu_rolling, diameter, four noses, three of the rubber."""
     size: int
 
 
-SHARED = 10
-"""Numbers that all spans and contacts share."""
+SHARED_COUNT = 10
+"""Parameters that all segments and contacts share."""
 
 
-def gather(tracks: Tracks) -> Data:
-    """Observations of all balls."""
-    frame, ball = np.nonzero(tracks.observed)
+def collect_observations(tracks: Tracks) -> Observations:
+    """Collect the observations of all balls.
+
+    Args:
+        tracks: Tracks of N balls over T frames.
+
+    Returns:
+        K observations, sorted by ball and time.
+    """
+    frame, ball = np.nonzero(tracks.is_observed)
     order = np.lexsort((frame, ball))
     frame, ball = frame[order], ball[order]
-    return Data(ball.astype(np.int64), tracks.t[frame], tracks.xy[frame, ball], tracks.whitening[frame, ball])
+    return Observations(ball.astype(np.int64), tracks.t[frame], tracks.xy[frame, ball], tracks.whitening[frame, ball])
 
 
-def layout(story: Story) -> Layout:
-    """Columns of the packed parameters of a story."""
-    sizes = np.array([2 if span.static else STATE for span in story.spans], dtype=np.int64)
+def layout_parameters(graph: ContactGraph) -> ParameterLayout:
+    """Lay out the packed parameters of a contact graph.
+
+    Args:
+        graph: The contact graph.
+
+    Returns:
+        Columns of its parameters.
+    """
+    sizes = np.array([2 if segment.static else SEGMENT_STATE_SIZE for segment in graph.segments], dtype=np.int64)
     starts = np.concatenate([[0], np.cumsum(sizes)])
     contact = int(starts[-1])
-    return Layout(starts[:-1], contact, contact + len(story.contacts), contact + len(story.contacts) + SHARED)
+    return ParameterLayout(
+        starts[:-1], contact, contact + len(graph.contacts), contact + len(graph.contacts) + SHARED_COUNT
+    )
 
 
-def owners(story: Story, data: Data) -> IntArray:
-    """Which span each observation belongs to, by time (K,)."""
-    begins = np.array([story.begin(k) for k in range(len(story.spans))], np.float64)
-    owner: IntArray = owners_among(np.array([span.ball for span in story.spans], np.int64), begins, data.ball, data.t)
+def assign_observations(graph: ContactGraph, observations: Observations) -> IntArray:
+    """Assign each observation to a segment by time.
+
+    Args:
+        graph: The contact graph.
+        observations: K observations.
+
+    Returns:
+        (K,) index of the segment.
+    """
+    starts = np.array([graph.start_time(k) for k in range(len(graph.segments))], np.float64)
+    owner: IntArray = assign_sorted_observations(
+        np.array([segment.ball for segment in graph.segments], np.int64), starts, observations.ball, observations.t
+    )
     return owner
 
 
-@compiled
-def owners_among(span_ball, begin, ball, t):  # type: ignore[no-untyped-def]
-    """The same of the balls (S,) and beginnings (S,) s of spans; observations (K,) are sorted by ball and time."""
+@compile_kernel
+def assign_sorted_observations(segment_ball, begin, ball, t):  # type: ignore[no-untyped-def]
+    """Assign observations (K,), sorted by ball and time, to segments with balls (S,) and start times (S,) s."""
     owner = np.zeros(len(t), np.int64)
-    mine = np.empty(len(begin), np.int64)
+    own = np.empty(len(begin), np.int64)
     row = 0
     while row < len(t):
         count = 0
-        for k in range(len(begin)):  # the spans of this ball, put in order as they come
-            if span_ball[k] == ball[row]:
-                place = count
-                while place > 0 and begin[mine[place - 1]] > begin[k]:
-                    mine[place] = mine[place - 1]
-                    place -= 1
-                mine[place] = k
+        for k in range(len(begin)):  # insertion sort of the segments of this ball
+            if segment_ball[k] == ball[row]:
+                slot = count
+                while slot > 0 and begin[own[slot - 1]] > begin[k]:
+                    own[slot] = own[slot - 1]
+                    slot -= 1
+                own[slot] = k
                 count += 1
-        this, now = ball[row], 0
-        while row < len(t) and ball[row] == this:
-            while now + 1 < count and begin[mine[now + 1]] <= t[row] + 1e-12:
-                now += 1
-            owner[row] = mine[now]
+        current, position = ball[row], 0
+        while row < len(t) and ball[row] == current:
+            while position + 1 < count and begin[own[position + 1]] <= t[row] + 1e-12:
+                position += 1
+            owner[row] = own[position]
             row += 1
     return owner
 
 
-def residuals(solution: Solution, data: Data) -> FloatArray:
-    """Measured minus fitted (K, 2) in m."""
-    story = solution.story
-    owner = owners(story, data)
-    begins = np.array([story.begin(k) for k in range(len(story.spans))])
-    states = np.array([span.state for span in story.spans])[owner]
-    fitted = kinematics(states, data.t - begins[owner], solution.friction)[:, :2]
-    static = np.array([span.static for span in story.spans])[owner]
-    return data.xy - np.where(static[:, None], states[:, :2], fitted)
+def evaluate_residuals(solution: JointSolution, observations: Observations) -> FloatArray:
+    """Evaluate the residuals of a solution.
+
+    Args:
+        solution: The solution.
+        observations: K observations.
+
+    Returns:
+        (K, 2) m, measured minus fitted.
+    """
+    graph = solution.graph
+    owner = assign_observations(graph, observations)
+    starts = np.array([graph.start_time(k) for k in range(len(graph.segments))])
+    states = np.array([segment.state for segment in graph.segments])[owner]
+    fitted = evaluate_kinematics(states, observations.t - starts[owner], solution.friction)[:, :2]
+    static = np.array([segment.static for segment in graph.segments])[owner]
+    return observations.xy - np.where(static[:, None], states[:, :2], fitted)
 
 
-def end_state(solution: Solution, k: int) -> FloatArray:
-    """Position, velocity, slip (6,) of a span where it ends."""
-    span = solution.story.spans[k]
-    if span.static:
-        return np.concatenate([span.state[:2], np.zeros(4)])
-    tau = np.array([min(solution.story.finish(k) - solution.story.begin(k), FOREVER)])
-    state: FloatArray = kinematics(span.state[None], tau, solution.friction)[0]
+def end_state(solution: JointSolution, k: int) -> FloatArray:
+    """Return the state of a segment where it ends.
+
+    Args:
+        solution: The solution.
+        k: Index of the segment.
+
+    Returns:
+        (6,) position, velocity and slip, m and m/s.
+    """
+    segment = solution.graph.segments[k]
+    if segment.static:
+        return np.concatenate([segment.state[:2], np.zeros(4)])
+    tau = np.array([min(solution.graph.end_time(k) - solution.graph.start_time(k), LONGEST_MOTION)])
+    state: FloatArray = evaluate_kinematics(segment.state[None], tau, solution.friction)[0]
     return state

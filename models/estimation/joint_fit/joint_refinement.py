@@ -1,7 +1,7 @@
-"""All spans, contacts and coefficients of a clip together: Levenberg-Marquardt with the physics as soft knowledge.
+"""Joint refinement of all segments, contacts and coefficients of a clip: damped least squares (Levenberg-Marquardt).
 
-What the samples say is weighted by their noise and made robust (Huber); what physics says is in
-`models.estimation.joint_fit.physics_priors`.
+Observations are weighted by their noise with a robust (Huber) loss; `models.estimation.joint_fit.prior_residuals` adds
+the physics as pseudo-observations.
 """
 
 from __future__ import annotations
@@ -14,124 +14,164 @@ from scipy.linalg.lapack import dposv
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import (
-    DIAMETER,
+    DIAMETER_COLUMN,
     NONE,
-    ROLLING,
-    SLIDING,
-    Numbers,
-    Skeleton,
-    begins,
-    finishes,
-    numbers_of,
-    skeleton_of,
-    solution_with,
+    ROLLING_COLUMN,
+    SLIDING_COLUMN,
+    FitParameters,
+    GraphArrays,
+    apply_parameters,
+    build_graph_arrays,
+    end_times,
+    extract_parameters,
+    start_times,
 )
-from models.estimation.joint_fit.fit_solution import Data, Solution, owners_among
-from models.estimation.joint_fit.physics_priors import ROLLING_PRIOR, RUBBER, SLIDING_PRIOR, Rows, known
-from models.estimation.segmentation.contact_graph import Story
-from models.numerics.jit import compiled
-from models.physics.billiards.cloth.closed_form_motion import STATE, Friction, differentiate_one
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_sorted_observations
+from models.estimation.joint_fit.prior_residuals import (
+    ROLLING_PRIOR,
+    RUBBER_PRIOR,
+    SLIDING_PRIOR,
+    PriorRows,
+    evaluate_priors,
+)
+from models.estimation.segmentation.contact_graph import ContactGraph
+from models.numerics.jit import compile_kernel
+from models.physics.billiards.cloth.closed_form_motion import SEGMENT_STATE_SIZE, ClothFriction, differentiate_segment
 
 SLIDING_RANGE, ROLLING_RANGE = (0.05, 0.5), (0.002, 0.04)
-"""What no cloth exceeds, polished or wet."""
-GAIN_TO_GO_ON = 0.03
-"""chi2 that an iteration must gain: far below what matters."""
-REFRESH = 4
-"""iterations between updates of the standard deviations that depend on speeds."""
-LEAST_KNOWN = 1e-6
-"""1/variance of a number that nothing tells, in its own unit."""
+"""Bounds of the friction coefficients of any cloth, polished or wet."""
+MIN_COST_DECREASE = 0.03
+"""chi2 that an iteration must gain: far below a relevant difference."""
+SIGMA_UPDATE_INTERVAL = 4
+"""Iterations between updates of the standard deviations that depend on speeds."""
+MIN_INFORMATION = 1e-6
+"""1/variance of an unobserved parameter, in its own unit."""
 RIDGE = 1e-10
-"""relative to what is known of a number: a thousand times the rounding errors of a large fit."""
-SHORTEST = 1e-4
+"""Relative to the information of a parameter: a thousand times the rounding errors of a large fit."""
+SHORTEST_SEGMENT = 1e-4
 """s: least time between two contacts of a ball."""
-NEARER = 0.7
-"""Of the time between two contacts of a ball, by which one step may shorten it."""
-UNKNOWN = np.empty((0, 0))
-"""The covariance before it is asked for."""
-HUBER = 2.5
-"""standard deviations where the loss turns linear."""
+MAX_SHORTENING = 0.7
+"""Share of the time between two contacts of a ball by which one step may shorten it."""
+NO_COVARIANCE = np.empty((0, 0))
+"""The covariance before it is evaluated."""
+HUBER_THRESHOLD = 2.5
+"""Standard deviations where the loss turns linear."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Linear:
-    """Residuals and their derivatives at one place."""
+class _Linearization:
+    """Residuals and their derivatives at one point."""
 
     residual: FloatArray
-    """(2K + M,) in standard deviations: of the observations, then of what is known."""
-    slope: FloatArray
+    """(2K + M,) in standard deviations: of the observations, then of the priors."""
+    jacobian: FloatArray
     columns: IntArray
-    """(K, 2, 11) and (K, 11): of the observations, and at which of the P columns; -1 for none."""
-    known: Rows
-    """What physics and priors say."""
+    """(K, 2, 11) and (K, 11): derivatives of the observations, and their columns among the P; -1 for none."""
+    priors: PriorRows
+    """Pseudo-observations of physics and priors."""
 
 
-def refine(story: Story, data: Data, table: Table, iterations: int = 30, start: Solution | None = None) -> Solution:
-    """Best-fitting states, contact times and coefficients for a story, without their covariance."""
-    start = start or Solution(
-        story, Friction(SLIDING_PRIOR[0], ROLLING_PRIOR[0]), 1.0, np.zeros(4), RUBBER.copy(), np.inf, UNKNOWN
+def refine_graph(
+    graph: ContactGraph,
+    observations: Observations,
+    table: Table,
+    iterations: int = 30,
+    initial: JointSolution | None = None,
+) -> JointSolution:
+    """Refine the states, contact times and coefficients of a contact graph.
+
+    Args:
+        graph: Graph with initial states and times.
+        observations: K observations.
+        table: The table.
+        iterations: Largest number of iterations.
+        initial: Solution with the initial coefficients; the priors by default.
+
+    Returns:
+        The best-fitting solution, without covariance.
+    """
+    initial = initial or JointSolution(
+        graph,
+        ClothFriction(SLIDING_PRIOR[0], ROLLING_PRIOR[0]),
+        1.0,
+        np.zeros(4),
+        RUBBER_PRIOR.copy(),
+        np.inf,
+        NO_COVARIANCE,
     )
-    bones, now = skeleton_of(story), numbers_of(start, story)
-    damping, frame, settled = 1e-3, now, False
-    linear = _linearise(bones, now, data, table, frame)
+    arrays, parameters = build_graph_arrays(graph), extract_parameters(initial, graph)
+    damping, reference, settled = 1e-3, parameters, False
+    linear = _linearize_fit(arrays, parameters, observations, table, reference)
     for iteration in range(iterations):
-        weight, cost = _robust(linear.residual, 2 * len(data.t))
-        normal, gradient = _normal(linear, weight, bones.size)
-        step = _solved(normal, -gradient, damping)
-        if -float(gradient @ step) < GAIN_TO_GO_ON / 10 and frame is now:
+        weight, cost = _evaluate_huber_loss(linear.residual, 2 * len(observations.t))
+        normal, gradient = _build_normal_equations(linear, weight, arrays.size)
+        step = _solve_normal_equations(normal, -gradient, damping)
+        if -float(gradient @ step) < MIN_COST_DECREASE / 10 and reference is parameters:
             break
         for _ in range(8):
-            trial = _moved(bones, now, step)
-            if _in_order(bones, trial.t):
-                further = _linearise(bones, trial, data, table, frame)
-                new_cost = _robust(further.residual, 2 * len(data.t))[1]
+            trial = _apply_step(arrays, parameters, step)
+            if _has_valid_order(arrays, trial.t):
+                further = _linearize_fit(arrays, trial, observations, table, reference)
+                new_cost = _evaluate_huber_loss(further.residual, 2 * len(observations.t))[1]
                 if new_cost < cost:
                     break
             damping = min(damping * 6 + 1e-4, 1e8)
-            step = _solved(normal, -gradient, damping)
+            step = _solve_normal_equations(normal, -gradient, damping)
         else:
             break
-        settled, before = cost - new_cost < GAIN_TO_GO_ON + 1e-5 * cost, settled
-        now, linear = trial, further
+        settled, before = cost - new_cost < MIN_COST_DECREASE + 1e-5 * cost, settled
+        parameters, linear = trial, further
         damping *= 0.15
-        if settled and before and iteration > REFRESH:  # with standard deviations that have followed, too
+        if settled and before and iteration > SIGMA_UPDATE_INTERVAL:  # after an update of the standard deviations
             break
-        if settled or iteration % REFRESH == REFRESH - 1:
-            frame = now  # standard deviations that depend on speeds follow
-            linear = _linearise(bones, now, data, table, frame)
-    found = solution_with(start, story, now)
-    return replace(found, chi2=_robust(linear.residual, 2 * len(data.t))[1], covariance=UNKNOWN)
+        if settled or iteration % SIGMA_UPDATE_INTERVAL == SIGMA_UPDATE_INTERVAL - 1:
+            reference = parameters  # update the standard deviations that depend on speeds
+            linear = _linearize_fit(arrays, parameters, observations, table, reference)
+    refined = apply_parameters(initial, graph, parameters)
+    return replace(
+        refined, chi2=_evaluate_huber_loss(linear.residual, 2 * len(observations.t))[1], covariance=NO_COVARIANCE
+    )
 
 
-def with_covariance(solution: Solution, data: Data, table: Table) -> Solution:
-    """A refined solution with the covariance of all its numbers."""
-    bones, now = skeleton_of(solution.story), numbers_of(solution, solution.story)
-    linear = _linearise(bones, now, data, table, now)
-    weight, _ = _robust(linear.residual, 2 * len(data.t))
-    normal, _ = _normal(linear, weight, bones.size)
-    return replace(solution, covariance=_solved(normal, np.eye(bones.size), 0.0))
+def add_covariance(solution: JointSolution, observations: Observations, table: Table) -> JointSolution:
+    """Add the covariance of all parameters to a refined solution.
+
+    Args:
+        solution: A refined solution.
+        observations: K observations.
+        table: The table.
+
+    Returns:
+        The solution with its covariance (P, P).
+    """
+    arrays, parameters = build_graph_arrays(solution.graph), extract_parameters(solution, solution.graph)
+    linear = _linearize_fit(arrays, parameters, observations, table, parameters)
+    weight, _ = _evaluate_huber_loss(linear.residual, 2 * len(observations.t))
+    normal, _ = _build_normal_equations(linear, weight, arrays.size)
+    return replace(solution, covariance=_solve_normal_equations(normal, np.eye(arrays.size), 0.0))
 
 
-def _solved(normal: FloatArray, right: FloatArray, damping: float) -> FloatArray:
-    """Solution (P, ...) of damped normal equations (P, P), where nothing is known about a number too.
+def _solve_normal_equations(normal: FloatArray, right: FloatArray, damping: float) -> FloatArray:
+    """Solve damped normal equations (P, P) for (P, ...), also where a parameter is unobserved.
 
-    Scaled to a unit diagonal, so that one ridge far above rounding makes every finite matrix invertible: contacts
-    known to a nanosecond stand beside accelerations that nothing tells.
+    They are scaled to a unit diagonal, so that one ridge far above rounding makes every finite matrix invertible:
+    contacts known to a nanosecond stand beside unobserved accelerations.
     """
     if not np.all(np.isfinite(normal)):
         raise np.linalg.LinAlgError("the normal equations of a fit hold numbers that are not finite")
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), LEAST_KNOWN))
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), MIN_INFORMATION))
     scaled = normal * scale * scale[:, None]
     scaled.flat[:: len(scaled) + 1] += damping + RIDGE
-    _, found, failed = dposv(scaled.T, (right.T * scale).T, lower=1, overwrite_a=1)
+    _, solution, failed = dposv(scaled.T, (right.T * scale).T, lower=1, overwrite_a=1)
     if failed:
         raise np.linalg.LinAlgError("the normal equations of a fit have no single solution")
-    return np.asarray((found.T * scale).T, dtype=np.float64)
+    return np.asarray((solution.T * scale).T, dtype=np.float64)
 
 
-def _robust(residual: FloatArray, observed: int) -> tuple[FloatArray, float]:
-    """Weights (rows,) and cost: Huber over the pairs of the first `observed` rows, squares for the rest."""
+def _evaluate_huber_loss(residual: FloatArray, observed: int) -> tuple[FloatArray, float]:
+    """Return weights (rows,) and cost: Huber over the pairs of the first `observed` rows, squares for the rest."""
     size = np.linalg.norm(residual[:observed].reshape(-1, 2), axis=1)
-    inner = np.minimum(size, HUBER)
+    inner = np.minimum(size, HUBER_THRESHOLD)
     weight = np.ones(len(residual))
     weight[:observed] = np.repeat(inner / np.maximum(size, 1e-12), 2)
     weight[:observed][np.repeat(size == 0, 2)] = 1.0
@@ -139,129 +179,152 @@ def _robust(residual: FloatArray, observed: int) -> tuple[FloatArray, float]:
     return weight, cost
 
 
-def _normal(linear: _Linear, weight: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
-    """Normal matrix (P, P) and gradient (P,)."""
-    observed = linear.slope.shape[0] * 2
-    normal, gradient, known = np.zeros((size, size)), np.zeros(size), linear.known
-    _add_known(known.residual, known.slope, known.column, known.first, normal, gradient)
-    _accumulate(linear.slope, linear.columns, linear.residual[:observed], weight[:observed], normal, gradient)
+def _build_normal_equations(linear: _Linearization, weight: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
+    """Build the normal matrix (P, P) and the gradient (P,)."""
+    observed = linear.jacobian.shape[0] * 2
+    normal, gradient, priors = np.zeros((size, size)), np.zeros(size), linear.priors
+    _add_prior_rows(priors.residual, priors.derivative, priors.column, priors.first, normal, gradient)
+    _add_observation_rows(
+        linear.jacobian, linear.columns, linear.residual[:observed], weight[:observed], normal, gradient
+    )
     return normal, gradient
 
 
-@compiled
-def _add_known(residual, slope, column, first, normal, gradient):  # type: ignore[no-untyped-def]
-    """Add what is known, see `models.estimation.joint_fit.physics_priors.Rows`, to the normal equations."""
+@compile_kernel
+def _add_prior_rows(residual, derivative, column, first, normal, gradient):  # type: ignore[no-untyped-def]
+    """Add the pseudo-observations, see `physics_priors.PriorRows`, to the normal equations."""
     for row in range(len(residual)):
         for i in range(first[row], first[row + 1]):
-            gradient[column[i]] += slope[i] * residual[row]
+            gradient[column[i]] += derivative[i] * residual[row]
             for j in range(first[row], first[row + 1]):
-                normal[column[i], column[j]] += slope[i] * slope[j]
+                normal[column[i], column[j]] += derivative[i] * derivative[j]
 
 
-@compiled
-def _accumulate(slope, columns, residual, weight, normal, gradient):  # type: ignore[no-untyped-def]
-    """Add what observations say, slope (K, 2, C) at columns (K, C), negative where unused, to the normal equations."""
-    for k in range(slope.shape[0]):
+@compile_kernel
+def _add_observation_rows(jacobian, columns, residual, weight, normal, gradient):  # type: ignore[no-untyped-def]
+    """Add the observations, Jacobian (K, 2, C) at columns (K, C), negative if unused, to the normal equations."""
+    for k in range(jacobian.shape[0]):
         for axis in range(2):
             w, r = weight[2 * k + axis], residual[2 * k + axis]
-            for i in range(slope.shape[2]):
+            for i in range(jacobian.shape[2]):
                 row = columns[k, i]
-                if row < 0 or slope[k, axis, i] == 0.0:
+                if row < 0 or jacobian[k, axis, i] == 0.0:
                     continue
-                scaled = w * slope[k, axis, i]
+                scaled = w * jacobian[k, axis, i]
                 gradient[row] += scaled * r
-                for j in range(slope.shape[2]):
+                for j in range(jacobian.shape[2]):
                     if columns[k, j] >= 0:
-                        normal[row, columns[k, j]] += scaled * slope[k, axis, j]
+                        normal[row, columns[k, j]] += scaled * jacobian[k, axis, j]
 
 
-def _moved(bones: Skeleton, now: Numbers, step: FloatArray) -> Numbers:
-    """The numbers after a step (P,).
+def _apply_step(arrays: GraphArrays, parameters: FitParameters, step: FloatArray) -> FitParameters:
+    """Apply a step (P,) to the parameters.
 
-    No contact moves by more than 20 ms at once, nor most of the way to another one of its balls; no coefficient by
-    more than a third.
+    No contact moves by more than 20 ms at once, nor most of the way to another one of its balls; no coefficient by more
+    than a third.
     """
-    moves = np.clip(step[bones.first_contact : bones.first_shared], -0.02, 0.02)
-    _keep_apart(moves, bones, begins(bones, now.t), finishes(bones, now.t))
-    shared, more = now.shared.copy(), step[bones.first_shared :]
-    friction = shared[:DIAMETER] * np.exp(np.clip(more[:DIAMETER], -0.3, 0.3))
-    shared[:DIAMETER] = np.clip(friction, *np.transpose([SLIDING_RANGE, ROLLING_RANGE]))
-    shared[DIAMETER:] += more[DIAMETER:]
-    return Numbers(_stepped(bones, now.state, step), now.t + moves, shared)
+    contact_moves = np.clip(step[arrays.first_contact : arrays.first_shared], -0.02, 0.02)
+    _limit_contact_moves(contact_moves, arrays, start_times(arrays, parameters.t), end_times(arrays, parameters.t))
+    shared, shared_step = parameters.shared.copy(), step[arrays.first_shared :]
+    friction = shared[:DIAMETER_COLUMN] * np.exp(np.clip(shared_step[:DIAMETER_COLUMN], -0.3, 0.3))
+    shared[:DIAMETER_COLUMN] = np.clip(friction, *np.transpose([SLIDING_RANGE, ROLLING_RANGE]))
+    shared[DIAMETER_COLUMN:] += shared_step[DIAMETER_COLUMN:]
+    return FitParameters(_step_states(arrays, parameters.state, step), parameters.t + contact_moves, shared)
 
 
-@compiled
-def _stepped(bones, state, step):  # type: ignore[no-untyped-def]
-    """States (S, 8) of spans after a step (P,)."""
-    fresh = state.copy()
+@compile_kernel
+def _step_states(arrays, state, step):  # type: ignore[no-untyped-def]
+    """Apply a step (P,) to the states (S, 8) of segments."""
+    stepped = state.copy()
     for k in range(len(state)):
-        for i in range(2 if bones.static[k] else STATE):
-            fresh[k, i] += step[bones.column[k] + i]
-    return fresh
+        for i in range(2 if arrays.static[k] else SEGMENT_STATE_SIZE):
+            stepped[k, i] += step[arrays.column[k] + i]
+    return stepped
 
 
-@compiled
-def _keep_apart(moves, bones, begin, finish):  # type: ignore[no-untyped-def]
-    """Shorten the moves (C,) s of contacts until all spans last."""
+@compile_kernel
+def _limit_contact_moves(moves, arrays, start, end):  # type: ignore[no-untyped-def]
+    """Shorten the moves (C,) s of contacts until all segments last."""
     while True:
         share = np.ones(len(moves))
-        for k in range(len(begin)):
-            if bones.end[k] == NONE:
+        for k in range(len(start)):
+            if arrays.end[k] == NONE:
                 continue
-            lasts = finish[k] - begin[k]
-            nearer = -moves[bones.end[k]]
-            if bones.start[k] != NONE:
-                nearer += moves[bones.start[k]]
-            room = max(min(NEARER * lasts, lasts - 2 * SHORTEST), 0.0)
-            if nearer > room + 1e-9:
-                share[bones.end[k]] = min(share[bones.end[k]], 0.9 * room / nearer)
-                if bones.start[k] != NONE:
-                    share[bones.start[k]] = min(share[bones.start[k]], 0.9 * room / nearer)
+            duration = end[k] - start[k]
+            approach = -moves[arrays.end[k]]
+            if arrays.start[k] != NONE:
+                approach += moves[arrays.start[k]]
+            room = max(min(MAX_SHORTENING * duration, duration - 2 * SHORTEST_SEGMENT), 0.0)
+            if approach > room + 1e-9:
+                share[arrays.end[k]] = min(share[arrays.end[k]], 0.9 * room / approach)
+                if arrays.start[k] != NONE:
+                    share[arrays.start[k]] = min(share[arrays.start[k]], 0.9 * room / approach)
         if np.all(share == 1.0):
             return
         moves *= share
 
 
-def _in_order(bones: Skeleton, t: FloatArray) -> bool:
-    """Do all spans last?"""
-    return bool(np.all(finishes(bones, t) > begins(bones, t) + SHORTEST))
+def _has_valid_order(arrays: GraphArrays, t: FloatArray) -> bool:
+    """Return whether all segments last."""
+    return bool(np.all(end_times(arrays, t) > start_times(arrays, t) + SHORTEST_SEGMENT))
 
 
-def _linearise(bones: Skeleton, now: Numbers, data: Data, table: Table, frame: Numbers) -> _Linear:
-    """Whitened residuals and their derivatives: observations first, then what physics and priors say.
+def _linearize_fit(
+    arrays: GraphArrays, parameters: FitParameters, observations: Observations, table: Table, reference: FitParameters
+) -> _Linearization:
+    """Evaluate whitened residuals and their derivatives: observations first, then physics and priors.
 
-    Standard deviations that depend on speeds are taken from `frame`, so that steps compare like with like.
+    Standard deviations that depend on speeds are taken from `reference`, so that the costs of steps are comparable.
     """
-    seen, slope, columns = _observations(bones, now, data.ball, data.t, data.xy, data.whiten)
-    rows = known(bones, now, frame, table)
-    return _Linear(np.concatenate([seen, rows.residual]), slope, columns, rows)
+    residual, jacobian, columns = _linearize_observations(
+        arrays, parameters, observations.ball, observations.t, observations.xy, observations.whiten
+    )
+    rows = evaluate_priors(arrays, parameters, reference, table)
+    return _Linearization(np.concatenate([residual, rows.residual]), jacobian, columns, rows)
 
 
-@compiled
-def _observations(bones, now, ball, t, xy, whiten):  # type: ignore[no-untyped-def]
-    """Whitened residuals (2K,), their derivatives (K, 2, 11) and their columns (K, 11), NONE where there is none."""
-    begin = begins(bones, now.t)
-    owner = owners_among(bones.ball, begin, ball, t)
-    residual, slope = np.empty(2 * len(t)), np.zeros((len(t), 2, STATE + 3))
-    columns = np.full((len(t), STATE + 3), NONE)
-    slid, ds, value, d = np.empty(7), np.empty((7, STATE + 3)), np.empty(6), np.zeros((6, STATE + 3))
+@compile_kernel
+def _linearize_observations(arrays, parameters, ball, t, xy, whiten):  # type: ignore[no-untyped-def]
+    """Evaluate whitened residuals (2K,), derivatives (K, 2, 11) and columns (K, 11), NONE where there is none."""
+    start = start_times(arrays, parameters.t)
+    owner = assign_sorted_observations(arrays.ball, start, ball, t)
+    residual, jacobian = np.empty(2 * len(t)), np.zeros((len(t), 2, SEGMENT_STATE_SIZE + 3))
+    columns = np.full((len(t), SEGMENT_STATE_SIZE + 3), NONE)
+    slide_end, slide_derivative, value, derivative = (
+        np.empty(7),
+        np.empty((7, SEGMENT_STATE_SIZE + 3)),
+        np.empty(6),
+        np.zeros((6, SEGMENT_STATE_SIZE + 3)),
+    )
     for row in range(len(t)):
         k, w = owner[row], whiten[row]
-        size = 2 if bones.static[k] else STATE
-        if bones.static[k]:  # most balls rest most of the time
-            value[:2], d[:2] = now.state[k, :2], 0.0
-            d[0, 0] = d[1, 1] = 1.0
+        size = 2 if arrays.static[k] else SEGMENT_STATE_SIZE
+        if arrays.static[k]:  # most balls rest most of the time
+            value[:2], derivative[:2] = parameters.state[k, :2], 0.0
+            derivative[0, 0] = derivative[1, 1] = 1.0
         else:
-            tau = t[row] - begin[k]
-            differentiate_one(now.state[k], tau, now.shared[SLIDING], now.shared[ROLLING], slid, ds, value, d)
-            d[:, STATE] *= -1  # a later start is a shorter time since
-            columns[row, STATE + 1], columns[row, STATE + 2] = bones.first_shared, bones.first_shared + 1
-        if bones.start[k] != NONE and not bones.static[k]:
-            columns[row, STATE] = bones.first_contact + bones.start[k]
+            tau = t[row] - start[k]
+            differentiate_segment(
+                parameters.state[k],
+                tau,
+                parameters.shared[SLIDING_COLUMN],
+                parameters.shared[ROLLING_COLUMN],
+                slide_end,
+                slide_derivative,
+                value,
+                derivative,
+            )
+            derivative[:, SEGMENT_STATE_SIZE] *= -1  # a later start is a shorter time since
+            columns[row, SEGMENT_STATE_SIZE + 1], columns[row, SEGMENT_STATE_SIZE + 2] = (
+                arrays.first_shared,
+                arrays.first_shared + 1,
+            )
+        if arrays.start[k] != NONE and not arrays.static[k]:
+            columns[row, SEGMENT_STATE_SIZE] = arrays.first_contact + arrays.start[k]
         for i in range(size):
-            columns[row, i] = bones.column[k] + i
+            columns[row, i] = arrays.column[k] + i
         for axis in range(2):
-            miss = value[:2] - xy[row]
-            residual[2 * row + axis] = w[axis, 0] * miss[0] + w[axis, 1] * miss[1]
-            slope[row, axis] = w[axis, 0] * d[0] + w[axis, 1] * d[1]
-    return residual, slope, columns
+            residual_xy = value[:2] - xy[row]
+            residual[2 * row + axis] = w[axis, 0] * residual_xy[0] + w[axis, 1] * residual_xy[1]
+            jacobian[row, axis] = w[axis, 0] * derivative[0] + w[axis, 1] * derivative[1]
+    return residual, jacobian, columns

@@ -1,1 +1,5 @@
-"""Multiple shooting with Levenberg-Marquardt over any model with states, parameters and derivatives."""
+"""Multiple shooting with Levenberg-Marquardt, for any model with start states, shared parameters and derivatives.
+
+Nothing here knows what moves: scenes implement the protocol `ShootingModel` elsewhere (`whole_shot`, `gap_scenes`,
+`neural_residual`).
+"""

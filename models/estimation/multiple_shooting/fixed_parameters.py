@@ -1,52 +1,68 @@
-"""A model with some of its shared numbers held at given values: what is left can be fitted."""
+"""A model with some of its shared parameters fixed at given values, so that the others can be fitted."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.multiple_shooting.shooting_windows import Flow, Glance, Model, Window, glance, narrowed
+from models.estimation.multiple_shooting.shooting_windows import (
+    LinearizedWindow,
+    ShootingModel,
+    SimulatedWindow,
+    Window,
+    drop_shared_jacobian,
+    simulate_window,
+)
 from models.physics.effect import Prior
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
-    """The unknowns of `model` that are `free`, the others at the values `shared`."""
+class FixedParameterModel:
+    """A model whose unknowns are the `free` parameters of another model; the others are fixed."""
 
-    model: Model
+    model: ShootingModel
     shared: FloatArray
-    """(P,) values; those of free numbers are not used."""
+    """(P,) values of the fixed parameters; those of free parameters are not used."""
     free: BoolArray
-    """(P,)"""
+    """(P,) whether a parameter is fitted."""
     priors: tuple[Prior, ...]
-    """(P,) what is known of all numbers beforehand."""
+    """(P,) priors of all parameters."""
 
     @property
     def unknowns(self) -> tuple[Prior, ...]:
+        """Priors of the free parameters."""
         return tuple(prior for prior, free in zip(self.priors, self.free, strict=True) if free)
 
     @property
     def windows(self) -> tuple[Window, ...]:
+        """Windows of the underlying model."""
         return self.model.windows
 
-    def whole(self, shared: FloatArray) -> FloatArray:
-        """(P,) all numbers, from the free ones."""
+    def fill_values(self, shared: FloatArray) -> FloatArray:
+        """Insert the free parameters into all (P,) parameters."""
         values = self.shared.copy()
         values[self.free] = shared
         return values
 
-    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
-        return self._freed(self.model.flow(window, start, self.whole(shared)))
+    def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
+        """Linearize a window; Jacobians by the shared parameters have columns of the free ones only."""
+        return self._select_free_columns(self.model.linearize(window, start, self.fill_values(shared)))
 
-    def glance(self, window: int, start: FloatArray, shared: FloatArray) -> Glance | Flow:
-        found = glance(self.model, window, start, self.whole(shared))
-        return found if isinstance(found, Glance) else self._freed(found)
+    def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow | LinearizedWindow:
+        """Simulate a window without Jacobians where the underlying model can."""
+        simulated = simulate_window(self.model, window, start, self.fill_values(shared))
+        return simulated if isinstance(simulated, SimulatedWindow) else self._select_free_columns(simulated)
 
-    def narrowed(self) -> Held:
-        return replace(self, model=narrowed(self.model))
+    def without_shared_jacobian(self) -> FixedParameterModel:
+        """Return the model for steps of the start states alone."""
+        return replace(self, model=drop_shared_jacobian(self.model))
 
-    def _freed(self, flow: Flow) -> Flow:
-        """Its slopes by the free numbers, where it has slopes by shared ones."""
-        if flow.by_shared.shape[-1] == 0:
-            return flow
-        return replace(flow, by_shared=flow.by_shared[..., self.free], end_by_shared=flow.end_by_shared[..., self.free])
+    def _select_free_columns(self, prediction: LinearizedWindow) -> LinearizedWindow:
+        """Select the columns of the free parameters in the Jacobians, where there are any."""
+        if prediction.shared_jacobian.shape[-1] == 0:
+            return prediction
+        return replace(
+            prediction,
+            shared_jacobian=prediction.shared_jacobian[..., self.free],
+            end_shared_jacobian=prediction.end_shared_jacobian[..., self.free],
+        )

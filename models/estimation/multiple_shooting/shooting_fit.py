@@ -1,12 +1,10 @@
-"""Multiple shooting: the start of every window and the numbers that windows share, from what was seen.
+"""Multiple shooting: fit the start states of all windows and the parameters that they share.
 
-A recording is cut into windows, each simulated from a start state of its own, so that no simulation runs long enough
-to forget its start (Bock 1983, doi:10.1007/978-1-4684-3324-1_15). Windows that follow each other are tied by pseudo-
-observations of continuity, whose standard deviations say what may change between them: everything at a strike,
-nothing where a window was cut because the motion had become too sensitive. What is known beforehand enters as
-pseudo-observations too; single bad observations are bounded by Huber's loss.
-
-Nothing here knows what moves: a scene offers a `Model`.
+A recording is cut into windows, each simulated from a start state of its own, so that no simulation runs long enough to
+forget its start (Bock 1983, doi:10.1007/978-1-4684-3324-1_15). Consecutive windows are linked by pseudo-observations of
+continuity, whose standard deviations express what may change between them: everything at a strike, nothing where a
+window was cut because the motion had become too sensitive. Priors enter as pseudo-observations too; single outliers are
+bounded by Huber's loss.
 """
 
 from __future__ import annotations
@@ -20,181 +18,223 @@ from models.core.fit_result import Parameter
 from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.multiple_shooting.normal_equations import (
-    glanced,
-    huber,
-    normal_blocks,
+    assemble_normal_equations,
+    assemble_state_block,
+    evaluate_huber_loss,
+    linearize_shots,
+    require_linearized,
     shot_cost,
-    sloped,
-    sloped_everywhere,
-    states_block,
+    simulate_shots,
 )
-from models.estimation.multiple_shooting.shared_parameters import bounds, prior_knowledge, slopes, values_of
+from models.estimation.multiple_shooting.shared_parameters import (
+    coordinate_bounds,
+    prior_terms,
+    value_derivatives,
+    values_from_coordinates,
+)
 from models.estimation.multiple_shooting.shooting_problem import (
-    Attempt,
-    Part,
-    Problem,
-    by_shot,
-    of_part,
-    part_of,
-    problem_of,
-    with_parts,
+    Iterate,
+    ShootingProblem,
+    ShotIterate,
+    build_problem,
+    embed_shot,
+    extract_shot,
+    map_shots,
+    replace_shots,
 )
-from models.estimation.multiple_shooting.shooting_windows import Model, glance
-from models.estimation.multiple_shooting.state_elimination import ShotBlock, eliminate, log_determinant, solved
-from models.numerics.executor import ALONE, Crew
+from models.estimation.multiple_shooting.shooting_windows import ShootingModel, simulate_window
+from models.estimation.multiple_shooting.state_elimination import (
+    ShotBlock,
+    eliminate_states,
+    log_determinant,
+    solve_damped,
+)
+from models.numerics.executor import SERIAL, Executor
 from models.physics.effect import Prior
 
-UNDETERMINED = 0.8
-"""share of the prior's standard deviation above which the data did not determine a number."""
-_SETTLED = 0.02
-"""cost that an iteration must gain: far below what matters."""
-_JUMP = 4.0
-"""rise of the cost of a shot, in a step that should lower it, from which its own states are sought anew."""
-_EXPLAINED = 4.0
-"""robust chi2 per observation up to which the states of a shot count as found."""
-_EARLY, _LATER = (0.2, 0.35, 0.5), (0.7, 0.85)
-"""shares of the windows that states are fitted to, one after another."""
-_HOPEFUL = 2
-"""first guesses that are followed further than `_EARLY`: what begins better ends better, and each costs as much."""
-_STRIDE = 1.0
-"""standard deviations of its prior that a shared number may move in one step."""
-_DAMPINGS = 10
-"""how often a step is shortened before the search gives up."""
-_LEFT = 2.0
-"""cost that may still be promised where a search has converged."""
+PRIOR_DOMINATED = 0.8
+"""Ratio of posterior to prior standard deviation above which the data did not determine a parameter."""
+_MIN_COST_GAIN = 0.02
+"""Decrease of the cost per iteration below which the search is converging: far below what matters."""
+_COST_JUMP = 4.0
+"""Increase of the cost of one shot, in a step that should lower it, from which its states are fitted again."""
+_EXPLAINED_CHI2 = 4.0
+"""Robust chi2 per observation up to which the states of a shot count as found."""
+_EARLY_SHARES, _LATER_SHARES = (0.2, 0.35, 0.5), (0.7, 0.85)
+"""Growing shares of the windows to which the states are fitted, one after another."""
+_FOLLOWED_GUESSES = 2
+"""Initial guesses that are followed beyond `_EARLY_SHARES`: a good early fit predicts a good final one, and each
+costs as much."""
+_MAX_PARAMETER_STEP = 1.0
+"""Standard deviations of its prior that a shared parameter may move in one step."""
+_MAX_DAMPINGS = 10
+"""Attempts to shorten a step before the search stops."""
+_REMAINING_DECREASE = 2.0
+"""Predicted decrease of the cost up to which a stopped search counts as converged."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShootingOptions:
-    """How long to problem."""
+    """Iteration limits of a fit."""
 
     iterations: int = 40
-    """of all windows together."""
-    settling: int = 12
-    """of the states of one shot alone, where its loss jumped or at the beginning."""
+    """Iterations of all windows together."""
+    shot_iterations: int = 12
+    """Iterations of the states of one shot alone, after a jump of its cost or for its initial guesses."""
 
 
 @dataclass(frozen=True, slots=True)
-class Shooting:
-    """The best-fitting starts and shared numbers."""
+class ShootingFit:
+    """The best-fitting start states and shared parameters, with their uncertainty."""
 
     starts: tuple[FloatArray, ...]
-    """per window (S,)."""
+    """(S,) start state of each window."""
     shared: FloatArray
     """(P,)"""
     covariance: FloatArray
-    """(P, P) of the shared numbers, scaled by the lack of fit; in their own units."""
+    """(P, P) of the shared parameters in their own units, inflated by the lack of fit."""
     prior_only: NDArray[np.bool_]
-    """(P,) True where the data did not determine a number: its value and error are mostly the prior's."""
+    """(P,) True where the data did not determine a parameter: its value and error are mostly the prior's."""
     cost: float
-    """robust chi2 of the observations with all pseudo-observations."""
+    """Robust chi2 of the observations and chi2 of all pseudo-observations."""
     chi2_per_dof: float
-    """robust, of the observations alone."""
+    """Robust, of the observations alone."""
     log_evidence: float
-    """of the model: log of its likelihood with starts and shared numbers integrated out (Laplace); errors are taken
-    as promised, so that only evidences of the same data compare."""
+    """Log of the marginal likelihood (Laplace approximation). It uses the nominal errors, so that only evidences of
+    the same data compare."""
     inflation: float
-    """>= 1: factor on variances for residuals larger than promised, and alike from one moment to the next."""
+    """>= 1: factor on variances for residuals that are larger than their nominal errors or correlated in time."""
     start_covariances: tuple[FloatArray, ...]
-    """per window (S, S), the shared numbers free."""
+    """(S, S) covariance of each start state, shared parameters marginalized."""
     converged: bool
 
     @property
     def sigma(self) -> FloatArray:
-        """(P,) standard deviations of the shared numbers."""
+        """(P,) standard deviations of the shared parameters."""
         return np.sqrt(np.diag(self.covariance))
 
 
-def shoot(
-    model: Model,
+def fit_windows(
+    model: ShootingModel,
     shared: FloatArray | None = None,
     options: ShootingOptions = ShootingOptions(),
     starts: tuple[FloatArray, ...] | None = None,
-    anew: bool = False,
-    crew: Crew = ALONE,
-) -> Shooting:
-    """Fit a model, from the guesses of its windows and from `shared` (P,), the priors' values where not given.
+    retry_guesses: bool = False,
+    executor: Executor = SERIAL,
+) -> ShootingFit:
+    """Fit the start states of all windows and the shared parameters of a model.
 
-    `starts`, (S,) per window, continue an earlier fit: other first guesses are then tried only where they are sought
-    `anew`, and the better ones kept. The `crew` shares out the shots.
+    Args:
+        model: Model with windows and priors.
+        shared: (P,) initial guess of the shared parameters; the means of the priors where not given.
+        options: Iteration limits.
+        starts: (S,) start state of each window from an earlier fit, which is continued.
+        retry_guesses: With `starts`: also try the initial guesses of the windows, and keep the better ones.
+        executor: Distributes the shots over processes; it does not change the result.
+
+    Returns:
+        The fit; `converged` is False where the iterations ended first.
     """
-    problem = problem_of(model, crew)
+    problem = build_problem(model, executor)
     first = np.array([prior.value for prior in model.unknowns]) if shared is None else np.array(shared, float)
-    seen = tuple(w.start.copy() for w in problem.windows)
-    now = glanced(problem, seen if starts is None else starts, first)
-    if starts is None or anew:
-        shots, more = range(len(problem.shots)), () if starts is None else (seen,)
-        parts = by_shot(problem, _begun_part, now, shots, options, more)
-        now = with_parts(problem, now, dict(zip(shots, parts, strict=True)))
-    now, converged = _descend(problem, now, options)
-    return _result(problem, now, converged)
+    guesses = tuple(w.start.copy() for w in problem.windows)
+    point = simulate_shots(problem, guesses if starts is None else starts, first)
+    if starts is None or retry_guesses:
+        shots, more = range(len(problem.shot_windows)), () if starts is None else (guesses,)
+        parts = map_shots(problem, _fit_best_guess_task, point, shots, options, more)
+        point = replace_shots(problem, point, dict(zip(shots, parts, strict=True)))
+    point, converged = _minimize_cost(problem, point, options)
+    return _summarize_fit(problem, point, converged)
 
 
-def parameters_of(unknowns: tuple[Prior, ...], found: Shooting) -> tuple[Parameter, ...]:
-    """The shared numbers as results of a fit."""
+def summarize_parameters(unknowns: tuple[Prior, ...], fitted: ShootingFit) -> tuple[Parameter, ...]:
+    """Convert the fitted shared parameters into a result table.
+
+    Args:
+        unknowns: (P,) priors of the shared parameters.
+        fitted: Fit of these parameters.
+
+    Returns:
+        One parameter per prior: value, sigma, unit, and whether the prior determined it.
+    """
     return tuple(
         Parameter(prior.name, float(value), float(sigma), prior.unit, bool(only))
-        for prior, value, sigma, only in zip(unknowns, found.shared, found.sigma, found.prior_only, strict=True)
+        for prior, value, sigma, only in zip(unknowns, fitted.shared, fitted.sigma, fitted.prior_only, strict=True)
     )
 
 
-def priors_of(unknowns: tuple[Prior, ...], found: Shooting) -> tuple[Prior, ...]:
-    """What a fit found, as what is known beforehand by the fit of other recordings; correlations are left out."""
+def convert_to_priors(unknowns: tuple[Prior, ...], fitted: ShootingFit) -> tuple[Prior, ...]:
+    """Convert the result of a fit into priors for the fit of other recordings, without correlations.
+
+    Args:
+        unknowns: (P,) priors of the shared parameters.
+        fitted: Fit of these parameters.
+
+    Returns:
+        (P,) priors with the fitted values and standard deviations.
+    """
     return tuple(
         replace(prior, value=float(value), sigma=float(sigma / value if prior.relative else sigma))
-        for prior, value, sigma in zip(unknowns, found.shared, found.sigma, strict=True)
+        for prior, value, sigma in zip(unknowns, fitted.shared, fitted.sigma, strict=True)
     )
 
 
-def _descend(problem: Problem, now: Attempt, options: ShootingOptions) -> tuple[Attempt, bool]:
+def _minimize_cost(problem: ShootingProblem, now: Iterate, options: ShootingOptions) -> tuple[Iterate, bool]:
+    """Minimize the cost by damped steps; return the last iterate and whether it converged."""
     damping, quiet = 1e-3, 0
     for _ in range(options.iterations):
-        blocks = normal_blocks(problem, now)
-        for _ in range(_DAMPINGS):
-            trial = _stepped(problem, now, blocks, damping)
-            trial = _mended(problem, now, trial, options.settling)
+        blocks = assemble_normal_equations(problem, now)
+        for _ in range(_MAX_DAMPINGS):
+            trial = _take_step(problem, now, blocks, damping)
+            trial = _refit_worse_shots(problem, now, trial, options.shot_iterations)
             if trial.cost < now.cost:
                 break
             damping = min(damping * 6 + 1e-4, 1e8)
         else:
-            return now, _promise(problem, now, blocks) < _LEFT
-        quiet = quiet + 1 if now.cost - trial.cost < _SETTLED + 1e-6 * now.cost else 0
+            return now, _predict_decrease(problem, now, blocks) < _REMAINING_DECREASE
+        quiet = quiet + 1 if now.cost - trial.cost < _MIN_COST_GAIN + 1e-6 * now.cost else 0
         now, damping = trial, max(damping * 0.15, 1e-9)
         if quiet == 2:
             return now, True
     return now, False
 
 
-def _promise(problem: Problem, now: Attempt, blocks: list[ShotBlock]) -> float:
-    """By how much the slopes say that the cost can still fall: much of it where a search is caught at a kink."""
-    shared_step, state_steps, gradient = _full_step(problem, now, blocks, 0.0)
+def _predict_decrease(problem: ShootingProblem, now: Iterate, blocks: list[ShotBlock]) -> float:
+    """Predict the remaining decrease of the cost from the derivatives: large where a search is stuck at a kink."""
+    shared_step, state_steps, gradient = _solve_step(problem, now, blocks, 0.0)
     gain = float(gradient @ shared_step)
     return -gain - sum(float(block.gradient @ step) for block, step in zip(blocks, state_steps, strict=True))
 
 
-def _mended(problem: Problem, before: Attempt, trial: Attempt, settling: int) -> Attempt:
-    """The trial, after the states of every shot that got worse were sought anew: one shot that changes the order of
-    its contacts must not block a step that is good for all others."""
-    worse = [k for k in range(len(problem.shots)) if not trial.costs[k] <= before.costs[k] + _JUMP]
-    if not worse or len(problem.shots) < 2:
+def _refit_worse_shots(problem: ShootingProblem, before: Iterate, trial: Iterate, settling: int) -> Iterate:
+    """Refit the states of every shot that a trial step made worse.
+
+    One shot that changes its order of contacts must not block a step that is good for all others.
+    """
+    worse = [k for k in range(len(problem.shot_windows)) if not trial.costs[k] <= before.costs[k] + _COST_JUMP]
+    if not worse or len(problem.shot_windows) < 2:
         return trial
-    parts = by_shot(problem, _settled_part, trial, worse, settling)
-    return with_parts(problem, trial, dict(zip(worse, parts, strict=True)))
+    parts = map_shots(problem, _fit_shot_task, trial, worse, settling)
+    return replace_shots(problem, trial, dict(zip(worse, parts, strict=True)))
 
 
-def _settled_part(problem: Problem, part: Part, shared: FloatArray, shot: int, iterations: int) -> Part:
-    return part_of(problem, _settled(problem, of_part(problem, part, shared, shot), shot, iterations), shot)
+def _fit_shot_task(
+    problem: ShootingProblem, part: ShotIterate, shared: FloatArray, shot: int, iterations: int
+) -> ShotIterate:
+    return extract_shot(
+        problem, _fit_shot_states(problem, embed_shot(problem, part, shared, shot), shot, iterations), shot
+    )
 
 
-def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: float = 1.0) -> Attempt:
-    """The states of one shot fitted to the first `share` of each of its windows, shared numbers kept."""
+def _fit_shot_states(problem: ShootingProblem, now: Iterate, shot: int, iterations: int, share: float = 1.0) -> Iterate:
+    """Fit the states of one shot to the first `share` of each of its windows, with fixed shared parameters."""
     damping = 1e-3
     cost = shot_cost(problem, now, shot, share)
     for _ in range(iterations if np.isfinite(cost) else 0):
-        block = states_block(problem, now, shot, share)
-        for _ in range(_DAMPINGS):
-            step = -solved(block.states, block.gradient, damping)
-            trial = _with_states(problem, now, shot, step)
+        block = assemble_state_block(problem, now, shot, share)
+        for _ in range(_MAX_DAMPINGS):
+            step = -solve_damped(block.states, block.gradient, damping)
+            trial = _step_states(problem, now, shot, step)
             new_cost = shot_cost(problem, trial, shot, share)
             if new_cost < cost:
                 break
@@ -202,108 +242,133 @@ def _settled(problem: Problem, now: Attempt, shot: int, iterations: int, share: 
         else:
             return now
         gain, now, cost, damping = cost - new_cost, trial, new_cost, max(damping * 0.15, 1e-9)
-        if gain < _SETTLED + 1e-6 * cost:
+        if gain < _MIN_COST_GAIN + 1e-6 * cost:
             return now
     return now
 
 
-def _begun_part(
-    problem: Problem,
-    part: Part,
+def _fit_best_guess_task(
+    problem: ShootingProblem,
+    part: ShotIterate,
     shared: FloatArray,
     shot: int,
     options: ShootingOptions,
     more: tuple[tuple[FloatArray, ...], ...],
-) -> Part:
-    return part_of(problem, _begun(problem, of_part(problem, part, shared, shot), shot, options, more), shot)
+) -> ShotIterate:
+    return extract_shot(
+        problem, _fit_best_guess(problem, embed_shot(problem, part, shared, shot), shot, options, more), shot
+    )
 
 
-def _begun(
-    problem: Problem, now: Attempt, shot: int, options: ShootingOptions, more: tuple[tuple[FloatArray, ...], ...] = ()
-) -> Attempt:
-    """The states of one shot from the best of its first guesses, those in `more` (starts of all windows) among them;
-    what the others of a window guess differently stands beside what is known of the rest by now."""
-    own = problem.shots[shot]
+def _fit_best_guess(
+    problem: ShootingProblem,
+    now: Iterate,
+    shot: int,
+    options: ShootingOptions,
+    more: tuple[tuple[FloatArray, ...], ...] = (),
+) -> Iterate:
+    """Fit the states of one shot from each of its initial guesses and return the best.
+
+    `more` are further start states of all windows. Where an alternative guess of a window differs from its first guess,
+    it replaces that coordinate only; the others keep their current values.
+    """
+    own = problem.shot_windows[shot]
     guesses = [now.starts] + [
         tuple(other[k] if k in own else start for k, start in enumerate(now.starts)) for other in more
     ]
     guesses += [
         (*now.starts[:k], np.where(other == problem.windows[k].start, now.starts[k], other), *now.starts[k + 1 :])
         for k in own
-        for other in problem.windows[k].others
+        for other in problem.windows[k].alternative_starts
     ]
-    tried = [_settled(problem, _guessed(problem, now, shot, starts), shot, options.settling) for starts in guesses]
-    best = min(tried, key=lambda one: float(one.costs[shot]))
-    seen = sum(len(problem.windows[k].t) for k in problem.shots[shot])
-    if best.costs[shot] <= _EXPLAINED * seen:
+    fits = [
+        _fit_shot_states(problem, _simulate_guess(problem, now, shot, starts), shot, options.shot_iterations)
+        for starts in guesses
+    ]
+    best = min(fits, key=lambda one: float(one.costs[shot]))
+    count = sum(len(problem.windows[k].t) for k in problem.shot_windows[shot])
+    if best.costs[shot] <= _EXPLAINED_CHI2 * count:
         return best
-    early = [_grown(problem, _guessed(problem, now, shot, starts), shot, options, _EARLY) for starts in guesses]
-    early.sort(key=lambda one: shot_cost(problem, one, shot, _EARLY[-1]))
-    slow = [_grown(problem, one, shot, options, (*_LATER, 1.0)) for one in early[:_HOPEFUL]]
+    early = [
+        _fit_growing_share(problem, _simulate_guess(problem, now, shot, starts), shot, options, _EARLY_SHARES)
+        for starts in guesses
+    ]
+    early.sort(key=lambda one: shot_cost(problem, one, shot, _EARLY_SHARES[-1]))
+    slow = [_fit_growing_share(problem, one, shot, options, (*_LATER_SHARES, 1.0)) for one in early[:_FOLLOWED_GUESSES]]
     return min([best, *slow], key=lambda one: float(one.costs[shot]))
 
 
-def _guessed(problem: Problem, now: Attempt, shot: int, starts: tuple[FloatArray, ...]) -> Attempt:
-    """The same, with other starts in one shot."""
-    flows, costs = list(now.flows), now.costs.copy()
-    for k in problem.shots[shot]:
-        flows[k] = glance(problem.model, k, starts[k], now.shared)
-    guess = Attempt(starts, now.shared, tuple(flows), costs)
+def _simulate_guess(problem: ShootingProblem, now: Iterate, shot: int, starts: tuple[FloatArray, ...]) -> Iterate:
+    """Replace the start states of one shot and simulate it."""
+    predictions, costs = list(now.windows), now.costs.copy()
+    for k in problem.shot_windows[shot]:
+        predictions[k] = simulate_window(problem.model, k, starts[k], now.shared)
+    guess = Iterate(starts, now.shared, tuple(predictions), costs)
     costs[shot] = shot_cost(problem, guess, shot)
     return guess
 
 
-def _grown(problem: Problem, now: Attempt, shot: int, options: ShootingOptions, seen: tuple[float, ...]) -> Attempt:
-    """States fitted to more and more of a shot's windows, so that contacts come into view one after another."""
-    for share in seen:
-        now = _settled(problem, now, shot, options.settling if share == 1.0 else options.settling // 3 + 1, share)
-    return now
+def _fit_growing_share(
+    problem: ShootingProblem, point: Iterate, shot: int, options: ShootingOptions, shares: tuple[float, ...]
+) -> Iterate:
+    """Fit the states to growing shares of a shot's windows, so that contacts are included one after another."""
+    for share in shares:
+        point = _fit_shot_states(
+            problem, point, shot, options.shot_iterations if share == 1.0 else options.shot_iterations // 3 + 1, share
+        )
+    return point
 
 
-def _stepped(problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: float) -> Attempt:
-    shared_step, state_steps, _ = _full_step(problem, now, blocks, damping)
-    coordinates, low, high = bounds(problem.model.unknowns, now.shared)
+def _take_step(problem: ShootingProblem, now: Iterate, blocks: list[ShotBlock], damping: float) -> Iterate:
+    """Solve for one damped step of everything and simulate the result."""
+    shared_step, state_steps, _ = _solve_step(problem, now, blocks, damping)
+    coordinates, low, high = coordinate_bounds(problem.model.unknowns, now.shared)
     moved = np.clip(coordinates + shared_step, low, high)
     starts = list(now.starts)
-    for numbers, step in zip(problem.shots, state_steps, strict=True):
+    for numbers, step in zip(problem.shot_windows, state_steps, strict=True):
         offset = 0
         for k in numbers:
             starts[k] = now.starts[k] + step[offset : offset + len(now.starts[k])]
             offset += len(now.starts[k])
-    return glanced(problem, tuple(starts), values_of(problem.model.unknowns, moved))
+    return simulate_shots(problem, tuple(starts), values_from_coordinates(problem.model.unknowns, moved))
 
 
-def _full_step(
-    problem: Problem, now: Attempt, blocks: list[ShotBlock], damping: float
+def _solve_step(
+    problem: ShootingProblem, now: Iterate, blocks: list[ShotBlock], damping: float
 ) -> tuple[FloatArray, list[FloatArray], FloatArray]:
-    """Steps of the shared numbers (P,) and of the states of every shot, and the gradient by the former (P,)."""
-    scale, prior_h, prior_g = prior_knowledge(problem.model.unknowns, now.shared)
-    coordinates, low, high = bounds(problem.model.unknowns, now.shared)
+    """Compute the steps of the shared parameters (P,) and of the states of every shot, and the gradient (P,)."""
+    scale, prior_h, prior_g = prior_terms(problem.model.unknowns, now.shared)
+    coordinates, low, high = coordinate_bounds(problem.model.unknowns, now.shared)
     gradient: FloatArray = prior_g + sum(block.shared_gradient for block in blocks)
-    held = ((coordinates <= low) & (gradient > 0)) | ((coordinates >= high) & (gradient < 0))
-    reach = np.maximum(low - coordinates, -_STRIDE / scale), np.minimum(high - coordinates, _STRIDE / scale)
-    return *eliminate(blocks, np.diag(prior_h), prior_g, damping, held, reach), gradient
+    is_fixed = ((coordinates <= low) & (gradient > 0)) | ((coordinates >= high) & (gradient < 0))
+    reach = (
+        np.maximum(low - coordinates, -_MAX_PARAMETER_STEP / scale),
+        np.minimum(high - coordinates, _MAX_PARAMETER_STEP / scale),
+    )
+    return *eliminate_states(blocks, np.diag(prior_h), prior_g, damping, is_fixed, reach), gradient
 
 
-def _with_states(problem: Problem, now: Attempt, shot: int, step: FloatArray) -> Attempt:
+def _step_states(problem: ShootingProblem, now: Iterate, shot: int, step: FloatArray) -> Iterate:
+    """Move the states of one shot by a step (M,) and simulate it."""
     starts, offset = list(now.starts), 0
-    for k in problem.shots[shot]:
+    for k in problem.shot_windows[shot]:
         size = len(starts[k])
         starts[k] = starts[k] + step[offset : offset + size]
         offset += size
-    return _guessed(problem, now, shot, tuple(starts))
+    return _simulate_guess(problem, now, shot, tuple(starts))
 
 
-def _result(problem: Problem, point: Attempt, converged: bool) -> Shooting:
+def _summarize_fit(problem: ShootingProblem, point: Iterate, converged: bool) -> ShootingFit:
+    """Compute the covariances, evidence and lack of fit at the end of a search."""
     unknowns = problem.model.unknowns
-    point, blocks = sloped_everywhere(problem, point)
+    point, blocks = linearize_shots(problem, point)
     chi2, inflation = _lack_of_fit(problem, point)
-    scale, prior_information, _ = prior_knowledge(unknowns, point.shared)
-    data = sum((block.reduced() for block in blocks), np.zeros((len(scale), len(scale))))
-    posterior = solved(data / inflation + np.diag(prior_information), np.eye(len(scale)), 0.0)
-    slope = slopes(unknowns, point.shared)
-    prior_only = np.sqrt(np.diag(posterior)) > UNDETERMINED / scale
-    return Shooting(
+    scale, prior_information, _ = prior_terms(unknowns, point.shared)
+    data = sum((block.schur_complement() for block in blocks), np.zeros((len(scale), len(scale))))
+    posterior = solve_damped(data / inflation + np.diag(prior_information), np.eye(len(scale)), 0.0)
+    slope = value_derivatives(unknowns, point.shared)
+    prior_only = np.sqrt(np.diag(posterior)) > PRIOR_DOMINATED / scale
+    return ShootingFit(
         starts=point.starts,
         shared=point.shared,
         covariance=posterior * slope * slope[:, None],
@@ -317,26 +382,33 @@ def _result(problem: Problem, point: Attempt, converged: bool) -> Shooting:
     )
 
 
-def _log_evidence(problem: Problem, point: Attempt, blocks: list[ShotBlock], prior: FloatArray) -> float:
-    """Laplace: the height of the maximum times its width, over the widths of what was known beforehand; a state that
-    nothing is known of beforehand counts with a width of 1 in its unit."""
-    information = prior + sum(block.reduced() for block in blocks)
+def _log_evidence(problem: ShootingProblem, point: Iterate, blocks: list[ShotBlock], prior: FloatArray) -> float:
+    """Compute the Laplace approximation of the log evidence.
+
+    It is the height of the maximum times its width, divided by the widths of the priors; a state without a prior counts
+    with a width of 1 in its unit.
+    """
+    information = prior + sum(block.schur_complement() for block in blocks)
     width = -np.linalg.slogdet(information)[1] - sum(log_determinant(block.states) for block in blocks)
-    known = float(np.log(np.diag(prior)).sum())
+    log_width = float(np.log(np.diag(prior)).sum())
     for window in problem.windows:
-        for sigma in (window.sigma, np.empty(0) if window.link is None else window.link):
-            known -= 2 * float(np.log(sigma[np.isfinite(sigma)]).sum())
-    return 0.5 * float(known + width - point.cost)
+        for sigma in (window.sigma, np.empty(0) if window.link_sigma is None else window.link_sigma):
+            log_width -= 2 * float(np.log(sigma[np.isfinite(sigma)]).sum())
+    return 0.5 * float(log_width + width - point.cost)
 
 
-def _lack_of_fit(problem: Problem, point: Attempt) -> tuple[float, float]:
-    """Robust chi2 per degree of freedom, and the factor on variances that the residuals ask for."""
+def _lack_of_fit(problem: ShootingProblem, point: Iterate) -> tuple[float, float]:
+    """Compute the robust chi2 per degree of freedom, and the variance inflation that the residuals require."""
     series, free = [], 0
     for k, window in enumerate(problem.windows):
-        flow = sloped(point, k)
-        bounded = flow.misfit * np.sqrt(huber(flow.misfit)[0])[:, None]
+        prediction = require_linearized(point, k)
+        bounded = prediction.residual * np.sqrt(evaluate_huber_loss(prediction.residual)[0])[:, None]
         series += [bounded[window.body == body] for body in np.unique(window.body)]
-        free += int(np.linalg.matrix_rank(flow.by_start.reshape(-1, len(window.start)))) if len(flow.misfit) else 0
+        free += (
+            int(np.linalg.matrix_rank(prediction.start_jacobian.reshape(-1, len(window.start))))
+            if len(prediction.residual)
+            else 0
+        )
     count = sum(one.size for one in series)
     if count <= free:
         return float("nan"), 1.0
@@ -345,16 +417,16 @@ def _lack_of_fit(problem: Problem, point: Attempt) -> tuple[float, float]:
 
 
 def _start_covariances(
-    problem: Problem, point: Attempt, blocks: list[ShotBlock], shared: FloatArray, inflation: float
+    problem: ShootingProblem, point: Iterate, blocks: list[ShotBlock], shared: FloatArray, inflation: float
 ) -> tuple[FloatArray, ...]:
-    """(S, S) per window: what its shot leaves open, and what the shared numbers' errors add."""
-    found: list[FloatArray] = [np.empty((0, 0))] * len(problem.windows)
-    for numbers, block in zip(problem.shots, blocks, strict=True):
-        inner = solved(block.states, np.eye(len(block.gradient)), 0.0) * inflation
-        response = solved(block.states, block.coupling, 0.0)
+    """Compute the covariance (S, S) of each start state: that of its shot, plus the errors of the shared parameters."""
+    covariances: list[FloatArray] = [np.empty((0, 0))] * len(problem.windows)
+    for numbers, block in zip(problem.shot_windows, blocks, strict=True):
+        inner = solve_damped(block.states, np.eye(len(block.gradient)), 0.0) * inflation
+        response = solve_damped(block.states, block.coupling, 0.0)
         whole, offset = inner + response @ shared @ response.T, 0
         for k in numbers:
             here = slice(offset, offset + len(point.starts[k]))
-            found[k] = whole[here, here]
+            covariances[k] = whole[here, here]
             offset += len(point.starts[k])
-    return tuple(found)
+    return tuple(covariances)

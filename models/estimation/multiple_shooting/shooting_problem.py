@@ -1,4 +1,4 @@
-"""The windows of a model by shots, a place in the search for their starts and shared numbers, and its parts by shot."""
+"""The fixed data of a multiple-shooting fit, its current iterate, and the part of both that belongs to one shot."""
 
 from __future__ import annotations
 
@@ -9,94 +9,133 @@ from typing import Any
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.shooting_windows import Flow, Glance, Model, Window, narrowed
-from models.numerics.executor import ALONE, Crew
+from models.estimation.multiple_shooting.shooting_windows import (
+    LinearizedWindow,
+    ShootingModel,
+    SimulatedWindow,
+    Window,
+    drop_shared_jacobian,
+)
+from models.numerics.executor import SERIAL, Executor
 
-UNSEEN = Glance(np.empty((0, 1)), np.empty(0))
-"""of a window that was not simulated."""
+NOT_SIMULATED = SimulatedWindow(np.empty((0, 1)), np.empty(0))
+"""Stands for a window that was not simulated."""
 
 
 @dataclass(frozen=True, slots=True)
-class Attempt:
-    """Starts of all windows and shared numbers, simulated."""
+class Iterate:
+    """One point of the search: start states of all windows and shared parameters, with their simulation."""
 
     starts: tuple[FloatArray, ...]
-    """per window (S,)."""
+    """(S,) start state of each window."""
     shared: FloatArray
-    """(P,)"""
-    flows: tuple[Flow | Glance, ...]
-    """without slopes where none were asked for yet."""
+    """(P,) shared parameters."""
+    windows: tuple[LinearizedWindow | SimulatedWindow, ...]
+    """Simulation of each window; linearized only where a step needed the Jacobians."""
     costs: FloatArray
-    """per shot (Q,); the prior of the shared numbers comes last."""
+    """(Q,) cost of each shot; the cost of the priors of the shared parameters comes last."""
 
     @property
     def cost(self) -> float:
+        """Total cost: robust chi2 of the residuals and chi2 of all pseudo-observations."""
         return float(self.costs.sum())
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
-    """What does not change during a search."""
+class ShootingProblem:
+    """What does not change during a fit."""
 
-    model: Model
+    model: ShootingModel
     windows: tuple[Window, ...]
-    shots: tuple[tuple[int, ...], ...]
-    """numbers of the windows of each shot."""
-    crew: Crew = field(default=ALONE, repr=False, compare=False)
-    """Who works through the shots."""
-    of_states: Model = field(init=False, repr=False)
-    """The model for steps of states alone."""
+    shot_windows: tuple[tuple[int, ...], ...]
+    """Indices of the windows of each shot."""
+    executor: Executor = field(default=SERIAL, repr=False, compare=False)
+    """Distributes the shots over processes."""
+    state_model: ShootingModel = field(init=False, repr=False)
+    """Model for steps of the start states alone; it may leave out Jacobians by the shared parameters."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "of_states", narrowed(self.model))
+        object.__setattr__(self, "state_model", drop_shared_jacobian(self.model))
 
-    def __reduce__(self) -> tuple[Callable[[Model], Problem], tuple[Model]]:
-        """Who helps has no helper."""
-        return problem_of, (self.model,)
+    def __reduce__(self) -> tuple[Callable[[ShootingModel], ShootingProblem], tuple[ShootingModel]]:
+        """Pickle without the executor: a worker process works alone."""
+        return build_problem, (self.model,)
 
 
-def problem_of(model: Model, crew: Crew = ALONE) -> Problem:
-    """The windows of a model, by shots."""
+def build_problem(model: ShootingModel, executor: Executor = SERIAL) -> ShootingProblem:
+    """Group the windows of a model by shot.
+
+    Args:
+        model: Model to fit.
+        executor: Distributes the shots over processes.
+
+    Returns:
+        The problem that a fit works on.
+    """
     windows = model.windows
     numbers = sorted({window.shot for window in windows})
     shots = tuple(tuple(k for k, w in enumerate(windows) if w.shot == n) for n in numbers)
-    return Problem(model, windows, shots, crew)
+    return ShootingProblem(model, windows, shots, executor)
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
-    """What an attempt makes of one shot: of each of its windows, in their order."""
+class ShotIterate:
+    """The part of an iterate that belongs to one shot: one entry per window, in their order."""
 
     starts: tuple[FloatArray, ...]
-    flows: tuple[Flow | Glance, ...]
+    windows: tuple[LinearizedWindow | SimulatedWindow, ...]
     cost: float
 
 
-def part_of(problem: Problem, point: Attempt, shot: int) -> Part:
-    """One shot of an attempt."""
-    own = problem.shots[shot]
-    return Part(tuple(point.starts[k] for k in own), tuple(point.flows[k] for k in own), float(point.costs[shot]))
+def extract_shot(problem: ShootingProblem, point: Iterate, shot: int) -> ShotIterate:
+    """Extract the part of an iterate that belongs to one shot."""
+    own = problem.shot_windows[shot]
+    return ShotIterate(
+        tuple(point.starts[k] for k in own), tuple(point.windows[k] for k in own), float(point.costs[shot])
+    )
 
 
-def with_parts(problem: Problem, point: Attempt, parts: Mapping[int, Part]) -> Attempt:
-    """An attempt with some shots as `parts` have them, by their numbers."""
-    starts, flows, costs = list(point.starts), list(point.flows), point.costs.copy()
+def replace_shots(problem: ShootingProblem, point: Iterate, parts: Mapping[int, ShotIterate]) -> Iterate:
+    """Replace the parts of some shots in an iterate.
+
+    Args:
+        problem: Problem that the iterate belongs to.
+        point: Iterate to change; it stays as it is.
+        parts: New parts by the index of their shot.
+
+    Returns:
+        The changed iterate.
+    """
+    starts, predictions, costs = list(point.starts), list(point.windows), point.costs.copy()
     for shot, part in parts.items():
-        for k, start, flow in zip(problem.shots[shot], part.starts, part.flows, strict=True):
-            starts[k], flows[k] = start, flow
+        for k, start, prediction in zip(problem.shot_windows[shot], part.starts, part.windows, strict=True):
+            starts[k], predictions[k] = start, prediction
         costs[shot] = part.cost
-    return Attempt(tuple(starts), point.shared, tuple(flows), costs)
+    return Iterate(tuple(starts), point.shared, tuple(predictions), costs)
 
 
-def by_shot(problem: Problem, work: Callable[..., Any], point: Attempt, shots: Sequence[int], *more: Any) -> list[Any]:
-    """`work(problem, part, shared, shot, *more)` of the part that each of these shots has in an attempt, shared out."""
-    jobs = [(part_of(problem, point, shot), point.shared, shot, *more) for shot in shots]
-    return problem.crew.each(problem, work, jobs)
+def map_shots(
+    problem: ShootingProblem, work: Callable[..., Any], point: Iterate, shots: Sequence[int], *more: Any
+) -> list[Any]:
+    """Run one task per shot through the executor.
+
+    Args:
+        problem: Problem that the iterate belongs to.
+        point: Iterate whose parts the tasks receive.
+        shots: Indices of the shots to work on.
+        work: Function `work(problem, part, shared, shot, *more)`, importable in a worker process.
+        more: Further arguments of every task.
+
+    Returns:
+        Results in the order of `shots`.
+    """
+    jobs = [(extract_shot(problem, point, shot), point.shared, shot, *more) for shot in shots]
+    return problem.executor.map_tasks(problem, work, jobs)
 
 
-def of_part(problem: Problem, part: Part, shared: FloatArray, shot: int) -> Attempt:
-    """An attempt in which one shot is simulated; all others are as they are first guessed, and cost nothing."""
+def embed_shot(problem: ShootingProblem, part: ShotIterate, shared: FloatArray, shot: int) -> Iterate:
+    """Build an iterate in which one shot is simulated; all others stay at their initial guess and cost nothing."""
     starts = [window.start for window in problem.windows]
-    costs = np.zeros(len(problem.shots) + 1)
-    point = Attempt(tuple(starts), shared, (UNSEEN,) * len(starts), costs)
-    return with_parts(problem, point, {shot: part})
+    costs = np.zeros(len(problem.shot_windows) + 1)
+    point = Iterate(tuple(starts), shared, (NOT_SIMULATED,) * len(starts), costs)
+    return replace_shots(problem, point, {shot: part})

@@ -1,1 +1,1 @@
-"""A small network that corrects the contact and cloth models of billiards, and its training."""
+"""A small neural network that corrects the cloth and cushion models of billiards, and its training."""

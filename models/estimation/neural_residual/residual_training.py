@@ -1,8 +1,8 @@
-"""Train the residual of one scene, and say whether it earns its place.
+"""Training of the neural residual of one scene, and the decision whether it is used.
 
-Shots are split: some are fitted, some are looked at to stop in time, and who calls decides on others. A network is
-trained from silence in short rounds; training stops where the shots that it did not see are no longer predicted better.
-It is switched on only where it predicts them better by a tenth.
+Shots are split into fitting shots and stopping shots; reporting is up to the caller, on others. A network is trained
+from zero output in short rounds; training stops where the prediction of the stopping shots no longer improves. The
+network is enabled only where it reduces their prediction error by at least a tenth.
 """
 
 from __future__ import annotations
@@ -13,108 +13,137 @@ import numpy as np
 
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.fixed_parameters import Held
-from models.estimation.multiple_shooting.shooting_fit import Shooting, ShootingOptions, shoot
+from models.estimation.multiple_shooting.fixed_parameters import FixedParameterModel
+from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions, fit_windows
 from models.estimation.neural_residual.residual_windows import ResidualChains, residual_priors
-from models.estimation.whole_shot.cushion_chains import SCATTER, Leg
+from models.estimation.whole_shot.cushion_chains import REBOUND_SCATTER, ChainSegment
 from models.physics.effect import Prior
 
-GAIN = 0.1
-"""share of the error on unseen shots that a residual has to take away."""
-STRENGTH = 0.1
-"""of the prior: what friction and rebounds usually lack, as a share of them."""
-LEAD = 0.5
+MIN_GAIN = 0.1
+"""Share of the error on stopping shots that a residual has to remove."""
+OUTPUT_SIGMA = 0.1
+"""Prior standard deviation of the outputs: typical relative error of friction and rebound models."""
+LEAD_TIME = 0.5
 """s of a chain from which the rest is predicted."""
-HORIZON = 2.0
-"""s of prediction: longer than that, unseen spin and scatter decide."""
-_PHYSICS = ShootingOptions(iterations=20, settling=8)
-_ROUND = ShootingOptions(iterations=3, settling=1)
-_ROUNDS = 3
-_START = ShootingOptions(iterations=8, settling=6)
-_POLISH = ShootingOptions(iterations=2, settling=1)
+PREDICTION_HORIZON = 2.0
+"""s of prediction: beyond that, unobserved spin and scatter dominate."""
+_PHYSICS_OPTIONS = ShootingOptions(iterations=20, shot_iterations=8)
+_ROUND_OPTIONS = ShootingOptions(iterations=3, shot_iterations=1)
+_ROUND_COUNT = 3
+_START_OPTIONS = ShootingOptions(iterations=8, shot_iterations=6)
+_POLISH_OPTIONS = ShootingOptions(iterations=2, shot_iterations=1)
 
 
 @dataclass(frozen=True, slots=True)
-class Residual:
-    """A trained correction, and what it gained."""
+class TrainedResidual:
+    """A trained correction, and its gain on the stopping shots."""
 
-    on: bool
-    """whether it predicted the shots that stopped it better by `GAIN`."""
-    trained_weights: tuple[Prior, ...]
-    """for `ResidualChains`."""
-    trained: FloatArray
+    is_enabled: bool
+    """Whether it predicted the stopping shots better by `MIN_GAIN`."""
+    weight_priors: tuple[Prior, ...]
+    """Priors of the weights, for `ResidualChains`."""
+    best_values: FloatArray
     """(P,) physics, then weights, of the best round."""
-    physics: FloatArray
-    """(8,) fitted without it."""
+    physics_values: FloatArray
+    """(8,) fitted without the network."""
     error_without: float
-    """m, typical open-loop miss of the shots that stopped it."""
+    """m, typical open-loop error on the stopping shots without the network."""
     error_with: float
-    """m, the same with the best round, which they chose: other shots have to confirm it."""
+    """m, the same with the best round, which these shots selected: other shots have to confirm it."""
 
     @property
     def gain(self) -> float:
-        """Share of the error that the best network took away."""
+        """Share of the error that the best network removed."""
         return 1.0 - self.error_with / self.error_without
 
     @property
-    def weights(self) -> tuple[Prior, ...]:
-        """As delivered: none where it is off."""
-        return self.trained_weights if self.on else ()
+    def active_weights(self) -> tuple[Prior, ...]:
+        """Priors of the weights in use: none where the network is disabled."""
+        return self.weight_priors if self.is_enabled else ()
 
     @property
-    def shared(self) -> FloatArray:
-        """(P,) as delivered: physics, then the weights where it is on."""
-        return self.trained if self.on else self.physics
+    def parameter_values(self) -> FloatArray:
+        """(P,) parameters in use: physics, then the weights where the network is enabled."""
+        return self.best_values if self.is_enabled else self.physics_values
 
-    def model(self, legs: tuple[Leg, ...], table: Table, law: str, scatter: float = SCATTER) -> ResidualChains:
-        """The physics as delivered, for other legs of the scene; `shared` are its values."""
-        return ResidualChains(legs, table, law, self.weights, scatter=scatter)
+    def build_model(
+        self, segments: tuple[ChainSegment, ...], table: Table, law: str, scatter: float = REBOUND_SCATTER
+    ) -> ResidualChains:
+        """Build the model in use for other segments of the scene; `parameter_values` are its parameters."""
+        return ResidualChains(segments, table, law, self.active_weights, scatter=scatter)
 
 
 def train_residual(
-    fitted: tuple[Leg, ...],
-    unseen: tuple[Leg, ...],
+    fitting_segments: tuple[ChainSegment, ...],
+    stopping_segments: tuple[ChainSegment, ...],
     table: Table,
     law: str,
     seed: int,
-    scatter: float = SCATTER,
-    strength: float = STRENGTH,
-) -> Residual:
-    """A residual for one scene from `fitted` legs, stopped by `unseen` legs; `seed` places the hidden units."""
-    bare = ResidualChains(fitted, table, law, scatter=scatter)
-    physics = shoot(bare, options=_PHYSICS)
-    without = typical(prediction_errors(replace(bare, legs=unseen), physics.shared))
+    scatter: float = REBOUND_SCATTER,
+    strength: float = OUTPUT_SIGMA,
+) -> TrainedResidual:
+    """Train the residual of one scene.
+
+    Args:
+        fitting_segments: Segments to fit.
+        stopping_segments: Segments that stop the training.
+        table: Dimensions of the table.
+        law: Name of the cushion contact model.
+        seed: Random seed of the hidden weights.
+        scatter: Scatter of the rebound, as a share of the speed.
+        strength: Prior standard deviation of the outputs.
+
+    Returns:
+        The residual of the best round.
+    """
+    bare = ResidualChains(fitting_segments, table, law, scatter=scatter)
+    physics = fit_windows(bare, options=_PHYSICS_OPTIONS)
+    without = geometric_mean_error(prediction_errors(replace(bare, segments=stopping_segments), physics.shared))
     weights = residual_priors(strength, seed)
-    error, shared = _trained(replace(bare, weights=weights), unseen, physics)
-    on = error <= (1.0 - GAIN) * without
-    return Residual(on, weights, shared, physics.shared, without, error)
+    error, shared = _train_rounds(replace(bare, weights=weights), stopping_segments, physics)
+    on = error <= (1.0 - MIN_GAIN) * without
+    return TrainedResidual(on, weights, shared, physics.shared, without, error)
 
 
-def prediction_errors(model: ResidualChains, shared: FloatArray, lead: float = LEAD) -> FloatArray:
-    """(C,) m, RMS miss of each chain, open loop, from `lead` s after its first sample and for `HORIZON` s.
+def prediction_errors(model: ResidualChains, shared: FloatArray, lead: float = LEAD_TIME) -> FloatArray:
+    """Measure the open-loop prediction error of each chain.
 
     The start of each chain is fitted to its first `lead` s; cushions and spin then follow from the model alone.
+
+    Args:
+        model: Chains to predict.
+        shared: (P,) shared parameters.
+        lead: s after the first sample that are fitted.
+
+    Returns:
+        (C,) m, RMS error in the following `PREDICTION_HORIZON` s.
     """
-    chains: dict[int, list[Leg]] = {}
-    for leg in model.legs:
-        chains.setdefault(leg.chain, []).append(leg)
-    whole = [_missed(replace(model, legs=tuple(legs)), shared, lead) for legs in chains.values() if not legs[0].tied]
-    return np.array([np.sqrt(np.mean(misses**2)) for misses in whole if len(misses)])
+    chains: dict[int, list[ChainSegment]] = {}
+    for segment in model.segments:
+        chains.setdefault(segment.chain, []).append(segment)
+    chain_errors = [
+        _chain_errors(replace(model, segments=tuple(segments)), shared, lead)
+        for segments in chains.values()
+        if not segments[0].continues_previous
+    ]
+    return np.array([np.sqrt(np.mean(misses**2)) for misses in chain_errors if len(misses)])
 
 
-def typical(errors: FloatArray) -> float:
-    """Geometric mean of errors (C,): a shot that went another way counts once; NaN of nothing."""
+def geometric_mean_error(errors: FloatArray) -> float:
+    """Compute the geometric mean of errors (C,): one deviating shot counts once; NaN without errors."""
     return float(np.exp(np.mean(np.log(np.maximum(errors, 1e-6))))) if len(errors) else float("nan")
 
 
-def _trained(model: ResidualChains, unseen: tuple[Leg, ...], physics: Shooting) -> tuple[float, FloatArray]:
-    """The least error on unseen legs in all rounds, and the shared numbers there."""
+def _train_rounds(
+    model: ResidualChains, unseen: tuple[ChainSegment, ...], physics: ShootingFit
+) -> tuple[float, FloatArray]:
+    """Train until the error on the stopping segments rises; return the least error and the parameters there."""
     shared = np.concatenate([physics.shared, [prior.value for prior in model.weights]])
     starts, best = physics.starts, (float("inf"), shared)
-    for _ in range(_ROUNDS):
-        fit = shoot(model, shared, _ROUND, starts)
+    for _ in range(_ROUND_COUNT):
+        fit = fit_windows(model, shared, _ROUND_OPTIONS, starts)
         shared, starts = fit.shared, fit.starts
-        error = typical(prediction_errors(replace(model, legs=unseen), shared))
+        error = geometric_mean_error(prediction_errors(replace(model, segments=unseen), shared))
         if not error < best[0]:
             break
         best = (error, shared)
@@ -123,26 +152,31 @@ def _trained(model: ResidualChains, unseen: tuple[Leg, ...], physics: Shooting) 
     return best
 
 
-def _missed(chain: ResidualChains, shared: FloatArray, lead: float) -> FloatArray:
-    """Of one chain."""
-    first = chain.legs[0]
-    early = first.t <= first.t[0] + lead if len(first.t) else np.empty(0, bool)
-    if early.sum() < 5:
+def _chain_errors(chain: ResidualChains, shared: FloatArray, lead: float) -> FloatArray:
+    """Measure the distances (m) between predicted and observed positions of one chain."""
+    first = chain.segments[0]
+    is_lead = first.t <= first.t[0] + lead if len(first.t) else np.empty(0, bool)
+    if is_lead.sum() < 5:
         return np.empty(0)
-    seen = replace(first, t=first.t[early], xy=first.xy[early], whiten=first.whiten[early], bounce=None)
-    lone = replace(chain, legs=(seen,))
-    misses: list[FloatArray] = []
+    lead_segment = replace(
+        first, t=first.t[is_lead], xy=first.xy[is_lead], whitening=first.whitening[is_lead], bounce=None
+    )
+    lead_model = replace(chain, segments=(lead_segment,))
+    errors: list[FloatArray] = []
     starts: tuple[FloatArray, ...] | None = None
-    for model, options in ((lone.without(), _START), (lone, _POLISH)):  # the physics alone is the faster to search with
+    for model, options in (
+        (lead_model.without_network(), _START_OPTIONS),
+        (lead_model, _POLISH_OPTIONS),
+    ):  # the search is faster with the physics alone
         count = len(model.unknowns)
-        held = Held(model, shared[:count], np.zeros(count, bool), model.unknowns)
-        starts = shoot(held, options=options, starts=starts).starts
-    state = lone.windows[0].start if starts is None else starts[0]
-    for k, leg in enumerate(chain.legs):
-        value, _ = chain.glide(state, leg.t - leg.begin, shared)
-        ahead = (leg.t > first.t[0] + lead) & (leg.t <= first.t[0] + lead + HORIZON)
-        misses.append(np.linalg.norm(value[ahead, :2] - leg.xy[ahead], axis=1))
-        if leg.bounce is None or k + 1 == len(chain.legs):
+        fixed_model = FixedParameterModel(model, shared[:count], np.zeros(count, bool), model.unknowns)
+        starts = fit_windows(fixed_model, options=options, starts=starts).starts
+    state = lead_model.windows[0].start if starts is None else starts[0]
+    for k, segment in enumerate(chain.segments):
+        value, _ = chain.predict_motion(state, segment.t - segment.begin, shared)
+        ahead = (segment.t > first.t[0] + lead) & (segment.t <= first.t[0] + lead + PREDICTION_HORIZON)
+        errors.append(np.linalg.norm(value[ahead, :2] - segment.xy[ahead], axis=1))
+        if segment.bounce is None or k + 1 == len(chain.segments):
             break
-        state, _, _ = chain.hop(leg, state, chain.legs[k + 1].begin, shared)
-    return np.concatenate(misses)
+        state, _, _ = chain.predict_past_cushion(segment, state, chain.segments[k + 1].begin, shared)
+    return np.concatenate(errors)

@@ -1,1 +1,4 @@
-"""Particles of which only coordinates are known: the model that explains them, and a prediction."""
+"""Particles with unknown physics: the model that explains their coordinates, interpolation and prediction.
+
+The models themselves live in `springs`, `rigid_bodies` and `models.neural.common.spline_methods`.
+"""

@@ -1,4 +1,4 @@
-"""Points whose names say that they are fixed to one body: box1-a, box1-b, box1-c."""
+"""Grouping of points by names that assign them to one body: box1-a, box1-b, box1-c."""
 
 from __future__ import annotations
 
@@ -8,24 +8,32 @@ from collections import Counter
 import numpy as np
 
 from models.core.typing import FloatArray, IntArray
-from models.estimation.rigid_bodies.body_clusters import keep_their_distances
+from models.estimation.rigid_bodies.body_clusters import has_fixed_distances
 
-LEAST = 3
-"""points that make a body."""
+MIN_POINTS = 3
+"""Points that make a body."""
 
 
-def named_bodies(ids: tuple[str, ...], x: FloatArray) -> IntArray | None:
-    """(N,) bodies of points x (T, N, D): those that share a name up to its last - . or _, and keep their distances.
+def group_by_name(ids: tuple[str, ...], x: FloatArray) -> IntArray | None:
+    """Group points into rigid bodies by their names.
 
-    A point alone in its name is a body of its own. None where no name says anything.
+    Points belong together if their names agree up to the last - . or _, and their distances are constant. A single
+    point is a body of its own.
+
+    Args:
+        ids: N names.
+        x: (T, N, D) coordinates, NaN where a point was not observed.
+
+    Returns:
+        (N,) body of each point; None where no name assigns points to a common body.
     """
     stems = [re.split(r"[-._](?=[^-._]*$)", name)[0] for name in ids]
     counts = Counter(stems)
     labels = np.arange(len(ids))
-    found = False
+    has_group = False
     for stem, count in counts.items():
         mine = np.array([one == stem for one in stems])
-        if count >= LEAST and keep_their_distances(x[:, mine]):
+        if count >= MIN_POINTS and has_fixed_distances(x[:, mine]):
             labels[mine] = labels[mine][0]
-            found = True
-    return np.asarray(np.unique(labels, return_inverse=True)[1], np.int64) if found else None
+            has_group = True
+    return np.asarray(np.unique(labels, return_inverse=True)[1], np.int64) if has_group else None

@@ -1,8 +1,8 @@
-"""Particles of which only coordinates are known: the physics that explains them where there is one, else a curve.
+"""Fit of particles with unknown physics: a physical model where one explains their coordinates, else a curve.
 
-Springs and rods are taken where their fit is accepted. Rigid bodies that collide, and curves, are compared on every
-other sample, hidden from them for the purpose; what comes nearest is taken, and its error there is promised for the
-places between samples. It is what is left at twice the spacing, so that it is an upper bound.
+Springs and rods are used where their fit is accepted. Rigid bodies that collide, and curves, are compared on every
+other sample, withheld from them for this purpose; the one with the least error is used, and this error is reported for
+positions between samples. It belongs to twice the spacing of the samples, so that it is an upper bound.
 """
 
 from __future__ import annotations
@@ -14,138 +14,155 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray, IntArray
-from models.estimation.rigid_bodies.body_clusters import groups
-from models.estimation.rigid_bodies.rigid_body_fit import fit_boxes
-from models.estimation.springs.latent_inference import infer
-from models.neural.common.spline_methods import akima, spline
+from models.estimation.rigid_bodies.body_clusters import group_rigid_points
+from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
+from models.estimation.springs.latent_inference import infer_springs
+from models.neural.common.spline_methods import fit_akima, fit_spline
 
 Motion = Callable[[FloatArray], FloatArray]
-"""times (M,) s to places (M, N, D)."""
+"""Function of times (M,) s that returns positions (M, N, D)."""
 
-LEAST_SAMPLES = 4
-LEAST_FOR_PHYSICS = 12
-"""samples, from which springs and collisions are looked for."""
-MOST_SPRUNG = 6
-"""particles among which springs are looked for: every pair is a question."""
-LEAST_CORNERS = 3
-"""points that make a rigid body."""
-MOST_BODIES = 200
+MIN_SAMPLES = 4
+MIN_SAMPLES_FOR_PHYSICS = 12
+"""Samples from which springs and collisions are fitted."""
+MAX_SPRING_PARTICLES = 6
+"""Particles among which springs are searched: every pair is a hypothesis."""
+MIN_CORNERS = 3
+"""Points that make a rigid body."""
+MAX_BODIES = 200
 
 
 @dataclass(frozen=True, slots=True)
 class Particles:
-    """N particles at T times in D axes; NaN where one was not seen."""
+    """N particles at T times in D axes; NaN where one was not observed."""
 
     t: FloatArray
-    """(T,) s, growing."""
+    """(T,) s, increasing."""
     x: FloatArray
     """(T, N, D)"""
     body: IntArray | None = None
-    """(N,) which particles are fixed to the same rigid body, where that is known."""
+    """(N,) rigid body of each particle, where it is known."""
 
     def __post_init__(self) -> None:
         if self.x.ndim != 3 or len(self.t) != len(self.x) or np.any(np.diff(self.t) <= 0):
             raise ValueError(f"particles are (T, N, D) at growing t (T,); got {self.x.shape} at {self.t.shape}")
-        least = int(self.seen.sum(axis=0).min(initial=LEAST_SAMPLES))
-        if least < LEAST_SAMPLES or not self.x.size:
-            raise ValueError(f"every particle must be seen at least {LEAST_SAMPLES} times; one is seen {least} times")
+        least = int(self.is_observed.sum(axis=0).min(initial=MIN_SAMPLES))
+        if least < MIN_SAMPLES or not self.x.size:
+            raise ValueError(f"every particle must be seen at least {MIN_SAMPLES} times; one is seen {least} times")
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
-        """(T, N)"""
+    def is_observed(self) -> NDArray[np.bool_]:
+        """(T, N) whether a particle was observed."""
         return np.asarray(np.isfinite(self.x).all(axis=2), np.bool_)
 
 
 @dataclass(frozen=True, slots=True)
-class Explained:
-    """A motion of particles, and what it is taken to be."""
+class ParticleMotion:
+    """A fitted motion of particles."""
 
     kind: str
     """springs, collisions, free flight, rigid bodies, or the name of a curve."""
     motion: Motion
     sigma: FloatArray
     """(N,) standard deviation of a coordinate between two samples."""
-    numbers: dict[str, float]
-    """What was found of the physics, by name; empty for a curve."""
-    errors: dict[str, float] = field(default_factory=dict)
-    """Their standard deviations, where these are known."""
-    untold: tuple[str, ...] = ()
-    """What such coordinates cannot tell of the physics."""
+    parameters: dict[str, float]
+    """Fitted parameters of the physics by name; empty for a curve."""
+    parameter_sigma: dict[str, float] = field(default_factory=dict)
+    """Standard deviations of the parameters, where they are known."""
+    not_identifiable: tuple[str, ...] = ()
+    """Sentences: which properties such coordinates cannot identify."""
 
 
-Fit = Callable[[Particles], tuple[Motion, dict[str, float]]]
+ParticleFit = Callable[[Particles], tuple[Motion, dict[str, float]]]
 
 
-def explain(particles: Particles) -> Explained:
-    """The motion behind particles."""
-    found = sprung(particles)
-    if found is not None:
-        return found
-    errors = {name: between(particles, fit) for name, fit in fits(particles).items()}
+def fit_particles(particles: Particles) -> ParticleMotion:
+    """Fit the model of least error to the coordinates of particles.
+
+    Args:
+        particles: Observed particles.
+
+    Returns:
+        The motion, with its error between samples.
+    """
+    springs = fit_spring_motion(particles)
+    if springs is not None:
+        return springs
+    errors = {name: estimate_holdout_errors(particles, fit) for name, fit in list_candidate_fits(particles).items()}
     kind = min(errors, key=lambda name: float(np.mean(errors[name] ** 2)))
-    motion, numbers = fits(particles)[kind](particles)
-    return Explained(kind, motion, errors[kind], numbers)
+    motion, numbers = list_candidate_fits(particles)[kind](particles)
+    return ParticleMotion(kind, motion, errors[kind], numbers)
 
 
-def sprung(particles: Particles) -> Explained | None:
-    """Springs, rods and gravity; None where they do not explain what was seen."""
+def fit_spring_motion(particles: Particles) -> ParticleMotion | None:
+    """Fit springs, rods, collisions and gravity; None where they do not explain the observations."""
     count = particles.x.shape[1]
-    if count > MOST_SPRUNG or int(particles.seen.sum(axis=0).min()) < LEAST_FOR_PHYSICS or _meet(particles.x):
+    if (
+        count > MAX_SPRING_PARTICLES
+        or int(particles.is_observed.sum(axis=0).min()) < MIN_SAMPLES_FOR_PHYSICS
+        or _has_coincident_particles(particles.x)
+    ):
         return None
-    latent = infer(particles.t, particles.x)
-    if not latent.accepted:
+    latent = infer_springs(particles.t, particles.x)
+    if not latent.is_accepted:
         return None
     numbers, errors = (dict(zip(latent.names, each.tolist(), strict=True)) for each in (latent.values, latent.sigma))
-    kind = "springs" if len(latent.graph.pairs) else "collisions" if len(latent.graph.touching) else "free flight"
+    kind = (
+        "springs" if len(latent.graph.pairs) else "collisions" if len(latent.graph.colliding_pairs) else "free flight"
+    )
     sigma = np.full(count, latent.noise)
-    return Explained(kind, lambda t: latent.at(t)[:, 0], sigma, numbers, errors, latent.untold)
+    return ParticleMotion(kind, lambda t: latent.states_at(t)[:, 0], sigma, numbers, errors, latent.not_identifiable)
 
 
-def _meet(x: FloatArray) -> bool:
-    """Whether two particles (T, N, D) are ever seen at the same place, where no spring has a direction."""
+def _has_coincident_particles(x: FloatArray) -> bool:
+    """Return whether two particles are ever observed at the same position, where a spring has no direction."""
     apart = np.linalg.norm(x[:, :, None] - x[:, None], axis=3)
     return bool(np.any(np.triu(apart == 0, 1)))
 
 
-def fits(particles: Particles) -> dict[str, Fit]:
-    """What can be tried: curves, and rigid bodies where several points are fixed to one."""
-    found: dict[str, Fit] = {"linear": curve_through(1), "cubic": curve_through(3), "akima": curve_through(None)}
-    if particles.x.shape[2] == 2 and len(particles.t) >= LEAST_FOR_PHYSICS and particles.seen.all():
-        labels = groups(particles.x) if particles.body is None else particles.body
+def list_candidate_fits(particles: Particles) -> dict[str, ParticleFit]:
+    """List the candidate fits: curves, and rigid bodies where several points belong to one."""
+    fits: dict[str, ParticleFit] = {
+        "linear": build_spline_fit(1),
+        "cubic": build_spline_fit(3),
+        "akima": build_spline_fit(None),
+    }
+    if particles.x.shape[2] == 2 and len(particles.t) >= MIN_SAMPLES_FOR_PHYSICS and particles.is_observed.all():
+        labels = group_rigid_points(particles.x) if particles.body is None else particles.body
         sizes = np.bincount(labels)
-        if sizes.max() >= LEAST_CORNERS and 1 < len(sizes) <= MOST_BODIES:
-            found["rigid bodies"] = lambda some: collided(some, labels)
-    return found
+        if sizes.max() >= MIN_CORNERS and 1 < len(sizes) <= MAX_BODIES:
+            fits["rigid bodies"] = lambda some: fit_rigid_motion(some, labels)
+    return fits
 
 
-def curve_through(degree: int | None) -> Fit:
-    """A spline of a degree through each particle's own samples; Akima's where there is none."""
+def build_spline_fit(degree: int | None) -> ParticleFit:
+    """Build the fit of a spline of a degree to each particle; of Akima's spline without a degree."""
 
     def fit(particles: Particles) -> tuple[Motion, dict[str, float]]:
         curves = [
-            spline(particles.t[there], particles.x[there, k], degree) if degree else
-            akima(particles.t[there], particles.x[there, k])
-            for k, there in enumerate(particles.seen.T)
+            fit_spline(particles.t[there], particles.x[there, k], degree) if degree else
+            fit_akima(particles.t[there], particles.x[there, k])
+            for k, there in enumerate(particles.is_observed.T)
         ]  # fmt: skip
         return lambda t: np.stack([curve(t) for curve in curves], axis=1), {}
 
     return fit
 
 
-def collided(particles: Particles, labels: IntArray) -> tuple[Motion, dict[str, float]]:
-    """Rigid bodies that push each other (`models.boxes`)."""
-    found = fit_boxes(particles.t, particles.x, labels)
-    world = found.world
+def fit_rigid_motion(particles: Particles, labels: IntArray) -> tuple[Motion, dict[str, float]]:
+    """Fit rigid bodies that collide."""
+    motion = fit_rigid_bodies(particles.t, particles.x, labels)
+    world = motion.world
     numbers = {"friction": world.friction, "restitution": world.restitution, "drag": world.drag,
                "gravity x": float(world.gravity[0]), "gravity y": float(world.gravity[1])}  # fmt: skip
-    return found.at, numbers
+    return motion.positions_at, numbers
 
 
-def between(particles: Particles, fit: Fit) -> FloatArray:
-    """(N,) root mean square error of a fit at every other sample, hidden from it; infinite where too few are left."""
+def estimate_holdout_errors(particles: Particles, fit: ParticleFit) -> FloatArray:
+    """Measure the RMS error (N,) of a fit on every other sample, withheld from it; infinite with too few samples."""
     rows = np.arange(len(particles.t)) % 2 == 0
-    hidden, seen = ~rows & (particles.t < particles.t[rows][-1]), particles.seen
-    if int(seen[rows].sum(axis=0).min()) < LEAST_SAMPLES or not seen[hidden].any(axis=0).all():
+    hidden, is_observed = ~rows & (particles.t < particles.t[rows][-1]), particles.is_observed
+    if int(is_observed[rows].sum(axis=0).min()) < MIN_SAMPLES or not is_observed[hidden].any(axis=0).all():
         return np.full(particles.x.shape[1], np.inf)
     motion, _ = fit(Particles(particles.t[rows], particles.x[rows], particles.body))
     off = motion(particles.t[hidden]) - particles.x[hidden]

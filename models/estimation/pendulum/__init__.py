@@ -1,1 +1,1 @@
-"""The fit of a double pendulum to measured angles."""
+"""The fit of a double pendulum to measured angles; its equations of motion live in `models.physics.pendulum`."""

@@ -1,7 +1,7 @@
-"""What the angles of a real double pendulum say of it, and the motion between them.
+"""Fit of a real double pendulum to measured angles, and the motion between them.
 
-No model of a real joint is exact, so links between samples are tied as loosely as their misfits ask for, instead of
-being one motion to rounding; between two samples the motions from both are blended.
+No model of a real joint is exact. Links between samples therefore have the standard deviation of their residuals,
+instead of forming one motion to rounding; between two samples, the motions from both are blended.
 """
 
 from __future__ import annotations
@@ -13,120 +13,135 @@ from scipy.interpolate import CubicSpline
 
 from models.core.typing import FloatArray
 from models.estimation.springs.dense_shooting import (
-    Chain,
-    Prediction,
-    Seen,
-    begin,
-    information,
-    normal_equations,
-    relaxed,
+    ChainEstimate,
+    ChainObservations,
+    ChainPrediction,
+    build_normal_equations,
+    information_of_shared,
+    minimize_chain,
+    start_chain,
 )
-from models.physics.pendulum.double_pendulum import LIKELY, flow, moved
+from models.physics.pendulum.double_pendulum import TYPICAL_PARAMETERS, advance_pendulum, differentiate_pendulum
 
 ANGLE_NOISE = 1e-3
-"""rad: of a good encoder, or of a marker seen from near."""
-LOOSE = 1.0
-"""of the bend of the angles between samples: the first ties."""
+"""rad: noise of a good encoder, or of a marker observed from near."""
+FIRST_LINK_SIGMA = 1.0
+"""Sigma of the first links, relative to the second difference of the angles."""
 STAGES = 8
 ITERATIONS = 12
-LEAST_SAMPLES = 8
-POSITIVE = slice(0, 4)
-"""Numbers that are sought as logarithms."""
-PRIOR = np.array([0.5, 0.7, 0.7, 0.7, 0.3, 0.3, 1.0, 1.0, 0.05, 0.05])
-"""standard deviations of what is likely, of the logarithm for the first four."""
+MIN_SAMPLES = 8
+LOGARITHMIC = slice(0, 4)
+"""Parameters whose logarithm is fitted."""
+PRIOR_SIGMA = np.array([0.5, 0.7, 0.7, 0.7, 0.3, 0.3, 1.0, 1.0, 0.05, 0.05])
+"""Standard deviations of the priors, of the logarithm for the first four."""
 
 
 @dataclass(frozen=True, slots=True)
-class ArmChain:
+class PendulumChain:
     """Two arms as a chain of states at K samples."""
 
     spans: FloatArray
     """(K - 1,) s"""
 
-    def allowed(self, shared: FloatArray) -> FloatArray:
-        """Frictions take energy; the inertia matrix stays positive."""
-        found = shared.copy()
-        found[4:] = np.clip(found[4:], 0.0, None)
-        found[0] = min(found[0], 0.5 * found[1] - 0.02)
-        return found
+    def clip_shared(self, shared: FloatArray) -> FloatArray:
+        """Clip coordinates so that frictions dissipate energy and the inertia matrix stays positive."""
+        clipped = shared.copy()
+        clipped[4:] = np.clip(clipped[4:], 0.0, None)
+        clipped[0] = min(clipped[0], 0.5 * clipped[1] - 0.02)
+        return clipped
 
-    def numbers(self, shared: FloatArray) -> FloatArray:
-        """(10,) of coordinates."""
-        found = shared.copy()
-        found[POSITIVE] = np.exp(shared[POSITIVE])
-        return found
+    def physical_parameters(self, shared: FloatArray) -> FloatArray:
+        """Convert search coordinates into parameters (10,)."""
+        values = shared.copy()
+        values[LOGARITHMIC] = np.exp(shared[LOGARITHMIC])
+        return values
 
-    def predict(self, states: FloatArray, shared: FloatArray) -> Prediction:
-        """Where every state is at the next sample."""
-        numbers = self.numbers(shared)
+    def predict(self, states: FloatArray, shared: FloatArray) -> ChainPrediction:
+        """Predict every state at the next sample."""
+        numbers = self.physical_parameters(shared)
         with np.errstate(over="ignore", invalid="ignore"):
-            ends, by_state, by_shared = flow(states[:-1], numbers, self.spans)
-        by_shared[:, :, POSITIVE] *= numbers[POSITIVE]
+            ends, by_state, by_shared = differentiate_pendulum(states[:-1], numbers, self.spans)
+        by_shared[:, :, LOGARITHMIC] *= numbers[LOGARITHMIC]
         none = np.zeros((len(states), 0))
-        return Prediction(ends, by_state, by_shared, none, np.zeros((*none.shape, 4)), np.zeros((*none.shape, 10)))
+        return ChainPrediction(ends, by_state, by_shared, none, np.zeros((*none.shape, 4)), np.zeros((*none.shape, 10)))
 
 
 @dataclass(frozen=True, slots=True)
-class Swing:
+class PendulumFit:
     """A fitted double pendulum."""
 
     t: FloatArray
     """(K,) s"""
     states: FloatArray
     """(K, 4) angles and angular velocities at the samples."""
-    numbers: FloatArray
-    """(10,) as `models.physics.pendulum.double_pendulum.NAMES`."""
+    parameters: FloatArray
+    """(10,) as in `models.physics.pendulum.double_pendulum`."""
     sigma: FloatArray
-    """(10,)"""
-    misfit: FloatArray
-    """(4,) root mean square of where the motion from a sample misses the next one: rad, rad/s."""
+    """(10,) standard deviations of the parameters."""
+    link_residual: FloatArray
+    """(4,) RMS difference between the motion from a sample and the next sample: rad, rad/s."""
 
-    def at(self, t: FloatArray) -> FloatArray:
-        """States (M, 4) at times between the first and the last sample, or after it."""
+    def states_at(self, t: FloatArray) -> FloatArray:
+        """Compute the states (M, 4) at times between the first and the last sample, or after it."""
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
         following = np.minimum(k + 1, len(self.t) - 1)
-        numbers = np.broadcast_to(self.numbers[:, None], (len(self.numbers), len(t)))
-        ahead = moved(self.states[k].T, numbers, t - self.t[k]).T
-        back = moved(self.states[following].T, numbers, np.minimum(t - self.t[following], 0.0)).T
+        numbers = np.broadcast_to(self.parameters[:, None], (len(self.parameters), len(t)))
+        ahead = advance_pendulum(self.states[k].T, numbers, t - self.t[k]).T
+        back = advance_pendulum(self.states[following].T, numbers, np.minimum(t - self.t[following], 0.0)).T
         share = np.where(following > k, (t - self.t[k]) / np.where(following > k, self.t[following] - self.t[k], 1), 0)
         weight = (share**2 * (3 - 2 * share))[:, None]
         return np.asarray((1 - weight) * ahead.real + weight * back.real, np.float64)
 
 
-def swing(t: FloatArray, angles: FloatArray, noise: float = ANGLE_NOISE) -> Swing:
-    """The pendulum behind two absolute angles (K, 2) rad at t (K,) s, 0 hanging, not wrapped.
+def fit_pendulum(t: FloatArray, angles: FloatArray, noise: float = ANGLE_NOISE) -> PendulumFit:
+    """Fit a double pendulum to two absolute angles.
 
-    Raises `ValueError` where there are too few samples.
+    Args:
+        t: (K,) s, increasing.
+        angles: (K, 2) rad, 0 hanging, not wrapped.
+        noise: rad, standard deviation of an angle.
+
+    Returns:
+        The fitted pendulum.
+
+    Raises:
+        ValueError: There are too few samples, or not two angles.
     """
-    if len(t) < LEAST_SAMPLES or angles.shape != (len(t), 2):
-        raise ValueError(f"a double pendulum needs {LEAST_SAMPLES} samples of two angles; got {angles.shape}")
-    model, seen, states = _problem(t, angles, noise)
+    if len(t) < MIN_SAMPLES or angles.shape != (len(t), 2):
+        raise ValueError(f"a double pendulum needs {MIN_SAMPLES} samples of two angles; got {angles.shape}")
+    model, observed, states = _build_problem(t, angles, noise)
     span = float(np.median(np.diff(t)))
     bend = float(np.sqrt(np.mean(np.diff(angles, 2, axis=0) ** 2)))
-    chain, shared = None, seen.shared
-    for tie in np.geomspace(LOOSE * bend, noise, STAGES):
+    chain, shared = None, observed.shared
+    for tie in np.geomspace(FIRST_LINK_SIGMA * bend, noise, STAGES):
         ties = np.array([tie, tie, tie / span, tie / span])
-        chain = begin(model, seen, states, shared, ties)
-        chain = relaxed(model, seen, chain, ITERATIONS)
+        chain = start_chain(model, observed, states, shared, ties)
+        chain = minimize_chain(model, observed, chain, ITERATIONS)
         states, shared = chain.states, chain.shared
     assert chain is not None
-    return _swing(t, model, seen, chain)
+    return _summarize_fit(t, model, observed, chain)
 
 
-def _problem(t: FloatArray, angles: FloatArray, noise: float) -> tuple[ArmChain, Seen, FloatArray]:
+def _build_problem(
+    t: FloatArray, angles: FloatArray, noise: float
+) -> tuple[PendulumChain, ChainObservations, FloatArray]:
     states = np.concatenate([angles, CubicSpline(t, angles).derivative()(t)], axis=1)
     weight = np.zeros_like(states)
     weight[:, :2] = 1 / noise
-    likely = LIKELY.copy()
-    likely[POSITIVE] = np.log(likely[POSITIVE])
+    likely = TYPICAL_PARAMETERS.copy()
+    likely[LOGARITHMIC] = np.log(likely[LOGARITHMIC])
     span = float(np.median(np.diff(t)))
-    seen = Seen(states.copy(), weight, likely, 1 / PRIOR, PRIOR, np.array([1, 1, 1 / span, 1 / span]))
-    return ArmChain(np.diff(t)), seen, states
+    observed = ChainObservations(
+        states.copy(), weight, likely, 1 / PRIOR_SIGMA, PRIOR_SIGMA, np.array([1, 1, 1 / span, 1 / span])
+    )
+    return PendulumChain(np.diff(t)), observed, states
 
 
-def _swing(t: FloatArray, model: ArmChain, seen: Seen, chain: Chain) -> Swing:
-    numbers = model.numbers(chain.shared)
-    sigma = np.sqrt(np.diag(np.linalg.inv(information(normal_equations(seen, chain)))))
-    sigma[POSITIVE] *= numbers[POSITIVE]
-    misfit = np.sqrt(np.mean((chain.states[1:] - chain.prediction.ends) ** 2, axis=0))
-    return Swing(t, chain.states, numbers, sigma, misfit)
+def _summarize_fit(
+    t: FloatArray, model: PendulumChain, observed: ChainObservations, chain: ChainEstimate
+) -> PendulumFit:
+    numbers = model.physical_parameters(chain.shared)
+    sigma = np.sqrt(np.diag(np.linalg.inv(information_of_shared(build_normal_equations(observed, chain)))))
+    sigma[LOGARITHMIC] *= numbers[LOGARITHMIC]
+    link_residual = np.sqrt(np.mean((chain.states[1:] - chain.prediction.ends) ** 2, axis=0))
+    return PendulumFit(t, chain.states, numbers, sigma, link_residual)

@@ -1,1 +1,1 @@
-"""The fit of a shot from end to end: tracks in, events and motion between frames out."""
+"""Fit of a shot from end to end: tracks in, events and motion between frames out."""

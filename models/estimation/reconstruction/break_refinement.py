@@ -1,5 +1,4 @@
-"""A story whose bursts are played: each ball of a burst is left alone until its last contact there, and goes on from
-where the play has it."""
+"""Break shots in a contact graph: a simulation replaces each ball's motion until its last contact in the break."""
 
 from __future__ import annotations
 
@@ -7,127 +6,160 @@ import numpy as np
 
 from models.core.scene import Table
 from models.core.trajectory import Trajectory
-from models.estimation.break_shot.break_data import Burst
-from models.estimation.break_shot.break_posterior import Leaving, ToldBurst, told
-from models.estimation.break_shot.break_search import search
-from models.estimation.joint_fit.contact_cascades import span_before
-from models.estimation.joint_fit.fit_solution import Data, Solution
-from models.estimation.joint_fit.joint_refinement import refine
-from models.estimation.reconstruction.event_list import Happening
-from models.estimation.reconstruction.trajectory_assembly import Piece, shifted
-from models.estimation.segmentation.contact_graph import Contact, Story
-from models.estimation.structure_search.rack_detection import racks, rests_from
+from models.estimation.break_shot.break_data import BreakShot
+from models.estimation.break_shot.break_posterior import BreakExit, BreakPosterior, summarize_break
+from models.estimation.break_shot.break_search import search_break
+from models.estimation.joint_fit.contact_cascades import find_segment_at
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations
+from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.estimation.reconstruction.event_list import EventRow
+from models.estimation.reconstruction.trajectory_assembly import TrajectoryPiece, shift_polynomial
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.estimation.structure_search.rack_detection import find_break_shots, rest_start_time
 
-WORST_CHI2 = 20.0
-"""per degree of freedom, robust: a play that misses more explains nothing."""
-CERTAIN = 1e6
-"""chi2: what a play tells is not doubted by the story around it."""
-NEXT = 1e-9
+MAX_CHI2 = 20.0
+"""Per degree of freedom, robust: a simulation with a larger misfit explains nothing."""
+CERTAIN_GAIN = 1e6
+"""chi2: gain of contacts from a simulation, which the structure search does not question."""
+TIME_EPSILON = 1e-9
 """s: a moment later."""
-TWICE = 2.0
-"""Variance of what a play says, over its own: the samples after a burst have told it already."""
+VARIANCE_FACTOR = 2.0
+"""Factor on the variances of the simulation, since it already used the samples after the break."""
 _SEED = 1987
-"""of the racks that are tried: the same clip gives the same play."""
+"""Of the random racks: the same clip gives the same simulation."""
 
 
-def with_bursts(
-    solution: Solution, data: Data, table: Table, rng: np.random.Generator | None = None
-) -> tuple[Solution, Data, tuple[ToldBurst, ...]]:
-    """The solution with its bursts played where a play explains them, the samples that the rest of it answers for, and
-    the bursts."""
-    chance = np.random.default_rng(_SEED) if rng is None else rng
-    bursts = []
-    for burst in racks(solution, data, table):
-        plays = search(burst, chance)
-        if plays is None or plays.chi2_per_dof > WORST_CHI2:
+def reconstruct_breaks(
+    solution: JointSolution, observations: Observations, table: Table, rng: np.random.Generator | None = None
+) -> tuple[JointSolution, Observations, tuple[BreakPosterior, ...]]:
+    """Replace break shots by simulations where these explain the samples.
+
+    Returns the solution, the observations that the rest of the graph has to explain, and the break shots.
+    """
+    generator = np.random.default_rng(_SEED) if rng is None else rng
+    breaks = []
+    for break_shot in find_break_shots(solution, observations, table):
+        ensemble = search_break(break_shot, generator)
+        if ensemble is None or ensemble.chi2_per_dof > MAX_CHI2:
             continue
-        found = told(plays)
-        if found.touches:
-            bursts.append(found)
-    if not bursts:
-        return solution, data, ()
-    story = solution.story
-    for one in bursts:
-        story = _retold(story, one)
-    rest = _joined(seen_outside(data, tuple(bursts)), tuple(bursts))
-    return refine(story, rest, table, start=solution), rest, tuple(bursts)
+        posterior = summarize_break(ensemble)
+        if posterior.contacts:
+            breaks.append(posterior)
+    if not breaks:
+        return solution, observations, ()
+    graph = solution.graph
+    for posterior in breaks:
+        graph = _insert_break(graph, posterior)
+    remaining = _add_arrival_observations(select_outside_breaks(observations, tuple(breaks)), tuple(breaks))
+    return refine_graph(graph, remaining, table, initial=solution), remaining, tuple(breaks)
 
 
-def seen_outside(data: Data, bursts: tuple[ToldBurst, ...]) -> Data:
-    """The samples but those between the first contact of a ball in a burst and its last one."""
-    keep = np.ones(len(data.t), np.bool_)
-    for one in (leaving for burst in bursts for leaving in burst.leaving):
-        keep &= ~((data.ball == one.ball) & (data.t > one.since) & (data.t <= one.until))
-    return Data(data.ball[keep], data.t[keep], data.xy[keep], data.whiten[keep])
+def select_outside_breaks(observations: Observations, breaks: tuple[BreakPosterior, ...]) -> Observations:
+    """Select the observations outside each ball's first and last contact in a break."""
+    is_outside = np.ones(len(observations.t), np.bool_)
+    for ball_exit in (leaving for posterior in breaks for leaving in posterior.exits):
+        is_outside &= ~(
+            (observations.ball == ball_exit.ball)
+            & (observations.t > ball_exit.start)
+            & (observations.t <= ball_exit.end)
+        )
+    return Observations(
+        observations.ball[is_outside],
+        observations.t[is_outside],
+        observations.xy[is_outside],
+        observations.whiten[is_outside],
+    )
 
 
-def touches_of(bursts: tuple[ToldBurst, ...], ids: tuple[str, ...]) -> list[Happening]:
-    """Contacts in bursts as events."""
+def list_break_contacts(breaks: tuple[BreakPosterior, ...], ids: tuple[str, ...]) -> list[EventRow]:
+    """List the contacts in breaks as events."""
     return [
-        Happening("ball", one.t, one.t_sigma, ids[one.a], ids[one.b], one.xy, one.probability, speed=one.speed)
-        for burst in bursts for one in burst.touches
-    ]  # fmt: skip
+        EventRow(
+            "ball",
+            contact.t,
+            contact.t_sigma,
+            ids[contact.a],
+            ids[contact.b],
+            contact.xy,
+            contact.probability,
+            speed=contact.speed,
+        )
+        for posterior in breaks
+        for contact in posterior.contacts
+    ]
 
 
-def pieces_in(bursts: tuple[ToldBurst, ...]) -> list[Piece]:
-    """The motion of balls in bursts, as the best plays have it."""
-    found = []
-    for burst in bursts:
-        motion, seen = burst.plays.played[0].run.trajectory(), burst.plays.burst
-        for one in burst.leaving:
-            found += _played(motion, seen.balls.index(one.ball), one, seen.begins)
-    return found
+def build_break_pieces(breaks: tuple[BreakPosterior, ...]) -> list[TrajectoryPiece]:
+    """Build the trajectories of balls in breaks from the best simulations."""
+    pieces = []
+    for posterior in breaks:
+        motion, break_shot = posterior.ensemble.samples[0].run.to_trajectory(), posterior.ensemble.break_shot
+        for ball_exit in posterior.exits:
+            pieces += _build_ball_pieces(motion, break_shot.balls.index(ball_exit.ball), ball_exit, break_shot.start)
+    return pieces
 
 
-def _played(motion: Trajectory, number: int, one: Leaving, begins: float) -> list[Piece]:
-    """Pieces of one ball of a play that begins at `begins`, s, from its first contact to its last."""
-    found = []
-    loose = one.covariance[:4, :4]
+def _build_ball_pieces(
+    motion: Trajectory, number: int, ball_exit: BreakExit, break_start: float
+) -> list[TrajectoryPiece]:
+    """Build the trajectory of one ball of a break that starts at `break_start`, s: first to last contact."""
+    pieces = []
+    covariance = ball_exit.covariance[:4, :4]
     for k in np.flatnonzero(motion.ball == number):
-        start, end = max(float(motion.start[k]) + begins, one.since), min(float(motion.end[k]) + begins, one.until)
+        start, end = (
+            max(float(motion.start[k]) + break_start, ball_exit.start),
+            min(float(motion.end[k]) + break_start, ball_exit.end),
+        )
         if end - start < 1e-9:
             continue
-        later = start - begins - float(motion.start[k])
-        position = shifted(motion.position[k], later)
-        spin = np.array([motion.spin[k, 0] + later * motion.spin[k, 1], motion.spin[k, 1]])
-        found.append(Piece(one.ball, start, end, position, spin, motion.phase[k], loose))
-    return found
+        offset = start - break_start - float(motion.start[k])
+        position = shift_polynomial(motion.position[k], offset)
+        spin = np.array([motion.spin[k, 0] + offset * motion.spin[k, 1], motion.spin[k, 1]])
+        pieces.append(TrajectoryPiece(ball_exit.ball, start, end, position, spin, motion.phase[k], covariance))
+    return pieces
 
 
-def _retold(story: Story, burst: ToldBurst) -> Story:
-    """The story in which balls leave a burst as it was played."""
-    plays = burst.plays.burst
-    ends = max(one.until for one in burst.leaving) + plays.interval
-    begins = {one.ball: _known_until(story, plays, one.ball) for one in burst.leaving}
-    while gone := [
-        k for k, c in enumerate(story.contacts)
-        if c.kind != "burst" and (c.t <= plays.hit or c.kind != "cushion")
-        and any(begins[ball] < c.t <= ends for ball in begins.keys() & story.balls_at(c))
+def _insert_break(graph: ContactGraph, posterior: BreakPosterior) -> ContactGraph:
+    """Let balls leave a break as simulated."""
+    break_shot = posterior.ensemble.break_shot
+    end = max(ball_exit.end for ball_exit in posterior.exits) + break_shot.interval
+    starts = {ball_exit.ball: _last_reliable_time(graph, break_shot, ball_exit.ball) for ball_exit in posterior.exits}
+    while removed := [
+        k for k, c in enumerate(graph.contacts)
+        if c.kind != "break" and (c.t <= break_shot.hit or c.kind != "cushion")
+        and any(starts[ball] < c.t <= end for ball in starts.keys() & graph.balls_at(c))
     ]:  # fmt: skip
-        story = story.without(gone[-1])
-    for one in burst.leaving:
-        k = span_before(story, one.ball, one.until)
-        whiten = np.linalg.inv(np.linalg.cholesky(TWICE * one.covariance))
+        graph = graph.remove_contact(removed[-1])
+    for ball_exit in posterior.exits:
+        k = find_segment_at(graph, ball_exit.ball, ball_exit.end)
+        whiten = np.linalg.inv(np.linalg.cholesky(VARIANCE_FACTOR * ball_exit.covariance))
         contact = Contact(
-            "burst", one.until, (k,), (), gain=CERTAIN, since=one.since, leaves=one.state, whiten=whiten
-        )  # fmt: skip
-        story = story.split(contact, (np.concatenate([one.state, np.zeros(2)]),))
-    return story.with_pushes()
+            "break",
+            ball_exit.end,
+            (k,),
+            (),
+            gain=CERTAIN_GAIN,
+            break_start=ball_exit.start,
+            exit_state=ball_exit.state,
+            exit_whitening=whiten,
+        )
+        graph = graph.insert_contact(contact, (np.concatenate([ball_exit.state, np.zeros(2)]),))
+    return graph.mark_pushed_strikes()
 
 
-def _joined(data: Data, bursts: tuple[ToldBurst, ...]) -> Data:
-    """The samples, and as one more of each ball of a burst where it is at its first contact there."""
-    came = [one for burst in bursts for one in burst.leaving]
-    ball = np.concatenate([data.ball, np.array([one.ball for one in came], dtype=np.int64)])
-    t = np.concatenate([data.t, [one.since - NEXT for one in came]])
-    xy = np.concatenate([data.xy, [one.came for one in came]])
-    known = [np.linalg.inv(np.linalg.cholesky(TWICE * one.came_covariance)) for one in came]
+def _add_arrival_observations(observations: Observations, breaks: tuple[BreakPosterior, ...]) -> Observations:
+    """Add the place of each ball at its first contact in a break as an observation."""
+    exits = [one for posterior in breaks for one in posterior.exits]
+    ball = np.concatenate([observations.ball, np.array([one.ball for one in exits], dtype=np.int64)])
+    t = np.concatenate([observations.t, [one.start - TIME_EPSILON for one in exits]])
+    xy = np.concatenate([observations.xy, [one.arrival for one in exits]])
+    whitening = [np.linalg.inv(np.linalg.cholesky(VARIANCE_FACTOR * one.arrival_covariance)) for one in exits]
     order = np.lexsort((t, ball))
-    return Data(ball[order], t[order], xy[order], np.concatenate([data.whiten, known])[order])
+    return Observations(ball[order], t[order], xy[order], np.concatenate([observations.whiten, whitening])[order])
 
 
-def _known_until(story: Story, burst: Burst, ball: int) -> float:
-    """s until which the story of a ball stands: until the coming one is on its way, and the others begin to rest."""
-    if ball == burst.balls[0]:
-        return story.begin(span_before(story, ball, burst.begins + NEXT))
-    return rests_from(story, ball, burst.hit)
+def _last_reliable_time(graph: ContactGraph, break_shot: BreakShot, ball: int) -> float:
+    """Return the time, s, until which the graph of a ball holds: as it comes in, or starts to rest."""
+    if ball == break_shot.balls[0]:
+        return graph.start_time(find_segment_at(graph, ball, break_shot.start + TIME_EPSILON))
+    return rest_start_time(graph, ball, break_shot.hit)

@@ -1,4 +1,4 @@
-"""A refined story as a list of events, each with its time, error, probability and margin."""
+"""Events of a refined contact graph, each with time, error, probability and margin."""
 
 from __future__ import annotations
 
@@ -11,40 +11,53 @@ from models.core.events import Events
 from models.core.scene import CUSHIONS, POCKETS, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.contact_cascades import span_before, state_at
-from models.estimation.joint_fit.fit_solution import Layout, Solution, end_state, layout
+from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
+from models.estimation.joint_fit.fit_solution import JointSolution, ParameterLayout, end_state, layout_parameters
 from models.estimation.reconstruction.trajectory_assembly import state_covariance
-from models.estimation.segmentation.contact_classification import CUE_KINDS, INWARD, NEAR_BALL, cushion_distances
+from models.estimation.segmentation.contact_classification import (
+    BALL_TOLERANCE,
+    CUE_KINDS,
+    INWARD_NORMALS,
+    cushion_distances,
+)
 from models.estimation.segmentation.contact_graph import Contact
-from models.physics.billiards.cloth.closed_form_motion import STATE, Friction, kinematics, rest_time, slide_time
+from models.physics.billiards.cloth.closed_form_motion import (
+    SEGMENT_STATE_SIZE,
+    ClothFriction,
+    duration_until_rest,
+    evaluate_kinematics,
+    sliding_duration,
+)
 
 GAP_HORIZON = 0.25
 """s: how far free paths are followed beyond a contact to find their least distance."""
 POCKET_REACH = 3.0
-"""ball radii plus the way of two frames: a track that ends so near to a pocket has been potted."""
-TO_GO = 0.05
-"""ball radii, about a pixel: a ball that has no more left to go rests to the eye; real ones even roll back a little,
-into the dent that they make in the cloth, so that the moment of no speed at all cannot be seen."""
-_CLOSING = 0.02
-"""m/s at which two balls close who meet; slower than any ball that is told from a resting one."""
-_LONGEST = 0.5
-"""s: a rest less certain is no event."""
-_SHORTEST = 0.01
-"""m: a ball that rested, and moved less by itself, has not come to rest: it jittered."""
-_CLEAR = 0.3
-"""m/s: so fast a ball comes to one that it surely meets where it turns."""
-_MET_SIGMA = 0.01
-"""m: how well the place of such a contact is known."""
-_NUDGE = 0.5
-"""ball radii: an object ball that seems to move less by itself was only seen badly."""
-_BLIND = 0.02
-"""of the time that a ball was not seen around its strike: how well its speed meanwhile is known."""
-_PRICE = 20.0
-"""chi2 that an event must improve to be as likely as not."""
+"""Ball radii, plus the way of two frames: a track that ends so near to a pocket has been potted."""
+REST_DISTANCE_RADII = 0.05
+"""Ball radii, about a pixel: a ball with less left to go looks at rest. Real balls even roll back a little, into the
+dent that they make in the cloth, so that the moment of zero speed cannot be observed.
+"""
+_MIN_CLOSING_SPEED = 0.02
+"""m/s: least closing speed of two balls that meet; slower than any ball that can be distinguished from a resting one.
+"""
+_MAX_TIME_SIGMA = 0.5
+"""s: a less certain rest is no event."""
+_MIN_ROLL_DISTANCE = 0.01
+"""m: a ball that rested and moved less by itself has not come to rest: it jittered."""
+_CLEAR_CONTACT_SPEED = 0.3
+"""m/s: at this closing speed a ball that turns beside another one has met it."""
+_CONTACT_PLACE_SIGMA = 0.01
+"""m: uncertainty of the place of such a contact."""
+_NUDGE_RADII = 0.5
+"""Ball radii: a smaller motion of an object ball by itself is a measurement error."""
+_UNOBSERVED_TIME_SHARE = 0.02
+"""Share of the time without samples around a strike: uncertainty of the strike time."""
+_EVENT_PRICE = 20.0
+"""chi2 gain of an event with probability one half."""
 
 
 @dataclass(frozen=True, slots=True)
-class Happening:
+class EventRow:
     """One event, see `models.core.events.Events`."""
 
     kind: str
@@ -59,59 +72,66 @@ class Happening:
     speed: float = np.nan
 
 
-def events_of(
-    solution: Solution, tracks: Tracks, table: Table, chi2: FloatArray, potted: list[Happening], played: list[Happening]
+def build_events(
+    solution: JointSolution,
+    tracks: Tracks,
+    table: Table,
+    chi2: FloatArray,
+    pocketed: list[EventRow],
+    break_contacts: list[EventRow],
 ) -> Events:
-    """All events of a clip, those that were `played` too; `chi2` (S,) per span inflates the errors of times where
-    a span fits badly."""
-    plan = layout(solution.story)
-    found = [*potted, *played]
-    for number, contact in enumerate(solution.story.contacts):
-        found += _contact(solution, plan, number, contact, tracks, table, chi2)
-    vanish = {event.a: event.t for event in potted}
-    found += _rests(solution, plan, tracks, table.ball_radius)
-    jaws = 3 * float(np.median(np.diff(tracks.t))) if potted else 0.0
-    kept = [
-        event for event in found
+    """Build all events of a clip, including `break_contacts`.
+
+    `chi2` (S,) per segment inflates the errors of times where a segment fits badly.
+    """
+    layout = layout_parameters(solution.graph)
+    events = [*pocketed, *break_contacts]
+    for number, contact in enumerate(solution.graph.contacts):
+        events += _list_contact_events(solution, layout, number, contact, tracks, table, chi2)
+    vanish = {event.a: event.t for event in pocketed}
+    events += _find_rests(solution, layout, tracks, table.ball_radius)
+    jaws = 3 * float(np.median(np.diff(tracks.t))) if pocketed else 0.0
+    selected = [
+        event for event in events
         if event.kind not in ("rest", "cushion") or event.t < vanish.get(event.a, np.inf) - jaws
     ]  # fmt: skip
-    return listed([_bounded(event, tracks) for event in _one_cue(kept, tracks)], tracks)
+    return collect_events([_limit_sigma(event, tracks) for event in _select_cue_strikes(selected, tracks)], tracks)
 
 
-def _one_cue(found: list[Happening], tracks: Tracks) -> list[Happening]:
-    """Without strikes of object balls where a cue ball was struck: something else set them going, seen badly."""
-    strikes = [event for event in found if event.kind == "strike"]
+def _select_cue_strikes(events: list[EventRow], tracks: Tracks) -> list[EventRow]:
+    """Drop strikes of object balls where a cue ball was struck: something else set them in motion."""
+    strikes = [event for event in events if event.kind == "strike"]
     kinds = ("cue",) if "cue" in tracks.kinds else CUE_KINDS
-    struck = [event for event in strikes if tracks.kinds[tracks.ids.index(event.a)] in kinds]
-    believed = struck or sorted(strikes, key=lambda event: event.t)[:1]
-    return [event for event in found if event.kind != "strike" or event in believed]
+    cue_strikes = [event for event in strikes if tracks.kinds[tracks.ids.index(event.a)] in kinds]
+    accepted = cue_strikes or sorted(strikes, key=lambda event: event.t)[:1]
+    return [event for event in events if event.kind != "strike" or event in accepted]
 
 
-def _bounded(event: Happening, tracks: Tracks) -> Happening:
-    """No event is less certain than a few pictures: the samples before and after it show that much."""
-    seen = tracks.t[tracks.observed[:, tracks.ids.index(event.a)]]
-    row = int(np.clip(np.searchsorted(seen, event.t), 1, len(seen) - 1)) if len(seen) > 1 else 0
-    limit = 2 * float(seen[row] - seen[row - 1]) if row else _LONGEST
+def _limit_sigma(event: EventRow, tracks: Tracks) -> EventRow:
+    """Limit the time error to a few frames: the samples before and after an event show that much."""
+    times = tracks.t[tracks.is_observed[:, tracks.ids.index(event.a)]]
+    row = int(np.clip(np.searchsorted(times, event.t), 1, len(times) - 1)) if len(times) > 1 else 0
+    limit = 2 * float(times[row] - times[row - 1]) if row else _MAX_TIME_SIGMA
     return replace(event, t_sigma=min(event.t_sigma, limit)) if event.kind != "rest" else event
 
 
-def listed(found: list[Happening], tracks: Tracks) -> Events:
-    """Happenings as columns, sorted by time."""
-    found = sorted(found, key=lambda event: (event.t, event.a))
-    t = np.array([event.t for event in found], dtype=np.float64)
+def collect_events(rows: list[EventRow], tracks: Tracks) -> Events:
+    """Collect events into columns, sorted by time."""
+    rows = sorted(rows, key=lambda event: (event.t, event.a))
+    t = np.array([event.t for event in rows], dtype=np.float64)
     return Events(
-        tuple(event.kind for event in found), t,
-        np.array([max(event.t_sigma, 1e-6) for event in found], dtype=np.float64),
+        tuple(event.kind for event in rows), t,
+        np.array([max(event.t_sigma, 1e-6) for event in rows], dtype=np.float64),
         frame_at(tracks, t),
-        tuple(event.a for event in found), tuple(event.b for event in found),
-        np.array([event.xy for event in found]).reshape(-1, 2),
-        *(np.array([getattr(event, name) for event in found], dtype=np.float64)
+        tuple(event.a for event in rows), tuple(event.b for event in rows),
+        np.array([event.xy for event in rows]).reshape(-1, 2),
+        *(np.array([getattr(event, name) for event in rows], dtype=np.float64)
           for name in ("probability", "gap", "gap_sigma", "speed")),
     )  # fmt: skip
 
 
 def frame_at(tracks: Tracks, t: FloatArray) -> FloatArray:
-    """Fractional pictures (E,) at times t (E,), also a little outside the clip."""
+    """Return fractional frame numbers (E,) at times t (E,), also a little outside the clip."""
     if len(tracks.t) < 2:
         return np.zeros_like(t)
     row, numbers = (
@@ -123,42 +143,49 @@ def frame_at(tracks: Tracks, t: FloatArray) -> FloatArray:
     return frames
 
 
-def pocketed(solution: Solution, tracks: Tracks, table: Table) -> list[Happening]:
-    """Balls whose tracks end early, in motion, near a pocket."""
-    found = []
+def find_pocketed_balls(solution: JointSolution, tracks: Tracks, table: Table) -> list[EventRow]:
+    """Find balls whose tracks end early, in motion, near a pocket."""
+    events = []
     last_frame = len(tracks.t) - 1
     for ball in range(len(tracks.ids)):
-        rows = np.flatnonzero(tracks.observed[:, ball])
+        rows = np.flatnonzero(tracks.is_observed[:, ball])
         if not table.pockets or len(rows) < 2 or rows[-1] > last_frame - 2:
             continue
-        span = solution.story.of_ball(ball)[-1]
-        if solution.story.spans[span].static:
-            found += _stuck(solution, tracks, table, ball, span, rows)
+        segment = solution.graph.segments_of_ball(ball)[-1]
+        if solution.graph.segments[segment].static:
+            events += _find_fall_from_jaws(solution, tracks, table, ball, segment, rows)
             continue
-        found += _fall(solution, tracks, table, ball, span, int(rows[-1]))
-    return found
+        events += _find_fall(solution, tracks, table, ball, segment, int(rows[-1]))
+    return events
 
 
-def _stuck(
-    solution: Solution, tracks: Tracks, table: Table, ball: int, span: int, rows: NDArray[np.int64]
-) -> list[Happening]:
-    """A ball that stops in the jaws for a picture or three, then is gone, fell."""
-    story, interval = solution.story, float(np.median(np.diff(tracks.t)))
+def _find_fall_from_jaws(
+    solution: JointSolution, tracks: Tracks, table: Table, ball: int, segment: int, rows: NDArray[np.int64]
+) -> list[EventRow]:
+    """Find the fall of a ball that stops in the jaws for up to three frames, then is gone."""
+    graph, interval = solution.graph, float(np.median(np.diff(tracks.t)))
     last = float(tracks.t[rows[-1]])
     distance = np.linalg.norm(table.pocket_centres - tracks.xy[rows[-1], ball], axis=1)
     pocket = int(np.argmin(distance))
-    waited = last - story.begin(span)
-    if story.spans[span].start is None or waited > 3 * interval or distance[pocket] > POCKET_REACH * table.ball_radius:
+    waited = last - graph.start_time(segment)
+    if (
+        graph.segments[segment].start is None
+        or waited > 3 * interval
+        or distance[pocket] > POCKET_REACH * table.ball_radius
+    ):
         return []
     x = tracks.xy[rows[-1], ball]
-    return [Happening("pocket", last + 0.5 * interval, interval, tracks.ids[ball], POCKETS[pocket], x, 0.9)]
+    return [EventRow("pocket", last + 0.5 * interval, interval, tracks.ids[ball], POCKETS[pocket], x, 0.9)]
 
 
-def _fall(solution: Solution, tracks: Tracks, table: Table, ball: int, span: int, row: int) -> list[Happening]:
-    story, interval = solution.story, float(np.median(np.diff(tracks.t)))
-    state, begin = story.spans[span].state, story.begin(span)
+def _find_fall(
+    solution: JointSolution, tracks: Tracks, table: Table, ball: int, segment: int, row: int
+) -> list[EventRow]:
+    """Find the fall of a ball whose path leads into a pocket."""
+    graph, interval = solution.graph, float(np.median(np.diff(tracks.t)))
+    state, begin = graph.segments[segment].state, graph.start_time(segment)
     t = max(float(tracks.t[row]), begin) + np.linspace(0, 8 * interval, 161)
-    path = kinematics(np.repeat(state[None], len(t), axis=0), t - begin, solution.friction)
+    path = evaluate_kinematics(np.repeat(state[None], len(t), axis=0), t - begin, solution.friction)
     speed = float(np.hypot(*path[0, 2:4]))
     distance = np.linalg.norm(path[:, None, :2] - table.pocket_centres, axis=2)  # (161, 6)
     pocket = int(np.argmin(distance.min(axis=0)))
@@ -170,222 +197,260 @@ def _fall(solution: Solution, tracks: Tracks, table: Table, ball: int, span: int
     when = float(t[inside[0]])
     sigma = max(0.5 * interval, 0.5 * table.ball_radius / max(speed, 0.05))
     return [
-        Happening("pocket", when, sigma, tracks.ids[ball], POCKETS[pocket], path[inside[0], :2], 0.95, speed=speed)
+        EventRow("pocket", when, sigma, tracks.ids[ball], POCKETS[pocket], path[inside[0], :2], 0.95, speed=speed)
     ]  # fmt: skip
 
 
-def probability(gain: float) -> float:
-    """That a contact happened, from the chi2 it improves."""
-    return float(np.clip(1 / (1 + np.exp(np.clip(-(gain - _PRICE) / 2, -40, 40))), 0.001, 0.999))
+def probability_from_gain(gain: float) -> float:
+    """Return the probability of a contact from the chi2 that it improves."""
+    return float(np.clip(1 / (1 + np.exp(np.clip(-(gain - _EVENT_PRICE) / 2, -40, 40))), 0.001, 0.999))
 
 
-def _contact(
-    solution: Solution, plan: Layout, number: int, contact: Contact, tracks: Tracks, table: Table, chi2: FloatArray
-) -> list[Happening]:
+def _list_contact_events(
+    solution: JointSolution,
+    layout: ParameterLayout,
+    number: int,
+    contact: Contact,
+    tracks: Tracks,
+    table: Table,
+    chi2: FloatArray,
+) -> list[EventRow]:
+    """List the events of one contact."""
     ids = tracks.ids
-    if contact.kind in ("jump", "burst"):
+    if contact.kind in ("jump", "break"):
         return []
     if contact.kind == "free":
-        return _met(solution, plan, number, contact, tracks, table) + _stopped(solution, plan, number, contact, ids)
-    spans = solution.story.spans
-    balls = [spans[k].ball for k in contact.before]
+        return _find_unmodelled_contact(solution, layout, number, contact, tracks, table) + _list_stopped_balls(
+            solution, layout, number, contact, ids
+        )
+    segments = solution.graph.segments
+    balls = [segments[k].ball for k in contact.before]
     around = chi2[[*contact.before, *contact.after]]
     excess = max(1.0, float(np.nanmax(around)) if np.isfinite(around).any() else 1.0)
-    sigma = float(np.sqrt(solution.covariance[plan.contact + number, plan.contact + number] * excess))
-    after = [spans[k].state for k in contact.after]
-    likely = probability(contact.gain)
+    sigma = float(np.sqrt(solution.covariance[layout.contact + number, layout.contact + number] * excess))
+    after = [segments[k].state for k in contact.after]
+    probability = probability_from_gain(contact.gain)
     if contact.kind == "strike":
         speed = float(np.hypot(*after[0][2:4]))
-        hitter = None if tracks.kinds[balls[0]] in CUE_KINDS else _hitter(solution, contact, tracks, table)
+        hitter = None if tracks.kinds[balls[0]] in CUE_KINDS else _find_hitting_ball(solution, contact, tracks, table)
         if hitter is not None:
             sigma = max(sigma, 0.5 * float(np.median(np.diff(tracks.t))))
-            return [Happening("ball", contact.t, sigma, ids[hitter], ids[balls[0]], after[0][:2], 0.7, speed=speed)]
-        seen = tracks.t[tracks.observed[:, balls[0]]]
-        row = int(np.clip(np.searchsorted(seen, contact.t), 1, max(len(seen) - 1, 1)))
-        gap = float(seen[row] - seen[row - 1]) if len(seen) > 1 else 0.0
-        sigma = float(np.hypot(sigma, _BLIND * gap))
-        way = np.linalg.norm(end_state(solution, contact.after[0])[:2] - after[0][:2])
-        if tracks.kinds[balls[0]] not in CUE_KINDS and way < _NUDGE * table.ball_radius:
+            return [EventRow("ball", contact.t, sigma, ids[hitter], ids[balls[0]], after[0][:2], 0.7, speed=speed)]
+        times = tracks.t[tracks.is_observed[:, balls[0]]]
+        row = int(np.clip(np.searchsorted(times, contact.t), 1, max(len(times) - 1, 1)))
+        gap = float(times[row] - times[row - 1]) if len(times) > 1 else 0.0
+        sigma = float(np.hypot(sigma, _UNOBSERVED_TIME_SHARE * gap))
+        distance = np.linalg.norm(end_state(solution, contact.after[0])[:2] - after[0][:2])
+        if tracks.kinds[balls[0]] not in CUE_KINDS and distance < _NUDGE_RADII * table.ball_radius:
             return []
-        return [Happening("strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], likely, speed=speed)]
+        return [EventRow("strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], probability, speed=speed)]
     before = [end_state(solution, k) for k in contact.before]
     if contact.kind == "cushion":
         side = CUSHIONS.index(contact.cushion)
-        gap, gap_sigma = _cushion_gap(solution, plan, contact, side, table)
-        speed = float(-INWARD[side] @ before[0][2:4])
-        found = [
-            Happening(
-                "cushion", contact.t, sigma, ids[balls[0]], contact.cushion, after[0][:2], likely, gap, gap_sigma, speed
+        gap, gap_sigma = _cushion_gap(solution, layout, contact, side, table)
+        speed = float(-INWARD_NORMALS[side] @ before[0][2:4])
+        events = [
+            EventRow(
+                "cushion",
+                contact.t,
+                sigma,
+                ids[balls[0]],
+                contact.cushion,
+                after[0][:2],
+                probability,
+                gap,
+                gap_sigma,
+                speed,
             )
         ]
-        return found + _stopped(solution, plan, number, contact, ids)
-    apart = after[1][:2] - after[0][:2]
-    normal = apart / np.hypot(*apart)
+        return events + _list_stopped_balls(solution, layout, number, contact, ids)
+    separation = after[1][:2] - after[0][:2]
+    normal = separation / np.hypot(*separation)
     speed = float((before[0][2:4] - before[1][2:4]) @ normal)
-    if speed < _CLOSING and not contact.driven:  # balls that lay together, or part: nothing met
-        return _stopped(solution, plan, number, contact, ids)
-    gap, gap_sigma = _ball_gap(solution, plan, contact, table)
-    found = [
-        Happening("ball", contact.t, sigma, ids[balls[0]], ids[balls[1]], after[0][:2], likely, gap, gap_sigma, speed)
+    if speed < _MIN_CLOSING_SPEED and not contact.driven:  # balls that lie together, or separate: no contact
+        return _list_stopped_balls(solution, layout, number, contact, ids)
+    gap, gap_sigma = _ball_gap(solution, layout, contact, table)
+    events = [
+        EventRow(
+            "ball", contact.t, sigma, ids[balls[0]], ids[balls[1]], after[0][:2], probability, gap, gap_sigma, speed
+        )
     ]
-    return found + _stopped(solution, plan, number, contact, ids)
+    return events + _list_stopped_balls(solution, layout, number, contact, ids)
 
 
-def _met(
-    solution: Solution, plan: Layout, number: int, contact: Contact, tracks: Tracks, table: Table
-) -> list[Happening]:
-    """The contact with a ball that lies where another one turns, though no law explains how the two share it.
+def _find_unmodelled_contact(
+    solution: JointSolution, layout: ParameterLayout, number: int, contact: Contact, tracks: Tracks, table: Table
+) -> list[EventRow]:
+    """Find the contact with a ball that lies where another one turns, though no law explains their motion.
 
-    So a cue ball meets a rack: what it gives has gone on to the next ones before a picture shows it.
+    This happens where a cue ball meets a rack: its momentum has gone on to the next balls before a frame shows it.
     """
-    story, ids = solution.story, tracks.ids
-    ball, coming = story.spans[contact.before[0]].ball, end_state(solution, contact.before[0])
-    found: list[tuple[float, int, float]] = []
-    for other in {span.ball for span in story.spans} - {ball}:
-        there = state_at(story, solution.friction, span_before(story, other, contact.t), contact.t)
-        apart = there[:2] - coming[:2]
-        distance = float(np.hypot(*apart))
-        closing = float((coming[2:4] - there[2:4]) @ apart) / max(distance, 1e-9)
-        miss = abs(distance / table.ball_radius - 2)
-        if miss < NEAR_BALL and closing > _CLEAR:
-            found.append((miss, other, closing))
-    if not found:
+    graph, ids = solution.graph, tracks.ids
+    ball, incoming = graph.segments[contact.before[0]].ball, end_state(solution, contact.before[0])
+    candidates: list[tuple[float, int, float]] = []
+    for other in {segment.ball for segment in graph.segments} - {ball}:
+        other_state = evaluate_state(graph, solution.friction, find_segment_at(graph, other, contact.t), contact.t)
+        separation = other_state[:2] - incoming[:2]
+        distance = float(np.hypot(*separation))
+        closing = float((incoming[2:4] - other_state[2:4]) @ separation) / max(distance, 1e-9)
+        mismatch = abs(distance / table.ball_radius - 2)
+        if mismatch < BALL_TOLERANCE and closing > _CLEAR_CONTACT_SPEED:
+            candidates.append((mismatch, other, closing))
+    if not candidates:
         return []
-    _, other, closing = min(found)
+    _, other, closing = min(candidates)
     interval = float(np.median(np.diff(tracks.t)))
-    near = [c for c in story.contacts if c.kind == "ball" and abs(c.t - contact.t) < interval]
-    if any(story.balls_at(c) == {ball, other} for c in near):  # it is told already
+    near = [c for c in graph.contacts if c.kind == "ball" and abs(c.t - contact.t) < interval]
+    if any(graph.balls_at(c) == {ball, other} for c in near):  # it is in the graph already
         return []
-    sigma = max(float(np.sqrt(solution.covariance[(plan.contact + number,) * 2])), _MET_SIGMA / closing)
-    return [Happening("ball", contact.t, sigma, ids[ball], ids[other], coming[:2], 0.7, speed=closing)]
+    sigma = max(float(np.sqrt(solution.covariance[(layout.contact + number,) * 2])), _CONTACT_PLACE_SIGMA / closing)
+    return [EventRow("ball", contact.t, sigma, ids[ball], ids[other], incoming[:2], 0.7, speed=closing)]
 
 
-def _hitter(solution: Solution, contact: Contact, tracks: Tracks, table: Table) -> int | None:
-    """The ball that set an object ball going though no common contact was fitted.
+def _find_hitting_ball(solution: JointSolution, contact: Contact, tracks: Tracks, table: Table) -> int | None:
+    """Find the ball that set an object ball in motion though no common contact was fitted.
 
-    A neighbour that leaves in the same picture, or a ball whose track begins just after on a way that leads from here.
+    It is a neighbour that leaves within the same frame, or a ball whose track begins just after on a path from here.
     """
-    story, interval = solution.story, float(np.median(np.diff(tracks.t)))
-    place, ball = story.spans[contact.before[0]].state[:2], story.spans[contact.before[0]].ball
-    found: list[tuple[float, int]] = []
-    for k, span in enumerate(story.spans):
-        if span.ball == ball:
+    graph, interval = solution.graph, float(np.median(np.diff(tracks.t)))
+    place, ball = graph.segments[contact.before[0]].state[:2], graph.segments[contact.before[0]].ball
+    candidates: list[tuple[float, int]] = []
+    for k, segment in enumerate(graph.segments):
+        if segment.ball == ball:
             continue
-        if span.static:
-            there = span.state[:2]
-            fits = abs(story.finish(k) - contact.t) < 1.5 * interval
+        if segment.static:
+            other_place = segment.state[:2]
+            fits = abs(graph.end_time(k) - contact.t) < 1.5 * interval
         else:
-            there = kinematics(span.state[None], np.array([contact.t - span.t0]), solution.friction)[0, :2]
-            fits = span.start is None and 0 < span.t0 - contact.t < 5 * interval
-        miss = abs(float(np.linalg.norm(there - place)) / table.ball_radius - 2)
-        if fits and miss < (0.35 if span.static else 0.8):
-            found.append((miss, span.ball))
-    return min(found)[1] if found else None
+            other_place = evaluate_kinematics(
+                segment.state[None], np.array([contact.t - segment.t0]), solution.friction
+            )[0, :2]
+            fits = segment.start is None and 0 < segment.t0 - contact.t < 5 * interval
+        mismatch = abs(float(np.linalg.norm(other_place - place)) / table.ball_radius - 2)
+        if fits and mismatch < (0.35 if segment.static else 0.8):
+            candidates.append((mismatch, segment.ball))
+    return min(candidates)[1] if candidates else None
 
 
-def _stopped(solution: Solution, plan: Layout, number: int, contact: Contact, ids: tuple[str, ...]) -> list[Happening]:
-    """Balls that a contact brought to rest."""
-    spans = solution.story.spans
-    sigma = float(np.sqrt(solution.covariance[plan.contact + number, plan.contact + number]))
+def _list_stopped_balls(
+    solution: JointSolution, layout: ParameterLayout, number: int, contact: Contact, ids: tuple[str, ...]
+) -> list[EventRow]:
+    """List the balls that a contact brought to rest."""
+    segments = solution.graph.segments
+    sigma = float(np.sqrt(solution.covariance[layout.contact + number, layout.contact + number]))
     return [
-        Happening("rest", contact.t, sigma, ids[spans[two].ball], "", spans[two].state[:2], probability(contact.gain))
+        EventRow(
+            "rest",
+            contact.t,
+            sigma,
+            ids[segments[two].ball],
+            "",
+            segments[two].state[:2],
+            probability_from_gain(contact.gain),
+        )
         for one, two in zip(contact.before, contact.after, strict=True)
-        if spans[two].static and not spans[one].static and sigma < _LONGEST
+        if segments[two].static and not segments[one].static and sigma < _MAX_TIME_SIGMA
     ]
 
 
-def _rests(solution: Solution, plan: Layout, tracks: Tracks, radius: float) -> list[Happening]:
-    """Balls that rolled out, and were seen at rest."""
-    story, found = solution.story, []
+def _find_rests(solution: JointSolution, layout: ParameterLayout, tracks: Tracks, radius: float) -> list[EventRow]:
+    """Find balls that rolled out and were observed at rest."""
+    graph, events = solution.graph, []
     interval = float(np.median(np.diff(tracks.t))) if len(tracks.t) > 1 else 0.0
-    for k, span in enumerate(story.spans):
-        if span.static:
+    for k, segment in enumerate(graph.segments):
+        if segment.static:
             continue
-        length, stop = _rolled_out(solution, k, TO_GO * radius)
-        t = story.begin(k) + length
-        seen = tracks.t[tracks.observed[:, span.ball]]
-        if story.begin(k) + stop > story.finish(k) or t > float(seen[-1]) + interval:
+        length, stop = _rollout_times(solution, k, REST_DISTANCE_RADII * radius)
+        t = graph.start_time(k) + length
+        times = tracks.t[tracks.is_observed[:, segment.ball]]
+        if graph.start_time(k) + stop > graph.end_time(k) or t > float(times[-1]) + interval:
             continue
-        place = kinematics(span.state[None], np.array([length]), solution.friction)[0, :2]
-        sigma = _rest_sigma(solution, plan, k)
-        if sigma > _LONGEST or (_began_at_rest(solution, k) and np.linalg.norm(place - span.state[:2]) < _SHORTEST):
+        place = evaluate_kinematics(segment.state[None], np.array([length]), solution.friction)[0, :2]
+        sigma = _rest_time_sigma(solution, layout, k)
+        if sigma > _MAX_TIME_SIGMA or (
+            _starts_at_rest(solution, k) and np.linalg.norm(place - segment.state[:2]) < _MIN_ROLL_DISTANCE
+        ):
             continue
-        found.append(Happening("rest", t, sigma, tracks.ids[span.ball], "", place, 0.99))
-    return found
+        events.append(EventRow("rest", t, sigma, tracks.ids[segment.ball], "", place, 0.99))
+    return events
 
 
-def _rolled_out(solution: Solution, k: int, to_go: float) -> tuple[float, float]:
-    """s after the start of a span: when it has `to_go` m left, and when it stops."""
-    state, friction = solution.story.spans[k].state, solution.friction
-    stop, slide = float(rest_time(state, friction)), float(slide_time(state, friction))
-    speed = float(np.hypot(*kinematics(state[None], np.array([slide]), friction)[0, 2:4]))
+def _rollout_times(solution: JointSolution, k: int, to_go: float) -> tuple[float, float]:
+    """Return s after the start of a segment: when it has `to_go` m left, and when it stops."""
+    state, friction = solution.graph.segments[k].state, solution.friction
+    stop, slide = float(duration_until_rest(state, friction)), float(sliding_duration(state, friction))
+    speed = float(np.hypot(*evaluate_kinematics(state[None], np.array([slide]), friction)[0, 2:4]))
     last = np.sqrt(2 * to_go * (stop - slide) / max(speed, 1e-9))
     return max(stop - float(last), 0.0), stop
 
 
-def _began_at_rest(solution: Solution, k: int) -> bool:
-    """Whether a span is the first of its ball, or follows a rest."""
-    start, spans = solution.story.spans[k].start, solution.story.spans
+def _starts_at_rest(solution: JointSolution, k: int) -> bool:
+    """Return whether a segment is the first of its ball, or follows a rest."""
+    start, segments = solution.graph.segments[k].start, solution.graph.segments
     if start is None:
         return True
-    contact = solution.story.contacts[start]
-    return spans[contact.before[contact.after.index(k)]].static
+    contact = solution.graph.contacts[start]
+    return segments[contact.before[contact.after.index(k)]].static
 
 
-def _rest_sigma(solution: Solution, plan: Layout, k: int) -> float:
-    """Of the time of rest: by central differences over the state and the coefficients of the cloth."""
-    span, friction, step = solution.story.spans[k], solution.friction, 1e-6
-    slope = np.zeros(plan.size)
-    for index in range(STATE):
-        shift = np.zeros(STATE)
+def _rest_time_sigma(solution: JointSolution, layout: ParameterLayout, k: int) -> float:
+    """Return the sigma of the time of rest, s, by central differences over state and friction."""
+    segment, friction, step = solution.graph.segments[k], solution.friction, 1e-6
+    gradient = np.zeros(layout.size)
+    for index in range(SEGMENT_STATE_SIZE):
+        shift = np.zeros(SEGMENT_STATE_SIZE)
         shift[index] = step
-        slope[plan.span[k] + index] = (
-            float(rest_time(span.state + shift, friction) - rest_time(span.state - shift, friction)) / (2 * step)
-        )  # fmt: skip
+        gradient[layout.segment[k] + index] = float(
+            duration_until_rest(segment.state + shift, friction) - duration_until_rest(segment.state - shift, friction)
+        ) / (2 * step)
     for index in range(2):
-        up, down = (_scaled(friction, index, float(np.exp(sign * step))) for sign in (1, -1))
-        change = float(rest_time(span.state, up) - rest_time(span.state, down))
-        slope[plan.globals + index] = change / (2 * step)
-    if span.start is not None:
-        slope[plan.contact + span.start] = 1.0
-    variance = float(slope @ solution.covariance @ slope)
+        up, down = (_scale_friction(friction, index, float(np.exp(sign * step))) for sign in (1, -1))
+        change = float(duration_until_rest(segment.state, up) - duration_until_rest(segment.state, down))
+        gradient[layout.shared + index] = change / (2 * step)
+    if segment.start is not None:
+        gradient[layout.contact + segment.start] = 1.0
+    variance = float(gradient @ solution.covariance @ gradient)
     return float(np.sqrt(max(variance, 0.0)))
 
 
-def _scaled(friction: Friction, index: int, by: float) -> Friction:
-    """With one coefficient, sliding (0) or rolling (1), multiplied."""
-    return Friction(friction.sliding * (by if index == 0 else 1.0), friction.rolling * (by if index == 1 else 1.0))
+def _scale_friction(friction: ClothFriction, index: int, by: float) -> ClothFriction:
+    """Multiply one coefficient, sliding (0) or rolling (1), by a factor."""
+    return ClothFriction(friction.sliding * (by if index == 0 else 1.0), friction.rolling * (by if index == 1 else 1.0))
 
 
-def _free_path(solution: Solution, k: int, t: FloatArray) -> FloatArray:
-    """Positions (M, 2) of a span, followed beyond its end as if nothing had happened."""
-    span = solution.story.spans[k]
-    if span.static:
-        return np.repeat(span.state[None, :2], len(t), axis=0)
-    states = np.repeat(span.state[None], len(t), axis=0)
-    return kinematics(states, t - solution.story.begin(k), solution.friction)[:, :2]
+def _free_path(solution: JointSolution, k: int, t: FloatArray) -> FloatArray:
+    """Return positions (M, 2) of a segment, followed beyond its end without the contact there."""
+    segment = solution.graph.segments[k]
+    if segment.static:
+        return np.repeat(segment.state[None, :2], len(t), axis=0)
+    states = np.repeat(segment.state[None], len(t), axis=0)
+    return evaluate_kinematics(states, t - solution.graph.start_time(k), solution.friction)[:, :2]
 
 
-def _ball_gap(solution: Solution, plan: Layout, contact: Contact, table: Table) -> tuple[float, float]:
+def _ball_gap(solution: JointSolution, layout: ParameterLayout, contact: Contact, table: Table) -> tuple[float, float]:
+    """Return the least gap of two balls on free paths, and its sigma, m."""
     t = contact.t + np.linspace(-0.02, GAP_HORIZON, 271)
-    apart = _free_path(solution, contact.before[1], t) - _free_path(solution, contact.before[0], t)
-    distance = np.linalg.norm(apart, axis=1)
+    separation = _free_path(solution, contact.before[1], t) - _free_path(solution, contact.before[0], t)
+    distance = np.linalg.norm(separation, axis=1)
     least = int(np.argmin(distance))
-    reach = 2 * table.ball_radius * solution.diameter
-    normal = apart[least] / max(distance[least], 1e-9)
-    variance = (2 * table.ball_radius) ** 2 * solution.covariance[plan.globals + 2, plan.globals + 2]
+    reach = 2 * table.ball_radius * solution.diameter_factor
+    normal = separation[least] / max(distance[least], 1e-9)
+    variance = (2 * table.ball_radius) ** 2 * solution.covariance[layout.shared + 2, layout.shared + 2]
     for k in contact.before:
-        tau = np.array([t[least] - solution.story.begin(k)])
-        variance += float(normal @ state_covariance(solution, plan, k, tau)[0, :2, :2] @ normal)
+        tau = np.array([t[least] - solution.graph.start_time(k)])
+        variance += float(normal @ state_covariance(solution, layout, k, tau)[0, :2, :2] @ normal)
     return float(distance[least] - reach), float(np.sqrt(variance))
 
 
-def _cushion_gap(solution: Solution, plan: Layout, contact: Contact, side: int, table: Table) -> tuple[float, float]:
+def _cushion_gap(
+    solution: JointSolution, layout: ParameterLayout, contact: Contact, side: int, table: Table
+) -> tuple[float, float]:
+    """Return the least gap of a ball and a cushion on a free path, and its sigma, m."""
     t = contact.t + np.linspace(-0.02, GAP_HORIZON, 271)
     distance = cushion_distances(_free_path(solution, contact.before[0], t), table)[:, side]
     least = int(np.argmin(distance))
-    column = plan.globals + 3 + side
-    tau = np.array([t[least] - solution.story.begin(contact.before[0])])
-    place = state_covariance(solution, plan, contact.before[0], tau)[0, :2, :2]
-    variance = float(INWARD[side] @ place @ INWARD[side] + solution.covariance[column, column])
-    return float(distance[least] - table.ball_radius - solution.nose[side]), float(np.sqrt(variance))
+    column = layout.shared + 3 + side
+    tau = np.array([t[least] - solution.graph.start_time(contact.before[0])])
+    place = state_covariance(solution, layout, contact.before[0], tau)[0, :2, :2]
+    variance = float(INWARD_NORMALS[side] @ place @ INWARD_NORMALS[side] + solution.covariance[column, column])
+    return float(distance[least] - table.ball_radius - solution.nose_offsets[side]), float(np.sqrt(variance))

@@ -1,8 +1,7 @@
-"""The rigid-body world behind tracked points, and the motion between and after the samples.
+"""Fit of the rigid-body world behind tracked points, and the motion between and after the samples.
 
-What friction, restitution, gravity, drag and the discs' radius and density are is found by the least surprise: the mean
-distance between where a simulation from the last sample says that bodies will be and where they are seen (prediction
-errors: Ljung 1999, System Identification, chapter 7).
+Friction, restitution, gravity, drag and the discs' radius and density minimize the mean distance between predictions
+from the last sample and observations (prediction error method: Ljung 1999, System Identification, chapter 7).
 """
 
 from __future__ import annotations
@@ -13,147 +12,176 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.typing import FloatArray, IntArray
-from models.estimation.rigid_bodies.body_clusters import Bodies, assembled, groups
-from models.estimation.rigid_bodies.body_trajectories import Beginning, Course, Follower, follow, levers, steps_for
-from models.estimation.rigid_bodies.world_parameters import World, bend_error, guessed
+from models.estimation.rigid_bodies.body_clusters import Bodies, assemble_bodies, group_rigid_points
+from models.estimation.rigid_bodies.body_trajectories import (
+    BodySimulator,
+    BodyState,
+    BodyTrajectory,
+    choose_steps,
+    pose_scales,
+    track_bodies,
+)
+from models.estimation.rigid_bodies.world_parameters import RigidBodyWorld, acceleration_error, guess_worlds
 
 ROUNDS = 2
-"""over all numbers, with steps that are halved each time."""
-BUSY = 0.8
-"""share of all bending of paths that the samples hold on which numbers are sought."""
-KNOWN = 0.01
-"""relative error of a gravity that is seen well enough not to be sought."""
+"""Rounds over all parameters, with steps that are halved each time."""
+BUSY_SHARE = 0.8
+"""Share of the total curvature of the paths in the samples to which the parameters are fitted."""
+KNOWN_GRAVITY = 0.01
+"""Relative error of an observed gravity that needs no fit."""
 SEARCH_PASSES, FINAL_PASSES = 1, 4
-"""simulations of an interval while numbers are sought, and with those that were found."""
-FINER = 2
-"""times as many steps at the end."""
-LEAST_SAMPLES = 6
-EXPLAINED = 0.7
-"""of the surprise of going straight on: a world that leaves more explains nothing."""
+"""Simulations of an interval during the search (`SEARCH_PASSES`), and with the final parameters."""
+STEP_REFINEMENT = 2
+"""Factor on the number of steps of the final simulation."""
+MIN_SAMPLES = 6
+MAX_ERROR_RATIO = 0.7
+"""Prediction error over that of a straight line: a world with a larger ratio explains nothing."""
 
 
 @dataclass(frozen=True, slots=True)
-class BoxesMotion:
+class RigidBodyMotion:
     """Rigid bodies followed through their samples."""
 
     bodies: Bodies
-    world: World
-    course: Course
+    world: RigidBodyWorld
+    trajectory: BodyTrajectory
     sigma: float
-    """standard deviation of a coordinate; NaN where no body is followed by several points."""
-    surprise: float
-    """mean distance between prediction and sight, over bodies and intervals, per axis."""
-    straight: float
-    """the same where bodies are foretold to go straight on."""
-    follower: Follower
+    """Standard deviation of a coordinate; NaN where every body has one point."""
+    prediction_error: float
+    """Mean distance between prediction and observation, over bodies and intervals, per axis."""
+    straight_line_error: float
+    """The same for straight lines."""
+    simulator: BodySimulator
 
     @property
-    def doubts(self) -> tuple[str, ...]:
-        """Why this should not be believed; empty where it may be."""
-        if self.surprise < EXPLAINED * self.straight:
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons against using this motion; empty where there are none."""
+        if self.prediction_error < MAX_ERROR_RATIO * self.straight_line_error:
             return ()
-        return ("rigid bodies that collide foretell these points hardly better than going straight on",)
+        return ("colliding rigid bodies predict these points hardly better than straight lines",)
 
-    def at(self, t: FloatArray) -> FloatArray:
-        """Points (M, N, 2) at times (M,), between the samples and after the last one."""
-        course = self.course
+    def positions_at(self, t: FloatArray) -> FloatArray:
+        """Compute the positions (M, N, 2) of the points at times (M,), between the samples and after the last one."""
+        course = self.trajectory
         interval = np.clip(np.searchsorted(course.t, t, side="right") - 1, 0, len(course.t) - 1)
-        found = np.empty((len(t), len(self.bodies.count), 3))
+        poses = np.empty((len(t), len(self.bodies.count), 3))
         for k in np.unique(interval):
             mine = interval == k
-            found[mine] = self._within(int(k), t[mine]) if k < len(course.t) - 1 else self._after(t[mine])
-        return self.bodies.points(found)
+            poses[mine] = (
+                self._interpolate_poses(int(k), t[mine]) if k < len(course.t) - 1 else self._extrapolate_poses(t[mine])
+            )
+        return self.bodies.point_positions(poses)
 
-    def _within(self, k: int, t: FloatArray) -> FloatArray:
-        """Places (M, B, 3) in interval k; what its simulation misses is made up for evenly."""
-        course, steps = self.course, self.follower.steps
+    def _interpolate_poses(self, k: int, t: FloatArray) -> FloatArray:
+        """Compute the poses (M, B, 3) in interval k; the error at its end is distributed evenly."""
+        course, steps = self.trajectory, self.simulator.steps
         span = float(course.t[k + 1] - course.t[k])
         share = ((t - course.t[k]) / span).clip(0, 1)
-        path = self._path(course.begins[k], span, share * steps, steps)
-        return np.asarray(path + share[:, None, None] * course.misses[k], np.float64)
+        path = self._simulate_fractional_steps(course.states[k], span, share * steps, steps)
+        return np.asarray(path + share[:, None, None] * course.end_errors[k], np.float64)
 
-    def _after(self, t: FloatArray) -> FloatArray:
-        """Places (M, B, 3) after the last sample."""
-        last = self.course.t[-1]
-        step = float(np.median(np.diff(self.course.t))) / self.follower.steps
+    def _extrapolate_poses(self, t: FloatArray) -> FloatArray:
+        """Compute the poses (M, B, 3) after the last sample."""
+        last = self.trajectory.t[-1]
+        step = float(np.median(np.diff(self.trajectory.t))) / self.simulator.steps
         steps = max(int(np.ceil(float((t - last).max()) / step)), 1)
-        return self._path(self.course.begins[-1], steps * step, (t - last) / step, steps)
+        return self._simulate_fractional_steps(self.trajectory.states[-1], steps * step, (t - last) / step, steps)
 
-    def _path(self, begin: Beginning, span: float, at: FloatArray, steps: int) -> FloatArray:
-        """Places (M, B, 3) after fractional numbers of steps (M,) of a simulation."""
+    def _simulate_fractional_steps(self, begin: BodyState, span: float, at: FloatArray, steps: int) -> FloatArray:
+        """Compute the poses (M, B, 3) after fractional numbers of steps (M,) of a simulation."""
         before = np.floor(at.clip(0, steps)).astype(np.int64)
         wanted = np.unique(np.concatenate([before, np.minimum(before + 1, steps)]))
-        path = np.concatenate([begin.place[None], self.follower.run(begin, span, wanted[wanted > 0], steps)[0]])
+        path = np.concatenate(
+            [begin.pose[None], self.simulator.simulate_interval(begin, span, wanted[wanted > 0], steps)[0]]
+        )
         index = np.searchsorted(np.concatenate([[0], wanted[wanted > 0]]), [before, np.minimum(before + 1, steps)])
         share = (at - before)[:, None, None]
         return np.asarray((1 - share) * path[index[0]] + share * path[index[1]], np.float64)
 
 
-def fit_boxes(t: FloatArray, x: FloatArray, body: IntArray | None = None, sigma: float | None = None) -> BoxesMotion:
-    """The motion behind points x (T, N, 2) at t (T,). `body` (N,) says which points are fixed to the same body, else
-    that is found; `sigma` is the standard deviation of a coordinate, else what rigid bodies leave.
+def fit_rigid_bodies(
+    t: FloatArray, x: FloatArray, body: IntArray | None = None, sigma: float | None = None
+) -> RigidBodyMotion:
+    """Fit rigid bodies that collide to the positions of their points.
 
-    Raises `ValueError` where there are too few samples.
+    Args:
+        t: (T,) s, increasing.
+        x: (T, N, 2) positions.
+        body: (N,) body of each point; found from constant distances where not given.
+        sigma: Standard deviation of a coordinate; the deviation from rigid bodies where not given.
+
+    Returns:
+        The motion.
+
+    Raises:
+        ValueError: There are too few samples.
     """
-    if len(t) < LEAST_SAMPLES:
-        raise ValueError(f"{len(t)} samples; bodies that collide need at least {LEAST_SAMPLES}")
-    bodies, places, left = assembled(x, groups(x) if body is None else body)
+    if len(t) < MIN_SAMPLES:
+        raise ValueError(f"{len(t)} samples; bodies that collide need at least {MIN_SAMPLES}")
+    bodies, places, left = assemble_bodies(x, group_rigid_points(x) if body is None else body)
     noise = left if sigma is None else sigma
-    known = noise if np.isfinite(noise) else 0.0
-    error = known / np.sqrt(np.bincount(bodies.body).max())
-    world, _ = _least_surprise(bodies, t, places, error)
-    follower = Follower(bodies, world, FINER * steps_for(bodies, world, t, places))
-    course = follow(follower, t, places, error, FINAL_PASSES)
-    straight = _mean_length(np.diff(places, 2, axis=0), bodies)
-    return BoxesMotion(bodies, world, course, noise, _mean_length(course.surprise[1:], bodies), straight, follower)
+    finite_noise = noise if np.isfinite(noise) else 0.0
+    error = finite_noise / np.sqrt(np.bincount(bodies.body).max())
+    world, _ = _estimate_world(bodies, t, places, error)
+    follower = BodySimulator(bodies, world, STEP_REFINEMENT * choose_steps(bodies, world, t, places))
+    course = track_bodies(follower, t, places, error, FINAL_PASSES)
+    straight = _mean_distance(np.diff(places, 2, axis=0), bodies)
+    return RigidBodyMotion(
+        bodies, world, course, noise, _mean_distance(course.prediction_errors[1:], bodies), straight, follower
+    )
 
 
-def _least_surprise(bodies: Bodies, t: FloatArray, places: FloatArray, sigma: float) -> tuple[World, float]:
-    """The world that surprises least, number after number: down a parabola through three tries."""
-    worlds = guessed(bodies, t, places, sigma)
-    busy = _busy(places, bodies)
-    steps = steps_for(bodies, worlds[0], t[busy], places[busy])
-    known: dict[tuple[float, ...], float] = {}
+def _estimate_world(bodies: Bodies, t: FloatArray, places: FloatArray, sigma: float) -> tuple[RigidBodyWorld, float]:
+    """Find the world of least prediction error, parameter after parameter, by parabolas through three trials."""
+    worlds = guess_worlds(bodies, t, places, sigma)
+    busy = _find_busiest_rows(places, bodies)
+    steps = choose_steps(bodies, worlds[0], t[busy], places[busy])
+    costs: dict[tuple[float, ...], float] = {}
 
-    def surprise(world: World, part: slice) -> float:
-        course = follow(Follower(bodies, world, steps), t[part], places[part], sigma, SEARCH_PASSES)
-        # the first interval has no velocities from before
-        return _mean_length(course.surprise[1:], bodies)
+    def surprise(world: RigidBodyWorld, part: slice) -> float:
+        course = track_bodies(BodySimulator(bodies, world, steps), t[part], places[part], sigma, SEARCH_PASSES)
+        # the first interval has no previous velocities
+        return _mean_distance(course.prediction_errors[1:], bodies)
 
-    # over a short time drag looks like falling: which of them it is, all samples tell
+    # over a short time drag looks like gravity: only all samples together distinguish them
     world = min(worlds, key=lambda one: surprise(one, slice(None))) if len(worlds) > 1 else worlds[0]
-    part = busy if world.gravity.any() else slice(None)  # what slows bodies seen from above acts all the time
+    part = busy if world.gravity.any() else slice(None)  # without gravity, drag acts all the time
 
-    def cost(world: World) -> float:
-        if (key := world.key) not in known:
-            known[key] = surprise(world, part)
-        return known[key]
+    def cost(world: RigidBodyWorld) -> float:
+        if (key := world.search_key) not in costs:
+            costs[key] = surprise(world, part)
+        return costs[key]
 
     least = cost(world)
-    seen = float(np.linalg.norm(world.gravity)) * KNOWN > bend_error(t, sigma)
+    gravity_known = float(np.linalg.norm(world.gravity)) * KNOWN_GRAVITY > acceleration_error(t, sigma)
     for number in range(ROUNDS):
-        for change in _changes(bodies, world, 0.5**number, seen):
-            world, least = _better(world, least, change, cost)
+        for change in _list_changes(bodies, world, 0.5**number, gravity_known):
+            world, least = _search_along_change(world, least, change, cost)
     return world, least
 
 
-def _busy(places: FloatArray, bodies: Bodies) -> slice:
-    """The fewest samples on end that hold most of what bends the paths: there numbers show, at a part of the cost."""
-    bent = np.abs(np.diff(places, 2, axis=0) * levers(bodies)).sum(axis=(1, 2))
+def _find_busiest_rows(places: FloatArray, bodies: Bodies) -> slice:
+    """Find the shortest run of samples with most of the curvature: it constrains the parameters best."""
+    bent = np.abs(np.diff(places, 2, axis=0) * pose_scales(bodies)).sum(axis=(1, 2))
     before = np.concatenate([[0.0], np.cumsum(bent)])
-    ends = np.searchsorted(before, before + BUSY * before[-1] - 1e-9 * before[-1])
+    ends = np.searchsorted(before, before + BUSY_SHARE * before[-1] - 1e-9 * before[-1])
     widths = np.where(ends < len(before), ends - np.arange(len(before)), len(before))
     first = int(np.argmin(widths))
-    # a bend lies between three samples, and a simulation wants some to settle
-    last = max(first + int(widths[first]) + 1, first + LEAST_SAMPLES - 1)
-    return slice(max(min(first, len(places) - LEAST_SAMPLES), 0), last + 1)
+    # a bend takes three samples, and a simulation needs some to settle
+    last = max(first + int(widths[first]) + 1, first + MIN_SAMPLES - 1)
+    return slice(max(min(first, len(places) - MIN_SAMPLES), 0), last + 1)
 
 
-def _better(
-    world: World, least: float, change: Callable[[World, float], World], cost: Callable[[World], float]
-) -> tuple[World, float]:
-    """The best of a step down, a step up, and the bottom of the parabola through them, or of two steps where one is
-    better and still going down."""
+def _search_along_change(
+    world: RigidBodyWorld,
+    least: float,
+    change: Callable[[RigidBodyWorld, float], RigidBodyWorld],
+    cost: Callable[[RigidBodyWorld], float],
+) -> tuple[RigidBodyWorld, float]:
+    """Find the best of a step down, a step up, and the minimum of the parabola through them.
+
+    Where one of the steps is better and the cost still falls, a double step is tried instead of the minimum.
+    """
     low, high = (cost(change(world, step)) for step in (-1.0, 1.0))
     bend = low + high - 2 * least
     bottom = float(np.clip(0.5 * (low - high) / bend, -1, 1)) if bend > 0 else 0.0
@@ -163,14 +191,14 @@ def _better(
     elif abs(min(tries)[1]) == 1:
         farther = 2 * min(tries)[1]
         tries.append((cost(change(world, farther)), farther))
-    found, step = min(tries)
-    return (change(world, step) if step else world), found
+    best_cost, step = min(tries)
+    return (change(world, step) if step else world), best_cost
 
 
-def _changes(
-    bodies: Bodies, world: World, share: float, gravity_known: bool
-) -> Iterator[Callable[[World, float], World]]:
-    """What can be changed about a world, each by steps of about the size in which it is uncertain at first."""
+def _list_changes(
+    bodies: Bodies, world: RigidBodyWorld, share: float, gravity_known: bool
+) -> Iterator[Callable[[RigidBodyWorld, float], RigidBodyWorld]]:
+    """List possible changes of a world, each in steps of about the initial uncertainty."""
     yield lambda w, s: replace(w, friction=max(w.friction + 0.1 * share * s, 0.0))
     yield lambda w, s: replace(w, restitution=min(max(w.restitution + 0.15 * share * s, 0.0), 1.0))
     if bodies.discs.any():
@@ -181,6 +209,6 @@ def _changes(
     yield lambda w, s: replace(w, drag=max(w.drag + 0.5 * share * s, 0.0))
 
 
-def _mean_length(off: FloatArray, bodies: Bodies) -> float:
-    """Mean over intervals, bodies and axes of (K, B, 3), angles by the distance of the points."""
-    return float(np.mean(np.abs(off * levers(bodies))))
+def _mean_distance(off: FloatArray, bodies: Bodies) -> float:
+    """Compute the mean over intervals, bodies and axes of (K, B, 3), angles by the distance of the points."""
+    return float(np.mean(np.abs(off * pose_scales(bodies))))

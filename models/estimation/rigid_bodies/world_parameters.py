@@ -1,4 +1,4 @@
-"""What rigid bodies move under: gravity, friction, restitution, drag, boundaries; and first guesses of these."""
+"""Parameters of a world of rigid bodies: gravity, friction, restitution, drag, boundaries; and initial guesses."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ import numpy as np
 from models.core.typing import FloatArray
 from models.estimation.rigid_bodies.body_clusters import Bodies
 
-SIDES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-"""Inward normals of the boundaries that are looked for."""
-NEAR = 0.02
-"""of the extent of all motion: bodies that come this near to its end on one side can have met a boundary there."""
-PUSHED = 0.25
-"""of gravity, and of strong accelerations: what pushes bodies harder from a side is a boundary."""
-STEADY = 0.05
-"""share by which the acceleration may differ between two intervals of free flight."""
-LEAST_FLIGHTS = 3
-"""pairs of intervals of free flight by which gravity is known."""
+BOUNDARY_NORMALS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""Inward normals of the boundaries that are searched."""
+BOUNDARY_DISTANCE = 0.02
+"""Distance from the end of all motion on one side, over its extent, within which bodies may have touched a boundary."""
+BOUNDARY_PUSH = 0.25
+"""Share of gravity, and of strong accelerations, above which a push from a side indicates a boundary."""
+MAX_FLIGHT_CHANGE = 0.05
+"""Relative difference of the accelerations in two intervals of free flight."""
+MIN_FLIGHTS = 3
+"""Pairs of intervals of free flight that determine gravity."""
 STRIDES = (1, 2, 3, 5)
-"""samples from one to the next."""
-MOST_FLIGHTS = 2000
-"""that are compared with each other."""
-CLEARLY = 6.0
-"""standard deviations that a bend must have to count as one."""
-STILL = 1e-3
-"""of a body's size: how far off a motion may be in the end because contacts were not pushed once more."""
-SLACK = 1e-3
-"""of a body's size: overlap that stays, so that lasting contacts are found again."""
+"""Samples from one to the next."""
+MAX_FLIGHTS = 2000
+"""Pairs of intervals that are compared with each other."""
+SIGNIFICANT_SIGMAS = 6.0
+"""Standard deviations of a significant acceleration."""
+REST_TOLERANCE = 1e-3
+"""Acceptable error of the final contacts, over a body's size."""
+ALLOWED_OVERLAP = 1e-3
+"""Remaining overlap, over a body's size, by which lasting contacts are found again."""
 
 
 @dataclass(frozen=True, slots=True)
-class World:
-    """Numbers that hold for all bodies. Lengths and times are the caller's."""
+class RigidBodyWorld:
+    """Parameters that hold for all bodies. Units of length and time are the caller's."""
 
     gravity: FloatArray
     """(2,)"""
@@ -44,121 +44,151 @@ class World:
     radius: FloatArray
     """(B,) of discs, 0 for polygons."""
     density: float
-    """of discs, that of polygons being 1."""
+    """Of discs, relative to that of polygons."""
     planes: FloatArray
     """(W, 3) inward normals and offsets of straight boundaries."""
 
     @property
-    def key(self) -> tuple[float, ...]:
-        """All numbers that are sought."""
+    def search_key(self) -> tuple[float, ...]:
+        """All parameters that are searched, as a dictionary key."""
         return (*self.gravity.tolist(), self.friction, self.restitution, self.drag, self.density, *self.radius.tolist())
 
-    def lightness(self, bodies: Bodies) -> FloatArray:
-        """(B, 2) one over mass and one over moment of inertia."""
+    def inverse_masses(self, bodies: Bodies) -> FloatArray:
+        """Compute the inverse mass and inverse moment of inertia (B, 2)."""
         discs = bodies.discs
         area = np.where(discs, np.pi * self.radius**2 * self.density, bodies.area)
         moment = np.where(discs, self.radius**2 / 2, bodies.moment)
-        # bodies of the usual size weigh about 1
+        # bodies of median size have mass 1
         mass = area / np.median(area)
         return np.stack([1 / mass, 1 / (mass * moment)], axis=1)
 
-    def laws(self, bodies: Bodies) -> FloatArray:
-        """(7,) for `models.physics.rigid_bodies.contact_impulses.march`."""
+    def kernel_parameters(self, bodies: Bodies) -> FloatArray:
+        """Collect the parameters (7,) for `models.physics.rigid_bodies.contact_impulses`."""
         size = bodies.size if np.isfinite(bodies.size) else float(np.median(self.radius))
-        return np.array([*self.gravity, self.friction, self.restitution, self.drag, SLACK * size, STILL * size])
+        return np.array(
+            [*self.gravity, self.friction, self.restitution, self.drag, ALLOWED_OVERLAP * size, REST_TOLERANCE * size]
+        )
 
 
-def guessed(bodies: Bodies, t: FloatArray, places: FloatArray, sigma: float) -> list[World]:
-    """Worlds to begin a search with, from places (T, B, 3) at t (T,) with standard deviation sigma: with the gravity
-    that is seen, and with none, since seen from above what slows down looks like falling."""
-    radius = _radii(bodies, places)
-    seen = _gravity(t, places, sigma)
+def guess_worlds(bodies: Bodies, t: FloatArray, places: FloatArray, sigma: float) -> list[RigidBodyWorld]:
+    """Guess worlds to start a search from.
+
+    One has the observed gravity, one has none, because drag in a view from above looks like gravity.
+
+    Args:
+        bodies: Rigid bodies.
+        t: (T,) s.
+        places: (T, B, 3) observed poses.
+        sigma: Standard deviation of the centres.
+
+    Returns:
+        One or two worlds.
+    """
+    radius = _estimate_radii(bodies, places)
+    gravity_estimate = _estimate_gravity(t, places, sigma)
     return [
-        World(gravity, 0.3, 0.2, 0.0, radius, 1.0, _planes(bodies, t, places, radius, gravity, sigma))
-        for gravity in ([seen, np.zeros(2)] if seen.any() else [seen])
+        RigidBodyWorld(gravity, 0.3, 0.2, 0.0, radius, 1.0, _find_boundaries(bodies, t, places, radius, gravity, sigma))
+        for gravity in ([gravity_estimate, np.zeros(2)] if gravity_estimate.any() else [gravity_estimate])
     ]
 
 
-def _gravity(t: FloatArray, places: FloatArray, sigma: float) -> FloatArray:
-    """Gravity seen over every sample, or over every few where noise hides it between neighbours."""
+def _estimate_gravity(t: FloatArray, places: FloatArray, sigma: float) -> FloatArray:
+    """Estimate gravity from every sample, or from every few where noise hides it between neighbours."""
     for stride in STRIDES:
-        found = _steady(t[::stride], places[::stride], sigma) if len(t) > 4 * stride else np.zeros(2)
-        if found.any():
-            return found
+        acceleration = (
+            _find_common_acceleration(t[::stride], places[::stride], sigma) if len(t) > 4 * stride else np.zeros(2)
+        )
+        if acceleration.any():
+            return acceleration
     return np.zeros(2)
 
 
-def _steady(t: FloatArray, places: FloatArray, sigma: float) -> FloatArray:
-    """The acceleration that most bodies keep for two intervals running: nothing but gravity is so steady and common."""
-    bend, error = _bends(t, places), bend_error(t, sigma)
+def _find_common_acceleration(t: FloatArray, places: FloatArray, sigma: float) -> FloatArray:
+    """Find the acceleration of most bodies in two consecutive intervals: only gravity is so steady and common."""
+    bend, error = _sample_accelerations(t, places), acceleration_error(t, sigma)
     middle = (bend[:-1] + bend[1:]) / 2
     size = np.linalg.norm(middle, axis=2)
-    steady = (np.linalg.norm(np.diff(bend, axis=0), axis=2) < STEADY * size + error / CLEARLY) & (size > error)
-    flights = middle[steady][:MOST_FLIGHTS]
-    if len(flights) < LEAST_FLIGHTS:
+    steady = (np.linalg.norm(np.diff(bend, axis=0), axis=2) < MAX_FLIGHT_CHANGE * size + error / SIGNIFICANT_SIGMAS) & (
+        size > error
+    )
+    flights = middle[steady][:MAX_FLIGHTS]
+    if len(flights) < MIN_FLIGHTS:
         return np.zeros(2)
     near = (
-        np.linalg.norm(flights[:, None] - flights, axis=2) < STEADY * np.linalg.norm(flights, axis=1) + error / CLEARLY
+        np.linalg.norm(flights[:, None] - flights, axis=2)
+        < MAX_FLIGHT_CHANGE * np.linalg.norm(flights, axis=1) + error / SIGNIFICANT_SIGMAS
     )
     chosen = near[:, int(np.argmax(near.sum(axis=0)))]
-    if chosen.sum() < LEAST_FLIGHTS:
+    if chosen.sum() < MIN_FLIGHTS:
         return np.zeros(2)
     return np.asarray(np.median(flights[chosen], axis=0), np.float64)
 
 
-def _corners(bodies: Bodies, places: FloatArray) -> list[FloatArray]:
-    """(T, n, 2) corners of every body as seen."""
+def _polygon_corners(bodies: Bodies, places: FloatArray) -> list[FloatArray]:
+    """Compute the corners (T, n, 2) of every body."""
     cos, sin = np.cos(places[..., 2]), np.sin(places[..., 2])
-    found = []
+    corners = []
     for b, count in enumerate(bodies.count):
         x, y = bodies.corners[b, :count, 0], bodies.corners[b, :count, 1]
         c, s = cos[:, b, None], sin[:, b, None]
-        found.append(np.stack([c * x - s * y, s * x + c * y], axis=2) + places[:, b, None, :2])
-    return found
+        corners.append(np.stack([c * x - s * y, s * x + c * y], axis=2) + places[:, b, None, :2])
+    return corners
 
 
-def _radii(bodies: Bodies, places: FloatArray) -> FloatArray:
-    """(B,) of discs: the least distance of the centre from any polygon, or half of that from another disc."""
+def _estimate_radii(bodies: Bodies, places: FloatArray) -> FloatArray:
+    """Estimate the radii (B,) of discs.
+
+    A radius is the least distance of the centre from any polygon, or half of that from another disc.
+    """
     radius = np.zeros(len(bodies.count))
-    polygons = [corners for corners, disc in zip(_corners(bodies, places), bodies.discs, strict=True) if not disc]
+    polygons = [
+        corners for corners, disc in zip(_polygon_corners(bodies, places), bodies.discs, strict=True) if not disc
+    ]
     discs = np.flatnonzero(bodies.discs)
     for b in discs:
         centre = places[:, b, :2]
-        near = [_distance(centre, corners).min() for corners in polygons]
+        near = [_distance_to_polygon(centre, corners).min() for corners in polygons]
         near += [np.linalg.norm(places[:, c, :2] - centre, axis=1).min() / 2 for c in discs if c != b]
         radius[b] = min(near, default=1.0)
     return radius
 
 
-def _distance(point: FloatArray, corners: FloatArray) -> FloatArray:
-    """(T,) of points (T, 2) from the edges of polygons (T, n, 2)."""
+def _distance_to_polygon(point: FloatArray, corners: FloatArray) -> FloatArray:
+    """Compute the distances (T,) of points (T, 2) from the edges of polygons (T, n, 2)."""
     edge = np.roll(corners, -1, axis=1) - corners
     off = point[:, None] - corners
     share = ((off * edge).sum(axis=2) / (edge**2).sum(axis=2)).clip(0, 1)
     return np.asarray(np.linalg.norm(off - share[..., None] * edge, axis=2).min(axis=1), np.float64)
 
 
-def _planes(
+def _find_boundaries(
     bodies: Bodies, t: FloatArray, places: FloatArray, radius: FloatArray, gravity: FloatArray, sigma: float
 ) -> FloatArray:
-    """(W, 3) where at least two bodies were pushed back at the end of all motion on a side."""
-    push = _bends(t, places) - gravity  # (T - 2, B, 2)
+    """Find boundaries (W, 3) where at least two bodies were pushed back at the end of all motion on a side."""
+    push = _sample_accelerations(t, places) - gravity  # (T - 2, B, 2)
     size = np.linalg.norm(push, axis=2)
-    least = max(PUSHED * float(np.linalg.norm(gravity)), PUSHED * float(np.percentile(size, 99)), bend_error(t, sigma))
-    corners, found = _corners(bodies, places), []
-    for normal in SIDES:
+    least = max(
+        BOUNDARY_PUSH * float(np.linalg.norm(gravity)),
+        BOUNDARY_PUSH * float(np.percentile(size, 99)),
+        acceleration_error(t, sigma),
+    )
+    corners, boundaries = _polygon_corners(bodies, places), []
+    for normal in BOUNDARY_NORMALS:
         lowest = np.stack([(c @ normal).min(axis=1) - r for c, r in zip(corners, radius, strict=True)], axis=1)
         highest = max(float((c @ normal).max()) for c in corners)
-        near = lowest < lowest.min() + NEAR * (highest - lowest.min())  # (T, B)
+        near = lowest < lowest.min() + BOUNDARY_DISTANCE * (highest - lowest.min())  # (T, B)
         pushed = near[1:-1] & (push @ normal > least)
         if pushed.any(axis=0).sum() >= 2:
-            found.append([*normal, _end(lowest[near])])
-    return np.array(found).reshape(-1, 3)
+            boundaries.append([*normal, _estimate_boundary_offset(lowest[near])])
+    return np.array(boundaries).reshape(-1, 3)
 
 
-def _end(lowest: FloatArray) -> float:
-    """Where most of the distances lie that bodies near an end keep: the densest half (half-sample mode, Robertson and
-    Cryer 1974), since a body that bounces is rarely seen at the moment of contact."""
+def _estimate_boundary_offset(lowest: FloatArray) -> float:
+    """Estimate the most frequent distance of bodies near an end.
+
+    It is the half-sample mode (Robertson and Cryer 1974), since a bouncing body is rarely observed at the moment of
+    contact.
+    """
     left = np.sort(lowest)
     while len(left) > 2:
         half = (len(left) + 1) // 2
@@ -168,13 +198,13 @@ def _end(lowest: FloatArray) -> float:
     return float(left.mean())
 
 
-def _bends(t: FloatArray, places: FloatArray) -> FloatArray:
-    """(T - 2, B, 2) accelerations at the inner samples."""
+def _sample_accelerations(t: FloatArray, places: FloatArray) -> FloatArray:
+    """Compute the accelerations (T - 2, B, 2) at the inner samples."""
     span = np.diff(t)
     rate = np.diff(places[..., :2], axis=0) / span[:, None, None]
     return np.asarray(2 * np.diff(rate, axis=0) / (span[1:] + span[:-1])[:, None, None], np.float64)
 
 
-def bend_error(t: FloatArray, sigma: float) -> float:
-    """What noise alone can make of an acceleration."""
-    return CLEARLY * 2.5 * sigma / float(np.median(np.diff(t))) ** 2
+def acceleration_error(t: FloatArray, sigma: float) -> float:
+    """Compute the acceleration that noise alone can cause."""
+    return SIGNIFICANT_SIGMAS * 2.5 * sigma / float(np.median(np.diff(t))) ** 2

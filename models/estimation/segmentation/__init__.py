@@ -1,1 +1,1 @@
-"""Tracks cut into segments of motion, and the causes of the cuts."""
+"""Segmentation of tracks into segments of motion, and the contacts between them."""

@@ -1,4 +1,4 @@
-"""What broke the path of a ball: a cue, another ball, a cushion, or nothing that is known."""
+"""Classification of velocity changes: a strike, another ball, a cushion, or no known cause."""
 
 from __future__ import annotations
 
@@ -10,384 +10,442 @@ from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
-from models.estimation.segmentation.contact_graph import Contact, ContactKind, Span, Story
-from models.estimation.segmentation.jitter_removal import STILL, curve_of, part_of
-from models.estimation.segmentation.track_segmentation import Samples, Segment, SpanStart, fit_span
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph, ContactKind, Segment
+from models.estimation.segmentation.jitter_removal import STILL_RADII, fit_curve, select_samples
+from models.estimation.segmentation.track_segmentation import BallSamples, SampleRange, SegmentFit, fit_segment
 
-NEAR_CUSHION = 0.6
-"""ball radii: a centre may be so far from where it should touch (calibration, cloth edge, soft rubber)."""
-NEAR_BALL = 0.45
-"""ball radii: the same for the distance of two balls."""
-JUMP = 0.4
-"""ball radii: curves that pass each other by more do not belong to one motion."""
+CUSHION_TOLERANCE = 0.6
+"""Ball radii: tolerance of the distance between a centre and its contact line (calibration, cloth edge, soft rubber).
+"""
+BALL_TOLERANCE = 0.45
+"""Ball radii: tolerance of the distance of two balls."""
+JUMP_DISTANCE = 0.4
+"""Ball radii: curves farther apart do not belong to one motion."""
 CUE_KINDS = ("cue", "white", "yellow")
-"""Balls that a cue may strike, where a strike has to be attributed."""
+"""Classes of balls that a cue strikes, where a strike has to be attributed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Break:
+class VelocityChange:
     """A change of velocity of one ball, between two of its samples."""
 
     ball: int
-    left: int
+    segment_index: int
     """Index of the segment before, within the ball."""
     t: float
-    early: float
-    late: float
+    t_before: float
+    t_after: float
     """s: times of the samples before and after."""
     x: FloatArray
-    before: FloatArray
-    after: FloatArray
+    velocity_before: FloatArray
+    velocity_after: FloatArray
     """(2,) m and m/s."""
     from_rest: bool
     gain: float
-    left_curve: SpanStart
-    right_curve: SpanStart
-    jump: bool
+    curve_before: SegmentFit
+    curve_after: SegmentFit
+    is_jump: bool
     """The curves before and after do not meet."""
 
     @property
-    def change(self) -> FloatArray:
-        """Of the velocity, (2,) m/s."""
-        return self.after - self.before
+    def difference(self) -> FloatArray:
+        """Velocity after minus velocity before, (2,) m/s."""
+        return self.velocity_after - self.velocity_before
 
 
 @dataclass(frozen=True, slots=True)
-class _Cause:
+class _CandidateCause:
     score: float
     kind: ContactKind
-    breaks: tuple[int, ...]
+    changes: tuple[int, ...]
     cushion: str = ""
 
 
 def cushion_distances(x: FloatArray, table: Table) -> FloatArray:
-    """From points (..., 2) to the four noses (..., 4), in the order of `CUSHIONS`, m."""
+    """Return the distances from points to the four noses.
+
+    Args:
+        x: (..., 2) m.
+        table: The table.
+
+    Returns:
+        (..., 4) m, in the order of `CUSHIONS`; negative outside.
+    """
     return np.stack([x[..., 0], table.length - x[..., 0], x[..., 1], table.width - x[..., 1]], axis=-1)
 
 
-INWARD = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-"""Normals (4, 2) of the noses, into the table."""
+INWARD_NORMALS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""(4, 2) unit normals of the noses, into the table."""
 
 
-def breaks_of(ball: int, samples: Samples, segments: list[Segment], radius: float) -> list[Break]:
-    """Times, places and velocities at the breaks between segments."""
-    fits = [curve_of(samples, part) for part in segments]
-    found: list[Break] = []
-    for k, (one, two) in enumerate(pairwise(fits)):
-        last, first = segments[k].last, segments[k + 1].first
+def find_velocity_changes(
+    ball: int, samples: BallSamples, parts: list[SampleRange], radius: float
+) -> list[VelocityChange]:
+    """Find times, places and velocities of the changes between successive parts of a track."""
+    curves = [fit_curve(samples, part) for part in parts]
+    changes: list[VelocityChange] = []
+    for k, (one, two) in enumerate(pairwise(curves)):
+        last, first = parts[k].last, parts[k + 1].first
         early, late = float(samples.t[last]), float(samples.t[first])
-        t_best, x = _meeting(samples, segments[k], segments[k + 1], one, two)
-        if found and t_best < found[-1].t + 0.1 * (late - early):
-            t_best = found[-1].t + 0.1 * (late - early)
-        apart = float(np.linalg.norm(one.at(t_best) - two.at(t_best)))
-        sure = _certain(segments[k]) and _certain(segments[k + 1])
-        jump = sure and apart > JUMP * radius + 5 * float(np.median(samples.sigma))
-        whole = part_of(samples, Segment(segments[k].first, segments[k + 1].last, False))
-        gain = fit_span(whole, float(whole.t[0])).chi2 - one.chi2 - two.chi2
-        before = np.zeros(2) if segments[k].static else _velocity(samples, segments, k, one, t_best)
-        after = np.zeros(2) if segments[k + 1].static else _velocity(samples, segments, k + 1, two, t_best)
-        found.append(Break(ball, k, t_best, early, late, x, before, after, segments[k].static, gain, one, two, jump))
-    return found
+        t_best, x = _find_curve_crossing(samples, parts[k], parts[k + 1], one, two)
+        if changes and t_best < changes[-1].t + 0.1 * (late - early):
+            t_best = changes[-1].t + 0.1 * (late - early)
+        distance = float(np.linalg.norm(one.position_at(t_best) - two.position_at(t_best)))
+        is_certain = _has_enough_samples(parts[k]) and _has_enough_samples(parts[k + 1])
+        is_jump = is_certain and distance > JUMP_DISTANCE * radius + 5 * float(np.median(samples.sigma))
+        whole = select_samples(samples, SampleRange(parts[k].first, parts[k + 1].last, False))
+        gain = fit_segment(whole, float(whole.t[0])).chi2 - one.chi2 - two.chi2
+        before = np.zeros(2) if parts[k].static else _velocity_beside_change(samples, parts, k, one, t_best)
+        after = np.zeros(2) if parts[k + 1].static else _velocity_beside_change(samples, parts, k + 1, two, t_best)
+        changes.append(
+            VelocityChange(ball, k, t_best, early, late, x, before, after, parts[k].static, gain, one, two, is_jump)
+        )
+    return changes
 
 
-def explain(breaks: list[Break], table: Table) -> list[_Cause]:
-    """The most plausible causes, each break in at most one of them; what is left over is `strike` or `free`."""
-    causes = _pairs(breaks, table) + _cushions(breaks, table)
+def assign_causes(changes: list[VelocityChange], table: Table) -> list[_CandidateCause]:
+    """Assign the most plausible causes, each change to at most one; the others become `strike`, `jump` or `free`."""
+    causes = _propose_ball_contacts(changes, table) + _propose_cushion_contacts(changes, table)
     used: set[int] = set()
     chosen = []
     for cause in sorted(causes, key=lambda c: c.score):
-        if not used & set(cause.breaks):
-            used |= set(cause.breaks)
+        if not used & set(cause.changes):
+            used |= set(cause.changes)
             chosen.append(cause)
-    for k, one in enumerate(breaks):
+    for k, one in enumerate(changes):
         if k not in used:
-            kind: ContactKind = "strike" if one.from_rest else "jump" if one.jump else "free"
-            chosen.append(_Cause(0.0, kind, (k,)))
+            kind: ContactKind = "strike" if one.from_rest else "jump" if one.is_jump else "free"
+            chosen.append(_CandidateCause(0.0, kind, (k,)))
     return chosen
 
 
-def near_something(samples: Samples, others: list[Samples], table: Table) -> NDArray[np.bool_]:
-    """(n-1,) between which samples of a ball a cushion or another ball may have changed its velocity, or a cue did."""
+def find_contact_opportunities(samples: BallSamples, others: list[BallSamples], table: Table) -> NDArray[np.bool_]:
+    """Find between which samples of a ball a cue, a cushion or another ball may have changed its velocity.
+
+    Args:
+        samples: n samples of the ball.
+        others: Samples of all other balls.
+        table: The table.
+
+    Returns:
+        (n - 1,) True where something is near.
+    """
     step = np.linalg.norm(np.diff(samples.xy, axis=0), axis=1)
     ends = np.stack([samples.xy[:-1], samples.xy[1:]])  # (2, n-1, 2)
-    slack = NEAR_CUSHION * table.ball_radius + 0.6 * step
-    near = (cushion_distances(ends, table).min(axis=(0, 2)) - table.ball_radius) < slack
+    slack = CUSHION_TOLERANCE * table.ball_radius + 0.6 * step
+    is_near = (cushion_distances(ends, table).min(axis=(0, 2)) - table.ball_radius) < slack
     resting = np.ones(len(step), bool)
-    resting[1:] = step[:-1] < STILL * table.ball_radius
-    near |= resting & (step > STILL * table.ball_radius)
+    resting[1:] = step[:-1] < STILL_RADII * table.ball_radius
+    is_near |= resting & (step > STILL_RADII * table.ball_radius)
     middle = (samples.t[1:] + samples.t[:-1]) / 2
     for other in others:
         if len(other.t) < 2:
             continue
-        there = np.stack([np.interp(middle, other.t, other.xy[:, k]) for k in (0, 1)], axis=1)
-        pace = np.interp(middle, (other.t[1:] + other.t[:-1]) / 2, np.linalg.norm(np.diff(other.xy, axis=0), axis=1))
-        reach = (2 + 2 * NEAR_BALL) * table.ball_radius + 0.8 * (step + pace)
-        near |= np.linalg.norm(ends.mean(axis=0) - there, axis=1) < reach
-    known: NDArray[np.bool_] = near
-    return known
+        other_place = np.stack([np.interp(middle, other.t, other.xy[:, k]) for k in (0, 1)], axis=1)
+        other_step = np.interp(
+            middle, (other.t[1:] + other.t[:-1]) / 2, np.linalg.norm(np.diff(other.xy, axis=0), axis=1)
+        )
+        reach = (2 + 2 * BALL_TOLERANCE) * table.ball_radius + 0.8 * (step + other_step)
+        is_near |= np.linalg.norm(ends.mean(axis=0) - other_place, axis=1) < reach
+    result: NDArray[np.bool_] = is_near
+    return result
 
 
-def _pairs(breaks: list[Break], table: Table) -> list[_Cause]:
+def _propose_ball_contacts(changes: list[VelocityChange], table: Table) -> list[_CandidateCause]:
     causes = []
-    for i, one in enumerate(breaks):
-        for j in range(i + 1, len(breaks)):
-            two = breaks[j]
-            if one.ball == two.ball or not _overlap(one, two):
+    for i, one in enumerate(changes):
+        for j in range(i + 1, len(changes)):
+            two = changes[j]
+            if one.ball == two.ball or not _overlap_in_time(one, two):
                 continue
-            if one.from_rest and two.from_rest and _met_by_a_third(one, two, breaks, table.ball_radius):
-                continue  # what came hit one of them, and that one perhaps the other
-            score = _pair_score(one, two, table.ball_radius)
+            if one.from_rest and two.from_rest and _is_hit_by_third_ball(one, two, changes, table.ball_radius):
+                continue  # the third ball hit one of them, and that one perhaps the other
+            score = _score_ball_contact(one, two, table.ball_radius)
             if np.isfinite(score):
-                causes.append(_Cause(score, "ball", (i, j)))
+                causes.append(_CandidateCause(score, "ball", (i, j)))
     return causes
 
 
-def _met_by_a_third(one: Break, two: Break, breaks: list[Break], radius: float) -> bool:
-    """Whether a ball that was in motion turns beside one of two that begin to move: then it has met that one."""
-    for third in breaks:
+def _is_hit_by_third_ball(
+    one: VelocityChange, two: VelocityChange, changes: list[VelocityChange], radius: float
+) -> bool:
+    """Return whether a moving ball turns beside one of two balls that begin to move: then it has hit that one."""
+    for third in changes:
         if third.from_rest or third.ball in (one.ball, two.ball):
             continue
-        reach = 2 * (1 + NEAR_BALL) * radius + 0.5 * float(np.linalg.norm(third.before)) * (third.late - third.early)
+        reach = 2 * (1 + BALL_TOLERANCE) * radius + 0.5 * float(np.linalg.norm(third.velocity_before)) * (
+            third.t_after - third.t_before
+        )
         for other in (one, two):
-            if _overlap(third, other) and np.linalg.norm(third.x - other.x) < reach:
+            if _overlap_in_time(third, other) and np.linalg.norm(third.x - other.x) < reach:
                 return True
     return False
 
 
-def _overlap(one: Break, two: Break) -> bool:
-    """Whether two breaks may be one moment."""
-    if one.early > two.late + 0.7 * (two.late - two.early):
+def _overlap_in_time(one: VelocityChange, two: VelocityChange) -> bool:
+    """Return whether two velocity changes may be simultaneous."""
+    if one.t_before > two.t_after + 0.7 * (two.t_after - two.t_before):
         return False
-    return two.early <= one.late + 0.7 * (one.late - one.early)
+    return two.t_before <= one.t_after + 0.7 * (one.t_after - one.t_before)
 
 
-def _pair_score(one: Break, two: Break, radius: float) -> float:
-    """Below about 2 where two breaks are one contact; infinite where they cannot be."""
-    window = max(one.late - one.early, two.late - two.early)
-    relative = float(np.linalg.norm(one.before - two.before))
-    tolerance = NEAR_BALL * radius + 0.5 * relative * min(one.late - one.early, two.late - two.early)
-    apart = _apart(one, two, 2 * radius)
-    distance = float(np.hypot(*apart))
-    normal = apart / max(distance, 1e-9)
-    miss = abs(distance - 2 * radius) / tolerance
-    total = np.linalg.norm(one.change) + np.linalg.norm(two.change)
-    momentum = float(np.linalg.norm(one.change + two.change)) / max(float(total), 1e-6)
-    separating = (two.after - one.after) @ normal
+def _score_ball_contact(one: VelocityChange, two: VelocityChange, radius: float) -> float:
+    """Score two changes as one contact: below about 2 if plausible, infinite if impossible."""
+    window = max(one.t_after - one.t_before, two.t_after - two.t_before)
+    relative = float(np.linalg.norm(one.velocity_before - two.velocity_before))
+    tolerance = BALL_TOLERANCE * radius + 0.5 * relative * min(one.t_after - one.t_before, two.t_after - two.t_before)
+    separation = _separation_vector(one, two, 2 * radius)
+    distance = float(np.hypot(*separation))
+    normal = separation / max(distance, 1e-9)
+    mismatch = abs(distance - 2 * radius) / tolerance
+    total = np.linalg.norm(one.difference) + np.linalg.norm(two.difference)
+    momentum = float(np.linalg.norm(one.difference + two.difference)) / max(float(total), 1e-6)
+    separating = (two.velocity_after - one.velocity_after) @ normal
     late = abs(one.t - two.t) / window
-    if miss > 1 or (momentum > 0.75 and not (one.from_rest and two.from_rest)) or separating < -0.3 * relative - 0.05:
+    if (
+        mismatch > 1
+        or (momentum > 0.75 and not (one.from_rest and two.from_rest))
+        or separating < -0.3 * relative - 0.05
+    ):
         return np.inf
-    return miss + momentum + 0.3 * late - 0.5
+    return mismatch + momentum + 0.3 * late - 0.5
 
 
-def _apart(one: Break, two: Break, reach: float) -> FloatArray:
-    """From ball to ball (2,) at the moment that the better seen of two breaks tells; nearest to `reach` m.
+def _separation_vector(one: VelocityChange, two: VelocityChange, reach: float) -> FloatArray:
+    """Return the vector (2,) from ball to ball at the better timed of two changes; its length is nearest to `reach` m.
 
-    A ball that was lost for some pictures may have met the other at any time meanwhile.
+    A ball that was missed for some frames may have met the other at any time meanwhile.
     """
-    t = one.t if one.late - one.early <= two.late - two.early else two.t
-    places = [[b.x, b.left_curve.at(t), b.right_curve.at(t)] for b in (one, two)]
-    apart = np.array([b - a for a in places[0] for b in places[1]])
-    nearest: FloatArray = apart[np.argmin(np.abs(np.linalg.norm(apart, axis=1) - reach))]
+    t = one.t if one.t_after - one.t_before <= two.t_after - two.t_before else two.t
+    places = [[b.x, b.curve_before.position_at(t), b.curve_after.position_at(t)] for b in (one, two)]
+    separations = np.array([b - a for a in places[0] for b in places[1]])
+    nearest: FloatArray = separations[np.argmin(np.abs(np.linalg.norm(separations, axis=1) - reach))]
     return nearest
 
 
-def _cushions(breaks: list[Break], table: Table) -> list[_Cause]:
+def _propose_cushion_contacts(changes: list[VelocityChange], table: Table) -> list[_CandidateCause]:
     causes = []
-    for k, one in enumerate(breaks):
+    for k, one in enumerate(changes):
         distance = cushion_distances(one.x, table) - table.ball_radius
-        towards, away = -INWARD @ one.before, INWARD @ one.after
-        speed = np.linalg.norm(one.before)
-        tolerance = NEAR_CUSHION * table.ball_radius + 0.35 * speed * (one.late - one.early)
+        towards, away = -INWARD_NORMALS @ one.velocity_before, INWARD_NORMALS @ one.velocity_after
+        speed = np.linalg.norm(one.velocity_before)
+        tolerance = CUSHION_TOLERANCE * table.ball_radius + 0.35 * speed * (one.t_after - one.t_before)
         for side in range(4):
-            along = abs(np.array([-INWARD[side, 1], INWARD[side, 0]]) @ one.change)
-            across = abs(INWARD[side] @ one.change)
+            along = abs(np.array([-INWARD_NORMALS[side, 1], INWARD_NORMALS[side, 0]]) @ one.difference)
+            across = abs(INWARD_NORMALS[side] @ one.difference)
             if abs(distance[side]) < tolerance and towards[side] > 0.01 and away[side] > -0.2 * towards[side]:
                 score = abs(distance[side]) / tolerance + along / (along + across + 1e-9) - 0.2
-                causes.append(_Cause(float(score), "cushion", (k,), CUSHIONS[side]))
+                causes.append(_CandidateCause(float(score), "cushion", (k,), CUSHIONS[side]))
     return causes
 
 
-def tell(samples: list[Samples], segments: list[list[Segment]], table: Table, kinds: tuple[str, ...]) -> Story:
-    """First story of a clip: spans of every ball, joined by the contacts that explain their breaks."""
-    spans: list[Span] = []
+def build_contact_graph(
+    samples: list[BallSamples], parts_by_ball: list[list[SampleRange]], table: Table, kinds: tuple[str, ...]
+) -> ContactGraph:
+    """Build the initial contact graph of a clip.
+
+    Args:
+        samples: Samples of N balls.
+        parts_by_ball: Parts of each track, at rest or in motion.
+        table: The table.
+        kinds: N ball classes.
+
+    Returns:
+        Segments of all balls, joined by the contacts that explain their velocity changes.
+    """
+    segments: list[Segment] = []
     index: dict[tuple[int, int], int] = {}
-    breaks: list[Break] = []
-    for ball, (seen, parts) in enumerate(zip(samples, segments, strict=True)):
+    changes: list[VelocityChange] = []
+    for ball, (ball_samples, parts) in enumerate(zip(samples, parts_by_ball, strict=True)):
         for k, part in enumerate(parts):
-            index[ball, k] = len(spans)
-            spans.append(_span(ball, seen, part))
-        breaks += breaks_of(ball, seen, parts, table.ball_radius) if parts else []
+            index[ball, k] = len(segments)
+            segments.append(_make_segment(ball, ball_samples, part))
+        changes += find_velocity_changes(ball, ball_samples, parts, table.ball_radius) if parts else []
     contacts: list[Contact] = []
-    unseen: dict[int, Break] = {}
-    for cause in explain(breaks, table):
-        members = [breaks[k] for k in cause.breaks]
-        before = tuple(index[b.ball, b.left] for b in members)
-        after = tuple(index[b.ball, b.left + 1] for b in members)
+    unobserved: dict[int, VelocityChange] = {}
+    for cause in assign_causes(changes, table):
+        members = [changes[k] for k in cause.changes]
+        before = tuple(index[b.ball, b.segment_index] for b in members)
+        after = tuple(index[b.ball, b.segment_index + 1] for b in members)
         t = (
-            float(min(members, key=lambda b: b.late - b.early).t)
-            if len({b.late - b.early for b in members}) > 1
+            float(min(members, key=lambda b: b.t_after - b.t_before).t)
+            if len({b.t_after - b.t_before for b in members}) > 1
             else float(np.mean([b.t for b in members]))
         )
         contact = Contact(cause.kind, t, before, after, cause.cushion, gain=sum(b.gain for b in members))
         for b, one, two in zip(members, before, after, strict=True):
-            spans[one] = _ending(spans[one], len(contacts))
-            fresh = _span(b.ball, samples[b.ball], segments[b.ball][b.left + 1], t, b)
-            spans[two] = Span(fresh.ball, fresh.static, len(contacts), spans[two].end, t, fresh.state)
-        if cause.kind == "strike" and members[0].jump:
-            unseen[len(contacts)] = members[0]
+            segments[one] = _set_segment_end(segments[one], len(contacts))
+            new_segment = _make_segment(b.ball, samples[b.ball], parts_by_ball[b.ball][b.segment_index + 1], t, b)
+            segments[two] = Segment(
+                new_segment.ball, new_segment.static, len(contacts), segments[two].end, t, new_segment.state
+            )
+        if cause.kind == "strike" and members[0].is_jump:
+            unobserved[len(contacts)] = members[0]
         contacts.append(contact)
-    story = _with_runs(Story(tuple(spans), tuple(contacts)), unseen)
-    return _with_strikes(story, samples, table, kinds)
+    graph = _insert_unobserved_runs(ContactGraph(tuple(segments), tuple(contacts)), unobserved)
+    return _insert_strikes(graph, samples, table, kinds)
 
 
-def _with_runs(story: Story, unseen: dict[int, Break]) -> Story:
-    """Balls that rested, were lost, and came back elsewhere ran there meanwhile: struck, then stopped by something."""
-    spans, contacts = list(story.spans), list(story.contacts)
-    for number, gap in unseen.items():
+def _insert_unobserved_runs(graph: ContactGraph, unobserved: dict[int, VelocityChange]) -> ContactGraph:
+    """Insert the motion of balls that rested, were lost and reappeared elsewhere: struck, then stopped by something."""
+    segments, contacts = list(graph.segments), list(graph.contacts)
+    for number, gap in unobserved.items():
         strike = contacts[number]
         rest, goal = strike.before[0], strike.after[0]
-        margin = 0.2 * (gap.late - gap.early)
-        start, stop = gap.early + margin, gap.late - margin
-        there = gap.right_curve.at(stop)
-        v = (there - spans[rest].state[:2]) / (stop - start)
-        run = Span(
+        margin = 0.2 * (gap.t_after - gap.t_before)
+        start, stop = gap.t_before + margin, gap.t_after - margin
+        goal_place = gap.curve_after.position_at(stop)
+        v = (goal_place - segments[rest].state[:2]) / (stop - start)
+        run = Segment(
             gap.ball,
             False,
             number,
             len(contacts),
             start,
-            np.concatenate([spans[rest].state[:2], v, 0.1 * v, np.zeros(2)]),
+            np.concatenate([segments[rest].state[:2], v, 0.1 * v, np.zeros(2)]),
         )
-        arrived = spans[goal].state.copy()
-        arrived[:2] = there
-        arrived[2:4] = 0.0 if spans[goal].static else gap.right_curve.velocity(stop)
-        spans[goal] = Span(gap.ball, spans[goal].static, len(contacts), spans[goal].end, stop, arrived)
-        contacts[number] = Contact("strike", start, (rest,), (len(spans),), gain=strike.gain)
-        contacts.append(Contact("free", stop, (len(spans),), (goal,), gain=strike.gain))
-        spans.append(run)
-    return Story(tuple(spans), tuple(contacts))
+        arrived = segments[goal].state.copy()
+        arrived[:2] = goal_place
+        arrived[2:4] = 0.0 if segments[goal].static else gap.curve_after.velocity_at(stop)
+        segments[goal] = Segment(gap.ball, segments[goal].static, len(contacts), segments[goal].end, stop, arrived)
+        contacts[number] = Contact("strike", start, (rest,), (len(segments),), gain=strike.gain)
+        contacts.append(Contact("free", stop, (len(segments),), (goal,), gain=strike.gain))
+        segments.append(run)
+    return ContactGraph(tuple(segments), tuple(contacts))
 
 
-def _with_strikes(story: Story, samples: list[Samples], table: Table, kinds: tuple[str, ...]) -> Story:
-    """Where two resting balls part from each other, one of them was struck just before."""
-    spans, contacts = list(story.spans), list(story.contacts)
-    for number, contact in enumerate(story.contacts):
-        if contact.kind != "ball" or not all(_waits(spans, samples, contact, side, table) for side in (0, 1)):
+def _insert_strikes(
+    graph: ContactGraph, samples: list[BallSamples], table: Table, kinds: tuple[str, ...]
+) -> ContactGraph:
+    """Insert a strike of one of two resting balls that part from each other."""
+    segments, contacts = list(graph.segments), list(graph.contacts)
+    for number, contact in enumerate(graph.contacts):
+        if contact.kind != "ball" or not all(
+            _waits_for_contact(segments, samples, contact, side, table) for side in (0, 1)
+        ):
             continue
-        cue = _struck(spans, contact, kinds)
+        cue = _select_struck_ball(segments, contact, kinds)
         other = 1 - cue
-        rest, goal = spans[contact.before[cue]].state[:2], spans[contact.before[other]].state[:2]
-        way = goal - rest
-        gap = float(np.hypot(*way)) - 2 * table.ball_radius
-        v = spans[contact.after[0]].state[2:4] + spans[contact.after[1]].state[2:4]
-        speed = max(float(v @ way) / float(np.hypot(*way)), 0.1)
-        if gap < 0.15 * table.ball_radius or _while_others_move(story, contact):
+        rest, goal = segments[contact.before[cue]].state[:2], segments[contact.before[other]].state[:2]
+        displacement = goal - rest
+        gap = float(np.hypot(*displacement)) - 2 * table.ball_radius
+        v = segments[contact.after[0]].state[2:4] + segments[contact.after[1]].state[2:4]
+        speed = max(float(v @ displacement) / float(np.hypot(*displacement)), 0.1)
+        if gap < 0.15 * table.ball_radius or _is_third_ball_moving(graph, contact):
             contacts[number] = Contact("ball", contact.t, contact.before, contact.after, driven=True, gain=contact.gain)
             continue
         old = contact.before[cue]
-        t = max(contact.t - gap / speed, (spans[old].t0 + contact.t) / 2)
+        t = max(contact.t - gap / speed, (segments[old].t0 + contact.t) / 2)
         state = np.concatenate([rest, v, np.zeros(4)])
-        spans.append(Span(spans[old].ball, False, len(contacts), number, t, state))
+        segments.append(Segment(segments[old].ball, False, len(contacts), number, t, state))
         still = np.concatenate([rest, np.zeros(6)])
-        spans[old] = Span(
-            spans[old].ball,
+        segments[old] = Segment(
+            segments[old].ball,
             True,
-            None if not spans[old].static else spans[old].start,
+            None if not segments[old].static else segments[old].start,
             len(contacts),
-            spans[old].t0,
+            segments[old].t0,
             still,
         )
-        before = tuple(len(spans) - 1 if k == cue else contact.before[k] for k in range(2))
+        before = tuple(len(segments) - 1 if k == cue else contact.before[k] for k in range(2))
         contacts[number] = Contact("ball", contact.t, before, contact.after, gain=contact.gain)
-        contacts.append(Contact("strike", t, (old,), (len(spans) - 1,), gain=contact.gain))
-    return Story(tuple(spans), tuple(contacts))
+        contacts.append(Contact("strike", t, (old,), (len(segments) - 1,), gain=contact.gain))
+    return ContactGraph(tuple(segments), tuple(contacts))
 
 
-def _while_others_move(story: Story, contact: Contact) -> bool:
-    """Whether a third ball moves when two part from each other: then it sent them off, for no cue strikes meanwhile."""
-    pair = story.balls_at(contact)
+def _is_third_ball_moving(graph: ContactGraph, contact: Contact) -> bool:
+    """Return whether a third ball moves when two part: then it caused their motion, since no cue strikes meanwhile."""
+    pair = graph.balls_at(contact)
     return any(
-        not span.static and span.ball not in pair and story.begin(k) < contact.t < story.finish(k)
-        for k, span in enumerate(story.spans)
+        not segment.static and segment.ball not in pair and graph.start_time(k) < contact.t < graph.end_time(k)
+        for k, segment in enumerate(graph.segments)
     )
 
 
-def _waits(spans: list[Span], samples: list[Samples], contact: Contact, side: int, table: Table) -> bool:
-    """Whether a ball rests, or is seen to move too little to come to the other one by itself."""
-    span, other = spans[contact.before[side]], spans[contact.after[1 - side]]
-    if span.static:
+def _waits_for_contact(
+    segments: list[Segment], samples: list[BallSamples], contact: Contact, side: int, table: Table
+) -> bool:
+    """Return whether a ball rests, or moves too little to reach the other one by itself."""
+    segment, other = segments[contact.before[side]], segments[contact.after[1 - side]]
+    if segment.static:
         return True
-    gap = np.linalg.norm(other.state[:2] - span.state[:2]) - 2 * table.ball_radius
-    seen = samples[span.ball]
-    rows = np.flatnonzero((seen.t >= span.t0) & (seen.t < contact.t))
-    went = float(np.linalg.norm(seen.xy[rows[-1]] - seen.xy[rows[0]])) if len(rows) else 0.0
-    way = max(went, float(np.linalg.norm(span.state[2:4])) * (contact.t - span.t0))
-    return bool(span.start is None and way < 0.5 * gap)
+    gap = np.linalg.norm(other.state[:2] - segment.state[:2]) - 2 * table.ball_radius
+    ball_samples = samples[segment.ball]
+    rows = np.flatnonzero((ball_samples.t >= segment.t0) & (ball_samples.t < contact.t))
+    travelled = float(np.linalg.norm(ball_samples.xy[rows[-1]] - ball_samples.xy[rows[0]])) if len(rows) else 0.0
+    distance = max(travelled, float(np.linalg.norm(segment.state[2:4])) * (contact.t - segment.t0))
+    return bool(segment.start is None and distance < 0.5 * gap)
 
 
-def _struck(spans: list[Span], contact: Contact, kinds: tuple[str, ...]) -> int:
-    """Which of two balls (0 or 1) the cue met: by its kind, else the one that left less along the line of centres."""
-    named = [kinds[spans[k].ball] in CUE_KINDS for k in contact.before]
+def _select_struck_ball(segments: list[Segment], contact: Contact, kinds: tuple[str, ...]) -> int:
+    """Select which of two balls (0 or 1) the cue hit: by class, else the one less aligned with the line of centres."""
+    named = [kinds[segments[k].ball] in CUE_KINDS for k in contact.before]
     if named[0] != named[1]:
         return 0 if named[0] else 1
-    line = spans[contact.before[1]].state[:2] - spans[contact.before[0]].state[:2]
+    line = segments[contact.before[1]].state[:2] - segments[contact.before[0]].state[:2]
     line /= np.hypot(*line)
     straight = []
     for k, sign in zip(contact.after, (-1, 1), strict=True):
-        v = spans[k].state[2:4]
+        v = segments[k].state[2:4]
         straight.append(sign * float(v @ line) / max(float(np.hypot(*v)), 1e-6))
     return int(np.argmin(straight))
 
 
-def _ending(span: Span, contact: int) -> Span:
-    return Span(span.ball, span.static, span.start, contact, span.t0, span.state)
+def _set_segment_end(segment: Segment, contact: int) -> Segment:
+    return Segment(segment.ball, segment.static, segment.start, contact, segment.t0, segment.state)
 
 
-def _span(ball: int, samples: Samples, part: Segment, t: float | None = None, start: Break | None = None) -> Span:
-    """A span with its state at time t, the time of its first sample by default."""
-    seen = part_of(samples, part)
-    begin = float(seen.t[0]) if t is None else t
+def _make_segment(
+    ball: int, samples: BallSamples, part: SampleRange, t: float | None = None, start: VelocityChange | None = None
+) -> Segment:
+    """Make a segment with its state at time t, by default the time of its first sample."""
+    selected = select_samples(samples, part)
+    start_time = float(selected.t[0]) if t is None else t
     if part.static:
-        return Span(ball, True, None, None, begin, np.concatenate([np.median(seen.xy, axis=0), np.zeros(6)]))
+        return Segment(
+            ball, True, None, None, start_time, np.concatenate([np.median(selected.xy, axis=0), np.zeros(6)])
+        )
     if start is not None and part.last - part.first < 2:
-        state = np.concatenate([start.x, start.after, np.zeros(4)])
-        return Span(ball, False, None, None, begin, state)
-    fit = fit_span(seen, begin)
-    return Span(ball, False, None, None, begin, np.concatenate([fit.x, fit.v, fit.slip, np.zeros(2)]))
+        state = np.concatenate([start.x, start.velocity_after, np.zeros(4)])
+        return Segment(ball, False, None, None, start_time, state)
+    fit = fit_segment(selected, start_time)
+    return Segment(ball, False, None, None, start_time, np.concatenate([fit.x, fit.v, fit.slip, np.zeros(2)]))
 
 
-def _meeting(
-    samples: Samples, left: Segment, right: Segment, one: SpanStart, two: SpanStart
+def _find_curve_crossing(
+    samples: BallSamples, left: SampleRange, right: SampleRange, one: SegmentFit, two: SegmentFit
 ) -> tuple[float, FloatArray]:
-    """When and where two successive curves meet: near the gap between their samples, at their closest approach."""
+    """Find when and where two successive curves meet: at their closest approach near the gap between their samples."""
     early, late = float(samples.t[left.last]), float(samples.t[right.first])
-    slack = min(0.3 * (late - early), 0.5 * _interval(samples))
+    slack = min(0.3 * (late - early), 0.5 * _sampling_interval(samples))
     t = np.linspace(early - slack, late + slack, 60)
-    best = float(t[np.argmin(np.linalg.norm(one.at(t) - two.at(t), axis=1))])
+    best = float(t[np.argmin(np.linalg.norm(one.position_at(t) - two.position_at(t), axis=1))])
     best = max(best, float(samples.t[left.first]) + 0.1 * (late - early))
-    known = [part.static or part.last - part.first >= 1 for part in (left, right)]
-    if known[0] == known[1]:
-        return best, (one.at(best) + two.at(best)) / 2
-    # a curve through one sample is no curve: trust the other side
+    has_curve = [part.static or part.last - part.first >= 1 for part in (left, right)]
+    if has_curve[0] == has_curve[1]:
+        return best, (one.position_at(best) + two.position_at(best)) / 2
+    # one sample gives no curve: use the other side
     middle = (early + late) / 2
-    return middle, (one if known[0] else two).at(middle)
+    return middle, (one if has_curve[0] else two).position_at(middle)
 
 
-def _certain(part: Segment) -> bool:
-    """Whether a segment has samples enough for a curve."""
+def _has_enough_samples(part: SampleRange) -> bool:
+    """Return whether a part has enough samples for a curve."""
     return part.static or part.last - part.first >= 2
 
 
-def _interval(samples: Samples) -> float:
-    """Typical time between samples, s."""
+def _sampling_interval(samples: BallSamples) -> float:
+    """Return the median time between samples, s."""
     return float(np.median(np.diff(samples.t)))
 
 
-def _velocity(samples: Samples, segments: list[Segment], k: int, fit: SpanStart, t: float) -> FloatArray:
-    """From the fit; from the neighbours' samples where the segment itself has only one."""
-    part = segments[k]
+def _velocity_beside_change(
+    samples: BallSamples, parts: list[SampleRange], k: int, fit: SegmentFit, t: float
+) -> FloatArray:
+    """Return the velocity by the fit, or by the neighbouring samples if the part has only one."""
+    part = parts[k]
     if part.last > part.first:
-        return fit.velocity(t)
+        return fit.velocity_at(t)
     before, after = max(part.first - 1, 0), min(part.last + 1, len(samples.t) - 1)
     mean: FloatArray = (samples.xy[after] - samples.xy[before]) / (samples.t[after] - samples.t[before])
     return mean

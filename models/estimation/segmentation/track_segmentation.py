@@ -1,8 +1,8 @@
-"""Where the track of one ball breaks: dynamic programming over pieces that physics can explain.
+"""Segmentation of one track by dynamic programming over motions that physics can explain.
 
-Two passes. The first cuts a track into constants and parabolas, cheaply and too often: sliding, rolling and resting
-are pieces of their own there. The second joins those into spans, each of them a slide that turns into a roll, and pays
-more for a break where nothing is near that could have caused it.
+The first pass cuts a track into constants and parabolas, cheaply and too often: sliding, rolling and resting are
+separate pieces there. The second pass joins them into segments, each of them a slide that turns into a roll, and
+charges more for a velocity change where nothing nearby could have caused it.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ SLIDE_TIMES = (0.0, 0.04, 0.08, 0.13, 0.2, 0.3, 0.42, 0.6, 0.85, 1.2, 1.7)
 """s: how long a ball may slide before it rolls; the grid of the closed-form fit. 1.7 s is a hard break shot."""
 SLIDING_ACCELERATION = 2.0
 """m/s^2, prior standard deviation per axis while sliding: about mu_s g."""
-SLIDING_SPREAD, LONG_SLIDE = 0.45, 0.15
-"""m/s^2 and s: how well the strength of sliding friction is known, and slides long enough to show it."""
+SLIDING_ACCELERATION_SIGMA, MIN_LONG_SLIDE = 0.45, 0.15
+"""m/s^2, uncertainty of the strength of sliding friction; and s, the shortest slide that shows it."""
 ROLLING_ACCELERATION = 0.12
 """m/s^2, prior standard deviation per axis while rolling: about mu_r g, with slope and nap."""
-SLIP_SHARE, SLIP_FLOOR = 0.7, 0.2
-"""of the speed, and m/s: slip of a ball that nothing has touched for a while, one standard deviation."""
-MOST_ODD = 100.0
-"""chi2 at which an odd beginning stays possible: a clip may begin within a contact."""
+SLIP_SIGMA_SHARE, SLIP_SIGMA_FLOOR = 0.7, 0.2
+"""Share of the speed, and m/s: slip of a ball that nothing has touched for a while, one standard deviation."""
+MAX_SPIN_PENALTY = 100.0
+"""Upper limit of the penalty of an implausible initial spin, chi2: a clip may begin within a contact."""
 _VAGUE = 1e-8
-"""1/variance of what is free: keeps short pieces solvable."""
+"""1/variance of free coefficients: keeps short pieces solvable."""
 
 
 @dataclass(frozen=True, slots=True)
-class Samples:
-    """What was seen of one ball: t (n,) s, xy (n, 2) m, sigma (n,) m, root mean square per axis."""
+class BallSamples:
+    """Samples of one ball: t (n,) s, xy (n, 2) m, sigma (n,) m, root mean square per axis."""
 
     t: FloatArray
     xy: FloatArray
@@ -47,14 +47,16 @@ class Samples:
         weight: FloatArray = (self.sigma[:, None] * shape) ** -2
         return weight
 
-    def part(self, rows: slice) -> Samples:
-        """Some successive samples."""
-        return Samples(self.t[rows], self.xy[rows], self.sigma[rows], None if self.shape is None else self.shape[rows])
+    def select_rows(self, rows: slice) -> BallSamples:
+        """Select successive samples."""
+        return BallSamples(
+            self.t[rows], self.xy[rows], self.sigma[rows], None if self.shape is None else self.shape[rows]
+        )
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
-    """Samples first to last (inclusive) belong to one span."""
+class SampleRange:
+    """Samples first to last (inclusive) of one segment."""
 
     first: int
     last: int
@@ -62,8 +64,8 @@ class Segment:
 
 
 @dataclass(frozen=True, slots=True)
-class SpanStart:
-    """Closed-form fit of a span: state at `t0`, chi2, and how long it slides."""
+class SegmentFit:
+    """Closed-form fit of a segment: state at `t0`, duration of the slide, chi2."""
 
     t0: float
     x: FloatArray
@@ -73,13 +75,13 @@ class SpanStart:
     slide: float
     chi2: float
 
-    def at(self, t: float | FloatArray) -> FloatArray:
-        """Positions (..., 2) at times t (...)."""
-        basis = _basis(np.asarray(t, dtype=np.float64) - self.t0, self.slide)
+    def position_at(self, t: float | FloatArray) -> FloatArray:
+        """Return positions (..., 2) at times t (...)."""
+        basis = _motion_basis(np.asarray(t, dtype=np.float64) - self.t0, self.slide)
         return basis @ np.stack([self.x, self.v, self.slide_acceleration, self.roll_acceleration])
 
-    def velocity(self, t: float) -> FloatArray:
-        """(2,) m/s."""
+    def velocity_at(self, t: float) -> FloatArray:
+        """Return the velocity (2,) at t, m/s."""
         tau = t - self.t0
         return (
             self.v
@@ -93,51 +95,67 @@ class SpanStart:
         return -3.5 * self.slide_acceleration * self.slide
 
 
-def segment(samples: Samples, allowed: NDArray[np.bool_], price: float, dear: float) -> list[Segment]:
-    """Spans of one track, in order.
+def segment_track(
+    samples: BallSamples, allowed: NDArray[np.bool_], break_price: float, free_price: float
+) -> list[SampleRange]:
+    """Segment one track.
 
-    `allowed` (n-1,) says between which samples something is near that may change a velocity; a break costs `price`
-    there and `dear` elsewhere, in units of chi2.
+    Args:
+        samples: n samples of one ball.
+        allowed: (n - 1,) True between samples where something nearby may change a velocity.
+        break_price: chi2 that a velocity change costs there.
+        free_price: chi2 that it costs elsewhere.
+
+    Returns:
+        Ranges of samples, in order.
     """
     n = len(samples.t)
     if n == 0:
         return []
-    bounds = _first_pass(samples, 0.6 * price)
-    return _second_pass(samples, bounds, allowed, price, dear)
+    bounds = _first_pass(samples, 0.6 * break_price)
+    return _second_pass(samples, bounds, allowed, break_price, free_price)
 
 
-def fit_span(samples: Samples, t0: float) -> SpanStart:
-    """Best slide-then-roll through samples, its state given at `t0`; closed form for every slide time of the grid."""
+def fit_segment(samples: BallSamples, t0: float) -> SegmentFit:
+    """Fit the best slide that turns into a roll, in closed form for every slide time of the grid.
+
+    Args:
+        samples: Samples of one ball.
+        t0: Time of the fitted state, s.
+
+    Returns:
+        The fit of least chi2.
+    """
     tau, w = samples.t - t0, samples.weight.T[..., None]  # (2, n, 1)
     length, xy = max(float(tau[-1]), 0.0), samples.xy.T[..., None]  # (2, n, 1)
-    best: SpanStart | None = None
+    best: SegmentFit | None = None
     for slide in [s for s in SLIDE_TIMES if s < length] + [np.inf]:
         prior = np.array([_VAGUE, _VAGUE, SLIDING_ACCELERATION**-2, ROLLING_ACCELERATION**-2])
-        basis = _basis(tau, slide)
-        weighed = (basis * w).transpose(0, 2, 1)  # (2, 4, n)
-        both = np.linalg.solve(weighed @ basis + np.diag(prior), weighed @ xy)  # (2, 4, 1)
-        solution = np.asarray(both[..., 0].T, dtype=np.float64)
+        basis = _motion_basis(tau, slide)
+        weighted_basis = (basis * w).transpose(0, 2, 1)  # (2, 4, n)
+        solved = np.linalg.solve(weighted_basis @ basis + np.diag(prior), weighted_basis @ xy)  # (2, 4, 1)
+        solution = np.asarray(solved[..., 0].T, dtype=np.float64)
         misfit = (
-            _oddity(solution, slide, length)
+            _slide_strength_penalty(solution, slide, length)
             + ((samples.xy - basis @ solution) ** 2 * samples.weight).sum()
             + (prior[:, None] * solution**2).sum()
         )
         if best is None or misfit < best.chi2 - 1e-9:
             x, v, slip, roll = solution
-            best = SpanStart(t0, x, v, slip, roll, min(slide, length + 0.05), float(misfit))
+            best = SegmentFit(t0, x, v, slip, roll, min(slide, length + 0.05), float(misfit))
     assert best is not None
     return best
 
 
-def _oddity(solution: FloatArray, slide: float, length: float) -> float:
-    """chi2 of a long slide that is not as strong as friction makes it."""
-    if slide < LONG_SLIDE or length < LONG_SLIDE:
+def _slide_strength_penalty(solution: FloatArray, slide: float, length: float) -> float:
+    """Return the chi2 of a long slide that is not as strong as friction makes it."""
+    if slide < MIN_LONG_SLIDE or length < MIN_LONG_SLIDE:
         return 0.0
-    return float(((np.hypot(*solution[2]) - SLIDING_ACCELERATION) / SLIDING_SPREAD) ** 2)
+    return float(((np.hypot(*solution[2]) - SLIDING_ACCELERATION) / SLIDING_ACCELERATION_SIGMA) ** 2)
 
 
-def _basis(tau: FloatArray, slide: float) -> FloatArray:
-    """1, tau, and the double integrals of 'sliding' and of 'rolling' (..., 4)."""
+def _motion_basis(tau: FloatArray, slide: float) -> FloatArray:
+    """Return 1, tau, and the double integrals of sliding and of rolling (..., 4)."""
     if not np.isfinite(slide):
         return np.stack([np.ones_like(tau), tau, tau**2 / 2, np.zeros_like(tau)], axis=-1)
     roll = np.maximum(tau - slide, 0.0)
@@ -145,26 +163,26 @@ def _basis(tau: FloatArray, slide: float) -> FloatArray:
     return np.stack([np.ones_like(tau), tau, early**2 / 2 + early * roll, roll**2 / 2], axis=-1)
 
 
-def _first_pass(samples: Samples, price: float) -> IntArray:
-    """Starts of pieces, and n at the end: constants and parabolas by dynamic programming."""
+def _first_pass(samples: BallSamples, price: float) -> IntArray:
+    """Find the starts of pieces, and n at the end: constants and parabolas by dynamic programming."""
     n = len(samples.t)
     best = np.full(n + 1, np.inf)
     best[0] = 0.0
-    came = np.zeros(n + 1, np.int64)
+    previous = np.zeros(n + 1, np.int64)
     for first in range(n):
         total = best[first] + price + _piece_costs(samples, first)
         ends = np.arange(first + 1, n + 1)
         better = total < best[ends]
         best[ends[better]] = total[better]
-        came[ends[better]] = first
+        previous[ends[better]] = first
     bounds = [n]
     while bounds[-1] > 0:
-        bounds.append(int(came[bounds[-1]]))
+        bounds.append(int(previous[bounds[-1]]))
     return np.array(bounds[::-1])
 
 
-def _piece_costs(samples: Samples, first: int) -> FloatArray:
-    """chi2 of the best constant or parabola through samples first..j, for every j >= first."""
+def _piece_costs(samples: BallSamples, first: int) -> FloatArray:
+    """Evaluate the chi2 of the best constant or parabola through samples first..j, for every j >= first."""
     t, w = samples.t[first:] - samples.t[first], samples.weight[first:]
     xy = samples.xy[first:] - samples.xy[first]
     powers = np.stack([np.ones_like(t), t, t**2 / 2], axis=1)
@@ -179,52 +197,52 @@ def _piece_costs(samples: Samples, first: int) -> FloatArray:
     return cost
 
 
-def _static_cost(samples: Samples, first: int, end: int) -> float:
+def _static_cost(samples: BallSamples, first: int, end: int) -> float:
     xy, w = samples.xy[first:end], samples.weight[first:end]
     middle = (xy * w).sum(axis=0) / w.sum(axis=0)
     return float((((xy - middle) ** 2) * w).sum())
 
 
 def _second_pass(
-    samples: Samples, bounds: IntArray, allowed: NDArray[np.bool_], price: float, dear: float
-) -> list[Segment]:
-    """Join pieces into spans; `bounds` (K+1,) are the starts of pieces and n."""
+    samples: BallSamples, bounds: IntArray, allowed: NDArray[np.bool_], break_price: float, free_price: float
+) -> list[SampleRange]:
+    """Join pieces into segments; `bounds` (K + 1,) are the starts of pieces and n."""
     count = len(bounds)
     best = np.full((count, 2), np.inf)
     best[0, 1] = 0.0
-    came = np.zeros((count, 2, 2), np.int64)
+    previous = np.zeros((count, 2, 2), np.int64)
     for k in range(count - 1):
-        toll = 0.0 if k == 0 else (price if allowed[bounds[k] - 1] else dear)
+        price = 0.0 if k == 0 else (break_price if allowed[bounds[k] - 1] else free_price)
         for m in range(k + 1, count):
             first, end = int(bounds[k]), int(bounds[m])
-            span = fit_span(samples.part(slice(first, end)), samples.t[first])
-            moving = span.chi2 + (_spin_from_nowhere(span) if k == 0 else 0.0)
+            curve = fit_segment(samples.select_rows(slice(first, end)), samples.t[first])
+            moving = curve.chi2 + (_spin_penalty(curve) if k == 0 else 0.0)
             for static, cost in ((0, moving + 6.0), (1, _static_cost(samples, first, end))):
-                # coming to rest needs no cause; two rests in a row need a jump, which no ball makes
+                # coming to rest needs no cause; two rests in a row need a jump, which is impossible
                 entry = [
-                    best[k, 0] + (price * 0.5 if static else toll),
-                    best[k, 1] + (2 * dear if static and k else toll),
+                    best[k, 0] + (break_price * 0.5 if static else price),
+                    best[k, 1] + (2 * free_price if static and k else price),
                 ]
                 before = int(np.argmin(entry))
                 if entry[before] + cost < best[m, static]:
                     best[m, static] = entry[before] + cost
-                    came[m, static] = k, before
+                    previous[m, static] = k, before
             if moving > best[k].min() + 400 and m > k + 3 and moving > 40 * (end - first):
                 break
-    return _walk_back(bounds, best, came)
+    return _walk_back(bounds, best, previous)
 
 
-def _spin_from_nowhere(span: SpanStart) -> float:
-    """chi2 of a track that begins nearly at rest and is then driven by spin: no cue leaves a ball like that."""
-    usual = SLIP_SHARE * float(np.hypot(*span.v)) + SLIP_FLOOR
-    return float(min((np.hypot(*span.slip) / usual) ** 2, MOST_ODD))
+def _spin_penalty(curve: SegmentFit) -> float:
+    """Return the chi2 of a track that begins nearly at rest and is then driven by spin: no cue does that."""
+    usual = SLIP_SIGMA_SHARE * float(np.hypot(*curve.v)) + SLIP_SIGMA_FLOOR
+    return float(min((np.hypot(*curve.slip) / usual) ** 2, MAX_SPIN_PENALTY))
 
 
-def _walk_back(bounds: IntArray, best: FloatArray, came: IntArray) -> list[Segment]:
-    segments: list[Segment] = []
+def _walk_back(bounds: IntArray, best: FloatArray, previous: IntArray) -> list[SampleRange]:
+    parts: list[SampleRange] = []
     m, static = len(bounds) - 1, int(np.argmin(best[-1]))
     while m > 0:
-        k, before = (int(value) for value in came[m, static])
-        segments.append(Segment(int(bounds[k]), int(bounds[m]) - 1, bool(static)))
+        k, before = (int(value) for value in previous[m, static])
+        parts.append(SampleRange(int(bounds[k]), int(bounds[m]) - 1, bool(static)))
         m, static = k, before
-    return segments[::-1]
+    return parts[::-1]

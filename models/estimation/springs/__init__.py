@@ -1,1 +1,4 @@
-"""Latent inference of a mass-spring-damper system from coordinates alone."""
+"""Latent inference of a mass-spring-damper system from coordinates alone.
+
+The equations of motion live in `models.physics.springs`.
+"""

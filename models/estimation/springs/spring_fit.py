@@ -1,4 +1,4 @@
-"""The fit of one graph of springs to coordinates, and the search for how stiff its springs are."""
+"""Fit of one graph of springs to coordinates."""
 
 from __future__ import annotations
 
@@ -7,145 +7,167 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.springs.coordinate_series import Coordinates, bend, filled, units
-from models.estimation.springs.dense_shooting import Chain, Seen, begin, information, normal_equations, relaxed
-from models.estimation.springs.parameter_layout import Layout, layout
+from models.estimation.springs.coordinate_series import CoordinateSeries, fit_splines, measure_scales, second_difference
+from models.estimation.springs.dense_shooting import (
+    ChainEstimate,
+    ChainObservations,
+    build_normal_equations,
+    information_of_shared,
+    minimize_chain,
+    start_chain,
+)
+from models.estimation.springs.parameter_layout import SpringLayout, build_layout
 from models.estimation.springs.spring_flow import SpringChain
-from models.physics.springs.spring_system import Springs
+from models.physics.springs.spring_system import SpringSystem
 
-LOOSE = 0.3
-"""of the bend of the paths: how loosely links are tied first."""
-TIGHT = 0.002
-"""of the noise: how tightly links are tied last; what that adds to the error of a state is not seen."""
-REST = 1e-6
-"""of a state's scale: how exactly a particle that starts from rest does."""
+FIRST_LINK_SIGMA = 0.3
+"""Sigma of the first links, relative to the second difference of the coordinates."""
+LAST_LINK_SIGMA = 0.002
+"""Sigma of the last links, relative to the noise; its effect on the error of a state is negligible."""
+REST_SIGMA = 1e-6
+"""Tolerance of a start from rest, relative to the scale of a state."""
 GUESSED_NOISE = 0.01
-"""of the bend of the paths, where nothing tells the noise."""
+"""Guessed noise, relative to the second difference of the coordinates."""
 
 
 @dataclass(frozen=True, slots=True)
-class Effort:
-    """How long to search."""
+class SearchEffort:
+    """Iteration limits of a search."""
 
     stages: int = 4
-    """from loose to tight ties."""
+    """From loose to tight links."""
     iterations: int = 8
-    """per stage."""
-    last: int = 20
-    """iterations of the last stage."""
-    tightest: float = TIGHT
-    """of the noise."""
+    """Per stage."""
+    last_iterations: int = 20
+    """Of the last stage."""
+    last_link_sigma: float = LAST_LINK_SIGMA
+    """Relative to the noise."""
 
 
-THOROUGH = Effort()
-GLANCE = Effort(stages=3, iterations=5, last=5, tightest=0.5)
+THOROUGH = SearchEffort()
+QUICK = SearchEffort(stages=3, iterations=5, last_iterations=5, last_link_sigma=0.5)
 
 
 @dataclass(frozen=True, slots=True)
 class SpringFit:
-    """A graph whose numbers fit coordinates."""
+    """A graph whose parameters were fitted to coordinates."""
 
     model: SpringChain
-    seen: Seen
-    chain: Chain
+    observed: ChainObservations
+    chain: ChainEstimate
     noise: float
-    """standard deviation of a coordinate that was assumed."""
+    """Assumed standard deviation of a coordinate."""
 
     @property
-    def graph(self) -> Springs:
-        return self.model.at(self.chain.shared)
+    def graph(self) -> SpringSystem:
+        """The graph with its fitted parameters."""
+        return self.model.graph_at(self.chain.shared)
 
     @property
     def states(self) -> FloatArray:
-        """(T, 2, N, D)"""
-        return self.model.full(self.chain.states, self.chain.shared)
+        """(T, 2, N, D) positions and velocities at the samples."""
+        return self.model.full_states(self.chain.states, self.chain.shared)
 
     @property
     def values(self) -> dict[str, float]:
-        """Numbers by their names."""
-        found = self.model.layout.values(self.chain.shared)
-        return dict(zip(self.model.layout.names, found.tolist(), strict=True))
+        """Fitted parameters by name."""
+        values = self.model.layout.values(self.chain.shared)
+        return dict(zip(self.model.layout.names, values.tolist(), strict=True))
 
     @property
     def freedom(self) -> int:
-        """Rows that were observed less numbers that were fitted: one start, bonds kept, and what is shared."""
-        start = int(self.chain.states.shape[1] - self.chain.prediction.bonds.shape[1])
-        rows = int((self.seen.weight > 0).sum() + (self.seen.shared_weight > 0).sum())
+        """Degrees of freedom: observed rows less one start, constraints and shared parameters."""
+        start = int(self.chain.states.shape[1] - self.chain.prediction.constraints.shape[1])
+        rows = int((self.observed.weight > 0).sum() + (self.observed.shared_weight > 0).sum())
         return rows - start - len(self.chain.shared)
 
 
 def fit_graph(
-    seen: Coordinates, graph: Springs, noise: float | None, effort: Effort = THOROUGH, sought: Layout | None = None,
-    start: SpringFit | None = None,
+    series: CoordinateSeries, graph: SpringSystem, noise: float | None, effort: SearchEffort = THOROUGH,
+    layout: SpringLayout | None = None, start: SpringFit | None = None,
 ) -> SpringFit:  # fmt: skip
-    """Fit the numbers of a graph, from those it has, or from an earlier fit `start` of perhaps fewer samples.
+    """Fit the parameters of a graph.
 
-    `sought` are the coordinates of the search; all that can be told where not given.
+    Args:
+        series: Observed coordinates.
+        graph: Graph whose parameters are the initial guess.
+        noise: Standard deviation of a coordinate; guessed where not given.
+        effort: Iteration limits.
+        layout: Coordinates of the search; all identifiable ones where not given.
+        start: Earlier fit to start from, possibly of fewer samples.
+
+    Returns:
+        The fit.
     """
-    size = units(seen)
-    coordinates = layout(graph, size) if sought is None else sought
-    error = GUESSED_NOISE * bend(seen) if noise is None else noise
-    model = SpringChain(graph, size, coordinates, np.diff(seen.t), 1.0)
-    x, v = filled(seen)
-    shared = model.coordinates(np.where(graph.held[:, None], np.nanmean(seen.x, axis=0), 0.0))
-    states = np.stack([x, v], axis=1).reshape(len(x), -1)[:, model.free]
-    if start is not None and np.array_equal(start.graph.held, graph.held):
+    size = measure_scales(series)
+    coordinates = build_layout(graph, size) if layout is None else layout
+    error = GUESSED_NOISE * second_difference(series) if noise is None else noise
+    model = SpringChain(graph, size, coordinates, np.diff(series.t), 1.0)
+    x, v = fit_splines(series)
+    shared = model.coordinates(np.where(graph.fixed[:, None], np.nanmean(series.x, axis=0), 0.0))
+    states = np.stack([x, v], axis=1).reshape(len(x), -1)[:, model.state_inputs]
+    if start is not None and np.array_equal(start.graph.fixed, graph.fixed):
         states[: len(start.chain.states)] = start.chain.states
-    observed = _observed(seen, model, shared, error)
-    chain = begin(model, observed, states, shared, np.ones(model.free.size))
-    return descended(SpringFit(model, observed, chain, error), LOOSE * bend(seen), effort)
+    observed = _build_observations(series, model, shared, error)
+    chain = start_chain(model, observed, states, shared, np.ones(model.state_inputs.size))
+    return tighten_links(SpringFit(model, observed, chain, error), FIRST_LINK_SIGMA * second_difference(series), effort)
 
 
-def _observed(seen: Coordinates, model: SpringChain, shared: FloatArray, noise: float) -> Seen:
-    half = model.free.size // 2
-    there = np.isfinite(seen.x).reshape(len(seen.x), -1)[:, model.free[:half]]
-    states = np.zeros((len(seen.x), 2 * half))
-    states[:, :half] = np.nan_to_num(seen.x).reshape(len(seen.x), -1)[:, model.free[:half]]
+def _build_observations(
+    series: CoordinateSeries, model: SpringChain, shared: FloatArray, noise: float
+) -> ChainObservations:
+    """Build the observations of the chain; those of fixed particles become priors of their positions."""
+    half = model.state_inputs.size // 2
+    there = np.isfinite(series.x).reshape(len(series.x), -1)[:, model.state_inputs[:half]]
+    states = np.zeros((len(series.x), 2 * half))
+    states[:, :half] = np.nan_to_num(series.x).reshape(len(series.x), -1)[:, model.state_inputs[:half]]
     weight = np.concatenate([there / noise, np.zeros_like(states[:, half:])], axis=1)
     pins = np.zeros(len(shared))
-    count = np.isfinite(seen.x).sum(axis=0).ravel()
+    count = np.isfinite(series.x).sum(axis=0).ravel()
     sets = model.layout.inputs < count.size
     pins[model.layout.owner[sets]] = np.sqrt(count[model.layout.inputs[sets]]) / noise
     scale = np.repeat([1.0, 1 / model.units.span], half)
-    return Seen(states, weight, shared.copy(), pins, model.layout.scale, scale)
+    return ChainObservations(states, weight, shared.copy(), pins, model.layout.scale, scale)
 
 
-def descended(fit: SpringFit, loose: float, effort: Effort = THOROUGH) -> SpringFit:
-    """The fit after its ties were tightened in stages, from `loose` on."""
-    half = fit.model.free.size // 2
-    tightest = effort.tightest * fit.noise
-    for tie in np.geomspace(max(loose, tightest), tightest, effort.stages):
-        model = replace(fit.model, bond=float(tie))
+def tighten_links(fit: SpringFit, first_link_sigma: float, effort: SearchEffort = THOROUGH) -> SpringFit:
+    """Refit while the links are tightened in stages, starting at `first_link_sigma`."""
+    half = fit.model.state_inputs.size // 2
+    tightest = effort.last_link_sigma * fit.noise
+    for tie in np.geomspace(max(first_link_sigma, tightest), tightest, effort.stages):
+        model = replace(fit.model, constraint_sigma=float(tie))
         ties = np.repeat([tie, tie / fit.model.units.span], half)
-        chain = begin(model, fit.seen, fit.chain.states, fit.chain.shared, ties)
-        chain = relaxed(model, fit.seen, chain, effort.last if tie == tightest else effort.iterations)
+        chain = start_chain(model, fit.observed, fit.chain.states, fit.chain.shared, ties)
+        chain = minimize_chain(
+            model, fit.observed, chain, effort.last_iterations if tie == tightest else effort.iterations
+        )
         fit = replace(fit, model=model, chain=chain)
     return fit
 
 
-def from_slack(fit: SpringFit) -> SpringFit:
-    """The fit told that no spring is stretched at its first sample; not yet descended."""
-    return replace(fit, model=replace(fit.model, slack=True))
+def assume_unstretched_start(fit: SpringFit) -> SpringFit:
+    """Assume that no spring is stretched at the first sample; the result is not fitted yet."""
+    return replace(fit, model=replace(fit.model, starts_unstretched=True))
 
 
-def from_rest(fit: SpringFit) -> SpringFit:
-    """The fit told that nothing moves at its first sample; not yet descended."""
-    half = fit.model.free.size // 2
-    states, weight = fit.seen.states.copy(), fit.seen.weight.copy()
+def assume_resting_start(fit: SpringFit) -> SpringFit:
+    """Assume that nothing moves at the first sample; the result is not fitted yet."""
+    half = fit.model.state_inputs.size // 2
+    states, weight = fit.observed.states.copy(), fit.observed.weight.copy()
     states[0, half:] = 0.0
-    weight[0, half:] = fit.model.units.span / (REST * fit.model.units.length)
-    return replace(fit, seen=replace(fit.seen, states=states, weight=weight))
+    weight[0, half:] = fit.model.units.span / (REST_SIGMA * fit.model.units.length)
+    return replace(fit, observed=replace(fit.observed, states=states, weight=weight))
 
 
-def residuals(fit: SpringFit) -> FloatArray:
-    """(T, S / 2) fitted minus seen places of free particles; NaN where they were not seen."""
+def position_residuals(fit: SpringFit) -> FloatArray:
+    """Compute fitted minus observed positions (T, S / 2) of free particles; NaN where they were not observed."""
     half = fit.chain.states.shape[1] // 2
-    off = fit.chain.states[:, :half] - fit.seen.states[:, :half]
-    return np.where(fit.seen.weight[:, :half] > 0, off, np.nan)
+    off = fit.chain.states[:, :half] - fit.observed.states[:, :half]
+    return np.where(fit.observed.weight[:, :half] > 0, off, np.nan)
 
 
-def covariance(fit: SpringFit) -> FloatArray:
-    """(P, P) of the shared coordinates."""
-    known = information(normal_equations(fit.seen, fit.chain))
-    size = 1 / np.sqrt(np.diag(known).clip(1e-300))
-    return np.asarray(np.linalg.pinv(known * size * size[:, None], hermitian=True) * size * size[:, None])
+def covariance_of_shared(fit: SpringFit) -> FloatArray:
+    """Compute the covariance (P, P) of the shared coordinates."""
+    information = information_of_shared(build_normal_equations(fit.observed, fit.chain))
+    size = 1 / np.sqrt(np.diag(information).clip(1e-300))
+    return np.asarray(np.linalg.pinv(information * size * size[:, None], hermitian=True) * size * size[:, None])

@@ -1,4 +1,4 @@
-"""The mass-spring-damper model as a chain of states: what it predicts from one sample to the next."""
+"""The mass-spring-damper model as a chain of states: its prediction from one sample to the next."""
 
 from __future__ import annotations
 
@@ -7,55 +7,55 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.typing import FloatArray, IntArray
-from models.estimation.springs.dense_shooting import Prediction
-from models.estimation.springs.parameter_layout import Layout, Units
-from models.physics.springs.spring_system import Springs, flow, steps_for
+from models.estimation.springs.dense_shooting import ChainPrediction
+from models.estimation.springs.parameter_layout import SpringLayout, TypicalScales
+from models.physics.springs.spring_system import SpringSystem, count_steps, integrate_springs
 
-FARTHEST = 10.0
-"""typical distances that a particle may fly between two samples; a search that goes farther has gone astray."""
+MAX_FLIGHT = 10.0
+"""Typical distances that a particle may move between two samples; beyond that, a search has diverged."""
 
-MOST_STEPS = 100
-"""from one sample to the next: what is too stiff for them diverges, and the search turns back."""
+MAX_STEPS = 100
+"""Steps from one sample to the next: a stiffer system diverges, and the search turns back."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpringChain:
-    """A graph at K samples; S = 2 D numbers of state per free particle: places, then velocities."""
+    """A graph at K samples; S = 2 D state variables per free particle: positions, then velocities."""
 
-    graph: Springs
-    units: Units
-    layout: Layout
+    graph: SpringSystem
+    units: TypicalScales
+    layout: SpringLayout
     spans: FloatArray
     """(L,) s between samples."""
-    bond: float
-    """standard deviation of the length of a rod."""
-    slack: bool = False
-    """springs have their rest lengths at the first sample."""
+    constraint_sigma: float
+    """Standard deviation of the length of a rod."""
+    starts_unstretched: bool = False
+    """Whether springs have their rest lengths at the first sample."""
 
     @property
-    def free(self) -> IntArray:
-        """(S,) inputs of `springs.flow` that are numbers of state."""
+    def state_inputs(self) -> IntArray:
+        """(S,) inputs of the spring flow that are state variables."""
         count, axes = len(self.graph.mass), len(self.graph.gravity)
-        places = np.flatnonzero(np.repeat(~self.graph.held, axes))
+        places = np.flatnonzero(np.repeat(~self.graph.fixed, axes))
         return np.concatenate([places, count * axes + places])
 
-    def allowed(self, shared: FloatArray) -> FloatArray:
-        """Coordinates (P,) within their bounds."""
+    def clip_shared(self, shared: FloatArray) -> FloatArray:
+        """Clip coordinates (P,) to their bounds."""
         return np.clip(shared, self.layout.low, self.layout.high)
 
-    def full(self, states: FloatArray, shared: FloatArray) -> FloatArray:
-        """States (K, 2, N, D) of all particles."""
+    def full_states(self, states: FloatArray, shared: FloatArray) -> FloatArray:
+        """Insert the fixed particles: states (K, 2, N, D) of all particles."""
         count, axes = len(self.graph.mass), len(self.graph.gravity)
         whole = np.zeros((len(states), 2 * count * axes))
-        whole[:, self.free] = states
+        whole[:, self.state_inputs] = states
         pinned = self.layout.inputs < count * axes
         whole[:, self.layout.inputs[pinned]] = shared[self.layout.owner[pinned]]
         return whole.reshape(len(states), 2, count, axes)
 
-    def at(self, shared: FloatArray) -> Springs:
-        """The graph with the numbers of coordinates (P,)."""
+    def graph_at(self, shared: FloatArray) -> SpringSystem:
+        """Build the graph with the parameters of coordinates (P,)."""
         count, edges, axes = len(self.graph.mass), len(self.graph.pairs), len(self.graph.gravity)
-        numbers = self.graph.numbers
+        numbers = self.graph.parameters
         ours = self.layout.inputs >= 2 * count * axes
         values = self.layout.values(shared)[self.layout.owner]
         numbers[self.layout.inputs[ours] - 2 * count * axes] = values[ours]
@@ -68,75 +68,85 @@ class SpringChain:
         )  # fmt: skip
 
     def coordinates(self, places: FloatArray) -> FloatArray:
-        """Shared coordinates (P,) of the graph itself, held particles at `places` (N, D)."""
-        inputs = np.concatenate([places.ravel(), np.zeros(places.size), self.graph.numbers])
+        """Compute the shared coordinates (P,) of the graph itself, with fixed particles at `places` (N, D)."""
+        inputs = np.concatenate([places.ravel(), np.zeros(places.size), self.graph.parameters])
         values = np.zeros(len(self.layout.names))
         values[self.layout.owner] = inputs[self.layout.inputs]
-        return self.allowed(self.layout.coordinates(values))
+        return self.clip_shared(self.layout.coordinates(values))
 
-    def predict(self, states: FloatArray, shared: FloatArray) -> Prediction:
-        """Where every state is at the next sample, and how far rods are off their lengths."""
-        whole, free = self.full(states, shared), self.free
+    def predict(self, states: FloatArray, shared: FloatArray) -> ChainPrediction:
+        """Predict every state at the next sample, and the length errors of rods."""
+        whole, free = self.full_states(states, shared), self.state_inputs
         speed = 2 * float(np.abs(states[:, len(free) // 2 :]).max(initial=0.0))
-        speed = min(speed, FARTHEST * self.units.length / self.units.span)
-        graph, inputs = self.at(shared), np.concatenate([free, self.layout.inputs])
-        steps = np.minimum(steps_for(graph, self.spans, speed), MOST_STEPS)
-        moved = flow(graph, whole[:-1], self.spans, inputs, steps)
+        speed = min(speed, MAX_FLIGHT * self.units.length / self.units.span)
+        graph, inputs = self.graph_at(shared), np.concatenate([free, self.layout.inputs])
+        steps = np.minimum(count_steps(graph, self.spans, speed), MAX_STEPS)
+        moved = integrate_springs(graph, whole[:-1], self.spans, inputs, steps)
         size = len(free)
         by_input = moved.slopes[:, free, size:] * self.layout.slope(shared)[self.layout.owner]
-        bonds, bonds_by_all = self._bonds(whole)
-        lengths = self._lengths(whole)
-        return Prediction(
+        bonds, bonds_by_all = self._constraint_values(whole)
+        lengths = self._constraint_lengths(whole)
+        return ChainPrediction(
             moved.ends.reshape(len(whole) - 1, -1)[:, free],
             moved.slopes[:, free, :size],
-            by_input @ self._gather(),
+            by_input @ self._gather_matrix(),
             bonds - lengths @ shared,
             bonds_by_all[:, :, free],
-            bonds_by_all[:, :, self._pins()] @ self._pinned() - lengths,
+            bonds_by_all[:, :, self._inputs_of_fixed_places()] @ self._gather_matrix_of_fixed_places() - lengths,
         )
 
-    def _gather(self) -> FloatArray:
-        """(I, P) adds up the inputs of each coordinate."""
+    def _gather_matrix(self) -> FloatArray:
+        """Return the matrix (I, P) that sums the inputs of each coordinate."""
         return np.eye(len(self.layout.names))[self.layout.owner]
 
-    def _pins(self) -> IntArray:
+    def _inputs_of_fixed_places(self) -> IntArray:
+        """Return the inputs that are positions of fixed particles."""
         return self.layout.inputs[self.layout.inputs < self.graph.mass.size * self.graph.gravity.size]
 
-    def _pinned(self) -> FloatArray:
-        return self._gather()[self.layout.inputs < self.graph.mass.size * self.graph.gravity.size]
+    def _gather_matrix_of_fixed_places(self) -> FloatArray:
+        """Return the rows of the gather matrix for positions of fixed particles."""
+        return self._gather_matrix()[self.layout.inputs < self.graph.mass.size * self.graph.gravity.size]
 
     def _slack_springs(self) -> IntArray:
-        return np.flatnonzero(np.isfinite(self.graph.stiffness)) if self.slack else np.empty(0, np.int64)
+        """Return the springs that are unstretched at the first sample."""
+        return np.flatnonzero(np.isfinite(self.graph.stiffness)) if self.starts_unstretched else np.empty(0, np.int64)
 
-    def _lengths(self, whole: FloatArray) -> FloatArray:
-        """(K, 2 R + E', P) which coordinate is the length of each rod, and of each slack spring at the first sample, in
-        units of `bond`."""
+    def _constraint_lengths(self, whole: FloatArray) -> FloatArray:
+        """Return the derivative (K, 2 R + E', P) of required lengths by the coordinates, over `constraint_sigma`.
+
+        The rows are the lengths of rods, their rates, and the lengths of unstretched springs at the first sample.
+        """
         rods, slack = self.graph.rods, self._slack_springs()
         count, edges = len(self.graph.mass), len(self.graph.pairs)
         first = 2 * count * len(self.graph.gravity) + count + 2 * edges
-        found = np.zeros((len(whole), 2 * len(rods) + len(slack), len(self.layout.names)))
+        lengths = np.zeros((len(whole), 2 * len(rods) + len(slack), len(self.layout.names)))
         for row, rod in enumerate(rods):
-            found[:, row, self.layout.owner[self.layout.inputs == first + rod]] = 1 / self.bond
+            lengths[:, row, self.layout.owner[self.layout.inputs == first + rod]] = 1 / self.constraint_sigma
         for row, spring in enumerate(slack, 2 * len(rods)):
-            found[0, row, self.layout.owner[self.layout.inputs == first + spring]] = 1 / self.bond
-        return found
+            lengths[0, row, self.layout.owner[self.layout.inputs == first + spring]] = 1 / self.constraint_sigma
+        return lengths
 
-    def _bonds(self, whole: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Lengths of rods and their rates over a sample, then lengths of slack springs, over `bond` (K, 2 R + E'), and
-        slopes (K, 2 R + E', 2 N D) by states."""
+    def _constraint_values(self, whole: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute lengths of rods, their change in a sample, and lengths of unstretched springs.
+
+        Return values (K, 2 R + E') over `constraint_sigma`, and their derivatives (K, 2 R + E', 2 N D) by the states.
+        """
         rods, slack, count = self.graph.rods, self._slack_springs(), len(whole)
-        length, speed, slopes = _stretch(whole, self.graph.pairs[rods], self.units.span)
+        length, speed, slopes = _pair_distances(whole, self.graph.pairs[rods], self.units.span)
         late = np.arange(count)[:, None] > 0
-        resting, _, by_rest = _stretch(whole, self.graph.pairs[slack], self.units.span)
+        resting, _, by_rest = _pair_distances(whole, self.graph.pairs[slack], self.units.span)
         values = np.concatenate([length, speed, np.where(late, 0.0, resting)], axis=1)
         by_states = np.concatenate([
             slopes.reshape(count, 2 * len(rods), whole[0].size), np.where(late[..., None], 0.0, by_rest[:, 0])
         ], axis=1)  # fmt: skip
-        return values / self.bond, by_states / self.bond
+        return values / self.constraint_sigma, by_states / self.constraint_sigma
 
 
-def _stretch(whole: FloatArray, pairs: IntArray, span: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distances of pairs (R, 2) in states (K, 2, N, D) and their changes in `span` (K, R); slopes (K, 2, R, 2 N D)."""
+def _pair_distances(whole: FloatArray, pairs: IntArray, span: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute distances of pairs (R, 2) in states (K, 2, N, D), their changes in `span` (K, R), and derivatives.
+
+    The derivatives (K, 2, R, 2 N D) are by the states.
+    """
     i, j = pairs.T
     apart, rate = whole[:, 0, j] - whole[:, 0, i], whole[:, 1, j] - whole[:, 1, i]  # (K, R, D)
     length = np.linalg.norm(apart, axis=2)

@@ -1,1 +1,1 @@
-"""The search for missed, misnamed and false contacts in a refined contact graph."""
+"""Search for missed, misclassified and false contacts in a refined contact graph."""

@@ -1,8 +1,8 @@
-"""Balls that came near each other: did they meet?
+"""Ball contacts proposed where two fitted paths come near each other.
 
-Wherever fitted paths pass within reach, a contact is tried: the spans around it are refined with and without it, and
-it is kept where the samples and what is known of contacts pay for it. A change of velocity near by, that had no cause
-or another one, becomes part of the contact.
+Wherever paths pass within reach, a contact is tried: the segments around it are refined with and without it, and it is
+kept if its gain in chi2 exceeds its price. A velocity change nearby that had no cause, or another one, becomes part of
+the contact.
 """
 
 from __future__ import annotations
@@ -15,34 +15,48 @@ from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray, IntArray
-from models.estimation.joint_fit.contact_cascades import SHORTEST, SLOW, Hit, cascade, loose_break, with_hits
-from models.estimation.joint_fit.fit_solution import Data, Solution, end_state, owners, residuals
-from models.estimation.joint_fit.joint_refinement import refine
-from models.estimation.segmentation.contact_classification import INWARD, NEAR_BALL
-from models.estimation.segmentation.contact_graph import Contact, Story
-from models.physics.billiards.cloth.closed_form_motion import kinematics
+from models.estimation.joint_fit.contact_cascades import (
+    MIN_CONTACT_INTERVAL,
+    MIN_CONTACT_SPEED,
+    CascadeContact,
+    find_unexplained_change,
+    insert_cascade,
+    predict_cascade,
+)
+from models.estimation.joint_fit.fit_solution import (
+    JointSolution,
+    Observations,
+    assign_observations,
+    end_state,
+    evaluate_residuals,
+)
+from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.estimation.segmentation.contact_classification import BALL_TOLERANCE, INWARD_NORMALS
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
-STEP = 2e-3
-"""s between the moments at which distances are looked at; a ball at 5 m/s moves a third of its radius."""
-NEAR_IN_TIME = 1.2
-"""picture intervals: a change of velocity so near to a touch may be its effect."""
-ITERATIONS = 12
+TIME_STEP = 2e-3
+"""s between the evaluated distances; a ball at 5 m/s moves a third of its radius."""
+TIME_TOLERANCE = 1.2
+"""Frame intervals: a velocity change so near to a contact may be its effect."""
+LOCAL_ITERATIONS = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Answers:
-    """What is known already, by what was asked."""
+class SearchCache:
+    """Results of earlier trials, by the situation they were evaluated in."""
 
     gains: dict[tuple[Hashable, ...], float] = field(default_factory=dict)
-    """chi2 that contacts of a story improve."""
-    trials: dict[tuple[Hashable, ...], tuple[float, Story]] = field(default_factory=dict)
-    """chi2 that contacts more would gain, all prices paid, and the spans that they change, refined by themselves."""
-    needed: set[tuple[Hashable, ...]] = field(default_factory=set)
-    """Contacts that the whole clip has not let go nor had retold: who met, and when to a hundredth of a second."""
+    """chi2 that contacts of a graph improve."""
+    trials: dict[tuple[Hashable, ...], tuple[float, ContactGraph]] = field(default_factory=dict)
+    """chi2 that proposed contacts gain, minus their prices, and the segments that they change, refined by themselves.
+    """
+    required: set[tuple[Hashable, ...]] = field(default_factory=set)
+    """Contacts that the whole clip needs unchanged: the balls, and the time to a hundredth of a second."""
 
 
 @dataclass(frozen=True, slots=True)
-class Pass:
+class NearPass:
     """Balls a and b come within reach of each other, nearest at t, s."""
 
     a: int
@@ -51,192 +65,221 @@ class Pass:
 
 
 @dataclass(frozen=True, slots=True)
-class Encounter:
-    """Contacts more, and how much the spans that they change gain in chi2, all prices paid."""
+class ContactProposal:
+    """Proposed contacts, and the gain in chi2 of the segments that they change, minus their prices."""
 
-    hits: list[Hit]
+    contacts: list[CascadeContact]
     gain: float
-    spans: frozenset[int]
-    """Which of the story they change."""
-    part: Story
-    """These, in order, and the new ones, refined by themselves."""
+    segments: frozenset[int]
+    """Segments of the graph that change."""
+    subgraph: ContactGraph
+    """These segments, in order, and the new ones, refined by themselves."""
 
 
-def encounters(
-    solution: Solution, data: Data, table: Table, tolls: tuple[float, float], asked: Answers,
-    fresh: frozenset[int] | None = None,
-) -> list[Encounter]:  # fmt: skip
-    """Contacts of balls that pay for themselves where they happen, the best first.
+def find_ball_contacts(
+    solution: JointSolution, observations: Observations, table: Table, prices: tuple[float, float], cache: SearchCache,
+    changed: frozenset[int] | None = None,
+) -> list[ContactProposal]:  # fmt: skip
+    """Find the ball contacts that gain more than their price locally, the best first.
 
-    `tolls` are the prices of contacts with a cause and without; `asked` keeps what was tried, so that it is not tried
-    again while nothing changes. Only passes of `fresh` spans are tried where these are given.
+    `prices` are those of contacts with a cause and without; `cache` keeps the trials, so that none is repeated while
+    nothing changes. If `changed` segments are given, only passes of these are tried.
     """
-    interval, owner = interval_of(data), owners(solution.story, data)
-    alone: dict[frozenset[int], float] = {}
+    interval, owner = frame_interval(observations), assign_observations(solution.graph, observations)
+    base_costs: dict[frozenset[int], float] = {}
     trials = []
-    slack = NEAR_IN_TIME * interval
-    for one in near_passes(solution, data, table):
-        for hits in _proposals(solution, table, one, interval):
-            met = with_hits(solution.story, solution.friction, data, owner, hits, slack)
-            trial = None if met is None else _tried(solution, data, owner, table, met, hits, tolls, alone, asked, fresh)
+    time_tolerance = TIME_TOLERANCE * interval
+    for near_pass in find_near_passes(solution, observations, table):
+        for contacts in _propose_contacts(solution, table, near_pass, interval):
+            extended = insert_cascade(solution.graph, solution.friction, observations, owner, contacts, time_tolerance)
+            trial = (
+                None
+                if extended is None
+                else _evaluate_proposal(
+                    solution, observations, owner, table, extended, contacts, prices, base_costs, cache, changed
+                )
+            )
             if trial is not None and trial.gain > 0:
                 trials.append(trial)
     return sorted(trials, key=lambda trial: -trial.gain)
 
 
-def with_encounters(
-    solution: Solution, data: Data, chosen: list[Encounter], slack: float
-) -> tuple[Story, frozenset[int]]:
-    """The story with these contacts, as far as none disturbs a better one, and the spans that changed."""
-    story, touched, owner = solution.story, frozenset[int](), owners(solution.story, data)
-    for one in chosen:
-        if one.spans & touched:
+def insert_proposals(
+    solution: JointSolution, observations: Observations, proposals: list[ContactProposal], time_tolerance: float
+) -> tuple[ContactGraph, frozenset[int]]:
+    """Insert the proposals that do not touch a better one; return also the segments that changed."""
+    graph, changed, owner = solution.graph, frozenset[int](), assign_observations(solution.graph, observations)
+    for proposal in proposals:
+        if proposal.segments & changed:
             continue
-        met = with_hits(story, solution.friction, data, owner, one.hits, slack)
-        if met is not None:
-            new = range(len(story.spans), len(met.spans))
-            touched |= one.spans | frozenset(new)
-            story = as_refined(met, one.part, [*sorted(one.spans), *new])
-    return story.with_pushes(), touched
+        extended = insert_cascade(graph, solution.friction, observations, owner, proposal.contacts, time_tolerance)
+        if extended is not None:
+            new_segments = range(len(graph.segments), len(extended.segments))
+            changed |= proposal.segments | frozenset(new_segments)
+            graph = copy_refined_states(extended, proposal.subgraph, [*sorted(proposal.segments), *new_segments])
+    return graph.mark_pushed_strikes(), changed
 
 
-def as_refined(story: Story, part: Story, spans: list[int]) -> Story:
-    """The story with states and times of a refined part of it, which are its `spans`; as it is if they do not fit."""
-    states, contacts = list(story.spans), list(story.contacts)
-    for k, refined in zip(spans, part.spans, strict=True):
+def copy_refined_states(graph: ContactGraph, subgraph: ContactGraph, segments: list[int]) -> ContactGraph:
+    """Copy states and times of a refined subgraph, which has the segments `segments`; no change if they do not fit."""
+    states, contacts = list(graph.segments), list(graph.contacts)
+    for k, refined in zip(segments, subgraph.segments, strict=True):
         if states[k].static == refined.static:
             states[k] = replace(states[k], state=refined.state)
-    for contact in part.contacts:
-        number = states[spans[contact.before[0]]].end
+    for contact in subgraph.contacts:
+        number = states[segments[contact.before[0]]].end
         if number is not None:
             contacts[number] = replace(contacts[number], t=contact.t)
-    fresh = Story(tuple(states), tuple(contacts))
-    lasts = all(fresh.finish(k) > fresh.begin(k) + SHORTEST for k in range(len(states)))
-    return fresh if lasts else story
+    updated = ContactGraph(tuple(states), tuple(contacts))
+    is_ordered = all(updated.end_time(k) > updated.start_time(k) + MIN_CONTACT_INTERVAL for k in range(len(states)))
+    return updated if is_ordered else graph
 
 
-def near_passes(solution: Solution, data: Data, table: Table) -> list[Pass]:
-    """Where two balls, one of them in motion, come within reach and no contact of the two is told."""
-    story, interval = solution.story, interval_of(data)
-    balls = np.unique(data.ball)
-    t = np.arange(float(data.t.min()), float(data.t.max()), STEP)
-    miss = residuals(solution, data)
-    paths = {int(ball): _path(solution, data, miss, int(ball), t) for ball in balls}
-    changes = {int(ball): _changes(story, int(ball)) for ball in balls}
-    reach = 2 * table.ball_radius * solution.diameter + NEAR_BALL * table.ball_radius
-    found = []
+def find_near_passes(solution: JointSolution, observations: Observations, table: Table) -> list[NearPass]:
+    """Find where two balls, one of them in motion, come within reach without a contact in the graph."""
+    graph, interval = solution.graph, frame_interval(observations)
+    balls = np.unique(observations.ball)
+    t = np.arange(float(observations.t.min()), float(observations.t.max()), TIME_STEP)
+    residual = evaluate_residuals(solution, observations)
+    paths = {int(ball): _path_from_samples(solution, observations, residual, int(ball), t) for ball in balls}
+    changes = {int(ball): _times_of_unexplained_changes(graph, int(ball)) for ball in balls}
+    reach = 2 * table.ball_radius * solution.diameter_factor + BALL_TOLERANCE * table.ball_radius
+    passes = []
     for i, a in enumerate(balls[:-1].tolist()):
         for b in balls[i + 1 :].tolist():
             moving = paths[a][1] | paths[b][1]
-            apart = np.linalg.norm(paths[a][0] - paths[b][0], axis=1)
-            within = np.nan_to_num(apart, nan=np.inf) < reach
-            told = [c.t for c in story.contacts if c.kind == "ball" and story.balls_at(c) == {a, b}]
-            for first, end in _runs(within):
+            distance = np.linalg.norm(paths[a][0] - paths[b][0], axis=1)
+            is_within = np.nan_to_num(distance, nan=np.inf) < reach
+            contact_times = [c.t for c in graph.contacts if c.kind == "ball" and graph.balls_at(c) == {a, b}]
+            for first, end in _find_runs(is_within):
                 rows = np.arange(first, end)[moving[first:end]]
-                moments = [float(t[rows[np.argmin(apart[rows])]])] if len(rows) else []
+                moments = [float(t[rows[np.argmin(distance[rows])]])] if len(rows) else []
                 early, late = t[first] - interval, t[end - 1] + interval
                 moments += [m for m in changes[a] + changes[b] if early < m < late]
                 for moment in sorted(moments):
-                    known = [m for m in told if abs(m - moment) < NEAR_IN_TIME * interval]
-                    if not known:
-                        told.append(moment)
-                        found.append(Pass(a, b, moment))
-    return found
+                    recorded = [m for m in contact_times if abs(m - moment) < TIME_TOLERANCE * interval]
+                    if not recorded:
+                        contact_times.append(moment)
+                        passes.append(NearPass(a, b, moment))
+    return passes
 
 
-def _proposals(solution: Solution, table: Table, one: Pass, interval: float) -> list[list[Hit]]:
-    """The meeting of two balls alone; and the cascade that it sends off, if it does."""
-    story, radius = solution.story, table.ball_radius * solution.diameter
-    near = (loose_break(story, ball, one.t, NEAR_IN_TIME * interval) for ball in (one.a, one.b))
-    known = [story.contacts[c].t for c in near if c is not None]
-    t = float(np.mean(known)) if known else one.t
-    hits = cascade(story, solution.friction, one.a, one.b, t, interval, radius)
-    return [hits[:1], hits] if len(hits) > 1 else [hits]
+def _propose_contacts(
+    solution: JointSolution, table: Table, near_pass: NearPass, interval: float
+) -> list[list[CascadeContact]]:
+    """Propose the contact of two balls alone, and with the cascade that it starts, if any."""
+    graph, radius = solution.graph, table.ball_radius * solution.diameter_factor
+    unexplained = (
+        find_unexplained_change(graph, ball, near_pass.t, TIME_TOLERANCE * interval)
+        for ball in (near_pass.a, near_pass.b)
+    )
+    times = [graph.contacts[number].t for number in unexplained if number is not None]
+    t = float(np.mean(times)) if times else near_pass.t
+    contacts = predict_cascade(graph, solution.friction, near_pass.a, near_pass.b, t, interval, radius)
+    return [contacts[:1], contacts] if len(contacts) > 1 else [contacts]
 
 
-def doubtful(solution: Solution, contact: Contact) -> bool:
-    """Contacts without a cause, and cushions and balls met so slowly that a bent path would do as well."""
+def is_doubtful(solution: JointSolution, contact: Contact) -> bool:
+    """Return whether a contact has no cause, or is so slow that a bent path would do as well."""
     if contact.kind == "ball" and not contact.driven:
-        return closing_speed(solution, contact) < SLOW
+        return closing_speed(solution, contact) < MIN_CONTACT_SPEED
     if contact.kind == "cushion":
-        return bool(-INWARD[CUSHIONS.index(contact.cushion)] @ end_state(solution, contact.before[0])[2:4] < SLOW)
+        return bool(
+            -INWARD_NORMALS[CUSHIONS.index(contact.cushion)] @ end_state(solution, contact.before[0])[2:4]
+            < MIN_CONTACT_SPEED
+        )
     return contact.kind in ("free", "jump") or contact.pushed
 
 
-def closing_speed(solution: Solution, contact: Contact) -> float:
-    """Speed at which two balls come together, m/s."""
+def closing_speed(solution: JointSolution, contact: Contact) -> float:
+    """Return the speed at which two balls approach each other, m/s."""
     one, two = (end_state(solution, k) for k in contact.before)
-    apart = two[:2] - one[:2]
-    return float((one[2:4] - two[2:4]) @ apart) / max(float(np.hypot(*apart)), 1e-9)
+    separation = two[:2] - one[:2]
+    return float((one[2:4] - two[2:4]) @ separation) / max(float(np.hypot(*separation)), 1e-9)
 
 
-def _tried(
-    solution: Solution, data: Data, owner: IntArray, table: Table, met: Story, hits: list[Hit],
-    tolls: tuple[float, float], alone: dict[frozenset[int], float], asked: Answers, fresh: frozenset[int] | None,
-) -> Encounter | None:  # fmt: skip
-    """What a story gains over that of the solution where they differ; None where only old spans are concerned."""
-    story = solution.story
-    new = frozenset(range(len(story.spans), len(met.spans)))
-    moments = {hit.t for hit in hits}
-    changed = [c for c in met.contacts if c.kind == "ball" and c.t in moments]
-    region = frozenset(k for c in changed for k in (*c.before, *c.after)) - new
+def _evaluate_proposal(
+    solution: JointSolution,
+    observations: Observations,
+    owner: IntArray,
+    table: Table,
+    extended: ContactGraph,
+    contacts: list[CascadeContact],
+    prices: tuple[float, float],
+    base_costs: dict[frozenset[int], float],
+    cache: SearchCache,
+    changed: frozenset[int] | None,
+) -> ContactProposal | None:
+    """Evaluate the gain of an extended graph where it differs; None if only unchanged segments are concerned."""
+    graph = solution.graph
+    new_segments = frozenset(range(len(graph.segments), len(extended.segments)))
+    moments = {contact.t for contact in contacts}
+    new_contacts = [item for item in extended.contacts if item.kind == "ball" and item.t in moments]
+    region = frozenset(k for item in new_contacts for k in (*item.before, *item.after)) - new_segments
     rows = np.isin(owner, list(region))
-    if not rows.any() or (fresh is not None and not region & fresh):
+    if not rows.any() or (changed is not None and not region & changed):
         return None
-    question = (len(hits), *met.told(sorted(region | new)))
-    if question not in asked.trials:
-        local = Data(data.ball[rows], data.t[rows], data.xy[rows], data.whiten[rows])
-        if region not in alone:
-            alone[region] = total_cost(refined_part(solution, story, sorted(region), local, table), tolls)
-        part = refined_part(solution, met, sorted(region | new), local, table)
-        asked.trials[question] = alone[region] - total_cost(part, tolls), part.story
-    return Encounter(hits, asked.trials[question][0], region, asked.trials[question][1])
+    key = (len(contacts), *extended.cache_key(sorted(region | new_segments)))
+    if key not in cache.trials:
+        local = Observations(
+            observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
+        )
+        if region not in base_costs:
+            base_costs[region] = total_cost(refine_subgraph(solution, graph, sorted(region), local, table), prices)
+        refined = refine_subgraph(solution, extended, sorted(region | new_segments), local, table)
+        cache.trials[key] = base_costs[region] - total_cost(refined, prices), refined.graph
+    return ContactProposal(contacts, cache.trials[key][0], region, cache.trials[key][1])
 
 
-def refined_part(solution: Solution, story: Story, spans: list[int], local: Data, table: Table) -> Solution:
-    """Some spans of a story and the contacts among them, refined by themselves."""
-    return refine(story.part(spans), local, table, iterations=ITERATIONS, start=solution)
+def refine_subgraph(
+    solution: JointSolution, graph: ContactGraph, segments: list[int], local: Observations, table: Table
+) -> JointSolution:
+    """Refine some segments of a graph and the contacts among them by themselves."""
+    return refine_graph(graph.select_segments(segments), local, table, iterations=LOCAL_ITERATIONS, initial=solution)
 
 
-def total_cost(solution: Solution, tolls: tuple[float, float]) -> float:
-    """chi2 of a solution and the prices of its contacts."""
-    dear = sum(doubtful(solution, c) for c in solution.story.contacts)
-    return solution.chi2 + dear * tolls[1] + (len(solution.story.contacts) - dear) * tolls[0]
+def total_cost(solution: JointSolution, prices: tuple[float, float]) -> float:
+    """Return the chi2 of a solution plus the prices of its contacts."""
+    doubtful = sum(is_doubtful(solution, c) for c in solution.graph.contacts)
+    return solution.chi2 + doubtful * prices[1] + (len(solution.graph.contacts) - doubtful) * prices[0]
 
 
-def interval_of(data: Data) -> float:
-    """s between two pictures."""
-    return float(np.median(np.diff(np.unique(data.t))))
+def frame_interval(observations: Observations) -> float:
+    """Return the median time between two frames, s."""
+    return float(np.median(np.diff(np.unique(observations.t))))
 
 
-def _path(
-    solution: Solution, data: Data, miss: FloatArray, ball: int, t: FloatArray
+def _path_from_samples(
+    solution: JointSolution, observations: Observations, residual: FloatArray, ball: int, t: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Places (M, 2) of a ball, NaN where it was not followed, and whether it moves (M,).
+    """Return places (M, 2) of a ball, NaN where it was not tracked, and whether it moves (M,).
 
-    The fitted path, drawn to the samples by what it misses, `miss` (K, 2) m: it is wrong where a contact is wanting.
+    The fitted path is shifted to the samples by its `residual` (K, 2) m, because it is wrong where a contact is
+    missing.
     """
-    story, mine = solution.story, data.ball == ball
-    seen = data.t[mine]
-    spans = story.of_ball(ball)
-    begins = np.array([story.begin(k) for k in spans])
-    chosen = np.array(spans)[np.clip(np.searchsorted(begins, t, side="right") - 1, 0, None)]
-    states = np.array([span.state for span in story.spans])[chosen]
-    static = np.array([span.static for span in story.spans])[chosen]
-    tau = np.maximum(t - np.array([story.begin(k) for k in range(len(story.spans))])[chosen], 0.0)
-    path = kinematics(states, tau, solution.friction)
+    graph, is_own = solution.graph, observations.ball == ball
+    times = observations.t[is_own]
+    segments = graph.segments_of_ball(ball)
+    starts = np.array([graph.start_time(k) for k in segments])
+    chosen = np.array(segments)[np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)]
+    states = np.array([segment.state for segment in graph.segments])[chosen]
+    static = np.array([segment.static for segment in graph.segments])[chosen]
+    tau = np.maximum(t - np.array([graph.start_time(k) for k in range(len(graph.segments))])[chosen], 0.0)
+    path = evaluate_kinematics(states, tau, solution.friction)
     xy = np.where(static[:, None], states[:, :2], path[:, :2])
-    xy = xy + np.stack([np.interp(t, seen, miss[mine, axis]) for axis in (0, 1)], axis=1)
-    followed = (t >= seen[0]) & (t <= seen[-1])
-    return np.where(followed[:, None], xy, np.nan), ~static & (np.linalg.norm(path[:, 2:4], axis=1) > SLOW)
+    xy = xy + np.stack([np.interp(t, times, residual[is_own, axis]) for axis in (0, 1)], axis=1)
+    is_observed = (t >= times[0]) & (t <= times[-1])
+    return np.where(is_observed[:, None], xy, np.nan), ~static & (
+        np.linalg.norm(path[:, 2:4], axis=1) > MIN_CONTACT_SPEED
+    )
 
 
-def _changes(story: Story, ball: int) -> list[float]:
-    """s: when a ball changes its velocity for no cause that is another ball or a cushion."""
-    return [c.t for c in story.contacts if c.kind in ("free", "strike") and story.spans[c.before[0]].ball == ball]
+def _times_of_unexplained_changes(graph: ContactGraph, ball: int) -> list[float]:
+    """List the times, s, of a ball's velocity changes that neither a ball nor a cushion causes."""
+    return [c.t for c in graph.contacts if c.kind in ("free", "strike") and graph.segments[c.before[0]].ball == ball]
 
 
-def _runs(within: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and end of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], within.astype(np.int8), [0]])))
+def _find_runs(is_within: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and end of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_within.astype(np.int8), [0]])))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,7 +1,7 @@
-"""Contacts that sent off more than they were told to: what follows from one within a picture or three, told together.
+"""Completion of contact chains: contacts that follow from one within a few frames are inserted together.
 
-A ball that runs into another one which lies against a third is seen to stop, and the third to start; the one between
-hardly moves. Once the first contact is told alone, what it sets going has no cause, or bends the paths.
+A ball that runs into another one which lies against a third seems to stop while the third starts; the one between
+hardly moves. With the first contact alone, the following motion has no cause, or the paths are bent.
 """
 
 from __future__ import annotations
@@ -9,78 +9,88 @@ from __future__ import annotations
 import numpy as np
 
 from models.core.scene import Table
-from models.estimation.joint_fit.contact_cascades import Hit, cascade, with_hits
-from models.estimation.joint_fit.fit_solution import Data, Solution, owners
-from models.estimation.joint_fit.joint_refinement import refine
-from models.estimation.joint_fit.trust_level import span_chi2
-from models.estimation.segmentation.contact_graph import Contact, Story
-from models.estimation.structure_search.ball_encounters import NEAR_IN_TIME, Answers, interval_of, total_cost
+from models.estimation.joint_fit.contact_cascades import CascadeContact, insert_cascade, predict_cascade
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_observations
+from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.estimation.structure_search.ball_encounters import TIME_TOLERANCE, SearchCache, frame_interval, total_cost
 
 HORIZONS = (1.0, 2.5)
-"""picture intervals after a contact in which it may send balls off."""
-BENT = 1.5
-"""chi2 per degree of freedom of a path that a contact more may mend."""
-MOST_TRIED = 6
-"""in one round."""
-TRIAL = 10
-"""iterations that show whether a story is worth more of them."""
+"""Frame intervals after a contact in which it may set balls in motion."""
+BENT_CHI2 = 1.5
+"""chi2 per degree of freedom of a path that one more contact may improve."""
+MAX_TRIALS = 6
+"""Trials in one round."""
+TRIAL_ITERATIONS = 10
+"""Iterations that show whether a graph deserves more of them."""
 
 
-def with_rows(
-    solution: Solution, data: Data, table: Table, tolls: tuple[float, float], asked: Answers
-) -> Solution:  # fmt: skip
-    """The solution whose contacts of balls are told with what follows from them, where the whole clip pays for that.
+def complete_chains(
+    solution: JointSolution, observations: Observations, table: Table, prices: tuple[float, float], cache: SearchCache
+) -> JointSolution:  # fmt: skip
+    """Complete the chains of ball contacts where the total cost of the clip falls.
 
-    `tolls` are the prices of contacts with a cause and without; `asked` keeps what was refused.
+    `prices` are those of contacts with a cause and without; `cache` keeps what was rejected.
     """
-    tries = 0
-    for contact in _odd(solution, data):
+    trial_count = 0
+    for contact in _find_suspicious_contacts(solution, observations):
         for horizon in HORIZONS:
-            number = next((k for k, one in enumerate(solution.story.contacts) if one == contact), None)
-            if number is None or tries >= MOST_TRIED:
+            number = next((k for k, one in enumerate(solution.graph.contacts) if one == contact), None)
+            if number is None or trial_count >= MAX_TRIALS:
                 break
-            question = (horizon, *sorted(solution.story.balls_at(contact)), round(contact.t, 2))
-            story = None if question in asked.needed else _retold(solution, data, table, number, horizon)
-            if story is None:
+            key = (horizon, *sorted(solution.graph.balls_at(contact)), round(contact.t, 2))
+            extended = None if key in cache.required else _insert_chain(solution, observations, table, number, horizon)
+            if extended is None:
                 continue
-            tries += 1
-            tried = refine(story, data, table, TRIAL, solution)
-            if total_cost(tried, tolls) < total_cost(solution, tolls):
-                solution = refine(tried.story, data, table, start=tried)
+            trial_count += 1
+            trial = refine_graph(extended, observations, table, TRIAL_ITERATIONS, solution)
+            if total_cost(trial, prices) < total_cost(solution, prices):
+                solution = refine_graph(trial.graph, observations, table, initial=trial)
             else:
-                asked.needed.add(question)
+                cache.required.add(key)
     return solution
 
 
-def _odd(solution: Solution, data: Data) -> list[Contact]:
-    """Contacts of balls beside which a ball sets off for no cause, or whose paths are bent, the worst first."""
-    story, reach = solution.story, NEAR_IN_TIME * interval_of(data)
-    chi2 = np.nan_to_num(span_chi2(solution, data)[0], nan=0.0)
-    loose = np.array([c.t for c in story.contacts if c.kind == "free" or c.pushed])
-    found = []
-    for contact in story.contacts:
+def _find_suspicious_contacts(solution: JointSolution, observations: Observations) -> list[Contact]:
+    """Find ball contacts beside an unexplained start, or with bent paths, the worst first."""
+    graph, reach = solution.graph, TIME_TOLERANCE * frame_interval(observations)
+    chi2 = np.nan_to_num(evaluate_segment_chi2(solution, observations)[0], nan=0.0)
+    unexplained_times = np.array([c.t for c in graph.contacts if c.kind == "free" or c.pushed])
+    suspicious = []
+    for contact in graph.contacts:
         if contact.kind == "ball":
-            bent = float(chi2[[*contact.before, *contact.after]].max())
-            beside = bool(len(loose) and np.abs(loose - contact.t).min() < reach)
-            if beside or bent > BENT:
-                found.append((-bent - 10.0 * beside, contact.t, contact))
-    return [contact for _, _, contact in sorted(found, key=lambda one: one[:2])]
+            worst_chi2 = float(chi2[[*contact.before, *contact.after]].max())
+            is_beside_unexplained = bool(len(unexplained_times) and np.abs(unexplained_times - contact.t).min() < reach)
+            if is_beside_unexplained or worst_chi2 > BENT_CHI2:
+                suspicious.append((-worst_chi2 - 10.0 * is_beside_unexplained, contact.t, contact))
+    return [contact for _, _, contact in sorted(suspicious, key=lambda one: one[:2])]
 
 
-def _retold(solution: Solution, data: Data, table: Table, number: int, horizon: float) -> Story | None:
-    """The story with what follows from a contact; None where nothing does that is not told."""
-    story, interval = solution.story, interval_of(data)
-    contact = story.contacts[number]
-    a, b = (story.spans[k].ball for k in contact.before)
-    alone = story.without(number)
-    radius = table.ball_radius * solution.diameter
-    hits = cascade(alone, solution.friction, a, b, contact.t, horizon * interval, radius)
-    told = [(c.t, story.balls_at(c)) for c in story.contacts if c.kind == "ball"]
-    if all(_known(hit, told, 2 * horizon * interval) for hit in hits[1:]):
+def _insert_chain(
+    solution: JointSolution, observations: Observations, table: Table, number: int, horizon: float
+) -> ContactGraph | None:
+    """Insert what follows from a contact; None if the graph already contains it."""
+    graph, interval = solution.graph, frame_interval(observations)
+    contact = graph.contacts[number]
+    a, b = (graph.segments[k].ball for k in contact.before)
+    reduced = graph.remove_contact(number)
+    radius = table.ball_radius * solution.diameter_factor
+    contacts = predict_cascade(reduced, solution.friction, a, b, contact.t, horizon * interval, radius)
+    known_contacts = [(c.t, graph.balls_at(c)) for c in graph.contacts if c.kind == "ball"]
+    if all(_is_in_graph(item, known_contacts, 2 * horizon * interval) for item in contacts[1:]):
         return None
-    met = with_hits(alone, solution.friction, data, owners(alone, data), hits, NEAR_IN_TIME * interval)
-    return None if met is None else met.with_pushes()
+    extended = insert_cascade(
+        reduced,
+        solution.friction,
+        observations,
+        assign_observations(reduced, observations),
+        contacts,
+        TIME_TOLERANCE * interval,
+    )
+    return None if extended is None else extended.mark_pushed_strikes()
 
 
-def _known(hit: Hit, told: list[tuple[float, set[int]]], near: float) -> bool:
-    return any(balls == {hit.a, hit.b} and abs(t - hit.t) < near for t, balls in told)
+def _is_in_graph(contact: CascadeContact, known_contacts: list[tuple[float, set[int]]], time_tolerance: float) -> bool:
+    """Return whether a contact of the same balls is in the graph at about that time."""
+    return any(balls == {contact.a, contact.b} and abs(t - contact.t) < time_tolerance for t, balls in known_contacts)

@@ -1,7 +1,7 @@
-"""Contacts of two balls that never were: what breaks their paths is unknown again, until a better cause is found.
+"""Removal of false ball contacts: their velocity changes become unexplained until a better cause is found.
 
-In a break one ball seems to meet another where several met within a picture. What laws then make of it bends both paths
-for as long as they last.
+In a break one ball seems to meet another where several met within a frame interval. The contact laws then bend both
+paths for their whole duration.
 """
 
 from __future__ import annotations
@@ -11,52 +11,54 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.scene import Table
-from models.estimation.joint_fit.fit_solution import Data, Solution
-from models.estimation.joint_fit.joint_refinement import refine
-from models.estimation.joint_fit.trust_level import span_chi2
-from models.estimation.segmentation.contact_graph import Contact, ContactKind, Story
-from models.estimation.structure_search.ball_encounters import Answers, total_cost
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations
+from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph, ContactKind
+from models.estimation.structure_search.ball_encounters import SearchCache, total_cost
 
-BENT = 3.0
+BENT_CHI2 = 3.0
 """chi2 per degree of freedom of a path that its contacts bend."""
-MOST_RELEASED = 3
-"""in one round, the most bent first."""
-TRIAL = 10
-"""iterations that show whether a story is worth more of them."""
+MAX_REMOVALS = 3
+"""Removals in one round, the most bent first."""
+TRIAL_ITERATIONS = 10
+"""Iterations that show whether a graph deserves more of them."""
 
 
-def released(solution: Solution, data: Data, table: Table, tolls: tuple[float, float], asked: Answers) -> Solution:
-    """The solution without contacts of balls whose paths are bent, where two unknown causes cost less.
+def remove_false_contacts(
+    solution: JointSolution, observations: Observations, table: Table, prices: tuple[float, float], cache: SearchCache
+) -> JointSolution:
+    """Remove ball contacts with bent paths where two unexplained changes cost less.
 
-    `tolls` are the prices of contacts with a cause and without; `asked` keeps which are not to be asked for again.
+    `prices` are those of contacts with a cause and without; `cache` keeps the contacts that are not to be tried again.
     """
-    chi2, _, _ = span_chi2(solution, data)
-    bent = np.nan_to_num(chi2, nan=0.0)
+    chi2, _, _ = evaluate_segment_chi2(solution, observations)
+    segment_chi2 = np.nan_to_num(chi2, nan=0.0)
     worst = {
-        number: float(bent[[*contact.before, *contact.after]].max())
-        for number, contact in enumerate(solution.story.contacts)
+        number: float(segment_chi2[[*contact.before, *contact.after]].max())
+        for number, contact in enumerate(solution.graph.contacts)
         if contact.kind == "ball"
     }
-    for number in sorted(worst, key=lambda number: -worst[number])[:MOST_RELEASED]:
-        contact = solution.story.contacts[number]
-        question = (*sorted(solution.story.balls_at(contact)), round(contact.t, 2))
-        if worst[number] < BENT or question in asked.needed:
+    for number in sorted(worst, key=lambda number: -worst[number])[:MAX_REMOVALS]:
+        contact = solution.graph.contacts[number]
+        key = (*sorted(solution.graph.balls_at(contact)), round(contact.t, 2))
+        if worst[number] < BENT_CHI2 or key in cache.required:
             continue
-        tried = refine(_apart(solution.story, number), data, table, TRIAL, solution)
-        if total_cost(tried, tolls) < total_cost(solution, tolls):
-            solution = refine(tried.story, data, table, start=tried)
+        trial = refine_graph(_separate_balls(solution.graph, number), observations, table, TRIAL_ITERATIONS, solution)
+        if total_cost(trial, prices) < total_cost(solution, prices):
+            solution = refine_graph(trial.graph, observations, table, initial=trial)
         else:
-            asked.needed.add(question)
+            cache.required.add(key)
     return solution
 
 
-def _apart(story: Story, number: int) -> Story:
-    """The story in which each ball of a contact changes its velocity by itself; the first one keeps the number."""
-    contact, spans, contacts = story.contacts[number], list(story.spans), list(story.contacts)
-    for slot, place in ((0, number), (1, len(contacts))):
+def _separate_balls(graph: ContactGraph, number: int) -> ContactGraph:
+    """Replace a ball contact by separate velocity changes of each ball; the first one keeps the index."""
+    contact, segments, contacts = graph.contacts[number], list(graph.segments), list(graph.contacts)
+    for slot, index in ((0, number), (1, len(contacts))):
         before, after = contact.before[slot], contact.after[slot]
-        kind: ContactKind = "strike" if spans[before].static else "free"
-        alone = Contact(kind, contact.t, (before,), (after,), gain=contact.gain)
-        spans[before], spans[after] = replace(spans[before], end=place), replace(spans[after], start=place)
-        contacts[place : place + 1] = [alone]
-    return Story(tuple(spans), tuple(contacts)).with_pushes()
+        kind: ContactKind = "strike" if segments[before].static else "free"
+        single = Contact(kind, contact.t, (before,), (after,), gain=contact.gain)
+        segments[before], segments[after] = replace(segments[before], end=index), replace(segments[after], start=index)
+        contacts[index : index + 1] = [single]
+    return ContactGraph(tuple(segments), tuple(contacts)).mark_pushed_strikes()

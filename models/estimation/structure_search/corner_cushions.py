@@ -1,7 +1,7 @@
-"""Cushions met so shortly before or after another contact that the samples between are too few for a break of the path.
+"""Cushion contacts so close to another contact that too few samples lie between to show a velocity change.
 
-A ball that runs into a corner meets two cushions within a picture or two, one that is hit beside a rail comes back from
-it at once. Such a pair is told as one contact, which no law explains: a cushion is tried on either side of it.
+A ball that runs into a corner meets two cushions within a frame or two, one that is hit beside a rail comes back from
+it at once. Such a pair looks like one contact, which no law explains: a cushion contact is tried on either side of it.
 """
 
 from __future__ import annotations
@@ -12,150 +12,170 @@ import numpy as np
 
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.contact_cascades import SHORTEST, SLOW
-from models.estimation.joint_fit.fit_solution import Data, Solution, end_state, owners
-from models.estimation.joint_fit.joint_refinement import refine
-from models.estimation.joint_fit.physics_priors import CUSHION_RESTITUTION
-from models.estimation.segmentation.contact_classification import INWARD, NEAR_CUSHION, cushion_distances
-from models.estimation.segmentation.contact_graph import Contact, Story
-from models.estimation.structure_search.ball_encounters import as_refined, interval_of, refined_part, total_cost
-from models.physics.billiards.cloth.closed_form_motion import kinematics
+from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_observations, end_state
+from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.estimation.joint_fit.prior_residuals import CUSHION_RESTITUTION
+from models.estimation.segmentation.contact_classification import CUSHION_TOLERANCE, INWARD_NORMALS, cushion_distances
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.estimation.structure_search.ball_encounters import (
+    copy_refined_states,
+    frame_interval,
+    refine_subgraph,
+    total_cost,
+)
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
-SOON = 2.5
-"""picture intervals: farther from another contact, a cushion breaks the path by itself."""
-SLIDE = 0.2
+MAX_CORNER_INTERVALS = 2.5
+"""Frame intervals: farther from another contact, a cushion contact shows by itself."""
+SLIDE_TIME = 0.2
 """s: how long spin may take to do what a cushion did."""
-MOST_TRIED = 4
-"""of these cushions that the whole clip is asked for in one round."""
+MAX_TRIALS = 4
+"""Candidates that are tried on the whole clip in one round."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Corner:
-    """A story with one cushion more, which cuts one of the spans of a contact."""
+class _CornerCandidate:
+    """One more cushion contact, which cuts one of the segments of a contact."""
 
     contact: Contact
     states: tuple[FloatArray, FloatArray]
-    """(8,) of the span that is cut, at its beginning, and of the new one."""
+    """(8,) of the segment that is cut, at its start, and of the new one."""
     around: int
     """The contact beside it."""
 
 
-def with_corners(solution: Solution, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
-    """The solution with the cushions beside other contacts that pay for themselves, each asked of the whole clip.
+def insert_corner_cushions(
+    solution: JointSolution, observations: Observations, table: Table, prices: tuple[float, float]
+) -> JointSolution:
+    """Insert the cushion contacts beside other contacts that lower the total cost of the clip.
 
-    `tolls` are the prices of contacts with a cause and without.
+    `prices` are those of contacts with a cause and without.
     """
-    trials = _worth_it(solution, data, table, tolls)
-    touched: set[int] = set()
-    for gain, corner, part in sorted(trials, key=lambda trial: -trial[0])[:MOST_TRIED]:
-        region = _region(solution.story, corner.around)
-        if gain <= 0 or touched & set(region):
+    trials = _evaluate_corners(solution, observations, table, prices)
+    changed: set[int] = set()
+    for gain, corner, subgraph in sorted(trials, key=lambda trial: -trial[0])[:MAX_TRIALS]:
+        region = _segments_around(solution.graph, corner.around)
+        if gain <= 0 or changed & set(region):
             continue
-        grown = _grown(solution.story, corner)
-        story = as_refined(grown, part, [*region, len(solution.story.spans)]).with_pushes()
-        tried = refine(story, data, table, start=solution)
-        if total_cost(tried, tolls) < total_cost(solution, tolls):
-            solution = tried
-            touched |= {*region, len(story.spans) - 1}
+        extended = _insert_corner(solution.graph, corner)
+        extended_graph = copy_refined_states(
+            extended, subgraph, [*region, len(solution.graph.segments)]
+        ).mark_pushed_strikes()
+        candidate = refine_graph(extended_graph, observations, table, initial=solution)
+        if total_cost(candidate, prices) < total_cost(solution, prices):
+            solution = candidate
+            changed |= {*region, len(extended_graph.segments) - 1}
     return solution
 
 
-def _worth_it(
-    solution: Solution, data: Data, table: Table, tolls: tuple[float, float]
-) -> list[tuple[float, _Corner, Story]]:
-    """What every corner gains in chi2 where it lies, all prices paid, and the spans there, refined by themselves."""
-    owner, found = owners(solution.story, data), []
-    alone: dict[int, float] = {}
-    for corner in _corners(solution, table, SOON * interval_of(data)):
-        region = _region(solution.story, corner.around)
+def _evaluate_corners(
+    solution: JointSolution, observations: Observations, table: Table, prices: tuple[float, float]
+) -> list[tuple[float, _CornerCandidate, ContactGraph]]:
+    """Evaluate the local gain in chi2 of every candidate, minus prices, and refine the segments there."""
+    owner, evaluated = assign_observations(solution.graph, observations), []
+    base_costs: dict[int, float] = {}
+    for corner in _propose_corners(solution, table, MAX_CORNER_INTERVALS * frame_interval(observations)):
+        region = _segments_around(solution.graph, corner.around)
         rows = np.isin(owner, region)
         if not rows.any():
             continue
-        local = Data(data.ball[rows], data.t[rows], data.xy[rows], data.whiten[rows])
-        if corner.around not in alone:
-            alone[corner.around] = total_cost(refined_part(solution, solution.story, region, local, table), tolls)
-        spans = [*region, len(solution.story.spans)]
-        part = refined_part(solution, _grown(solution.story, corner), spans, local, table)
-        found.append((alone[corner.around] - total_cost(part, tolls), corner, part.story))
-    return found
+        local = Observations(
+            observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
+        )
+        if corner.around not in base_costs:
+            base_costs[corner.around] = total_cost(
+                refine_subgraph(solution, solution.graph, region, local, table), prices
+            )
+        selection = [*region, len(solution.graph.segments)]
+        refined = refine_subgraph(solution, _insert_corner(solution.graph, corner), selection, local, table)
+        evaluated.append((base_costs[corner.around] - total_cost(refined, prices), corner, refined.graph))
+    return evaluated
 
 
-def _region(story: Story, contact: int) -> list[int]:
-    one = story.contacts[contact]
+def _segments_around(graph: ContactGraph, contact: int) -> list[int]:
+    """Return the segments that meet at a contact."""
+    one = graph.contacts[contact]
     return sorted({*one.before, *one.after})
 
 
-def _grown(story: Story, corner: _Corner) -> Story:
+def _insert_corner(graph: ContactGraph, corner: _CornerCandidate) -> ContactGraph:
+    """Insert a candidate into the graph."""
     k = corner.contact.before[0]
-    spans = list(story.spans)
-    spans[k] = replace(spans[k], state=corner.states[0])
-    return Story(tuple(spans), story.contacts).split(corner.contact, (corner.states[1],))
+    segments = list(graph.segments)
+    segments[k] = replace(segments[k], state=corner.states[0])
+    return ContactGraph(tuple(segments), graph.contacts).insert_contact(corner.contact, (corner.states[1],))
 
 
-def _corners(solution: Solution, table: Table, soon: float) -> list[_Corner]:
-    """Cushions that balls may have met less than `soon` s before or after what else they met."""
-    found = []
-    for number, contact in enumerate(solution.story.contacts):
-        if contact.kind in ("jump", "burst"):
+def _propose_corners(solution: JointSolution, table: Table, max_time: float) -> list[_CornerCandidate]:
+    """Propose cushion contacts less than `max_time` s before or after other contacts."""
+    candidates = []
+    for number, contact in enumerate(solution.graph.contacts):
+        if contact.kind in ("jump", "break"):
             continue
         for before, after in zip(contact.before, contact.after, strict=True):
-            place = solution.story.spans[after].state[:2]
-            beyond = cushion_distances(place, table) - table.ball_radius - solution.nose
-            for side in np.flatnonzero(beyond > -0.5 * NEAR_CUSHION * table.ball_radius):
-                way, cushion = max(float(beyond[side]), 0.0), CUSHIONS[side]
+            position = solution.graph.segments[after].state[:2]
+            beyond = cushion_distances(position, table) - table.ball_radius - solution.nose_offsets
+            for side in np.flatnonzero(beyond > -0.5 * CUSHION_TOLERANCE * table.ball_radius):
+                distance, cushion = max(float(beyond[side]), 0.0), CUSHIONS[side]
                 if contact.kind != "cushion" or contact.cushion != cushion:
-                    then = _then(solution, after, INWARD[side], way, cushion, soon)
-                    first = _first(solution, before, INWARD[side], way, cushion, soon)
-                    found += [_Corner(*one, number) for one in (then, first) if one is not None]
-    return found
+                    later = _propose_cushion_after(solution, after, INWARD_NORMALS[side], distance, cushion, max_time)
+                    earlier = _propose_cushion_before(
+                        solution, before, INWARD_NORMALS[side], distance, cushion, max_time
+                    )
+                    candidates += [_CornerCandidate(*one, number) for one in (later, earlier) if one is not None]
+    return candidates
 
 
-def _then(
-    solution: Solution, k: int, n: FloatArray, way: float, cushion: str, soon: float
+def _propose_cushion_after(
+    solution: JointSolution, k: int, n: FloatArray, distance: float, cushion: str, max_time: float
 ) -> tuple[Contact, tuple[FloatArray, FloatArray]] | None:
-    """Span k meets a cushion `way` m off after it begins: as it is told it goes away from there, or spin turns it."""
-    span, story = solution.story.spans[k], solution.story
-    begin = story.begin(k)
-    later = min(SLIDE, story.finish(k) - begin)
-    gone = kinematics(span.state[None], np.array([later]), solution.friction)[0]
-    leaving = float(n @ gone[2:4])
-    if span.static or leaving < SLOW:
+    """Propose that segment k meets a cushion `distance` m away after its start.
+
+    Without it the segment moves away from the cushion, or spin turns it.
+    """
+    segment, graph = solution.graph.segments[k], solution.graph
+    begin = graph.start_time(k)
+    later = min(SLIDE_TIME, graph.end_time(k) - begin)
+    later_state = evaluate_kinematics(segment.state[None], np.array([later]), solution.friction)[0]
+    exit_speed = float(n @ later_state[2:4])
+    if segment.static or exit_speed < MIN_CONTACT_SPEED:
         return None
-    coming = -leaving / CUSHION_RESTITUTION[0]
-    wait = max(way / -coming, 2 * SHORTEST)
-    if wait > min(2 * soon, later - 2 * SHORTEST):
+    approach_speed = -exit_speed / CUSHION_RESTITUTION[0]
+    wait = max(distance / -approach_speed, 2 * MIN_CONTACT_INTERVAL)
+    if wait > min(2 * max_time, later - 2 * MIN_CONTACT_INTERVAL):
         return None
-    if wait > soon:  # where spin turned it, it was slower than it comes out
-        wait, coming = soon, -way / soon
-    middle, after = span.state.copy(), np.concatenate([gone, np.zeros(2)])
-    middle[2:4] += (coming - n @ middle[2:4]) * n
-    middle[4:6] += (coming - n @ middle[4:6]) * n  # without spin: its slip is its velocity
-    after[:2] -= (later - wait) * gone[2:4]
-    after[:2] += (n @ (span.state[:2] - after[:2]) - way) * n
-    after[4:6] += (_slipping(coming, leaving) - n @ after[4:6]) * n
+    if wait > max_time:  # if spin turned it, it was slower before than after
+        wait, approach_speed = max_time, -distance / max_time
+    middle, after = segment.state.copy(), np.concatenate([later_state, np.zeros(2)])
+    middle[2:4] += (approach_speed - n @ middle[2:4]) * n
+    middle[4:6] += (approach_speed - n @ middle[4:6]) * n  # without spin: its slip is its velocity
+    after[:2] -= (later - wait) * later_state[2:4]
+    after[:2] += (n @ (segment.state[:2] - after[:2]) - distance) * n
+    after[4:6] += (_slip_after_sticking(approach_speed, exit_speed) - n @ after[4:6]) * n
     return Contact("cushion", begin + wait, (k,), (), cushion), (middle, after)
 
 
-def _first(
-    solution: Solution, k: int, n: FloatArray, way: float, cushion: str, soon: float
+def _propose_cushion_before(
+    solution: JointSolution, k: int, n: FloatArray, distance: float, cushion: str, max_time: float
 ) -> tuple[Contact, tuple[FloatArray, FloatArray]] | None:
-    """Span k meets a cushion before it ends `way` m off: as it is told it still runs towards it there."""
-    span, story = solution.story.spans[k], solution.story
-    coming = float(n @ end_state(solution, k)[2:4])
-    if span.static or coming > -SLOW:
+    """Propose that segment k meets a cushion `distance` m away before its end, where it still runs towards it."""
+    segment, graph = solution.graph.segments[k], solution.graph
+    approach_speed = float(n @ end_state(solution, k)[2:4])
+    if segment.static or approach_speed > -MIN_CONTACT_SPEED:
         return None
-    leaving = -CUSHION_RESTITUTION[0] * coming
-    ago = max(way / leaving, 2 * SHORTEST)
-    t = story.finish(k) - ago
-    if ago > soon or t < story.begin(k) + 2 * SHORTEST:
+    exit_speed = -CUSHION_RESTITUTION[0] * approach_speed
+    time_before_end = max(distance / exit_speed, 2 * MIN_CONTACT_INTERVAL)
+    t = graph.end_time(k) - time_before_end
+    if time_before_end > max_time or t < graph.start_time(k) + 2 * MIN_CONTACT_INTERVAL:
         return None
     after = np.zeros(8)
-    after[:6] = kinematics(span.state[None], np.array([t - story.begin(k)]), solution.friction)[0]
-    after[2:4] += (leaving - n @ after[2:4]) * n
-    after[4:6] += (_slipping(coming, leaving) - n @ after[4:6]) * n
-    return Contact("cushion", t, (k,), (), cushion), (span.state, after)
+    after[:6] = evaluate_kinematics(segment.state[None], np.array([t - graph.start_time(k)]), solution.friction)[0]
+    after[2:4] += (exit_speed - n @ after[2:4]) * n
+    after[4:6] += (_slip_after_sticking(approach_speed, exit_speed) - n @ after[4:6]) * n
+    return Contact("cushion", t, (k,), (), cushion), (segment.state, after)
 
 
-def _slipping(coming: float, leaving: float) -> float:
-    """Slip along the normal, m/s, of a ball that leaves a nose which sticks, as `models.estimation.joint_fit.physics_priors` has it."""
-    return leaving - (1 - CUSHION_RESTITUTION[0]) * coming
+def _slip_after_sticking(approach_speed: float, exit_speed: float) -> float:
+    """Return the slip along the normal, m/s, after a nose that sticks, as in `joint_fit.physics_priors`."""
+    return exit_speed - (1 - CUSHION_RESTITUTION[0]) * approach_speed

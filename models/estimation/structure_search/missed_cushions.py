@@ -1,5 +1,8 @@
-"""Cushions that a refined story does not know of yet, paths running through them or turning back for no cause; and
-rebounds that it tells wrongly, since slip that is spent within a picture or two is no more found by small steps."""
+"""Missed cushion contacts, and rebounds in a wrong local minimum.
+
+Paths run through a missed cushion or turn back for no cause. A rebound can be wrong since small steps no longer find a
+slip that ends within a frame or two.
+"""
 
 from __future__ import annotations
 
@@ -9,144 +12,162 @@ import numpy as np
 
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.contact_cascades import SLOW
-from models.estimation.joint_fit.fit_solution import Data, Solution, end_state
-from models.estimation.joint_fit.joint_refinement import refine
-from models.estimation.joint_fit.physics_priors import CUSHION_RESTITUTION
-from models.estimation.segmentation.contact_classification import INWARD, NEAR_CUSHION, cushion_distances
-from models.estimation.segmentation.contact_graph import Contact, Story
-from models.physics.billiards.cloth.closed_form_motion import kinematics
+from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_SPEED
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations, end_state
+from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.estimation.joint_fit.prior_residuals import CUSHION_RESTITUTION
+from models.estimation.segmentation.contact_classification import CUSHION_TOLERANCE, INWARD_NORMALS, cushion_distances
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
-OVERSHOOT = 0.2
-"""ball radii: a path that goes so far into a cushion has met it."""
+OVERSHOOT_RADII = 0.2
+"""Ball radii: a path that goes so far into a cushion has met it."""
 
 SLIPPING, STICKING = (np.array([CUSHION_RESTITUTION[0], 0.0, grip]) for grip in (0.0, 1.0))
-"""Rubber, as in `Solution.rubber`, between which all noses are: a mirror's and Mathavan's."""
+"""`JointSolution.rubber` of the two extreme noses: a mirror law's and Mathavan's."""
 
 
-def with_rebounds_retold(solution: Solution, data: Data, table: Table) -> Solution:
-    """The best refined solution of a story, begun from where it is and from rebounds off noses that slip or stick.
+def refit_rebounds(solution: JointSolution, observations: Observations, table: Table) -> JointSolution:
+    """Refit a graph also from rebounds off noses that slip or stick, and select the best solution.
 
-    A ball that leaves a cushion slides for a tenth of a second. Where three pictures show it, a slow ball that rolls
-    at once fits them nearly as well, and no small step leads from the one to the other.
+    A ball that leaves a cushion slides for a tenth of a second. Where three frames show it, a slow ball that rolls at
+    once fits them nearly as well, and no small step leads from the one to the other.
+
+    Args:
+        solution: A refined solution.
+        observations: K observations.
+        table: The table.
+
+    Returns:
+        The solution of least chi2.
     """
-    if not any(contact.kind == "cushion" for contact in solution.story.contacts):
+    if not any(contact.kind == "cushion" for contact in solution.graph.contacts):
         return solution
-    starts = [_rebounding(solution, rubber) for rubber in (SLIPPING, STICKING)]
-    tried = [refine(start.story, data, table, start=start) for start in starts]
-    return min([solution, *tried], key=lambda one: one.chi2)
+    starts = [_set_rebounds(solution, rubber) for rubber in (SLIPPING, STICKING)]
+    trials = [refine_graph(start.graph, observations, table, initial=start) for start in starts]
+    return min([solution, *trials], key=lambda one: one.chi2)
 
 
-def _rebounding(solution: Solution, rubber: FloatArray) -> Solution:
-    """The solution whose balls leave cushions along the normal as `rubber` (3,) has them leave, with its slip."""
-    story, (restitution, slower, grip) = solution.story, rubber
-    spans = list(story.spans)
-    for contact in story.contacts:
-        if contact.kind != "cushion" or spans[contact.after[0]].static:
+def _set_rebounds(solution: JointSolution, rubber: FloatArray) -> JointSolution:
+    """Set the velocities and slips along the normal with which balls leave cushions of `rubber` (3,)."""
+    graph, (restitution, restitution_slope, grip) = solution.graph, rubber
+    segments = list(graph.segments)
+    for contact in graph.contacts:
+        if contact.kind != "cushion" or segments[contact.after[0]].static:
             continue
-        n, before = INWARD[CUSHIONS.index(contact.cushion)], end_state(solution, contact.before[0])
-        coming, slip = float(n @ before[2:4]), float(n @ before[4:6])
-        leaving = (restitution - slower * coming) * -coming
-        slipping = slip + (leaving - coming) - grip * (slip - restitution * coming)  # as `knowledge` has spin survive
-        state = spans[contact.after[0]].state.copy()
-        state[2:4] += (leaving - n @ state[2:4]) * n
-        state[4:6] += (slipping - n @ state[4:6]) * n
+        n, before = INWARD_NORMALS[CUSHIONS.index(contact.cushion)], end_state(solution, contact.before[0])
+        approach_velocity, slip = float(n @ before[2:4]), float(n @ before[4:6])
+        exit_velocity = (restitution - restitution_slope * approach_velocity) * -approach_velocity
+        exit_slip = (
+            slip + (exit_velocity - approach_velocity) - grip * (slip - restitution * approach_velocity)
+        )  # as in `physics_priors`
+        state = segments[contact.after[0]].state.copy()
+        state[2:4] += (exit_velocity - n @ state[2:4]) * n
+        state[4:6] += (exit_slip - n @ state[4:6]) * n
         state[6:8] = 0.0
-        spans[contact.after[0]] = replace(spans[contact.after[0]], state=state)
-    return replace(solution, story=Story(tuple(spans), story.contacts), nose=np.zeros(4), rubber=rubber.copy())
+        segments[contact.after[0]] = replace(segments[contact.after[0]], state=state)
+    return replace(
+        solution, graph=ContactGraph(tuple(segments), graph.contacts), nose_offsets=np.zeros(4), rubber=rubber.copy()
+    )
 
 
-def renamed(solution: Solution, table: Table) -> Story:
-    """Changes of velocity without a cause that turn out to lie at a cushion."""
-    contacts = list(solution.story.contacts)
+def classify_cushion_turns(solution: JointSolution, table: Table) -> ContactGraph:
+    """Classify unexplained velocity changes that are beside a cushion."""
+    contacts = list(solution.graph.contacts)
     changed = False
     for number, contact in enumerate(contacts):
         if contact.kind != "free":
             continue
-        side = _reversed_at(solution, contact, table)
+        side = _find_reversing_cushion(solution, contact, table)
         if side is not None:
             contacts[number] = replace(contact, kind="cushion", cushion=CUSHIONS[side])
             changed = True
-    return Story(solution.story.spans, tuple(contacts)) if changed else solution.story
+    return ContactGraph(solution.graph.segments, tuple(contacts)) if changed else solution.graph
 
 
-def _reversed_at(solution: Solution, contact: Contact, table: Table, but: int = -1) -> int | None:
-    """The cushion near which a ball turns back at a contact, other than `but`."""
-    spans = solution.story.spans
-    before, after = end_state(solution, contact.before[0]), spans[contact.after[0]].state
-    distance = cushion_distances(after[:2], table) - table.ball_radius - solution.nose
-    reach = 0.5 * NEAR_CUSHION * table.ball_radius
+def _find_reversing_cushion(solution: JointSolution, contact: Contact, table: Table, excluded: int = -1) -> int | None:
+    """Find the cushion near which a ball turns back at a contact, other than `excluded`."""
+    segments = solution.graph.segments
+    before, after = end_state(solution, contact.before[0]), segments[contact.after[0]].state
+    distance = cushion_distances(after[:2], table) - table.ball_radius - solution.nose_offsets
+    reach = 0.5 * CUSHION_TOLERANCE * table.ball_radius
     for side in np.argsort(np.abs(distance)):
-        towards, away = -INWARD[side] @ before[2:4], INWARD[side] @ after[2:4]
-        if side != but and abs(distance[side]) < reach and towards > SLOW and away > 0:
+        towards, away = -INWARD_NORMALS[side] @ before[2:4], INWARD_NORMALS[side] @ after[2:4]
+        if side != excluded and abs(distance[side]) < reach and towards > MIN_CONTACT_SPEED and away > 0:
             return int(side)
     return None
 
 
-def doubled(solution: Solution, story: Story, table: Table) -> Story:
-    """In a corner a ball meets two cushions within one picture."""
-    for contact, told in zip(solution.story.contacts, story.contacts, strict=False):
-        if contact.kind != "cushion" or contact != told:  # other thoughts may have changed or shortened the story
+def split_corner_contacts(solution: JointSolution, graph: ContactGraph, table: Table) -> ContactGraph:
+    """Split cushion contacts in a corner, where a ball meets two cushions within one frame."""
+    for contact, unchanged in zip(solution.graph.contacts, graph.contacts, strict=False):
+        if contact.kind != "cushion" or contact != unchanged:  # an earlier step may have changed or shortened the graph
             continue
         first = CUSHIONS.index(contact.cushion)
-        second = _reversed_at(solution, contact, table, but=first)
+        second = _find_reversing_cushion(solution, contact, table, excluded=first)
         if second is None:
             continue
         before = end_state(solution, contact.before[0])
-        after = story.spans[contact.after[0]].state.copy()
+        after = graph.segments[contact.after[0]].state.copy()
         middle = after.copy()  # between the two contacts only the first component has turned
-        n = INWARD[second]
+        n = INWARD_NORMALS[second]
         middle[2:4] += (n @ before[2:4] - n @ after[2:4]) * n
-        spans = list(story.spans)
-        spans[contact.after[0]] = replace(spans[contact.after[0]], state=middle)
-        t = min(contact.t + 2e-3, story.finish(contact.after[0]) - 1e-3)
+        segments = list(graph.segments)
+        segments[contact.after[0]] = replace(segments[contact.after[0]], state=middle)
+        t = min(contact.t + 2e-3, graph.end_time(contact.after[0]) - 1e-3)
         if t > contact.t + 2e-4:
             extra = Contact("cushion", t, (contact.after[0],), (), CUSHIONS[second], gain=contact.gain)
-            story = Story(tuple(spans), story.contacts).split(extra, (after,))
-    return story
+            graph = ContactGraph(tuple(segments), graph.contacts).insert_contact(extra, (after,))
+    return graph
 
 
-def inserted(solution: Solution, story: Story, data: Data, table: Table) -> Story:
-    """Cushions that paths run through."""
-    if story is not solution.story:
-        return story
-    last = {int(ball): float(data.t[data.ball == ball].max()) for ball in np.unique(data.ball)}
-    for k, span in enumerate(solution.story.spans):
-        if span.static:
+def insert_crossed_cushions(
+    solution: JointSolution, graph: ContactGraph, observations: Observations, table: Table
+) -> ContactGraph:
+    """Insert contacts with cushions that paths run through."""
+    if graph is not solution.graph:
+        return graph
+    last = {int(ball): float(observations.t[observations.ball == ball].max()) for ball in np.unique(observations.ball)}
+    for k, segment in enumerate(solution.graph.segments):
+        if segment.static:
             continue
-        begin, end = story.begin(k), min(story.finish(k), last[span.ball])
+        begin, end = graph.start_time(k), min(graph.end_time(k), last[segment.ball])
         if end - begin < 1e-3:
             continue
         t = np.linspace(begin, end, max(int((end - begin) / 1e-3), 8))
-        path = kinematics(np.repeat(span.state[None], len(t), axis=0), t - begin, solution.friction)
-        depth = -(cushion_distances(path[:, :2], table) - table.ball_radius - solution.nose)  # (M, 4)
+        path = evaluate_kinematics(np.repeat(segment.state[None], len(t), axis=0), t - begin, solution.friction)
+        depth = -(cushion_distances(path[:, :2], table) - table.ball_radius - solution.nose_offsets)  # (M, 4)
         side = int(np.argmax(depth.max(axis=0)))
         deepest = int(np.argmax(depth[:, side]))
-        inwards = path[:, 2:4] @ INWARD[side]
-        turns = 0 < deepest < len(t) - 1 and -inwards[:deepest].min() > SLOW and inwards[deepest:].max() > SLOW
-        if turns and depth[deepest, side] > -2 * OVERSHOOT * table.ball_radius:
+        inwards = path[:, 2:4] @ INWARD_NORMALS[side]
+        turns = (
+            0 < deepest < len(t) - 1
+            and -inwards[:deepest].min() > MIN_CONTACT_SPEED
+            and inwards[deepest:].max() > MIN_CONTACT_SPEED
+        )
+        if turns and depth[deepest, side] > -2 * OVERSHOOT_RADII * table.ball_radius:
             depth[:, side] += max(-depth[deepest, side], 0.0) + 1e-4  # no ball turns back at a cushion by itself
-        elif depth[deepest, side] < OVERSHOOT * table.ball_radius:
+        elif depth[deepest, side] < OVERSHOOT_RADII * table.ball_radius:
             continue
-        if depth[0, side] > 0.5 * OVERSHOOT * table.ball_radius:
+        if depth[0, side] > 0.5 * OVERSHOOT_RADII * table.ball_radius:
             continue
-        if _in_pocket_mouth(path[int(np.argmax(depth[:, side])), :2], table):
+        if _is_in_pocket_mouth(path[int(np.argmax(depth[:, side])), :2], table):
             continue
         crossing = int(np.argmax(depth[:, side] > 0))
-        if crossing in (0, len(t) - 1) or -INWARD[side] @ path[crossing, 2:4] < 0:
+        if crossing in (0, len(t) - 1) or -INWARD_NORMALS[side] @ path[crossing, 2:4] < 0:
             continue
         before = path[crossing]
         after = np.concatenate([before, np.zeros(2)])
-        push = -1.75 * (INWARD[side] @ before[2:4]) * INWARD[side]
+        push = -1.75 * (INWARD_NORMALS[side] @ before[2:4]) * INWARD_NORMALS[side]
         after[2:4] += push
         after[4:6] += push
         contact = Contact("cushion", float(t[crossing]), (k,), (), CUSHIONS[side])
-        story = story.split(contact, (after,))
-    return story
+        graph = graph.insert_contact(contact, (after,))
+    return graph
 
 
-def _in_pocket_mouth(x: FloatArray, table: Table) -> bool:
-    """Where there is no cushion to meet: within three radii of a pocket."""
+def _is_in_pocket_mouth(x: FloatArray, table: Table) -> bool:
+    """Return whether a place is within three radii of a pocket, where there is no cushion."""
     return bool(
         len(table.pocket_centres) and np.linalg.norm(table.pocket_centres - x, axis=1).min() < 3 * table.ball_radius
     )

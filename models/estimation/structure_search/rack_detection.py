@@ -1,4 +1,4 @@
-"""Balls that lie together and are hit, found in a refined story: what has to be known to play what follows."""
+"""Detection of break shots in a refined contact graph: balls that lie together and are hit."""
 
 from __future__ import annotations
 
@@ -9,40 +9,41 @@ from numpy.typing import NDArray
 
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
-from models.estimation.break_shot.break_data import Burst
-from models.estimation.joint_fit.contact_cascades import span_before
-from models.estimation.joint_fit.fit_solution import Data, Solution
-from models.estimation.segmentation.contact_graph import Story
-from models.estimation.structure_search.ball_encounters import interval_of
-from models.physics.billiards.cloth.closed_form_motion import kinematics
-from models.tracking.track_noise import FLOOR
+from models.estimation.break_shot.break_data import BreakShot
+from models.estimation.joint_fit.contact_cascades import find_segment_at
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations
+from models.estimation.segmentation.contact_graph import ContactGraph
+from models.estimation.structure_search.ball_encounters import frame_interval
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
+from models.tracking.track_noise import NOISE_FLOOR_RADII
 
-FEWEST, FEWEST_LEAVE = 4, 3
-"""balls that lie together, and that set off at once: contacts of fewer are told one by one."""
-TOGETHER = 0.25
-"""ball radii between two surfaces: nearer ones lie together."""
-AT_ONCE = 3.0
-"""pictures within which balls of a rack set off."""
-LOOKED_BACK = 0.5
-"""s for which the coming ball is followed."""
-WAY, LEAST_PICTURES, LONGEST = 30.0, 4.0, 0.5
-"""Ball radii that the coming ball would go on, at least so many pictures, at most so many s: how long the balls are
-watched after the hit."""
-ENOUGH = 3
-"""Samples that tell the path of a ball by themselves."""
+MIN_RACK_BALLS, MIN_LEAVING_BALLS = 4, 3
+"""Balls that lie together, and that start at once: with fewer the contacts are fitted one by one."""
+RACK_GAP_RADII = 0.25
+"""Ball radii between two surfaces: nearer balls lie together."""
+SIMULTANEOUS_INTERVALS = 3.0
+"""Frame intervals within which balls of a rack start."""
+INCOMING_TIME = 0.5
+"""s for which the incoming ball is tracked."""
+WATCHED_DISTANCE_RADII, MIN_WATCHED_FRAMES, MAX_WATCHED_TIME = 30.0, 4.0, 0.5
+"""Observed time after the hit: ball radii that the incoming ball would go on, at least so many frames, at most so many
+s.
+"""
+MIN_INCOMING_SAMPLES = 3
+"""Samples that determine the path of the incoming ball by themselves."""
 _PLACE_SIGMA, _SPEED_SIGMA = 5e-3, 0.15
-"""m, and of its speed: of a coming ball that was seen less often."""
-_UNSEEN = 0.3
-"""ball radii: of the place of a ball that rests unseen."""
-_LATEST, _RESTS = 5, 10.0
-"""samples before the burst, of which the median chi2 says whether a ball still rests; single bad ones do not."""
-_JAWS = 3.0
-"""ball radii around a pocket, where nothing is played."""
+"""m, and share of its speed: of an incoming ball with fewer samples."""
+_UNOBSERVED_SIGMA_RADII = 0.3
+"""Ball radii: of the place of a resting ball without samples."""
+_LATEST_SAMPLES, _MAX_REST_CHI2 = 5, 10.0
+"""Samples before the break, and the limit of their median chi2, that decide whether a ball still rests."""
+_JAW_RADII = 3.0
+"""Ball radii around a pocket, where nothing is simulated."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Lying:
-    """A ball that rests until the burst, whatever the story has it do shortly before."""
+class _RestingBall:
+    """A ball that rests until the break, whatever the graph contains shortly before."""
 
     ball: int
     place: FloatArray
@@ -51,145 +52,198 @@ class _Lying:
     """m per axis."""
 
 
-def racks(solution: Solution, data: Data, table: Table) -> list[Burst]:
-    """All bursts of a clip in the order of time, as their samples have them."""
-    story = solution.story
-    leave = sorted(
-        (story.contacts[span.end].t, k) for k, span in enumerate(story.spans) if span.static and span.end is not None
+def find_break_shots(solution: JointSolution, observations: Observations, table: Table) -> list[BreakShot]:
+    """Find all break shots of a clip.
+
+    Args:
+        solution: A refined solution.
+        observations: K observations.
+        table: The table.
+
+    Returns:
+        Break shots with their samples, in the order of time.
+    """
+    graph = solution.graph
+    departures = sorted(
+        (graph.contacts[segment.end].t, k)
+        for k, segment in enumerate(graph.segments)
+        if segment.static and segment.end is not None
     )
-    if len(leave) < FEWEST_LEAVE:
+    if len(departures) < MIN_LEAVING_BALLS:
         return []
-    found: list[Burst] = []
-    interval, after = interval_of(data), -np.inf
-    for first, _ in leave:
-        leaving = {story.spans[k].ball for t, k in leave if first <= t <= first + AT_ONCE * interval}
-        if first < after or len(leaving) < FEWEST_LEAVE:
+    break_shots: list[BreakShot] = []
+    interval, end = frame_interval(observations), -np.inf
+    for first, _ in departures:
+        leaving = {
+            graph.segments[k].ball for t, k in departures if first <= t <= first + SIMULTANEOUS_INTERVALS * interval
+        }
+        if first < end or len(leaving) < MIN_LEAVING_BALLS:
             continue
-        lying = _lying(solution, data, first, table)
-        rack = _together(lying, leaving, (2 * solution.diameter + TOGETHER) * table.ball_radius)
-        coming = _coming(solution, rack, first, AT_ONCE * interval, table) if rack else None
-        burst = _seen(solution, data, table, *coming, lying, interval) if coming else None
-        if burst is not None:
-            found.append(burst)
-            after = burst.ends
-    return found
+        resting = _find_resting_balls(solution, observations, first, table)
+        rack = _select_racks(resting, leaving, (2 * solution.diameter_factor + RACK_GAP_RADII) * table.ball_radius)
+        incoming = (
+            _find_incoming_segment(solution, rack, first, SIMULTANEOUS_INTERVALS * interval, table) if rack else None
+        )
+        break_shot = (
+            _collect_break_shot(solution, observations, table, *incoming, resting, interval) if incoming else None
+        )
+        if break_shot is not None:
+            break_shots.append(break_shot)
+            end = break_shot.end
+    return break_shots
 
 
-def _lying(solution: Solution, data: Data, t: float, table: Table) -> list[_Lying]:
-    """Balls that rest until t, as their samples before it say; where paths begin is told badly by contacts at once."""
-    story, found = solution.story, []
-    for ball in sorted({span.ball for span in story.spans}):
-        begin = rests_from(story, ball, t)
-        rows = np.flatnonzero((data.ball == ball) & (data.t >= begin) & (data.t < t))
+def _find_resting_balls(
+    solution: JointSolution, observations: Observations, t: float, table: Table
+) -> list[_RestingBall]:
+    """Find balls that rest until t by their samples; simultaneous contacts distort the fitted path starts."""
+    graph, resting = solution.graph, []
+    for ball in sorted({segment.ball for segment in graph.segments}):
+        begin = rest_start_time(graph, ball, t)
+        rows = np.flatnonzero((observations.ball == ball) & (observations.t >= begin) & (observations.t < t))
         if len(rows):
-            place, sigma, rests = _rest(data, rows)
+            place, sigma, is_resting = _estimate_rest_place(observations, rows)
         else:
-            k = span_before(story, ball, t)
-            place, sigma, rests = story.spans[k].state[:2].copy(), _UNSEEN * table.ball_radius, story.spans[k].static
-        if rests:
-            found.append(_Lying(ball, place, float(np.hypot(sigma, FLOOR * table.ball_radius))))
-    return found
+            k = find_segment_at(graph, ball, t)
+            place, sigma, is_resting = (
+                graph.segments[k].state[:2].copy(),
+                _UNOBSERVED_SIGMA_RADII * table.ball_radius,
+                graph.segments[k].static,
+            )
+        if is_resting:
+            resting.append(_RestingBall(ball, place, float(np.hypot(sigma, NOISE_FLOOR_RADII * table.ball_radius))))
+    return resting
 
 
-def rests_from(story: Story, ball: int, t: float) -> float:
-    """s, from when on a ball rests that lies somewhere at t: the beginning of its rest in the story, or a while."""
-    resting = [k for k in story.of_ball(ball) if story.spans[k].static and story.begin(k) < t]
-    if resting and story.finish(resting[-1]) > t - LOOKED_BACK:
-        return min(story.begin(resting[-1]), t)
-    return max(story.begin(span_before(story, ball, t - LOOKED_BACK)), t - LOOKED_BACK)
+def rest_start_time(graph: ContactGraph, ball: int, t: float) -> float:
+    """Return the time from which a ball rests at t.
+
+    Args:
+        graph: The contact graph.
+        ball: The ball.
+        t: s.
+
+    Returns:
+        s: the start of its rest in the graph, or a while before t.
+    """
+    resting = [k for k in graph.segments_of_ball(ball) if graph.segments[k].static and graph.start_time(k) < t]
+    if resting and graph.end_time(resting[-1]) > t - INCOMING_TIME:
+        return min(graph.start_time(resting[-1]), t)
+    return max(graph.start_time(find_segment_at(graph, ball, t - INCOMING_TIME)), t - INCOMING_TIME)
 
 
-def _rest(data: Data, rows: IntArray) -> tuple[FloatArray, float, bool]:
-    """Where samples of one place say it is, (2,) m, its standard deviation, m per axis, and whether they agree."""
-    known = np.einsum("kij,kil->kjl", data.whiten[rows], data.whiten[rows])
-    covariance = np.linalg.inv(known.sum(axis=0))
-    place = covariance @ np.einsum("kij,kj->i", known, data.xy[rows])
-    size = (np.einsum("kij,kj->ki", data.whiten[rows], data.xy[rows] - place) ** 2).sum(axis=1)
-    return place, float(np.sqrt(np.trace(covariance) / 2)), float(np.median(size[-_LATEST:])) < _RESTS
+def _estimate_rest_place(observations: Observations, rows: IntArray) -> tuple[FloatArray, float, bool]:
+    """Estimate the place (2,) m of a resting ball, its sigma, m per axis, and whether the samples agree."""
+    information = np.einsum("kij,kil->kjl", observations.whiten[rows], observations.whiten[rows])
+    covariance = np.linalg.inv(information.sum(axis=0))
+    place = covariance @ np.einsum("kij,kj->i", information, observations.xy[rows])
+    size = (np.einsum("kij,kj->ki", observations.whiten[rows], observations.xy[rows] - place) ** 2).sum(axis=1)
+    return place, float(np.sqrt(np.trace(covariance) / 2)), float(np.median(size[-_LATEST_SAMPLES:])) < _MAX_REST_CHI2
 
 
-def _together(lying: list[_Lying], leaving: set[int], reach: float) -> list[_Lying]:
-    """Balls that lie together, of those groups from which enough of the balls `leaving` go."""
-    places = np.array([one.place for one in lying]).reshape(-1, 2)
-    near = np.linalg.norm(places[:, None] - places, axis=2) < reach
-    group = _groups(near)
-    found: list[_Lying] = []
+def _select_racks(resting: list[_RestingBall], leaving: set[int], reach: float) -> list[_RestingBall]:
+    """Select the balls of groups that lie together and from which enough of the balls `leaving` start."""
+    places = np.array([one.place for one in resting]).reshape(-1, 2)
+    is_near = np.linalg.norm(places[:, None] - places, axis=2) < reach
+    group = _label_groups(is_near)
+    selected: list[_RestingBall] = []
     for number in np.unique(group):
-        members = [lying[k] for k in np.flatnonzero(group == number)]
-        if len(members) >= FEWEST and len({one.ball for one in members} & leaving) >= FEWEST_LEAVE:
-            found += members
-    return found
+        members = [resting[k] for k in np.flatnonzero(group == number)]
+        if len(members) >= MIN_RACK_BALLS and len({one.ball for one in members} & leaving) >= MIN_LEAVING_BALLS:
+            selected += members
+    return selected
 
 
-def _groups(near: NDArray[np.bool_]) -> IntArray:
-    """(n,) the first of all that each hangs together with, by way of pairs (n, n) that are near each other."""
-    linked = near | np.eye(len(near), dtype=np.bool_)
+def _label_groups(is_near: NDArray[np.bool_]) -> IntArray:
+    """Label (n,) connected balls by the first of each group, from near pairs (n, n)."""
+    linked = is_near | np.eye(len(is_near), dtype=np.bool_)
     while not np.array_equal(linked, further := linked @ linked):
         linked = further
     return np.array([np.flatnonzero(row)[0] for row in linked], dtype=np.int64)
 
 
-def _coming(
-    solution: Solution, rack: list[_Lying], t: float, slack: float, table: Table
+def _find_incoming_segment(
+    solution: JointSolution, rack: list[_RestingBall], t: float, time_tolerance: float, table: Table
 ) -> tuple[int, float] | None:  # fmt: skip
-    """The span of the first ball whose path, followed on, meets one of the rack within `slack` s of t, and when."""
-    story, radius = solution.story, table.ball_radius * solution.diameter
+    """Find the first segment whose continued path meets the rack within `time_tolerance` s of t, and when."""
+    graph, radius = solution.graph, table.ball_radius * solution.diameter_factor
     places, members = np.array([one.place for one in rack]), {one.ball for one in rack}
-    found: list[tuple[float, int]] = []
-    for k, span in enumerate(story.spans):
-        begin = story.begin(k)
-        if span.static or span.ball in members or begin > t or story.finish(k) < t - slack:
+    candidates: list[tuple[float, int]] = []
+    for k, segment in enumerate(graph.segments):
+        begin = graph.start_time(k)
+        if segment.static or segment.ball in members or begin > t or graph.end_time(k) < t - time_tolerance:
             continue
-        times = np.linspace(max(begin, t - slack), t + slack, 400)
-        path = kinematics(np.repeat(span.state[None], len(times), axis=0), times - begin, solution.friction)
+        times = np.linspace(max(begin, t - time_tolerance), t + time_tolerance, 400)
+        path = evaluate_kinematics(np.repeat(segment.state[None], len(times), axis=0), times - begin, solution.friction)
         touching = np.linalg.norm(path[:, None, :2] - places, axis=2).min(axis=1) <= 2 * radius
         if touching.any() and not touching[0]:
-            found.append((float(times[np.argmax(touching)]), k))
-    return (min(found)[1], min(found)[0]) if found else None
+            candidates.append((float(times[np.argmax(touching)]), k))
+    return (min(candidates)[1], min(candidates)[0]) if candidates else None
 
 
-def _seen(
-    solution: Solution, data: Data, table: Table, come: int, hit: float, lying: list[_Lying], interval: float
-) -> Burst | None:
-    """What was seen of a burst, the span `come` being that of the coming ball; None where balls were seen too seldom
-    after it."""
-    story = solution.story
-    span, lying = story.spans[come], [one for one in lying if one.ball != story.spans[come].ball]
-    begins = max(story.begin(come), hit - LOOKED_BACK)
-    state = kinematics(span.state[None], np.array([begins - story.begin(come)]), solution.friction)[0]
+def _collect_break_shot(
+    solution: JointSolution,
+    observations: Observations,
+    table: Table,
+    incoming: int,
+    hit: float,
+    resting: list[_RestingBall],
+    interval: float,
+) -> BreakShot | None:
+    """Collect the samples of a break shot with the incoming segment `incoming`; None with too few after the hit."""
+    graph = solution.graph
+    segment, resting = graph.segments[incoming], [one for one in resting if one.ball != graph.segments[incoming].ball]
+    start = max(graph.start_time(incoming), hit - INCOMING_TIME)
+    state = evaluate_kinematics(segment.state[None], np.array([start - graph.start_time(incoming)]), solution.friction)[
+        0
+    ]
     speed = float(np.hypot(*state[2:4]))
-    window = min(max(WAY * table.ball_radius / speed, LEAST_PICTURES * interval), LONGEST)
-    balls = (span.ball, *(one.ball for one in lying))
-    chosen, number = [], []
+    window = min(
+        max(WATCHED_DISTANCE_RADII * table.ball_radius / speed, MIN_WATCHED_FRAMES * interval), MAX_WATCHED_TIME
+    )
+    balls = (segment.ball, *(one.ball for one in resting))
+    selected, numbers = [], []
     for place, ball in enumerate(balls):
-        begin, end = begins if place == 0 else hit, _until(solution, ball, hit, window)
-        rows = np.flatnonzero((data.ball == ball) & (data.t >= begin) & (data.t < end))
-        rows = rows[~_in_jaws(data.xy[rows], table)]
-        chosen.append(rows)
-        number.append(np.full(len(rows), place))
-    rows, which = np.concatenate(chosen), np.concatenate(number)
-    if np.sum(data.t[rows] > hit) < 2 * len(balls):
+        begin, end = start if place == 0 else hit, _observation_end(solution, ball, hit, window)
+        rows = np.flatnonzero((observations.ball == ball) & (observations.t >= begin) & (observations.t < end))
+        rows = rows[~_is_in_pocket_jaws(observations.xy[rows], table)]
+        selected.append(rows)
+        numbers.append(np.full(len(rows), place))
+    rows, ball_numbers = np.concatenate(selected), np.concatenate(numbers)
+    if np.sum(observations.t[rows] > hit) < 2 * len(balls):
         return None
     sigma = np.full(7, np.inf)
-    if np.sum(data.t[chosen[0]] < hit) < ENOUGH:
+    if np.sum(observations.t[selected[0]] < hit) < MIN_INCOMING_SAMPLES:
         sigma[:4] = [_PLACE_SIGMA, _PLACE_SIGMA, _SPEED_SIGMA * speed, _SPEED_SIGMA * speed]
-    return Burst(
-        balls, begins, hit, np.append(state[:6], 0.0), sigma, np.array([one.place for one in lying]),
-        np.array([one.sigma for one in lying]), data.t[rows], which, data.xy[rows], data.whiten[rows], interval,
-        (solution.friction.sliding, solution.friction.rolling), solution.diameter, replace(table, pockets=False),
-    )  # fmt: skip
+    return BreakShot(
+        balls,
+        start,
+        hit,
+        np.append(state[:6], 0.0),
+        sigma,
+        np.array([one.place for one in resting]),
+        np.array([one.sigma for one in resting]),
+        observations.t[rows],
+        ball_numbers,
+        observations.xy[rows],
+        observations.whiten[rows],
+        interval,
+        (solution.friction.sliding, solution.friction.rolling),
+        solution.diameter_factor,
+        replace(table, pockets=False),
+    )
 
 
-def _until(solution: Solution, ball: int, hit: float, window: float) -> float:
-    """s until which a ball is watched: its first cushion after the hit ends it."""
-    story = solution.story
-    met = [c.t for c in story.contacts if c.kind == "cushion" and c.t > hit and ball in story.balls_at(c)]
-    return min([hit + window, *met])
+def _observation_end(solution: JointSolution, ball: int, hit: float, window: float) -> float:
+    """Return the end, s, of a ball's observation: its first cushion contact after the hit."""
+    graph = solution.graph
+    cushion_times = [c.t for c in graph.contacts if c.kind == "cushion" and c.t > hit and ball in graph.balls_at(c)]
+    return min([hit + window, *cushion_times])
 
 
-def _in_jaws(xy: FloatArray, table: Table) -> NDArray[np.bool_]:
-    """(K,) which places (K, 2) are in or before a pocket."""
+def _is_in_pocket_jaws(xy: FloatArray, table: Table) -> NDArray[np.bool_]:
+    """Mark (K,) the places (K, 2) in or before a pocket."""
     if not table.pockets:
         return np.zeros(len(xy), np.bool_)
-    apart = np.linalg.norm(xy[:, None] - table.pocket_centres, axis=2)
-    return np.asarray(apart.min(axis=1) < _JAWS * table.ball_radius)
+    distance = np.linalg.norm(xy[:, None] - table.pocket_centres, axis=2)
+    return np.asarray(distance.min(axis=1) < _JAW_RADII * table.ball_radius)

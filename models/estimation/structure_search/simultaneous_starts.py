@@ -1,7 +1,7 @@
-"""Two balls that set out from rest within one picture: no cue strikes twice so soon, so the one has sent off the other.
+"""Two balls that start from rest within one frame interval: one is struck and sends off the other.
 
-Between the two pictures neither is seen in motion, and the path that is fitted to the struck ball without the contact
-goes past the other. What is seen of the other tells both where they met and when.
+No cue strikes twice so soon. Between the two frames neither is detected in motion, and without the contact the fitted
+path of the struck ball passes the other. The path of the other gives place and time of the contact.
 """
 
 from __future__ import annotations
@@ -12,91 +12,94 @@ from itertools import permutations
 import numpy as np
 
 from models.core.scene import Table
-from models.estimation.joint_fit.contact_cascades import SHORTEST, SLOW
-from models.estimation.joint_fit.fit_solution import Data, Solution
-from models.estimation.joint_fit.joint_refinement import refine
-from models.estimation.segmentation.contact_graph import Contact, Story
-from models.estimation.structure_search.ball_encounters import interval_of, total_cost
+from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations
+from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.estimation.structure_search.ball_encounters import frame_interval, total_cost
 
 
-def opened(solution: Solution, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
-    """The solution in which, of two balls that set out within one picture, one is struck and meets the other.
+def resolve_simultaneous_starts(
+    solution: JointSolution, observations: Observations, table: Table, prices: tuple[float, float]
+) -> JointSolution:
+    """Replace simultaneous starts by one strike and a ball contact where that lowers the total cost.
 
-    Either may be the struck one; it is told so where the samples pay for it. `tolls` are the prices of contacts with a
-    cause and without.
+    Either ball may be the struck one. `prices` are those of contacts with a cause and without.
     """
-    cost = total_cost(solution, tolls)
-    for struck, hit in _set_out_together(solution.story, interval_of(data)):
-        story = _sent_off(solution, data, struck, hit, table)
-        if story is None:
+    cost = total_cost(solution, prices)
+    for struck, hit in _find_simultaneous_starts(solution.graph, frame_interval(observations)):
+        connected = _connect_starts(solution, observations, struck, hit, table)
+        if connected is None:
             continue
-        tried = refine(story, data, table, start=solution)
-        if total_cost(tried, tolls) < cost:
-            return opened(tried, data, table, tolls)
+        trial = refine_graph(connected, observations, table, initial=solution)
+        if total_cost(trial, prices) < cost:
+            return resolve_simultaneous_starts(trial, observations, table, prices)
     return solution
 
 
-def _set_out_together(story: Story, interval: float) -> list[tuple[int, int]]:
-    """Pairs of contacts, both orders, at which balls leave their rest within one picture without a ball that hits
-    them."""
+def _find_simultaneous_starts(graph: ContactGraph, interval: float) -> list[tuple[int, int]]:
+    """Find pairs of contacts, in both orders, at which balls start within one frame interval without being hit."""
     starts = [
         number
-        for number, contact in enumerate(story.contacts)
-        if contact.kind == "strike" and story.spans[contact.before[0]].static
+        for number, contact in enumerate(graph.contacts)
+        if contact.kind == "strike" and graph.segments[contact.before[0]].static
     ]
     return [
         (one, other)
         for one, other in permutations(starts, 2)
-        if abs(story.contacts[one].t - story.contacts[other].t) < interval
+        if abs(graph.contacts[one].t - graph.contacts[other].t) < interval
     ]
 
 
-def _sent_off(solution: Solution, data: Data, struck: int, hit: int, table: Table) -> Story | None:
-    """The story in which the ball of the strike `struck` runs into that of `hit`; None where it cannot have done so.
+def _connect_starts(
+    solution: JointSolution, observations: Observations, struck: int, hit: int, table: Table
+) -> ContactGraph | None:
+    """Let the ball of the strike `struck` run into that of `hit`; None if that is impossible.
 
-    The hit ball leaves along the line of centres, which says where the other one was; both together have the momentum
-    that the struck one brought, which says when it set out.
+    The hit ball leaves along the line of centres, which gives the place of the other one; both together have the
+    momentum of the struck one, which gives the time of the strike.
     """
-    story, struck, hit = _without_turn(solution.story, struck, hit, interval_of(data))
-    first, second = story.contacts[struck], story.contacts[hit]
-    leaves = story.spans[second.after[0]].state
-    speed = float(np.hypot(*leaves[2:4]))
+    graph, struck, hit = _remove_turn(solution.graph, struck, hit, frame_interval(observations))
+    first, second = graph.contacts[struck], graph.contacts[hit]
+    hit_state = graph.segments[second.after[0]].state
+    speed = float(np.hypot(*hit_state[2:4]))
     onward = first.after[0]
-    later = np.flatnonzero((data.ball == story.spans[onward].ball) & (data.t > second.t + SHORTEST))
-    if speed < SLOW or not len(later) or story.finish(onward) < data.t[later[0]]:
-        return None
-    rest = story.spans[first.before[0]].state[:2]
-    meeting = leaves[:2] - 2 * table.ball_radius * solution.diameter * leaves[2:4] / speed
-    went = (data.xy[later[0]] - meeting) / (data.t[later[0]] - second.t)
-    after = np.concatenate([meeting, went, story.spans[onward].state[4:]])
-    way = meeting - rest
-    length = float(np.hypot(*way))
-    brought = float((after[2:4] + leaves[2:4]) @ way) / max(length, 1e-9)
-    known = data.t[(data.ball == story.spans[onward].ball) & (data.t < second.t)]
-    if brought < SLOW or length < SHORTEST * brought or not len(known):
-        return None
-    t = max(second.t - length / brought, float(known[-1]))
-    if second.t - t < SHORTEST:
-        return None
-    spans, contacts, v = list(story.spans), list(story.contacts), brought * way / length
-    fresh = len(spans)
-    spans.append(  # hit in its middle, as `span_priors` has it
-        replace(spans[onward], end=hit, t0=t, state=np.concatenate([rest, v, v, np.zeros(2)]))
+    later = np.flatnonzero(
+        (observations.ball == graph.segments[onward].ball) & (observations.t > second.t + MIN_CONTACT_INTERVAL)
     )
-    spans[onward] = replace(spans[onward], start=hit, t0=second.t, state=after)
-    contacts[struck] = replace(first, t=t, after=(fresh,))
+    if speed < MIN_CONTACT_SPEED or not len(later) or graph.end_time(onward) < observations.t[later[0]]:
+        return None
+    rest = graph.segments[first.before[0]].state[:2]
+    meeting = hit_state[:2] - 2 * table.ball_radius * solution.diameter_factor * hit_state[2:4] / speed
+    velocity = (observations.xy[later[0]] - meeting) / (observations.t[later[0]] - second.t)
+    after = np.concatenate([meeting, velocity, graph.segments[onward].state[4:]])
+    displacement = meeting - rest
+    length = float(np.hypot(*displacement))
+    impact_speed = float((after[2:4] + hit_state[2:4]) @ displacement) / max(length, 1e-9)
+    earlier_times = observations.t[(observations.ball == graph.segments[onward].ball) & (observations.t < second.t)]
+    if impact_speed < MIN_CONTACT_SPEED or length < MIN_CONTACT_INTERVAL * impact_speed or not len(earlier_times):
+        return None
+    t = max(second.t - length / impact_speed, float(earlier_times[-1]))
+    if second.t - t < MIN_CONTACT_INTERVAL:
+        return None
+    segments, contacts, v = list(graph.segments), list(graph.contacts), impact_speed * displacement / length
+    new_segment = len(segments)
+    segments.append(  # a central hit, as in `segment_priors`
+        replace(segments[onward], end=hit, t0=t, state=np.concatenate([rest, v, v, np.zeros(2)]))
+    )
+    segments[onward] = replace(segments[onward], start=hit, t0=second.t, state=after)
+    contacts[struck] = replace(first, t=t, after=(new_segment,))
     contacts[hit] = Contact(
-        "ball", second.t, (fresh, *second.before), (onward, *second.after), gain=first.gain + second.gain
+        "ball", second.t, (new_segment, *second.before), (onward, *second.after), gain=first.gain + second.gain
     )
-    return Story(tuple(spans), tuple(contacts)).with_pushes()
+    return ContactGraph(tuple(segments), tuple(contacts)).mark_pushed_strikes()
 
 
-def _without_turn(story: Story, struck: int, hit: int, interval: float) -> tuple[Story, int, int]:
-    """The story, and the numbers of two contacts in it, without what turns the struck ball for no cause within one
-    picture of the other's leaving: that is their meeting."""
-    turn = story.spans[story.contacts[struck].after[0]].end
-    if turn is None or story.contacts[turn].kind != "free":
-        return story, struck, hit
-    if not 0 <= story.contacts[turn].t - story.contacts[hit].t < interval:
-        return story, struck, hit
-    return story.without(turn), struck - (struck > turn), hit - (hit > turn)
+def _remove_turn(graph: ContactGraph, struck: int, hit: int, interval: float) -> tuple[ContactGraph, int, int]:
+    """Remove an unexplained turn of the struck ball within one frame of the other's start: that is their contact."""
+    turn = graph.segments[graph.contacts[struck].after[0]].end
+    if turn is None or graph.contacts[turn].kind != "free":
+        return graph, struck, hit
+    if not 0 <= graph.contacts[turn].t - graph.contacts[hit].t < interval:
+        return graph, struck, hit
+    return graph.remove_contact(turn), struck - (struck > turn), hit - (hit > turn)

@@ -1,4 +1,4 @@
-"""Second thoughts about a refined story: contacts that were missed, misnamed or never happened."""
+"""Revision of a refined contact graph: contacts that were missed, misclassified or false."""
 
 from __future__ import annotations
 
@@ -9,356 +9,464 @@ from numpy.typing import NDArray
 
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.contact_cascades import SLOW
-from models.estimation.joint_fit.fit_solution import Data, Solution, end_state, owners
-from models.estimation.joint_fit.joint_refinement import refine
-from models.estimation.segmentation.contact_graph import Contact, Story
+from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_SPEED
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_observations, end_state
+from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph
 from models.estimation.structure_search.ball_encounters import (
-    NEAR_IN_TIME,
-    Answers,
-    Encounter,
-    doubtful,
-    encounters,
-    interval_of,
+    TIME_TOLERANCE,
+    ContactProposal,
+    SearchCache,
+    find_ball_contacts,
+    frame_interval,
+    insert_proposals,
+    is_doubtful,
     total_cost,
-    with_encounters,
 )
-from models.estimation.structure_search.contact_chains import with_rows
-from models.estimation.structure_search.contact_removal import released
-from models.estimation.structure_search.corner_cushions import with_corners
-from models.estimation.structure_search.missed_cushions import doubled, inserted, renamed
-from models.estimation.structure_search.simultaneous_starts import opened
-from models.physics.billiards.cloth.closed_form_motion import kinematics
+from models.estimation.structure_search.contact_chains import complete_chains
+from models.estimation.structure_search.contact_removal import remove_false_contacts
+from models.estimation.structure_search.corner_cushions import insert_corner_cushions
+from models.estimation.structure_search.missed_cushions import (
+    classify_cushion_turns,
+    insert_crossed_cushions,
+    split_corner_contacts,
+)
+from models.estimation.structure_search.simultaneous_starts import resolve_simultaneous_starts
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
-TOUCHING = 0.5
-"""ball radii: two balls may be so far from touching where one of them breaks, and have met."""
-NEAR_THE_END = 0.03
-"""s: a touch so shortly before a change of velocity is its cause."""
-CERTAIN = 3000.0
-"""chi2: a contact that improves so much is not questioned again."""
-ENOUGH = 20.0
-"""chi2: a contact without which the whole clip is told worse improves at least so much."""
-GRACE = 3.0
-"""prices that the whole clip may lose by second thoughts about single contacts, until needless ones are removed."""
-MOST_ENCOUNTERS = 6
-"""in a row: one contact often shows the next."""
+TOUCH_TOLERANCE = 0.5
+"""Ball radii: two balls so far from touching may have met where one of them changes its velocity."""
+END_TOLERANCE = 0.03
+"""s: a contact so shortly before a velocity change is its cause."""
+CERTAIN_GAIN = 3000.0
+"""chi2: a contact that improves so much is not evaluated again."""
+REQUIRED_GAIN = 20.0
+"""chi2: least gain of a contact that the whole clip needs."""
+GRACE_PRICES = 3.0
+"""Prices by which local revisions may raise the total cost until needless contacts are removed."""
+MAX_INSERTION_ROUNDS = 6
+"""Successive rounds: one contact often reveals the next."""
 
 
-def revise(solution: Solution, data: Data, table: Table, price: float, dear: float, rounds: int = 3) -> Solution:
-    """The solution after misnamed contacts are renamed, missed ones inserted and needless ones removed."""
-    asked = Answers()
+def revise_graph(
+    solution: JointSolution,
+    observations: Observations,
+    table: Table,
+    break_price: float,
+    free_price: float,
+    rounds: int = 3,
+) -> JointSolution:
+    """Revise a contact graph: reclassify, insert and remove contacts.
+
+    Args:
+        solution: A refined solution.
+        observations: K observations.
+        table: The table.
+        break_price: chi2 that a contact with a cause costs.
+        free_price: chi2 that one without a cause costs.
+        rounds: Largest number of rounds.
+
+    Returns:
+        The refined solution of the revised graph.
+    """
+    cache = SearchCache()
     for _ in range(rounds):
-        solution = _acquainted(solution, data, table, price, dear, asked)
-        story = renamed(solution, table)
-        story = _paired(solution, story, data, table)
-        story = _vanished(solution, story, data, table)
-        story = doubled(solution, story, table)
-        story = inserted(solution, story, data, table)
-        before, solution = solution, _reconsidered(solution, story, data, table, (price, dear))
-        solution = opened(solution, data, table, (price, dear))
-        solution = with_corners(solution, data, table, (price, dear))
-        solution = with_rows(solution, data, table, (price, dear), asked)
-        solution = released(solution, data, table, (price, dear), asked)
+        solution = _insert_passing_contacts(solution, observations, table, break_price, free_price, cache)
+        graph = classify_cushion_turns(solution, table)
+        graph = _pair_unexplained_changes(solution, graph, observations, table)
+        graph = _explain_vanished_balls(solution, graph, observations, table)
+        graph = split_corner_contacts(solution, graph, table)
+        graph = insert_crossed_cushions(solution, graph, observations, table)
+        before, solution = solution, _refine_if_better(solution, graph, observations, table, (break_price, free_price))
+        solution = resolve_simultaneous_starts(solution, observations, table, (break_price, free_price))
+        solution = insert_corner_cushions(solution, observations, table, (break_price, free_price))
+        solution = complete_chains(solution, observations, table, (break_price, free_price), cache)
+        solution = remove_false_contacts(solution, observations, table, (break_price, free_price), cache)
         changed = solution is not before
-        gains = _gains(solution, data, table, asked)
-        fewer = _pruned(solution, gains, data, table, (price, dear))
-        done = len(fewer.story.contacts) == len(gains) and not changed
+        gains = _evaluate_gains(solution, observations, table, cache)
+        fewer = _prune_contacts(solution, gains, observations, table, (break_price, free_price))
+        done = len(fewer.graph.contacts) == len(gains) and not changed
         solution = fewer
         if done:
             break
     return solution
 
 
-def _reconsidered(solution: Solution, story: Story, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
-    """The solution of a changed story; the old one where the whole clip contradicts."""
-    if story is solution.story:
+def _refine_if_better(
+    solution: JointSolution, graph: ContactGraph, observations: Observations, table: Table, prices: tuple[float, float]
+) -> JointSolution:
+    """Refine a changed graph; keep the old solution if the total cost rises too much."""
+    if graph is solution.graph:
         return solution
-    tried = refine(story, data, table, start=solution)
-    pays = total_cost(tried, tolls) < total_cost(solution, tolls) + GRACE * tolls[0]
-    return tried if pays else solution
+    trial = refine_graph(graph, observations, table, initial=solution)
+    is_better = total_cost(trial, prices) < total_cost(solution, prices) + GRACE_PRICES * prices[0]
+    return trial if is_better else solution
 
 
-def _acquainted(solution: Solution, data: Data, table: Table, price: float, dear: float, asked: Answers) -> Solution:
-    """The solution with the contacts of passing balls, as long as new ones come up."""
-    fresh: frozenset[int] | None = None
-    for _ in range(MOST_ENCOUNTERS):
-        found = encounters(solution, data, table, (price, dear), asked, fresh)
-        solution, fresh = _with_those_that_pay(solution, found, data, table, (price, dear))
-        if not fresh:
+def _insert_passing_contacts(
+    solution: JointSolution,
+    observations: Observations,
+    table: Table,
+    break_price: float,
+    free_price: float,
+    cache: SearchCache,
+) -> JointSolution:
+    """Insert contacts of passing balls as long as new ones come up."""
+    changed: frozenset[int] | None = None
+    for _ in range(MAX_INSERTION_ROUNDS):
+        proposals = find_ball_contacts(solution, observations, table, (break_price, free_price), cache, changed)
+        solution, changed = _insert_paying_proposals(
+            solution, proposals, observations, table, (break_price, free_price)
+        )
+        if not changed:
             break
     return solution
 
 
-def _with_those_that_pay(
-    solution: Solution, found: list[Encounter], data: Data, table: Table, tolls: tuple[float, float]
-) -> tuple[Solution, frozenset[int]]:
-    """The solution with those encounters that the whole clip pays for, and the spans that changed.
+def _insert_paying_proposals(
+    solution: JointSolution,
+    proposals: list[ContactProposal],
+    observations: Observations,
+    table: Table,
+    prices: tuple[float, float],
+) -> tuple[JointSolution, frozenset[int]]:
+    """Insert the proposals that lower the total cost of the clip; return also the segments that changed.
 
-    Where all together do not pay, half of them are tried, then the others: what is right around a contact alone may
-    be wrong for what comes before or after.
+    If all together do not, half of them are tried, then the others: a contact that is right locally may be wrong for
+    what comes before or after.
     """
-    if not found:
+    if not proposals:
         return solution, frozenset()
-    story, touched = with_encounters(solution, data, found, NEAR_IN_TIME * interval_of(data))
-    if not touched:
-        return solution, touched
-    tried = refine(story, data, table, start=solution)
-    if total_cost(tried, tolls) < total_cost(solution, tolls):
-        return tried, touched
-    if len(found) == 1:
+    extended, changed = insert_proposals(
+        solution, observations, proposals, TIME_TOLERANCE * frame_interval(observations)
+    )
+    if not changed:
+        return solution, changed
+    trial = refine_graph(extended, observations, table, initial=solution)
+    if total_cost(trial, prices) < total_cost(solution, prices):
+        return trial, changed
+    if len(proposals) == 1:
         return solution, frozenset()
-    half = len(found) // 2
-    solution, one = _with_those_that_pay(solution, found[:half], data, table, tolls)
-    rest = [other for other in found[half:] if not other.spans & one]
-    solution, two = _with_those_that_pay(solution, rest, data, table, tolls)
+    half = len(proposals) // 2
+    solution, one = _insert_paying_proposals(solution, proposals[:half], observations, table, prices)
+    rest = [other for other in proposals[half:] if not other.segments & one]
+    solution, two = _insert_paying_proposals(solution, rest, observations, table, prices)
     return solution, one | two
 
 
-def without_doubts(solution: Solution, data: Data, table: Table, dear: float) -> Solution:
-    """The solution without contacts that have no cause and improve less than `dear`, unless the whole clip misses them;
-    nothing else is reconsidered."""
-    return _pruned(solution, _gains(solution, data, table, Answers()), data, table, (0.0, dear))
+def remove_unexplained_contacts(
+    solution: JointSolution, observations: Observations, table: Table, free_price: float
+) -> JointSolution:
+    """Remove contacts without a cause that improve less than their price, unless the whole clip needs them.
 
+    Args:
+        solution: A refined solution.
+        observations: K observations.
+        table: The table.
+        free_price: chi2 that a contact without a cause costs.
 
-def _pruned(solution: Solution, gains: FloatArray, data: Data, table: Table, tolls: tuple[float, float]) -> Solution:
-    """The solution without contacts that the samples do not ask for; `gains` (C,) are kept in the others.
-
-    Where the whole clip misses them, the more needed half of them stays, and so on. Those that stay are needed by more
-    than their own spans: they gain what the whole clip loses without them where that is known, else what one must.
+    Returns:
+        The refined solution without these contacts.
     """
-    gone = _needless(solution, gains, tolls)
-    believed = gains.copy()
-    believed[gone] = np.maximum(gains[gone], ENOUGH)
-    story = _with_gains(solution.story, gains).with_pushes()
-    while gone:
-        fewer = refine(_without(story, gone), data, table, start=solution)
-        if total_cost(fewer, tolls) < total_cost(solution, tolls):
+    return _prune_contacts(
+        solution, _evaluate_gains(solution, observations, table, SearchCache()), observations, table, (0.0, free_price)
+    )
+
+
+def _prune_contacts(
+    solution: JointSolution, gains: FloatArray, observations: Observations, table: Table, prices: tuple[float, float]
+) -> JointSolution:
+    """Remove the contacts that gain less than their price; `gains` (C,) are stored in the others.
+
+    If the total cost rises, the more needed half of them stays, and so on. Contacts that stay matter beyond their own
+    segments: their gain is the loss of the whole clip without them where that is known, else the required one.
+    """
+    removed = _find_needless_contacts(solution, gains, prices)
+    updated_gains = gains.copy()
+    updated_gains[removed] = np.maximum(gains[removed], REQUIRED_GAIN)
+    graph = _set_gains(solution.graph, gains).mark_pushed_strikes()
+    while removed:
+        fewer = refine_graph(_remove_contacts(graph, removed), observations, table, initial=solution)
+        if total_cost(fewer, prices) < total_cost(solution, prices):
             return fewer
-        if len(gone) == 1:
-            believed[gone] = np.maximum(believed[gone], fewer.chi2 - solution.chi2)
-        gone = gone[: len(gone) // 2]
-    return replace(solution, story=_with_gains(solution.story, believed).with_pushes())
+        if len(removed) == 1:
+            updated_gains[removed] = np.maximum(updated_gains[removed], fewer.chi2 - solution.chi2)
+        removed = removed[: len(removed) // 2]
+    return replace(solution, graph=_set_gains(solution.graph, updated_gains).mark_pushed_strikes())
 
 
-def _needless(solution: Solution, gains: FloatArray, tolls: tuple[float, float]) -> list[int]:
-    """Contacts that gain less than they cost, the most needless first; no two of the same span."""
-    contacts = solution.story.contacts
-    price = np.array([tolls[doubtful(solution, c)] for c in contacts])
-    touched: set[int] = set()
-    gone = []
-    for k in (int(k) for k in np.argsort(gains) if gains[k] < price[k]):
+def _find_needless_contacts(solution: JointSolution, gains: FloatArray, prices: tuple[float, float]) -> list[int]:
+    """Find the contacts that gain less than their price, the most needless first; no two of the same segment."""
+    contacts = solution.graph.contacts
+    limits = np.array([prices[is_doubtful(solution, c)] for c in contacts])
+    used: set[int] = set()
+    removed = []
+    for k in (int(k) for k in np.argsort(gains) if gains[k] < limits[k]):
         around = {*contacts[k].before, *contacts[k].after}
-        if not touched & around:  # neighbours wait: without this one they may be needed
-            touched |= around
-            gone.append(k)
-    return gone
+        if not used & around:  # neighbours are tried later: without this one they may be needed
+            used |= around
+            removed.append(k)
+    return removed
 
 
-def _with_gains(story: Story, gains: FloatArray) -> Story:
-    return Story(story.spans, tuple(replace(c, gain=float(g)) for c, g in zip(story.contacts, gains, strict=True)))
+def _set_gains(graph: ContactGraph, gains: FloatArray) -> ContactGraph:
+    """Store gains (C,) in the contacts of a graph."""
+    return ContactGraph(
+        graph.segments, tuple(replace(c, gain=float(g)) for c, g in zip(graph.contacts, gains, strict=True))
+    )
 
 
-def _without(story: Story, contacts: list[int]) -> Story:
+def _remove_contacts(graph: ContactGraph, contacts: list[int]) -> ContactGraph:
+    """Remove several contacts of a graph."""
     for k in sorted(contacts, reverse=True):
-        story = story.without(k)
-    return story.with_pushes()
+        graph = graph.remove_contact(k)
+    return graph.mark_pushed_strikes()
 
 
-def _gains(solution: Solution, data: Data, table: Table, asked: Answers) -> FloatArray:
-    """chi2 (C,) that every contact improves; `asked` keeps the answers for when nothing has changed."""
-    owner, story, gains = owners(solution.story, data), solution.story, []
-    for number, contact in enumerate(story.contacts):
-        question = (contact.kind, contact.cushion, *story.told((*contact.before, *contact.after)))
-        if question not in asked.gains:
-            asked.gains[question] = _gain(solution, data, owner, table, number)
-        gains.append(asked.gains[question])
+def _evaluate_gains(
+    solution: JointSolution, observations: Observations, table: Table, cache: SearchCache
+) -> FloatArray:
+    """Evaluate the chi2 (C,) that every contact improves; `cache` keeps the results while nothing changes."""
+    owner, graph, gains = assign_observations(solution.graph, observations), solution.graph, []
+    for number, contact in enumerate(graph.contacts):
+        key = (contact.kind, contact.cushion, *graph.cache_key((*contact.before, *contact.after)))
+        if key not in cache.gains:
+            cache.gains[key] = _evaluate_gain(solution, observations, owner, table, number)
+        gains.append(cache.gains[key])
     return np.array(gains)
 
 
-def _gain(solution: Solution, data: Data, owner: NDArray[np.int64], table: Table, number: int) -> float:
-    """chi2 that a contact improves on the spans that it joins."""
-    contact, spans = solution.story.contacts[number], solution.story.spans
-    if contact.gain > CERTAIN:
+def _evaluate_gain(
+    solution: JointSolution, observations: Observations, owner: NDArray[np.int64], table: Table, number: int
+) -> float:
+    """Evaluate the chi2 that a contact improves on the segments that it joins."""
+    contact, segments = solution.graph.contacts[number], solution.graph.segments
+    if contact.gain > CERTAIN_GAIN:
         return contact.gain
-    if any(spans[k].static for k in (*contact.before, *contact.after)):
+    if any(segments[k].static for k in (*contact.before, *contact.after)):
         return max(contact.gain, 1e3)
-    part, chosen = solution.story.excerpt(number)
-    rows = np.isin(owner, chosen)
-    if contact.kind != "ball" and min(int((owner == k).sum()) for k in chosen) <= 1:
-        return refine(solution.story.without(number), data, table, iterations=10, start=solution).chi2 - solution.chi2
+    excerpt, selection = solution.graph.extract_contact(number)
+    rows = np.isin(owner, selection)
+    if contact.kind != "ball" and min(int((owner == k).sum()) for k in selection) <= 1:
+        return (
+            refine_graph(
+                solution.graph.remove_contact(number), observations, table, iterations=10, initial=solution
+            ).chi2
+            - solution.chi2
+        )
     if rows.sum() < 3:
         return max(contact.gain, 1e3)
-    local = Data(data.ball[rows], data.t[rows], data.xy[rows], data.whiten[rows])
-    whole = part.without(0)
-    states = [_joined(solution, part, local, k) for k in range(len(contact.before))]
-    whole = Story(tuple(replace(s, state=state) for s, state in zip(whole.spans, states, strict=True)), ())
-    split = refine(part, local, table, iterations=12, start=solution)
-    joined = min(refine(w, local, table, iterations=12, start=solution).chi2 for w in (whole, part.without(0)))
+    local = Observations(
+        observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
+    )
+    whole = excerpt.remove_contact(0)
+    states = [_guess_joined_state(solution, excerpt, local, k) for k in range(len(contact.before))]
+    whole = ContactGraph(tuple(replace(s, state=state) for s, state in zip(whole.segments, states, strict=True)), ())
+    split = refine_graph(excerpt, local, table, iterations=12, initial=solution)
+    joined = min(
+        refine_graph(w, local, table, iterations=12, initial=solution).chi2 for w in (whole, excerpt.remove_contact(0))
+    )
     return joined - split.chi2
 
 
-def _joined(solution: Solution, part: Story, local: Data, k: int) -> FloatArray:
-    """First guess of the state of a span without the contact at its end: straight through its samples."""
-    span = part.spans[k]
-    rows = local.ball == span.ball
-    t, xy = local.t[rows] - span.t0, local.xy[rows]
+def _guess_joined_state(solution: JointSolution, excerpt: ContactGraph, local: Observations, k: int) -> FloatArray:
+    """Guess the state of a segment without the contact at its end, from a polynomial through its samples."""
+    segment = excerpt.segments[k]
+    rows = local.ball == segment.ball
+    t, xy = local.t[rows] - segment.t0, local.xy[rows]
     if len(t) < 3:
-        return span.state
+        return segment.state
     line = np.polynomial.polynomial.polyfit(t, xy, 2 if len(t) > 3 else 1)
-    state = span.state.copy()
+    state = segment.state.copy()
     state[:4] = [*line[0], *line[1]]
     state[4:6] = 0.05 * line[1]
     return state
 
 
-def _paired(solution: Solution, story: Story, data: Data, table: Table) -> Story:
-    """Balls that start or turn without a cause while another one passes: they met."""
-    if story is not solution.story:
-        return story
-    interval = interval_of(data)
-    for number, contact in enumerate(story.contacts):
+def _pair_unexplained_changes(
+    solution: JointSolution, graph: ContactGraph, observations: Observations, table: Table
+) -> ContactGraph:
+    """Let balls that start or turn without a cause meet another one that passes."""
+    if graph is not solution.graph:
+        return graph
+    interval = frame_interval(observations)
+    for number, contact in enumerate(graph.contacts):
         if contact.kind == "strike":
-            shorter = _without_double_start(story, data, number, interval) or _one_strike(
-                solution, data, number, interval, table
+            shorter = _remove_double_start(graph, observations, number, interval) or _merge_double_strike(
+                solution, observations, number, interval, table
             )
             if shorter is not None:
                 return shorter
         if contact.kind not in ("strike", "free"):
             continue
-        met = _passer(solution, contact, table, interval)
-        if met is not None:
-            return _joined_contact(solution, number, met, table)
-    return story
+        passing = _find_passing_segment(solution, contact, table, interval)
+        if passing is not None:
+            return _merge_into_ball_contact(solution, number, passing, table)
+    return graph
 
 
-def _vanished(solution: Solution, story: Story, data: Data, table: Table) -> Story:
-    """Balls at rest that are gone once another one has come: they were hit, and were too fast to be seen again."""
-    if story is not solution.story:
-        return story
-    times = np.unique(data.t)
+def _explain_vanished_balls(
+    solution: JointSolution, graph: ContactGraph, observations: Observations, table: Table
+) -> ContactGraph:
+    """Let a resting ball that vanishes as another one comes be hit: it was too fast to be detected again."""
+    if graph is not solution.graph:
+        return graph
+    times = np.unique(observations.t)
     interval = float(np.median(np.diff(times)))
-    for ball in np.unique(data.ball):
-        k = story.of_ball(int(ball))[-1]
-        gone = float(data.t[data.ball == ball].max()) + 0.5 * interval
-        if not story.spans[k].static or story.spans[k].end is not None or gone > times[-1] - 1.5 * interval:
+    for ball in np.unique(observations.ball):
+        k = graph.segments_of_ball(int(ball))[-1]
+        end_time = float(observations.t[observations.ball == ball].max()) + 0.5 * interval
+        if not graph.segments[k].static or graph.segments[k].end is not None or end_time > times[-1] - 1.5 * interval:
             continue
-        probe = Contact("free", gone, (k,), (k,))
-        met = _passer(solution, probe, table, interval)
-        if met is not None:
-            return _hit_away(solution, k, met)
-    return story
+        probe = Contact("free", end_time, (k,), (k,))
+        passing = _find_passing_segment(solution, probe, table, interval)
+        if passing is not None:
+            return _insert_hit_away(solution, k, passing)
+    return graph
 
 
-def _hit_away(solution: Solution, resting: int, met: tuple[int, float]) -> Story:
-    """The resting ball leaves along the line of centres with what the other one brings."""
-    story, (k, t) = solution.story, met
-    end = story.spans[k].end
-    ends_here = end is not None and story.contacts[end].kind == "free" and story.finish(k) - t < NEAR_THE_END
+def _insert_hit_away(solution: JointSolution, resting: int, passing: tuple[int, float]) -> ContactGraph:
+    """Let the resting ball leave along the line of centres with the momentum of the other one."""
+    graph, (k, t) = solution.graph, passing
+    end = graph.segments[k].end
+    ends_here = end is not None and graph.contacts[end].kind == "free" and graph.end_time(k) - t < END_TOLERANCE
     if ends_here:
-        t = story.finish(k)
-    elif min(t - story.begin(k), story.finish(k) - t) < 2e-3:
-        return story
-    moving = kinematics(story.spans[k].state[None], np.array([t - story.begin(k)]), solution.friction)[0]
-    place = story.spans[resting].state
-    line = place[:2] - moving[:2]
+        t = graph.end_time(k)
+    elif min(t - graph.start_time(k), graph.end_time(k) - t) < 2e-3:
+        return graph
+    moving_state = evaluate_kinematics(
+        graph.segments[k].state[None], np.array([t - graph.start_time(k)]), solution.friction
+    )[0]
+    rest_state = graph.segments[resting].state
+    line = rest_state[:2] - moving_state[:2]
     line /= np.hypot(*line)
-    given = 0.95 * max(float(moving[2:4] @ line), SLOW) * line
+    impulse = 0.95 * max(float(moving_state[2:4] @ line), MIN_CONTACT_SPEED) * line
     if ends_here and end is not None:
-        grown = story.split(
-            Contact("free", t, (resting,), ()), (np.concatenate([place[:2], given, given, np.zeros(2)]),)
+        extended = graph.insert_contact(
+            Contact("free", t, (resting,), ()), (np.concatenate([rest_state[:2], impulse, impulse, np.zeros(2)]),)
         )
-        one, two = grown.contacts[-1], grown.contacts[end]
+        one, two = extended.contacts[-1], extended.contacts[end]
         hit = Contact("ball", t, (*one.before, *two.before), (*one.after, *two.after), gain=max(100.0, two.gain))
-        return grown.merged(end, len(grown.contacts) - 1, hit)
-    states = (np.concatenate([place[:2], given, given, np.zeros(2)]), np.concatenate([moving, np.zeros(2)]))
-    states[1][2:6] -= np.tile(given, 2)
-    return story.split(Contact("ball", t, (resting, k), (), gain=100.0), states)
+        return extended.merge_contacts(end, len(extended.contacts) - 1, hit)
+    states = (
+        np.concatenate([rest_state[:2], impulse, impulse, np.zeros(2)]),
+        np.concatenate([moving_state, np.zeros(2)]),
+    )
+    states[1][2:6] -= np.tile(impulse, 2)
+    return graph.insert_contact(Contact("ball", t, (resting, k), (), gain=100.0), states)
 
 
-def _without_double_start(story: Story, data: Data, number: int, interval: float) -> Story | None:
-    """A ball that is hit by another one was not struck within the picture before."""
-    first = story.contacts[number].after[0]
-    end = story.spans[first].end
-    if end is None or story.contacts[end].kind != "ball":
+def _remove_double_start(
+    graph: ContactGraph, observations: Observations, number: int, interval: float
+) -> ContactGraph | None:
+    """Remove a strike within the frame before a ball is hit by another one."""
+    first = graph.contacts[number].after[0]
+    end = graph.segments[first].end
+    if end is None or graph.contacts[end].kind != "ball":
         return None
-    hit = story.contacts[end]
+    hit = graph.contacts[end]
     others = [k for k in hit.before if k != first]
-    rested = all(story.spans[k].static for k in story.contacts[number].before)
-    ran = not any(story.spans[k].static for k in others)
-    seen = (data.ball == story.spans[first].ball) & (data.t > story.begin(first)) & (data.t < hit.t)
-    if rested and ran and (seen.sum() <= 1 or hit.t - story.contacts[number].t < 1.5 * interval):
-        return story.without(number)
+    was_resting = all(graph.segments[k].static for k in graph.contacts[number].before)
+    is_moving = not any(graph.segments[k].static for k in others)
+    between = (
+        (observations.ball == graph.segments[first].ball)
+        & (observations.t > graph.start_time(first))
+        & (observations.t < hit.t)
+    )
+    if was_resting and is_moving and (between.sum() <= 1 or hit.t - graph.contacts[number].t < 1.5 * interval):
+        return graph.remove_contact(number)
     return None
 
 
-def _one_strike(solution: Solution, data: Data, number: int, interval: float, table: Table) -> Story | None:
-    """A cue pushes for a moment: a second change of velocity within the next picture is the same strike."""
-    story = solution.story
-    first = story.contacts[number].after[0]
-    end = story.spans[first].end
-    if end is None or story.contacts[end].kind != "free" or story.finish(first) - story.begin(first) > 2.2 * interval:
+def _merge_double_strike(
+    solution: JointSolution, observations: Observations, number: int, interval: float, table: Table
+) -> ContactGraph | None:
+    """Merge a second velocity change within the next frame into the strike: a cue pushes for a moment."""
+    graph = solution.graph
+    first = graph.contacts[number].after[0]
+    end = graph.segments[first].end
+    if (
+        end is None
+        or graph.contacts[end].kind != "free"
+        or graph.end_time(first) - graph.start_time(first) > 2.2 * interval
+    ):
         return None
-    seen = (data.ball == story.spans[first].ball) & (data.t > story.begin(first)) & (data.t < story.finish(first))
-    way = np.linalg.norm(end_state(solution, first)[:2] - story.spans[first].state[:2])
-    onward = not story.spans[story.contacts[end].after[0]].static
-    if seen.sum() > 1 or way > table.ball_radius or not onward:
+    between = (
+        (observations.ball == graph.segments[first].ball)
+        & (observations.t > graph.start_time(first))
+        & (observations.t < graph.end_time(first))
+    )
+    distance = np.linalg.norm(end_state(solution, first)[:2] - graph.segments[first].state[:2])
+    is_moving_on = not graph.segments[graph.contacts[end].after[0]].static
+    if between.sum() > 1 or distance > table.ball_radius or not is_moving_on:
         return None
-    shorter = story.without(number)
-    place = end if end < number else end - 1
-    contacts = tuple(replace(c, kind="strike") if k == place else c for k, c in enumerate(shorter.contacts))
-    return Story(shorter.spans, contacts)
+    shorter = graph.remove_contact(number)
+    index = end if end < number else end - 1
+    contacts = tuple(replace(c, kind="strike") if k == index else c for k, c in enumerate(shorter.contacts))
+    return ContactGraph(shorter.segments, contacts)
 
 
-def _passer(solution: Solution, contact: Contact, table: Table, interval: float) -> tuple[int, float] | None:
-    """The span of another ball that comes within touch at a contact, and when."""
-    story = solution.story
-    place = story.spans[contact.after[0]].state[:2]
+def _find_passing_segment(
+    solution: JointSolution, contact: Contact, table: Table, interval: float
+) -> tuple[int, float] | None:
+    """Find the segment of another ball that touches at a contact, and when."""
+    graph = solution.graph
+    place = graph.segments[contact.after[0]].state[:2]
     best: tuple[float, int, float] | None = None
-    for k, span in enumerate(story.spans):
-        if span.static or span.ball == story.spans[contact.before[0]].ball:
+    for k, segment in enumerate(graph.segments):
+        if segment.static or segment.ball == graph.segments[contact.before[0]].ball:
             continue
-        begin, end = max(story.begin(k), contact.t - 1.5 * interval), min(story.finish(k), contact.t + 1.5 * interval)
+        begin, end = (
+            max(graph.start_time(k), contact.t - 1.5 * interval),
+            min(graph.end_time(k), contact.t + 1.5 * interval),
+        )
         if end - begin < 1e-3:
             continue
         t = np.linspace(begin, end, 61)
-        path = kinematics(np.repeat(span.state[None], len(t), axis=0), t - story.begin(k), solution.friction)
-        miss = np.abs(np.linalg.norm(path[:, :2] - place, axis=1) - 2 * table.ball_radius)
-        # the moment of touch nearest to the known one
-        cost = miss / (TOUCHING * table.ball_radius) + 0.5 * np.abs(t - contact.t) / interval
+        path = evaluate_kinematics(
+            np.repeat(segment.state[None], len(t), axis=0), t - graph.start_time(k), solution.friction
+        )
+        mismatch = np.abs(np.linalg.norm(path[:, :2] - place, axis=1) - 2 * table.ball_radius)
+        # the moment of contact nearest to the given one
+        cost = mismatch / (TOUCH_TOLERANCE * table.ball_radius) + 0.5 * np.abs(t - contact.t) / interval
         least = int(np.argmin(cost))
         speed = float(np.hypot(*path[least, 2:4]))
         inner = 0 < least < len(t) - 1 or abs(t[least] - contact.t) < 1.5 * interval
         if (
-            miss[least] < TOUCHING * table.ball_radius
+            mismatch[least] < TOUCH_TOLERANCE * table.ball_radius
             and inner
-            and speed > SLOW
+            and speed > MIN_CONTACT_SPEED
             and (best is None or cost[least] < best[0])
         ):
             best = (float(cost[least]), k, float(t[least]))
     return None if best is None else (best[1], best[2])
 
 
-def _joined_contact(solution: Solution, number: int, met: tuple[int, float], table: Table) -> Story:
-    """One contact of two balls in the place of a break of one of them."""
-    story, (k, t) = solution.story, met
-    contact = story.contacts[number]
-    span = story.spans[k]
-    near_start = span.start is not None and t - story.begin(k) < 2e-3
-    near_end = span.end is not None and story.finish(k) - t < 2e-3
-    other = span.start if near_start else span.end if near_end else None
+def _merge_into_ball_contact(
+    solution: JointSolution, number: int, passing: tuple[int, float], table: Table
+) -> ContactGraph:
+    """Replace a velocity change by a contact of two balls."""
+    graph, (k, t) = solution.graph, passing
+    contact = graph.contacts[number]
+    segment = graph.segments[k]
+    near_start = segment.start is not None and t - graph.start_time(k) < 2e-3
+    near_end = segment.end is not None and graph.end_time(k) - t < 2e-3
+    other = segment.start if near_start else segment.end if near_end else None
     if other is not None:
-        partner = story.contacts[other]
+        partner = graph.contacts[other]
         if partner.kind not in ("free", "strike") or other == number:
-            return story
+            return graph
         joined = Contact("ball", contact.t, (*contact.before, *partner.before), (*contact.after, *partner.after))
-        return story.merged(number, other, replace(joined, gain=contact.gain + partner.gain))
-    at = kinematics(span.state[None], np.array([t - story.begin(k)]), solution.friction)[0]
-    change = story.spans[contact.after[0]].state[2:4] - end_state(solution, contact.before[0])[2:4]
-    after = np.concatenate([at, np.zeros(2)])
+        return graph.merge_contacts(number, other, replace(joined, gain=contact.gain + partner.gain))
+    state = evaluate_kinematics(segment.state[None], np.array([t - graph.start_time(k)]), solution.friction)[0]
+    change = graph.segments[contact.after[0]].state[2:4] - end_state(solution, contact.before[0])[2:4]
+    after = np.concatenate([state, np.zeros(2)])
     after[2:4] -= change
     after[4:6] -= change
-    grown = story.split(Contact("free", t, (k,), (), gain=contact.gain), (after,))
-    last = len(grown.contacts) - 1
-    fresh = grown.contacts[last]
-    joined = Contact("ball", t, (*contact.before, *fresh.before), (*contact.after, *fresh.after), gain=contact.gain)
-    return grown.merged(number, last, joined)
+    extended = graph.insert_contact(Contact("free", t, (k,), (), gain=contact.gain), (after,))
+    last = len(extended.contacts) - 1
+    new_contact = extended.contacts[last]
+    joined = Contact(
+        "ball", t, (*contact.before, *new_contact.before), (*contact.after, *new_contact.after), gain=contact.gain
+    )
+    return extended.merge_contacts(number, last, joined)

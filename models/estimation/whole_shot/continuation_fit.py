@@ -1,9 +1,9 @@
-"""The fit of one shot, contact by contact: what was seen before a contact says how the balls come to it.
+"""Continuation fit of one shot: the fitted part of the shot grows contact by contact.
 
-Over a whole shot the misfit has a minimum for every order of contacts that is nearly right. So the shot is fitted to
-its first moments, then to a little more than the next contact that those moments foretell, and so on to its end. Where
-what comes into view does not go on as what was seen before, side spin that no picture shows or a ball just missed are
-the cause: then states are drawn from what the moments before leave open, and the best of them are followed.
+Over a whole shot, the cost has a local minimum for every order of contacts that is nearly right. The shot is therefore
+fitted to its first moments, then to a little more than the next contact that this fit predicts, and so on to its end.
+Where the newly included observations do not fit, unobserved side spin or a narrowly missed ball is the cause: then
+states are drawn from the posterior of the previous fit, and the best of them are followed.
 """
 
 from __future__ import annotations
@@ -13,190 +13,253 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.normal_equations import HUBER, glanced
-from models.estimation.multiple_shooting.posterior_samples import drawn
-from models.estimation.multiple_shooting.shooting_fit import UNDETERMINED, Shooting, ShootingOptions, shoot
-from models.estimation.multiple_shooting.shooting_problem import Problem
-from models.estimation.whole_shot.shot_windows import Shots
-from models.physics.billiards.simulation.event_engine import TIME
-from models.physics.billiards.simulation.parametrised_shot import SIDE_SPIN, sizes
+from models.estimation.multiple_shooting.normal_equations import HUBER_THRESHOLD, simulate_shots
+from models.estimation.multiple_shooting.posterior_samples import sample_posterior
+from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED, ShootingFit, ShootingOptions, fit_windows
+from models.estimation.multiple_shooting.shooting_problem import ShootingProblem
+from models.estimation.whole_shot.shot_windows import ShotWindows
+from models.physics.billiards.simulation.event_engine import EVENT_TIME
+from models.physics.billiards.simulation.parametrised_shot import SIDE_SPIN, start_offsets
 
 Starts = tuple[FloatArray, ...]
 
-FIRST = 0.25
-"""s, the first moments: about a dozen pictures of every ball."""
-BEYOND = 0.2
-"""s after a contact that tell how it went."""
-WHILE = 0.4
-"""s over which the misfit of one ball is judged."""
-LEAST, MOST = 0.1, 1.0
-"""s by which the view grows at least, and at most: what was not foretold comes into view little by little too."""
-_STEPS = ShootingOptions(iterations=12)
-_PROMISED = 2.0
-"""cost of an observation of two numbers whose noise is as promised."""
-_CLEAR, _CLEARER = 3.0, 4.5
-"""standard deviations of a sum of costs: of all, and of one of many."""
-_NOISIEST = 2.0
-"""over the variance promised: first moments that are explained no better are no measure."""
-_FEW_STEPS = ShootingOptions(iterations=3)
-_DRAWS = 192
-"""which take as long as some ten steps of a search."""
-_WIDER = 1.5
-"""factor on the errors of what is drawn: errors of noise that is promised too small are too small."""
-_ASIDE = 0.4
-"""standard deviations of what was known beforehand."""
-_LITTLE = 0.05
-"""m/s of surface speed, below which side spin reversed is the same."""
-_TRIED, _FOLLOWED = 12, 3
-"""of the draws, those that cost least: begun, and of these followed."""
+FIRST_VIEW = 0.25
+"""s, duration of the first fit: about a dozen frames of every ball."""
+VIEW_BEYOND_CONTACT = 0.2
+"""s after a contact that show its outcome."""
+ASSESSMENT_TIME = 0.4
+"""s over which the residuals of one ball are summed for assessment."""
+MIN_VIEW_STEP, MAX_VIEW_STEP = 0.1, 1.0
+"""s by which the fitted part grows at least (`MIN_VIEW_STEP`) and at most: unpredicted contacts are included
+gradually too."""
+_GROWTH_OPTIONS = ShootingOptions(iterations=12)
+_EXPECTED_COST = 2.0
+"""Expected cost of an observation of two coordinates with nominal noise."""
+_SIGNIFICANT_TOTAL, _SIGNIFICANT_PART = 3.0, 4.5
+"""Standard deviations of a sum of costs that count as significant: of all (`_SIGNIFICANT_TOTAL`), of one of many."""
+_MAX_VARIANCE_RATIO = 2.0
+"""Residual over nominal variance of the first fit; a larger ratio is not used as a reference."""
+_TRIAL_OPTIONS = ShootingOptions(iterations=3)
+_SAMPLE_COUNT = 192
+"""Posterior samples; they take as long as about ten steps of a search."""
+_SAMPLE_WIDENING = 1.5
+"""Factor on the posterior standard deviations, because nominal noise may be too small."""
+_PRIOR_STEP = 0.4
+"""Standard deviations of the prior between a start and its alternatives."""
+_NEGLIGIBLE_SIDE_SPIN = 0.05
+"""m/s of surface speed, below which reversing the side spin changes nothing."""
+_REFITTED_SAMPLES, _FOLLOWED_SAMPLES = 12, 3
+"""Posterior samples of least cost that are refitted (`_REFITTED_SAMPLES`), and of these followed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Guess:
-    """Where a search stands."""
+class ShotGuess:
+    """Start states and shared parameters at one stage of the continuation."""
 
     starts: Starts
     shared: FloatArray
 
 
-def grown(model: Shots, shared: FloatArray, rng: np.random.Generator, options: ShootingOptions) -> Shooting:
-    """One shot fitted to more and more of what was seen of it, begun with the numbers `shared` (P,)."""
-    now, _ = _followed(model, shared, rng, to_the_end=True)
-    return _finished(model, now, options)
+def fit_by_continuation(
+    model: ShotWindows, shared: FloatArray, rng: np.random.Generator, options: ShootingOptions
+) -> ShootingFit:
+    """Fit one shot to a growing part of its observations.
+
+    Args:
+        model: Model of one shot.
+        shared: (P,) initial guess of the shared parameters.
+        rng: Random generator of the posterior samples.
+        options: Iteration limits of the final fit.
+
+    Returns:
+        The fit to all observations of the shot.
+    """
+    guess, _ = _extend_view(model, shared, rng, to_the_end=True)
+    return _fit_whole_view(model, guess, options)
 
 
-def grown_if_lawful(
-    model: Shots, shared: FloatArray, rng: np.random.Generator, options: ShootingOptions
-) -> Shooting | None:
-    """The same, given up (None) where not even draws explain what comes into view: a wrong law shows at the first
-    cushion, and following it to the end costs more than all that a right one does."""
-    now, lawful = _followed(model, shared, rng, to_the_end=False)
-    return _finished(model, now, options) if lawful else None
+def fit_if_explained(
+    model: ShotWindows, shared: FloatArray, rng: np.random.Generator, options: ShootingOptions
+) -> ShootingFit | None:
+    """Fit one shot over a growing time span; stop when no posterior sample agrees with the next observations.
+
+    A wrong contact model shows at the first cushion; following it to the end costs more than the whole fit of the right
+    one.
+
+    Args:
+        model: Model of one shot.
+        shared: (P,) initial guess of the shared parameters.
+        rng: Random generator of the posterior samples.
+        options: Iteration limits of the final fit.
+
+    Returns:
+        The fit; None where the model does not explain the shot.
+    """
+    guess, is_lawful = _extend_view(model, shared, rng, to_the_end=False)
+    return _fit_whole_view(model, guess, options) if is_lawful else None
 
 
-def _followed(model: Shots, shared: FloatArray, rng: np.random.Generator, to_the_end: bool) -> tuple[Guess, bool]:
-    """Where a search stands once all was seen, and whether the laws explained it on the way: where not, the search goes
-    on without draws, or ends."""
-    begin, last = float(model.stretches[0].t[0]), max(float(stretch.t[-1]) for stretch in model.stretches)
-    now, usual = _first(model, shared)
-    seen, lawful = begin, True
-    while seen < last:
-        view = min(next_view(model, now, seen), last)
-        part, before = model.until(view), now
-        now = _begun(part, before)
-        if not goes_on(part, now, usual):
-            found = shoot(part, now.shared, _STEPS, now.starts)
-            if lawful and not goes_on(part, _guess(found), usual):
-                told = model.until(min(max(seen, begin + FIRST), view))
-                found = _redrawn(told, part, before, found, rng)
-                lawful = goes_on(part, _guess(found), usual)  # draws do not mend laws that are not those of the shot
-            now = _guess(found)
-            if not (lawful or to_the_end):
+def _extend_view(
+    model: ShotWindows, shared: FloatArray, rng: np.random.Generator, to_the_end: bool
+) -> tuple[ShotGuess, bool]:
+    """Extend the fitted part to all observations; also return whether the model explained them on the way.
+
+    Where it does not, the search goes on without posterior samples, or stops unless `to_the_end`.
+    """
+    begin, last = float(model.segments[0].t[0]), max(float(segment.t[-1]) for segment in model.segments)
+    guess, variance_ratio = _fit_first_view(model, shared)
+    viewed, is_lawful = begin, True
+    while viewed < last:
+        view = min(next_view_time(model, guess, viewed), last)
+        part, before = model.truncate(view), guess
+        guess = _add_new_windows(part, before)
+        if not is_explained(part, guess, variance_ratio):
+            fitted = fit_windows(part, guess.shared, _GROWTH_OPTIONS, guess.starts)
+            if is_lawful and not is_explained(part, _to_guess(fitted), variance_ratio):
+                previous_view = model.truncate(min(max(viewed, begin + FIRST_VIEW), view))
+                fitted = _refit_from_samples(previous_view, part, before, fitted, rng)
+                is_lawful = is_explained(
+                    part, _to_guess(fitted), variance_ratio
+                )  # samples do not repair wrong contact models
+            guess = _to_guess(fitted)
+            if not (is_lawful or to_the_end):
                 break
-        seen = view
-    return now, lawful
+        viewed = view
+    return guess, is_lawful
 
 
-def _finished(model: Shots, now: Guess, options: ShootingOptions) -> Shooting:
-    """The fit to all that was seen of a shot, begun where a search stands."""
-    found = shoot(model, now.shared, options, now.starts)
-    tried = [shoot(model, one.shared, _FEW_STEPS, one.starts) for one in _opposites(model, found)]
-    best = min([found, *tried], key=lambda one: one.cost)
-    return found if best is found else shoot(model, best.shared, options, best.starts)
+def _fit_whole_view(model: ShotWindows, guess: ShotGuess, options: ShootingOptions) -> ShootingFit:
+    """Fit all observations of a shot from the last guess and from alternatives to the result."""
+    fitted = fit_windows(model, guess.shared, options, guess.starts)
+    alternatives = [
+        fit_windows(model, one.shared, _TRIAL_OPTIONS, one.starts) for one in _alternative_guesses(model, fitted)
+    ]
+    best = min([fitted, *alternatives], key=lambda one: one.cost)
+    return fitted if best is fitted else fit_windows(model, best.shared, options, best.starts)
 
 
-def _opposites(model: Shots, found: Shooting) -> list[Guess]:
-    """Starts that a search does not find the way to: to either side in every number that the fit left as open as it
-    was, for side spin so small that the cloth has spent it before a contact tells nothing; and side spin reversed."""
+def _alternative_guesses(model: ShotWindows, fitted: ShootingFit) -> list[ShotGuess]:
+    """List starts that a descent does not reach.
+
+    These are steps to both sides along every state that the fit left as uncertain as its prior, because the cloth has
+    removed a small side spin before a contact could reveal it; and reversed side spin.
+    """
     guesses = []
-    for k, (window, covariance) in enumerate(zip(model.windows, found.start_covariances, strict=True)):
-        start, moved = found.starts[k], []
-        for j in np.flatnonzero(np.sqrt(np.diag(covariance)) > UNDETERMINED * window.sigma):
-            moved += [(j, start[j] + side * _ASIDE * window.sigma[j]) for side in (-1, 1)]
-        spin = sizes(model.stretches[k].moving)[:-1][model.stretches[k].moving] + SIDE_SPIN
-        moved += [(j, -start[j]) for j in spin if abs(start[j]) > _LITTLE]
-        for j, value in moved:
+    for k, (window, covariance) in enumerate(zip(model.windows, fitted.start_covariances, strict=True)):
+        start, changes = fitted.starts[k], []
+        for j in np.flatnonzero(np.sqrt(np.diag(covariance)) > PRIOR_DOMINATED * window.sigma):
+            changes += [(j, start[j] + side * _PRIOR_STEP * window.sigma[j]) for side in (-1, 1)]
+        spin = start_offsets(model.segments[k].moving)[:-1][model.segments[k].moving] + SIDE_SPIN
+        changes += [(j, -start[j]) for j in spin if abs(start[j]) > _NEGLIGIBLE_SIDE_SPIN]
+        for j, value in changes:
             other = start.copy()
             other[j] = value
-            guesses.append(Guess((*found.starts[:k], other, *found.starts[k + 1 :]), found.shared))
+            guesses.append(ShotGuess((*fitted.starts[:k], other, *fitted.starts[k + 1 :]), fitted.shared))
     return guesses
 
 
-def next_view(model: Shots, now: Guess, seen: float) -> float:
-    """Up to when (s) to look next: a little past the next contact that is foretold, or to the end of a stretch."""
-    k = len(now.starts) - 1
-    stretch = model.stretches[k]
-    if seen >= stretch.t[-1]:
-        return float(model.stretches[k + 1].t[0]) + FIRST
-    run = model.possible_run(k, now.starts[k], now.shared)
-    times = np.array([seen + LEAST]) if run is None else stretch.begin + run.contacts[:, TIME]
-    after = times[times > seen]
-    view = float(after[0]) + BEYOND if len(after) else float(stretch.t[-1])
-    return min(max(view, seen + LEAST), seen + MOST, float(stretch.t[-1]))
+def next_view_time(model: ShotWindows, guess: ShotGuess, viewed: float) -> float:
+    """Compute the time (s) up to which to fit next: past the next predicted contact, or the end of a segment."""
+    k = len(guess.starts) - 1
+    segment = model.segments[k]
+    if viewed >= segment.t[-1]:
+        return float(model.segments[k + 1].t[0]) + FIRST_VIEW
+    run = model.simulate_possible_run(k, guess.starts[k], guess.shared)
+    times = np.array([viewed + MIN_VIEW_STEP]) if run is None else segment.begin + run.contacts[:, EVENT_TIME]
+    after = times[times > viewed]
+    view = float(after[0]) + VIEW_BEYOND_CONTACT if len(after) else float(segment.t[-1])
+    return min(max(view, viewed + MIN_VIEW_STEP), viewed + MAX_VIEW_STEP, float(segment.t[-1]))
 
 
-def goes_on(model: Shots, now: Guess, usual: float) -> bool:
-    """Whether all is explained as well as the first moments, at `usual` times the variance promised, and so is every
-    ball at every time: a spin that is wrong shows for a while after a cushion."""
+def is_explained(model: ShotWindows, guess: ShotGuess, variance_ratio: float) -> bool:
+    """Test whether the observations are explained as well as the first moments were.
+
+    Args:
+        model: Model of the part of the shot that is fitted.
+        guess: Fitted states and parameters.
+        variance_ratio: Residual over nominal variance of the first moments.
+
+    Returns:
+        True if the total cost and the cost of every ball in every interval are not significantly too large. A wrong
+        spin shows for a while after a cushion.
+    """
     costs = []
     for k, window in enumerate(model.windows):
-        cost = _costs(model.glance(k, now.starts[k], now.shared).misfit)
-        part = window.body + (int(window.body.max(initial=0)) + 1) * ((window.t - window.t[0]) / WHILE).astype(int)
-        costs += [(cost, _CLEAR), *((cost[part == one], _CLEARER) for one in np.unique(part))]
-    return all(one.sum() <= _PROMISED * usual * (len(one) + clear * np.sqrt(len(one))) for one, clear in costs)
+        cost = _observation_costs(model.simulate(k, guess.starts[k], guess.shared).residual)
+        part = window.body + (int(window.body.max(initial=0)) + 1) * (
+            (window.t - window.t[0]) / ASSESSMENT_TIME
+        ).astype(int)
+        costs += [(cost, _SIGNIFICANT_TOTAL), *((cost[part == one], _SIGNIFICANT_PART) for one in np.unique(part))]
+    return all(
+        one.sum() <= _EXPECTED_COST * variance_ratio * (len(one) + clear * np.sqrt(len(one))) for one, clear in costs
+    )
 
 
-def _first(model: Shots, shared: FloatArray) -> tuple[Guess, float]:
-    """The best of all first guesses by the first moments, and their variance over what was promised, at least 1."""
-    part = replace(model, stretches=(model.stretches[0].until(float(model.stretches[0].t[0]) + FIRST),))
+def _fit_first_view(model: ShotWindows, shared: FloatArray) -> tuple[ShotGuess, float]:
+    """Fit the first moments from every initial guess; return the best, and its variance ratio, at least 1."""
+    part = replace(model, segments=(model.segments[0].truncate(float(model.segments[0].t[0]) + FIRST_VIEW),))
     window = part.windows[0]
-    tried = [shoot(part, shared, _FEW_STEPS, (start,)) for start in (window.start, *window.others)]
-    begun = min(tried, key=lambda one: one.cost)
-    best = shoot(part, begun.shared, _STEPS, begun.starts)
-    most = 1 + _CLEAR / np.sqrt(max(len(window.t), 1))
-    usual = 1.0 if np.isnan(best.chi2_per_dof) else float(np.clip(best.chi2_per_dof / most, 1.0, _NOISIEST))
-    return _guess(best), usual
+    trials = [
+        fit_windows(part, shared, _TRIAL_OPTIONS, (start,)) for start in (window.start, *window.alternative_starts)
+    ]
+    best_trial = min(trials, key=lambda one: one.cost)
+    best = fit_windows(part, best_trial.shared, _GROWTH_OPTIONS, best_trial.starts)
+    most = 1 + _SIGNIFICANT_TOTAL / np.sqrt(max(len(window.t), 1))
+    variance_ratio = (
+        1.0 if np.isnan(best.chi2_per_dof) else float(np.clip(best.chi2_per_dof / most, 1.0, _MAX_VARIANCE_RATIO))
+    )
+    return _to_guess(best), variance_ratio
 
 
-def _redrawn(before: Shots, part: Shots, now: Guess, found: Shooting, rng: np.random.Generator) -> Shooting:
-    """The best fit of `part` from draws of what was left open by `before`, or the one found."""
-    guesses = _others(before, part, now, rng)
-    tried = sorted((shoot(part, one.shared, _FEW_STEPS, one.starts) for one in guesses), key=lambda one: one.cost)
-    best = [shoot(part, one.shared, _STEPS, one.starts) for one in tried[:_FOLLOWED]]
-    return min([found, *best], key=lambda one: one.cost)
+def _refit_from_samples(
+    before: ShotWindows, part: ShotWindows, guess: ShotGuess, fitted: ShootingFit, rng: np.random.Generator
+) -> ShootingFit:
+    """Refit `part` from posterior samples of the fit to `before`; return the best, or `fitted`."""
+    guesses = _select_samples(before, part, guess, rng)
+    trials = sorted(
+        (fit_windows(part, one.shared, _TRIAL_OPTIONS, one.starts) for one in guesses), key=lambda one: one.cost
+    )
+    best = [fit_windows(part, one.shared, _GROWTH_OPTIONS, one.starts) for one in trials[:_FOLLOWED_SAMPLES]]
+    return min([fitted, *best], key=lambda one: one.cost)
 
 
-def _others(before: Shots, part: Shots, now: Guess, rng: np.random.Generator) -> list[Guess]:
-    """Draws from what `before` left open that explain `part` best, one of each order of contacts first."""
-    told = Guess(now.starts[: len(before.windows)], now.shared)
-    problem = Problem(part, part.windows, (tuple(range(len(part.windows))),))
-    tried = []
-    for starts, shared in drawn(before, told.starts, told.shared, _DRAWS, _WIDER, rng):
-        guess = _begun(part, Guess(starts, shared))
-        point = glanced(problem, guess.starts, guess.shared)
-        tried.append((point.cost, tuple(flow.order for flow in point.flows), guess))
-    tried.sort(key=lambda one: one[0])
-    firsts = [k for k, one in enumerate(tried) if one[1] not in [other[1] for other in tried[:k]]]
-    ranked = firsts[: _TRIED // 2] + [k for k in range(len(tried)) if k not in firsts[: _TRIED // 2]]
-    return [tried[k][2] for k in ranked[:_TRIED] if np.isfinite(tried[k][0])]
+def _select_samples(
+    before: ShotWindows, part: ShotWindows, current: ShotGuess, rng: np.random.Generator
+) -> list[ShotGuess]:
+    """Select the posterior samples that explain `part` best, one of each order of contacts first."""
+    previous = ShotGuess(current.starts[: len(before.windows)], current.shared)
+    problem = ShootingProblem(part, part.windows, (tuple(range(len(part.windows))),))
+    candidates = []
+    for starts, shared in sample_posterior(
+        before, previous.starts, previous.shared, _SAMPLE_COUNT, _SAMPLE_WIDENING, rng
+    ):
+        guess = _add_new_windows(part, ShotGuess(starts, shared))
+        point = simulate_shots(problem, guess.starts, guess.shared)
+        candidates.append((point.cost, tuple(flow.event_order for flow in point.windows), guess))
+    candidates.sort(key=lambda one: one[0])
+    firsts = [k for k, one in enumerate(candidates) if one[1] not in [other[1] for other in candidates[:k]]]
+    ranked = firsts[: _REFITTED_SAMPLES // 2] + [
+        k for k in range(len(candidates)) if k not in firsts[: _REFITTED_SAMPLES // 2]
+    ]
+    return [candidates[k][2] for k in ranked[:_REFITTED_SAMPLES] if np.isfinite(candidates[k][0])]
 
 
-def _begun(part: Shots, now: Guess) -> Guess:
-    """With starts of the windows that have come into view; their spin is what the windows before hand over."""
-    starts = list(now.starts)
+def _add_new_windows(part: ShotWindows, guess: ShotGuess) -> ShotGuess:
+    """Add starts of newly included windows; their spin is that at the end of the previous window."""
+    starts = list(guess.starts)
     for k in range(len(starts), len(part.windows)):
-        window, end = part.windows[k], part.glance(k - 1, starts[k - 1], now.shared).end
-        tied = np.zeros(len(window.start), bool) if window.link is None else np.isfinite(window.link)
+        window, end = part.windows[k], part.simulate(k - 1, starts[k - 1], guess.shared).end
+        tied = np.zeros(len(window.start), bool) if window.link_sigma is None else np.isfinite(window.link_sigma)
         starts.append(np.where(tied, end, window.start) if len(end) else window.start)
-    return Guess(tuple(starts), now.shared)
+    return ShotGuess(tuple(starts), guess.shared)
 
 
-def _guess(found: Shooting) -> Guess:
-    return Guess(found.starts, found.shared)
+def _to_guess(fitted: ShootingFit) -> ShotGuess:
+    return ShotGuess(fitted.starts, fitted.shared)
 
 
-def _costs(misfit: FloatArray) -> FloatArray:
-    """(K,) robust cost of each observation."""
+def _observation_costs(misfit: FloatArray) -> FloatArray:
+    """Compute the robust cost (K,) of each observation."""
     size = np.linalg.norm(misfit, axis=1)
-    inner = np.minimum(size, HUBER)
+    inner = np.minimum(size, HUBER_THRESHOLD)
     return np.asarray(2 * size * inner - inner**2)

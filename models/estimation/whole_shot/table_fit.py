@@ -1,4 +1,4 @@
-"""The physics of a table from whole shots: its numbers with their errors, and the laws that explain the shots best."""
+"""Fit of a table's physics to whole shots: parameters with errors, and the contact models of greatest evidence."""
 
 from __future__ import annotations
 
@@ -10,249 +10,340 @@ import numpy as np
 from models.core.fit_result import Parameter
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.multiple_shooting.shooting_fit import Shooting, ShootingOptions, parameters_of, priors_of, shoot
-from models.estimation.whole_shot.continuation_fit import grown, grown_if_lawful
+from models.estimation.multiple_shooting.shooting_fit import (
+    ShootingFit,
+    ShootingOptions,
+    convert_to_priors,
+    fit_windows,
+    summarize_parameters,
+)
+from models.estimation.whole_shot.continuation_fit import fit_by_continuation, fit_if_explained
 from models.estimation.whole_shot.cushion_chains import NOSE_SIGMA
-from models.estimation.whole_shot.shot_segments import Stretch
-from models.estimation.whole_shot.shot_windows import Shots
-from models.estimation.whole_shot.table_prior import KnownTable
-from models.physics.billiards.parameters import NAMES, USES
-from models.physics.billiards.simulation.parametrised_shot import ABSENT, MOVING, NUMBERS, Laws, sizes, unpacked
+from models.estimation.whole_shot.known_table import TablePrior
+from models.estimation.whole_shot.shot_segments import ShotSegment
+from models.estimation.whole_shot.shot_windows import ShotWindows
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES
+from models.physics.billiards.simulation.parametrised_shot import (
+    MOVING_BALL_SIZE,
+    NEUTRAL_SHOT_PARAMETERS,
+    SHOT_PARAMETERS,
+    ContactModels,
+    start_offsets,
+    unpack_start,
+)
+from models.physics.billiards.simulation.table_physics import contact_parameters
 from models.physics.effect import Prior
-from models.physics.effects.catalogue import prior_of
+from models.physics.effects.catalogue import find_prior
 
-CANDIDATES = tuple(Laws(cushion, "inelastic") for cushion in ("mirror", "han_2005", "mathavan_2010", "stronge"))
-CLOTH = ("sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate")
+CANDIDATE_LAWS = tuple(
+    ContactModels(cushion, "inelastic") for cushion in ("mirror", "han_2005", "mathavan_2010", "stronge")
+)
+CLOTH_PARAMETERS = ("sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate")
 FACTOR_SIGMA = 0.01
-"""of the distance at which balls touch, over two radii: what a calibration leaves open."""
-_CLEAR = 4.0
-"""standard deviations."""
-_SEED = 2010
-"""of what is drawn where a caller brings no generator: the same shots give the same fit."""
-_EXPLAINED = 1.3
-"""chi2 per degree of freedom up to which the laws are taken to explain a shot."""
-_RIGHT = 1.1
-"""the same, below which the states are taken to be about right, whatever the laws."""
+"""Prior standard deviation of the distance at which balls touch over two radii: uncertainty of a calibration."""
+_SIGNIFICANT_SIGMAS = 4.0
+"""Standard deviations that count as significant."""
+_DEFAULT_SEED = 2010
+"""Random seed where a caller passes no generator: the same shots give the same fit."""
+_EXPLAINED_CHI2 = 1.3
+"""chi2 per degree of freedom up to which the contact models explain a shot."""
+_GOOD_CHI2 = 1.1
+"""chi2 per degree of freedom up to which the states are nearly right, whichever the contact models."""
 
 
 @dataclass(frozen=True, slots=True)
 class TableFit:
-    """What whole shots tell of a table."""
+    """The physics of a table fitted to whole shots."""
 
-    laws: Laws
+    laws: ContactModels
     parameters: tuple[Parameter, ...]
     chi2_per_dof: float
     converged: bool
     states: tuple[FloatArray, ...]
-    """per stretch (N, 7), as `playing` counts them: place, velocity, slip, surface speed of side spin."""
+    """Per segment (N, 7), as in `parametrised_shot`: position, velocity, slip, surface speed of side spin."""
     covariances: tuple[FloatArray, ...]
-    """per stretch (N, 7, 7) of each ball's state; 0 for the velocities and spins of a ball that lies."""
-    evidence: tuple[tuple[Laws, float], ...]
-    """log evidence of every candidate, divided by the lack of fit of the best; the best one first."""
+    """Per segment (N, 7, 7) of each ball's state; 0 for velocities and spins of a resting ball."""
+    evidence: tuple[tuple[ContactModels, float], ...]
+    """Log evidence of every candidate, divided by the lack of fit of the best; the best one first."""
 
     @property
-    def explained(self) -> bool:
-        """Whether these laws and numbers say what was seen, to the noise that was promised."""
-        return self.converged and self.chi2_per_dof < _EXPLAINED
+    def is_explained(self) -> bool:
+        """Whether contact models and parameters explain the observations to within their nominal noise."""
+        return self.converged and self.chi2_per_dof < _EXPLAINED_CHI2
 
 
-_UNTOLD = ("cushion_restitution_power.power",)
-"""what a few shots cannot tell beside how restitution falls in proportion to the speed; absent."""
+_NOT_IDENTIFIABLE = ("cushion_restitution_power.power",)
+"""Left out: a few shots do not separate it from a restitution that falls in proportion to the speed."""
 
 
-def unknowns_of(laws: Laws) -> tuple[Prior, ...]:
-    """What is sought under these laws: cloth, restitution and friction, the size of the balls, and the noses."""
-    used = (*USES[laws.cushion], *USES[laws.ball])
-    names = [name for name in NAMES if name not in _UNTOLD and (name in CLOTH or name in used)]
-    physics = [_prior(name) for name in names]
+def table_priors(laws: ContactModels) -> tuple[Prior, ...]:
+    """Build the priors of a fit with these contact models.
+
+    Args:
+        laws: Contact models of cushions and balls.
+
+    Returns:
+        Priors of cloth, restitution and friction, size of the balls, and nose offsets.
+    """
+    used = contact_parameters(laws.cushion, laws.ball)
+    names = [
+        name for name in PARAMETER_NAMES if name not in _NOT_IDENTIFIABLE and (name in CLOTH_PARAMETERS or name in used)
+    ]
+    physics = [_table_prior(name) for name in names]
     size = Prior("collision_radius.factor", "1", 1.0, FACTOR_SIGMA, False, (0.95, 1.05))
     noses = [Prior(f"nose.{side}", "m", 0.0, NOSE_SIGMA, False, (-0.03, 0.03)) for side in CUSHIONS]
     return (*physics, size, *noses)
 
 
-def _prior(name: str) -> Prior:
-    """Of the catalogue, where it holds it; but balls and cushions may have no friction, as those of many simulators."""
-    prior = replace(prior_of(*name.split(".")), name=name)
+def _table_prior(name: str) -> Prior:
+    """Look up a prior in the catalogue, and allow zero friction of balls and cushions, as in many simulators."""
+    prior = replace(find_prior(*name.split(".")), name=name)
     if name not in ("ball_friction.mu", "cushion_friction.mu"):
         return prior
     return replace(prior, sigma=prior.value, relative=False, bounds=(0.0, prior.bounds[1]))
 
 
 def fit_table(
-    stretches: tuple[Stretch, ...], table: Table, candidates: tuple[Laws, ...] = CANDIDATES,
+    segments: tuple[ShotSegment, ...], table: Table, candidates: tuple[ContactModels, ...] = CANDIDATE_LAWS,
     options: ShootingOptions | None = None, rng: np.random.Generator | None = None,
 ) -> TableFit:  # fmt: skip
-    """Fit whole shots under every candidate; the one with the largest evidence is reported.
+    """Fit whole shots with every candidate pair of contact models and select that of greatest evidence.
 
-    ValueError where there is nothing to fit.
+    Args:
+        segments: Segments of all shots.
+        table: Dimensions of the table.
+        candidates: Pairs of contact models.
+        options: Iteration limits.
+        rng: Random generator; with a fixed seed where not given.
+
+    Returns:
+        The fit of greatest evidence.
+
+    Raises:
+        ValueError: There is no segment or no candidate.
     """
-    if not stretches or not candidates:
-        raise ValueError(f"a fit needs shots and laws; got {len(stretches)} stretches and {len(candidates)} laws")
-    models = {laws: Shots(stretches, table, unknowns_of(laws), laws) for laws in candidates}
-    return _compared(models, options, rng)
+    if not segments or not candidates:
+        raise ValueError(f"a fit needs shots and contact models; got {len(segments)} and {len(candidates)}")
+    models = {laws: ShotWindows(segments, table, table_priors(laws), laws) for laws in candidates}
+    return _select_laws(models, options, rng)
 
 
-def fit_known(stretches: tuple[Stretch, ...], table: Table, known: KnownTable) -> TableFit:
-    """Fit whole shots on a table that is known: by its laws, from its numbers, and with its further effects.
+def fit_known_table(segments: tuple[ShotSegment, ...], table: Table, table_prior: TablePrior) -> TableFit:
+    """Fit whole shots on a table with known physics: its contact models, and its parameters as priors.
 
-    ValueError where there is nothing to fit.
+    Args:
+        segments: Segments of all shots.
+        table: Dimensions of the table.
+        table_prior: Contact models and parameters of an earlier fit, with further effects.
+
+    Returns:
+        The fit.
+
+    Raises:
+        ValueError: There is no segment.
     """
-    if not stretches:
+    if not segments:
         raise ValueError("a fit needs shots; got none")
-    return _compared(
-        {known.laws: Shots(stretches, table, known.among(unknowns_of(known.laws)), known.laws)}, None, None
+    return _select_laws(
+        {
+            table_prior.laws: ShotWindows(
+                segments, table, table_prior.merge_priors(table_priors(table_prior.laws)), table_prior.laws
+            )
+        },
+        None,
+        None,
     )
 
 
-def _compared(models: dict[Laws, Shots], options: ShootingOptions | None, rng: np.random.Generator | None) -> TableFit:
-    """The fit of greatest evidence."""
-    asked = ShootingOptions() if options is None else options
-    chance = np.random.default_rng(_SEED) if rng is None else rng
-    stretches = next(iter(models.values())).stretches
-    begun = _lawful(models, asked, chance) if len(models) > 1 else []
-    tried = list(begun)
-    for laws in (one for one in models if one not in [other for other, _ in tried]):
-        tried.append((laws, _under(models[laws], tried, asked, chance)))
-    ranked = _ranked(tried)
-    if begun and ranked[0][0] != begun[0][0]:  # spins that suit other laws may have led its own astray
-        tried += _lawful({ranked[0][0]: models[ranked[0][0]]}, asked, chance)
-        ranked = _ranked(tried)
-    least = max(1.0, min(found.chi2_per_dof for _, found in ranked))
+def _select_laws(
+    models: dict[ContactModels, ShotWindows], options: ShootingOptions | None, rng: np.random.Generator | None
+) -> TableFit:
+    """Fit every model and return the fit of greatest evidence."""
+    settings = ShootingOptions() if options is None else options
+    generator = np.random.default_rng(_DEFAULT_SEED) if rng is None else rng
+    segments = next(iter(models.values())).segments
+    first_fits = _fit_first_explaining(models, settings, generator) if len(models) > 1 else []
+    fits = list(first_fits)
+    for laws in (one for one in models if one not in [other for other, _ in fits]):
+        fits.append((laws, _fit_laws(models[laws], fits, settings, generator)))
+    ranked = _rank_by_evidence(fits)
+    if first_fits and ranked[0][0] != first_fits[0][0]:  # spins that suit other contact models may have misled its fit
+        fits += _fit_first_explaining({ranked[0][0]: models[ranked[0][0]]}, settings, generator)
+        ranked = _rank_by_evidence(fits)
+    least = max(1.0, min(fit.chi2_per_dof for _, fit in ranked))
     laws, best = ranked[0]
     return TableFit(
-        laws, parameters_of(models[laws].unknowns, best), best.chi2_per_dof, best.converged,
-        tuple(unpacked(start, one.moving) for start, one in zip(best.starts, stretches, strict=True)),
-        tuple(_by_ball(all_of, one.moving) for all_of, one in zip(best.start_covariances, stretches, strict=True)),
-        tuple((one, found.log_evidence / least) for one, found in ranked),
+        laws, summarize_parameters(models[laws].unknowns, best), best.chi2_per_dof, best.converged,
+        tuple(unpack_start(start, one.moving) for start, one in zip(best.starts, segments, strict=True)),
+        tuple(_split_covariance(cov, one.moving) for cov, one in zip(best.start_covariances, segments, strict=True)),
+        tuple((one, fit.log_evidence / least) for one, fit in ranked),
     )  # fmt: skip
 
 
-def _ranked(tried: list[tuple[Laws, Shooting]]) -> list[tuple[Laws, Shooting]]:
-    """The best fit under each law, that of the largest evidence first."""
-    best: dict[Laws, Shooting] = {}
-    for laws, found in tried:
-        if laws not in best or found.cost < best[laws].cost:
-            best[laws] = found
+def _rank_by_evidence(fits: list[tuple[ContactModels, ShootingFit]]) -> list[tuple[ContactModels, ShootingFit]]:
+    """Keep the best fit of each pair of contact models, and sort by falling evidence."""
+    best: dict[ContactModels, ShootingFit] = {}
+    for laws, fit in fits:
+        if laws not in best or fit.cost < best[laws].cost:
+            best[laws] = fit
     return sorted(best.items(), key=lambda one: -one[1].log_evidence)
 
 
-def _lawful(
-    models: dict[Laws, Shots], options: ShootingOptions, rng: np.random.Generator
-) -> list[tuple[Laws, Shooting]]:
-    """The first laws under which the search finds its way through all shots, if any: the others can begin there."""
+def _fit_first_explaining(
+    models: dict[ContactModels, ShotWindows], options: ShootingOptions, rng: np.random.Generator
+) -> list[tuple[ContactModels, ShootingFit]]:
+    """Fit the first pair of contact models that explains all shots, if any: the others can start from its states."""
     for laws, model in models.items():
-        numbers = list(dict.fromkeys(one.shot for one in model.stretches))
-        usual, alone = _usual(model), {}
+        numbers = list(dict.fromkeys(one.shot for one in model.segments))
+        values, alone = _prior_values(model), {}
         for number in numbers:
-            found = grown_if_lawful(_only(model, [number]), usual, rng, options)
-            if found is None:
+            fitted = fit_if_explained(_select_shots(model, [number]), values, rng, options)
+            if fitted is None:
                 break
-            alone[number] = found
+            alone[number] = fitted
         else:
-            return [(laws, _joined(model, alone, options, rng))]
+            return [(laws, _combine_shots(model, alone, options, rng))]
     return []
 
 
-def _under(
-    model: Shots, others: list[tuple[Laws, Shooting]], options: ShootingOptions, rng: np.random.Generator
-) -> Shooting:
-    """The fit under the laws of a model: begun where other laws explain the shots best, for there the states are about
-    right, whatever the laws; and from what was seen alone, where no laws explain them yet."""
-    if not others:
-        return searched(model, options, rng)
-    laws, near = min(others, key=lambda one: one[1].cost)
-    told = {prior.name: value for prior, value in zip(unknowns_of(laws), near.shared, strict=True)}
-    shared = np.array([told.get(prior.name, prior.value) for prior in model.unknowns])
-    found = shoot(model, shared, options, near.starts)
-    if any(one.converged and one.chi2_per_dof < _RIGHT for one in (near, found)):
-        return found
-    return min([found, searched(model, options, rng)], key=lambda one: one.cost)
+def _fit_laws(
+    model: ShotWindows,
+    others: list[tuple[ContactModels, ShootingFit]],
+    options: ShootingOptions,
+    rng: np.random.Generator,
+) -> ShootingFit:
+    """Fit one pair of contact models, starting from the best fit of the others.
 
-
-def searched(
-    model: Shots, options: ShootingOptions, rng: np.random.Generator, guess: FloatArray | None = None
-) -> Shooting:
-    """All shots together, begun from each alone, and each of those with the numbers `guess` (P,), the usual ones where
-    not given.
-
-    Which first guess of a spin is right shows once the table is known. So shots that are explained alone tell of the
-    table first, the others are sought with what those have told, and only then all are fitted.
+    There the states are nearly right, whichever the contact models. Without any fit that explains the shots, start from
+    the observations alone.
     """
-    numbers = list(dict.fromkeys(one.shot for one in model.stretches))
-    usual = _usual(model) if guess is None else guess
-    return _joined(model, {one: grown(_only(model, [one]), usual, rng, options) for one in numbers}, options, rng)
+    if not others:
+        return fit_from_single_shots(model, options, rng)
+    laws, neighbour = min(others, key=lambda one: one[1].cost)
+    neighbour_values = {prior.name: value for prior, value in zip(table_priors(laws), neighbour.shared, strict=True)}
+    shared = np.array([neighbour_values.get(prior.name, prior.value) for prior in model.unknowns])
+    fitted = fit_windows(model, shared, options, neighbour.starts)
+    if any(one.converged and one.chi2_per_dof < _GOOD_CHI2 for one in (neighbour, fitted)):
+        return fitted
+    return min([fitted, fit_from_single_shots(model, options, rng)], key=lambda one: one.cost)
 
 
-def _usual(model: Shots) -> FloatArray:
-    """(P,) numbers that most tables have."""
+def fit_from_single_shots(
+    model: ShotWindows, options: ShootingOptions, rng: np.random.Generator, guess: FloatArray | None = None
+) -> ShootingFit:
+    """Fit all shots together, starting from the fit of each alone.
+
+    Which initial guess of a spin is right shows once the table is known. The shots that are explained alone therefore
+    constrain the table first, the others are fitted with these priors, and only then all together.
+
+    Args:
+        model: Model of all shots.
+        options: Iteration limits.
+        rng: Random generator.
+        guess: (P,) initial guess of the shared parameters; the means of the priors where not given.
+
+    Returns:
+        The fit of all shots.
+    """
+    numbers = list(dict.fromkeys(one.shot for one in model.segments))
+    values = _prior_values(model) if guess is None else guess
+    return _combine_shots(
+        model,
+        {one: fit_by_continuation(_select_shots(model, [one]), values, rng, options) for one in numbers},
+        options,
+        rng,
+    )
+
+
+def _prior_values(model: ShotWindows) -> FloatArray:
+    """Return the means (P,) of the priors."""
     return np.array([prior.value for prior in model.unknowns])
 
 
-def _joined(model: Shots, alone: dict[int, Shooting], options: ShootingOptions, rng: np.random.Generator) -> Shooting:
-    """All shots together, from the fit of each alone."""
+def _combine_shots(
+    model: ShotWindows, alone: dict[int, ShootingFit], options: ShootingOptions, rng: np.random.Generator
+) -> ShootingFit:
+    """Fit all shots together, starting from the fit of each alone."""
     numbers = list(alone)
     if len(numbers) == 1:
         return alone[numbers[0]]
-    good = [number for number in numbers if alone[number].chi2_per_dof < _RIGHT]
+    good = [number for number in numbers if alone[number].chi2_per_dof < _GOOD_CHI2]
     good = good or [min(numbers, key=lambda number: alone[number].chi2_per_dof)]
     first = alone[min(good, key=lambda number: float(np.log(alone[number].sigma).sum()))]
-    told = _together(model, good, alone, first.shared, options)
+    combined = _fit_together(model, good, alone, first.shared, options)
     for number in (one for one in numbers if one not in good):
-        known = replace(_only(model, [number]), unknowns=priors_of(model.unknowns, told))
-        other = grown(known, told.shared, rng, options)
+        with_priors = replace(_select_shots(model, [number]), unknowns=convert_to_priors(model.unknowns, combined))
+        other = fit_by_continuation(with_priors, combined.shared, rng, options)
         if other.chi2_per_dof < alone[number].chi2_per_dof:
             alone[number] = other
     if len(good) < len(numbers):
-        told = _together(model, numbers, alone, told.shared, options)
-    return told if _agree(model, alone, told) else _reconciled(model, alone, told, options, rng)
+        combined = _fit_together(model, numbers, alone, combined.shared, options)
+    return (
+        combined if _is_consistent(model, alone, combined) else _reconcile_shots(model, alone, combined, options, rng)
+    )
 
 
-def _agree(model: Shots, alone: dict[int, Shooting], told: Shooting) -> bool:
-    """Whether one set of numbers costs no more than noise explains over a set for each shot."""
+def _is_consistent(model: ShotWindows, alone: dict[int, ShootingFit], combined: ShootingFit) -> bool:
+    """Return whether one set of parameters costs no more than noise explains over one set per shot."""
     ties = len(model.unknowns) * (len(alone) - 1)
-    return bool(told.cost - sum(one.cost for one in alone.values()) < ties + _CLEAR * np.sqrt(2 * ties) + 1)
+    return bool(
+        combined.cost - sum(one.cost for one in alone.values()) < ties + _SIGNIFICANT_SIGMAS * np.sqrt(2 * ties) + 1
+    )
 
 
-def _reconciled(
-    model: Shots, alone: dict[int, Shooting], told: Shooting, options: ShootingOptions, rng: np.random.Generator
-) -> Shooting:
-    """Shots that do not agree: one of them may have found a wrong spin with numbers to match, so that each is sought
-    once more with what the others tell."""
+def _reconcile_shots(
+    model: ShotWindows,
+    alone: dict[int, ShootingFit],
+    combined: ShootingFit,
+    options: ShootingOptions,
+    rng: np.random.Generator,
+) -> ShootingFit:
+    """Refit inconsistent shots, each with the others as prior.
+
+    One of them may have converged to a wrong spin with parameters that match it.
+    """
     numbers = list(alone)
     for number in numbers:
-        others = _together(model, [one for one in numbers if one != number], alone, told.shared, options)
-        known = replace(_only(model, [number]), unknowns=priors_of(model.unknowns, others))
-        again = {**alone, number: grown(known, others.shared, rng, options)}
-        found = _together(model, numbers, again, others.shared, options)
-        if found.cost < told.cost - 1.0:
-            alone, told = again, found
-    return told
+        others = _fit_together(model, [one for one in numbers if one != number], alone, combined.shared, options)
+        with_priors = replace(_select_shots(model, [number]), unknowns=convert_to_priors(model.unknowns, others))
+        again = {**alone, number: fit_by_continuation(with_priors, others.shared, rng, options)}
+        refitted = _fit_together(model, numbers, again, others.shared, options)
+        if refitted.cost < combined.cost - 1.0:
+            alone, combined = again, refitted
+    return combined
 
 
-def _only(model: Shots, numbers: list[int]) -> Shots:
-    """The model of some of its shots."""
-    return replace(model, stretches=tuple(one for one in model.stretches if one.shot in numbers))
+def _select_shots(model: ShotWindows, numbers: list[int]) -> ShotWindows:
+    """Build the model of some of the shots."""
+    return replace(model, segments=tuple(one for one in model.segments if one.shot in numbers))
 
 
-def _together(
-    model: Shots, numbers: list[int], alone: dict[int, Shooting], shared: FloatArray, options: ShootingOptions
-) -> Shooting:
-    """Some shots in one fit, each begun where it was alone."""
+def _fit_together(
+    model: ShotWindows, numbers: list[int], alone: dict[int, ShootingFit], shared: FloatArray, options: ShootingOptions
+) -> ShootingFit:
+    """Fit some shots together, each started from its own fit."""
     starts = tuple(start for number in numbers for start in alone[number].starts)
-    return shoot(_only(model, numbers), shared, options, starts)
+    return fit_windows(_select_shots(model, numbers), shared, options, starts)
 
 
-def _by_ball(covariance: FloatArray, moving: BoolArray) -> FloatArray:
-    """(N, 7, 7) of each ball, from (S, S) of a start."""
-    found, at = np.zeros((len(moving), MOVING, MOVING)), sizes(moving)
+def _split_covariance(covariance: FloatArray, moving: BoolArray) -> FloatArray:
+    """Split the covariance (S, S) of a start into that of each ball (N, 7, 7)."""
+    covariances, at = np.zeros((len(moving), MOVING_BALL_SIZE, MOVING_BALL_SIZE)), start_offsets(moving)
     for k, (first, after) in enumerate(pairwise(at)):
-        found[k, : after - first, : after - first] = covariance[first:after, first:after]
-    return found
+        covariances[k, : after - first, : after - first] = covariance[first:after, first:after]
+    return covariances
 
 
-def numbers_of(fitted: TableFit) -> FloatArray:
-    """(Q,) all numbers of `playing.NUMBERS` that a fit stands for."""
-    values = ABSENT.copy()
-    for parameter in fitted.parameters:
-        values[NUMBERS.index(parameter.name)] = parameter.value
+def fill_parameters(table_fit: TableFit) -> FloatArray:
+    """Collect all parameters of a fit.
+
+    Args:
+        table_fit: Fit of a table.
+
+    Returns:
+        (Q,) values as in `parametrised_shot`, absent effects at their neutral values.
+    """
+    values = NEUTRAL_SHOT_PARAMETERS.copy()
+    for parameter in table_fit.parameters:
+        values[SHOT_PARAMETERS.index(parameter.name)] = parameter.value
     return values

@@ -1,7 +1,7 @@
-"""Laws, numbers and spin of a clip's whole shots, from its tracks and from what the fit of its pieces found.
+"""Fit of a clip's whole shots: contact models, parameters and spin, from tracks and the fit of their segments.
 
-Between contacts the fit of the pieces asks for little, so that it tells what happened on any table. Here published laws
-have to explain each shot from its strike to its end, spin and all; where they do, they say more.
+The fit of segments makes few assumptions about contacts, so that it reconstructs events on any table. Here published
+contact models have to explain each shot from strike to end, including spin; where they do, the result contains more.
 """
 
 from __future__ import annotations
@@ -12,111 +12,136 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.fit_result import Fit, Laws
+from models.core.fit_result import Fit, WholeShotSolution
 from models.core.options import FitOptions
 from models.core.scene import Table
 from models.core.tracks import Tracks
-from models.estimation.whole_shot.initial_states import beginning
-from models.estimation.whole_shot.shot_segments import Stretch
-from models.estimation.whole_shot.table_fit import TableFit, fit_known, fit_table
-from models.estimation.whole_shot.table_prior import KnownTable
-from models.physics.billiards.simulation.parametrised_shot import slips, spins
-from models.tracking.track_noise import estimate_noise, with_noise
+from models.estimation.whole_shot.initial_states import estimate_initial_states
+from models.estimation.whole_shot.known_table import TablePrior
+from models.estimation.whole_shot.shot_segments import ShotSegment
+from models.estimation.whole_shot.table_fit import TableFit, fit_known_table, fit_table
+from models.physics.billiards.simulation.parametrised_shot import convert_to_starts, convert_to_states
+from models.tracking.track_noise import apply_noise, estimate_noise
 
-MOST_BALLS = 4
-"""that move: a break hangs on its start too much to be explained whole."""
-MOST_CONTACTS = 40
-APART = 0.1
+MAX_MOVING_BALLS = 4
+"""More moving balls make a break shot, which is too sensitive to its start to be explained whole."""
+MAX_CONTACTS = 40
+MIN_STRIKE_INTERVAL = 0.1
 """s between two strikes."""
-AFTER = 0.3
-"""s after the last ball came to rest that still belong to a shot."""
-ACCEPTED = 2.0
-"""chi2 per degree of freedom up to which laws are taken to explain shots: real noise is known to some ten per cent, and
-errors are widened by what is left."""
-FEWEST = 10
-"""pictures of a shot."""
+REST_MARGIN = 0.3
+"""s after the last ball stopped that still belong to a shot."""
+MAX_CHI2 = 2.0
+"""chi2 per degree of freedom up to which contact models explain shots: real noise is known to about 10 %, and the
+errors are inflated by the excess."""
+MIN_FRAMES = 10
+"""Frames of a shot."""
 
 
-def with_laws(fit: Fit, tracks: Tracks, table: Table, options: FitOptions, known: KnownTable | None = None) -> Fit:
-    """The fit with the laws that explain its whole shots, or with the reason why there are none; those of the table
-    where it is `known`."""
-    why = _hopeless(fit, tracks)
-    if why:
-        return replace(fit, lawless=why)
+def fit_shot_laws(
+    fit: Fit, tracks: Tracks, table: Table, options: FitOptions, table_prior: TablePrior | None = None
+) -> Fit:
+    """Add the contact models that explain a clip's whole shots to its fit.
+
+    Args:
+        fit: Fit of the segments of the clip.
+        tracks: Tracks of the clip.
+        table: Dimensions of the table.
+        options: Options of the fit.
+        table_prior: Physics of the table, where it is known.
+
+    Returns:
+        The fit with its field `laws`, or with the reason of its absence.
+    """
+    refusal = _find_refusal(fit, tracks)
+    if refusal:
+        return replace(fit, whole_shot_refusal=refusal)
     noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
     balls = np.flatnonzero(fit.moving.any(axis=0))
-    stretches = stretches_of(fit, with_noise(tracks, noise), balls, options.moving_speed, table.ball_radius)
-    if not stretches:
-        return replace(fit, lawless="No shot was seen from its strike on.")
+    segments = extract_segments(fit, apply_noise(tracks, noise), balls, options.moving_speed, table.ball_radius)
+    if not segments:
+        return replace(fit, whole_shot_refusal="No shot was recorded from its strike on.")
     try:
-        found = fit_table(stretches, table) if known is None else fit_known(stretches, table, known)
+        table_fit = fit_table(segments, table) if table_prior is None else fit_known_table(segments, table, table_prior)
     except np.linalg.LinAlgError as failure:
-        return replace(fit, lawless=f"The fit of whole shots failed: {failure}.")
-    if not (found.converged and found.chi2_per_dof < ACCEPTED):
-        return replace(fit, lawless=_unexplained(found))
-    return replace(fit, laws=_laws(found, stretches, tuple(tracks.ids[k] for k in balls), table))
+        return replace(fit, whole_shot_refusal=f"The fit of whole shots failed: {failure}.")
+    if not (table_fit.converged and table_fit.chi2_per_dof < MAX_CHI2):
+        return replace(fit, whole_shot_refusal=_format_failure(table_fit))
+    return replace(fit, whole_shot=_summarize_laws(table_fit, segments, tuple(tracks.ids[k] for k in balls), table))
 
 
-def stretches_of(
+def extract_segments(
     fit: Fit, tracks: Tracks, balls: NDArray[np.int64], moving_speed: float, radius: float
-) -> tuple[Stretch, ...]:
-    """What was seen of these balls (N,) from where each shot begins to the next one, or until all lie."""
+) -> tuple[ShotSegment, ...]:
+    """Extract the observations of every shot, from its strike to the next one or until all balls rest.
+
+    Args:
+        fit: Fit of the segments of the clip.
+        tracks: Tracks of the clip.
+        balls: (N,) indices of the balls that move.
+        moving_speed: m/s above which a ball counts as moving.
+        radius: m, of a ball.
+
+    Returns:
+        One segment per shot.
+    """
     strikes = [float(t) for kind, t in zip(fit.events.kind, fit.events.t, strict=True) if kind == "strike"]
     first = float(tracks.t[np.flatnonzero(fit.moving.any(axis=1))[0]])
-    if not strikes or strikes[0] > first + APART:  # the clip begins when the balls are on their way
+    if not strikes or strikes[0] > first + MIN_STRIKE_INTERVAL:  # the clip begins when the balls are on their way
         strikes = [first, *strikes]
-    begins = [t for k, t in enumerate(strikes) if k == 0 or t - strikes[k - 1] > APART]
-    found: list[Stretch] = []
+    begins = [t for k, t in enumerate(strikes) if k == 0 or t - strikes[k - 1] > MIN_STRIKE_INTERVAL]
+    segments: list[ShotSegment] = []
     for begin, end in pairwise([*begins, np.inf]):
         rows = np.flatnonzero((tracks.t >= begin) & (tracks.t < end))
         busy = rows[fit.moving[rows].any(axis=1)]
-        if len(busy) >= FEWEST:
-            rows = rows[tracks.t[rows] <= tracks.t[busy[-1]] + AFTER]
-            found.append(_stretch(fit, tracks, rows, balls, moving_speed, radius, bool(found)))
-    return tuple(found)
+        if len(busy) >= MIN_FRAMES:
+            rows = rows[tracks.t[rows] <= tracks.t[busy[-1]] + REST_MARGIN]
+            segments.append(_build_segment(fit, tracks, rows, balls, moving_speed, radius, bool(segments)))
+    return tuple(segments)
 
 
-def _stretch(
+def _build_segment(
     fit: Fit, tracks: Tracks, rows: NDArray[np.int64], balls: NDArray[np.int64], moving_speed: float, radius: float,
     follows: bool,
-) -> Stretch:  # fmt: skip
+) -> ShotSegment:  # fmt: skip
     part = np.ix_(rows, balls)
     t, sigma, whiten = tracks.t[rows], tracks.sigma[part], tracks.whitening[part]
     xy = np.where(np.isfinite(whiten.sum(axis=(2, 3)))[..., None], tracks.xy[part], np.nan)
-    start, moving = beginning(t, xy, sigma)
+    start, moving = estimate_initial_states(t, xy, sigma)
     state = fit.trajectory.at(t[0])
-    whole = np.concatenate([state.xy, state.v, np.nan_to_num(state.w)], axis=1)[balls]
-    known = np.isfinite(whole[:, :4]).all(axis=1)
-    start[known] = slips(whole[known], np.full(int(known.sum()), radius))
-    moving[known] = np.linalg.norm(whole[known, 2:4], axis=1) > moving_speed
+    fitted_state = np.concatenate([state.xy, state.v, np.nan_to_num(state.w)], axis=1)[balls]
+    is_fitted = np.isfinite(fitted_state[:, :4]).all(axis=1)
+    start[is_fitted] = convert_to_starts(fitted_state[is_fitted], np.full(int(is_fitted.sum()), radius))
+    moving[is_fitted] = np.linalg.norm(fitted_state[is_fitted, 2:4], axis=1) > moving_speed
     start[~moving, 2:] = 0.0
-    return Stretch(0, float(t[0]), t, xy, whiten, start, moving, follows)
+    return ShotSegment(0, float(t[0]), t, xy, whiten, start, moving, follows)
 
 
-def _hopeless(fit: Fit, tracks: Tracks) -> str:
-    """Why nothing is tried, a sentence; empty where it is worth a try."""
+def _find_refusal(fit: Fit, tracks: Tracks) -> str:
+    """Return a sentence with the reason why whole shots are not fitted; empty where they are."""
     moved = int(fit.moving.any(axis=0).sum())
     contacts = sum(kind in ("ball", "cushion") for kind in fit.events.kind)
     if not moved:
         return "No ball moved."
-    if moved > MOST_BALLS or contacts > MOST_CONTACTS:
-        return f"{moved} balls with {contacts} contacts are too many to be explained whole."
+    if moved > MAX_MOVING_BALLS or contacts > MAX_CONTACTS:
+        return f"{moved} balls with {contacts} contacts are too many for a fit of the whole shot."
     return ""
 
 
-def _unexplained(found: TableFit) -> str:
-    if found.chi2_per_dof < ACCEPTED:
-        return "The fit of whole shots did not settle."
+def _format_failure(table_fit: TableFit) -> str:
+    if table_fit.chi2_per_dof < MAX_CHI2:
+        return "The fit of whole shots did not converge."
     return (
-        f"No published law explains the shots whole: the best, {found.laws.cushion} with {found.laws.ball}, leaves"
-        f" {found.chi2_per_dof:.1f} times the noise in variance."
+        f"No published contact models explain the whole shots: the best, {table_fit.laws.cushion} with"
+        f" {table_fit.laws.ball}, leave {table_fit.chi2_per_dof:.1f} times the variance of the noise."
     )
 
 
-def _laws(found: TableFit, stretches: tuple[Stretch, ...], ids: tuple[str, ...], table: Table) -> Laws:
-    factor = next(p.value for p in found.parameters if p.name == "collision_radius.factor")
-    state, turn = spins(found.states[0], table.ball_radius * factor)
-    return Laws(
-        found.laws.cushion, found.laws.ball, found.chi2_per_dof, found.parameters, stretches[0].begin, ids,
-        state, turn @ found.covariances[0] @ turn.T,
+def _summarize_laws(
+    table_fit: TableFit, segments: tuple[ShotSegment, ...], ids: tuple[str, ...], table: Table
+) -> WholeShotSolution:
+    factor = next(p.value for p in table_fit.parameters if p.name == "collision_radius.factor")
+    state, turn = convert_to_states(table_fit.states[0], table.ball_radius * factor)
+    return WholeShotSolution(
+        table_fit.laws.cushion, table_fit.laws.ball, table_fit.chi2_per_dof, table_fit.parameters, segments[0].begin,
+        ids, state, turn @ table_fit.covariances[0] @ turn.T,
     )  # fmt: skip

@@ -1,1 +1,1 @@
-"""Parts that all learnt methods share: interface, perceptron, scaling, integration steps, training, splines."""
+"""Parts that all learned methods share: interface, perceptron, scaling, integration steps, training, splines."""

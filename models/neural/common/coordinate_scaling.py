@@ -1,4 +1,4 @@
-"""Coordinates and times as networks like them: about 1, in steps of one sample."""
+"""Normalisation of coordinates to about 1 and of times to sample intervals, for networks."""
 
 from __future__ import annotations
 
@@ -11,37 +11,48 @@ from models.core.typing import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
-    """N points in D axes as C = N D numbers; one length for all of them, so that angles stay angles."""
+    """Scales of the motion of N points in D axes, flattened to C = N D coordinates.
+
+    All coordinates share one length, so that angles are preserved.
+    """
 
     centre: FloatArray
-    """(C,) middle of each coordinate."""
+    """(C,) middle of the range of each coordinate."""
     length: float
-    """half the widest range of a coordinate."""
+    """Half the widest range of a coordinate, in the unit of the coordinates."""
     start: float
-    """s, the first sample."""
+    """s, time of the first sample."""
     step: float
-    """s from sample to sample, the median: the thesis' unit of time."""
+    """s, median sample interval: the unit of time of Chen 2022."""
     speed: FloatArray
-    """(C,) typical change of each scaled coordinate within a step; 0 where a coordinate never changes."""
+    """(C,) root mean square change of each scaled coordinate per step; 0 for a coordinate that never changes."""
     shape: tuple[int, int]
-    """N, D."""
+    """N and D."""
 
-    def coordinates(self, states: FloatArray) -> FloatArray:
-        """(T, N, D) to (T, C)."""
+    def scale_states(self, states: FloatArray) -> FloatArray:
+        """Convert states (T, N, D) to scaled coordinates (T, C)."""
         flat: FloatArray = (states.reshape(len(states), -1) - self.centre) / self.length
         return flat
 
-    def states(self, coordinates: FloatArray) -> FloatArray:
-        """(T, C) to (T, N, D)."""
+    def restore_states(self, coordinates: FloatArray) -> FloatArray:
+        """Convert scaled coordinates (T, C) back to states (T, N, D)."""
         return (coordinates * self.length + self.centre).reshape(-1, *self.shape)
 
-    def steps(self, times: FloatArray) -> FloatArray:
-        """s to steps since the first sample."""
+    def count_steps(self, times: FloatArray) -> FloatArray:
+        """Convert times in s to steps since the first sample."""
         return (times - self.start) / self.step
 
 
-def scaling(times: FloatArray, states: FloatArray) -> Scaling:
-    """The scales of samples (T, N, D) at (T,) s. Motions of nothing at all have length 1."""
+def estimate_scaling(times: FloatArray, states: FloatArray) -> Scaling:
+    """Estimate the scales of a motion.
+
+    Args:
+        times: Times (T,), s.
+        states: Coordinates (T, N, D).
+
+    Returns:
+        The scales; the length of a motion without any change is 1.
+    """
     flat = states.reshape(len(states), -1)
     low, high = flat.min(axis=0), flat.max(axis=0)
     length = float((high - low).max()) / 2 or 1.0

@@ -1,4 +1,4 @@
-"""What every method that learns a motion from coordinates offers, networks and splines alike. Without torch."""
+"""Interface of all methods that learn a motion from coordinates, networks and splines alike. Does not import torch."""
 
 from __future__ import annotations
 
@@ -10,71 +10,101 @@ import numpy as np
 
 from models.core.typing import FloatArray
 
-LEAST_SAMPLES = 4
-"""A motion needs them: two to have a velocity, two more to learn how it changes."""
+MIN_SAMPLES = 4
+"""Fewest samples of a motion: two determine a velocity, two more its change."""
 
 
-class LostMotion(ValueError):
-    """A method found no motion behind the samples."""
+class MotionNotFoundError(ValueError):
+    """A method found no motion that explains the samples."""
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
-    """How long a method may learn."""
+class TrainingBudget:
+    """Limits on the training of a method."""
 
     effort: float = 1.0
-    """share of the method's own number of steps: 0.1 for a quick look. The result depends on nothing else."""
+    """Share of the number of steps of the method, > 0; e.g. 0.1 for a preview. With `seconds` infinite, the result is
+    reproducible."""
     seconds: float = float("inf")
-    """CPU seconds after which training stops where it is: the result then depends on the machine."""
+    """CPU time in s after which training stops. If it is reached, the result depends on the machine."""
 
     def __post_init__(self) -> None:
         if not (self.effort > 0 and self.seconds > 0):
             raise ValueError(f"a budget is above 0; got effort {self.effort} and {self.seconds} s")
 
-    def steps(self, whole: int) -> int:
-        """The share of a schedule of so many steps, at least one."""
+    def scale_steps(self, whole: int) -> int:
+        """Scale the number of steps of a schedule by the effort; at least one step."""
         return max(1, round(self.effort * whole))
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
-    """A learnt motion of N points in D axes."""
+class FittedMotion:
+    """A learned motion of N points in D axes."""
 
     motion: Callable[[FloatArray], FloatArray]
-    """times (M,) s to coordinates (M, N, D)."""
+    """Maps times (M,) in s to coordinates (M, N, D)."""
     loss_curve: FloatArray
-    """(L,) loss on the visible samples after each step, in the method's own unit; empty where nothing is trained."""
-    parameters: int
-    """numbers that were learnt."""
+    """Loss on the visible samples at each evaluation, in the unit of the method; empty for methods without training."""
+    parameter_count: int
+    """Number of learned parameters."""
     seconds: float
-    """CPU s."""
+    """CPU time of the fit, s."""
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Coordinates (M, N, D) at times (M,) s, between samples and after; not finite where a motion is lost."""
+        """Evaluate the motion, between the samples and after them.
+
+        Args:
+            times: Times (M,), s.
+
+        Returns:
+            Coordinates (M, N, D); not finite where the motion diverges.
+        """
         return self.motion(np.asarray(times, np.float64))
 
 
-class Method(Protocol):
-    """A way to learn a motion: a frozen dataclass of its options."""
+class MotionMethod(Protocol):
+    """A method that learns a motion: a frozen dataclass of its options."""
 
     @property
     def name(self) -> str:
-        """In tables."""
+        """Name in tables."""
 
-    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: Budget) -> Fitted:
-        """Learn from coordinates (T, N, D) at rising times (T,) s; the same seed and effort give the same motion.
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> FittedMotion:
+        """Learn a motion from samples.
 
-        Raises `ValueError` for samples that are not a motion, `LostMotion` where nothing was found.
+        Args:
+            times: Times (T,), s, increasing.
+            states: Coordinates (T, N, D), finite.
+            seed: Random seed; equal seeds and efforts give equal motions.
+            budget: Limits on the training.
+
+        Returns:
+            The learned motion.
+
+        Raises:
+            ValueError: The samples are not those of one motion.
+            MotionNotFoundError: The method found no motion.
         """
 
 
-def checked(times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Both as float64; raises `ValueError` where they are not the samples of one motion."""
+def validate_samples(times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Convert the samples of a motion to float64 and check them.
+
+    Args:
+        times: Times (T,), s.
+        states: Coordinates (T, N, D).
+
+    Returns:
+        Times and coordinates.
+
+    Raises:
+        ValueError: Shapes do not match, samples are too few or not finite, or times do not increase.
+    """
     t, x = np.asarray(times, np.float64), np.asarray(states, np.float64)
     if t.ndim != 1 or x.ndim != 3 or len(t) != len(x) or x.size == 0:
         raise ValueError(f"a motion is coordinates (T, N, D) at times (T,); got {x.shape} at {t.shape}")
-    if len(t) < LEAST_SAMPLES:
-        raise ValueError(f"a motion of {len(t)} samples; learning needs at least {LEAST_SAMPLES}")
+    if len(t) < MIN_SAMPLES:
+        raise ValueError(f"a motion of {len(t)} samples; learning needs at least {MIN_SAMPLES}")
     if not (np.isfinite(t).all() and np.isfinite(x).all() and (np.diff(t) > 0).all()):
         raise ValueError("times must rise and coordinates be finite: drop samples that are missing")
     return t, x

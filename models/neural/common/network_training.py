@@ -1,8 +1,8 @@
-"""How every network here is trained: all samples at once, a schedule of steps, the best state kept.
+"""Training of all networks: full batches, a schedule of Adam and L-BFGS steps, and the state of lowest loss.
 
-Adam (Kingma and Ba 2014, arXiv:1412.6980) while its rate falls along a half cosine, then, where asked for, L-BFGS with
-a line search (Liu and Nocedal 1989, doi 10.1007/BF01589116). The loss knows visible samples only; so does the early
-stop.
+Adam (Kingma and Ba 2014, arXiv:1412.6980) runs first, with a learning rate that falls along a half cosine. L-BFGS with
+a line search (Liu and Nocedal 1989, doi:10.1007/BF01589116) follows if the schedule has evaluations for it. Loss and
+early stopping use visible samples only.
 """
 
 from __future__ import annotations
@@ -18,42 +18,48 @@ import torch
 from torch import Tensor, nn
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import Budget, LostMotion
+from models.neural.common.method_interface import MotionNotFoundError, TrainingBudget
 
 Loss = Callable[[], Tensor]
+"""Evaluates the loss of a network in its current state."""
 
 
 @dataclass(frozen=True, slots=True)
-class Schedule:
-    """Steps of a training at full effort."""
+class TrainingSchedule:
+    """Training schedule at full effort."""
 
-    adam: int = 3000
-    """steps."""
-    rate: float = 1e-3
-    """of Adam at its start."""
-    last_rate: float = 1e-5
-    """of Adam at its end."""
-    lbfgs: int = 0
-    """evaluations of the loss by L-BFGS afterwards."""
+    adam_steps: int = 3000
+    """Steps of Adam."""
+    learning_rate: float = 1e-3
+    """Learning rate of Adam at the first step."""
+    final_learning_rate: float = 1e-5
+    """Learning rate of Adam at the last step."""
+    lbfgs_evaluations: int = 0
+    """Evaluations of the loss by L-BFGS after Adam."""
     patience: int = 1000
-    """steps of Adam without a gain of `GAIN` after which it ends."""
-    clip: float = float("inf")
-    """the longest gradient that a step of Adam follows."""
-    sampled: bool = False
-    """every step sees other samples: the last state is kept, since the least loss is luck."""
+    """Adam stops after this many steps without a gain of `MIN_GAIN`."""
+    gradient_clip: float = float("inf")
+    """Largest norm of the gradient in a step of Adam."""
+    uses_minibatches: bool = False
+    """Whether every step draws other samples. The last state is kept then, because the lowest loss is that of a
+    favourable batch."""
 
 
-GAIN = 0.01
-"""share by which the least loss must fall to count as better."""
-LOOKS = 20
-"""evaluations by L-BFGS between two looks at the clock, at most."""
-MEMORY = 50
-"""steps that L-BFGS remembers."""
+MIN_GAIN = 0.01
+"""Relative decrease of the lowest loss that counts as a gain."""
+EVALUATIONS_PER_CHECK = 20
+"""Most evaluations by L-BFGS between two checks of the elapsed time."""
+LBFGS_MEMORY = 50
+"""Steps in the history of L-BFGS."""
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """Sums in one order, so that equal seeds give equal bits."""
+def use_one_thread() -> Iterator[None]:
+    """Restrict torch to one thread, so that sums keep their order and equal seeds give equal bits.
+
+    Yields:
+        None; the previous number of threads is restored afterwards.
+    """
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -62,105 +68,120 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-class Best:
-    """The state of least loss, and the curve that led there."""
+class BestState:
+    """The parameters of lowest loss during a training, and the loss curve."""
 
     def __init__(self, network: nn.Module, began: float) -> None:
         self.network = network
-        self.began = began
-        self.curve: list[float] = []
-        self.least = math.inf
-        self.kept = [value.detach().clone() for value in network.parameters()]
+        self.start = began
+        self.loss_curve: list[float] = []
+        self.lowest_loss = math.inf
+        self.best_values = [value.detach().clone() for value in network.parameters()]
 
-    def see(self, loss: float) -> None:
-        """The loss of the network as it is now."""
-        self.curve.append(loss)
-        if loss < self.least:
-            self.least = loss
-            for kept, value in zip(self.kept, self.network.parameters(), strict=True):
-                kept.copy_(value.detach())
+    def record_loss(self, loss: float) -> None:
+        """Append the loss of the current parameters, and copy them if it is the lowest."""
+        self.loss_curve.append(loss)
+        if loss < self.lowest_loss:
+            self.lowest_loss = loss
+            for best, value in zip(self.best_values, self.network.parameters(), strict=True):
+                best.copy_(value.detach())
 
-    def restore(self) -> None:
-        """Put the best state back."""
+    def restore_best(self) -> None:
+        """Copy the parameters of lowest loss back into the network."""
         with torch.no_grad():
-            for kept, value in zip(self.kept, self.network.parameters(), strict=True):
-                value.copy_(kept)
+            for best, value in zip(self.best_values, self.network.parameters(), strict=True):
+                value.copy_(best)
 
-    def spent(self) -> float:
-        """CPU s so far."""
-        return time.process_time() - self.began
+    def cpu_seconds(self) -> float:
+        """Return the CPU time of the training so far, s."""
+        return time.process_time() - self.start
 
 
-def train(network: nn.Module, loss: Loss, schedule: Schedule, budget: Budget) -> FloatArray:
-    """Leave the network in its state of least loss, or in the last one where every step sees other samples; the losses
-    (L,) on the way there.
+def train_network(network: nn.Module, loss: Loss, schedule: TrainingSchedule, budget: TrainingBudget) -> FloatArray:
+    """Train a network in place.
 
-    Raises `LostMotion` where no state has a finite loss.
+    Afterwards the network has its parameters of lowest loss, or its last ones if the schedule uses minibatches.
+
+    Args:
+        network: Network to train.
+        loss: Evaluates the loss of the network.
+        schedule: Training schedule.
+        budget: Limits on the training.
+
+    Returns:
+        Losses of all evaluations, in order.
+
+    Raises:
+        MotionNotFoundError: No evaluation has a finite loss.
     """
-    best = Best(network, time.process_time())
-    with one_thread():
-        _adam(network, loss, schedule, budget, best)
-        if not schedule.sampled:
-            best.restore()
-        if schedule.lbfgs:
-            _lbfgs(network, loss, budget.steps(schedule.lbfgs), budget, best)
-            best.restore()
-    if not math.isfinite(best.least):
-        raise LostMotion("training found no finite loss; lower its rate, or check the units of the samples")
-    return np.array(best.curve)
+    best = BestState(network, time.process_time())
+    with use_one_thread():
+        _run_adam(network, loss, schedule, budget, best)
+        if not schedule.uses_minibatches:
+            best.restore_best()
+        if schedule.lbfgs_evaluations:
+            _run_lbfgs(network, loss, budget.scale_steps(schedule.lbfgs_evaluations), budget, best)
+            best.restore_best()
+    if not math.isfinite(best.lowest_loss):
+        raise MotionNotFoundError("training found no finite loss; lower its rate, or check the units of the samples")
+    return np.array(best.loss_curve)
 
 
-def _adam(network: nn.Module, loss: Loss, schedule: Schedule, budget: Budget, best: Best) -> None:
-    optimiser = torch.optim.Adam(network.parameters(), lr=schedule.rate)
-    steps, mark, marked = budget.steps(schedule.adam), math.inf, 0
-    seconds = budget.seconds / 2 if schedule.lbfgs else budget.seconds
+def _run_adam(
+    network: nn.Module, loss: Loss, schedule: TrainingSchedule, budget: TrainingBudget, best: BestState
+) -> None:
+    optimiser = torch.optim.Adam(network.parameters(), lr=schedule.learning_rate)
+    steps, mark, marked = budget.scale_steps(schedule.adam_steps), math.inf, 0
+    seconds = budget.seconds / 2 if schedule.lbfgs_evaluations else budget.seconds
     for step in range(steps):
-        for group in optimiser.param_groups:  # the rate falls in time for whichever end comes first
-            group["lr"] = _rate(schedule, min(max(step / steps, best.spent() / seconds), 1.0))
+        for group in optimiser.param_groups:  # falls to its final value at the limit that comes first
+            group["lr"] = _learning_rate_at(schedule, min(max(step / steps, best.cpu_seconds() / seconds), 1.0))
         optimiser.zero_grad()
         value = loss()
-        best.see(float(value.detach()))
-        if best.least < (1 - GAIN) * mark:
-            mark, marked = best.least, step
-        if step - marked > budget.steps(schedule.patience) or best.spent() > seconds:
+        best.record_loss(float(value.detach()))
+        if best.lowest_loss < (1 - MIN_GAIN) * mark:
+            mark, marked = best.lowest_loss, step
+        if step - marked > budget.scale_steps(schedule.patience) or best.cpu_seconds() > seconds:
             return
         value.backward()  # type: ignore[no-untyped-call]
-        if math.isfinite(schedule.clip):
-            nn.utils.clip_grad_norm_(network.parameters(), schedule.clip)
+        if math.isfinite(schedule.gradient_clip):
+            nn.utils.clip_grad_norm_(network.parameters(), schedule.gradient_clip)
         optimiser.step()
 
 
-def _rate(schedule: Schedule, done: float) -> float:
-    return schedule.last_rate + (schedule.rate - schedule.last_rate) * 0.5 * (1 + math.cos(math.pi * done))
+def _learning_rate_at(schedule: TrainingSchedule, done: float) -> float:
+    return schedule.final_learning_rate + (schedule.learning_rate - schedule.final_learning_rate) * 0.5 * (
+        1 + math.cos(math.pi * done)
+    )
 
 
-def _lbfgs(network: nn.Module, loss: Loss, steps: int, budget: Budget, best: Best) -> None:
+def _run_lbfgs(network: nn.Module, loss: Loss, steps: int, budget: TrainingBudget, best: BestState) -> None:
     optimiser = torch.optim.LBFGS(
-        network.parameters(), tolerance_grad=0.0, tolerance_change=0.0, history_size=MEMORY,
+        network.parameters(), tolerance_grad=0.0, tolerance_change=0.0, history_size=LBFGS_MEMORY,
         line_search_fn="strong_wolfe",
     )  # fmt: skip
 
     def closure() -> Tensor:
         optimiser.zero_grad()
         value = loss()
-        best.see(float(value.detach()))
+        best.record_loss(float(value.detach()))
         value.backward()  # type: ignore[no-untyped-call]
         return value
 
-    end = len(best.curve) + steps
-    while len(best.curve) < end and best.spent() < budget.seconds:
-        before = len(best.curve), best.least
-        at_once = min(LOOKS, steps, _affordable(budget, best))
+    end = len(best.loss_curve) + steps
+    while len(best.loss_curve) < end and best.cpu_seconds() < budget.seconds:
+        before = len(best.loss_curve), best.lowest_loss
+        at_once = min(EVALUATIONS_PER_CHECK, steps, _count_affordable_evaluations(budget, best))
         optimiser.param_groups[0].update(max_iter=at_once, max_eval=at_once)
         optimiser.step(closure)  # type: ignore[no-untyped-call]
-        stuck = not best.least < before[1] or not math.isfinite(best.curve[-1])
-        if len(best.curve) == before[0] or stuck:
+        stuck = not best.lowest_loss < before[1] or not math.isfinite(best.loss_curve[-1])
+        if len(best.loss_curve) == before[0] or stuck:
             return
 
 
-def _affordable(budget: Budget, best: Best) -> int:
-    """Evaluations for which there is time, going by those that were made; one at least."""
+def _count_affordable_evaluations(budget: TrainingBudget, best: BestState) -> int:
+    """Count the evaluations that fit into the remaining time, at the mean cost so far; at least one."""
     if not math.isfinite(budget.seconds):
-        return LOOKS
-    each = best.spent() / max(len(best.curve), 1)
-    return max(1, int((budget.seconds - best.spent()) / max(each, 1e-9)))
+        return EVALUATIONS_PER_CHECK
+    each = best.cpu_seconds() / max(len(best.loss_curve), 1)
+    return max(1, int((budget.seconds - best.cpu_seconds()) / max(each, 1e-9)))

@@ -1,4 +1,4 @@
-"""Curves through samples as methods among the networks: linear, cubic, quintic and Akima."""
+"""Splines through samples with the interface of the networks: linear, cubic, quintic and Akima."""
 
 from __future__ import annotations
 
@@ -10,53 +10,80 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator, make_interp_spline
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import Budget, Fitted, checked
+from models.neural.common.method_interface import FittedMotion, TrainingBudget, validate_samples
 
 Curve = Callable[[FloatArray], FloatArray]
 
 
-def spline(times: FloatArray, states: FloatArray, degree: int) -> Curve:
-    """Not-a-knot spline of an odd degree through states (T, ...), of a lower one where samples are few.
+def fit_spline(times: FloatArray, states: FloatArray, degree: int) -> Curve:
+    """Fit a not-a-knot spline through all samples.
 
-    Before and after the samples it goes on as its first and last piece.
+    Args:
+        times: Times (T,), s, increasing.
+        states: Values (T, ...).
+        degree: Odd degree; reduced if there are too few samples.
+
+    Returns:
+        Curve that maps times (M,) to values (M, ...). Outside the samples the first and last piece continue.
     """
     return make_interp_spline(times, states, k=min(degree, len(times) - 1))  # type: ignore[no-any-return]
 
 
-def akima(times: FloatArray, states: FloatArray) -> Curve:
-    """Akima 1970 (doi 10.1145/321607.321609): cubic pieces that one outlier disturbs little."""
+def fit_akima(times: FloatArray, states: FloatArray) -> Curve:
+    """Fit an Akima spline, whose cubic pieces are robust to single outliers.
+
+    Akima 1970, doi:10.1145/321607.321609.
+
+    Args:
+        times: Times (T,), s, increasing.
+        states: Values (T, ...).
+
+    Returns:
+        Curve that maps times (M,) to values (M, ...).
+    """
     return Akima1DInterpolator(times, states, extrapolate=True)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True, slots=True)
-class Spline:
-    """A spline as a method: nothing is trained, seed and budget change nothing."""
+class SplineMethod:
+    """Spline as a method; seed and budget have no effect."""
 
     name: str
     degree: int
 
-    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
-        """The curve through every sample."""
-        return _fitted(lambda t, x: spline(t, x, self.degree), times, states)
+    def fit(
+        self, times: FloatArray, states: FloatArray, seed: int = 0, budget: TrainingBudget | None = None
+    ) -> FittedMotion:
+        """Fit the curve through all samples; arguments as in `MotionMethod.fit`."""
+        return _fit_curve(lambda t, x: fit_spline(t, x, self.degree), times, states)
 
 
 @dataclass(frozen=True, slots=True)
-class Akima:
-    """`akima` as a method."""
+class AkimaMethod:
+    """Akima spline as a method; seed and budget have no effect."""
 
     name: str = "akima"
 
-    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
-        """The curve through every sample."""
-        return _fitted(akima, times, states)
+    def fit(
+        self, times: FloatArray, states: FloatArray, seed: int = 0, budget: TrainingBudget | None = None
+    ) -> FittedMotion:
+        """Fit the curve through all samples; arguments as in `MotionMethod.fit`."""
+        return _fit_curve(fit_akima, times, states)
 
 
-def _fitted(through: Callable[[FloatArray, FloatArray], Curve], times: FloatArray, states: FloatArray) -> Fitted:
+def _fit_curve(
+    through: Callable[[FloatArray, FloatArray], Curve], times: FloatArray, states: FloatArray
+) -> FittedMotion:
     began = time.process_time()
-    curve = through(*checked(times, states))
-    return Fitted(curve, np.empty(0), 0, time.process_time() - began)
+    curve = through(*validate_samples(times, states))
+    return FittedMotion(curve, np.empty(0), 0, time.process_time() - began)
 
 
-LINEAR, CUBIC, QUINTIC, AKIMA = Spline("linear", 1), Spline("cubic", 3), Spline("quintic", 5), Akima()
+LINEAR, CUBIC, QUINTIC, AKIMA = (
+    SplineMethod("linear", 1),
+    SplineMethod("cubic", 3),
+    SplineMethod("quintic", 5),
+    AkimaMethod(),
+)
 CURVES = (LINEAR, CUBIC, QUINTIC, AKIMA)
-"""Linear is what Chen 2022, eq. 22, calls bilateral."""
+"""All splines. Linear interpolation is the bilateral method of Chen 2022, eq. 22."""

@@ -1,4 +1,4 @@
-"""How a network is told the time."""
+"""Encoding of time as input of a network."""
 
 from __future__ import annotations
 
@@ -10,28 +10,29 @@ from torch import Tensor
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
-    """Time as numbers about 1: as it is, or with waves beside it (Fourier features)."""
+class TimeEncoding:
+    """Time scaled to -1 to 1, optionally with Fourier features."""
 
     span: float
-    """steps from the first sample to the last."""
-    shortest: float = math.inf
-    """steps: the shortest period of a wave; at 2 and below a network can move midpoints unseen by its loss."""
+    """Steps from the first sample to the last."""
+    shortest_period: float = math.inf
+    """Shortest period of a Fourier feature, in steps. At periods of 2 and below, a network can move midpoints without
+    changing its loss."""
 
     @property
-    def waves(self) -> int:
-        """How many harmonics of the whole series there are."""
-        return int(self.span / self.shortest)
+    def harmonic_count(self) -> int:
+        """Number of harmonics of the whole series."""
+        return int(self.span / self.shortest_period)
 
     @property
     def width(self) -> int:
-        """Numbers that tell one time."""
-        return 1 + 2 * self.waves
+        """Number of inputs that encode one time."""
+        return 1 + 2 * self.harmonic_count
 
-    def tell(self, t: Tensor) -> Tensor:
-        """Times (..., 1) in steps to (..., width)."""
+    def encode(self, t: Tensor) -> Tensor:
+        """Encode times (..., 1) in steps as inputs (..., width)."""
         plain = 2 * t / self.span - 1
-        if not self.waves:
+        if not self.harmonic_count:
             return plain
-        angle = math.pi * plain * torch.arange(1, self.waves + 1, dtype=t.dtype)
+        angle = math.pi * plain * torch.arange(1, self.harmonic_count + 1, dtype=t.dtype)
         return torch.cat([plain, torch.sin(angle), torch.cos(angle)], dim=-1)

@@ -1,1 +1,1 @@
-"""The learnt methods, one file each."""
+"""Neural networks that learn a motion, one module per published method."""

@@ -1,13 +1,13 @@
-"""ConstraintNet: projections on a learnt constraint (Yang, He and Zhu 2020, arXiv:2006.12745), the thesis' rival.
+"""ConstraintNet: projection on a learned constraint (Yang, He and Zhu 2020, arXiv:2006.12745), compared in Chen 2022.
 
-A network C(x) of all coordinates, no velocity, no time; its zero set stands for the rods and edges of the scene. A
-guess x is projected by repeating x <- x - C(x) grad C(x) / (|grad C(x)|^2 + eps). C is never supervised: the projected
-positions are, through all iterations. Here the guess is the straight line between two samples.
+The network C(x) takes all coordinates, without velocity or time; its zero set represents the rods and edges of the
+scene. A guess x is projected by iterating x <- x - C(x) grad C(x) / (|grad C(x)|^2 + eps). C itself is not supervised;
+the loss compares the projected positions, through all iterations. Here the guess is the straight line between samples.
 
-The protocol is meant to be fair to it. It learns from each of the two kinds of wrong positions that visible samples
-offer: middles of the samples before and after, their errors left as they are and shrunk to a quarter, which is what a
-line between samples misses; and samples with noise of that size. From what it learnt better, by samples held out, it
-learns longer and on all samples. It needs no connectivity.
+Visible samples offer two kinds of training pairs. Midpoints of the samples before and after have the error of a line
+over twice the interval, used as it is and reduced to a quarter, the error of a line over one interval; or samples get
+noise of that size. The protocol is meant to be fair to the method: short trainings with both kinds are compared on
+held-out samples, and the better kind is trained longer on all samples. The connectivity of the points is not needed.
 """
 
 from __future__ import annotations
@@ -21,144 +21,159 @@ import torch
 from torch import Tensor, nn
 
 from models.core.typing import FloatArray
-from models.neural.common.coordinate_scaling import Scaling, scaling
-from models.neural.common.method_interface import Budget, Fitted, checked
-from models.neural.common.network_training import Schedule, one_thread, train
-from models.neural.common.perceptron import Perceptron, count_parameters, seeded
-from models.neural.common.spline_methods import spline
-from models.neural.networks.hamiltonian_network import gradient
+from models.neural.common.coordinate_scaling import Scaling, estimate_scaling
+from models.neural.common.method_interface import FittedMotion, TrainingBudget, validate_samples
+from models.neural.common.network_training import TrainingSchedule, train_network, use_one_thread
+from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
+from models.neural.common.spline_methods import fit_spline
+from models.neural.networks.hamiltonian_network import evaluate_gradient
 
-SMALLEST_GRADIENT = 1e-7
-"""its square is this far from 0 at least."""
-HELD_OUT = 4
-"""every so many-th sample but the first and last chooses between the kinds of training."""
-SHRUNK = 0.25
-"""A line over half the time misses a quarter."""
+MIN_SQUARED_GRADIENT = 1e-7
+"""eps of the projection: lower bound on the squared gradient."""
+HOLDOUT_STRIDE = 4
+"""Interval between held-out midpoints, in samples; they select the kind of training pairs."""
+ERROR_SHRINKAGE = 0.25
+"""Error of a straight line over half the interval, relative to that over the whole interval."""
 NOISY_COPIES = 2
-"""of every sample."""
-STARTS = 2
-"""first networks tried with each kind of pairs: some end on a flat C, whose zero set is a plane through the samples."""
-CHOOSING = 0.25
-"""share of the effort for each of the trainings that only choose; together they take as long as the last one."""
-CONSTRAINT_SCHEDULE = Schedule(adam=600, rate=1e-3, last_rate=1e-6, clip=1.0)
-"""The paper: 600 to 1000 epochs, the rate falling by a fifth every 20."""
+"""Noisy copies of every sample."""
+STARTS_PER_GENERATOR = 2
+"""Initial networks for each kind of pairs. Some end at a flat C, whose zero set is a plane through the samples."""
+SELECTION_EFFORT = 0.25
+"""Effort of each short training for the selection; all together take as long as the final training."""
+CONSTRAINT_SCHEDULE = TrainingSchedule(adam_steps=600, learning_rate=1e-3, final_learning_rate=1e-6, gradient_clip=1.0)
+"""Yang, He and Zhu 2020 train 600 to 1000 epochs and lower the rate by a fifth every 20."""
 
 
-class Constraint(nn.Module):
-    """C(x), and the projection on where it vanishes."""
+class ConstraintProjection(nn.Module):
+    """The network C(x), and the projection on its zero set."""
 
     def __init__(self, layers: Perceptron, iterations: int) -> None:
         super().__init__()
         self.layers, self.iterations = layers, iterations
 
     def forward(self, x: Tensor) -> Tensor:
-        """Coordinates (B, C) to the projected ones."""
+        """Project coordinates (B, C)."""
         for _ in range(self.iterations):
-            slope = gradient(self.layers, x)
-            x = x - self.layers(x) / ((slope**2).sum(dim=-1, keepdim=True) + SMALLEST_GRADIENT) * slope
+            slope = evaluate_gradient(self.layers, x)
+            x = x - self.layers(x) / ((slope**2).sum(dim=-1, keepdim=True) + MIN_SQUARED_GRADIENT) * slope
         return x
 
 
 @dataclass(frozen=True, slots=True)
-class Pairs:
-    """Wrong positions (B, C) and right ones."""
+class TrainingPairs:
+    """Perturbed positions (B, C) and the correct ones."""
 
-    wrong: Tensor
-    right: Tensor
+    perturbed: Tensor
+    correct: Tensor
 
-    def kept(self, which: Tensor) -> Pairs:
-        """Some of them."""
-        return Pairs(self.wrong[which], self.right[which])
+    def select(self, which: Tensor) -> TrainingPairs:
+        """Select rows by a mask or by indices."""
+        return TrainingPairs(self.perturbed[which], self.correct[which])
 
-    def shrunk(self) -> Pairs:
-        """With errors as small as those of a line over half the time."""
-        return Pairs(self.right + SHRUNK * (self.wrong - self.right), self.right)
+    def shrink_errors(self) -> TrainingPairs:
+        """Reduce the errors to those of a line over half the interval."""
+        return TrainingPairs(self.correct + ERROR_SHRINKAGE * (self.perturbed - self.correct), self.correct)
 
 
 @dataclass(frozen=True, slots=True)
 class ConstraintNet:
-    """Sizes of the paper: 4 layers of 256 (512 with collisions); 5 projections of a rigid body, 8 or 10 of others."""
+    """Options of ConstraintNet.
+
+    The paper uses 4 layers of 256, or 512 with collisions; 5 projections for a rigid body, 8 or 10 for other scenes.
+    """
 
     name: str = "ConstraintNet"
     widths: tuple[int, ...] = (256, 256, 256, 256)
     iterations: int = 8
     activation: type[nn.Module] = nn.LeakyReLU
-    schedule: Schedule = CONSTRAINT_SCHEDULE
+    schedule: TrainingSchedule = CONSTRAINT_SCHEDULE
     dtype: torch.dtype = torch.float32
 
-    def fit(self, times: FloatArray, states: FloatArray, seed: int = 0, budget: Budget | None = None) -> Fitted:
-        """Short trainings of every kind and start; the best goes on with all samples."""
+    def fit(
+        self, times: FloatArray, states: FloatArray, seed: int = 0, budget: TrainingBudget | None = None
+    ) -> FittedMotion:
+        """Select the kind of pairs by short trainings, then train on all samples.
+
+        Arguments as in `MotionMethod.fit`.
+        """
         began = time.process_time()
-        t, x = checked(times, states)
-        scale = scaling(t, x)
-        seen = torch.as_tensor(scale.coordinates(x), dtype=self.dtype)
-        network, curve = self._chosen(seen, torch.as_tensor(t, dtype=self.dtype), seed, budget or Budget())
-        lines = spline(t, x, 1)
-        motion = self.motion(network, lines, scale)
-        return Fitted(motion, curve, count_parameters(network), time.process_time() - began)
+        t, x = validate_samples(times, states)
+        scale = estimate_scaling(t, x)
+        samples = torch.as_tensor(scale.scale_states(x), dtype=self.dtype)
+        network, curve = self._select_network(
+            samples, torch.as_tensor(t, dtype=self.dtype), seed, budget or TrainingBudget()
+        )
+        lines = fit_spline(t, x, 1)
+        motion = self.build_motion(network, lines, scale)
+        return FittedMotion(motion, curve, count_parameters(network), time.process_time() - began)
 
-    def _chosen(self, seen: Tensor, t: Tensor, seed: int, budget: Budget) -> tuple[Constraint, FloatArray]:
-        middles = middles_of(seen, t)
-        held = torch.arange(len(middles.right)) % HELD_OUT == HELD_OUT // 2
-        test = middles.kept(held).shrunk()
-        kinds = KINDS * STARTS
-        short = Budget(budget.effort * CHOOSING, budget.seconds / 2 / len(kinds))
-        tried = []
-        for start, kind in enumerate(kinds):
-            network = self.fresh(middles.right, 1000 * seed + start)
-            curve = self._train(network, kind(middles.kept(~held), seed), short)
-            tried.append((float(missed(network, test).detach()), start, network, curve, kind))
-        _, _, network, curve, kind = min(tried)
-        last = Budget(budget.effort, budget.seconds / 2)
-        return network, np.concatenate([curve, self._train(network, kind(middles, seed), last)])
+    def _select_network(
+        self, samples: Tensor, t: Tensor, seed: int, budget: TrainingBudget
+    ) -> tuple[ConstraintProjection, FloatArray]:
+        """Train every candidate on a part of the samples, and the best one on all; return it with its loss curve."""
+        middles = make_midpoint_pairs(samples, t)
+        is_held_out = torch.arange(len(middles.correct)) % HOLDOUT_STRIDE == HOLDOUT_STRIDE // 2
+        test = middles.select(is_held_out).shrink_errors()
+        generators = PAIR_GENERATORS * STARTS_PER_GENERATOR
+        short = TrainingBudget(budget.effort * SELECTION_EFFORT, budget.seconds / 2 / len(generators))
+        candidates = []
+        for start, generator in enumerate(generators):
+            network = self.build_network(middles.correct, 1000 * seed + start)
+            curve = self._train_network(network, generator(middles.select(~is_held_out), seed), short)
+            candidates.append((float(projection_loss(network, test).detach()), start, network, curve, generator))
+        _, _, network, curve, generator = min(candidates)
+        last = TrainingBudget(budget.effort, budget.seconds / 2)
+        return network, np.concatenate([curve, self._train_network(network, generator(middles, seed), last)])
 
-    def fresh(self, seen: Tensor, seed: int) -> Constraint:
-        """An untrained network of coordinates like those that were seen (T, C)."""
-        layers = Perceptron(seen.shape[1], 1, self.widths, self.activation, seeded(seed), self.dtype)
-        with torch.no_grad():  # a first C that vanishes near the samples, or the first projections go anywhere
-            layers.last.bias.sub_(layers(seen).mean())
-        return Constraint(layers, self.iterations)
+    def build_network(self, samples: Tensor, seed: int) -> ConstraintProjection:
+        """Build an untrained network for coordinates in the range of samples (T, C)."""
+        layers = Perceptron(samples.shape[1], 1, self.widths, self.activation, make_generator(seed), self.dtype)
+        with torch.no_grad():  # C must vanish near the samples, or the first projections diverge
+            layers.last.bias.sub_(layers(samples).mean())
+        return ConstraintProjection(layers, self.iterations)
 
-    def _train(self, network: Constraint, pairs: Pairs, budget: Budget) -> FloatArray:
-        return train(network, lambda: missed(network, pairs), self.schedule, budget)
+    def _train_network(self, network: ConstraintProjection, pairs: TrainingPairs, budget: TrainingBudget) -> FloatArray:
+        return train_network(network, lambda: projection_loss(network, pairs), self.schedule, budget)
 
-    def motion(
-        self, network: Constraint, lines: Callable[[FloatArray], FloatArray], scale: Scaling
+    def build_motion(
+        self, network: ConstraintProjection, lines: Callable[[FloatArray], FloatArray], scale: Scaling
     ) -> Callable[[FloatArray], FloatArray]:
-        """Lines through samples, projected."""
+        """Build the motion: lines between samples, projected on the constraint."""
 
         def at(times: FloatArray) -> FloatArray:
-            guess = torch.as_tensor(scale.coordinates(lines(times)), dtype=self.dtype)
-            with one_thread(), torch.no_grad():
-                return scale.states(network(guess).double().numpy())
+            guess = torch.as_tensor(scale.scale_states(lines(times)), dtype=self.dtype)
+            with use_one_thread(), torch.no_grad():
+                return scale.restore_states(network(guess).double().numpy())
 
         return at
 
 
-def missed(network: Constraint, pairs: Pairs) -> Tensor:
-    """Mean absolute error of projected positions."""
-    error: Tensor = (network(pairs.wrong) - pairs.right).abs().mean()
+def projection_loss(network: ConstraintProjection, pairs: TrainingPairs) -> Tensor:
+    """Evaluate the mean absolute error of projected positions."""
+    error: Tensor = (network(pairs.perturbed) - pairs.correct).abs().mean()
     return error
 
 
-def middles_of(seen: Tensor, t: Tensor) -> Pairs:
-    """Every sample (T - 2, C) but the ends, and where a straight line between its neighbours has it."""
+def make_midpoint_pairs(samples: Tensor, t: Tensor) -> TrainingPairs:
+    """Pair every inner sample (T - 2, C) with the point on the line between its neighbours at the same time."""
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
-    return Pairs((1 - share) * seen[:-2] + share * seen[2:], seen[1:-1])
+    return TrainingPairs((1 - share) * samples[:-2] + share * samples[2:], samples[1:-1])
 
 
-def both_sizes(middles: Pairs, seed: int) -> Pairs:
-    """Middles (2 B, C) as they are, and with their errors shrunk."""
-    shrunk = middles.shrunk()
-    return Pairs(torch.cat([middles.wrong, shrunk.wrong]), torch.cat([middles.right, shrunk.right]))
+def add_shrunk_errors(middles: TrainingPairs, seed: int) -> TrainingPairs:
+    """Return midpoint pairs (2 B, C): unchanged, and with reduced errors."""
+    shrunk = middles.shrink_errors()
+    return TrainingPairs(torch.cat([middles.perturbed, shrunk.perturbed]), torch.cat([middles.correct, shrunk.correct]))
 
 
-def noised(middles: Pairs, seed: int) -> Pairs:
-    """The right positions (2 B, C), with noise as large as what a line between samples misses."""
-    right = middles.right.repeat(NOISY_COPIES, 1)
-    sigma = SHRUNK * (middles.wrong - middles.right).square().mean(dim=0).sqrt()
-    return Pairs(right + sigma * torch.randn(right.shape, generator=seeded(seed), dtype=right.dtype), right)
+def add_noise(middles: TrainingPairs, seed: int) -> TrainingPairs:
+    """Return correct positions (2 B, C) with noise of the size of the error of a line between samples."""
+    right = middles.correct.repeat(NOISY_COPIES, 1)
+    sigma = ERROR_SHRINKAGE * (middles.perturbed - middles.correct).square().mean(dim=0).sqrt()
+    return TrainingPairs(
+        right + sigma * torch.randn(right.shape, generator=make_generator(seed), dtype=right.dtype), right
+    )
 
 
-KINDS = (both_sizes, noised)
+PAIR_GENERATORS = (add_shrunk_errors, add_noise)
 CONSTRAINT_NET = ConstraintNet()

@@ -1,8 +1,8 @@
-"""Interaction networks (Battaglia et al. 2016, arXiv:1612.00222): accelerations from what passes between points.
+"""Interaction networks (Battaglia et al. 2016, arXiv:1612.00222): accelerations from messages between points.
 
-One network sees two points, how they lie and move against each other, and sends what it makes of it to the one; another
-sees a point, its own state and the sum of what it was sent, and tells its acceleration. Both are the same for all pairs
-and all points; what differs between points (their mass, whether one is held) is told by a few learnt numbers for each.
+One network computes a message from the relative position and velocity of two points. Another computes the acceleration
+of a point from its own state and the sum of its messages. Both are shared by all pairs and all points. A few learned
+traits of each point represent properties such as its mass, or that it is fixed.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from models.neural.common.integration_steps import RungeKutta
+from models.neural.common.integration_steps import RungeKuttaStep
 from models.neural.common.perceptron import Perceptron
-from models.neural.networks.neural_flow import LearntFlow, Sizes
+from models.neural.networks.neural_flow import FlowDimensions, NeuralFlowMethod
 
-TRAITS = 2
-"""learnt numbers that tell one point from another."""
-MESSAGE = 16
-"""numbers that a pair makes."""
+TRAIT_COUNT = 2
+"""Learned traits per point."""
+MESSAGE_SIZE = 16
+"""Components of a message."""
 
 
-class Interaction(nn.Module):
-    """N points in D axes and the E pairs that act, both ways."""
+class InteractionFlow(nn.Module):
+    """Vector field of N points in D axes with E directed pairs."""
 
     def __init__(
         self,
-        sizes: Sizes,
+        sizes: FlowDimensions,
         pairs: tuple[Tensor, Tensor],
         widths: Sequence[int],
         activation: type[nn.Module],
@@ -36,48 +36,56 @@ class Interaction(nn.Module):
     ) -> None:
         super().__init__()
         self.points, self.axes = sizes.points, sizes.axes
-        self.target, self.source = pairs  # (E,) who hears, and whom
-        self.traits = nn.Parameter(torch.randn(sizes.points, TRAITS, generator=generator, dtype=torch.float64))
+        self.target, self.source = pairs  # (E,) receivers and senders
+        self.traits = nn.Parameter(torch.randn(sizes.points, TRAIT_COUNT, generator=generator, dtype=torch.float64))
         state = 2 * sizes.axes
-        self.relation = Perceptron(state + 2 * TRAITS, MESSAGE, widths, activation, generator)
-        self.answer = Perceptron(state + TRAITS + MESSAGE, sizes.axes, widths, activation, generator)
+        self.relation = Perceptron(state + 2 * TRAIT_COUNT, MESSAGE_SIZE, widths, activation, generator)
+        self.response = Perceptron(state + TRAIT_COUNT + MESSAGE_SIZE, sizes.axes, widths, activation, generator)
 
     def forward(self, z: Tensor) -> Tensor:
-        """(B, 2 C) to its change."""
+        """Evaluate dz/dt (B, 2 C) at z (B, 2 C)."""
         q, v = (part.reshape(-1, self.points, self.axes) for part in z.chunk(2, dim=-1))
         state = torch.cat([q, v], dim=-1)  # (B, N, 2 D)
-        traits = self.traits.expand(len(z), -1, -1)  # (B, N, TRAITS)
+        traits = self.traits.expand(len(z), -1, -1)  # (B, N, TRAIT_COUNT)
         pair = torch.cat(
             [state[:, self.source] - state[:, self.target], traits[:, self.target], traits[:, self.source]], dim=-1
         )  # (B, E, .)
-        sent = z.new_zeros(len(z), self.points, MESSAGE).index_add(1, self.target, self.relation(pair))
-        pushed = self.answer(torch.cat([state, traits, sent], dim=-1))  # (B, N, D)
+        sent = z.new_zeros(len(z), self.points, MESSAGE_SIZE).index_add(1, self.target, self.relation(pair))
+        pushed = self.response(torch.cat([state, traits, sent], dim=-1))  # (B, N, D)
         return torch.cat([v.flatten(1), pushed.flatten(1)], dim=-1)
 
 
-def nearest(q: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """(E,) and (E,): every point of q (T, N, D) and, one after the other, its `count` nearest others."""
+def find_nearest(q: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    """Find the neighbours of every point.
+
+    Args:
+        q: Positions (T, N, D).
+        count: Neighbours per point, at most N - 1.
+
+    Returns:
+        Receivers (E,) and senders (E,): every point, with each of its nearest others by mean distance.
+    """
     points = q.shape[1]
     apart = torch.stack([torch.cdist(frame, frame) for frame in q]).mean(dim=0)
     apart.fill_diagonal_(torch.inf)
-    kept = min(count, points - 1)
-    source = apart.topk(kept, largest=False).indices
-    return torch.arange(points).repeat_interleave(kept), source.reshape(-1)
+    neighbour_count = min(count, points - 1)
+    source = apart.topk(neighbour_count, largest=False).indices
+    return torch.arange(points).repeat_interleave(neighbour_count), source.reshape(-1)
 
 
 @dataclass(frozen=True, slots=True)
-class InteractionLaw:
-    """The sizes of the two networks."""
+class InteractionArchitecture:
+    """Architecture of the two networks."""
 
     widths: tuple[int, ...] = (32, 32)
     activation: type[nn.Module] = nn.Tanh
     neighbours: int = 8
-    """what a point hears at most: those nearest to it, on average over the samples. Time grows with it."""
+    """Most senders per point: those nearest to it, on average over the samples. The cost grows with it."""
 
-    def __call__(self, sizes: Sizes, generator: torch.Generator) -> nn.Module:
-        """Fresh ones."""
-        pairs = nearest(sizes.seen.reshape(-1, sizes.points, sizes.axes), self.neighbours)
-        return Interaction(sizes, pairs, self.widths, self.activation, generator)
+    def __call__(self, sizes: FlowDimensions, generator: torch.Generator) -> nn.Module:
+        """Build untrained networks."""
+        pairs = find_nearest(sizes.samples.reshape(-1, sizes.points, sizes.axes), self.neighbours)
+        return InteractionFlow(sizes, pairs, self.widths, self.activation, generator)
 
 
-INTERACTION = LearntFlow("interaction net", InteractionLaw(), RungeKutta())
+INTERACTION = NeuralFlowMethod("interaction net", InteractionArchitecture(), RungeKuttaStep())

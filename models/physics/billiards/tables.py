@@ -1,4 +1,4 @@
-"""Tables and balls that are sold: sizes between the cushion noses, and how a user names one."""
+"""Tables and balls on the market: sizes between the cushion noses, and how a user names a table."""
 
 from __future__ import annotations
 
@@ -10,82 +10,124 @@ from models.core.scene import Game, Table
 
 
 @dataclass(frozen=True, slots=True)
-class Ball:
-    """Radius in m and mass in kg."""
+class BallSpecification:
+    """Size and mass of a ball."""
 
     radius: float
+    """m."""
     mass: float
+    """kg."""
 
 
-POOL_BALL = Ball(0.028575, 0.170)
+POOL_BALL = BallSpecification(0.028575, 0.170)
 """2 1/4 in, 5.5 to 6 oz (WPA equipment specifications, section 16)."""
-SNOOKER_BALL = Ball(0.02625, 0.142)
+SNOOKER_BALL = BallSpecification(0.02625, 0.142)
 """52.5 mm (WPBSA rules, section 1.2)."""
-CLUB_SNOOKER_BALL = Ball(0.02615, 0.142)
+CLUB_SNOOKER_BALL = BallSpecification(0.02615, 0.142)
 """52.3 mm, measured on sets for small tables."""
-CAROM_BALL = Ball(0.03075, 0.210)
+CAROM_BALL = BallSpecification(0.03075, 0.210)
 """61 to 61.5 mm, 205 to 220 g (UMB rules, article 12)."""
-BLACKBALL_BALL = Ball(0.0254, 0.118)
+BLACKBALL_BALL = BallSpecification(0.0254, 0.118)
 """2 in (WEPF blackball rules, equipment)."""
 
-PRESETS: dict[str, Table] = {}
+TABLE_PRESETS: dict[str, Table] = {}
+"""Tables by name."""
 
 
-def _add(name: str, game: Game, length: float, width: float, ball: Ball) -> None:
-    PRESETS[name] = Table(name, game, length, width, ball.radius, ball.mass, pockets=game != "carom")
+def _add_preset(name: str, game: Game, length: float, width: float, ball: BallSpecification) -> None:
+    TABLE_PRESETS[name] = Table(name, game, length, width, ball.radius, ball.mass, pockets=game != "carom")
 
 
 # Playing surfaces between the noses: WPA equipment specifications section 2 (100 x 50 in, 88 x 44 in; BCA: 78 x 39 in;
 # makers call 92 x 46 in a "pro" or "oversize" 8 ft),
 # WPBSA rules section 1.1 (11 ft 8 1/2 in x 5 ft 10 in), UMB rules article 11 (2.84 x 1.42 m); the rest: makers' sheets.
-_add("pool-9ft", "pool", 2.54, 1.27, POOL_BALL)
-_add("pool-8ft", "pool", 2.2352, 1.1176, POOL_BALL)
-_add("pool-8ft-pro", "pool", 2.3368, 1.1684, POOL_BALL)
-_add("pool-7ft", "pool", 1.9812, 0.9906, POOL_BALL)
-_add("blackball-7ft", "pool", 1.8288, 0.9144, BLACKBALL_BALL)
-_add("blackball-6ft", "pool", 1.6764, 0.8382, BLACKBALL_BALL)
-_add("snooker-12ft", "snooker", 3.569, 1.778, SNOOKER_BALL)
-_add("snooker-10ft", "snooker", 2.9, 1.45, SNOOKER_BALL)
-_add("snooker-9ft", "snooker", 2.54, 1.27, SNOOKER_BALL)
-_add("snooker-6ft", "snooker", 1.881, 0.943, CLUB_SNOOKER_BALL)
-_add("carom-match", "carom", 2.84, 1.42, CAROM_BALL)
-_add("carom-230", "carom", 2.30, 1.15, CAROM_BALL)
-_add("carom-210", "carom", 2.10, 1.05, CAROM_BALL)
+_add_preset("pool-9ft", "pool", 2.54, 1.27, POOL_BALL)
+_add_preset("pool-8ft", "pool", 2.2352, 1.1176, POOL_BALL)
+_add_preset("pool-8ft-pro", "pool", 2.3368, 1.1684, POOL_BALL)
+_add_preset("pool-7ft", "pool", 1.9812, 0.9906, POOL_BALL)
+_add_preset("blackball-7ft", "pool", 1.8288, 0.9144, BLACKBALL_BALL)
+_add_preset("blackball-6ft", "pool", 1.6764, 0.8382, BLACKBALL_BALL)
+_add_preset("snooker-12ft", "snooker", 3.569, 1.778, SNOOKER_BALL)
+_add_preset("snooker-10ft", "snooker", 2.9, 1.45, SNOOKER_BALL)
+_add_preset("snooker-9ft", "snooker", 2.54, 1.27, SNOOKER_BALL)
+_add_preset("snooker-6ft", "snooker", 1.881, 0.943, CLUB_SNOOKER_BALL)
+_add_preset("carom-match", "carom", 2.84, 1.42, CAROM_BALL)
+_add_preset("carom-230", "carom", 2.30, 1.15, CAROM_BALL)
+_add_preset("carom-210", "carom", 2.10, 1.05, CAROM_BALL)
 
 
 def parse_table(text: str, ball_radius: float | None = None) -> Table:
-    """The table of a preset's name, or of `LENGTHxWIDTH` in metres; `ball_radius` (m) replaces the preset's.
+    """Parse the table of an option.
 
-    OptionError if it is neither.
+    Args:
+        text: Name of a preset, or `LENGTHxWIDTH` in metres.
+        ball_radius: m; replaces the radius of the preset's balls.
+
+    Returns:
+        The table.
+
+    Raises:
+        OptionError: The text is neither, or a size is impossible.
     """
     name = text.strip().lower()
-    table = PRESETS.get(name)
+    table = TABLE_PRESETS.get(name)
     if table is None:
-        table = _of_size(name, text)
+        table = _parse_size(name, text)
     if ball_radius is not None:
-        table = with_ball_radius(table, ball_radius)
+        table = replace_ball_radius(table, ball_radius)
     return table
 
 
-def with_ball_radius(table: Table, radius: float) -> Table:
-    """The same table with balls of another radius (m) and of the same material."""
+def replace_ball_radius(table: Table, radius: float) -> Table:
+    """Replace the balls of a table by balls of another radius and of the same material.
+
+    Args:
+        table: Table with balls of the usual size.
+        radius: m.
+
+    Returns:
+        The table with the new radius and mass of a ball.
+
+    Raises:
+        OptionError: The radius is not that of a ball in metres.
+    """
     if not 0.01 < radius < 0.06:
         raise OptionError(f"a ball radius in metres is wanted, such as 0.028575; got {radius:g}")
-    return replace(table, ball_radius=radius, ball_mass=table.ball_mass * (radius / table.ball_radius) ** 3)
+    return replace(table, ball_radius=radius, ball_mass=scale_ball_mass(table, radius))
 
 
-def _of_size(name: str, text: str) -> Table:
+def scale_ball_mass(table: Table, radius: float) -> float:
+    """Compute the mass of a ball of the table's material and another radius.
+
+    Args:
+        table: Table with the radius and mass of its usual balls.
+        radius: m.
+
+    Returns:
+        kg; the mass grows with the cube of the radius.
+    """
+    return table.ball_mass * (radius / table.ball_radius) ** 3
+
+
+def _parse_size(name: str, text: str) -> Table:
     match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*[x×*]\s*(\d+(?:\.\d*)?|\.\d+)\s*m?", name)
     if match is None:
         raise OptionError(
-            f"a table is LENGTHxWIDTH in metres, such as 2.54x1.27, or one of {', '.join(PRESETS)}; got {text!r}"
+            f"a table is LENGTHxWIDTH in metres, such as 2.54x1.27, or one of {', '.join(TABLE_PRESETS)}; got {text!r}"
         )
     width, length = sorted(float(number) for number in match.groups())
     if not (0.5 < length < 5 and 0.3 * length < width):
         raise OptionError(f"a table is 0.5 to 5 m long and about half as wide; got {text!r}")
-    return replace(nearest_preset(length), name=f"{length:g}x{width:g}", length=length, width=width)
+    return replace(find_nearest_preset(length), name=f"{length:g}x{width:g}", length=length, width=width)
 
 
-def nearest_preset(length: float) -> Table:
-    """The table that is sold whose length (m) is nearest: whose balls a table has of which only the size is known."""
-    return min(PRESETS.values(), key=lambda table: abs(table.length - length))
+def find_nearest_preset(length: float) -> Table:
+    """Find the preset of the nearest length, whose balls a table has of which only the size is known.
+
+    Args:
+        length: Distance between the noses of the short cushions, m.
+
+    Returns:
+        The preset, unchanged.
+    """
+    return min(TABLE_PRESETS.values(), key=lambda table: abs(table.length - length))

@@ -1,65 +1,55 @@
-"""Every effect that the fit and the diagnosis can hold; adding one is one file and one line here."""
+"""The catalogue of billiards effects: it finds every file below `models.physics.effects` that defines `EFFECT`."""
 
 from __future__ import annotations
 
-from models.physics.effect import Choice, Effect, Prior
-from models.physics.effects.cloth.air_drag import AirDrag
-from models.physics.effects.cloth.nap import Nap
-from models.physics.effects.cloth.rolling_resistance import RollingResistance
-from models.physics.effects.cloth.sliding_friction import SlidingFriction
-from models.physics.effects.cloth.slope import Slope
-from models.physics.effects.cloth.spin_decay import SpinDecay
-from models.physics.effects.cloth.viscous_drag import ViscousDrag
-from models.physics.effects.contacts.ball_friction import BallFriction
-from models.physics.effects.contacts.ball_law import BallLaw
-from models.physics.effects.contacts.ball_restitution import BallRestitution
-from models.physics.effects.contacts.cushion_cloth import CushionCloth
-from models.physics.effects.contacts.cushion_friction import CushionFriction
-from models.physics.effects.contacts.cushion_law import CushionLaw
-from models.physics.effects.contacts.cushion_restitution import CushionRestitution
-from models.physics.effects.contacts.cushion_restitution_power import CushionRestitutionPower
-from models.physics.effects.contacts.cushion_restitution_speed import CushionRestitutionSpeed
-from models.physics.effects.contacts.unequal_mass import UnequalMass
-from models.physics.effects.contacts.unequal_radius import UnequalRadius
-from models.physics.effects.observation.dropped_frames import DroppedFrames
-from models.physics.effects.observation.lens_distortion import LensDistortion
-from models.physics.effects.observation.lens_second_term import LensSecondTerm
-from models.physics.effects.observation.perspective import Perspective
-from models.physics.effects.observation.rolling_shutter import RollingShutter
-from models.physics.effects.observation.scale import Scale
+from collections.abc import Iterable
+from types import ModuleType
 
-BILLIARDS: tuple[Effect, ...] = (
-    RollingResistance(),
-    SlidingFriction(),
-    SpinDecay(),
-    Slope(),
-    AirDrag(),
-    ViscousDrag(),
-    Nap(),
-    CushionRestitution(),
-    CushionRestitutionSpeed(),
-    CushionRestitutionPower(),
-    CushionFriction(),
-    CushionCloth(),
-    BallRestitution(),
-    BallFriction(),
-    UnequalMass(),
-    UnequalRadius(),
-    LensDistortion(),
-    LensSecondTerm(),
-    Perspective(),
-    Scale(),
-    RollingShutter(),
-    DroppedFrames(),
-)
-BILLIARDS_LAWS: tuple[Choice, ...] = (CushionLaw(), BallLaw())
-"""Choices between published forms, as effects."""
+from models.core.module_discovery import discover_modules
+from models.physics.effect import BilliardsEffect, Prior
 
 
-def prior_of(effect: str, parameter: str) -> Prior:
-    """The prior of a parameter; ValueError for a name that the catalogue does not hold."""
-    for entry in BILLIARDS:
+def collect_effects(modules: Iterable[ModuleType]) -> tuple[BilliardsEffect, ...]:
+    """Collect the effects that modules define.
+
+    Args:
+        modules: Modules of the catalogue; those without an `EFFECT` are skipped.
+
+    Returns:
+        The effects by rank and name.
+
+    Raises:
+        ValueError: Two effects have the same name.
+    """
+    entries = (getattr(module, "EFFECT", None) for module in modules)
+    effects = [entry for entry in entries if isinstance(entry, BilliardsEffect)]
+    effects.sort(key=lambda effect: (effect.rank, effect.name))
+    names = [effect.name for effect in effects]
+    if len(set(names)) < len(names):
+        raise ValueError(f"the name of an effect is unique; got {', '.join(names)}")
+    return tuple(effects)
+
+
+BILLIARDS_EFFECTS = collect_effects(discover_modules("models.physics.effects"))
+"""All effects that a fit or a diagnosis of billiards may contain."""
+
+
+def find_prior(effect: str, parameter: str) -> Prior:
+    """Find the prior of a parameter.
+
+    Args:
+        effect: Name of an effect of the catalogue.
+        parameter: Name of one of its parameters.
+
+    Returns:
+        The prior, in the unit of the effect.
+
+    Raises:
+        ValueError: The catalogue has no such parameter.
+    """
+    for entry in BILLIARDS_EFFECTS:
         for prior in entry.parameters:
             if (entry.name, prior.name) == (effect, parameter):
                 return prior
-    raise ValueError(f"the catalogue holds {', '.join(e.name for e in BILLIARDS)}; it has no {effect}.{parameter}")
+    names = ", ".join(entry.name for entry in BILLIARDS_EFFECTS)
+    raise ValueError(f"the catalogue holds {names}; it has no {effect}.{parameter}")

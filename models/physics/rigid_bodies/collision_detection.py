@@ -1,9 +1,12 @@
-"""Where rigid bodies touch: compiled kernels for convex polygons, discs and straight boundaries.
+"""Collision detection of rigid bodies in the plane.
 
-A body has V corners (count of them, the rest padding) in the frame of its centre, in the sense that turns x towards y;
+Compiled kernels for convex polygons, discs and straight boundaries.
+
+A body has V corners (`count` of them, the rest padding) in the frame of its centre, ordered so that x turns towards y;
 one corner with a radius is a disc. A contact is a row of `places` (C, 5): normal (from the first body to the second),
-point, gap (negative where they overlap); and of `owners` (C, 3): first, second (bodies first, boundaries after them),
-and a key of the corners that meet, by which the same contact is known in the next step.
+point, gap (negative where they overlap); and of `owners` (C, 3): first and second body (boundaries are numbered after
+the bodies), and a key of the corners that meet, which identifies the same contact in the next step. Lengths are in the
+unit of the caller.
 Separating axes and clipping: Ericson, Real-Time Collision Detection, 2005, sections 5.2 and 5.4.
 """
 
@@ -11,15 +14,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
+from models.numerics.jit import compile_kernel
 
-MOST_PER_PAIR = 2
+MOST_CONTACTS_PER_PAIR = 2
 """Two convex bodies in the plane rest on each other on two points."""
 
 
-@compiled
-def faces(corners, count, normals):  # type: ignore[no-untyped-def]
-    """Writes outward unit normals (B, V, 2) of the faces from each corner (B, V, 2) to the next."""
+@compile_kernel
+def fill_face_normals(corners, count, normals):  # type: ignore[no-untyped-def]
+    """Write outward unit normals (B, V, 2) of the faces from each corner (B, V, 2) to the next."""
     for b in range(len(count)):
         for k in range(count[b] if count[b] > 1 else 0):
             following = k + 1 if k + 1 < count[b] else 0
@@ -28,9 +31,9 @@ def faces(corners, count, normals):  # type: ignore[no-untyped-def]
             normals[b, k, 0], normals[b, k, 1] = dy / length, -dx / length
 
 
-@compiled
-def spread(q, corners, normals, count, world, turned):  # type: ignore[no-untyped-def]
-    """Writes corners and normals (B, V, 2) of bodies at q (B, 3) as world and turned (B, V, 2)."""
+@compile_kernel
+def place_bodies(q, corners, normals, count, world, placed_normals):  # type: ignore[no-untyped-def]
+    """Write corners and face normals of bodies at q (B, 3) as world and placed_normals (B, V, 2)."""
     for b in range(len(q)):
         cos, sin = np.cos(q[b, 2]), np.sin(q[b, 2])
         for k in range(count[b]):
@@ -38,38 +41,43 @@ def spread(q, corners, normals, count, world, turned):  # type: ignore[no-untype
             world[b, k, 0] = q[b, 0] + cos * x - sin * y
             world[b, k, 1] = q[b, 1] + sin * x + cos * y
             x, y = normals[b, k, 0], normals[b, k, 1]
-            turned[b, k, 0], turned[b, k, 1] = cos * x - sin * y, sin * x + cos * y
+            placed_normals[b, k, 0], placed_normals[b, k, 1] = cos * x - sin * y, sin * x + cos * y
 
 
-@compiled
-def contacts(q, world, normals, count, radius, reach, planes, places, owners):  # type: ignore[no-untyped-def]
-    """Writes all contacts that overlap; says how many. normals (B, V, 2) of the faces as they lie; reach (B,): radius
-    of the circle around each body."""
-    bodies, found, most = len(q), 0, len(places) - 2 * MOST_PER_PAIR
+@compile_kernel
+def find_contacts(q, world, normals, count, radius, reach, planes, places, owners):  # type: ignore[no-untyped-def]
+    """Write all contacts of bodies that overlap; return their number.
+
+    q (B, 3) places and angles; world and normals (B, V, 2) corners and face normals in place; radius (B,) of discs;
+    reach (B,) radius of the circle around each body; planes (W, 3) inward normal and offset of the boundaries.
+    """
+    bodies, contact_count, most = len(q), 0, len(places) - 2 * MOST_CONTACTS_PER_PAIR
     for i in range(bodies):
         for w in range(len(planes)):
             nx, ny, offset = planes[w]
-            if q[i, 0] * nx + q[i, 1] * ny - offset < reach[i] and found < most:
-                found = on_plane(world[i], count[i], radius[i], planes[w], i, bodies + w, places, owners, found)
+            if q[i, 0] * nx + q[i, 1] * ny - offset < reach[i] and contact_count < most:
+                contact_count = find_plane_contacts(
+                    world[i], count[i], radius[i], planes[w], i, bodies + w, places, owners, contact_count
+                )
         for j in range(i + 1, bodies):
             dx, dy, near = q[j, 0] - q[i, 0], q[j, 1] - q[i, 1], reach[i] + reach[j]
-            if dx * dx + dy * dy < near * near and found < most:
-                found = between(world, normals, count, radius, i, j, places, owners, found)
-    return found
+            if dx * dx + dy * dy < near * near and contact_count < most:
+                contact_count = find_pair_contacts(world, normals, count, radius, i, j, places, owners, contact_count)
+    return contact_count
 
 
-@compiled
-def note(nx, ny, x, y, gap, first, second, key, places, owners, found):  # type: ignore[no-untyped-def]
-    """Writes one contact; says how many there are now."""
-    places[found, 0], places[found, 1] = nx, ny
-    places[found, 2], places[found, 3], places[found, 4] = x, y, gap
-    owners[found, 0], owners[found, 1], owners[found, 2] = first, second, key
-    return found + 1
+@compile_kernel
+def record_contact(nx, ny, x, y, gap, first, second, key, places, owners, contact_count):  # type: ignore[no-untyped-def]
+    """Write one contact; return the number of contacts."""
+    places[contact_count, 0], places[contact_count, 1] = nx, ny
+    places[contact_count, 2], places[contact_count, 3], places[contact_count, 4] = x, y, gap
+    owners[contact_count, 0], owners[contact_count, 1], owners[contact_count, 2] = first, second, key
+    return contact_count + 1
 
 
-@compiled
-def on_plane(corners, count, radius, plane, body, number, places, owners, found):  # type: ignore[no-untyped-def]
-    """The two deepest corners of a body below a boundary (inward normal, offset)."""
+@compile_kernel
+def find_plane_contacts(corners, count, radius, plane, body, number, places, owners, contact_count):  # type: ignore[no-untyped-def]
+    """Write the two deepest corners of a body below a boundary; return the number of contacts."""
     nx, ny, offset = plane
     first = second = -1
     deepest = deep = radius
@@ -83,34 +91,43 @@ def on_plane(corners, count, radius, plane, body, number, places, owners, found)
     for k, height in ((first, deepest), (second, deep)):
         if k >= 0:
             x, y = corners[k, 0] - radius * nx, corners[k, 1] - radius * ny
-            found = note(-nx, -ny, x, y, height - radius, body, number, k, places, owners, found)
-    return found
+            contact_count = record_contact(
+                -nx, -ny, x, y, height - radius, body, number, k, places, owners, contact_count
+            )
+    return contact_count
 
 
-@compiled
-def between(world, normals, count, radius, i, j, places, owners, found):  # type: ignore[no-untyped-def]
-    """Contacts of bodies i < j."""
+@compile_kernel
+def find_pair_contacts(world, normals, count, radius, i, j, places, owners, contact_count):  # type: ignore[no-untyped-def]
+    """Write the contacts of bodies i < j; return the number of contacts."""
     if count[i] > 1 and count[j] > 1:
-        return polygons(world[i], normals[i], count[i], world[j], normals[j], count[j], i, j, places, owners, found)
+        return find_polygon_contacts(
+            world[i], normals[i], count[i], world[j], normals[j], count[j], i, j, places, owners, contact_count
+        )
     if count[i] > 1:
-        return disc_on_polygon(world[j, 0], radius[j], world[i], normals[i], count[i], 1.0, i, j, places, owners, found)
+        return find_disc_contact(
+            world[j, 0], radius[j], world[i], normals[i], count[i], 1.0, i, j, places, owners, contact_count
+        )
     if count[j] > 1:
-        return disc_on_polygon(
-            world[i, 0], radius[i], world[j], normals[j], count[j], -1.0, i, j, places, owners, found
+        return find_disc_contact(
+            world[i, 0], radius[i], world[j], normals[j], count[j], -1.0, i, j, places, owners, contact_count
         )
     dx, dy = world[j, 0, 0] - world[i, 0, 0], world[j, 0, 1] - world[i, 0, 1]
     apart = np.hypot(dx, dy)
     gap = apart - radius[i] - radius[j]
     if gap >= 0 or apart == 0:
-        return found
+        return contact_count
     nx, ny = dx / apart, dy / apart
     x, y = world[i, 0, 0] + radius[i] * nx, world[i, 0, 1] + radius[i] * ny
-    return note(nx, ny, x, y, gap, i, j, 0, places, owners, found)
+    return record_contact(nx, ny, x, y, gap, i, j, 0, places, owners, contact_count)
 
 
-@compiled
-def widest(a, normals, na, b, nb):  # type: ignore[no-untyped-def]
-    """The face of polygon a that polygon b is farthest beyond, and by how much; any face that has b beyond it."""
+@compile_kernel
+def find_separating_face(a, normals, na, b, nb):  # type: ignore[no-untyped-def]
+    """Find the face of polygon a that polygon b is farthest beyond.
+
+    Returns the distance and the face. The search stops at the first face with b beyond it.
+    """
     best, which = -np.inf, 0
     for k in range(na):
         nx, ny = normals[k, 0], normals[k, 1]
@@ -125,24 +142,24 @@ def widest(a, normals, na, b, nb):  # type: ignore[no-untyped-def]
     return best, which
 
 
-@compiled
-def polygons(a, normals_a, na, b, normals_b, nb, i, j, places, owners, found):  # type: ignore[no-untyped-def]
-    """Up to two contacts of overlapping polygons: the nearest face of one, and what of the other is behind it."""
-    gap_a, face_a = widest(a, normals_a, na, b, nb)
+@compile_kernel
+def find_polygon_contacts(a, normals_a, na, b, normals_b, nb, i, j, places, owners, contact_count):  # type: ignore[no-untyped-def]
+    """Write up to two contacts of overlapping polygons; return the number of contacts."""
+    gap_a, face_a = find_separating_face(a, normals_a, na, b, nb)
     if gap_a >= 0:
-        return found
-    gap_b, face_b = widest(b, normals_b, nb, a, na)
+        return contact_count
+    gap_b, face_b = find_separating_face(b, normals_b, nb, a, na)
     if gap_b >= 0:
-        return found
+        return contact_count
     # a little in favour of the first, so that equal faces do not change roles from step to step
     if gap_b > 0.95 * gap_a + 1e-3 * abs(gap_a):
-        return clipped(b, normals_b, nb, face_b, a, normals_a, na, -1.0, i, j, places, owners, found)
-    return clipped(a, normals_a, na, face_a, b, normals_b, nb, 1.0, i, j, places, owners, found)
+        return clip_faces(b, normals_b, nb, face_b, a, normals_a, na, -1.0, i, j, places, owners, contact_count)
+    return clip_faces(a, normals_a, na, face_a, b, normals_b, nb, 1.0, i, j, places, owners, contact_count)
 
 
-@compiled
-def clipped(a, normals_a, na, k, b, normals_b, nb, sense, i, j, places, owners, found):  # type: ignore[no-untyped-def]
-    """Contacts of face k of polygon a with the face of b that looks most against it."""
+@compile_kernel
+def clip_faces(a, normals_a, na, k, b, normals_b, nb, sense, i, j, places, owners, contact_count):  # type: ignore[no-untyped-def]
+    """Write the contacts of face k of polygon a with the face of b that faces it; return the number of contacts."""
     nx, ny = normals_a[k]
     facing, m = np.inf, 0
     for n in range(nb):
@@ -162,13 +179,16 @@ def clipped(a, normals_a, na, k, b, normals_b, nb, sense, i, j, places, owners, 
         gap = (x - a[k, 0]) * nx + (y - a[k, 1]) * ny
         if gap < 0:
             key = (64 * k + which) * 2 + (1 if sense < 0 else 0)
-            found = note(sense * nx, sense * ny, x, y, gap, i, j, key, places, owners, found)
-    return found
+            contact_count = record_contact(sense * nx, sense * ny, x, y, gap, i, j, key, places, owners, contact_count)
+    return contact_count
 
 
-@compiled
-def disc_on_polygon(centre, radius, corners, normals, count, sense, i, j, places, owners, found):  # type: ignore[no-untyped-def]
-    """The contact of a disc with the nearest point of a polygon; sense is 1 where the polygon is the first body."""
+@compile_kernel
+def find_disc_contact(centre, radius, corners, normals, count, sense, i, j, places, owners, contact_count):  # type: ignore[no-untyped-def]
+    """Write the contact of a disc with the nearest point of a polygon; return the number of contacts.
+
+    `sense` is 1 where the polygon is the first body, otherwise -1.
+    """
     best, k = -np.inf, 0
     for m in range(count):
         nx, ny = normals[m]
@@ -176,7 +196,7 @@ def disc_on_polygon(centre, radius, corners, normals, count, sense, i, j, places
         if off > best:
             best, k = off, m
     if best >= radius:
-        return found
+        return contact_count
     nx, ny = normals[k]
     following = k + 1 if k + 1 < count else 0
     along = (centre[0] - corners[k, 0]) * -ny + (centre[1] - corners[k, 1]) * nx
@@ -188,5 +208,5 @@ def disc_on_polygon(centre, radius, corners, normals, count, sense, i, j, places
         apart = np.hypot(centre[0] - x, centre[1] - y)
         nx, ny, gap = (centre[0] - x) / apart, (centre[1] - y) / apart, apart - radius
     if gap >= 0:
-        return found
-    return note(sense * nx, sense * ny, x, y, gap, i, j, k, places, owners, found)
+        return contact_count
+    return record_contact(sense * nx, sense * ny, x, y, gap, i, j, k, places, owners, contact_count)

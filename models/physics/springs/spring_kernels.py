@@ -1,47 +1,66 @@
-"""The compiled heart of the mass-spring-damper model: accelerations, for real and for complex numbers.
+"""Compiled accelerations of the mass-spring-damper model, for real and for complex numbers.
 
 With float64 they are those of the motion, with complex128 and a step of 1e-30 along the imaginary axis their
-derivative, exact to rounding (Squire and Trapp 1998, doi:10.1137/S003614459631241X). So this branches on real parts and
-has no abs, min or max of what can be complex.
+derivative, exact to rounding (Squire and Trapp 1998, doi:10.1137/S003614459631241X). So the functions branch on real
+parts and do not use abs, min or max of numbers that can be complex.
+
+Arguments that the functions share: x, v (N, D) places and velocities; fixed (N,) particles that never move; mass (N,);
+stiffness, damping, rest (E,) of the pairs (E, 2); rods (R,) rows of the pairs that keep their length; a (N, D)
+accelerations. Units are the caller's, see `spring_system`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
+from models.numerics.jit import compile_kernel
 
 BAUMGARTE = 20.0
-"""1/s: how fast a rod that is off its length returns to it (Baumgarte 1972, doi:10.1016/0045-7825(72)90018-7)."""
+"""1/s; rate at which a rod that is off its length returns to it (Baumgarte 1972, doi:10.1016/0045-7825(72)90018-7)."""
 LEAST_PIVOT = 1e-9
-"""of the largest: below it a rod repeats what other rods say already."""
+"""Part of the largest pivot below which a rod is redundant to others."""
 
 
-@compiled
-def accelerate(x, v, held, mass, stiffness, damping, rest, gravity, radius, contact, pairs, rods, touching, a):  # type: ignore[no-untyped-def]
-    """Chen 2022, eqs 1 to 7: writes accelerations a (N, D) of particles at x with velocities v (N, D).
+@compile_kernel
+def fill_accelerations(x, v, fixed, mass, stiffness, damping, rest, gravity, radius, contact, pairs, rods, touching, a):  # type: ignore[no-untyped-def]
+    """Write the accelerations of all particles (Chen 2022, equations 1 to 7).
 
-    held (N,): never moves. pairs (E, 2) are joined by springs and dampers, rods (R,) are the numbers of those pairs
-    that keep their length. touching (C, 2) are pairs that collide below the sum of their radii: a spring and a damper,
-    contact (2,).
+    Args:
+        x: (N, D) places.
+        v: (N, D) velocities.
+        fixed: (N,) particles that never move.
+        mass: (N,) masses.
+        stiffness: (E,) of the springs, 0 for rods.
+        damping: (E,) of the dampers.
+        rest: (E,) length without tension.
+        gravity: (D,) acceleration.
+        radius: (N,) of the surfaces that collide.
+        contact: (2,) stiffness and damping of collisions.
+        pairs: (E, 2) joined particles.
+        rods: (R,) rows of the pairs that keep their length.
+        touching: (C, 2) pairs that collide below the sum of their radii.
+        a: (N, D) receives the accelerations.
     """
     particles, axes = x.shape
     a[:] = 0.0
     for e in range(len(pairs)):
-        pull(x, v, pairs[e, 0], pairs[e, 1], stiffness[e], damping[e], rest[e], False, a)
+        add_spring_force(x, v, pairs[e, 0], pairs[e, 1], stiffness[e], damping[e], rest[e], False, a)
     for c in range(len(touching)):
         i, j = touching[c]
-        pull(x, v, i, j, contact[0], contact[1], radius[i] + radius[j], True, a)
+        add_spring_force(x, v, i, j, contact[0], contact[1], radius[i] + radius[j], True, a)
     for i in range(particles):
         for axis in range(axes):
-            a[i, axis] = 0.0 if held[i] else a[i, axis] / mass[i] + gravity[axis]
+            a[i, axis] = 0.0 if fixed[i] else a[i, axis] / mass[i] + gravity[axis]
     if len(rods) > 0:
-        hold(x, v, held, mass, rest, pairs, rods, a)
+        add_rod_forces(x, v, fixed, mass, rest, pairs, rods, a)
 
 
-@compiled
-def pull(x, v, i, j, stiffness, damping, rest, pushes_only, force):  # type: ignore[no-untyped-def]
-    """Adds the force of one spring and damper between particles i and j (eqs 3 and 5)."""
+@compile_kernel
+def add_spring_force(x, v, i, j, stiffness, damping, rest, pushes_only, force):  # type: ignore[no-untyped-def]
+    """Add the force of one spring and damper between particles i and j to force (N, D) (equations 3 and 5).
+
+    With pushes_only it acts only below the length `rest`.
+    """
     square = x[0, 0] * 0.0
     along = x[0, 0] * 0.0
     for axis in range(x.shape[1]):
@@ -58,9 +77,9 @@ def pull(x, v, i, j, stiffness, damping, rest, pushes_only, force):  # type: ign
         force[j, axis] -= share
 
 
-@compiled
-def hold(x, v, held, mass, rest, pairs, rods, a):  # type: ignore[no-untyped-def]
-    """Adds what rods pull, so that they keep their lengths: Lagrange's multipliers, found by elimination.
+@compile_kernel
+def add_rod_forces(x, v, fixed, mass, rest, pairs, rods, a):  # type: ignore[no-untyped-def]
+    """Add the forces by which rods keep their lengths: Lagrange multipliers, found by elimination.
 
     With d the vector along a rod and w its rate, d.d - s^2 obeys y'' + 2 B y' + B^2 y = 0.
     """
@@ -76,29 +95,29 @@ def hold(x, v, held, mass, rest, pairs, rods, a):  # type: ignore[no-untyped-def
             rate += w * w + d * (a[j, axis] - a[i, axis])
         gram[r, count] = rate + 2 * BAUMGARTE * speed + 0.5 * BAUMGARTE * BAUMGARTE * off
         for other in range(count):
-            gram[r, other] = coupling(x, held, mass, i, j, pairs[rods[other], 0], pairs[rods[other], 1])
-    eliminate(gram)
+            gram[r, other] = rod_coupling(x, fixed, mass, i, j, pairs[rods[other], 0], pairs[rods[other], 1])
+    solve_by_elimination(gram)
     for r in range(count):
         i, j = pairs[rods[r]]
         for axis in range(axes):
             push = gram[r, count] * (x[j, axis] - x[i, axis])
-            if not held[i]:
+            if not fixed[i]:
                 a[i, axis] += push / mass[i]
-            if not held[j]:
+            if not fixed[j]:
                 a[j, axis] -= push / mass[j]
 
 
-@compiled
-def coupling(x, held, mass, i, j, p, q):  # type: ignore[no-untyped-def]
-    """How much a unit tension in rod p-q shortens rod i-j, per time squared."""
+@compile_kernel
+def rod_coupling(x, fixed, mass, i, j, p, q):  # type: ignore[no-untyped-def]
+    """Return how much a unit tension in rod p-q shortens rod i-j, per time squared."""
     inverse = x[0, 0] * 0.0
-    if i == p and not held[i]:
+    if i == p and not fixed[i]:
         inverse += 1 / mass[i]
-    if i == q and not held[i]:
+    if i == q and not fixed[i]:
         inverse -= 1 / mass[i]
-    if j == q and not held[j]:
+    if j == q and not fixed[j]:
         inverse += 1 / mass[j]
-    if j == p and not held[j]:
+    if j == p and not fixed[j]:
         inverse -= 1 / mass[j]
     along = x[0, 0] * 0.0
     for axis in range(x.shape[1]):
@@ -106,11 +125,11 @@ def coupling(x, held, mass, i, j, p, q):  # type: ignore[no-untyped-def]
     return inverse * along
 
 
-@compiled
-def eliminate(system):  # type: ignore[no-untyped-def]
-    """Solves (R, R + Q) equations of a positive definite matrix in place; the last Q columns become the solutions.
+@compile_kernel
+def solve_by_elimination(system):  # type: ignore[no-untyped-def]
+    """Solve (R, R + Q) equations of a positive definite matrix in place; the last Q columns become the solutions.
 
-    A rod that others make superfluous carries nothing.
+    A rod that others make redundant carries no tension.
     """
     count, wide = system.shape
     largest = 0.0

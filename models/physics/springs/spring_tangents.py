@@ -1,116 +1,157 @@
-"""Motions of the mass-spring-damper model with their tangents: where a stretch ends and how that hangs on every number.
+"""Motion of the mass-spring-damper model with its tangents: derivatives of ends by initial states and parameters.
 
-A step of Runge-Kutta is differentiated as it is taken (internal differentiation, Bock 1983,
-doi:10.1007/978-1-4684-3324-1_15), so that slopes are those of the steps, exact to rounding. Tangents are arrays
-(N, D, M) by M inputs, the innermost loops running over inputs. What the forces are stands in `models.physics.springs.spring_kernels`;
-a test holds these slopes to its complex step.
+A Runge-Kutta step is differentiated as it is taken (internal differentiation, Bock 1983,
+doi:10.1007/978-1-4684-3324-1_15), so that the derivatives are those of the steps, exact to rounding. Tangents are
+arrays (N D, M) by M inputs, with the innermost loops over inputs. The forces are those of
+`models.physics.springs.spring_kernels`; a test compares these tangents with its complex step.
+
+Arguments that the functions share, besides those of `spring_kernels`: tangent (2, N D, M) of a state; parameters as
+`SpringSystem.parameters`; input_of, the input (M) that each parameter is, -1 for none; by_..., the input that a number
+is, -1 for none; rate_tangents (N D, M) of accelerations.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
-from models.physics.springs.spring_kernels import BAUMGARTE, accelerate, coupling, eliminate
+from models.numerics.jit import compile_kernel
+from models.physics.springs.spring_kernels import BAUMGARTE, fill_accelerations, rod_coupling, solve_by_elimination
 
 
-@compiled
-def flows(starts, spans, steps, tableau, shares, held, theta, pairs, rods, touching, inputs, ends, slopes):  # type: ignore[no-untyped-def]
-    """Ends (K, 2, N, D) of K stretches that begin at `starts` and last `spans` (K,), and their slopes (K, 2 N D, M).
+@compile_kernel
+def integrate_with_tangents(  # type: ignore[no-untyped-def]
+    starts, spans, steps, tableau, shares, fixed, parameters, pairs, rods, touching, inputs, ends, slopes
+):
+    """Integrate K segments of motion with their tangents.
 
-    inputs (M,): by which numbers; below 2 N D a number of the start, from there on one of theta (`Springs.numbers`).
+    Args:
+        starts: (K, 2, N, D) states.
+        spans: (K,) s.
+        steps: (K,) numbers of steps.
+        tableau: (stages, stages) Runge-Kutta matrix.
+        shares: (stages,) Runge-Kutta weights.
+        fixed: (N,) particles that never move.
+        parameters: As `SpringSystem.parameters`.
+        pairs: (E, 2) joined particles.
+        rods: (R,) rows of the pairs that keep their length.
+        touching: (C, 2) pairs that collide.
+        inputs: (M,) below 2 N D a number of the start, from there on one of `parameters`.
+        ends: (K, 2, N, D) receives the states at the end.
+        slopes: (K, 2 N D, M) receives their derivatives.
     """
     particles, axes = starts.shape[2:]
     count, half = len(inputs), particles * axes
-    sets = np.full(len(theta), -1)
+    input_of = np.full(len(parameters), -1)
     for m in range(count):
         if inputs[m] >= 2 * half:
-            sets[inputs[m] - 2 * half] = m
-    lean = np.empty((2, half, count))
+            input_of[inputs[m] - 2 * half] = m
+    tangent = np.empty((2, half, count))
     for k in range(len(starts)):
         ends[k] = starts[k]
-        lean[:] = 0.0
+        tangent[:] = 0.0
         for m in range(count):
             if inputs[m] < 2 * half:
-                lean[inputs[m] // half, inputs[m] % half, m] = 1.0
-        advance(ends[k], lean, spans[k] / steps[k], steps[k], tableau, shares, held, theta, pairs, rods, touching, sets)
-        slopes[k] = lean.reshape(2 * half, count)
+                tangent[inputs[m] // half, inputs[m] % half, m] = 1.0
+        advance_with_tangents(
+            ends[k],
+            tangent,
+            spans[k] / steps[k],
+            steps[k],
+            tableau,
+            shares,
+            fixed,
+            parameters,
+            pairs,
+            rods,
+            touching,
+            input_of,
+        )
+        slopes[k] = tangent.reshape(2 * half, count)
 
 
-@compiled
-def advance(state, lean, dt, steps, tableau, shares, held, theta, pairs, rods, touching, sets):  # type: ignore[no-untyped-def]
-    """Moves a state (2, N, D) and its tangents (2, N D, M) on by `steps` explicit Runge-Kutta steps of dt, in place."""
+@compile_kernel
+def advance_with_tangents(  # type: ignore[no-untyped-def]
+    state, tangent, dt, steps, tableau, shares, fixed, parameters, pairs, rods, touching, input_of
+):
+    """Move a state (2, N, D) and its tangent by `steps` explicit Runge-Kutta steps of dt (s), in place."""
     particles, axes = state.shape[1:]
-    stages, half, count = len(shares), particles * axes, lean.shape[2]
+    stages, half, count = len(shares), particles * axes, tangent.shape[2]
     rates = np.zeros((stages, 2, particles, axes))
-    leans = np.zeros((stages, 2, half, count))
-    at, off = np.zeros_like(state), np.zeros_like(lean)
+    rate_tangents = np.zeros((stages, 2, half, count))
+    stage_state, stage_tangent = np.zeros_like(state), np.zeros_like(tangent)
     for _ in range(steps):
         for s in range(stages):
-            at[:], off[:] = state, lean
+            stage_state[:], stage_tangent[:] = state, tangent
             for earlier in range(s):
                 weight = dt * tableau[s, earlier]
                 if weight != 0.0:
-                    add(at.reshape(-1), weight, rates[earlier].reshape(-1))
-                    add(off.reshape(-1), weight, leans[earlier].reshape(-1))
-            rates[s, 0], leans[s, 0] = at[1], off[1]
-            bend(at, off, held, theta, pairs, rods, touching, sets, rates[s, 1], leans[s, 1])
+                    add_scaled(stage_state.reshape(-1), weight, rates[earlier].reshape(-1))
+                    add_scaled(stage_tangent.reshape(-1), weight, rate_tangents[earlier].reshape(-1))
+            rates[s, 0], rate_tangents[s, 0] = stage_state[1], stage_tangent[1]
+            fill_acceleration_tangents(
+                stage_state, stage_tangent, fixed, parameters, pairs, rods, touching, input_of, rates[s, 1],
+                rate_tangents[s, 1],
+            )  # fmt: skip
         for s in range(stages):
-            add(state.reshape(-1), dt * shares[s], rates[s].reshape(-1))
-            add(lean.reshape(-1), dt * shares[s], leans[s].reshape(-1))
+            add_scaled(state.reshape(-1), dt * shares[s], rates[s].reshape(-1))
+            add_scaled(tangent.reshape(-1), dt * shares[s], rate_tangents[s].reshape(-1))
 
 
-@compiled
-def add(to, weight, what):  # type: ignore[no-untyped-def]
-    """to += weight what, flat."""
+@compile_kernel
+def add_scaled(to, weight, what):  # type: ignore[no-untyped-def]
+    """Add `weight` times `what` to the flat array `to`."""
     for k in range(len(to)):
         to[k] += weight * what[k]
 
 
-@compiled
-def bend(at, off, held, theta, pairs, rods, touching, sets, a, leans):  # type: ignore[no-untyped-def]
-    """Writes accelerations a (N, D) at a state (2, N, D) and their tangents (N D, M); sets: input by number of theta,
-    -1 where it is none."""
+@compile_kernel
+def fill_acceleration_tangents(at, tangent, fixed, parameters, pairs, rods, touching, input_of, a, rate_tangents):  # type: ignore[no-untyped-def]
+    """Write the accelerations a (N, D) at a state (2, N, D), and their tangents."""
     particles, axes = a.shape
-    edges, count = len(pairs), leans.shape[1]
+    edges, count = len(pairs), rate_tangents.shape[1]
     x, v = at
-    mass, stiffness = theta[:particles], theta[particles : particles + edges]
+    mass, stiffness = parameters[:particles], parameters[particles : particles + edges]
     damping, rest = (
-        theta[particles + edges : particles + 2 * edges],
-        theta[particles + 2 * edges : particles + 3 * edges],
+        parameters[particles + edges : particles + 2 * edges],
+        parameters[particles + 2 * edges : particles + 3 * edges],
     )
     after = particles + 3 * edges
-    gravity, radius = theta[after : after + axes], theta[after + axes : after + axes + particles]
-    contact = theta[after + axes + particles :]
+    gravity, radius = parameters[after : after + axes], parameters[after + axes : after + axes + particles]
+    contact = parameters[after + axes + particles :]
     none = rods[:0]
-    accelerate(x, v, held, mass, stiffness, damping, rest, gravity, radius, contact, pairs, none, touching, a)
+    fill_accelerations(x, v, fixed, mass, stiffness, damping, rest, gravity, radius, contact, pairs, none, touching, a)
     if count > 0:
-        leans[:] = 0.0
+        rate_tangents[:] = 0.0
         for e in range(edges):
-            if stiffness[e] != 0.0 or damping[e] != 0.0 or sets[particles + e] >= 0 or sets[particles + edges + e] >= 0:
-                tug(
+            if (
+                stiffness[e] != 0.0
+                or damping[e] != 0.0
+                or input_of[particles + e] >= 0
+                or input_of[particles + edges + e] >= 0
+            ):
+                add_spring_tangents(
                     x,
                     v,
-                    off,
+                    tangent,
                     pairs[e, 0],
                     pairs[e, 1],
                     stiffness[e],
                     damping[e],
                     rest[e],
                     False,
-                    sets[particles + e],
-                    sets[particles + edges + e],
-                    sets[particles + 2 * edges + e],
+                    input_of[particles + e],
+                    input_of[particles + edges + e],
+                    input_of[particles + 2 * edges + e],
                     -1,
-                    leans,
+                    rate_tangents,
                 )
-        spring, damper = sets[after + axes + particles], sets[after + axes + particles + 1]
+        spring, damper = input_of[after + axes + particles], input_of[after + axes + particles + 1]
         for c in range(len(touching)):
             i, j = touching[c]
-            tug(
+            add_spring_tangents(
                 x,
                 v,
-                off,
+                tangent,
                 i,
                 j,
                 contact[0],
@@ -119,19 +160,34 @@ def bend(at, off, held, theta, pairs, rods, touching, sets, a, leans):  # type: 
                 True,
                 spring,
                 damper,
-                sets[after + axes + i],
-                sets[after + axes + j],
-                leans,
+                input_of[after + axes + i],
+                input_of[after + axes + j],
+                rate_tangents,
             )
-        per_mass(a, held, mass, gravity, sets[:particles], sets[after : after + axes], leans)
+        divide_by_mass(a, fixed, mass, gravity, input_of[:particles], input_of[after : after + axes], rate_tangents)
     if len(rods) > 0:
-        hold(x, v, off, held, mass, rest, pairs, rods, sets[:particles], sets[particles + 2 * edges : after], a, leans)
+        add_rod_tangents(
+            x,
+            v,
+            tangent,
+            fixed,
+            mass,
+            rest,
+            pairs,
+            rods,
+            input_of[:particles],
+            input_of[particles + 2 * edges : after],
+            a,
+            rate_tangents,
+        )
 
 
-@compiled
-def tug(x, v, off, i, j, stiffness, damping, rest, pushes_only, by_k, by_c, by_rest, by_other, leans):  # type: ignore[no-untyped-def]
-    """Adds the tangents of the force of one spring and damper (Chen 2022, eqs 3 and 5); by_...: its numbers' inputs."""
-    axes, count = x.shape[1], leans.shape[1]
+@compile_kernel
+def add_spring_tangents(  # type: ignore[no-untyped-def]
+    x, v, tangent, i, j, stiffness, damping, rest, pushes_only, by_k, by_c, by_rest, by_other, rate_tangents
+):
+    """Add the tangents of the force of one spring and damper (Chen 2022, equations 3 and 5)."""
+    axes, count = x.shape[1], rate_tangents.shape[1]
     square = along = 0.0
     for axis in range(axes):
         apart = x[j, axis] - x[i, axis]
@@ -147,12 +203,12 @@ def tug(x, v, off, i, j, stiffness, damping, rest, pushes_only, by_k, by_c, by_r
         p, q = i * axes + axis, j * axes + axis
         d, w = x[j, axis] - x[i, axis], v[j, axis] - v[i, axis]
         lengthened, rubbed = by_stretch * d + damping * w / square, damping * d / square
-        here, there, slow, fast = off[0, p], off[0, q], off[1, p], off[1, q]
+        here, there, slow, fast = tangent[0, p], tangent[0, q], tangent[1, p], tangent[1, q]
         for m in range(count):
             more[m] += lengthened * (there[m] - here[m]) + rubbed * (fast[m] - slow[m])
     for axis in range(axes):
         p, q, d = i * axes + axis, j * axes + axis, x[j, axis] - x[i, axis]
-        here, there, one, other = off[0, p], off[0, q], leans[p], leans[q]
+        here, there, one, other = tangent[0, p], tangent[0, q], rate_tangents[p], rate_tangents[q]
         for m in range(count):
             share = more[m] * d + tension * (there[m] - here[m])
             one[m] += share
@@ -166,18 +222,18 @@ def tug(x, v, off, i, j, stiffness, damping, rest, pushes_only, by_k, by_c, by_r
             (by_other, -stiffness / length),
         ):
             if m >= 0:
-                leans[p, m] += slope * d
-                leans[q, m] -= slope * d
+                rate_tangents[p, m] += slope * d
+                rate_tangents[q, m] -= slope * d
 
 
-@compiled
-def per_mass(a, held, mass, gravity, by_mass, by_gravity, leans):  # type: ignore[no-untyped-def]
-    """Makes tangents of forces those of accelerations."""
+@compile_kernel
+def divide_by_mass(a, fixed, mass, gravity, by_mass, by_gravity, rate_tangents):  # type: ignore[no-untyped-def]
+    """Convert tangents of forces to those of accelerations."""
     particles, axes = a.shape
     for i in range(particles):
         for axis in range(axes):
-            row = leans[i * axes + axis]
-            if held[i]:
+            row = rate_tangents[i * axes + axis]
+            if fixed[i]:
                 row[:] = 0.0
                 continue
             row /= mass[i]
@@ -187,10 +243,10 @@ def per_mass(a, held, mass, gravity, by_mass, by_gravity, leans):  # type: ignor
                 row[by_gravity[axis]] += 1.0
 
 
-@compiled
-def hold(x, v, off, held, mass, rest, pairs, rods, by_mass, by_rest, a, leans):  # type: ignore[no-untyped-def]
-    """Adds to a and to its tangents what rods pull: `models.physics.springs.spring_kernels.hold`, differentiated."""
-    count, axes, wide = len(rods), x.shape[1], leans.shape[1]
+@compile_kernel
+def add_rod_tangents(x, v, tangent, fixed, mass, rest, pairs, rods, by_mass, by_rest, a, rate_tangents):  # type: ignore[no-untyped-def]
+    """Add the forces of rods to a and to its tangents: the derivative of `spring_kernels.add_rod_forces`."""
+    count, axes, wide = len(rods), x.shape[1], rate_tangents.shape[1]
     system, pulls = np.zeros((count, count + 1)), np.zeros((count, count + wide))
     for r in range(count):
         i, j = pairs[rods[r]]
@@ -203,11 +259,11 @@ def hold(x, v, off, held, mass, rest, pairs, rods, by_mass, by_rest, a, leans): 
             speed += d * w
             rate += w * w + d * pull
             for m in range(wide):
-                dd, dw = off[0, q, m] - off[0, p, m], off[1, q, m] - off[1, p, m]
+                dd, dw = tangent[0, q, m] - tangent[0, p, m], tangent[1, q, m] - tangent[1, p, m]
                 pulls[r, count + m] += (
                     2 * w * dw
                     + dd * pull
-                    + d * (leans[q, m] - leans[p, m])
+                    + d * (rate_tangents[q, m] - rate_tangents[p, m])
                     + 2 * BAUMGARTE * (dd * w + d * dw)
                     + BAUMGARTE * BAUMGARTE * d * dd
                 )
@@ -216,15 +272,15 @@ def hold(x, v, off, held, mass, rest, pairs, rods, by_mass, by_rest, a, leans): 
         system[r, count] = rate + 2 * BAUMGARTE * speed + 0.5 * BAUMGARTE * BAUMGARTE * off_length
         for other in range(count):
             g, h = pairs[rods[other]]
-            system[r, other] = pulls[r, other] = coupling(x, held, mass, i, j, g, h)
-    eliminate(system)
+            system[r, other] = pulls[r, other] = rod_coupling(x, fixed, mass, i, j, g, h)
+    solve_by_elimination(system)
     if wide > 0:
         for r in range(count):
             for other in range(count):
-                loosen(
+                subtract_coupling_change(
                     x,
-                    off,
-                    held,
+                    tangent,
+                    fixed,
                     mass,
                     pairs[rods[r]],
                     pairs[rods[other]],
@@ -232,29 +288,31 @@ def hold(x, v, off, held, mass, rest, pairs, rods, by_mass, by_rest, a, leans): 
                     system[other, count],
                     pulls[r, count:],
                 )
-        eliminate(pulls)
+        solve_by_elimination(pulls)
     for r in range(count):
-        haul(x, off, held, mass, pairs[rods[r]], by_mass, system[r, count], pulls[r, count:], a, leans)
+        add_rod_pull(
+            x, tangent, fixed, mass, pairs[rods[r]], by_mass, system[r, count], pulls[r, count:], a, rate_tangents
+        )
 
 
-@compiled
-def shared(held, mass, rod, other):  # type: ignore[no-untyped-def]
-    """One over mass at both ends of a rod where the other rod shares them, with the sign of what it pulls there."""
+@compile_kernel
+def common_end_weights(fixed, mass, rod, other):  # type: ignore[no-untyped-def]
+    """Return one over mass at both ends of a rod that the other rod shares, with the sign of its tension there."""
     i, j = rod
     p, q = other
     at_i = at_j = 0.0
-    if not held[i]:
+    if not fixed[i]:
         at_i = ((1.0 if i == p else 0.0) - (1.0 if i == q else 0.0)) / mass[i]
-    if not held[j]:
+    if not fixed[j]:
         at_j = ((1.0 if j == q else 0.0) - (1.0 if j == p else 0.0)) / mass[j]
     return at_i, at_j
 
 
-@compiled
-def loosen(x, off, held, mass, rod, other, by_mass, pull, row):  # type: ignore[no-untyped-def]
-    """Takes from a row (M,) how the coupling of two rods changes, times what the other one pulls."""
+@compile_kernel
+def subtract_coupling_change(x, tangent, fixed, mass, rod, other, by_mass, pull, row):  # type: ignore[no-untyped-def]
+    """Subtract from row (M,) the change of the coupling of two rods times the tension of the other one."""
     axes = x.shape[1]
-    at_i, at_j = shared(held, mass, rod, other)
+    at_i, at_j = common_end_weights(fixed, mass, rod, other)
     i, j = rod
     p, q = other
     if at_i == 0.0 and at_j == 0.0:
@@ -264,8 +322,8 @@ def loosen(x, off, held, mass, rod, other, by_mass, pull, row):  # type: ignore[
         d, f = x[j, axis] - x[i, axis], x[q, axis] - x[p, axis]
         along += d * f
         for m in range(len(row)):
-            dd = off[0, j * axes + axis, m] - off[0, i * axes + axis, m]
-            df = off[0, q * axes + axis, m] - off[0, p * axes + axis, m]
+            dd = tangent[0, j * axes + axis, m] - tangent[0, i * axes + axis, m]
+            df = tangent[0, q * axes + axis, m] - tangent[0, p * axes + axis, m]
             row[m] -= pull * (at_i + at_j) * (dd * f + d * df)
     if by_mass[i] >= 0:
         row[by_mass[i]] += pull * at_i / mass[i] * along
@@ -273,19 +331,19 @@ def loosen(x, off, held, mass, rod, other, by_mass, pull, row):  # type: ignore[
         row[by_mass[j]] += pull * at_j / mass[j] * along
 
 
-@compiled
-def haul(x, off, held, mass, rod, by_mass, pull, pulls, a, leans):  # type: ignore[no-untyped-def]
-    """Adds one rod's pull to the accelerations of its ends, and to their tangents."""
+@compile_kernel
+def add_rod_pull(x, tangent, fixed, mass, rod, by_mass, pull, pulls, a, rate_tangents):  # type: ignore[no-untyped-def]
+    """Add the tension of one rod to the accelerations of its ends, and to their tangents."""
     axes = x.shape[1]
     i, j = rod
     for end, sign in ((i, 1.0), (j, -1.0)):
-        if held[end]:
+        if fixed[end]:
             continue
         for axis in range(axes):
             d, row = x[j, axis] - x[i, axis], end * axes + axis
             a[end, axis] += sign * pull * d / mass[end]
             for m in range(len(pulls)):
-                dd = off[0, j * axes + axis, m] - off[0, i * axes + axis, m]
-                leans[row, m] += sign * (pulls[m] * d + pull * dd) / mass[end]
+                dd = tangent[0, j * axes + axis, m] - tangent[0, i * axes + axis, m]
+                rate_tangents[row, m] += sign * (pulls[m] * d + pull * dd) / mass[end]
             if by_mass[end] >= 0:
-                leans[row, by_mass[end]] -= sign * pull * d / mass[end] ** 2
+                rate_tangents[row, by_mass[end]] -= sign * pull * d / mass[end] ** 2

@@ -3,43 +3,57 @@
 D. G. Alciatore, "The effects of cut angle, speed, and spin on object ball throw", technical proof A-14 (2006,
 billiards.colostate.edu/technical_proofs): mu = 0.00995 + 0.108 exp(-1.088 v), v in m/s the relative speed of the two
 surfaces when they meet, fitted to the measurements of Marlow (The Physics of Pocket Billiards, 1995). Friction acts at
-mu times the normal impulse against the slip, in the plane of the table and up or down, but never reverses it: less
-than that bound is needed once the surfaces run as gears (technical proof A-6: 1/7 of the slip for equal balls).
+mu times the normal impulse against the slip, in the plane of the table and up or down, but never reverses it: an
+impulse below that bound is enough once the surfaces run as gears (technical proof A-6: 1/7 of the slip for equal
+balls).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
-from models.physics.billiards import parameters
-from models.physics.billiards.ball_ball.ball_contact import STICK, exchange, slip_between
+from models.numerics.jit import compile_kernel
+from models.physics.billiards import parameter_vector
+from models.physics.billiards.ball_ball.ball_contact import STICKING_SHARE, apply_ball_impulse, surface_slip
+from models.physics.billiards.contact_model import ContactModel
 
-USES = ("ball_restitution.e",)
+FRICTION_AT_SPEED = 0.00995
+"""Coefficient of friction at high speed."""
+FRICTION_RISE = 0.108
+"""Increase of the coefficient at speed 0."""
+FRICTION_DECAY = 1.088
+"""s/m, rate at which that increase falls with speed."""
 
-FLOOR = 0.00995
-RISE = 0.108
-FALL = 1.088
-"""s/m."""
-
-_E = parameters.BALL_E
-
-
-@compiled
-def friction(slip):  # type: ignore[no-untyped-def]
-    """Coefficient at the relative speed `slip` (m/s) of the two surfaces."""
-    return FLOOR + RISE * np.exp(-FALL * slip)
+_E = parameter_vector.BALL_E
 
 
-@compiled
+@compile_kernel
+def friction_coefficient(slip):  # type: ignore[no-untyped-def]
+    """Return the coefficient of friction at the relative speed `slip` (m/s) of the two surfaces."""
+    return FRICTION_AT_SPEED + FRICTION_RISE * np.exp(-FRICTION_DECAY * slip)
+
+
+@compile_kernel
 def collide(  # type: ignore[no-untyped-def]
     van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p
 ):
-    """Velocities (m/s) and spins (rad/s) of balls a and b after the contact, in the axes n, t, z."""
+    """Return velocities and spins after the contact; arguments and result as in `ball_contact`."""
     reduced = ma * mb / (ma + mb)
     normal = (1.0 + p[_E]) * (van - vbn) * reduced
-    st, sz = slip_between(vat, wat, waz, vbt, wbt, wbz, ra, rb)
+    st, sz = surface_slip(vat, wat, waz, vbt, wbt, wbz, ra, rb)
     slip = np.sqrt(st * st + sz * sz + 1e-300)
-    bound, stick = friction(slip) * normal, STICK * reduced
+    bound, stick = friction_coefficient(slip) * normal, STICKING_SHARE * reduced
     share = bound / slip if bound.real < stick.real * slip.real else stick
-    return exchange(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, -share * st, -share * sz)
+    return apply_ball_impulse(
+        van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, -share * st, -share * sz
+    )
+
+
+MODEL = ContactModel(
+    name="alciatore",
+    parameters=("ball_restitution.e",),
+    summary="Constant restitution and friction that falls with the speed of the slip",
+    reference="Alciatore 2006, technical proof A-14, billiards.colostate.edu/technical_proofs",
+    resolve=collide,
+    rank=2,
+)

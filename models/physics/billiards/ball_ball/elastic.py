@@ -1,18 +1,27 @@
-"""Ball against ball without loss and without friction: the velocities along the line of centres are exchanged."""
+"""Ball against ball without loss and friction: equal balls exchange their velocities along the line of centres."""
 
 from __future__ import annotations
 
-from models.numerics.jit import compiled
-from models.physics.billiards.ball_ball.ball_contact import exchange
+from models.numerics.jit import compile_kernel
+from models.physics.billiards.ball_ball.ball_contact import apply_ball_impulse
+from models.physics.billiards.contact_model import ContactModel
 
-USES = ()
 
-
-@compiled
+@compile_kernel
 def collide(  # type: ignore[no-untyped-def]
     van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p
 ):
-    """Velocities (m/s) and spins (rad/s) of balls a and b after the contact, in the axes n, t, z."""
+    """Return velocities and spins after the contact; arguments and result as in `ball_contact`."""
     normal = 2.0 * (van - vbn) * ma * mb / (ma + mb)
     none = 0.0 * p[0]
-    return exchange(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, none, none)
+    return apply_ball_impulse(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, none, none)
+
+
+MODEL = ContactModel(
+    name="elastic",
+    parameters=(),
+    summary="No loss and no friction",
+    reference="Newton's law of impact with restitution 1",
+    resolve=collide,
+    rank=0,
+)

@@ -8,25 +8,36 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
-from models.physics.billiards import parameters
-from models.physics.billiards.ball_ball.ball_contact import STICK, exchange, slip_between
+from models.numerics.jit import compile_kernel
+from models.physics.billiards import parameter_vector
+from models.physics.billiards.ball_ball.ball_contact import STICKING_SHARE, apply_ball_impulse, surface_slip
+from models.physics.billiards.contact_model import ContactModel
 
-USES = ("ball_restitution.e", "ball_friction.mu")
-
-_E = parameters.BALL_E
-_MU = parameters.BALL_MU
+_E = parameter_vector.BALL_E
+_MU = parameter_vector.BALL_MU
 
 
-@compiled
+@compile_kernel
 def collide(  # type: ignore[no-untyped-def]
     van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p
 ):
-    """Velocities (m/s) and spins (rad/s) of balls a and b after the contact, in the axes n, t, z."""
+    """Return velocities and spins after the contact; arguments and result as in `ball_contact`."""
     reduced = ma * mb / (ma + mb)
     normal = (1.0 + p[_E]) * (van - vbn) * reduced
-    st, sz = slip_between(vat, wat, waz, vbt, wbt, wbz, ra, rb)
+    st, sz = surface_slip(vat, wat, waz, vbt, wbt, wbz, ra, rb)
     slip = np.sqrt(st * st + sz * sz + 1e-300)
-    bound, stick = p[_MU] * normal, STICK * reduced
+    bound, stick = p[_MU] * normal, STICKING_SHARE * reduced
     share = bound / slip if bound.real < stick.real * slip.real else stick
-    return exchange(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, -share * st, -share * sz)
+    return apply_ball_impulse(
+        van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, -share * st, -share * sz
+    )
+
+
+MODEL = ContactModel(
+    name="inelastic",
+    parameters=("ball_restitution.e", "ball_friction.mu"),
+    summary="Constant restitution and a constant coefficient of friction",
+    reference="Walton 1993, in Particulate Two-Phase Flow, chapter 25",
+    resolve=collide,
+    rank=1,
+)

@@ -12,62 +12,74 @@ over the 0.2 ms, in a half-ball hit at 2 m/s: the line of centres turns by 0.1 d
 from where an impulse sends them. The spring pulls at the very end (k x + d x' < 0); that is the thesis' model, and its
 share of the impulse is 3e-4 at e = 0.95. Friction acts against the slip at mu times the force while the spring pushes.
 
-Where three balls touch at once the springs overlap in time, which no sequence of impulses says; see
-benchmarks/contact_laws.py.
+Where three balls touch at once the springs overlap in time, which no sequence of impulses represents; see
+benchmarks/physics/contact_models.py.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
-from models.physics.billiards import parameters
-from models.physics.billiards.ball_ball.ball_contact import STICK, exchange, slip_between
-
-USES = ("ball_restitution.e", "ball_friction.mu")
+from models.numerics.jit import compile_kernel
+from models.physics.billiards import parameter_vector
+from models.physics.billiards.ball_ball.ball_contact import STICKING_SHARE, apply_ball_impulse, surface_slip
+from models.physics.billiards.contact_model import ContactModel
 
 STIFFNESS = 2.1e7
 """N/m: two balls of 0.17 kg touch for 0.2 ms, the order of Hertz's contact of phenolic balls at 1 m/s."""
 
-_E = parameters.BALL_E
-_MU = parameters.BALL_MU
+_E = parameter_vector.BALL_E
+_MU = parameter_vector.BALL_MU
 
 
-@compiled
+@compile_kernel
 def damping_ratio(e):  # type: ignore[no-untyped-def]
-    """d / (2 sqrt(k m)) for which half an oscillation returns the restitution e > 0."""
+    """Return d / (2 sqrt(k m)) for which half an oscillation has the restitution e > 0."""
     log = np.log(e)
     return -log / np.sqrt(np.pi * np.pi + log * log)
 
 
-@compiled
-def duration(ma, mb, e):  # type: ignore[no-untyped-def]
-    """How long two balls of masses ma, mb (kg) touch, s; the same at every speed, for the spring is linear."""
+@compile_kernel
+def contact_duration(ma, mb, e):  # type: ignore[no-untyped-def]
+    """Return the time (s) that two balls of masses ma, mb (kg) touch, the same at every speed for a linear spring."""
     ratio = damping_ratio(e)
     return np.pi * np.sqrt(ma * mb / (ma + mb) / STIFFNESS) / np.sqrt(1.0 - ratio * ratio)
 
 
-@compiled
-def pushing(e):  # type: ignore[no-untyped-def]
-    """Impulse while the spring pushes, over the reduced mass and the closing speed: 1 + e, and what it pulls back."""
+@compile_kernel
+def pushing_impulse(e):  # type: ignore[no-untyped-def]
+    """Return the impulse while the spring pushes over reduced mass and closing speed: 1 + e and the later pull."""
     ratio = damping_ratio(e)
-    # The force is gone at the phase pi - 2 arcsin(z), where x' = -v exp(-z w0 t).
+    # The force is 0 at the phase pi - 2 arcsin(z), where x' = -v exp(-z w0 t).
     root = np.sqrt(1.0 - ratio * ratio)
     angle = np.arcsin(ratio.real) + (ratio - ratio.real) / root
     return 1.0 + np.exp(-ratio / root * (np.pi - 2.0 * angle))
 
 
-@compiled
+@compile_kernel
 def collide(  # type: ignore[no-untyped-def]
     van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p
 ):
-    """Velocities (m/s) and spins (rad/s) of balls a and b after the contact, in the axes n, t, z."""
+    """Return velocities and spins after the contact; arguments and result as in `ball_contact`."""
     e = p[_E]
     reduced = ma * mb / (ma + mb)
     through = reduced * (van - vbn)
-    st, sz = slip_between(vat, wat, waz, vbt, wbt, wbz, ra, rb)
+    st, sz = surface_slip(vat, wat, waz, vbt, wbt, wbz, ra, rb)
     slip = np.sqrt(st * st + sz * sz + 1e-300)
-    bound, stick = p[_MU] * pushing(e + 1e-300) * through, STICK * reduced
+    bound, stick = p[_MU] * pushing_impulse(e + 1e-300) * through, STICKING_SHARE * reduced
     share = bound / slip if bound.real < stick.real * slip.real else stick
     normal = (1.0 + e) * through
-    return exchange(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, -share * st, -share * sz)
+    return apply_ball_impulse(
+        van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, -share * st, -share * sz
+    )
+
+
+MODEL = ContactModel(
+    name="mass_spring",
+    parameters=("ball_restitution.e", "ball_friction.mu"),
+    summary="A stiff spring and a damper at the point of impact",
+    reference="Chen 2022, section 2.1, equations 1 to 6",
+    resolve=collide,
+    is_candidate=False,  # the outcome for a pair of balls is close to that of `inelastic`
+    rank=3,
+)

@@ -10,26 +10,37 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
-from models.physics.billiards import parameters
-from models.physics.billiards.ball_cushion.cushion_contact import approach, push, restitution
+from models.numerics.jit import compile_kernel
+from models.physics.billiards import parameter_vector
+from models.physics.billiards.ball_cushion.cushion_contact import (
+    CUSHION_PARAMETERS,
+    apply_cushion_impulse,
+    contact_velocities,
+    restitution_at_speed,
+)
+from models.physics.billiards.contact_model import ContactModel
 
-USES = (
-    "cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_restitution_power.power",
-    "cushion_friction.mu",
-)  # fmt: skip
-
-_MU = parameters.CUSHION_MU
+_MU = parameter_vector.CUSHION_MU
 _STICK = 2.0 / 7.0
 """Impulse per mass and slip that stops the slip of a solid sphere."""
 
 
-@compiled
+@compile_kernel
 def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
-    """Velocity (m/s) and spin (rad/s) after the cushion, in the axes n, t, z."""
-    closing, st, sk = approach(vn, vt, wn, wt, wz, radius)
-    normal = (1.0 + restitution(vn, p)) * closing
+    """Return velocity and spin after the contact; arguments and result as in `cushion_contact`."""
+    closing, st, sk = contact_velocities(vn, vt, wn, wt, wz, radius)
+    normal = (1.0 + restitution_at_speed(vn, p)) * closing
     slip = np.sqrt(st * st + sk * sk + 1e-300)
     friction = p[_MU] * normal
     share = friction / slip if friction.real < _STICK * slip.real else 0.0 * slip + _STICK
-    return push(vn, vt, wn, wt, wz, radius, normal, -share * st, -share * sk)
+    return apply_cushion_impulse(vn, vt, wn, wt, wz, radius, normal, -share * st, -share * sk)
+
+
+MODEL = ContactModel(
+    name="han_2005",
+    parameters=CUSHION_PARAMETERS,
+    summary="Rigid nose above the centre with Coulomb friction; the cloth is left out",
+    reference="Han, Journal of Mechanical Science and Technology 19 (2005) 976-984, doi:10.1007/BF02919180",
+    resolve=rebound,
+    rank=1,
+)

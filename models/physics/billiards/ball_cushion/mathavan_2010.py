@@ -1,4 +1,4 @@
-"""Rigid nose and rigid table that both rub on the ball: Mathavan, Jackson and Parkin 2010.
+"""Rigid nose and rigid table with friction at both: Mathavan, Jackson and Parkin 2010.
 
 S. Mathavan, M. R. Jackson, R. M. Parkin, "A theoretical analysis of billiard ball dynamics under cushion impacts",
 Proc. IMechE Part C 224 (2010) 1863-1873, doi:10.1243/09544062JMES1964. The nose pushes against the contact normal and
@@ -7,42 +7,41 @@ Coulomb friction. The equations of motion (those of velocity and spin per normal
 over P until the ball has stopped (compression) and then until the nose has returned e^2 of the work it took
 (restitution: Stronge's energetic coefficient).
 
-Three things are ours. The cloth under a ball that the nose presses down may rub more or less than the free cloth, by
-`cushion_cloth.factor`. The friction of a slip s is mu s / sqrt(s^2 + (CREEP vn)^2): where Coulomb's jumps at rest, this
-one is smooth, so that a contact sticks when its slip dies away, and the outcome has a derivative everywhere; it differs
-from Coulomb's by up to some 10 CREEP of the speed. That is stiff, so the steps are those of a linearly
-implicit Runge-Kutta method of order 4 with an error estimate (Shampine, ACM TOMS 8 (1982) 93-113,
-doi:10.1145/355993.355994), and the two ends are found exactly. With complex inputs the length of a step follows them
-too: with lengths held fixed, the error of a derivative would be that of a step over CREEP.
+Three things differ from the paper. The friction of the cloth under a ball that the nose presses down is that of the
+free cloth times `cushion_cloth.factor`. The friction of a slip s is mu s / sqrt(s^2 + (CREEP vn)^2): Coulomb's friction
+jumps at rest, this one is smooth, so that a contact sticks when its slip dies away and the outcome has a derivative
+everywhere; it differs from Coulomb's by up to about 10 CREEP of the speed. The equations are stiff, so the steps are
+those of a linearly implicit Runge-Kutta method of order 4 with an error estimate (Shampine, ACM TOMS 8 (1982) 93-113,
+doi:10.1145/355993.355994), and both ends of the phases are located exactly. With complex inputs the step length
+follows the inputs too: with fixed lengths, the error of a derivative would be that of a step over CREEP.
 
-Inside, speeds are in units of vn and impulses per mass in units of vn, so the law is the same at every speed.
+Internally, speeds and impulses per mass are in units of vn, so the model is the same at every speed.
+The functions share these arguments: y (6,) the integrated vector with the rows below, `start` (4,) the slips at P = 0,
+nose_mu and cloth_mu the coefficients of friction, `work` (11, 6) workspace.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
-from models.physics.billiards import parameters
-from models.physics.billiards.ball_cushion.cushion_contact import COSINE, SINE, restitution
-
-USES = (
-    "cushion_restitution.e",
-    "cushion_restitution_speed.slope",
-    "cushion_restitution_power.power",
-    "cushion_friction.mu",
-    "sliding_friction.mu",
-    "cushion_cloth.factor",
+from models.numerics.jit import compile_kernel
+from models.physics.billiards import parameter_vector
+from models.physics.billiards.ball_cushion.cushion_contact import (
+    COS_THETA,
+    CUSHION_PARAMETERS,
+    SIN_THETA,
+    restitution_at_speed,
 )
+from models.physics.billiards.contact_model import ContactModel
 
 CREEP = 1e-5
 """Slip over vn at which friction reaches 70 % of mu."""
 TOLERANCE = 1e-8
 """Error of one step, in units of vn."""
 
-_MU = parameters.CUSHION_MU
-_CLOTH = parameters.SLIDING_MU
-_PRESSED = parameters.PRESSED_CLOTH
+_MU = parameter_vector.CUSHION_MU
+_CLOTH = parameter_vector.SLIDING_MU
+_PRESSED = parameter_vector.CUSHION_CLOTH_FACTOR
 
 # Rows of the integrated vector: friction of the nose along t and k, of the cloth along n and t, P, work of the nose.
 _NT, _NK, _CN, _CT, _P, _W = range(6)
@@ -57,68 +56,70 @@ _B1, _B2, _B3, _B4 = 19.0 / 9.0, 0.5, 25.0 / 108.0, 125.0 / 108.0
 _E1, _E2, _E4 = 17.0 / 54.0, 7.0 / 36.0, 125.0 / 108.0
 
 
-@compiled
-def slips(y, start):  # type: ignore[no-untyped-def]
-    """Slip at the nose along t and k, slip at the cloth along n and t; `start` holds them at P = 0."""
-    nose_t = start[0] + 3.5 * y[_NT] + (1.0 - 2.5 * SINE) * y[_CT]
-    nose_k = start[1] + SINE * COSINE * y[_P] + (2.5 + SINE * SINE) * y[_NK] + (2.5 - SINE) * y[_CN]
-    cloth_n = start[2] - COSINE * y[_P] + (2.5 - SINE) * y[_NK] + 3.5 * y[_CN]
-    cloth_t = start[3] + (1.0 - 2.5 * SINE) * y[_NT] + 3.5 * y[_CT]
+@compile_kernel
+def contact_slips(y, start):  # type: ignore[no-untyped-def]
+    """Return the slip at the nose along t and k, and at the cloth along n and t."""
+    nose_t = start[0] + 3.5 * y[_NT] + (1.0 - 2.5 * SIN_THETA) * y[_CT]
+    nose_k = (
+        start[1] + SIN_THETA * COS_THETA * y[_P] + (2.5 + SIN_THETA * SIN_THETA) * y[_NK] + (2.5 - SIN_THETA) * y[_CN]
+    )
+    cloth_n = start[2] - COS_THETA * y[_P] + (2.5 - SIN_THETA) * y[_NK] + 3.5 * y[_CN]
+    cloth_t = start[3] + (1.0 - 2.5 * SIN_THETA) * y[_NT] + 3.5 * y[_CT]
     return nose_t, nose_k, cloth_n, cloth_t
 
 
-@compiled
-def into_cushion(y):  # type: ignore[no-untyped-def]
-    """Normal speed of the centre."""
-    return 1.0 - COSINE * y[_P] - SINE * y[_NK] + y[_CN]
+@compile_kernel
+def normal_speed(y):  # type: ignore[no-untyped-def]
+    """Return the normal speed of the centre."""
+    return 1.0 - COS_THETA * y[_P] - SIN_THETA * y[_NK] + y[_CN]
 
 
-@compiled
-def rates(y, start, nose_mu, cloth_mu, out):  # type: ignore[no-untyped-def]
-    """d(y)/dP into `out`; returns the normal acceleration d(vn)/dP."""
-    st, sk, un, ut = slips(y, start)
+@compile_kernel
+def evaluate_rates(y, start, nose_mu, cloth_mu, out):  # type: ignore[no-untyped-def]
+    """Write dy/dP to `out` (6,); return the normal acceleration d(vn)/dP."""
+    st, sk, un, ut = contact_slips(y, start)
     nose = nose_mu / np.sqrt(st * st + sk * sk + CREEP * CREEP)
     out[_NT], out[_NK] = -nose * st, -nose * sk
-    load = SINE - COSINE * out[_NK]  # of the cloth, which cannot pull
+    load = SIN_THETA - COS_THETA * out[_NK]  # of the cloth, which cannot pull
     if load.real < 0.0:
         load = 0.0 * load
     cloth = cloth_mu * load / np.sqrt(un * un + ut * ut + CREEP * CREEP)
     out[_CN], out[_CT] = -cloth * un, -cloth * ut
     out[_P] = 1.0
-    out[_W] = COSINE * into_cushion(y)
-    return -COSINE - SINE * out[_NK] + out[_CN]
+    out[_W] = COS_THETA * normal_speed(y)
+    return -COS_THETA - SIN_THETA * out[_NK] + out[_CN]
 
 
-@compiled
-def jacobian(y, start, nose_mu, cloth_mu, out):  # type: ignore[no-untyped-def]
-    """d(rates)/d(y) into `out` (6, 6)."""
-    st, sk, un, ut = slips(y, start)
+@compile_kernel
+def evaluate_jacobian(y, start, nose_mu, cloth_mu, out):  # type: ignore[no-untyped-def]
+    """Write the derivative of `evaluate_rates` by y to `out` (6, 6)."""
+    st, sk, un, ut = contact_slips(y, start)
     s, u = np.sqrt(st * st + sk * sk + CREEP * CREEP), np.sqrt(un * un + ut * ut + CREEP * CREEP)
     st, sk, un, ut = st / s, sk / s, un / u, ut / u
-    load = SINE + COSINE * nose_mu * sk
-    pull = cloth_mu * COSINE if load.real > 0.0 else 0.0 * cloth_mu
+    load = SIN_THETA + COS_THETA * nose_mu * sk
+    pull = cloth_mu * COS_THETA if load.real > 0.0 else 0.0 * cloth_mu
     load = cloth_mu * load / u if load.real > 0.0 else 0.0 * load
     for j in range(_SIZE):
-        dt = 3.5 if j == _NT else (1.0 - 2.5 * SINE if j == _CT else 0.0)
-        vt = 1.0 - 2.5 * SINE if j == _NT else (3.5 if j == _CT else 0.0)
+        dt = 3.5 if j == _NT else (1.0 - 2.5 * SIN_THETA if j == _CT else 0.0)
+        vt = 1.0 - 2.5 * SIN_THETA if j == _NT else (3.5 if j == _CT else 0.0)
         dk, vn, dw = 0.0, 0.0, 0.0
         if j == _NK:
-            dk, vn, dw = 2.5 + SINE * SINE, 2.5 - SINE, -SINE
+            dk, vn, dw = 2.5 + SIN_THETA * SIN_THETA, 2.5 - SIN_THETA, -SIN_THETA
         elif j == _CN:
-            dk, vn, dw = 2.5 - SINE, 3.5, 1.0
+            dk, vn, dw = 2.5 - SIN_THETA, 3.5, 1.0
         elif j == _P:
-            dk, vn, dw = SINE * COSINE, -COSINE, -COSINE
+            dk, vn, dw = SIN_THETA * COS_THETA, -COS_THETA, -COS_THETA
         along = st * dt + sk * dk
         out[_NT, j], out[_NK, j] = -nose_mu / s * (dt - st * along), -nose_mu / s * (dk - sk * along)
         along = un * vn + ut * vt
         more = pull * out[_NK, j]
         out[_CN, j], out[_CT, j] = more * un - load * (vn - un * along), more * ut - load * (vt - ut * along)
-        out[_P, j], out[_W, j] = 0.0, COSINE * dw
+        out[_P, j], out[_W, j] = 0.0, COS_THETA * dw
 
 
-@compiled
-def factor(matrix):  # type: ignore[no-untyped-def]
-    """LU in place. No pivots: friction dissipates, so the diagonal dominates."""
+@compile_kernel
+def factor_lu(matrix):  # type: ignore[no-untyped-def]
+    """Factor a matrix (6, 6) in place: LU without pivots, because friction dissipates and the diagonal dominates."""
     for k in range(_SIZE):
         for i in range(k + 1, _SIZE):
             matrix[i, k] /= matrix[k, k]
@@ -126,9 +127,9 @@ def factor(matrix):  # type: ignore[no-untyped-def]
                 matrix[i, j] -= matrix[i, k] * matrix[k, j]
 
 
-@compiled
-def solve(matrix, b):  # type: ignore[no-untyped-def]
-    """Solution into `b` for the LU of `factor`."""
+@compile_kernel
+def solve_lu(matrix, b):  # type: ignore[no-untyped-def]
+    """Replace `b` (6,) by the solution of the system that `factor_lu` factored."""
     for i in range(_SIZE):
         for j in range(i):
             b[i] -= matrix[i, j] * b[j]
@@ -138,33 +139,33 @@ def solve(matrix, b):  # type: ignore[no-untyped-def]
         b[i] /= matrix[i, i]
 
 
-@compiled
-def step(y, h, start, nose_mu, cloth_mu, work, after):  # type: ignore[no-untyped-def]
-    """One step h of P from `y` into `after`; returns the estimated error over TOLERANCE."""
+@compile_kernel
+def take_step(y, h, start, nose_mu, cloth_mu, work, after):  # type: ignore[no-untyped-def]
+    """Take one step h of P from `y` to `after` (6,); return the estimated error over TOLERANCE."""
     matrix, g1, g2, g3, g4, rate = work[:_SIZE], work[6], work[7], work[8], work[9], work[10]
-    jacobian(y, start, nose_mu, cloth_mu, matrix)
+    evaluate_jacobian(y, start, nose_mu, cloth_mu, matrix)
     for i in range(_SIZE):
         for j in range(_SIZE):
             matrix[i, j] = -matrix[i, j]
         matrix[i, i] += 2.0 / h
-    factor(matrix)
-    rates(y, start, nose_mu, cloth_mu, g1)
-    solve(matrix, g1)
+    factor_lu(matrix)
+    evaluate_rates(y, start, nose_mu, cloth_mu, g1)
+    solve_lu(matrix, g1)
     for i in range(_SIZE):
         after[i] = y[i] + _A21 * g1[i]
-    rates(after, start, nose_mu, cloth_mu, rate)
+    evaluate_rates(after, start, nose_mu, cloth_mu, rate)
     for i in range(_SIZE):
         g2[i] = rate[i] + _C21 * g1[i] / h
-    solve(matrix, g2)
+    solve_lu(matrix, g2)
     for i in range(_SIZE):
         after[i] = y[i] + _A31 * g1[i] + _A32 * g2[i]
-    rates(after, start, nose_mu, cloth_mu, rate)
+    evaluate_rates(after, start, nose_mu, cloth_mu, rate)
     for i in range(_SIZE):
         g3[i] = rate[i] + (_C31 * g1[i] + _C32 * g2[i]) / h
-    solve(matrix, g3)
+    solve_lu(matrix, g3)
     for i in range(_SIZE):
         g4[i] = rate[i] + (_C41 * g1[i] + _C42 * g2[i] + _C43 * g3[i]) / h
-    solve(matrix, g4)
+    solve_lu(matrix, g4)
     error = 0.0 * h
     for i in range(_SIZE):
         after[i] = y[i] + _B1 * g1[i] + _B2 * g2[i] + _B3 * g3[i] + _B4 * g4[i]
@@ -174,67 +175,80 @@ def step(y, h, start, nose_mu, cloth_mu, work, after):  # type: ignore[no-untype
     return error / TOLERANCE
 
 
-@compiled
-def beyond(y, restoring, work_left):  # type: ignore[no-untyped-def]
-    """What is left until the end of the phase, > 0 before it: speed into the cushion, or work to be returned."""
-    return y[_W] - work_left if restoring else into_cushion(y)
+@compile_kernel
+def remaining_until_end(y, restoring, work_left):  # type: ignore[no-untyped-def]
+    """Return the distance to the end of the phase, > 0 before it: speed into the cushion, or work to be returned."""
+    return y[_W] - work_left if restoring else normal_speed(y)
 
 
-@compiled
-def march(y, start, nose_mu, cloth_mu, restoring, work_left, h, work, after):  # type: ignore[no-untyped-def]
-    """Carries `y` to the end of the phase; returns the last full step."""
+@compile_kernel
+def integrate_phase(y, start, nose_mu, cloth_mu, restoring, work_left, h, work, after):  # type: ignore[no-untyped-def]
+    """Integrate `y` to the end of a phase, compression or restitution; return the last full step."""
     for _ in range(_MOST_STEPS):
-        error = step(y, h, start, nose_mu, cloth_mu, work, after)
+        error = take_step(y, h, start, nose_mu, cloth_mu, work, after)
         if error.real > 1.0:
             h *= max(0.2, 0.9 * error.real ** (-1.0 / 3.0))
             continue
-        if beyond(after, restoring, work_left).real <= 0.0:
-            finish(y, h, start, nose_mu, cloth_mu, restoring, work_left, work, after)
+        if remaining_until_end(after, restoring, work_left).real <= 0.0:
+            finish_phase(y, h, start, nose_mu, cloth_mu, restoring, work_left, work, after)
             return h
         y[:] = after
         h *= 0.9 / (error + 2e-3) ** 0.25
     return h
 
 
-@compiled
-def finish(y, whole, start, nose_mu, cloth_mu, restoring, work_left, work, after):  # type: ignore[no-untyped-def]
-    """Carries `y` by the part of the step `whole` that ends the phase, by Newton; the end lies within the step."""
-    before, past = beyond(y, restoring, work_left).real, beyond(after, restoring, work_left).real
-    normal = rates(y, start, nose_mu, cloth_mu, work[10])
+@compile_kernel
+def finish_phase(y, whole, start, nose_mu, cloth_mu, restoring, work_left, work, after):  # type: ignore[no-untyped-def]
+    """Integrate `y` by the part of the step `whole` that ends the phase; Newton's method finds its length."""
+    before, past = (
+        remaining_until_end(y, restoring, work_left).real,
+        remaining_until_end(after, restoring, work_left).real,
+    )
+    normal = evaluate_rates(y, start, nose_mu, cloth_mu, work[10])
     slope = (work[10][_W] if restoring else normal).real * whole.real
     # The parabola through both ends of the step: the work starts with no slope at all.
     h = whole * (2.0 * before / (np.sqrt(slope * slope - 4.0 * (past - before - slope) * before) - slope))
     for newton in range(9):
-        step(y, h, start, nose_mu, cloth_mu, work, after)
+        take_step(y, h, start, nose_mu, cloth_mu, work, after)
         if newton < 8:
-            normal = rates(after, start, nose_mu, cloth_mu, work[10])
-            h -= beyond(after, restoring, work_left) / (work[10][_W] if restoring else normal)
+            normal = evaluate_rates(after, start, nose_mu, cloth_mu, work[10])
+            h -= remaining_until_end(after, restoring, work_left) / (work[10][_W] if restoring else normal)
     y[:] = after
 
 
-@compiled
+@compile_kernel
 def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
-    """Velocity (m/s) and spin (rad/s) after the cushion, in the axes n, t, z."""
+    """Return velocity and spin after the contact; arguments and result as in `cushion_contact`."""
     nose_mu, cloth_mu = p[_MU], p[_CLOTH] * p[_PRESSED]
-    e = restitution(vn, p)
+    e = restitution_at_speed(vn, p)
     y, after, work = np.zeros(_SIZE, p.dtype), np.empty(_SIZE, p.dtype), np.empty((11, _SIZE), p.dtype)
     start = np.empty(4, p.dtype)
-    start[0] = (vt + radius * (COSINE * wz - SINE * wn)) / vn
-    start[1] = -SINE - radius * wt / vn
+    start[0] = (vt + radius * (COS_THETA * wz - SIN_THETA * wn)) / vn
+    start[1] = -SIN_THETA - radius * wt / vn
     start[2], start[3] = 1.0 - radius * wt / vn, (vt + radius * wn) / vn
     h = 0.0 * vn + 0.01
     for restoring in (False, True):
         if not restoring or e.real > 0.0:
             work_left = (1.0 - e * e) * y[_W] if restoring else 0.0 * e
-            h = march(y, start, nose_mu, cloth_mu, restoring, work_left, h, work, after)
+            h = integrate_phase(y, start, nose_mu, cloth_mu, restoring, work_left, h, work, after)
     spin = 2.5 * vn / radius
-    vn_after = vn * into_cushion(y)
+    vn_after = vn * normal_speed(y)
     if vn_after.real > 0.0:
         vn_after = 0.0 * vn_after
     return (
         vn_after,
         vt + vn * (y[_NT] + y[_CT]),
-        wn + spin * (y[_CT] - SINE * y[_NT]),
+        wn + spin * (y[_CT] - SIN_THETA * y[_NT]),
         wt - spin * (y[_NK] + y[_CN]),
-        wz + spin * COSINE * y[_NT],
+        wz + spin * COS_THETA * y[_NT],
     )
+
+
+MODEL = ContactModel(
+    name="mathavan_2010",
+    parameters=(*CUSHION_PARAMETERS, "sliding_friction.mu", "cushion_cloth.factor"),
+    summary="Rigid nose and rigid table, both with Coulomb friction, integrated over the normal impulse",
+    reference="Mathavan, Jackson, Parkin, Proc. IMechE Part C 224 (2010) 1863-1873, doi:10.1243/09544062JMES1964",
+    resolve=rebound,
+    rank=2,
+)

@@ -12,88 +12,91 @@ normal force):
     sliding          phi = s F,              q' = -7/2 phi,     while s (q - s eta^2 F') > 0
     sticking         phi' = q / eta^2,       q' = -7/2 phi,     while |phi| < F
 
-Unlike with a rigid nose, the slip can be turned round: the rubber gives tangential energy back.
+Unlike with a rigid nose, the slip can change its sign: the rubber returns tangential energy.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
-from models.physics.billiards import parameters
-from models.physics.billiards.ball_cushion.cushion_contact import approach, push, restitution
+from models.numerics.jit import compile_kernel
+from models.physics.billiards import parameter_vector
+from models.physics.billiards.ball_cushion.cushion_contact import (
+    CUSHION_PARAMETERS,
+    apply_cushion_impulse,
+    contact_velocities,
+    restitution_at_speed,
+)
+from models.physics.billiards.contact_model import ContactModel
 
-USES = (
-    "cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_restitution_power.power",
-    "cushion_friction.mu",
-)  # fmt: skip
-
-POISSON = 0.3
-"""Of the nose as a half-space. 0.3 makes the tangential frequency 1.70 times the normal one, 0.5 makes it 1.53."""
-ETA_SQUARED = (2.0 - POISSON) / (2.0 * (1.0 - POISSON))
+POISSON_RATIO = 0.3
+"""Poisson's ratio of the nose as a half-space. 0.3 makes the tangential frequency 1.70 times the normal one, 0.5
+makes it 1.53."""
+ETA_SQUARED = (2.0 - POISSON_RATIO) / (2.0 * (1.0 - POISSON_RATIO))
+"""Normal over tangential stiffness of the nose."""
 BETA = 3.5
 """Inverse tangential inertia of a solid sphere over the normal one."""
-RATIO = (BETA / ETA_SQUARED) ** 0.5
+FREQUENCY_RATIO = (BETA / ETA_SQUARED) ** 0.5
 """Tangential over normal frequency."""
 
-_MU = parameters.CUSHION_MU
+_MU = parameter_vector.CUSHION_MU
 _HALF_PI = 0.5 * np.pi
 _SCAN = 32
-"""Places where the end of sticking is looked for: a tenth of the shortest half period."""
+"""Number of times at which the end of sticking is searched: a tenth of the shortest half period apart."""
 
 
-@compiled
+@compile_kernel
 def normal_force(tau, e):  # type: ignore[no-untyped-def]
-    """F, F' and the impulse so far (in units of the closing speed) at the time tau."""
+    """Return F, F' and the impulse so far (in units of the closing speed) at the time tau."""
     if tau.real <= _HALF_PI:
         return np.sin(tau), np.cos(tau), 2.0 * np.sin(0.5 * tau) ** 2
     x = (tau - _HALF_PI) / e
     return np.cos(x), -np.sin(x) / e, 1.0 + e * np.sin(x)
 
 
-@compiled
-def stuck(tau, start, q, phi):  # type: ignore[no-untyped-def]
-    """q, phi and phi' at tau of a tip that sticks since `start`."""
-    sine, cosine = np.sin(RATIO * (tau - start)), np.cos(RATIO * (tau - start))
-    slip = q * cosine - ETA_SQUARED * RATIO * phi * sine
-    return slip, phi * cosine + q / (ETA_SQUARED * RATIO) * sine, slip / ETA_SQUARED
+@compile_kernel
+def sticking_state(tau, start, q, phi):  # type: ignore[no-untyped-def]
+    """Return q, phi and phi' at tau of a tip that sticks since `start`, where it had q and phi."""
+    sine, cosine = np.sin(FREQUENCY_RATIO * (tau - start)), np.cos(FREQUENCY_RATIO * (tau - start))
+    slip = q * cosine - ETA_SQUARED * FREQUENCY_RATIO * phi * sine
+    return slip, phi * cosine + q / (ETA_SQUARED * FREQUENCY_RATIO) * sine, slip / ETA_SQUARED
 
 
-@compiled
-def margin(tau, start, q, phi, e):  # type: ignore[no-untyped-def]
-    """F - |phi| of a sticking tip, and its derivative by tau."""
+@compile_kernel
+def sticking_margin(tau, start, q, phi, e):  # type: ignore[no-untyped-def]
+    """Return F - |phi| of a sticking tip, and its derivative by tau."""
     force, rate, _ = normal_force(tau, e)
-    _, held, held_rate = stuck(tau, start, q, phi)
-    if held.real < 0.0:
-        return force + held, rate + held_rate
-    return force - held, rate - held_rate
+    _, tangential, tangential_rate = sticking_state(tau, start, q, phi)
+    if tangential.real < 0.0:
+        return force + tangential, rate + tangential_rate
+    return force - tangential, rate - tangential_rate
 
 
-@compiled
-def end_of_sticking(start, q, phi, e):  # type: ignore[no-untyped-def]
-    """The first time after `start` when friction no longer holds the tip; at the end of the contact it never does."""
+@compile_kernel
+def sticking_end_time(start, q, phi, e):  # type: ignore[no-untyped-def]
+    """Find the first time after `start` when the tip starts to slide; at the end of the contact it always does."""
     first, last = start.real, _HALF_PI * (1.0 + e.real)
     low, high = first, last
     for i in range(1, _SCAN + 1):
         high = first + (last - first) * i / _SCAN
-        if i == _SCAN or margin(0.0 * start + high, start, q, phi, e)[0].real < 0.0:
+        if i == _SCAN or sticking_margin(0.0 * start + high, start, q, phi, e)[0].real < 0.0:
             break
         low = high
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if margin(0.0 * start + middle, start, q, phi, e)[0].real < 0.0:
+        if sticking_margin(0.0 * start + middle, start, q, phi, e)[0].real < 0.0:
             high = middle
         else:
             low = middle
     tau = 0.0 * start + 0.5 * (low + high)
-    value, rate = margin(tau, start, q, phi, e)
+    value, rate = sticking_margin(tau, start, q, phi, e)
     # One step of Newton carries the derivative: the real part has converged.
     return tau - value / rate
 
 
-@compiled
-def end_of_sliding(start, a, e):  # type: ignore[no-untyped-def]
-    """The time when the tip stops sliding with s q + 7/2 (impulse so far) = a; negative where it slides to the end."""
+@compile_kernel
+def sliding_end_time(start, a, e):  # type: ignore[no-untyped-def]
+    """Find the time when a tip stops sliding with s q + 7/2 (impulse so far) = a; negative if it slides to the end."""
     cosine = (BETA - a) / (BETA - ETA_SQUARED)
     if 0.0 <= cosine.real < 1.0 and np.arccos(cosine.real) > start.real + 1e-12:
         angle = np.arccos(cosine.real)
@@ -108,19 +111,19 @@ def end_of_sliding(start, a, e):  # type: ignore[no-untyped-def]
     return 0.0 * a - 1.0
 
 
-@compiled
-def slip_after(q, e):  # type: ignore[no-untyped-def]
-    """Slip speed after the contact from q > 0 before it, both over (mu times the closing speed)."""
+@compile_kernel
+def evaluate_final_slip(q, e):  # type: ignore[no-untyped-def]
+    """Return the slip speed after the contact from q > 0 before it, both over (mu times the closing speed)."""
     tau, phi, sign, impulse = 0.0 * q, 0.0 * q, 1.0, 0.0 * q
     sliding = q.real >= ETA_SQUARED
     for _ in range(8):
         if not sliding:
-            end = end_of_sticking(tau, q, phi, e)
-            q, phi, _ = stuck(end, tau, q, phi)
+            end = sticking_end_time(tau, q, phi, e)
+            q, phi, _ = sticking_state(end, tau, q, phi)
             tau = end
             impulse = normal_force(tau, e)[2]
             sign = -1.0 if phi.real < 0.0 else 1.0
-        end = end_of_sliding(tau, sign * q + BETA * impulse, e)
+        end = sliding_end_time(tau, sign * q + BETA * impulse, e)
         if end.real < 0.0:
             break
         force, _, total = normal_force(end, e)
@@ -129,11 +132,11 @@ def slip_after(q, e):  # type: ignore[no-untyped-def]
     return q - BETA * sign * (1.0 + e - impulse)
 
 
-@compiled
+@compile_kernel
 def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
-    """Velocity (m/s) and spin (rad/s) after the cushion, in the axes n, t, z."""
-    closing, st, sk = approach(vn, vt, wn, wt, wz, radius)
-    e = restitution(vn, p)
+    """Return velocity and spin after the contact; arguments and result as in `cushion_contact`."""
+    closing, st, sk = contact_velocities(vn, vt, wn, wt, wz, radius)
+    e = restitution_at_speed(vn, p)
     normal = (1.0 + e) * closing
     slip = np.sqrt(st * st + sk * sk + 1e-300)
     e = e + 1e-9  # a spring that returns nothing has no frequency
@@ -142,8 +145,18 @@ def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def
     if slip.real >= steady * unit.real:
         share = p[_MU] * normal / slip
     elif slip.real < 1e-9 * unit.real:
-        share = (1.0 - np.cos(RATIO * _HALF_PI * (1.0 + e))) / BETA
+        share = (1.0 - np.cos(FREQUENCY_RATIO * _HALF_PI * (1.0 + e))) / BETA
     else:
         q = slip / unit
-        share = (q - slip_after(q, e)) / (BETA * q)
-    return push(vn, vt, wn, wt, wz, radius, normal, -share * st, -share * sk)
+        share = (q - evaluate_final_slip(q, e)) / (BETA * q)
+    return apply_cushion_impulse(vn, vt, wn, wt, wz, radius, normal, -share * st, -share * sk)
+
+
+MODEL = ContactModel(
+    name="stronge",
+    parameters=CUSHION_PARAMETERS,
+    summary="Compliant nose with springs along and across the contact, and Coulomb friction at the tip",
+    reference="Stronge, Impact Mechanics, Cambridge University Press 2000, chapter 5, doi:10.1017/CBO9780511626432",
+    resolve=rebound,
+    rank=3,
+)

@@ -1,11 +1,11 @@
-"""Motion of a ball on the cloth between two contacts, in closed form: it slides, rolls, rests.
+"""Closed-form motion of a ball on the cloth between two contacts: it slides, rolls, rests.
 
 A sliding ball feels constant friction against its slip (the velocity of the point that touches the cloth), whose
-direction does not change while it slides; the path is a parabola (Marlow 1995, The Physics of Pocket Billiards).
-A rolling ball slows down at mu_r g along its path. Side spin does not act on the centre.
+direction does not change while it slides; the path is a parabola (Marlow 1995, The Physics of Pocket Billiards). A
+rolling ball decelerates at mu_r g along its path. Side spin does not act on the centre.
 
-Every formula is analytic in its inputs, so that complex numbers pass through: derivatives come from a complex step,
-exact to rounding (Squire and Trapp 1998, doi:10.1137/S003614459631241X).
+A segment begins in eight numbers: x, y (m), vx, vy (m/s), slip ux, uy of the contact point (m/s), and an extra
+acceleration while rolling, cx, cy (m/s^2).
 """
 
 from __future__ import annotations
@@ -16,84 +16,140 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
-from models.numerics.jit import compiled
+from models.numerics.jit import compile_kernel
 
 GRAVITY = 9.81
 """m/s^2."""
 
-STATE = 8
-"""Numbers of a span: x, y (m), vx, vy (m/s), slip ux, uy (m/s), extra acceleration while rolling cx, cy (m/s^2)."""
+SEGMENT_STATE_SIZE = 8
+"""Numbers at the start of a segment."""
 
 _TINY_SLIP = 1e-12
 """m^2/s^2 under the root of |u|: keeps the derivative finite where the ball rolls from the start."""
-_STEP = 1e-30
-"""of the complex step: far below rounding, since nothing is subtracted."""
 
 
 @dataclass(frozen=True, slots=True)
-class Friction:
-    """Coefficients of the cloth, decelerations being mu g."""
+class ClothFriction:
+    """Coefficients of friction of the cloth; decelerations are mu g."""
 
     sliding: float
     rolling: float
 
 
-def rolling_spin(v: FloatArray, slip: FloatArray, radius: float) -> FloatArray:
-    """wx, wy (..., 2) in rad/s of a ball with velocity v (..., 2) and slip (..., 2), m/s."""
+def spin_from_slip(v: FloatArray, slip: FloatArray, radius: float) -> FloatArray:
+    """Compute the spin of a ball from its velocity and slip.
+
+    Args:
+        v: (..., 2) velocity of the centre, m/s.
+        slip: (..., 2) velocity of the contact point, m/s.
+        radius: m.
+
+    Returns:
+        (..., 2) wx, wy in rad/s.
+    """
     return np.stack([slip[..., 1] - v[..., 1], v[..., 0] - slip[..., 0]], axis=-1) / radius
 
 
-def slide_time(state: FloatArray, friction: Friction) -> FloatArray:
-    """How long spans (..., 8) slide, s (...)."""
+def sliding_duration(state: FloatArray, friction: ClothFriction) -> FloatArray:
+    """Compute how long balls slide.
+
+    Args:
+        state: (..., 8) initial states of segments.
+        friction: Friction of the cloth.
+
+    Returns:
+        (...) s.
+    """
     time: FloatArray = 2 / 7 * np.hypot(state[..., 4], state[..., 5]) / (friction.sliding * GRAVITY)
     return time
 
 
-def rest_time(state: FloatArray, friction: Friction) -> FloatArray:
-    """How long spans (..., 8) take until rest, s (...)."""
-    slide = slide_time(state, friction)
-    _, v, _ = _roll_start(state, friction)
+def duration_until_rest(state: FloatArray, friction: ClothFriction) -> FloatArray:
+    """Compute how long balls move until they rest, if nothing touches them.
+
+    Args:
+        state: (..., 8) initial states of segments.
+        friction: Friction of the cloth.
+
+    Returns:
+        (...) s.
+    """
+    slide = sliding_duration(state, friction)
+    _, v, _ = _find_rolling_start(state, friction)
     speed = np.hypot(v[..., 0], v[..., 1])
-    time: FloatArray = slide + speed / _deceleration(v, speed, state[..., 6:8], friction.rolling * GRAVITY)
+    time: FloatArray = slide + speed / _rolling_deceleration(v, speed, state[..., 6:8], friction.rolling * GRAVITY)
     return time
 
 
-def kinematics(state: FloatArray, tau: FloatArray, friction: Friction) -> FloatArray:
-    """Position, velocity and slip (M, 6) of spans (M, 8) at times tau (M,) after their starts."""
-    return np.real(_follow(state, tau, friction.sliding, friction.rolling))
+def evaluate_kinematics(state: FloatArray, tau: FloatArray, friction: ClothFriction) -> FloatArray:
+    """Evaluate the motion of segments.
+
+    Args:
+        state: (M, 8) initial states of segments.
+        tau: (M,) s since the start of each.
+        friction: Friction of the cloth.
+
+    Returns:
+        (M, 6) position (m), velocity and slip (m/s).
+    """
+    return np.real(_evaluate_motion(state, tau, friction.sliding, friction.rolling))
 
 
-def kinematics_jacobian(state: FloatArray, tau: FloatArray, friction: Friction) -> tuple[FloatArray, FloatArray]:
-    """`kinematics` (M, 6), and its derivatives (M, 6, 11) by the state, tau, ln mu_sliding and ln mu_rolling."""
-    value, slope = np.empty((len(tau), 6)), np.empty((len(tau), 6, STATE + 3))
-    _differentiate(
+def differentiate_kinematics(
+    state: FloatArray, tau: FloatArray, friction: ClothFriction
+) -> tuple[FloatArray, FloatArray]:
+    """Evaluate the motion of segments and its derivatives.
+
+    Args:
+        state: (M, 8) initial states of segments.
+        tau: (M,) s since the start of each.
+        friction: Friction of the cloth.
+
+    Returns:
+        The motion (M, 6) as `evaluate_kinematics`, and its derivatives (M, 6, 11) by the state, tau, ln mu_sliding and
+        ln mu_rolling.
+    """
+    value, slope = np.empty((len(tau), 6)), np.empty((len(tau), 6, SEGMENT_STATE_SIZE + 3))
+    _differentiate_segments(
         np.ascontiguousarray(state, np.float64), np.ascontiguousarray(tau, np.float64), friction.sliding,
         friction.rolling, value, slope,
     )  # fmt: skip
     return value, slope
 
 
-@compiled
-def _differentiate(state, tau, sliding, rolling, value, slope):  # type: ignore[no-untyped-def]
-    """Fill `value` (M, 6) and `slope` (M, 6, 11) with `_follow` and its derivatives, by hand.
+@compile_kernel
+def _differentiate_segments(state, tau, sliding, rolling, value, slope):  # type: ignore[no-untyped-def]
+    """Write value (M, 6) and slope (M, 6, 11): the motion and its derivatives, written by hand.
 
-    Fits spend their time here. The order of the inputs is the state (8,), tau, ln mu_sliding, ln mu_rolling.
+    Fits spend most of their time here. The inputs are the state (8,), tau (s), ln mu_sliding, ln mu_rolling, in this
+    order.
     """
     slid, ds = np.empty(7), np.empty((7, 11))  # x, v, slip where sliding ends, and the time left from there
     for row in range(len(tau)):
-        differentiate_one(state[row], tau[row], sliding, rolling, slid, ds, value[row], slope[row])
+        differentiate_segment(state[row], tau[row], sliding, rolling, slid, ds, value[row], slope[row])
 
 
-@compiled
-def differentiate_one(state, tau, sliding, rolling, slid, ds, value, slope):  # type: ignore[no-untyped-def]
-    """One span (8,): fill `value` (6,) and `slope` (6, 11); `slid` (7,) and `ds` (7, 11) are room to work in."""
-    _slide(state, tau, sliding * GRAVITY, slid, ds)
-    _roll(slid, ds, state[6], state[7], rolling * GRAVITY, value, slope)
+@compile_kernel
+def differentiate_segment(state, tau, sliding, rolling, slid, ds, value, slope):  # type: ignore[no-untyped-def]
+    """Evaluate the motion of one segment and its derivatives.
+
+    Args:
+        state: (8,) initial state of the segment.
+        tau: s since the start.
+        sliding: Coefficient of sliding friction.
+        rolling: Coefficient of rolling resistance.
+        slid: (7,) workspace.
+        ds: (7, 11) workspace.
+        value: (6,) receives position, velocity and slip.
+        slope: (6, 11) receives their derivatives by the state, tau, ln mu_sliding and ln mu_rolling.
+    """
+    _differentiate_sliding(state, tau, sliding * GRAVITY, slid, ds)
+    _differentiate_rolling(slid, ds, state[6], state[7], rolling * GRAVITY, value, slope)
 
 
-@compiled
-def _slide(s, tau, a, out, d):  # type: ignore[no-untyped-def]
-    """Place, velocity, slip and the time left (7,) after sliding at `a` m/s2 for tau s at most; d (7, 11)."""
+@compile_kernel
+def _differentiate_sliding(s, tau, a, out, d):  # type: ignore[no-untyped-def]
+    """Write place, velocity, slip and the time left (7,) after sliding at `a` m/s^2 for at most tau s; d (7, 11)."""
     speed = np.sqrt(s[4] * s[4] + s[5] * s[5] + _TINY_SLIP)
     whole = 2 / 7 * speed / a
     ts = min(tau, whole)
@@ -124,9 +180,12 @@ def _slide(s, tau, a, out, d):  # type: ignore[no-untyped-def]
         d[6, 8], d[6, 9] = 1.0, ts
 
 
-@compiled
-def _roll(slid, ds, cx, cy, slow, out, d):  # type: ignore[no-untyped-def]
-    """State (6,) after rolling at `slow` m/s2 for the time left, or until rest; d (6, 11) through `ds` (7, 11)."""
+@compile_kernel
+def _differentiate_rolling(slid, ds, cx, cy, slow, out, d):  # type: ignore[no-untyped-def]
+    """Write the state (6,) after rolling at `slow` m/s^2 for the time left or until rest.
+
+    d (6, 11) receives its derivatives, through those before, ds (7, 11).
+    """
     speed = np.sqrt(slid[2] * slid[2] + slid[3] * slid[3] + _TINY_SLIP)
     hx, hy = slid[2] / speed, slid[3] / speed
     along = hx * cx + hy * cy
@@ -134,7 +193,7 @@ def _roll(slid, ds, cx, cy, slow, out, d):  # type: ignore[no-untyped-def]
     stop = speed / braking
     moves = slid[6] < stop
     t = slid[6] if moves else stop
-    h, c, held = (hx, hy), (cx, cy), not moves and braking > 0.2 * slow
+    h, c, slows_down = (hx, hy), (cx, cy), not moves and braking > 0.2 * slow
     out[4], out[5] = slid[4], slid[5]
     for i in range(2):
         v, a = slid[2 + i], c[i] - slow * h[i]
@@ -144,7 +203,7 @@ def _roll(slid, ds, cx, cy, slow, out, d):  # type: ignore[no-untyped-def]
         dt = ds[6, k]  # of t, that of rest included
         if not moves:
             dt = (hx * ds[2, k] + hy * ds[3, k]) / braking
-            if held:
+            if slows_down:
                 tilt = ((cx - along * hx) * ds[2, k] + (cy - along * hy) * ds[3, k]) / speed  # of h c with the velocity
                 tilt += (hx if k == 6 else 0.0) + (hy if k == 7 else 0.0)
                 dt += (tilt - (slow if k == 10 else 0.0)) * speed / braking**2
@@ -163,15 +222,23 @@ def _roll(slid, ds, cx, cy, slow, out, d):  # type: ignore[no-untyped-def]
             d[4 + i, k] = ds[4 + i, k]
 
 
-def polynomials(
-    state: FloatArray, duration: float, friction: Friction
+def split_into_polynomials(
+    state: FloatArray, duration: float, friction: ClothFriction
 ) -> list[tuple[str, float, float, FloatArray, FloatArray]]:
-    """Pieces of one span (8,): phase, start, end (s after the start of the span), position (4, 2), slip (2, 2).
+    """Split one segment into pieces that are polynomials in time.
 
-    Position and slip are coefficients of powers of the time since the piece began; pieces of no length are left out.
+    Args:
+        state: (8,) initial state of the segment.
+        duration: s.
+        friction: Friction of the cloth.
+
+    Returns:
+        Per piece: phase (slide, roll or rest), start and end (s since the start of the segment), position (4, 2)
+        and slip (2, 2) as coefficients of powers of the time since the piece began. Pieces without duration are left
+        out.
     """
-    slide, stop = float(slide_time(state, friction)), float(rest_time(state, friction))
-    x1, v1, a1 = _roll_start(state, friction)
+    slide, stop = float(sliding_duration(state, friction)), float(duration_until_rest(state, friction))
+    x1, v1, a1 = _find_rolling_start(state, friction)
     speed = float(np.hypot(*v1))
     roll = -friction.rolling * GRAVITY * v1 / max(speed, 1e-12) + state[6:8]
     zero = np.zeros(2)
@@ -186,8 +253,8 @@ def polynomials(
     return [piece for piece in cut if piece[2] - piece[1] > 1e-9]
 
 
-def _roll_start(state: FloatArray, friction: Friction) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position and velocity (..., 2) where rolling starts, and the acceleration (..., 2) before."""
+def _find_rolling_start(state: FloatArray, friction: ClothFriction) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return position and velocity (..., 2) where rolling starts, and the acceleration (..., 2) before."""
     slip = state[..., 4:6]
     speed = np.hypot(slip[..., 0], slip[..., 1])[..., None]
     a = -friction.sliding * GRAVITY * slip / np.maximum(speed, 1e-12)
@@ -195,8 +262,8 @@ def _roll_start(state: FloatArray, friction: Friction) -> tuple[FloatArray, Floa
     return state[..., 0:2] + state[..., 2:4] * t + a * t**2 / 2, state[..., 2:4] + a * t, a
 
 
-def _follow(state: NDArray, tau: NDArray, sliding: NDArray | float, rolling: NDArray | float) -> NDArray:  # type: ignore[type-arg]
-    """Position, velocity, slip (..., 6) at tau (...) after the start of spans (..., 8); real or complex."""
+def _evaluate_motion(state: NDArray, tau: NDArray, sliding: NDArray | float, rolling: NDArray | float) -> NDArray:  # type: ignore[type-arg]
+    """Evaluate position, velocity, slip (..., 6) at tau (...) after the initial states (..., 8); real or complex."""
     x, v, slip, extra = (state[..., k : k + 2] for k in (0, 2, 4, 6))
     slip_speed = np.sqrt(slip[..., 0] ** 2 + slip[..., 1] ** 2 + _TINY_SLIP)
     a = sliding * GRAVITY
@@ -208,7 +275,7 @@ def _follow(state: NDArray, tau: NDArray, sliding: NDArray | float, rolling: NDA
     v = v - push
     slip = slip - 3.5 * push
     speed = np.sqrt(v[..., 0] ** 2 + v[..., 1] ** 2 + _TINY_SLIP)
-    stop = speed / _deceleration(v, speed, extra, rolling * GRAVITY)
+    stop = speed / _rolling_deceleration(v, speed, extra, rolling * GRAVITY)
     tr = np.where(np.real(tau - ts) < np.real(stop), tau - ts, stop)[..., None]
     slow = extra - (rolling * GRAVITY / speed)[..., None] * v
     x = x + v * tr + slow * tr**2 / 2
@@ -216,8 +283,11 @@ def _follow(state: NDArray, tau: NDArray, sliding: NDArray | float, rolling: NDA
     return np.concatenate([x, v, slip], axis=-1)
 
 
-def _deceleration(v: NDArray, speed: NDArray, extra: NDArray, rolling: NDArray | float) -> NDArray:  # type: ignore[type-arg]
-    """Along the path, m/s^2 (...); never below a fifth of rolling resistance, so that every ball stops."""
+def _rolling_deceleration(v: NDArray, speed: NDArray, extra: NDArray, rolling: NDArray | float) -> NDArray:  # type: ignore[type-arg]
+    """Return the deceleration along the path, m/s^2 (...).
+
+    It is at least a fifth of rolling resistance, so that every ball stops.
+    """
     along = (v[..., 0] * extra[..., 0] + v[..., 1] * extra[..., 1]) / np.where(np.real(speed) > 1e-12, speed, 1.0)
     slow = rolling - along
     floor = 0.2 * rolling

@@ -1,30 +1,41 @@
-"""Motion of one ball as a table of pieces that are polynomials in time, and what it is at any moment."""
+"""Motion of one ball as a table of pieces that are polynomials in time, and its state at any moment."""
 
 from __future__ import annotations
 
-from models.numerics.jit import compiled
-from models.physics.billiards.parameters import SPIN_DECAY
+from models.numerics.jit import compile_kernel
+from models.physics.billiards.parameter_vector import SPIN_DECAY
 
 SLIDE, ROLL, REST, GLIDE = range(4)
 """Phases; a ball glides where there is no sliding friction and it does not roll."""
 PHASE_NAMES = ("slide", "roll", "rest", "roll")
-"""As `models.core.trajectory.PHASES` has them."""
-START, END, X, Y, WX, WY, WIDTH = 0, 1, 2, 8, 14, 19, 24
-"""Columns of a piece: times since the state (s), then coefficients of powers of the time since the piece began."""
-STRAIGHT_ROWS, CURVED_ROWS = 4, 400
-"""Pieces that fit in a table, in closed form and integrated."""
-FOREVER = 1e9
-"""s, the end of rest."""
+"""Names of the phases in `models.core.trajectory.PHASES`."""
+PIECE_START, PIECE_END, X, Y, WX, WY, PIECE_WIDTH = 0, 1, 2, 8, 14, 19, 24
+"""Columns of a piece: start and end (s since the state), then coefficients of powers of the time since the piece began:
+six each for x and y (m), five each for wx and wy (rad/s)."""
+CLOSED_FORM_PIECES, INTEGRATED_PIECES = 4, 400
+"""Number of pieces in a table, for motion in closed form and for integrated motion."""
+REST_DURATION = 1e9
+"""s, duration of rest."""
 CLOCK = 6
-"""Of the seven numbers that are moved along: x, y, vx, vy, wx, wy and the time (s)."""
+"""Index of the time (s) in the seven numbers that are moved along: x, y, vx, vy, wx, wy, time."""
 
 
-@compiled
-def straight(s, rate, length, phase, rows, phases, k):  # type: ignore[no-untyped-def]
-    """Piece k: constant acceleration and change of spin, rate (6,), for `length` (s); s (7,) is moved to its end."""
+@compile_kernel
+def write_parabola(s, rate, length, phase, rows, phases, k):  # type: ignore[no-untyped-def]
+    """Write piece k with constant acceleration and change of spin, and move s to its end.
+
+    Args:
+        s: (7,) x, y (m), vx, vy (m/s), wx, wy (rad/s), time (s); changed in place.
+        rate: (6,) its time derivative.
+        length: Duration, s.
+        phase: Phase of the piece.
+        rows: (K, PIECE_WIDTH) receives the piece.
+        phases: (K,) receives its phase.
+        k: Row.
+    """
     row = rows[k]
     row[:] = 0.0
-    row[START], row[END] = s[CLOCK], s[CLOCK] + length
+    row[PIECE_START], row[PIECE_END] = s[CLOCK], s[CLOCK] + length
     phases[k] = phase
     for i in range(2):
         row[X + 6 * i], row[X + 6 * i + 1], row[X + 6 * i + 2] = s[i], s[2 + i], 0.5 * rate[2 + i]
@@ -33,32 +44,60 @@ def straight(s, rate, length, phase, rows, phases, k):  # type: ignore[no-untype
         s[i] = s[i] + (s[2 + i] + 0.5 * rate[2 + i] * length) * length
         s[2 + i] = s[2 + i] + rate[2 + i] * length
         s[4 + i] = s[4 + i] + rate[4 + i] * length
-    s[CLOCK] = row[END]
+    s[CLOCK] = row[PIECE_END]
 
 
-@compiled
-def piece_at(rows, count, tau):  # type: ignore[no-untyped-def]
-    """Index of the piece at tau (s) since the state."""
+@compile_kernel
+def find_piece(rows, count, tau):  # type: ignore[no-untyped-def]
+    """Find the piece at a time.
+
+    Args:
+        rows: (K, PIECE_WIDTH) pieces.
+        count: Number of pieces.
+        tau: s since the state.
+
+    Returns:
+        The row of the piece.
+    """
     for k in range(count - 1):
-        if tau.real < rows[k, END].real:
+        if tau.real < rows[k, PIECE_END].real:
             return k
     return count - 1
 
 
-@compiled
-def side_spin(wz, rate, tau):  # type: ignore[no-untyped-def]
-    """wz and its derivative after tau of a decay at `rate` (rad/s^2)."""
+@compile_kernel
+def side_spin_at(wz, rate, tau):  # type: ignore[no-untyped-def]
+    """Evaluate side spin that decays.
+
+    Args:
+        wz: Side spin at the start, rad/s.
+        rate: Decay, rad/s^2.
+        tau: s since the start.
+
+    Returns:
+        The side spin (rad/s) and its time derivative (rad/s^2).
+    """
     sign = 1.0 if wz.real > 0.0 else -1.0
     if wz.real * sign <= rate.real * tau.real:
         return (0.0 * wz, 0.0 * wz) if rate.real > 0.0 else (wz - sign * rate * tau, 0.0 * wz)
     return wz - sign * rate * tau, 0.0 * wz - sign * rate
 
 
-@compiled
-def follow(rows, count, wz, p, tau, out, rate):  # type: ignore[no-untyped-def]
-    """State out (7,) and its time derivative rate (7,) at tau (s) since the state with side spin wz."""
-    row = rows[piece_at(rows, count, tau)]
-    t = tau - row[START]
+@compile_kernel
+def evaluate_pieces(rows, count, wz, p, tau, out, rate):  # type: ignore[no-untyped-def]
+    """Evaluate state and time derivative of planned motion.
+
+    Args:
+        rows: (K, PIECE_WIDTH) pieces.
+        count: Number of pieces.
+        wz: Side spin at the start, rad/s.
+        p: (P,) physical parameters.
+        tau: s since the start.
+        out: (7,) receives the state.
+        rate: (7,) receives its time derivative.
+    """
+    row = rows[find_piece(rows, count, tau)]
+    t = tau - row[PIECE_START]
     for i in range(2):
         x, v, a = 0.0 * t, 0.0 * t, 0.0 * t
         for j in range(5, -1, -1):
@@ -71,4 +110,4 @@ def follow(rows, count, wz, p, tau, out, rate):  # type: ignore[no-untyped-def]
             w = w * t + row[WX + 5 * i + j]
         out[i], out[2 + i], out[4 + i] = x, v, w
         rate[i], rate[2 + i], rate[4 + i] = v, 2.0 * a, turn
-    out[6], rate[6] = side_spin(wz, p[SPIN_DECAY], tau)
+    out[6], rate[6] = side_spin_at(wz, p[SPIN_DECAY], tau)

@@ -1,71 +1,102 @@
-"""Contacts of balls on the table: from the frame of the table into that of a law, through the law, and back.
+"""Contacts of balls on the table: from the frame of the table into that of a contact model, and back.
 
-Velocity and spin are turned about the vertical, which turns both as vectors. Gentle contacts (see roots.py) are
-returned without loss and friction whatever the law, and the micrometre that the balls had sunk in is taken back: so the
-next such contact takes its time, and balls that press on each other do not creep into each other.
+Velocity and spin are rotated about the vertical, which rotates both as vectors. Gentle contacts (see
+`models.numerics.roots`) have no loss and no friction whatever the model, and the overlap of a micrometre is removed: so
+the next such contact comes after some time, and balls that press on each other do not creep into each other.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
-from models.numerics.roots import DEPTH
-from models.physics.billiards.ball_ball import alciatore, elastic, inelastic, mass_spring
-from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, mirror, stronge
+from models.numerics.jit import compile_kernel
+from models.numerics.roots import CONTACT_DEPTH
+from models.physics.billiards.ball_ball.ball_models import GENTLE_MODEL, dispatch_ball_model
+from models.physics.billiards.ball_cushion.cushion_models import dispatch_cushion_model
 
 
-@compiled
-def rebound(law, vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
-    """`law` is an index in `parameters.CUSHION_LAWS`."""
-    if law == 0:
-        return mirror.rebound(vn, vt, wn, wt, wz, radius, mass, p)
-    if law == 1:
-        return han_2005.rebound(vn, vt, wn, wt, wz, radius, mass, p)
-    if law == 2:
-        return mathavan_2010.rebound(vn, vt, wn, wt, wz, radius, mass, p)
-    return stronge.rebound(vn, vt, wn, wt, wz, radius, mass, p)
+@compile_kernel
+def rebound(code, vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
+    """Resolve a contact with a cushion by the model of a code.
+
+    Args:
+        code: Index in `CUSHION_MODELS`.
+        vn: Velocity into the cushion, m/s.
+        vt: Velocity along the cushion, m/s.
+        wn: Spin about the normal, rad/s.
+        wt: Spin about the direction along the cushion, rad/s.
+        wz: Side spin, rad/s.
+        radius: m.
+        mass: kg.
+        p: (P,) physical parameters.
+
+    Returns:
+        (vn, vt, wn, wt, wz) after the contact.
+    """
+    return dispatch_cushion_model(code, vn, vt, wn, wt, wz, radius, mass, p)
 
 
-@compiled
-def collide(law, van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p):  # type: ignore[no-untyped-def]
-    """`law` is an index in `parameters.BALL_LAWS`."""
-    if law == 1:
-        return inelastic.collide(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p)
-    if law == 2:
-        return alciatore.collide(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p)
-    if law == 3:
-        return mass_spring.collide(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p)
-    return elastic.collide(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p)
+@compile_kernel
+def collide(code, van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p):  # type: ignore[no-untyped-def]
+    """Resolve a contact of two balls by the model of a code, an index in `BALL_MODELS`.
+
+    The other arguments and the result are those of every ball model, see `ball_contact`.
+    """
+    return dispatch_ball_model(code, van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p)
 
 
-@compiled
-def meet_cushion(s, nx, ny, radius, mass, p, law, gentle, out):  # type: ignore[no-untyped-def]
-    """Fill out (7,) with the state s (7,) after a cushion with the unit normal (nx, ny) into it."""
+@compile_kernel
+def resolve_cushion_contact(s, nx, ny, radius, mass, p, code, gentle, out):  # type: ignore[no-untyped-def]
+    """Write the state of a ball after a contact with a cushion.
+
+    Args:
+        s: (7,) state before: x, y (m), vx, vy (m/s), wx, wy, wz (rad/s).
+        nx: x of the unit normal into the cushion.
+        ny: y of that normal.
+        radius: m.
+        mass: kg.
+        p: (P,) physical parameters.
+        code: Index in `CUSHION_MODELS`.
+        gentle: Whether the contact is gentle, see `models.numerics.roots`.
+        out: (7,) receives the state after.
+    """
     vn, vt = nx * s[2] + ny * s[3], nx * s[3] - ny * s[2]
     wn, wt, wz = nx * s[4] + ny * s[5], nx * s[5] - ny * s[4], s[6]
     out[0], out[1] = s[0], s[1]
     if gentle:
         vn = -vn
-        out[0], out[1] = s[0] - DEPTH * nx, s[1] - DEPTH * ny
+        out[0], out[1] = s[0] - CONTACT_DEPTH * nx, s[1] - CONTACT_DEPTH * ny
     else:
-        vn, vt, wn, wt, wz = rebound(law, vn, vt, wn, wt, wz, radius, mass, p)
+        vn, vt, wn, wt, wz = rebound(code, vn, vt, wn, wt, wz, radius, mass, p)
     out[2], out[3] = nx * vn - ny * vt, ny * vn + nx * vt
     out[4], out[5], out[6] = nx * wn - ny * wt, ny * wn + nx * wt, wz
 
 
-@compiled
-def meet_ball(a, b, ra, rb, ma, mb, p, law, gentle, out):  # type: ignore[no-untyped-def]
-    """Fill out (14,) with the states a, b (7,) of two balls after they touched."""
+@compile_kernel
+def resolve_ball_contact(a, b, ra, rb, ma, mb, p, code, gentle, out):  # type: ignore[no-untyped-def]
+    """Write the states of two balls after they touched.
+
+    Args:
+        a: (7,) state of the first ball before: x, y (m), vx, vy (m/s), wx, wy, wz (rad/s).
+        b: (7,) state of the second ball.
+        ra: Radius of the first ball, m.
+        rb: Radius of the second ball, m.
+        ma: Mass of the first ball, kg.
+        mb: Mass of the second ball, kg.
+        p: (P,) physical parameters.
+        code: Index in `BALL_MODELS`.
+        gentle: Whether the contact is gentle, see `models.numerics.roots`.
+        out: (14,) receives both states after.
+    """
     nx, ny = b[0] - a[0], b[1] - a[1]
     size = np.sqrt(nx * nx + ny * ny)
     nx, ny = nx / size, ny / size
     van, vat, vbn, vbt = nx * a[2] + ny * a[3], nx * a[3] - ny * a[2], nx * b[2] + ny * b[3], nx * b[3] - ny * b[2]
     wan, wat, wbn, wbt = nx * a[4] + ny * a[5], nx * a[5] - ny * a[4], nx * b[4] + ny * b[5], nx * b[5] - ny * b[4]
     van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz = collide(
-        0 if gentle else law, van, vat, wan, wat, a[6], vbn, vbt, wbn, wbt, b[6], ra, rb, ma, mb, p
+        GENTLE_MODEL if gentle else code, van, vat, wan, wat, a[6], vbn, vbt, wbn, wbt, b[6], ra, rb, ma, mb, p
     )
-    back = DEPTH / (ma + mb) if gentle else 0.0 * ma
+    back = CONTACT_DEPTH / (ma + mb) if gentle else 0.0 * ma
     out[0], out[1], out[7], out[8] = (
         a[0] - back * mb * nx,
         a[1] - back * mb * ny,

@@ -1,54 +1,69 @@
-"""Any number of balls from contact to contact: the earliest is found exactly, resolved, and what it changed is redone.
+"""Event-driven simulation of any number of balls: find the earliest contact exactly, resolve it, and repeat.
 
-No time step: a contact is the first root of a polynomial (roots.py), so no ball tunnels through another at any speed.
-Contacts at the same time are resolved one after the other, the fastest first, until none closes; those that close more
-slowly than `GENTLE` wait until the balls have sunk in by a micrometre and are then elastic, which ends every sequence
-of ever smaller bounces. Energy never grows.
+There is no time step: a contact is the first root of a polynomial (`models.numerics.roots`), so no ball tunnels through
+another at any speed. Contacts at the same time are resolved one after the other, the fastest first, until none closes.
+Contacts that close more slowly than `roots.GENTLE_SPEED` wait until the balls overlap by a micrometre and are then
+elastic, which ends every sequence of ever smaller bounces. Energy never grows.
+
+Arrays that the functions share: rows (N, K, PIECE_WIDTH) and phases (N, K) are the pieces of the current segment of
+every ball, counts (N,) their number, start_times (N,) when the segments began (s); lines, arcs and holes are those of
+`cushion_geometry.Rails`; `work` (8, 16) is workspace.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import compiled
-from models.numerics.roots import MOST_DEGREE, NEVER, meeting
-from models.physics.billiards.cloth.cloth_motion import plan
-from models.physics.billiards.cloth.motion_pieces import END, REST, START, WIDTH, X, Y, follow, piece_at
-from models.physics.billiards.simulation.contact_resolution import meet_ball, meet_cushion
+from models.numerics.jit import compile_kernel
+from models.numerics.roots import MAX_DEGREE, NEVER, find_meeting
+from models.physics.billiards.cloth.cloth_motion import plan_motion
+from models.physics.billiards.cloth.motion_pieces import (
+    PIECE_END,
+    PIECE_START,
+    PIECE_WIDTH,
+    REST,
+    X,
+    Y,
+    evaluate_pieces,
+    find_piece,
+)
+from models.physics.billiards.simulation.contact_resolution import resolve_ball_contact, resolve_cushion_contact
 
 BALL, LINE, ARC, HOLE = range(4)
-"""What a ball meets."""
-KIND, TIME, FIRST, SECOND, SPEED, SOFT, EVENT_WIDTH = 0, 1, 2, 3, 4, 5, 6
-"""Columns of a logged event; `SECOND` is a ball or a row of lines, arcs or holes, `SOFT` is 1 for gentle contacts."""
-LEG_BALL, LEG_TIME, LEG_STATE, LEG_WIDTH = 0, 1, 2, 9
-"""Columns of a leg, the motion of one ball between two contacts: it starts in this state."""
-AT_ONCE = 1e-12
-"""s: contacts that are nearer in time than this are taken to be at the same time."""
-_CROSSINGS = 20
-"""Of the line of a nose beyond its ends, on one piece of a path."""
+"""What a ball meets: another ball, a nose or facing, the arc of a jaw, a pocket."""
+EVENT_KIND, EVENT_TIME, EVENT_FIRST, EVENT_SECOND, EVENT_SPEED, EVENT_GENTLE, EVENT_WIDTH = 0, 1, 2, 3, 4, 5, 6
+"""Columns of a logged event. `EVENT_SECOND` is a ball or a row of lines, arcs or holes; `EVENT_SPEED` is the closing
+speed (m/s); `EVENT_GENTLE` is 1 for gentle contacts."""
+SEGMENT_BALL, SEGMENT_TIME, SEGMENT_STATE, SEGMENT_WIDTH = 0, 1, 2, 9
+"""Columns of a segment, the motion of one ball between two contacts: the ball, the time when the segment begins (s),
+and the seven numbers of the state there."""
+SIMULTANEITY = 1e-12
+"""s; contacts that are closer in time count as simultaneous."""
+_MOST_CROSSINGS = 20
+"""Crossings of the line of a nose beyond its ends that one piece of a path may have."""
 
 
-@compiled
-def shift(row, at, tau, out):  # type: ignore[no-untyped-def]
-    """Coefficients out (6,) of the polynomial row[at:at + 6] in the time since tau."""
+@compile_kernel
+def shift_polynomial(row, at, tau, out):  # type: ignore[no-untyped-def]
+    """Write to out (6,) the coefficients of the polynomial row[at:at + 6] in the time since tau (s)."""
     out[:] = row[at : at + 6]
     for i in range(5):
         for j in range(4, i - 1, -1):
             out[j] += tau * out[j + 1]
 
 
-@compiled
-def spread(x, y, length):  # type: ignore[no-untyped-def]
-    """Bound (m) on how far (x, y), coefficients (6,) each, goes within `length`."""
+@compile_kernel
+def displacement_bound(x, y, length):  # type: ignore[no-untyped-def]
+    """Bound the distance (m) that a path with coefficients x, y (6,) covers within `length` (s)."""
     total = 0.0
     for k in range(5, 0, -1):
         total = total * length + np.sqrt(x[k] * x[k] + y[k] * y[k])
     return total * length
 
 
-@compiled
-def squared(x, y, reach, c):  # type: ignore[no-untyped-def]
-    """Fill c (11,) with the coefficients of x^2 + y^2 - reach^2; x, y (6,)."""
+@compile_kernel
+def fill_squared_gap(x, y, reach, c):  # type: ignore[no-untyped-def]
+    """Write to c (11,) the coefficients of x^2 + y^2 - reach^2, with x, y (6,) coefficients and reach in m."""
     c[:] = 0.0
     for i in range(6):
         for j in range(6):
@@ -56,48 +71,59 @@ def squared(x, y, reach, c):  # type: ignore[no-untyped-def]
     c[0] -= reach * reach
 
 
-@compiled
-def when_centres(x, y, reach, length, work):  # type: ignore[no-untyped-def]
-    """Meeting of two centres x, y (6,) apart at the distance `reach`, within `length`."""
-    clear = reach + spread(x, y, length)
+@compile_kernel
+def find_centre_meeting(x, y, reach, length, work):  # type: ignore[no-untyped-def]
+    """Find when the distance of two centres falls to `reach` (m) within `length` (s).
+
+    x, y (6,) are the coefficients of the vector between the centres. Returns the time (s, `NEVER` if it does not), the
+    closing speed (m/s) and whether the meeting is gentle.
+    """
+    clear = reach + displacement_bound(x, y, length)
     if x[0] * x[0] + y[0] * y[0] > clear * clear:
         return NEVER, 0.0, False
     c = work[3]
-    squared(x, y, reach, c)
-    return meeting(c, MOST_DEGREE, length, reach, 0.0, False, work)
+    fill_squared_gap(x, y, reach, c)
+    return find_meeting(c, MAX_DEGREE, length, reach, 0.0, False, work)
 
 
-@compiled
-def when_balls(a, b, now, until, radius, t0, rows, phases, counts, work):  # type: ignore[no-untyped-def]
-    """When balls a and b next touch, between the absolute times now and until (s)."""
-    i, j = piece_at(rows[a], counts[a], now - t0[a]), piece_at(rows[b], counts[b], now - t0[b])
+@compile_kernel
+def find_ball_meeting(a, b, now, until, radius, start_times, rows, phases, counts, work):  # type: ignore[no-untyped-def]
+    """Find when balls a and b touch next between the absolute times `now` and `until` (s).
+
+    radius (N,) in m. Returns the absolute time (s, `NEVER` if they do not), the closing speed (m/s) and whether the
+    contact is gentle.
+    """
+    i, j = find_piece(rows[a], counts[a], now - start_times[a]), find_piece(rows[b], counts[b], now - start_times[b])
     x, y, other = work[4], work[5], work[6]
     while now < until and not (phases[a, i] == REST and phases[b, j] == REST):
-        end = min(t0[a] + rows[a, i, END], t0[b] + rows[b, j, END], until)
+        end = min(start_times[a] + rows[a, i, PIECE_END], start_times[b] + rows[b, j, PIECE_END], until)
         if end > now:
-            shift(rows[a, i], X, now - t0[a] - rows[a, i, START], x[:6])
-            shift(rows[b, j], X, now - t0[b] - rows[b, j, START], other[:6])
+            shift_polynomial(rows[a, i], X, now - start_times[a] - rows[a, i, PIECE_START], x[:6])
+            shift_polynomial(rows[b, j], X, now - start_times[b] - rows[b, j, PIECE_START], other[:6])
             x[:6] -= other[:6]
-            shift(rows[a, i], Y, now - t0[a] - rows[a, i, START], y[:6])
-            shift(rows[b, j], Y, now - t0[b] - rows[b, j, START], other[:6])
+            shift_polynomial(rows[a, i], Y, now - start_times[a] - rows[a, i, PIECE_START], y[:6])
+            shift_polynomial(rows[b, j], Y, now - start_times[b] - rows[b, j, PIECE_START], other[:6])
             y[:6] -= other[:6]
-            t, closing, soft = when_centres(x, y, radius[a] + radius[b], end - now, work)
+            t, closing, soft = find_centre_meeting(x, y, radius[a] + radius[b], end - now, work)
             if t < NEVER:
                 return now + t, closing, soft
-        if i < counts[a] - 1 and t0[a] + rows[a, i, END] <= end:
+        if i < counts[a] - 1 and start_times[a] + rows[a, i, PIECE_END] <= end:
             i += 1
-        if j < counts[b] - 1 and t0[b] + rows[b, j, END] <= end:
+        if j < counts[b] - 1 and start_times[b] + rows[b, j, PIECE_END] <= end:
             j += 1
         now = max(now, end)
     return NEVER, 0.0, False
 
 
-@compiled
-def when_line(x, y, line, radius, length, work):  # type: ignore[no-untyped-def]
-    """Meeting of a ball at x, y (6,) with a straight nose: line is nx, ny, c, low, high, side."""
+@compile_kernel
+def find_line_meeting(x, y, line, radius, length, work):  # type: ignore[no-untyped-def]
+    """Find when a ball on the path x, y (6,) meets a straight nose within `length` (s).
+
+    line (6,) is nx, ny, offset, low end, high end (m) and side; radius in m. Returns as `find_centre_meeting`.
+    """
     nx, ny = line[0], line[1]
     gap = line[2] - radius - nx * x[0] - ny * y[0]
-    if gap > spread(x, y, length):
+    if gap > displacement_bound(x, y, length):
         return NEVER, 0.0, False
     c = work[3]
     c[:] = 0.0
@@ -105,8 +131,8 @@ def when_line(x, y, line, radius, length, work):  # type: ignore[no-untyped-def]
         c[k] = -nx * x[k] - ny * y[k]
     c[0] = gap
     begin, through = 0.0, False
-    for _ in range(_CROSSINGS):
-        t, closing, soft = meeting(c, 5, length, 0.0, begin, through, work)
+    for _ in range(_MOST_CROSSINGS):
+        t, closing, soft = find_meeting(c, 5, length, 0.0, begin, through, work)
         if t == NEVER:
             return t, closing, soft
         along = 0.0
@@ -114,38 +140,42 @@ def when_line(x, y, line, radius, length, work):  # type: ignore[no-untyped-def]
             along = along * t + nx * y[k] - ny * x[k]
         if line[3] <= along <= line[4]:
             return t, closing, soft
-        begin, through = t + AT_ONCE * 1e3, True
+        begin, through = t + SIMULTANEITY * 1e3, True
     return NEVER, 0.0, False
 
 
-@compiled
-def when_table(a, now, until, radius, t0, rows, phases, counts, lines, arcs, holes, work):  # type: ignore[no-untyped-def]
-    """What of the table ball a next meets: time, closing speed, softness, kind and row."""
-    i = piece_at(rows[a], counts[a], now - t0[a])
+@compile_kernel
+def find_table_meeting(a, now, until, radius, start_times, rows, phases, counts, lines, arcs, holes, work):  # type: ignore[no-untyped-def]
+    """Find what part of the table ball a meets next between the absolute times `now` and `until` (s).
+
+    Returns the absolute time (s, `NEVER` if nothing), the closing speed (m/s), whether the contact is gentle, the kind
+    (`LINE`, `ARC` or `HOLE`) and its row.
+    """
+    i = find_piece(rows[a], counts[a], now - start_times[a])
     x, y, other = work[4], work[5], work[6]
     best, speed, gentle, kind, row = NEVER, 0.0, False, LINE, 0
     while now < until and phases[a, i] != REST:
-        end = min(t0[a] + rows[a, i, END], until)
+        end = min(start_times[a] + rows[a, i, PIECE_END], until)
         if end > now:
-            shift(rows[a, i], X, now - t0[a] - rows[a, i, START], x[:6])
-            shift(rows[a, i], Y, now - t0[a] - rows[a, i, START], y[:6])
+            shift_polynomial(rows[a, i], X, now - start_times[a] - rows[a, i, PIECE_START], x[:6])
+            shift_polynomial(rows[a, i], Y, now - start_times[a] - rows[a, i, PIECE_START], y[:6])
             for k in range(len(lines) + len(arcs) + len(holes)):
                 if k < len(lines):
-                    what, m = LINE, k
-                    t, closing, soft = when_line(x, y, lines[m], radius[a], min(end - now, best), work)
+                    obstacle, m = LINE, k
+                    t, closing, soft = find_line_meeting(x, y, lines[m], radius[a], min(end - now, best), work)
                 else:
-                    what, m = (
+                    obstacle, m = (
                         (ARC, k - len(lines)) if k < len(lines) + len(arcs) else (HOLE, k - len(lines) - len(arcs))
                     )
-                    disc = arcs[m] if what == ARC else holes[m]
-                    reach = disc[2] + radius[a] if what == ARC else disc[2]
+                    disc = arcs[m] if obstacle == ARC else holes[m]
+                    reach = disc[2] + radius[a] if obstacle == ARC else disc[2]
                     other[:6] = x[:6]
                     other[0] -= disc[0]
                     work[7, :6] = y[:6]
                     work[7, 0] -= disc[1]
-                    t, closing, soft = when_centres(other, work[7], reach, min(end - now, best), work)
+                    t, closing, soft = find_centre_meeting(other, work[7], reach, min(end - now, best), work)
                 if t < best:
-                    best, speed, gentle, kind, row = t, closing, soft, what, m
+                    best, speed, gentle, kind, row = t, closing, soft, obstacle, m
             if best < NEVER:
                 return now + best, speed, gentle, kind, row
         if i < counts[a] - 1:
@@ -154,9 +184,20 @@ def when_table(a, now, until, radius, t0, rows, phases, counts, lines, arcs, hol
     return NEVER, 0.0, False, LINE, 0
 
 
-@compiled
-def normal(kind, row, s, lines, arcs):  # type: ignore[no-untyped-def]
-    """Unit normal into the cushion where a ball at s meets it."""
+@compile_kernel
+def cushion_normal(kind, row, s, lines, arcs):  # type: ignore[no-untyped-def]
+    """Return the unit normal into a cushion where a ball meets it.
+
+    Args:
+        kind: `LINE` or `ARC`.
+        row: Row of lines or arcs.
+        s: (7,) state of the ball at the contact.
+        lines: (L, 6) as in `cushion_geometry.Rails`.
+        arcs: (A, 4) as in `cushion_geometry.Rails`.
+
+    Returns:
+        x and y of the normal.
+    """
     if kind == LINE:
         return lines[row, 0] + 0.0 * s[0], lines[row, 1] + 0.0 * s[0]
     nx, ny = arcs[row, 0] - s[0], arcs[row, 1] - s[1]
@@ -164,9 +205,13 @@ def normal(kind, row, s, lines, arcs):  # type: ignore[no-untyped-def]
     return nx / size, ny / size
 
 
-@compiled
-def earliest(ball_times, table_times):  # type: ignore[no-untyped-def]
-    """The next contact: the earliest, of those at once the fastest; both times hold time and speed first."""
+@compile_kernel
+def select_earliest(ball_times, table_times):  # type: ignore[no-untyped-def]
+    """Select the next contact: the earliest, and among simultaneous ones the fastest.
+
+    ball_times (N, N, 3) and table_times (N, 5) begin with time (s) and closing speed (m/s). Returns the time, the first
+    ball (-1 if there is no contact) and the other ball (-1 for a contact with the table).
+    """
     n = len(table_times)
     first = NEVER
     for a in range(n):
@@ -175,43 +220,62 @@ def earliest(ball_times, table_times):  # type: ignore[no-untyped-def]
             first = min(first, ball_times[a, b, 0])
     fastest, who, other = -1.0, -1, -1
     for a in range(n):
-        if table_times[a, 0] <= first + AT_ONCE and table_times[a, 1] > fastest:
+        if table_times[a, 0] <= first + SIMULTANEITY and table_times[a, 1] > fastest:
             fastest, who, other = table_times[a, 1], a, -1
         for b in range(a):
-            if ball_times[a, b, 0] <= first + AT_ONCE and ball_times[a, b, 1] > fastest:
+            if ball_times[a, b, 0] <= first + SIMULTANEITY and ball_times[a, b, 1] > fastest:
                 fastest, who, other = ball_times[a, b, 1], a, b
     return first, who, other
 
 
-@compiled
-def play(start, radius, mass, p, laws, lines, arcs, holes, seconds, table_rows, events, legs):  # type: ignore[no-untyped-def]
-    """Fill events (E, EVENT_WIDTH) and legs (L, LEG_WIDTH); how many of each, and whether there was room for all.
+@compile_kernel
+def simulate_events(start, radius, mass, p, model_codes, lines, arcs, holes, seconds, piece_capacity, events, segments):  # type: ignore[no-untyped-def]
+    """Simulate a shot and log its events and segments.
 
-    start (N, 7); laws (cushion, ball); `table_rows` is the number of pieces that one leg may have.
+    Args:
+        start: (N, 7) states at time 0: x, y (m), vx, vy (m/s), wx, wy, wz (rad/s).
+        radius: (N,) m.
+        mass: (N,) kg.
+        p: (P,) physical parameters.
+        model_codes: Codes of the cushion model and of the ball model.
+        lines: (L, 6) as in `cushion_geometry.Rails`.
+        arcs: (A, 4) as in `cushion_geometry.Rails`.
+        holes: (H, 3) as in `cushion_geometry.Rails`.
+        seconds: Duration, s.
+        piece_capacity: Number of pieces that one segment may have.
+        events: (E, EVENT_WIDTH) receives the events by time.
+        segments: (L, SEGMENT_WIDTH) receives the segments by time.
+
+    Returns:
+        The number of events, the number of segments, and whether there was room for all.
     """
     n = len(start)
-    state, t0, counts, here = start.copy(), np.zeros(n), np.zeros(n, np.int64), np.ones(n, np.bool_)
-    rows, phases = np.zeros((n, table_rows, WIDTH)), np.zeros((n, table_rows), np.int64)
+    state, start_times, counts, on_table = start.copy(), np.zeros(n), np.zeros(n, np.int64), np.ones(n, np.bool_)
+    rows, phases = np.zeros((n, piece_capacity, PIECE_WIDTH)), np.zeros((n, piece_capacity), np.int64)
     ball_times, table_times = np.full((n, n, 3), NEVER), np.full((n, 5), NEVER)
     work, out, rate = np.zeros((8, 16)), np.zeros(14), np.zeros(7)
-    changed, done, made = np.ones(n, np.bool_), 0, 0
+    changed, event_count, segment_count = np.ones(n, np.bool_), 0, 0
     now = 0.0
     while True:
         for a in range(n):
             if not changed[a]:
                 continue
-            legs[made, LEG_BALL], legs[made, LEG_TIME], legs[made, LEG_STATE:] = a, now, state[a]
-            made += 1
-            t0[a] = now
-            if here[a]:
-                counts[a] = plan(state[a], radius[a], p, seconds - now, rows[a], phases[a])
+            (
+                segments[segment_count, SEGMENT_BALL],
+                segments[segment_count, SEGMENT_TIME],
+                segments[segment_count, SEGMENT_STATE:],
+            ) = a, now, state[a]
+            segment_count += 1
+            start_times[a] = now
+            if on_table[a]:
+                counts[a] = plan_motion(state[a], radius[a], p, seconds - now, rows[a], phases[a])
         for a in range(n):
             if not changed[a]:
                 continue
             table_times[a] = NEVER
-            if here[a]:
-                t, closing, soft, kind, row = when_table(
-                    a, now, seconds, radius, t0, rows, phases, counts, lines, arcs, holes, work
+            if on_table[a]:
+                t, closing, soft, kind, row = find_table_meeting(
+                    a, now, seconds, radius, start_times, rows, phases, counts, lines, arcs, holes, work
                 )
                 table_times[a, 0], table_times[a, 1], table_times[a, 2] = t, closing, 1.0 if soft else 0.0
                 table_times[a, 3], table_times[a, 4] = kind, row
@@ -220,39 +284,59 @@ def play(start, radius, mass, p, laws, lines, arcs, holes, seconds, table_rows, 
                     continue
                 i, j = (a, b) if a > b else (b, a)
                 ball_times[i, j] = NEVER
-                if here[a] and here[b]:
-                    t, closing, soft = when_balls(i, j, now, seconds, radius, t0, rows, phases, counts, work)
+                if on_table[a] and on_table[b]:
+                    t, closing, soft = find_ball_meeting(
+                        i, j, now, seconds, radius, start_times, rows, phases, counts, work
+                    )
                     ball_times[i, j, 0], ball_times[i, j, 1], ball_times[i, j, 2] = t, closing, 1.0 if soft else 0.0
         changed[:] = False
-        first, a, b = earliest(ball_times, table_times)
+        first, a, b = select_earliest(ball_times, table_times)
         if first > seconds:
-            return done, made, True
-        if done == len(events) or made + 2 > len(legs):
-            return done, made, False
+            return event_count, segment_count, True
+        if event_count == len(events) or segment_count + 2 > len(segments):
+            return event_count, segment_count, False
         now = max(now, first)
-        follow(rows[a], counts[a], state[a, 6], p, now - t0[a], out[:7], rate)
-        event = events[done]
-        done += 1
-        event[TIME], event[FIRST] = now, a
+        evaluate_pieces(rows[a], counts[a], state[a, 6], p, now - start_times[a], out[:7], rate)
+        event = events[event_count]
+        event_count += 1
+        event[EVENT_TIME], event[EVENT_FIRST] = now, a
         changed[a] = True
         if b >= 0:
-            follow(rows[b], counts[b], state[b, 6], p, now - t0[b], out[7:], rate)
-            event[KIND], event[SECOND], event[SPEED], event[SOFT] = BALL, b, ball_times[a, b, 1], ball_times[a, b, 2]
+            evaluate_pieces(rows[b], counts[b], state[b, 6], p, now - start_times[b], out[7:], rate)
+            event[EVENT_KIND], event[EVENT_SECOND], event[EVENT_SPEED], event[EVENT_GENTLE] = (
+                BALL,
+                b,
+                ball_times[a, b, 1],
+                ball_times[a, b, 2],
+            )
             state[a], state[b] = out[:7], out[7:]
             if np.hypot(out[9], out[10]) > np.hypot(out[2], out[3]):
                 a, b = b, a
-                event[FIRST], event[SECOND] = a, b
-            meet_ball(state[a], state[b], radius[a], radius[b], mass[a], mass[b], p, laws[1], event[SOFT] > 0, out)
+                event[EVENT_FIRST], event[EVENT_SECOND] = a, b
+            resolve_ball_contact(
+                state[a],
+                state[b],
+                radius[a],
+                radius[b],
+                mass[a],
+                mass[b],
+                p,
+                model_codes[1],
+                event[EVENT_GENTLE] > 0,
+                out,
+            )
             state[a], state[b] = out[:7], out[7:]
             changed[a] = changed[b] = True
             continue
-        event[SPEED], event[SOFT], event[KIND], event[SECOND] = (
+        event[EVENT_SPEED], event[EVENT_GENTLE], event[EVENT_KIND], event[EVENT_SECOND] = (
             table_times[a, 1], table_times[a, 2], table_times[a, 3], table_times[a, 4],
         )  # fmt: skip
         state[a] = out[:7]
-        if event[KIND] == HOLE:
-            here[a] = False
+        if event[EVENT_KIND] == HOLE:
+            on_table[a] = False
             continue
-        nx, ny = normal(int(event[KIND]), int(event[SECOND]), state[a], lines, arcs)
-        meet_cushion(state[a], nx, ny, radius[a], mass[a], p, laws[0], event[SOFT] > 0, out[:7])
+        nx, ny = cushion_normal(int(event[EVENT_KIND]), int(event[EVENT_SECOND]), state[a], lines, arcs)
+        resolve_cushion_contact(
+            state[a], nx, ny, radius[a], mass[a], p, model_codes[0], event[EVENT_GENTLE] > 0, out[:7]
+        )
         state[a] = out[:7]

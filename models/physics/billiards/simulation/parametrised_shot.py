@@ -1,8 +1,8 @@
-"""A shot played from the numbers of a fit: what they say of balls, table and physics, and derivatives by them.
+"""A shot from the parameters of a fit: the balls, table and physics that they stand for, and derivatives by them.
 
-A ball that moves at the beginning has seven numbers, x, y, vx, vy, the slip ux, uy of the point that touches the
-cloth, and the surface speed R wz of its side spin (m, m/s); one that lies has its place. So all speeds have one size,
-and a rolling ball has slip 0.
+The start of a ball that moves at the start has seven numbers: x, y (m), vx, vy, the slip ux, uy of the point that
+touches the cloth, and the surface speed R wz of its side spin (m/s). That of a ball at rest is its place. So all speeds
+have one scale, and a rolling ball has slip 0. The starts of all balls follow each other in one vector (S,).
 """
 
 from __future__ import annotations
@@ -15,144 +15,236 @@ from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.numerics.jit import compiled
-from models.physics.billiards.calibration_errors import FAITHFUL, ON_PICTURE
-from models.physics.billiards.parameters import NAMES, Physics, neutral
-from models.physics.billiards.simulation.shot_derivatives import PER_BALL
+from models.numerics.jit import compile_kernel
+from models.physics.billiards.image_distortion import IMAGE_PARAMETERS, NEUTRAL_IMAGE_PARAMETERS
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES, neutral_parameters
+from models.physics.billiards.simulation.shot_derivatives import BALL_INPUTS
 from models.physics.billiards.simulation.simulate_shot import simulate
-from models.physics.billiards.simulation.simulated_shot import Balls, Run
+from models.physics.billiards.simulation.simulated_shot import BallSet, SimulatedShot
+from models.physics.billiards.simulation.table_physics import Physics
 
-MASS, RADIUS, FACTOR = (len(NAMES) + k for k in range(3))
-NOSE, PICTURE = len(NAMES) + 3, len(NAMES) + 7
-READOUT, FRAMES = PICTURE + len(ON_PICTURE), PICTURE + len(ON_PICTURE) + 1
-NUMBERS: tuple[str, ...] = (
-    *NAMES, "unequal_mass.ratio", "unequal_radius.ratio", "collision_radius.factor",
-    *(f"nose.{side}" for side in CUSHIONS), *ON_PICTURE, "rolling_shutter.readout", "dropped_frames.frames",
+MASS_RATIO, RADIUS_RATIO, RADIUS_FACTOR = (len(PARAMETER_NAMES) + k for k in range(3))
+"""Indices in `SHOT_PARAMETERS`."""
+NOSE_OFFSETS, IMAGE_START = len(PARAMETER_NAMES) + 3, len(PARAMETER_NAMES) + 7
+"""Indices in `SHOT_PARAMETERS` of the first nose offset and of the first parameter of the image."""
+SHUTTER_READOUT, DROPPED_FRAMES = IMAGE_START + len(IMAGE_PARAMETERS), IMAGE_START + len(IMAGE_PARAMETERS) + 1
+"""Indices in `SHOT_PARAMETERS`."""
+SHOT_PARAMETERS: tuple[str, ...] = (
+    *PARAMETER_NAMES, "unequal_mass.ratio", "unequal_radius.ratio", "collision_radius.factor",
+    *(f"nose.{side}" for side in CUSHIONS), *IMAGE_PARAMETERS, "rolling_shutter.readout", "dropped_frames.frames",
 )  # fmt: skip
-"""All Q numbers that shots may share: of the physics, the balls, the table, and of what is seen of them."""
-ABSENT = np.concatenate([neutral(), np.ones(3), np.zeros(4), FAITHFUL, np.zeros(2)])
-"""(Q,) without any effect."""
-MOVING, LYING, LINEAR = 7, 2, 4
-"""Numbers of a ball that moves and of one that lies; those of its centre."""
+"""All Q parameters that shots may share: of the physics, the balls, the table, and the measurement."""
+NEUTRAL_SHOT_PARAMETERS = np.concatenate(
+    [neutral_parameters(), np.ones(3), np.zeros(4), NEUTRAL_IMAGE_PARAMETERS, np.zeros(2)]
+)
+"""(Q,) values without any effect."""
+MOVING_BALL_SIZE, RESTING_BALL_SIZE, CENTRE_SIZE = 7, 2, 4
+"""Numbers of a ball that moves, of a ball at rest, and of the motion of its centre alone."""
 SIDE_SPIN = 6
-"""Which of them is the surface speed of side spin."""
+"""Index of the surface speed of side spin among them."""
 
 
 @dataclass(frozen=True, slots=True)
-class Laws:
-    """By which balls and cushions touch; names of `models.physics.billiards.parameters`."""
+class ContactModels:
+    """Names of the contact models of a shot, see `table_physics`."""
 
     cushion: str = "mirror"
     ball: str = "inelastic"
 
 
-def sizes(moving: BoolArray) -> NDArray[np.int64]:
-    """(N + 1,) where the numbers of each ball begin, and their count."""
-    return np.concatenate([[0], np.cumsum(np.where(moving, MOVING, LYING))]).astype(np.int64)
+def start_offsets(moving: BoolArray) -> NDArray[np.int64]:
+    """Find where the numbers of each ball begin in a start.
+
+    Args:
+        moving: (N,) whether a ball moves at the start.
+
+    Returns:
+        (N + 1,) offsets; the last one is the length S.
+    """
+    return np.concatenate([[0], np.cumsum(np.where(moving, MOVING_BALL_SIZE, RESTING_BALL_SIZE))]).astype(np.int64)
 
 
-def unpacked(start: FloatArray, moving: BoolArray) -> FloatArray:
-    """(N, 7) from the numbers of a start (S,); zeros for what a ball that lies has not."""
-    whole, at = np.zeros((len(moving), MOVING)), sizes(moving)
+def unpack_start(start: FloatArray, moving: BoolArray) -> FloatArray:
+    """Unpack the flat vector of initial states into one row per ball.
+
+    Args:
+        start: (S,) numbers of all balls.
+        moving: (N,) whether a ball moves at the start.
+
+    Returns:
+        (N, 7) numbers; 0 for those that a ball at rest lacks.
+    """
+    padded, offsets = np.zeros((len(moving), MOVING_BALL_SIZE)), start_offsets(moving)
     for k, moves in enumerate(moving):
-        whole[k, : MOVING if moves else LYING] = start[at[k] : at[k + 1]]
-    return whole
+        padded[k, : MOVING_BALL_SIZE if moves else RESTING_BALL_SIZE] = start[offsets[k] : offsets[k + 1]]
+    return padded
 
 
-def packed(whole: FloatArray, moving: BoolArray) -> FloatArray:
-    """(S,) from (N, 7)."""
-    return np.concatenate([row[: MOVING if moves else LYING] for row, moves in zip(whole, moving, strict=True)])
+def pack_start(padded: FloatArray, moving: BoolArray) -> FloatArray:
+    """Pack one row per ball into a start.
+
+    Args:
+        padded: (N, 7) numbers of each ball.
+        moving: (N,) whether a ball moves at the start.
+
+    Returns:
+        (S,) the start.
+    """
+    return np.concatenate(
+        [row[: MOVING_BALL_SIZE if moves else RESTING_BALL_SIZE] for row, moves in zip(padded, moving, strict=True)]
+    )
 
 
-def balls_of(start: FloatArray, moving: BoolArray, table: Table, values: FloatArray) -> Balls:
-    """The balls that a start (S,) and all numbers (Q,) stand for."""
+def build_balls(start: FloatArray, moving: BoolArray, table: Table, values: FloatArray) -> BallSet:
+    """Build the balls that a start and all parameters stand for.
+
+    Args:
+        start: (S,) numbers of all balls.
+        moving: (N,) whether a ball moves at the start.
+        table: Table with the usual radius and mass of a ball.
+        values: (Q,) values of `SHOT_PARAMETERS`.
+
+    Returns:
+        The balls, whose ids are their numbers.
+    """
     count = len(moving)
-    state, radius, mass = np.zeros((count, MOVING)), np.empty(count), np.empty(count)
+    state, radius, mass = np.zeros((count, MOVING_BALL_SIZE)), np.empty(count), np.empty(count)
     _fill_balls(start, moving, table.ball_radius, table.ball_mass, values, state, radius, mass)
-    return Balls(_names(count), state, radius, mass)
+    return BallSet(_number_balls(count), state, radius, mass)
 
 
-@compiled
+@compile_kernel
 def _fill_balls(start, moving, usual_radius, usual_mass, values, state, radius, mass):  # type: ignore[no-untyped-def]
-    """Fill state (N, 7), radius and mass (N,) of the engine; only the first ball is surely a usual one."""
+    """Write state (N, 7), radius (m) and mass (kg) (N,) of the engine.
+
+    usual_radius (m) and usual_mass (kg) are those of the table; only the first ball is certain to have them.
+    """
     at = 0
     for k in range(len(moving)):
-        radius[k] = usual_radius * values[FACTOR] * (values[RADIUS] if k > 0 else 1.0)
-        mass[k] = usual_mass * (values[MASS] if k > 0 else 1.0)
-        own = start[at : at + MOVING]
+        radius[k] = usual_radius * values[RADIUS_FACTOR] * (values[RADIUS_RATIO] if k > 0 else 1.0)
+        mass[k] = usual_mass * (values[MASS_RATIO] if k > 0 else 1.0)
+        own = start[at : at + MOVING_BALL_SIZE]
         if not moving[k]:
-            state[k, :LYING] = own[:LYING]
-            at += LYING
+            state[k, :RESTING_BALL_SIZE] = own[:RESTING_BALL_SIZE]
+            at += RESTING_BALL_SIZE
             continue
-        state[k, :LINEAR] = own[:LINEAR]
+        state[k, :CENTRE_SIZE] = own[:CENTRE_SIZE]
         state[k, 4], state[k, 5] = (own[5] - own[3]) / radius[k], (own[2] - own[4]) / radius[k]
         state[k, 6] = own[SIDE_SPIN] / radius[k]
-        at += MOVING
+        at += MOVING_BALL_SIZE
 
 
 @cache
-def _names(count: int) -> tuple[str, ...]:
-    """Of balls that a fit knows by their numbers."""
+def _number_balls(count: int) -> tuple[str, ...]:
+    """Return the ids of balls that a fit identifies by their numbers."""
     return tuple(str(k) for k in range(count))
 
 
-def played(start: FloatArray, moving: BoolArray, table: Table, values: FloatArray, laws: Laws, seconds: float) -> Run:
-    """The shot; ArithmeticError where balls meet without end."""
-    physics = Physics(values[: len(NAMES)].copy(), (), laws.cushion, laws.ball)
-    offsets = values[NOSE : NOSE + 4]
-    return simulate(balls_of(start, moving, table, values), table, physics, max(seconds, 1e-6), offsets)
+def simulate_start(
+    start: FloatArray, moving: BoolArray, table: Table, values: FloatArray, laws: ContactModels, seconds: float
+) -> SimulatedShot:
+    """Simulate the shot of a start.
+
+    Args:
+        start: (S,) numbers of all balls.
+        moving: (N,) whether a ball moves at the start.
+        table: Table with the usual radius and mass of a ball.
+        values: (Q,) values of `SHOT_PARAMETERS`.
+        laws: Contact models.
+        seconds: Duration, s.
+
+    Returns:
+        The shot.
+
+    Raises:
+        ArithmeticError: The balls meet without end.
+    """
+    physics = Physics(values[: len(PARAMETER_NAMES)].copy(), (), laws.cushion, laws.ball)
+    offsets = values[NOSE_OFFSETS : NOSE_OFFSETS + 4]
+    return simulate(build_balls(start, moving, table, values), table, physics, max(seconds, 1e-6), offsets)
 
 
-def directions_of(balls: Balls, moving: BoolArray, table: Table, values: FloatArray, numbers: IntArray) -> FloatArray:
-    """What the engine's numbers (9 N + P + 4,) change by when a start (S,) or one of `numbers`, indices (M,) in
-    `NUMBERS`, changes: (9 N + P + 4, S + M)."""
-    begins = int(moving.sum()) * (MOVING - LYING) + len(moving) * LYING
-    found = np.zeros((PER_BALL * len(moving) + len(NAMES) + len(CUSHIONS), begins + len(numbers)))
-    _fill_directions(balls.state, balls.radius, moving, table.ball_mass, values, numbers, begins, found)
-    return found
+def build_directions(
+    balls: BallSet, moving: BoolArray, table: Table, values: FloatArray, numbers: IntArray
+) -> FloatArray:
+    """Build the derivatives of the engine's inputs by the numbers of a fit.
+
+    Args:
+        balls: Balls of the start.
+        moving: (N,) whether a ball moves at the start.
+        table: Table with the usual mass of a ball.
+        values: (Q,) values of `SHOT_PARAMETERS`.
+        numbers: (M,) indices in `SHOT_PARAMETERS`.
+
+    Returns:
+        (9 N + P + 4, S + M) derivatives of the engine's inputs by the start (S,), then by the parameters of `numbers`.
+    """
+    start_size = int(moving.sum()) * (MOVING_BALL_SIZE - RESTING_BALL_SIZE) + len(moving) * RESTING_BALL_SIZE
+    directions = np.zeros((BALL_INPUTS * len(moving) + len(PARAMETER_NAMES) + len(CUSHIONS), start_size + len(numbers)))
+    _fill_directions(balls.state, balls.radius, moving, table.ball_mass, values, numbers, start_size, directions)
+    return directions
 
 
-@compiled
-def _fill_directions(state, radius, moving, usual_mass, values, numbers, begins, found):  # type: ignore[no-untyped-def]
-    """Fill found (9 N + P + 4, `begins` + M) as `directions_of` says; `begins` is where the starts of balls end."""
-    at, physics = 0, PER_BALL * len(moving)
+@compile_kernel
+def _fill_directions(state, radius, moving, usual_mass, values, numbers, start_size, directions):  # type: ignore[no-untyped-def]
+    """Write directions (9 N + P + 4, start_size + M) as `build_directions` describes; usual_mass in kg."""
+    at, physics = 0, BALL_INPUTS * len(moving)
     for k in range(len(moving)):
-        ball, own = found[PER_BALL * k : PER_BALL * (k + 1)], MOVING if moving[k] else LYING
-        for i in range(MOVING):
+        ball, own = (
+            directions[BALL_INPUTS * k : BALL_INPUTS * (k + 1)],
+            MOVING_BALL_SIZE if moving[k] else RESTING_BALL_SIZE,
+        )
+        for i in range(MOVING_BALL_SIZE):
             for j in range(own):
-                ball[i, at + j] = _UNITS[j, i] if i < LINEAR else _UNITS[j, i] / radius[k]
+                ball[i, at + j] = _UNITS[j, i] if i < CENTRE_SIZE else _UNITS[j, i] / radius[k]
         at += own
         for column in range(len(numbers)):
-            number, place = numbers[column], begins + column
-            if number == FACTOR or (number == RADIUS and k > 0):
-                for i in range(LINEAR, MOVING):
+            number, place = numbers[column], start_size + column
+            if number == RADIUS_FACTOR or (number == RADIUS_RATIO and k > 0):
+                for i in range(CENTRE_SIZE, MOVING_BALL_SIZE):
                     ball[i, place] = -state[k, i] / radius[k] * radius[k] / values[number]
-                ball[MOVING, place] = radius[k] / values[number]
-            elif number == MASS and k > 0:
-                ball[PER_BALL - 1, place] = usual_mass
+                ball[MOVING_BALL_SIZE, place] = radius[k] / values[number]
+            elif number == MASS_RATIO and k > 0:
+                ball[BALL_INPUTS - 1, place] = usual_mass
     for column in range(len(numbers)):
         number = numbers[column]
-        if number < MASS:
-            found[physics + number, begins + column] = 1.0
-        elif NOSE <= number < PICTURE:
-            found[physics + MASS + number - NOSE, begins + column] = 1.0
+        if number < MASS_RATIO:
+            directions[physics + number, start_size + column] = 1.0
+        elif NOSE_OFFSETS <= number < IMAGE_START:
+            directions[physics + MASS_RATIO + number - NOSE_OFFSETS, start_size + column] = 1.0
 
 
-_UNITS = np.eye(MOVING)
+_UNITS = np.eye(MOVING_BALL_SIZE)
 """Row j: x, y, vx, vy and R wx, R wy, R wz by number j of a ball: R wx = uy - vy, R wy = vx - ux."""
 _UNITS[2:6, 4:6] = [[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]]
 
 
-def spins(numbers: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
-    """Numbers (N, 7) of a fit as states of the engine, and the matrix (7, 7) that turns one into the other."""
-    turn = _UNITS.T / np.where(np.arange(MOVING) < LINEAR, 1.0, radius)[:, None]
+def convert_to_states(numbers: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
+    """Convert numbers of a fit to states of the engine.
+
+    Args:
+        numbers: (N, 7) numbers of each ball.
+        radius: m, of all balls.
+
+    Returns:
+        States (N, 7), and the matrix (7, 7) that maps the numbers of one ball to its state.
+    """
+    turn = _UNITS.T / np.where(np.arange(MOVING_BALL_SIZE) < CENTRE_SIZE, 1.0, radius)[:, None]
     return numbers @ turn.T, turn
 
 
-def slips(states: FloatArray, radius: FloatArray) -> FloatArray:
-    """States (..., N, 7) of the engine as numbers of a fit, for radii (N,)."""
-    found = states.copy()
-    found[..., 4] = states[..., 2] - radius * states[..., 5]
-    found[..., 5] = states[..., 3] + radius * states[..., 4]
-    found[..., 6] = states[..., 6] * radius
-    return found
+def convert_to_starts(states: FloatArray, radius: FloatArray) -> FloatArray:
+    """Convert states of the engine to numbers of a fit.
+
+    Args:
+        states: (..., N, 7) states.
+        radius: (N,) m.
+
+    Returns:
+        (..., N, 7) numbers of each ball.
+    """
+    starts = states.copy()
+    starts[..., 4] = states[..., 2] - radius * states[..., 5]
+    starts[..., 5] = states[..., 3] + radius * states[..., 4]
+    starts[..., 6] = states[..., 6] * radius
+    return starts

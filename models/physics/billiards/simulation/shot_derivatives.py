@@ -1,267 +1,361 @@
-"""Derivatives of a shot along directions in all that it depends on: exact to rounding, to 1e-6 where paths are bent.
+"""Derivatives of a shot along directions in the space of its inputs: exact to rounding, to 1e-6 on integrated paths.
 
-What a shot depends on are the states, radii and masses of its balls, its physics and its noses. A direction moves any
-of them together: one ball, one parameter, or the radii of all balls at once. Only as many columns are carried as there
-are directions.
+Inputs of a shot are the states, radii and masses of its balls, the physical parameters, and the offsets of the noses. A
+direction changes any of them together: one ball, one parameter, or the radii of all balls at once. There are only as
+many columns as directions.
 
-Between contacts they are carried by the derivative of one ball's motion, at a contact by that of the law; both are the
-same compiled functions with a complex step. A contact is met earlier or later when the inputs change: with S the
-derivative of the state at a fixed time, x' its rate and g the gap, the time of the contact moves by
-dt = -(grad g . S) / (dg/dt), and past the contact S+ = C (S + x' dt) + C_p - x'+ dt, where C and C_p are the law's
-derivatives (the saltation matrix: Aizerman and Gantmakher 1958, doi:10.1093/qjmam/11.3.338).
+Between contacts the derivatives follow from that of one ball's motion, at a contact from that of the contact model;
+both are the same compiled functions with a complex step. A contact occurs earlier or later when the inputs change: with
+S the derivative of the state at a fixed time, x' its rate and g the gap, the time of the contact changes by dt = -(grad
+g . S) / (dg/dt), and after the contact S+ = C (S + x' dt) + C_p - x'+ dt, where C and C_p are the derivatives of the
+contact model (the saltation matrix: Aizerman and Gantmakher 1958, doi:10.1093/qjmam/11.3.338).
+
+Names that the functions share: directions (9 N + P + 4, C) over all inputs, `active` (A,) indices of the parameters
+that a direction changes, `model` the code of a contact model, `gentle` whether a contact is gentle.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import STEP, compiled
-from models.physics.billiards.cloth.cloth_motion import plan
-from models.physics.billiards.cloth.motion_derivatives import AHEAD, derive_motion
-from models.physics.billiards.cloth.motion_pieces import WIDTH, follow
-from models.physics.billiards.parameters import (
-    AIR_DRAG,
-    BALL_E,
-    BALL_MU,
-    CUSHION_E,
-    CUSHION_E_POWER,
-    CUSHION_LAWS,
-    CUSHION_MU,
-    NAMES,
-    PRESSED_CLOTH,
-    SLIDING_MU,
-    SLOPE_X,
-    SLOPE_Y,
-    VISCOUS_DRAG,
-)
-from models.physics.billiards.simulation.contact_resolution import meet_ball, meet_cushion
+from models.numerics.jit import COMPLEX_STEP, compile_kernel
+from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_READS
+from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_READS
+from models.physics.billiards.cloth.cloth_motion import plan_motion
+from models.physics.billiards.cloth.motion_derivatives import PLANNING_MARGIN, differentiate_motion
+from models.physics.billiards.cloth.motion_pieces import PIECE_WIDTH, evaluate_pieces
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES
+from models.physics.billiards.simulation.contact_resolution import resolve_ball_contact, resolve_cushion_contact
 from models.physics.billiards.simulation.event_engine import (
     BALL,
-    FIRST,
+    EVENT_FIRST,
+    EVENT_GENTLE,
+    EVENT_KIND,
+    EVENT_SECOND,
+    EVENT_TIME,
     HOLE,
-    KIND,
-    LEG_BALL,
-    LEG_STATE,
-    LEG_TIME,
     LINE,
-    SECOND,
-    SOFT,
-    TIME,
-    normal,
+    SEGMENT_BALL,
+    SEGMENT_STATE,
+    SEGMENT_TIME,
+    cushion_normal,
 )
 
 BALL_COLUMNS = ("x", "y", "vx", "vy", "wx", "wy", "wz", "radius", "mass")
-"""What a shot depends on, ball by ball; after those of all balls come the parameters, then the offsets of the noses."""
-CURVING = (SLOPE_X, SLOPE_Y, AIR_DRAG, VISCOUS_DRAG)
-"""Parameters whose derivatives have no closed form, even where they are 0."""
-PER_BALL = len(BALL_COLUMNS)
-_RADIUS, _MASS, _PARAMETERS = 7, 8, len(NAMES)
-_MATHAVAN = CUSHION_LAWS.index("mathavan_2010")
+"""Inputs of a shot per ball; after those of all balls come the physical parameters, then the offsets of the noses."""
+BALL_INPUTS = len(BALL_COLUMNS)
+_RADIUS, _MASS, _PARAMETERS = 7, 8, len(PARAMETER_NAMES)
 
 
-@compiled
-def moved_by(sensitivity, directions, ball, n, active):  # type: ignore[no-untyped-def]
-    """(8 + A, C): state, radius and `active` parameters of a ball along all directions."""
-    found = np.empty((8 + len(active), sensitivity.shape[1]))
-    found[:7] = sensitivity
-    found[7] = directions[PER_BALL * ball + _RADIUS]
+@compile_kernel
+def stack_ball_inputs(sensitivity, directions, ball, n, active):  # type: ignore[no-untyped-def]
+    """Stack state, radius and `active` parameters of a ball along all directions (8 + A, C)."""
+    inputs = np.empty((8 + len(active), sensitivity.shape[1]))
+    inputs[:7] = sensitivity
+    inputs[7] = directions[BALL_INPUTS * ball + _RADIUS]
     for j in range(len(active)):
-        found[8 + j] = directions[PER_BALL * n + active[j]]
-    return found
+        inputs[8 + j] = directions[BALL_INPUTS * n + active[j]]
+    return inputs
 
 
-@compiled
-def derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, weighed, p, active, law, soft):  # type: ignore[no-untyped-def]
-    """(7, 10 + A) derivatives of the state after a cushion by state, radius, mass where it is `weighed`, offset and
-    parameters."""
-    made = np.zeros((7, 10 + len(active)))
+@compile_kernel
+def differentiate_cushion_contact(s, kind, row, lines, arcs, normals, radius, mass, by_mass, p, active, model, gentle):  # type: ignore[no-untyped-def]
+    """Differentiate the state after a contact with a cushion (7, 10 + A).
+
+    The columns are state, radius, mass (only if `by_mass`, else 0), nose offset and `active` parameters. s (7,) is the
+    state before; normals (4, 2) point into the cushions; radius in m, mass in kg.
+    """
+    jacobian = np.zeros((7, 10 + len(active)))
     side = int(lines[row, 5]) if kind == LINE else int(arcs[row, 3])
     for j in range(10 + len(active)):
-        if (j > 9 and not felt_by_cushion(active[j - 10], law)) or (j == 8 and not weighed):
+        if (j > 9 and not CUSHION_MODEL_READS[model, active[j - 10]]) or (j == 8 and not by_mass):
             continue
         if kind == LINE and (j < 2 or j == 9):  # a straight nose is the same everywhere
             if j < 2:
-                made[j, j] = 1.0
+                jacobian[j, j] = 1.0
             continue
         z, r, m, q = s.astype(np.complex128), radius + 0j, mass + 0j, p.astype(np.complex128)
         around = arcs.astype(np.complex128)
         if j < 7:
-            z[j] += 1j * STEP
+            z[j] += 1j * COMPLEX_STEP
         elif j == 7:
-            r += 1j * STEP
+            r += 1j * COMPLEX_STEP
         elif j == 8:
-            m += 1j * STEP
+            m += 1j * COMPLEX_STEP
         elif j > 9:
-            q[active[j - 10]] += 1j * STEP
+            q[active[j - 10]] += 1j * COMPLEX_STEP
         else:
-            around[row, 0] += 1j * STEP * normals[side, 0]
-            around[row, 1] += 1j * STEP * normals[side, 1]
+            around[row, 0] += 1j * COMPLEX_STEP * normals[side, 0]
+            around[row, 1] += 1j * COMPLEX_STEP * normals[side, 1]
         out = np.zeros(7, np.complex128)
-        nx, ny = normal(kind, row, z, lines, around)
-        meet_cushion(z, nx, ny, r, m, q, law, soft, out)
-        made[:, j] = out.imag / STEP
-    return made
+        nx, ny = cushion_normal(kind, row, z, lines, around)
+        resolve_cushion_contact(z, nx, ny, r, m, q, model, gentle, out)
+        jacobian[:, j] = out.imag / COMPLEX_STEP
+    return jacobian
 
 
-@compiled
-def felt_by_cushion(parameter, law):  # type: ignore[no-untyped-def]
-    """Whether a cushion law looks at a parameter."""
-    if parameter in (SLIDING_MU, PRESSED_CLOTH):
-        return law == _MATHAVAN
-    return CUSHION_E <= parameter <= CUSHION_MU or parameter == CUSHION_E_POWER
+@compile_kernel
+def differentiate_ball_contact(a, b, ra, rb, ma, mb, p, active, model, gentle):  # type: ignore[no-untyped-def]
+    """Differentiate the states of two balls after they touched (14, 18 + A).
 
-
-@compiled
-def derive_ball(a, b, ra, rb, ma, mb, p, active, law, soft):  # type: ignore[no-untyped-def]
-    """(14, 18 + A) derivatives of two states after they touched by both states, radii, masses and parameters."""
-    made = np.zeros((14, 18 + len(active)))
+    The columns are both states, radii, masses and `active` parameters. a, b (7,) are the states before; ra, rb in m;
+    ma, mb in kg.
+    """
+    jacobian = np.zeros((14, 18 + len(active)))
     for j in range(18 + len(active)):
-        if j >= 18 and not BALL_E <= active[j - 18] <= BALL_MU:
+        if j >= 18 and not BALL_MODEL_READS[model, active[j - 18]]:
             continue
         z = np.zeros(18, np.complex128)
         z[:7], z[7:14], z[14], z[15], z[16], z[17] = a, b, ra, rb, ma, mb
         q, out = p.astype(np.complex128), np.zeros(14, np.complex128)
         if j < 18:
-            z[j] += 1j * STEP
+            z[j] += 1j * COMPLEX_STEP
         else:
-            q[active[j - 18]] += 1j * STEP
-        meet_ball(z[:7], z[7:14], z[14], z[15], z[16], z[17], q, law, soft, out)
-        made[:, j] = out.imag / STEP
-    return made
+            q[active[j - 18]] += 1j * COMPLEX_STEP
+        resolve_ball_contact(z[:7], z[7:14], z[14], z[15], z[16], z[17], q, model, gentle, out)
+        jacobian[:, j] = out.imag / COMPLEX_STEP
+    return jacobian
 
 
-@compiled
-def outer(rate, times):  # type: ignore[no-untyped-def]
-    """(7, C) of a rate (7,) and shifts in time (C,)."""
+@compile_kernel
+def outer_product(rate, times):  # type: ignore[no-untyped-def]
+    """Return the product (7, C) of a rate (7,) and time shifts (C,)."""
     return rate.reshape(-1, 1) * times.reshape(1, -1)
 
 
-@compiled
-def through_cushion(  # type: ignore[no-untyped-def]
-    sens, s, before, after, kind, row, lines, arcs, normals, radius, mass, p, active, law, soft, a, n, directions
+@compile_kernel
+def propagate_through_cushion(  # type: ignore[no-untyped-def]
+    sensitivity,
+    s,
+    before,
+    after,
+    kind,
+    row,
+    lines,
+    arcs,
+    normals,
+    radius,
+    mass,
+    p,
+    active,
+    model,
+    gentle,
+    a,
+    n,
+    directions,
 ):
-    """Derivatives (7, C) of ball a past a cushion; `before`, `after` are its rates (7,) on both sides."""
-    nx, ny = normal(kind, row, s, lines, arcs)
+    """Propagate the derivatives (7, C) of ball a through a contact with a cushion.
+
+    s (7,) is the state before; `before` and `after` (7,) are its time derivatives on both sides; radius in m, mass in
+    kg; n is the number of balls.
+    """
+    nx, ny = cushion_normal(kind, row, s, lines, arcs)
     side = int(lines[row, 5]) if kind == LINE else int(arcs[row, 3])
-    nose = directions[PER_BALL * n + _PARAMETERS + side]
-    gap = -nx * sens[0] - ny * sens[1] - directions[PER_BALL * a + _RADIUS]
+    nose = directions[BALL_INPUTS * n + _PARAMETERS + side]
+    gap = -nx * sensitivity[0] - ny * sensitivity[1] - directions[BALL_INPUTS * a + _RADIUS]
     gap += nose * (nx * normals[side, 0] + ny * normals[side, 1])
     shift = gap / (nx * before[0] + ny * before[1])
-    weighed = np.any(directions[PER_BALL * a + _MASS] != 0.0)
-    law_by = derive_cushion(s, kind, row, lines, arcs, normals, radius, mass, weighed, p, active, law, soft)
-    told = np.empty((10 + len(active), sens.shape[1]))
-    told[:7] = sens + outer(before, shift)
-    told[7], told[8], told[9] = directions[PER_BALL * a + _RADIUS], directions[PER_BALL * a + _MASS], nose
+    by_mass = np.any(directions[BALL_INPUTS * a + _MASS] != 0.0)
+    jacobian = differentiate_cushion_contact(
+        s, kind, row, lines, arcs, normals, radius, mass, by_mass, p, active, model, gentle
+    )
+    inputs = np.empty((10 + len(active), sensitivity.shape[1]))
+    inputs[:7] = sensitivity + outer_product(before, shift)
+    inputs[7], inputs[8], inputs[9] = directions[BALL_INPUTS * a + _RADIUS], directions[BALL_INPUTS * a + _MASS], nose
     for j in range(len(active)):
-        told[10 + j] = directions[PER_BALL * n + active[j]]
-    return law_by @ told - outer(after, shift)
+        inputs[10 + j] = directions[BALL_INPUTS * n + active[j]]
+    return jacobian @ inputs - outer_product(after, shift)
 
 
-@compiled
-def through_ball(sa, sb, a, b, rates, ra, rb, ma, mb, p, active, law, soft, i, j, n, directions):  # type: ignore[no-untyped-def]
-    """Derivatives (14, C) of balls i, j past their contact in states a, b; rates (4, 7) are those of a, b before and
-    after."""
+@compile_kernel
+def propagate_through_ball(sa, sb, a, b, rates, ra, rb, ma, mb, p, active, model, gentle, i, j, n, directions):  # type: ignore[no-untyped-def]
+    """Propagate the derivatives of balls i and j through their contact; the result is (14, C).
+
+    sa, sb (7, C) are the derivatives and a, b (7,) the states before; rates (4, 7) are the time derivatives of a and b
+    before and after; ra, rb in m; ma, mb in kg; n is the number of balls.
+    """
     nx, ny = b[0] - a[0], b[1] - a[1]
     size = np.sqrt(nx * nx + ny * ny)
     nx, ny = nx / size, ny / size
     gap = nx * (sb[0] - sa[0]) + ny * (sb[1] - sa[1])
-    gap -= directions[PER_BALL * i + _RADIUS] + directions[PER_BALL * j + _RADIUS]
+    gap -= directions[BALL_INPUTS * i + _RADIUS] + directions[BALL_INPUTS * j + _RADIUS]
     shift = -gap / (nx * (rates[1, 0] - rates[0, 0]) + ny * (rates[1, 1] - rates[0, 1]))
-    law_by = derive_ball(a, b, ra, rb, ma, mb, p, active, law, soft)
-    told = np.empty((18 + len(active), sa.shape[1]))
-    told[:7], told[7:14] = sa + outer(rates[0], shift), sb + outer(rates[1], shift)
-    told[14], told[15] = directions[PER_BALL * i + _RADIUS], directions[PER_BALL * j + _RADIUS]
-    told[16], told[17] = directions[PER_BALL * i + _MASS], directions[PER_BALL * j + _MASS]
+    jacobian = differentiate_ball_contact(a, b, ra, rb, ma, mb, p, active, model, gentle)
+    inputs = np.empty((18 + len(active), sa.shape[1]))
+    inputs[:7], inputs[7:14] = sa + outer_product(rates[0], shift), sb + outer_product(rates[1], shift)
+    inputs[14], inputs[15] = directions[BALL_INPUTS * i + _RADIUS], directions[BALL_INPUTS * j + _RADIUS]
+    inputs[16], inputs[17] = directions[BALL_INPUTS * i + _MASS], directions[BALL_INPUTS * j + _MASS]
     for k in range(len(active)):
-        told[18 + k] = directions[PER_BALL * n + active[k]]
-    found = law_by @ told
-    found[:7] -= outer(rates[2], shift)
-    found[7:] -= outer(rates[3], shift)
-    return found
+        inputs[18 + k] = directions[BALL_INPUTS * n + active[k]]
+    outputs = jacobian @ inputs
+    outputs[:7] -= outer_product(rates[2], shift)
+    outputs[7:] -= outer_product(rates[3], shift)
+    return outputs
 
 
-@compiled
-def over_leg(  # type: ignore[no-untyped-def]
-    legs, k, until, end, sens, radius, p, active, times, place, directions, rows, phases, shown, out, at_end
+@compile_kernel
+def propagate_along_segment(  # type: ignore[no-untyped-def]
+    segments,
+    k,
+    until,
+    end,
+    sensitivity,
+    radius,
+    p,
+    active,
+    times,
+    place,
+    directions,
+    rows,
+    phases,
+    workspace,
+    out,
+    at_end,
 ):
-    """Fill out (K, R, C) on leg k up to the time `until`, and where `end` lies on it at_end (N, 7, C); the derivatives
-    (7, C) at `until`."""
-    ball, start = int(legs[k, LEG_BALL]), legs[k, LEG_TIME]
+    """Propagate derivatives along segment k up to the time `until` (s).
+
+    Writes out (K, R, C) at the wanted times, and at_end (N, 7, C) if the segment contains the time `end`. sensitivity
+    (7, C) are the derivatives at its start; returns those at `until`. rows, phases and workspace are room to work
+    in.
+    """
+    ball, start = int(segments[k, SEGMENT_BALL]), segments[k, SEGMENT_TIME]
     first = np.searchsorted(times, start) if start > 0.0 else 0
     after = max(first, len(times) if until == np.inf else np.searchsorted(times, until))
-    seen = first + np.flatnonzero(place[first:after, ball] >= 0)
-    told = moved_by(sens, directions, ball, place.shape[1], active)
-    kept, columns = out.shape[1], len(told)
-    needed = np.array([np.any(told[j] != 0.0) for j in range(columns)])
-    parts, last = shown[: len(seen) * kept * columns].reshape(len(seen), kept, columns), np.empty((7, columns))
+    observed = first + np.flatnonzero(place[first:after, ball] >= 0)
+    inputs = stack_ball_inputs(sensitivity, directions, ball, place.shape[1], active)
+    numbers, columns = out.shape[1], len(inputs)
+    needed = np.array([np.any(inputs[j] != 0.0) for j in range(columns)])
+    parts, last = (
+        workspace[: len(observed) * numbers * columns].reshape(len(observed), numbers, columns),
+        np.empty((7, columns)),
+    )
     stop, stopped = (end - start if start <= end < until else np.inf), np.empty((7, columns))
-    derive_motion(
-        legs[k, LEG_STATE:].copy(), radius[ball], p, active, needed, times[seen] - start, until - start, stop, rows,
-        phases, parts, last, stopped,
-    )  # fmt: skip
+    differentiate_motion(
+        segments[k, SEGMENT_STATE:].copy(),
+        radius[ball],
+        p,
+        active,
+        needed,
+        times[observed] - start,
+        until - start,
+        stop,
+        rows,
+        phases,
+        parts,
+        last,
+        stopped,
+    )
     if stop < np.inf:
-        at_end[ball] = stopped @ told
-    made = parts.reshape(-1, columns) @ told
-    for i in range(len(seen)):
-        out[place[seen[i], ball]] = made[i * kept : (i + 1) * kept]
-    return last @ told
+        at_end[ball] = stopped @ inputs
+    derivatives = parts.reshape(-1, columns) @ inputs
+    for i in range(len(observed)):
+        out[place[observed[i], ball]] = derivatives[i * numbers : (i + 1) * numbers]
+    return last @ inputs
 
 
-@compiled
-def rate_at(leg, until, radius, p, rows, phases, state, rate):  # type: ignore[no-untyped-def]
-    """Fill state (7,) and its change rate (7,) of a leg at the time `until`."""
-    count = plan(leg[LEG_STATE:], radius, p, until - leg[LEG_TIME] + AHEAD, rows, phases)
-    follow(rows, count, leg[LEG_STATE + 6], p, until - leg[LEG_TIME], state, rate)
+@compile_kernel
+def evaluate_rate(segment, until, radius, p, rows, phases, state, rate):  # type: ignore[no-untyped-def]
+    """Write state (7,) and its time derivative, rate (7,), of a segment at the time `until` (s)."""
+    count = plan_motion(
+        segment[SEGMENT_STATE:], radius, p, until - segment[SEGMENT_TIME] + PLANNING_MARGIN, rows, phases
+    )
+    evaluate_pieces(rows, count, segment[SEGMENT_STATE + 6], p, until - segment[SEGMENT_TIME], state, rate)
 
 
-@compiled
-def differentiate(  # type: ignore[no-untyped-def]
-    legs, contacts, gone, radius, mass, p, laws, lines, arcs, normals, times, place, end, directions, active,
-    table_rows, out, at_end,
-):  # fmt: skip
-    """Fill out (K, R, C) with derivatives of the first R of the seven numbers of a ball, 2 or 7, along `directions`,
-    and at_end (N, 7, C) with those of all balls at the time `end`, where that is finite.
+@compile_kernel
+def differentiate_shot(  # type: ignore[no-untyped-def]
+    segments,
+    contacts,
+    pocket_times,
+    radius,
+    mass,
+    p,
+    model_codes,
+    lines,
+    arcs,
+    normals,
+    times,
+    place,
+    end,
+    directions,
+    active,
+    piece_capacity,
+    out,
+    at_end,
+):
+    """Differentiate the states of balls along directions.
 
-    times (T,) are sorted; place (T, N) says which of the K each is, -1 where it is not asked for. directions
-    (9 N + P + 4, C); `active` are the parameters that one of them moves.
+    Args:
+        segments: (L, SEGMENT_WIDTH) by ball, then by time.
+        contacts: (E, EVENT_WIDTH) by time.
+        pocket_times: (N,) s, infinite for balls that stay on the table.
+        radius: (N,) m.
+        mass: (N,) kg.
+        p: (P,) physical parameters.
+        model_codes: Codes of the cushion model and of the ball model.
+        lines: (L, 6) as in `cushion_geometry.Rails`.
+        arcs: (A, 4) as in `cushion_geometry.Rails`.
+        normals: (4, 2) unit normals into the cushions.
+        times: (T,) s, sorted.
+        place: (T, N) row of `out` for each ball and time, -1 where none is wanted.
+        end: s; infinite if no derivatives at an end are wanted.
+        directions: (9 N + P + 4, C).
+        active: (A,) parameters that a direction changes.
+        piece_capacity: Number of pieces that one segment may have.
+        out: (K, R, C) receives derivatives of the first R, 2 or 7, numbers of a state.
+        at_end: (N, 7, C) receives the derivatives of all balls at `end`.
     """
     n, columns = len(radius), directions.shape[1]
-    rows, phases = np.zeros((table_rows, WIDTH)), np.zeros(table_rows, np.int64)
-    complex_rows = np.zeros((table_rows, WIDTH), np.complex128)
-    shown = np.empty(len(times) * out.shape[1] * (8 + len(active)))
-    sens, leg = np.zeros((n, 7, columns)), np.zeros(n, np.int64)
-    for k in range(len(legs) - 1, -1, -1):
-        leg[int(legs[k, LEG_BALL])] = k
+    rows, phases = np.zeros((piece_capacity, PIECE_WIDTH)), np.zeros(piece_capacity, np.int64)
+    complex_rows = np.zeros((piece_capacity, PIECE_WIDTH), np.complex128)
+    workspace = np.empty(len(times) * out.shape[1] * (8 + len(active)))
+    sens, segment = np.zeros((n, 7, columns)), np.zeros(n, np.int64)
+    for k in range(len(segments) - 1, -1, -1):
+        segment[int(segments[k, SEGMENT_BALL])] = k
     for a in range(n):
-        sens[a] = directions[PER_BALL * a : PER_BALL * a + 7]
+        sens[a] = directions[BALL_INPUTS * a : BALL_INPUTS * a + 7]
     states, rates, unused = np.zeros((2, 7)), np.zeros((4, 7)), np.zeros(7)
     for e in range(len(contacts)):
-        t, a, b = contacts[e, TIME], int(contacts[e, FIRST]), int(contacts[e, SECOND])
-        kind, soft = int(contacts[e, KIND]), contacts[e, SOFT] > 0.0
+        t, a, b = contacts[e, EVENT_TIME], int(contacts[e, EVENT_FIRST]), int(contacts[e, EVENT_SECOND])
+        kind, gentle = int(contacts[e, EVENT_KIND]), contacts[e, EVENT_GENTLE] > 0.0
         met = np.array([a, b]) if kind == BALL else np.array([a])
         for m in range(len(met)):
-            k = leg[met[m]]
-            sens[met[m]] = over_leg(
-                legs, k, t, end, sens[met[m]], radius, p, active, times, place, directions, complex_rows, phases,
-                shown, out, at_end,
+            k = segment[met[m]]
+            sens[met[m]] = propagate_along_segment(
+                segments, k, t, end, sens[met[m]], radius, p, active, times, place, directions, complex_rows, phases,
+                workspace, out, at_end,
             )  # fmt: skip
-            leg[met[m]] = k + 1
-            rate_at(legs[k], t, radius[met[m]], p, rows, phases, states[m], rates[m])
-            rate_at(legs[k + 1], t, radius[met[m]], p, rows, phases, unused, rates[2 + m])
+            segment[met[m]] = k + 1
+            evaluate_rate(segments[k], t, radius[met[m]], p, rows, phases, states[m], rates[m])
+            evaluate_rate(segments[k + 1], t, radius[met[m]], p, rows, phases, unused, rates[2 + m])
         if kind == BALL:
-            both = through_ball(
+            both = propagate_through_ball(
                 sens[a], sens[b], states[0], states[1], rates, radius[a], radius[b], mass[a], mass[b],
-                p, active, laws[1], soft, a, b, n, directions,
+                p, active, model_codes[1], gentle, a, b, n, directions,
             )  # fmt: skip
             sens[a], sens[b] = both[:7], both[7:]
         elif kind != HOLE:
-            sens[a] = through_cushion(
+            sens[a] = propagate_through_cushion(
                 sens[a], states[0], rates[0], rates[2], kind, b, lines, arcs, normals, radius[a], mass[a],
-                p, active, laws[0], soft, a, n, directions,
+                p, active, model_codes[0], gentle, a, n, directions,
             )  # fmt: skip
     for a in range(n):
-        if gone[a] == np.inf:
-            over_leg(
-                legs, leg[a], np.inf, end, sens[a], radius, p, active, times, place, directions, complex_rows, phases,
-                shown, out, at_end,
-            )  # fmt: skip
+        if pocket_times[a] == np.inf:
+            propagate_along_segment(
+                segments,
+                segment[a],
+                np.inf,
+                end,
+                sens[a],
+                radius,
+                p,
+                active,
+                times,
+                place,
+                directions,
+                complex_rows,
+                phases,
+                workspace,
+                out,
+                at_end,
+            )

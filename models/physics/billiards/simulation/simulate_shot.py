@@ -1,8 +1,10 @@
-"""A shot from its initial state.
+"""Simulation of a shot from its initial state.
 
->>> balls = Balls(("cue",), np.array([[0.6, 0.6, 2.0, 0.1, 0.0, 0.0, 5.0]]), np.array([0.028575]), np.array([0.17]))
->>> run = simulate(balls, table, Physics.of({"rolling_resistance": {"mu": 0.01}}), seconds=5.0)
->>> run.at(np.linspace(0, 5, 100))  # (100, 1, 7): x, y, vx, vy, wx, wy, wz
+>>> state = np.array([[0.6, 0.6, 2.0, 0.1, 0.0, 0.0, 5.0]])
+>>> balls = BallSet(("cue",), state, np.array([0.028575]), np.array([0.17]))
+>>> physics = Physics.from_effects({"rolling_resistance": {"mu": 0.01}})
+>>> shot = simulate(balls, table, physics, seconds=5.0)
+>>> shot.states_at(np.linspace(0, 5, 100))  # (100, 1, 7): x, y, vx, vy, wx, wy, wz
 """
 
 from __future__ import annotations
@@ -11,38 +13,65 @@ import numpy as np
 
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from models.physics.billiards.cloth.forces import curved
-from models.physics.billiards.cloth.motion_pieces import CURVED_ROWS, STRAIGHT_ROWS
-from models.physics.billiards.cushion_geometry import Rails, rails
-from models.physics.billiards.parameters import Physics
-from models.physics.billiards.simulation.event_engine import EVENT_WIDTH, LEG_BALL, LEG_WIDTH, play
-from models.physics.billiards.simulation.simulated_shot import Balls, Run, energy
+from models.physics.billiards.cloth.forces import has_curved_path
+from models.physics.billiards.cloth.motion_pieces import CLOSED_FORM_PIECES, INTEGRATED_PIECES
+from models.physics.billiards.cushion_geometry import Rails, build_rails
+from models.physics.billiards.simulation.event_engine import EVENT_WIDTH, SEGMENT_BALL, SEGMENT_WIDTH, simulate_events
+from models.physics.billiards.simulation.simulated_shot import BallSet, SimulatedShot, kinetic_energy
+from models.physics.billiards.simulation.table_physics import Physics
 
-__all__ = ["Balls", "Physics", "Rails", "Run", "energy", "rails", "simulate"]
+__all__ = ["BallSet", "Physics", "Rails", "SimulatedShot", "build_rails", "kinetic_energy", "simulate"]
 
 
-_ROOM = 512
-"""Contacts that are made room for at first."""
+_FIRST_CAPACITY = 512
+"""Number of contacts for which there is room at first."""
 MOST_CONTACTS = 500_000
+"""A shot with more contacts is an error."""
 
 
-def simulate(balls: Balls, table: Table, physics: Physics, seconds: float, offsets: FloatArray | None = None) -> Run:
-    """Play a shot for `seconds`; `offsets` (4,) in m move the noses outwards, in the order of `CUSHIONS`.
+def simulate(
+    balls: BallSet, table: Table, physics: Physics, seconds: float, offsets: FloatArray | None = None
+) -> SimulatedShot:
+    """Simulate a shot.
 
-    ArithmeticError for a shot of more than `MOST_CONTACTS` contacts.
+    Args:
+        balls: Initial states, radii and masses.
+        table: Size and pockets.
+        physics: Strengths of the effects, and the contact models.
+        seconds: Duration, s.
+        offsets: (4,) m, outward offsets of the noses in the order of `CUSHIONS`; None for none.
+
+    Returns:
+        The shot: states, events and derivatives at any time.
+
+    Raises:
+        ValueError: The duration is not positive and finite.
+        ArithmeticError: The shot has more than `MOST_CONTACTS` contacts.
     """
     if not 0 < seconds < np.inf:
         raise ValueError(f"a shot lasts for some seconds; got {seconds}")
-    around = rails(table, offsets)
-    room = _ROOM
-    while room <= MOST_CONTACTS:
-        contacts, legs = np.zeros((room, EVENT_WIDTH)), np.empty((len(balls.ids) + 2 * room, LEG_WIDTH))
-        done, made, complete = play(
-            balls.state, balls.radius, balls.mass, physics.values, physics.codes, around.lines, around.arcs,
-            around.holes, float(seconds), CURVED_ROWS if curved(physics.values) else STRAIGHT_ROWS, contacts, legs,
-        )  # fmt: skip
+    rails = build_rails(table, offsets)
+    capacity = _FIRST_CAPACITY
+    while capacity <= MOST_CONTACTS:
+        contacts, segments = np.zeros((capacity, EVENT_WIDTH)), np.empty((len(balls.ids) + 2 * capacity, SEGMENT_WIDTH))
+        event_count, segment_count, complete = simulate_events(
+            balls.state,
+            balls.radius,
+            balls.mass,
+            physics.values,
+            physics.model_codes,
+            rails.lines,
+            rails.arcs,
+            rails.holes,
+            float(seconds),
+            INTEGRATED_PIECES if has_curved_path(physics.values) else CLOSED_FORM_PIECES,
+            contacts,
+            segments,
+        )
         if complete:
-            order = np.argsort(legs[:made, LEG_BALL], kind="stable")  # they are made in the order of time
-            return Run(balls, around, physics, float(seconds), contacts[:done], legs[order])
-        room *= 8
+            order = np.argsort(
+                segments[:segment_count, SEGMENT_BALL], kind="stable"
+            )  # they are made in the order of time
+            return SimulatedShot(balls, rails, physics, float(seconds), contacts[:event_count], segments[order])
+        capacity *= 8
     raise ArithmeticError(f"the balls met more than {MOST_CONTACTS} times; shorten the shot, or part balls that touch")

@@ -1,9 +1,8 @@
-"""What a simulated shot gave: states at any time, events, a trajectory, and derivatives by all that went in."""
+"""Result of a simulation: states at any time, events, a trajectory, and derivatives by all inputs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
@@ -11,50 +10,47 @@ from models.core.events import Events
 from models.core.scene import CUSHIONS, POCKETS
 from models.core.trajectory import State, Trajectory
 from models.core.typing import FloatArray, IntArray
-from models.numerics.jit import compiled
-from models.physics.billiards.cloth.cloth_motion import plan
-from models.physics.billiards.cloth.forces import curved
+from models.numerics.jit import compile_kernel
+from models.physics.billiards.cloth.cloth_motion import plan_motion
+from models.physics.billiards.cloth.forces import has_curved_path
 from models.physics.billiards.cloth.motion_pieces import (
-    CURVED_ROWS,
-    END,
-    FOREVER,
+    CLOSED_FORM_PIECES,
+    INTEGRATED_PIECES,
     PHASE_NAMES,
+    PIECE_END,
+    PIECE_START,
+    PIECE_WIDTH,
     REST,
-    START,
-    STRAIGHT_ROWS,
-    WIDTH,
-    WX,
-    WY,
     X,
     Y,
-    follow,
+    evaluate_pieces,
 )
-from models.physics.billiards.cushion_geometry import NORMALS, Rails
-from models.physics.billiards.parameters import NAMES, SPIN_DECAY, Physics
+from models.physics.billiards.cushion_geometry import CUSHION_NORMALS, Rails
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES, PATH_BENDING_PARAMETERS, SPIN_DECAY
+from models.physics.billiards.simulation.cubic_pieces import split_into_cubics
 from models.physics.billiards.simulation.event_engine import (
     BALL,
-    FIRST,
+    EVENT_FIRST,
+    EVENT_KIND,
+    EVENT_SECOND,
+    EVENT_SPEED,
+    EVENT_TIME,
     HOLE,
-    KIND,
-    LEG_BALL,
-    LEG_STATE,
-    LEG_TIME,
     LINE,
-    SECOND,
-    SPEED,
-    TIME,
+    SEGMENT_BALL,
+    SEGMENT_STATE,
+    SEGMENT_TIME,
 )
-from models.physics.billiards.simulation.shot_derivatives import BALL_COLUMNS, CURVING, differentiate
+from models.physics.billiards.simulation.shot_derivatives import BALL_COLUMNS, differentiate_shot
+from models.physics.billiards.simulation.table_physics import Physics
 
-STATE = 7
-"""Numbers of a ball: x, y, vx, vy, wx, wy, wz."""
-_SMOOTH = 1e-8
-"""m, by which a cubic of a trajectory may miss a path that is none."""
+STATE_SIZE = 7
+"""Numbers of the state of a ball: x, y (m), vx, vy (m/s), wx, wy, wz (rad/s)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Balls:
-    """N balls at the beginning, in the frame of the table."""
+class BallSet:
+    """Initial states, radii and masses of N balls, in the frame of the table."""
 
     ids: tuple[str, ...]
     state: FloatArray
@@ -74,58 +70,82 @@ class Balls:
             raise ValueError("balls have a radius and a mass above 0")
 
 
-def energy(state: FloatArray, radius: FloatArray, mass: FloatArray) -> FloatArray:
-    """Kinetic energy (..., N) in J of balls in states (..., N, 7); solid spheres."""
+def kinetic_energy(state: FloatArray, radius: FloatArray, mass: FloatArray) -> FloatArray:
+    """Compute the kinetic energy of solid spheres.
+
+    Args:
+        state: (..., N, 7) states.
+        radius: (N,) m.
+        mass: (N,) kg.
+
+    Returns:
+        (..., N) J.
+    """
     v, w = np.sum(state[..., 2:4] ** 2, axis=-1), np.sum(state[..., 4:7] ** 2, axis=-1)
     total: FloatArray = 0.5 * mass * (v + 0.4 * radius**2 * w)
     return total
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
-    """A shot from 0 to `seconds`."""
+class SimulatedShot:
+    """A shot from time 0 to `seconds`."""
 
-    balls: Balls
+    balls: BallSet
     rails: Rails
     physics: Physics
     seconds: float
     contacts: FloatArray
-    """(E, EVENT_WIDTH) as `engine.play` logs them."""
-    legs: FloatArray
-    """(L, LEG_WIDTH) sorted by ball, then by time."""
-    gone: FloatArray = field(init=False, repr=False)
+    """(E, EVENT_WIDTH) as `simulate_events` logs them."""
+    segments: FloatArray
+    """(L, SEGMENT_WIDTH) sorted by ball, then by time."""
+    pocket_times: FloatArray = field(init=False, repr=False)
     """(N,) s, when each ball fell into a pocket; infinite where it did not."""
 
     def __post_init__(self) -> None:
-        gone = np.full(len(self.balls.ids), np.inf)
-        for hole in self.contacts[self.contacts[:, KIND] == HOLE]:
-            gone[int(hole[FIRST])] = hole[TIME]
-        object.__setattr__(self, "gone", gone)
+        pocket_times = np.full(len(self.balls.ids), np.inf)
+        for hole in self.contacts[self.contacts[:, EVENT_KIND] == HOLE]:
+            pocket_times[int(hole[EVENT_FIRST])] = hole[EVENT_TIME]
+        object.__setattr__(self, "pocket_times", pocket_times)
 
-    def at(self, t: float | FloatArray) -> FloatArray:
-        """States (..., N, 7) at times t (...), s; NaN for a ball in a pocket."""
+    def states_at(self, t: float | FloatArray) -> FloatArray:
+        """Evaluate the states of all balls.
+
+        Args:
+            t: (...) times, s.
+
+        Returns:
+            (..., N, 7) states; NaN for a ball in a pocket.
+        """
         times = np.asarray(t, dtype=np.float64)
         order = np.argsort(times.reshape(-1), kind="stable")
-        found = np.full((times.size, len(self.balls.ids), 7), np.nan)
-        sample(
-            self.legs, self.gone, self.balls.radius, self.physics.values, self.seconds,
-            times.reshape(-1)[order], self.rows, found,
+        ordered = np.full((times.size, len(self.balls.ids), 7), np.nan)
+        fill_states(
+            self.segments, self.pocket_times, self.balls.radius, self.physics.values, self.seconds,
+            times.reshape(-1)[order], self.piece_capacity, ordered,
         )  # fmt: skip
-        back = np.empty_like(found)
-        back[order] = found
-        return back.reshape(*times.shape, *found.shape[1:])
+        states = np.empty_like(ordered)
+        states[order] = ordered
+        return states.reshape(*times.shape, *ordered.shape[1:])
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """(P,) all that a shot depends on, as `jacobian` names it."""
+        """All inputs (P,) of the shot, with the names that `jacobian` takes."""
         of_balls = [f"{ball}.{name}" for ball in self.balls.ids for name in BALL_COLUMNS]
-        return (*of_balls, *NAMES, *(f"nose.{side}" for side in CUSHIONS))
+        return (*of_balls, *PARAMETER_NAMES, *(f"nose.{side}" for side in CUSHIONS))
 
     def jacobian(self, t: float | FloatArray, wrt: tuple[str, ...] | None = None) -> FloatArray:
-        """Derivatives (..., N, 7, P) of the states at t (...) by `wrt`, names among `columns`.
+        """Differentiate the states by inputs of the shot; the order of contacts is held fixed.
 
-        The order of contacts is held fixed. Without `wrt`: by the states, radii and masses of all balls and the
-        parameters of the physics that are present.
+        Args:
+            t: (...) times, s.
+            wrt: Names among `columns`; None for states, radii and masses of all balls and the parameters that are
+                present.
+
+        Returns:
+            (..., N, 7, len(wrt)) derivatives; NaN for a ball in a pocket.
+
+        Raises:
+            ValueError: A name is not among `columns`.
         """
         columns = self.columns
         if wrt is None:
@@ -136,56 +156,94 @@ class Run:
         directions[[columns.index(name) for name in wrt], np.arange(len(wrt))] = 1.0
         times = np.asarray(t, dtype=np.float64)
         place = np.arange(times.size * len(self.balls.ids)).reshape(times.size, -1)
-        found = self.along(times.reshape(-1), place, directions, STATE)
-        return found.reshape(*times.shape, len(self.balls.ids), STATE, len(wrt))
+        derivatives = self.directional_derivatives(times.reshape(-1), place, directions, STATE_SIZE)
+        return derivatives.reshape(*times.shape, len(self.balls.ids), STATE_SIZE, len(wrt))
 
-    def along(self, t: FloatArray, place: IntArray, directions: FloatArray, numbers: int) -> FloatArray:
-        """Derivatives (K, `numbers`, C) of the states at t (T,), or with 2 `numbers` of the places alone, along
-        directions (P, C) in all that the shot depends on, in the order of `columns`.
+    def directional_derivatives(
+        self, t: FloatArray, place: IntArray, directions: FloatArray, numbers: int
+    ) -> FloatArray:
+        """Differentiate states along directions in the space of all inputs; the order of contacts is held fixed.
 
-        place (T, N) says which of the K each ball is at each time, -1 where it is not asked for. The order of contacts
-        is held fixed; NaN for a ball in a pocket.
+        Args:
+            t: (T,) times, s.
+            place: (T, N) row of the result for each ball and time, -1 where none is wanted.
+            directions: (P, C) directions, in the order of `columns`.
+            numbers: 7 for whole states, 2 for places only.
+
+        Returns:
+            (K, numbers, C) derivatives; NaN for a ball in a pocket.
         """
-        return self.along_to(t, place, directions, numbers, np.inf)[0]
+        return self.directional_derivatives_until(t, place, directions, numbers, np.inf)[0]
 
-    def along_to(
+    def directional_derivatives_until(
         self, t: FloatArray, place: IntArray, directions: FloatArray, numbers: int, end: float
     ) -> tuple[FloatArray, FloatArray]:
-        """The same, and derivatives (N, 7, C) of the states of all balls at the time `end`; those are NaN where it is
-        infinite."""
-        first = len(BALL_COLUMNS) * len(self.balls.ids)
-        by_physics = np.any(directions[first : first + len(NAMES)], axis=1)
-        curves = bool(curved(self.physics.values)) or bool(by_physics[list(CURVING)].any())
-        order = np.argsort(t, kind="stable")
-        found = np.full((int(place.max(initial=-1)) + 1, numbers, directions.shape[1]), np.nan)
-        at_end = np.full((len(self.balls.ids), STATE, directions.shape[1]), np.nan)
-        differentiate(
-            self.legs, self.contacts, self.gone, self.balls.radius, self.balls.mass, self.physics.values,
-            self.physics.codes, self.rails.lines, self.rails.arcs, NORMALS, t[order], place[order], float(end),
-            np.ascontiguousarray(directions), np.flatnonzero(by_physics), CURVED_ROWS if curves else STRAIGHT_ROWS,
-            found, at_end,
-        )  # fmt: skip
-        return found, at_end
+        """Differentiate states as `directional_derivatives` does, and those of all balls at one more time.
 
-    def state(self, t: float | FloatArray) -> State:
-        """The same as a `State`, with standard deviations of 0: nothing is uncertain."""
-        found = self.at(t)
-        nothing = np.where(np.isnan(found[..., 0]), np.nan, 0.0)
-        return State(found[..., :2], found[..., 2:4], found[..., 4:7], nothing, nothing, np.zeros(nothing.shape, bool))
+        Args:
+            t: (T,) times, s.
+            place: (T, N) row of the result for each ball and time, -1 where none is wanted.
+            directions: (P, C) directions, in the order of `columns`.
+            numbers: 7 for whole states, 2 for places only.
+            end: s; infinite if no states at an end are wanted.
+
+        Returns:
+            Derivatives (K, numbers, C), and derivatives (N, 7, C) at `end`, NaN where `end` is infinite.
+        """
+        first = len(BALL_COLUMNS) * len(self.balls.ids)
+        by_physics = np.any(directions[first : first + len(PARAMETER_NAMES)], axis=1)
+        curves = bool(has_curved_path(self.physics.values)) or bool(by_physics[list(PATH_BENDING_PARAMETERS)].any())
+        order = np.argsort(t, kind="stable")
+        derivatives = np.full((int(place.max(initial=-1)) + 1, numbers, directions.shape[1]), np.nan)
+        at_end = np.full((len(self.balls.ids), STATE_SIZE, directions.shape[1]), np.nan)
+        differentiate_shot(
+            self.segments,
+            self.contacts,
+            self.pocket_times,
+            self.balls.radius,
+            self.balls.mass,
+            self.physics.values,
+            self.physics.model_codes,
+            self.rails.lines,
+            self.rails.arcs,
+            CUSHION_NORMALS,
+            t[order],
+            place[order],
+            float(end),
+            np.ascontiguousarray(directions),
+            np.flatnonzero(by_physics),
+            INTEGRATED_PIECES if curves else CLOSED_FORM_PIECES,
+            derivatives,
+            at_end,
+        )
+        return derivatives, at_end
+
+    def to_state(self, t: float | FloatArray) -> State:
+        """Return the states at times t (...), s, as a `State` with standard deviations of 0."""
+        states = self.states_at(t)
+        zeros = np.where(np.isnan(states[..., 0]), np.nan, 0.0)
+        return State(states[..., :2], states[..., 2:4], states[..., 4:7], zeros, zeros, np.zeros(zeros.shape, bool))
 
     @property
-    def rows(self) -> int:
-        """Pieces that one leg may have."""
-        return CURVED_ROWS if curved(self.physics.values) else STRAIGHT_ROWS
+    def piece_capacity(self) -> int:
+        """Number of pieces that one segment may have."""
+        return INTEGRATED_PIECES if has_curved_path(self.physics.values) else CLOSED_FORM_PIECES
 
     @property
     def events(self) -> Events:
         """All events of the shot; times are exact, `frame` is NaN. A simulated rest is when the ball stops."""
-        return self.listed(np.nan)
+        return self.list_events(np.nan)
 
-    def listed(self, hz: float) -> Events:
-        """Strikes at 0, contacts, pockets and rests in the order of time; `frame` counts pictures at `hz`."""
-        rows = [*self._strikes(), *self._contacts(), *self._rests()]
+    def list_events(self, hz: float) -> Events:
+        """List all events by time.
+
+        Args:
+            hz: Frame rate for the column `frame`; NaN if there are no frames.
+
+        Returns:
+            Strikes at time 0, contacts, pockets and rests.
+        """
+        rows = [*self._list_strikes(), *self._list_contacts(), *self._list_rests()]
         rows.sort(key=lambda row: row[1])
         kind, t, a, b, place, speed = zip(*rows, strict=True) if rows else ((),) * 6
         times, count = np.array(t, dtype=np.float64), len(rows)
@@ -196,13 +254,17 @@ class Run:
             gap, gap, np.array(speed, dtype=np.float64),
         )  # fmt: skip
 
-    def trajectory(self) -> Trajectory:
-        """Cubic pieces; where slope or drag bend the path, short ones that stay within 10 nm of it."""
-        pieces, balls, phases, spins = self.pieces()
+    def to_trajectory(self) -> Trajectory:
+        """Convert to a trajectory of cubic pieces.
+
+        Returns:
+            The trajectory; where slope or drag bend a path, short pieces stay within 10 nm of it.
+        """
+        pieces, balls, phases, spins = self.collect_pieces()
         cubics = [
             (ball, PHASE_NAMES[phase], *cubic)
             for row, ball, phase, spin in zip(pieces, balls, phases, spins, strict=True)
-            for cubic in _cubics(row, spin)
+            for cubic in split_into_cubics(row, spin)
         ]
         ball, name, start, end, position, turn = zip(*cubics, strict=True)
         return Trajectory(
@@ -210,30 +272,36 @@ class Run:
             np.array(turn), tuple(name), np.zeros((len(cubics), 4, 4)),
         )  # fmt: skip
 
-    def pieces(self) -> tuple[FloatArray, IntArray, IntArray, FloatArray]:
-        """Polynomial pieces (M, WIDTH), their columns START and END on the clock of the shot; ball (M,), phase (M,),
-        and side spin with its rate (M, 2)."""
-        most = self.rows * len(self.legs)
-        rows, balls, phases = np.empty((most, WIDTH)), np.empty(most, np.int64), np.empty(most, np.int64)
+    def collect_pieces(self) -> tuple[FloatArray, IntArray, IntArray, FloatArray]:
+        """Collect the polynomial pieces of all segments.
+
+        Returns:
+            Pieces (M, PIECE_WIDTH), whose columns PIECE_START and PIECE_END count from the start of the shot; ball
+            (M,); phase (M,); side spin and its rate (M, 2).
+        """
+        most = self.piece_capacity * len(self.segments)
+        rows, balls, phases = np.empty((most, PIECE_WIDTH)), np.empty(most, np.int64), np.empty(most, np.int64)
         spins = np.empty((most, 2))
-        count = cut(
-            self.legs, self.gone, self.balls.radius, self.physics.values, self.seconds, self.rows,
+        count = fill_pieces(
+            self.segments, self.pocket_times, self.balls.radius, self.physics.values, self.seconds, self.piece_capacity,
             rows, balls, phases, spins,
         )  # fmt: skip
         return rows[:count], balls[:count], phases[:count], spins[:count]
 
-    def _strikes(self) -> list[tuple[str, float, str, str, FloatArray, float]]:
+    def _list_strikes(self) -> list[tuple[str, float, str, str, FloatArray, float]]:
+        """List a strike at time 0 for every ball that moves then."""
         moving = np.hypot(*self.balls.state[:, 2:4].T)
         return [
             ("strike", 0.0, name, "", self.balls.state[k, :2], float(moving[k]))
             for k, name in enumerate(self.balls.ids) if moving[k] > 0
         ]  # fmt: skip
 
-    def _contacts(self) -> list[tuple[str, float, str, str, FloatArray, float]]:
-        ids, places = self.balls.ids, self._places()
-        found = []
+    def _list_contacts(self) -> list[tuple[str, float, str, str, FloatArray, float]]:
+        """List the contacts and pockets with their places."""
+        ids, places = self.balls.ids, self._find_contact_places()
+        rows = []
         for event, place in zip(self.contacts, places, strict=True):
-            kind, a, other = int(event[KIND]), ids[int(event[FIRST])], int(event[SECOND])
+            kind, a, other = int(event[EVENT_KIND]), ids[int(event[EVENT_FIRST])], int(event[EVENT_SECOND])
             if kind == BALL:
                 name, b = "ball", ids[other]
             elif kind == HOLE:
@@ -241,109 +309,74 @@ class Run:
             else:
                 sides = self.rails.lines[:, 5] if kind == LINE else self.rails.arcs[:, 3]
                 name, b = "cushion", CUSHIONS[int(sides[other])]
-            found.append((name, float(event[TIME]), a, b, place, float(event[SPEED])))
-        return found
+            rows.append((name, float(event[EVENT_TIME]), a, b, place, float(event[EVENT_SPEED])))
+        return rows
 
-    def _places(self) -> FloatArray:
-        """(E, 2) m, where the first ball of each contact was: there its next leg begins."""
-        found = np.empty((len(self.contacts), 2))
+    def _find_contact_places(self) -> FloatArray:
+        """Find where the first ball of each contact was (E, 2), m: there its next segment begins."""
+        places = np.empty((len(self.contacts), 2))
         used = np.ones(len(self.balls.ids), dtype=np.int64)
-        first = np.searchsorted(self.legs[:, LEG_BALL], np.arange(len(self.balls.ids)))
+        first = np.searchsorted(self.segments[:, SEGMENT_BALL], np.arange(len(self.balls.ids)))
         for k, event in enumerate(self.contacts):
-            a, b = int(event[FIRST]), int(event[SECOND])
-            found[k] = self.legs[first[a] + used[a], LEG_STATE : LEG_STATE + 2]
+            a, b = int(event[EVENT_FIRST]), int(event[EVENT_SECOND])
+            places[k] = self.segments[first[a] + used[a], SEGMENT_STATE : SEGMENT_STATE + 2]
             used[a] += 1
-            if event[KIND] == BALL:
+            if event[EVENT_KIND] == BALL:
                 used[b] += 1
-        return found
+        return places
 
-    def _rests(self) -> list[tuple[str, float, str, str, FloatArray, float]]:
-        pieces, balls, phases, _ = self.pieces()
-        came = np.flatnonzero((phases[1:] == REST) & (phases[:-1] != REST) & (balls[1:] == balls[:-1])) + 1
+    def _list_rests(self) -> list[tuple[str, float, str, str, FloatArray, float]]:
+        """List when and where balls come to rest."""
+        pieces, balls, phases, _ = self.collect_pieces()
+        stopping = np.flatnonzero((phases[1:] == REST) & (phases[:-1] != REST) & (balls[1:] == balls[:-1])) + 1
         return [
-            ("rest", float(pieces[k, START]), self.balls.ids[balls[k]], "", pieces[k, [X, Y]], np.nan) for k in came
+            ("rest", float(pieces[k, PIECE_START]), self.balls.ids[balls[k]], "", pieces[k, [X, Y]], np.nan)
+            for k in stopping
         ]
 
 
-@compiled
-def sample(legs, gone, radius, p, seconds, times, table_rows, out):  # type: ignore[no-untyped-def]
-    """Fill out (T, N, 7) with states at sorted times (T,)."""
-    rows, phases, rate = np.zeros((table_rows, WIDTH)), np.zeros(table_rows, np.int64), np.zeros(7)
-    for k in range(len(legs)):
-        a, start = int(legs[k, LEG_BALL]), legs[k, LEG_TIME]
-        last = k == len(legs) - 1 or int(legs[k + 1, LEG_BALL]) != a
-        until = gone[a] if last else legs[k + 1, LEG_TIME]
+@compile_kernel
+def fill_states(segments, pocket_times, radius, p, seconds, times, piece_capacity, out):  # type: ignore[no-untyped-def]
+    """Write to out (T, N, 7) the states at sorted times (T,), s."""
+    rows, phases, rate = np.zeros((piece_capacity, PIECE_WIDTH)), np.zeros(piece_capacity, np.int64), np.zeros(7)
+    for k in range(len(segments)):
+        a, start = int(segments[k, SEGMENT_BALL]), segments[k, SEGMENT_TIME]
+        last = k == len(segments) - 1 or int(segments[k + 1, SEGMENT_BALL]) != a
+        until = pocket_times[a] if last else segments[k + 1, SEGMENT_TIME]
         first = np.searchsorted(times, start) if start > 0.0 else 0
         after = len(times) if until == np.inf else np.searchsorted(times, until)
-        if first >= after or start >= gone[a]:
+        if first >= after or start >= pocket_times[a]:
             continue
-        state = legs[k, LEG_STATE:]
-        count = plan(state, radius[a], p, max(seconds, times[after - 1]) - start, rows, phases)
+        state = segments[k, SEGMENT_STATE:]
+        count = plan_motion(state, radius[a], p, max(seconds, times[after - 1]) - start, rows, phases)
         for i in range(first, after):
-            follow(rows, count, state[6], p, times[i] - start, out[i, a], rate)
+            evaluate_pieces(rows, count, state[6], p, times[i] - start, out[i, a], rate)
 
 
-@compiled
-def cut(legs, gone, radius, p, seconds, table_rows, found, balls, kinds, spins):  # type: ignore[no-untyped-def]
-    """Fill found (M, WIDTH), balls, kinds (M,), spins (M, 2) with all pieces up to `seconds`; how many there are."""
-    rows, phases, made = np.zeros((table_rows, WIDTH)), np.zeros(table_rows, np.int64), 0
+@compile_kernel
+def fill_pieces(segments, pocket_times, radius, p, seconds, piece_capacity, pieces, balls, piece_phases, spins):  # type: ignore[no-untyped-def]
+    """Write all pieces up to `seconds`; return their number.
+
+    pieces (M, PIECE_WIDTH), balls (M,), piece_phases (M,) and spins (M, 2), side spin and its rate, receive them.
+    """
+    rows, phases, piece_count = np.zeros((piece_capacity, PIECE_WIDTH)), np.zeros(piece_capacity, np.int64), 0
     out, rate = np.zeros(7), np.zeros(7)
-    for k in range(len(legs)):
-        a, start = int(legs[k, LEG_BALL]), legs[k, LEG_TIME]
-        last = k == len(legs) - 1 or int(legs[k + 1, LEG_BALL]) != a
-        until = min(seconds, gone[a]) if last else legs[k + 1, LEG_TIME]
+    for k in range(len(segments)):
+        a, start = int(segments[k, SEGMENT_BALL]), segments[k, SEGMENT_TIME]
+        last = k == len(segments) - 1 or int(segments[k + 1, SEGMENT_BALL]) != a
+        until = min(seconds, pocket_times[a]) if last else segments[k + 1, SEGMENT_TIME]
         if start >= until:
             continue
-        count = plan(legs[k, LEG_STATE:], radius[a], p, seconds - start, rows, phases)
+        count = plan_motion(segments[k, SEGMENT_STATE:], radius[a], p, seconds - start, rows, phases)
         for i in range(count):
-            begin = start + rows[i, START]
-            end = min(start + rows[i, END], until)
+            begin = start + rows[i, PIECE_START]
+            end = min(start + rows[i, PIECE_END], until)
             if end <= begin:
                 continue
-            follow(rows, count, legs[k, LEG_STATE + 6], p, rows[i, START], out, rate)
-            found[made] = rows[i]
-            found[made, START], found[made, END] = begin, end
-            balls[made], kinds[made] = a, phases[i]
-            spins[made, 0], spins[made, 1] = out[6], -np.sign(out[6]) * p[SPIN_DECAY]
-            made += 1
-    return made
-
-
-def _cubics(row: FloatArray, spin: FloatArray) -> list[tuple[float, float, FloatArray, FloatArray]]:
-    """Start, end, position (4, 2), spin (2, 3) of the cubic pieces that stand for one piece of degree five."""
-    x = np.stack([row[X : X + 6], row[Y : Y + 6]], axis=1)
-    w = np.stack([row[WX : WX + 5], row[WY : WY + 5]], axis=1)
-    length = min(float(row[END] - row[START]), FOREVER)
-    bend = np.abs(24 * x[4]).max() + 120 * np.abs(x[5]).max() * length
-    parts = max(1, int(np.ceil((bend * length**4 / 384 / _SMOOTH) ** 0.25)))
-    times = set(np.linspace(0, length, parts + 1))
-    if spin[1] and abs(spin[0]) < abs(spin[1]) * length:
-        times.add(float(abs(spin[0] / spin[1])))
-    ends = sorted(times)
-    return [
-        (float(row[START] + a), float(row[START] + b), _cubic(x, a, b), _turn(w, spin, a, b))
-        for a, b in pairwise(ends) if b - a > 1e-12
-    ]  # fmt: skip
-
-
-def _cubic(x: FloatArray, a: float, b: float) -> FloatArray:
-    """Position (4, 2) from a to b with the place and velocity of x (6, 2) at both ends; exact where x is a cubic."""
-    (p0, v0), (p1, v1) = (_value_and_rate(x, t) for t in (a, b))
-    h = b - a
-    if not np.any(x[3:]):
-        return np.array([p0, v0, x[2], np.zeros(2)])
-    mean = (p1 - p0) / h
-    return np.array([p0, v0, (3 * mean - 2 * v0 - v1) / h, (v0 + v1 - 2 * mean) / h**2])
-
-
-def _turn(w: FloatArray, spin: FloatArray, a: float, b: float) -> FloatArray:
-    """Spin (2, 3) from a to b."""
-    (w0, _), (w1, _) = (_value_and_rate(w, t) for t in (a, b))
-    left = [max(abs(spin[0]) - abs(spin[1]) * t, 0.0) * np.sign(spin[0]) for t in (a, b)]
-    first, last = np.append(w0, left[0]), np.append(w1, left[1])
-    return np.array([first, (last - first) / (b - a)])
-
-
-def _value_and_rate(c: FloatArray, t: float) -> tuple[FloatArray, FloatArray]:
-    powers = t ** np.arange(len(c))
-    return powers @ c, (np.arange(1, len(c)) * powers[:-1]) @ c[1:]
+            evaluate_pieces(rows, count, segments[k, SEGMENT_STATE + 6], p, rows[i, PIECE_START], out, rate)
+            pieces[piece_count] = rows[i]
+            pieces[piece_count, PIECE_START], pieces[piece_count, PIECE_END] = begin, end
+            balls[piece_count], piece_phases[piece_count] = a, phases[i]
+            spins[piece_count, 0], spins[piece_count, 1] = out[6], -np.sign(out[6]) * p[SPIN_DECAY]
+            piece_count += 1
+    return piece_count

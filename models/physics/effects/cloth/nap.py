@@ -1,26 +1,26 @@
-"""Nap: the fibres of a snooker cloth lie one way, here towards +x.
+"""Nap: the fibres of a snooker cloth lie in one direction, here towards +x.
 
-A ball that rolls at an angle a to +x is slowed at (mu_r - mu cos a) g: less with the nap than against it. The table
-cannot be made to drive a ball: |mu| stays below rolling resistance.
+A ball that rolls at an angle a to +x decelerates at (mu_r - mu cos a) g: less with the nap than against it. mu is
+negative where the nap lies towards -x. |mu| stays below rolling resistance, because a cloth cannot drive a ball.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+import math
 
-from models.physics.effect import EffectKind, Phase, Prior
+from models.physics.effect import BilliardsEffect, Prior
 
-
-@final
-@dataclass(frozen=True, slots=True)
-class Nap:
-    """Rolling resistance hangs on the direction of travel; below 0 where the nap lies towards -x."""
-
-    name: str = "nap"
-    kind: EffectKind = "physics"
-    phases: tuple[Phase, ...] = ("free_roll",)
-    parameters: tuple[Prior, ...] = (Prior("mu", "1", 0.0, 0.002, False, (-0.02, 0.02)),)
-    neutral: tuple[float, ...] = (0.0,)
-    partners: tuple[str, ...] = ("slope", "rolling_shutter")
-    reference: str = "Cloths with a nap (snooker, English billiards): balls run further with it than against it"
+EFFECT = BilliardsEffect(
+    name="nap",
+    kind="physics",
+    site="cloth",
+    phases=("free_roll",),
+    parameters=(Prior("mu", "1", 0.0, 0.002, False, (-0.02, 0.02)),),
+    neutral=(0.0,),
+    partners=("slope", "rolling_shutter"),
+    phrase="nap of the cloth",
+    limits=(-math.inf, math.inf),
+    reference="Cloths with a nap (snooker, English billiards): balls run further with it than against it",
+    rank=6,
+    slot=11,
+)

@@ -1,25 +1,22 @@
-"""Spin decay: the cloth stops a ball that turns about the vertical.
+"""Spin decay: friction of the cloth stops the rotation of a ball about the vertical.
 
-|wz| falls at a constant rate, whatever else the ball does. It is seen only after the next contact.
+|wz| falls at one constant rate in every phase of the motion. The effect is visible only after the next contact.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from models.physics.effect import BilliardsEffect, Prior
 
-from models.physics.effect import EffectKind, Phase, Prior
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class SpinDecay:
-    """One rate for all spins."""
-
-    name: str = "spin_decay"
-    kind: EffectKind = "physics"
-    phases: tuple[Phase, ...] = ("cushion_contact", "ball_contact")
-    parameters: tuple[Prior, ...] = (Prior("rate", "rad/s2", 10.0, 0.5, True, (0.1, 60.0)),)
-    neutral: tuple[float, ...] = (0.0,)
-    partners: tuple[str, ...] = ("cushion_friction",)
-    reference: str = "Alciatore, billiards.colostate.edu, physical properties of billiard equipment: 5 to 15 rad/s2"
+EFFECT = BilliardsEffect(
+    name="spin_decay",
+    kind="physics",
+    site="cloth",
+    phases=("cushion_contact", "ball_contact"),
+    parameters=(Prior("rate", "rad/s2", 10.0, 0.5, True, (0.1, 60.0)),),
+    neutral=(0.0,),
+    partners=("cushion_friction",),
+    phrase="decay of side spin",
+    reference="Alciatore, billiards.colostate.edu, physical properties of billiard equipment: 5 to 15 rad/s2",
+    rank=2,
+    slot=2,
+)

@@ -1,25 +1,22 @@
-"""Ball friction: two balls rub where they touch: throw, and spin that passes over.
+"""Ball friction: the surfaces of two balls rub in a contact, which causes throw and transfer of spin.
 
-Coulomb friction against the slip of the two surfaces, until they stick (a seventh of the slip, for equal balls).
+Coulomb friction with one coefficient for all speeds acts against the slip of the two surfaces until they stick, which
+takes an impulse of a seventh of the slip for equal balls.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from models.physics.effect import BilliardsEffect, Prior
 
-from models.physics.effect import EffectKind, Phase, Prior
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class BallFriction:
-    """One coefficient for all speeds."""
-
-    name: str = "ball_friction"
-    kind: EffectKind = "physics"
-    phases: tuple[Phase, ...] = ("ball_contact",)
-    parameters: tuple[Prior, ...] = (Prior("mu", "1", 0.05, 0.5, True, (0.001, 0.4)),)
-    neutral: tuple[float, ...] = (0.0,)
-    partners: tuple[str, ...] = ("ball_law",)
-    reference: str = "Alciatore, technical proof A-14: 0.01 to 0.11, falling with the speed of the slip"
+EFFECT = BilliardsEffect(
+    name="ball_friction",
+    kind="physics",
+    site="ball",
+    phases=("ball_contact",),
+    parameters=(Prior("mu", "1", 0.05, 0.5, True, (0.001, 0.4)),),
+    neutral=(0.0,),
+    partners=("ball_law",),
+    reference="Alciatore, technical proof A-14: 0.01 to 0.11, falling with the speed of the slip",
+    rank=13,
+    slot=10,
+)

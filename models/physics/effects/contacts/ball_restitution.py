@@ -1,22 +1,19 @@
-"""Ball restitution: the share of the closing speed with which two balls part."""
+"""Ball restitution: separation speed of two balls over their closing speed, the same at all speeds."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from models.physics.effect import BilliardsEffect, Prior
 
-from models.physics.effect import EffectKind, Phase, Prior
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class BallRestitution:
-    """One number for all speeds."""
-
-    name: str = "ball_restitution"
-    kind: EffectKind = "physics"
-    phases: tuple[Phase, ...] = ("ball_contact",)
-    parameters: tuple[Prior, ...] = (Prior("e", "1", 0.94, 0.05, False, (0.7, 1.0)),)
-    neutral: tuple[float, ...] = (1.0,)
-    partners: tuple[str, ...] = ("unequal_mass",)
-    reference: str = "Alciatore, billiards.colostate.edu, physical properties of billiard equipment: 0.92 to 0.98"
+EFFECT = BilliardsEffect(
+    name="ball_restitution",
+    kind="physics",
+    site="ball",
+    phases=("ball_contact",),
+    parameters=(Prior("e", "1", 0.94, 0.05, False, (0.7, 1.0)),),
+    neutral=(1.0,),
+    partners=("unequal_mass",),
+    limits=(0.0, 1.0),
+    reference="Alciatore, billiards.colostate.edu, physical properties of billiard equipment: 0.92 to 0.98",
+    rank=12,
+    slot=9,
+)

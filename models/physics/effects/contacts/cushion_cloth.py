@@ -1,24 +1,22 @@
-"""The cloth under a ball that a nose presses down: it may rub more or less than free cloth."""
+"""Friction of the cloth under a ball that a cushion nose presses down, over that of the free cloth.
+
+It is a multiple of sliding friction, which contact models with a rigid table leave open.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from models.physics.effect import BilliardsEffect, Prior
 
-from models.physics.effect import EffectKind, Phase, Prior
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class CushionCloth:
-    """Its friction, as a multiple of sliding friction: what laws with a rigid table leave open."""
-
-    name: str = "cushion_cloth"
-    kind: EffectKind = "detail"
-    phases: tuple[Phase, ...] = ("cushion_contact",)
-    parameters: tuple[Prior, ...] = (Prior("factor", "1", 1.0, 0.3, True, (0.2, 5.0)),)
-    neutral: tuple[float, ...] = (1.0,)
-    partners: tuple[str, ...] = ("cushion_law",)
-    reference: str = (
-        "Mathavan, Jackson, Parkin 2010 (doi:10.1243/09544062JMES1964), section 4: 0.21 beside a cloth's 0.2"
-    )
+EFFECT = BilliardsEffect(
+    name="cushion_cloth",
+    kind="detail",
+    site="cushion",
+    phases=("cushion_contact",),
+    parameters=(Prior("factor", "1", 1.0, 0.3, True, (0.2, 5.0)),),
+    neutral=(1.0,),
+    partners=("cushion_law",),
+    phrase="friction of the cloth under the nose",
+    reference="Mathavan, Jackson, Parkin 2010 (doi:10.1243/09544062JMES1964), section 4: 0.21 beside a cloth's 0.2",
+    rank=11,
+    slot=12,
+)

@@ -1,22 +1,25 @@
-"""How restitution falls with speed otherwise than in proportion: e = e0 v^-power - slope v, v in m/s."""
+"""Cushion restitution that falls with a power of the speed: e = e0 v^-power - slope v, v in m/s.
+
+This is the part that a straight line leaves open: much restitution is lost at low speeds already.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+import math
 
-from models.physics.effect import EffectKind, Phase, Prior
+from models.physics.effect import BilliardsEffect, Prior
 
-
-@final
-@dataclass(frozen=True, slots=True)
-class CushionRestitutionPower:
-    """What a straight line leaves open: much of it is lost at low speeds already."""
-
-    name: str = "cushion_restitution_power"
-    kind: EffectKind = "detail"
-    phases: tuple[Phase, ...] = ("cushion_contact",)
-    parameters: tuple[Prior, ...] = (Prior("power", "1", 0.0, 0.1, False, (-0.2, 0.6)),)
-    neutral: tuple[float, ...] = (0.0,)
-    partners: tuple[str, ...] = ("cushion_restitution_speed",)
-    reference: str = "Johnson 1985, Contact Mechanics, section 11.5: e falls with the fourth root of the speed"
+EFFECT = BilliardsEffect(
+    name="cushion_restitution_power",
+    kind="detail",
+    site="cushion",
+    phases=("cushion_contact",),
+    parameters=(Prior("power", "1", 0.0, 0.1, False, (-0.2, 0.6)),),
+    neutral=(0.0,),
+    partners=("cushion_restitution_speed",),
+    phrase="power of that fall",
+    limits=(-math.inf, math.inf),
+    reference="Johnson 1985, Contact Mechanics, section 11.5: e falls with the fourth root of the speed",
+    rank=9,
+    slot=13,
+)

@@ -1,27 +1,27 @@
-"""Cushion restitution that falls with speed: e = e0 - slope v.
+"""Cushion restitution that falls in proportion to speed: e = e0 - slope v.
 
-v is the speed towards the cushion at impact.
+v is the speed normal to the cushion at impact, m/s.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+import math
 
-from models.physics.effect import EffectKind, Phase, Prior
+from models.physics.effect import BilliardsEffect, Prior
 
-
-@final
-@dataclass(frozen=True, slots=True)
-class CushionRestitutionSpeed:
-    """In proportion to the normal speed."""
-
-    name: str = "cushion_restitution_speed"
-    kind: EffectKind = "physics"
-    phases: tuple[Phase, ...] = ("cushion_contact",)
-    parameters: tuple[Prior, ...] = (Prior("slope", "s/m", 0.0, 0.05, False, (-0.2, 0.2)),)
-    neutral: tuple[float, ...] = (0.0,)
-    partners: tuple[str, ...] = ("air_drag", "cushion_restitution")
-    reference: str = (
+EFFECT = BilliardsEffect(
+    name="cushion_restitution_speed",
+    kind="physics",
+    site="cushion",
+    phases=("cushion_contact",),
+    parameters=(Prior("slope", "s/m", 0.0, 0.05, False, (-0.2, 0.2)),),
+    neutral=(0.0,),
+    partners=("air_drag", "cushion_restitution"),
+    phrase="cushion restitution that falls with speed",
+    limits=(-math.inf, math.inf),
+    reference=(
         "Mathavan, Jackson, Parkin 2010 (doi:10.1243/09544062JMES1964): restitution falls with the speed of the impact"
-    )
+    ),
+    rank=8,
+    slot=7,
+)

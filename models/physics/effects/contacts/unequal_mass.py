@@ -1,25 +1,21 @@
 """Unequal mass: the first ball of a shot is lighter or heavier than all others.
 
-ratio = mass of every other ball over the mass of the first one. Only impacts of balls show it.
+ratio = mass of every other ball over the mass of the first one. Only contacts of balls show it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from models.physics.effect import BilliardsEffect, Prior
 
-from models.physics.effect import EffectKind, Phase, Prior
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class UnequalMass:
-    """One ratio for all other balls."""
-
-    name: str = "unequal_mass"
-    kind: EffectKind = "physics"
-    phases: tuple[Phase, ...] = ("ball_contact",)
-    parameters: tuple[Prior, ...] = (Prior("ratio", "1", 1.0, 0.05, False, (0.5, 2.0)),)
-    neutral: tuple[float, ...] = (1.0,)
-    partners: tuple[str, ...] = ("ball_restitution",)
-    reference: str = "Coin-operated tables: cue balls up to 10 % heavier; worn ones some per cent lighter"
+EFFECT = BilliardsEffect(
+    name="unequal_mass",
+    kind="physics",
+    site="set",
+    phases=("ball_contact",),
+    parameters=(Prior("ratio", "1", 1.0, 0.05, False, (0.5, 2.0)),),
+    neutral=(1.0,),
+    partners=("ball_restitution",),
+    phrase="unequal masses of balls",
+    reference="Coin-operated tables: cue balls up to 10 % heavier; worn ones some per cent lighter",
+    rank=14,
+)

@@ -1,1 +1,4 @@
-"""Effects of the camera: they change what is observed, not the motion."""
+"""Effects of the camera: they change the measurement, not the motion.
+
+Their equations are in `models.physics.billiards.image_distortion`.
+"""

@@ -1,25 +1,19 @@
-"""Dropped frames: pictures are missing, and the times do not tell.
+"""Dropped frames: frames are missing from the video while their timestamps show no gap.
 
-From one picture of a shot on, everything has moved on by so many pictures.
+From one frame of a shot on, every ball has moved on by this number of frame intervals.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from models.physics.effect import BilliardsEffect, Prior
 
-from models.physics.effect import EffectKind, Phase, Prior
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class DroppedFrames:
-    """A common jump in time, once in a shot that shows one."""
-
-    name: str = "dropped_frames"
-    kind: EffectKind = "observation"
-    phases: tuple[Phase, ...] = ("time_jump",)
-    parameters: tuple[Prior, ...] = (Prior("frames", "1", 0.0, 2.0, False, (-20.0, 20.0)),)
-    neutral: tuple[float, ...] = (0.0,)
-    partners: tuple[str, ...] = ()
-    reference: str = "Screen recorders and phones under load drop single pictures"
+EFFECT = BilliardsEffect(
+    name="dropped_frames",
+    kind="observation",
+    site="camera",
+    phases=("time_jump",),
+    parameters=(Prior("frames", "1", 0.0, 2.0, False, (-20.0, 20.0)),),
+    neutral=(0.0,),
+    reference="Screen recorders and phones under load drop single frames",
+    rank=21,
+)

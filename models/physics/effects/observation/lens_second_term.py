@@ -1,24 +1,23 @@
-"""What the first radial term of a lens leaves: r_seen = r (1 + k1 r^2 + k2 r^4), r as for `lens_distortion`."""
+"""Radial lens distortion of fifth order: r_seen = r (1 + k1 r^2 + k2 r^4), r as for `lens_distortion`.
+
+Phones correct their lenses; the remaining distortion bends back at the edge of the image.
+
+The equation is in `models.physics.billiards.image_distortion`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from models.physics.effect import BilliardsEffect, Prior
 
-from models.physics.effect import EffectKind, Phase, Prior
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class LensSecondTerm:
-    """Of fifth order; lenses of phones are corrected, and what is left bends back at the edge."""
-
-    name: str = "lens_second_term"
-    kind: EffectKind = "detail"
-    phases: tuple[Phase, ...] = ("image_region",)
-    parameters: tuple[Prior, ...] = (Prior("k2", "1", 0.0, 0.01, False, (-0.3, 0.3)),)
-    neutral: tuple[float, ...] = (0.0,)
-    partners: tuple[str, ...] = ("lens_distortion",)
-    reference: str = (
-        "Brown 1971, Close-range camera calibration, Photogrammetric Engineering 37: the second radial term"
-    )
+EFFECT = BilliardsEffect(
+    name="lens_second_term",
+    kind="detail",
+    site="camera",
+    phases=("image_region",),
+    parameters=(Prior("k2", "1", 0.0, 0.01, False, (-0.3, 0.3)),),
+    neutral=(0.0,),
+    partners=("lens_distortion",),
+    phrase="second term of the lens",
+    reference="Brown 1971, Close-range camera calibration, Photogrammetric Engineering 37: the second radial term",
+    rank=17,
+)

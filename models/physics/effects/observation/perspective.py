@@ -1,28 +1,27 @@
-"""Perspective: a camera that looks at the table at an angle which the calibration missed.
+"""Perspective: the calibration missed a part of the angle between camera and table.
 
-A place (x, y) from the middle of the picture, in half lengths of the table, is seen at (x, y) / (1 + p_x x + p_y y).
+A place (x, y) relative to the image centre, in half table lengths, is measured at (x, y) / (1 + p_x x + p_y y). These
+are the two parameters of the homography that are neither affine nor a shift.
+
+The equation is in `models.physics.billiards.image_distortion`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from models.physics.effect import BilliardsEffect, Prior
 
-from models.physics.effect import EffectKind, Phase, Prior
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Perspective:
-    """The two numbers of the homography that are neither affine nor a shift."""
-
-    name: str = "perspective"
-    kind: EffectKind = "observation"
-    phases: tuple[Phase, ...] = ("image_region",)
-    parameters: tuple[Prior, ...] = (
+EFFECT = BilliardsEffect(
+    name="perspective",
+    kind="observation",
+    site="camera",
+    phases=("image_region",),
+    parameters=(
         Prior("p_x", "1", 0.0, 0.01, False, (-0.3, 0.3)),
         Prior("p_y", "1", 0.0, 0.01, False, (-0.3, 0.3)),
-    )
-    neutral: tuple[float, ...] = (0.0, 0.0)
-    partners: tuple[str, ...] = ("slope", "lens_distortion")
-    reference: str = "Hartley and Zisserman 2004, Multiple View Geometry, section 2.4.3"
+    ),
+    neutral=(0.0, 0.0),
+    partners=("slope", "lens_distortion"),
+    phrase="perspective of the camera",
+    reference="Hartley and Zisserman 2004, Multiple View Geometry, section 2.4.3",
+    rank=18,
+)

@@ -1,0 +1,127 @@
+"""Published models of a contact, and one compiled function that contains all of them.
+
+A model is one file in `ball_cushion` or `ball_ball` that defines `MODEL`, a `ContactModel`. The registry of the folder
+(`cushion_models`, `ball_models`) finds the file and derives everything else from it: names, checks of parameters,
+compiled dispatch and derivatives, and the models that a diagnosis compares.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, final
+
+import numpy as np
+
+from models.core.typing import BoolArray
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES
+
+LAST = sys.maxsize
+"""Rank of a model behind all that have a number."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ContactModel:
+    """A published model of a ball that meets a cushion, or of two balls that meet."""
+
+    name: str
+    """Named after the paper, as users write it."""
+    parameters: tuple[str, ...]
+    """Names among `PARAMETER_NAMES` that the model reads."""
+    summary: str
+    """One sentence for help and documentation."""
+    reference: str
+    """Author, year, title and DOI."""
+    resolve: Callable[..., Any]
+    """Compiled; the signature is that of the folder, see `cushion_models.rebound` and `ball_models.collide`."""
+    is_candidate: bool = True
+    """Whether a diagnosis tries the model where a simulator has another one."""
+    rank: int = LAST
+    """Position among the models of the folder; models of equal rank are sorted by name."""
+
+    def __post_init__(self) -> None:
+        if unknown := set(self.parameters) - set(PARAMETER_NAMES):
+            raise ValueError(
+                f"contact model {self.name} reads {', '.join(sorted(unknown))}; "
+                f"the parameters are {', '.join(PARAMETER_NAMES)}"
+            )
+
+
+def collect_models(modules: Iterable[ModuleType]) -> tuple[ContactModel, ...]:
+    """Collect the models that modules define.
+
+    Args:
+        modules: Modules of a folder; those without a `MODEL` are skipped.
+
+    Returns:
+        The models by rank and name. The position of a model is its code in compiled functions.
+
+    Raises:
+        ValueError: Two models have the same name.
+    """
+    entries = (getattr(module, "MODEL", None) for module in modules)
+    models = sorted((one for one in entries if isinstance(one, ContactModel)), key=lambda one: (one.rank, one.name))
+    names = [model.name for model in models]
+    if len(set(names)) < len(names):
+        raise ValueError(f"the name of a contact model is unique; got {', '.join(names)}")
+    return tuple(models)
+
+
+def find_model(models: Iterable[ContactModel], name: str) -> ContactModel:
+    """Find a model by its name.
+
+    Args:
+        models: Models of one folder.
+        name: As users write it.
+
+    Returns:
+        The model.
+
+    Raises:
+        ValueError: No model has this name; the message lists the names.
+    """
+    by_name = {model.name: model for model in models}
+    if name not in by_name:
+        raise ValueError(f"a law is one of {', '.join(by_name)}; got {name!r}")
+    return by_name[name]
+
+
+def tabulate_parameters(models: Sequence[ContactModel]) -> BoolArray:
+    """Tabulate which model reads which parameter.
+
+    Args:
+        models: Models of one folder, by code.
+
+    Returns:
+        (len(models), P) True where the model reads the parameter of `PARAMETER_NAMES`.
+    """
+    return np.array([[name in model.parameters for name in PARAMETER_NAMES] for model in models])
+
+
+def compose_dispatch(
+    models: Sequence[ContactModel],
+    prepend_model: Callable[[int, Callable[..., Any], Any], Any],
+    ignore_code: Callable[[Callable[..., Any]], Any],
+) -> Any:
+    """Compose one compiled function that resolves a contact by any of several models.
+
+    Numba binds calls when it compiles, so the choice is a chain of closures, each of which compares the code with its
+    own and otherwise calls the next one. They are inlined and become plain conditions.
+
+    Args:
+        models: Models of one folder, by code.
+        prepend_model: Makes a closure of a code, `ContactModel.resolve` and the closure of all models behind it.
+        ignore_code: Makes a closure that calls `ContactModel.resolve` whatever the code.
+
+    Returns:
+        A compiled function of a model's code and the arguments of `ContactModel.resolve`. A code beyond the last model
+        stands for the last one.
+    """
+    *others, last = models
+    dispatch = ignore_code(last.resolve)
+    for code, model in reversed(tuple(enumerate(others))):
+        dispatch = prepend_model(code, model.resolve, dispatch)
+    return dispatch

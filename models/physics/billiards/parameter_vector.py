@@ -1,0 +1,85 @@
+"""Layout of the vector of physical parameters that the simulation engine reads, and its neutral values.
+
+The layout follows from the effects in `models.physics.effects`: their `slot` gives the order. Compiled code addresses
+an entry by one of the index constants below, or by an index that `parameter_index` returned when a module was imported.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.core.typing import FloatArray
+from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+
+GRAVITY = 9.81
+"""m/s^2."""
+
+ENGINE_EFFECTS = tuple(
+    sorted(
+        (effect for effect in BILLIARDS_EFFECTS if effect.is_in_engine), key=lambda effect: (effect.slot, effect.name)
+    )
+)
+"""Effects whose parameters the engine reads, in the order of its vector."""
+PARAMETER_NAMES: tuple[str, ...] = tuple(name for effect in ENGINE_EFFECTS for name in effect.parameter_names)
+"""Effect and parameter, such as `slope.slope_x`, in the order of the vector and in the units of the effects."""
+
+
+def parameter_index(name: str) -> int:
+    """Find the place of a parameter in the vector.
+
+    Args:
+        name: Effect and parameter, such as `slope.slope_x`.
+
+    Returns:
+        The index in `PARAMETER_NAMES`.
+    """
+    return PARAMETER_NAMES.index(name)
+
+
+SLIDING_MU = parameter_index("sliding_friction.mu")
+"""Coefficient of friction of a sliding ball on the cloth."""
+ROLLING_MU = parameter_index("rolling_resistance.mu")
+"""Deceleration of a rolling ball over gravity."""
+SPIN_DECAY = parameter_index("spin_decay.rate")
+"""rad/s^2, deceleration of side spin."""
+SLOPE_X = parameter_index("slope.slope_x")
+"""mm/m, positive where the surface falls towards +x."""
+SLOPE_Y = parameter_index("slope.slope_y")
+"""mm/m, positive where the surface falls towards +y."""
+AIR_DRAG = parameter_index("air_drag.k")
+"""1/m, deceleration over the square of the speed."""
+VISCOUS_DRAG = parameter_index("viscous_drag.k")
+"""1/s, deceleration over the speed."""
+NAP_MU = parameter_index("nap.mu")
+"""Part of rolling resistance that changes sign with the direction of travel along x."""
+CUSHION_E = parameter_index("cushion_restitution.e")
+"""Restitution of cushions at 1 m/s (for power 0: at speed 0)."""
+CUSHION_E_SLOPE = parameter_index("cushion_restitution_speed.slope")
+"""s/m, fall of that restitution with the normal speed."""
+CUSHION_E_POWER = parameter_index("cushion_restitution_power.power")
+"""Power of the normal speed (m/s) with which that restitution falls."""
+CUSHION_MU = parameter_index("cushion_friction.mu")
+"""Coefficient of friction between ball and cushion nose."""
+CUSHION_CLOTH_FACTOR = parameter_index("cushion_cloth.factor")
+"""Friction of the cloth under a ball that a nose presses down, over that of the free cloth."""
+BALL_E = parameter_index("ball_restitution.e")
+"""Restitution of two balls."""
+BALL_MU = parameter_index("ball_friction.mu")
+"""Coefficient of friction between two balls."""
+
+IS_CLOTH_PARAMETER = np.array([effect.site == "cloth" for effect in ENGINE_EFFECTS for _ in effect.parameters])
+"""(P,) True where a parameter acts on a ball alone on the cloth."""
+PATH_BENDING_PARAMETERS = tuple(
+    parameter_index(name) for effect in ENGINE_EFFECTS if effect.bends_path for name in effect.parameter_names
+)
+"""Indices of the parameters under which a path has no closed form; neither has its derivative by them where they are
+0."""
+
+
+def neutral_parameters() -> FloatArray:
+    """Return the vector (P,) without any effect: no friction, elastic contacts, a level table.
+
+    Returns:
+        (P,) a new array, in the order of `PARAMETER_NAMES`.
+    """
+    return np.array([value for effect in ENGINE_EFFECTS for value in effect.neutral])

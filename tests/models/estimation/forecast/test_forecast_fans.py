@@ -1,0 +1,105 @@
+"""Fans: their start times, and that the true path is within the fan."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from models.core.events import Events
+from models.core.scene import Camera, Scene, Table
+from models.core.tracks import Tracks
+from models.estimation.forecast.forecast_fans import MAX_FANS, MIN_FAN_SPACING, predict_fans, select_fan_times
+
+R = 0.028575
+TABLE = Table("pool-9ft", "pool", 2.54, 1.27, R, 0.17, False)
+SHOWN = np.arange(0, 3, 1 / 60)
+
+
+def events_at(*rows: tuple[str, float, float]) -> Events:
+    """Kinds, times and probabilities of the events of one ball."""
+    kinds, t, probability = (list(column) for column in zip(*rows, strict=True))
+    one = np.ones(len(t))
+    return Events(
+        tuple(kinds), np.array(t), 1e-3 * one, 60 * np.array(t), ("cue",) * len(t),
+        tuple("" if kind in ("strike", "rest") else "red" for kind in kinds), np.zeros((len(t), 2)),
+        np.array(probability), one, one, one,
+    )  # fmt: skip
+
+
+def test_fans_start_a_little_after_strikes_and_contacts_of_balls() -> None:
+    times = select_fan_times(events_at(("strike", 0.5, 1.0), ("cushion", 1.2, 1.0), ("ball", 2.0, 1.0)), SHOWN)
+    assert times == pytest.approx([0.7, 2.2], abs=1 / 60)
+
+
+def test_fans_start_before_the_next_event() -> None:
+    times = select_fan_times(events_at(("strike", 0.5, 1.0), ("ball", 0.6, 1.0)), SHOWN)
+    assert 0.5 < times[0] < 0.6
+
+
+def test_a_contact_without_frames_or_with_a_low_probability_gives_no_fan() -> None:
+    assert select_fan_times(events_at(("strike", 0.5, 1.0), ("ball", 0.51, 0.3)), SHOWN) == pytest.approx(
+        [0.7], abs=1 / 60
+    )
+    rapid_contacts = [("ball", 1.0 + 0.01 * k, 1.0) for k in range(12)]
+    assert select_fan_times(events_at(*rapid_contacts), SHOWN) == []
+
+
+def test_fans_are_few_and_apart() -> None:
+    times = select_fan_times(events_at(*[("ball", 0.3 * k + 0.05, 1.0) for k in range(1, 9)]), SHOWN)
+    assert 0 < len(times) <= MAX_FANS
+    assert np.diff(times).min() >= MIN_FAN_SPACING - 1e-9
+
+
+def rolling() -> tuple[Tracks, Scene]:
+    """A ball that rolls from 0.5 s on, at 1 m/s and slower by mu g; 60 fps, 0.3 mm of noise."""
+    t = SHOWN[SHOWN < 1.6]
+    xy = np.stack([0.3 + rolling_distance(t - 0.5), np.full_like(t, 0.6)], axis=-1)[:, None]
+    xy = xy + np.random.default_rng(4).normal(0, 3e-4, xy.shape)
+    sigma = np.full((len(t), 1), 3e-4)
+    tracks = Tracks(
+        np.arange(len(t)), t, ("cue",), ("cue",), xy, 350 * xy + 30, sigma, sigma, np.zeros_like(xy),
+        np.full((len(t), 1), 10.0), np.zeros((1, 3)),
+    )  # fmt: skip
+    matrix = np.array([[350.0, 0, 0, 30], [0, 350.0, 0, 30], [0, 0, 0, 1]])
+    camera = Camera(matrix, 950, 505, 350 * TABLE.corners + 30, np.eye(8), "noses", 3.0, 0.5)
+    return tracks, Scene(TABLE, camera, np.zeros(3), ())
+
+
+def rolling_distance(t: np.ndarray) -> np.ndarray:
+    """m that it goes in t (s)."""
+    return np.asarray(np.where(t < 0, 0.0, t - 0.5 * 0.01 * 9.81 * t**2))
+
+
+def test_the_true_path_is_within_the_fan_and_no_later_frame_is_used() -> None:
+    tracks, scene = rolling()
+    fan = predict_fans(tracks, scene, events_at(("strike", 0.5, 1.0))).fans[0]
+    ends = fan.members[:, -1, 0]
+    truth = 0.3 + float(rolling_distance(fan.times[-1:] - 0.5)[0])
+    assert abs(np.median(ends[:, 0]) - truth) < 3 * ends[:, 0].std() + 0.01
+    assert ends[:, 0].std() < 0.1
+    again = predict_fans(tracks.truncate_after(fan.t), scene, events_at(("strike", 0.5, 1.0))).fans[0]
+    np.testing.assert_array_equal(again.members, fan.members)
+
+
+@pytest.mark.parametrize("error", [ArithmeticError("too many contacts"), np.linalg.LinAlgError("singular")])
+def test_a_state_that_cannot_be_simulated_has_no_fan_and_stops_no_run(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("models.estimation.forecast.forecast_fans.sample_trajectories", refuse)
+    assert predict_fans(*rolling(), events_at(("strike", 0.5, 1.0))).fans == ()
+
+
+def test_a_ball_that_appears_just_then_causes_no_error() -> None:
+    tracks, scene = rolling()
+    glimpsed = np.full_like(tracks.xy, np.nan)
+    glimpsed[(tracks.t > 0.66) & (tracks.t < 0.7)] = [2.0, 0.3]
+    both = np.concatenate([tracks.xy, glimpsed], axis=1)
+    there = np.where(np.isfinite(both[..., 0]), 3e-4, np.nan)
+    more = Tracks(
+        tracks.frame, tracks.t, ("cue", "red"), ("cue", "red"), both, 350 * both + 30, there, there,
+        np.where(np.isfinite(both), 0.0, np.nan), np.where(np.isfinite(there), 10.0, np.nan), np.zeros((2, 3)),
+    )  # fmt: skip
+    assert len(predict_fans(more, scene, events_at(("strike", 0.5, 1.0))).fans) == 1

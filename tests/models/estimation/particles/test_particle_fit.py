@@ -1,0 +1,114 @@
+"""Particles with unknown physics: springs are recognised, irregular motion is left to curves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from models.core.typing import FloatArray
+from models.estimation.particles.body_names import group_by_name
+from models.estimation.particles.particle_fit import Particles, build_spline_fit, estimate_holdout_errors, fit_particles
+from models.estimation.particles.particle_prediction import (
+    build_extrapolation,
+    fit_error_growth,
+    forecast_particles,
+    measure_backtest_errors,
+)
+
+GRAVITY = np.array([0.0, 981.0])
+
+
+def free_flight(count: int = 31, noise: float = 0.0) -> Particles:
+    """One particle in free flight."""
+    t = np.arange(count) / 30
+    x = np.array([10.0, 300.0]) + t[:, None] * [120.0, -400.0] + 0.5 * GRAVITY * t[:, None] ** 2
+    return Particles(t, (x + noise * np.random.default_rng(3).standard_normal(x.shape))[:, None])
+
+
+def irregular_motion() -> Particles:
+    """Two particles without a simple law of motion."""
+    t = np.arange(41) / 20
+    chance = np.random.default_rng(5)
+    return Particles(t, np.cumsum(chance.standard_normal((41, 2, 2)), axis=0))
+
+
+def test_free_flight_is_recovered_between_samples() -> None:
+    particles = free_flight(noise=0.2)
+    result = fit_particles(particles)
+    t = particles.t[:-1] + 1 / 60
+    truth = np.array([10.0, 300.0]) + t[:, None] * [120.0, -400.0] + 0.5 * GRAVITY * t[:, None] ** 2
+    assert np.sqrt(np.mean((result.motion(t)[:, 0] - truth) ** 2)) < 0.2
+    assert result.kind == "free flight"
+    assert result.parameters["gravity y"] == pytest.approx(981, rel=0.02)
+
+
+def test_irregular_motion_is_fitted_by_a_curve_with_a_true_error() -> None:
+    particles = irregular_motion()
+    result = fit_particles(particles)
+    assert result.kind in ("linear", "cubic", "akima")
+    assert result.parameters == {}
+    assert np.all((result.sigma > 0.3) & (result.sigma < 3.0))
+
+
+def test_a_curve_passes_through_the_observed_samples() -> None:
+    particles = free_flight()
+    gaps = particles.x.copy()
+    gaps[5:8] = np.nan
+    motion, _ = build_spline_fit(3)(Particles(particles.t, gaps))
+    assert motion(particles.t) == pytest.approx(particles.x, abs=1e-6)
+
+
+def test_errors_between_samples_are_those_at_withheld_samples() -> None:
+    t = np.arange(21.0)
+    x = np.where(np.arange(21) % 2 == 1, 1.0, 0.0)[:, None, None] * np.ones((1, 1, 2))
+    assert estimate_holdout_errors(Particles(t, x), build_spline_fit(1)) == pytest.approx([1.0])
+
+
+def test_free_flight_is_predicted_as_falling_within_its_errors() -> None:
+    observed = free_flight(61, noise=0.2)
+    past = Particles(observed.t[:41], observed.x[:41])
+    result = forecast_particles(past, observed.t[41:])
+    off = np.sqrt(np.mean((result.x - observed.x[41:]) ** 2, axis=(1, 2)))
+    assert result.kind == "free flight"
+    assert np.all(off < 4 * np.hypot(result.sigma, 0.2))
+    assert np.all(np.diff(result.sigma) >= 0)
+
+
+def test_a_straight_motion_is_extrapolated_straight() -> None:
+    t = np.arange(20) / 10
+    x = (t[:, None] * [30.0, -10.0])[:, None]
+    motion, _ = build_extrapolation(1)(Particles(t, x))
+    assert motion(np.array([5.0]))[0, 0] == pytest.approx([150, -50])
+
+
+def test_errors_grow_with_the_observed_power() -> None:
+    leads = np.linspace(0.1, 1, 10)
+    growth = fit_error_growth(leads, 3 * leads**2, irregular_motion())
+    assert growth.power == pytest.approx(2.0)
+    assert growth.sigma_at(np.array([2.0]))[0] == pytest.approx(12.0, rel=0.01)
+
+
+def test_a_prediction_is_compared_with_withheld_samples() -> None:
+    particles = free_flight()
+    leads, errors = measure_backtest_errors(particles, build_extrapolation(2))
+    assert len(leads) == len(errors) > 5
+    assert errors.max() < 1e-6
+
+
+def test_names_group_only_points_with_constant_distances() -> None:
+    t = np.linspace(0, 1, 5)[:, None, None]
+    corners = np.array([[0.0, 0], [1, 0], [1, 1]])
+    rigid: FloatArray = corners + [5.0, 0.0] * t
+    loose: FloatArray = corners * (1 + t) + [0.0, 9.0]
+    x = np.concatenate([rigid, loose], axis=1)
+    names = ("box-a", "box-b", "box-c", "red-1", "red-2", "red-3")
+    result = group_by_name(names, x)
+    assert result is not None
+    assert result.tolist() == [0, 0, 0, 1, 2, 3]
+    assert group_by_name(("a", "b", "c", "d", "e", "f"), x) is None
+
+
+@pytest.mark.parametrize("rows", [3, 0])
+def test_too_few_samples_are_refused(rows: int) -> None:
+    with pytest.raises(ValueError, match="at least 4"):
+        Particles(np.arange(rows, dtype=float), np.zeros((rows, 2, 2)))

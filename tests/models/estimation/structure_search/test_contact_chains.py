@@ -1,0 +1,69 @@
+"""Contacts that follow from one within a frame are inserted with it."""
+
+from __future__ import annotations
+
+import numpy as np
+from support.contact_graphs import PRICES, list_contact_names, moving, refine_segments, resting
+from support.filmed_shots import DELAY, RADIUS, Filmed, film
+
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations
+from models.estimation.segmentation.contact_graph import Contact
+from models.estimation.structure_search.ball_encounters import SearchCache, total_cost
+from models.estimation.structure_search.contact_chains import complete_chains
+from models.estimation.structure_search.contact_removal import remove_false_contacts
+
+
+def onto_a_pair(seed: int, partner: int) -> tuple[Filmed, JointSolution, Observations]:
+    """Ball 0 runs into 1, which almost touches 2. In the graph, 0 meets ball `partner`, and the other one starts
+    without a cause.
+    """
+    pitch = 2 * RADIUS + 2e-4
+    x = np.array([[0.6, 0.6], [1.0, 0.6], [1.0 + pitch, 0.6]])
+    v = np.array([[1.5, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    rolling = np.array([[0.0, 1.5 / RADIUS, 0.0], np.zeros(3), np.zeros(3)])
+    shot = film(x, v, rolling, np.random.default_rng(seed), noise_px=0.5, seconds=2.0)
+    t = min(t for t, kind, _, _ in shot.contacts if kind == "ball")
+    other = 3 - partner
+    speeds = {1: (0.05, 0.0), 2: (1.3, 0.0)}
+    segments = [
+        resting(0, (0.6, 0.6), 0), moving(0, 0, 1, DELAY, (0.6, 0.6), (1.5, 0.0)),
+        moving(0, 1, None, t, (1.0 - 2 * RADIUS, 0.6), (0.03, 0.0)),
+        resting(partner, tuple(x[partner]), 1), moving(partner, 1, None, t, tuple(x[partner]), speeds[partner]),
+        resting(other, tuple(x[other]), 2), moving(other, 2, None, t + 1e-3, tuple(x[other]), speeds[other]),
+    ]  # fmt: skip
+    contacts = [
+        Contact("strike", DELAY, (0,), (1,)), Contact("ball", t, (1, 3), (2, 4)),
+        Contact("strike", t + 1e-3, (5,), (6,)),
+    ]  # fmt: skip
+    return shot, *refine_segments(shot, segments, contacts)
+
+
+def test_the_last_of_a_row_is_sent_off_by_the_one_before() -> None:
+    shot, solution, observations = onto_a_pair(1, 1)
+    result = complete_chains(solution, observations, shot.scene.table, PRICES, SearchCache())
+    assert list_contact_names(result) == [("strike", "0"), ("ball", "0", "1"), ("ball", "1", "2")]
+    assert total_cost(result, PRICES) < total_cost(solution, PRICES)
+
+
+def test_a_complete_chain_is_not_inserted_again() -> None:
+    shot, solution, observations = onto_a_pair(2, 1)
+    result = complete_chains(solution, observations, shot.scene.table, PRICES, SearchCache())
+    assert complete_chains(result, observations, shot.scene.table, PRICES, SearchCache()) is result
+
+
+def test_a_contact_with_the_wrong_ball_is_removed() -> None:
+    shot, solution, observations = onto_a_pair(3, 2)
+    result = remove_false_contacts(solution, observations, shot.scene.table, PRICES, SearchCache())
+    assert ("ball", "0", "2") in list_contact_names(solution)
+    assert ("ball", "0", "2") not in list_contact_names(result)
+    assert total_cost(result, PRICES) < total_cost(solution, PRICES)
+
+
+def test_a_right_contact_is_kept_and_not_tried_twice() -> None:
+    shot, solution, observations = onto_a_pair(4, 1)
+    result = complete_chains(solution, observations, shot.scene.table, PRICES, SearchCache())
+    cache = SearchCache()
+    assert remove_false_contacts(result, observations, shot.scene.table, PRICES, cache) is result
+    count = len(cache.required)
+    assert remove_false_contacts(result, observations, shot.scene.table, PRICES, cache) is result
+    assert len(cache.required) == count

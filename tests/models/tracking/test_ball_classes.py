@@ -1,0 +1,125 @@
+"""Ball classes from their colours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.core.detections import Detections
+from models.tracking.appearance import Appearance, summarize_appearance
+from models.tracking.ball_classes import SNOOKER_COLOURS, assign_ids, classify_balls
+
+
+def _uniform_appearance(colours: list[tuple[float, float, float]], white: list[float]) -> Appearance:
+    """Balls of one colour, as white at the rim as elsewhere."""
+    lab, share = np.array(colours, float), np.array(white, float)
+    value = (lab[:, 0] + 0.3 * np.hypot(lab[:, 1], lab[:, 2])) / 100
+    return Appearance(lab, share, share, share, value)
+
+
+def test_snooker_balls_are_classified_in_warm_and_dim_light() -> None:
+    kinds = [*SNOOKER_COLOURS, "red", "red"]
+    colours = np.array([SNOOKER_COLOURS[kind] for kind in kinds])
+    white = [0.95 if kind == "cue" else 0.05 for kind in kinds]
+    for light in ([1.0, 1.0, 1.0], [0.8, 0.9, 0.9], [1.05, 1.1, 1.0]):
+        tinted = colours * light + [0.0, 2.0, 6.0]
+        assert classify_balls(_uniform_appearance(list(map(tuple, tinted)), white), "snooker") == tuple(kinds)
+
+
+def test_brown_is_distinguished_from_reds_where_the_camera_makes_both_red() -> None:
+    rng = np.random.default_rng(0)
+    reds = np.array([51.0, 78, 62]) + rng.normal(0, 1.5, (8, 3))
+    appearance = _uniform_appearance([(97, -1, 10), *map(tuple, reds), (47, 65, 53)], [0.95] + [0.0] * 9)
+    assert classify_balls(appearance, "snooker") == ("cue", *["red"] * 8, "brown")
+    alone = _uniform_appearance([(97, -1, 10), *map(tuple, reds)], [0.95] + [0.0] * 8)
+    assert classify_balls(alone, "snooker") == ("cue", *["red"] * 8)
+
+
+def test_carom_balls_are_distinguished_from_each_other() -> None:
+    appearance = _uniform_appearance([(70, 5, 55), (42, 50, 30), (80, -2, 15)], [0.1, 0.0, 0.8])
+    assert classify_balls(appearance, "carom") == ("yellow", "red", "white")
+
+
+def test_two_carom_balls_get_their_own_names() -> None:
+    assert classify_balls(_uniform_appearance([(42, 50, 30), (80, -2, 15)], [0.0, 0.8]), "carom") == ("red", "white")
+
+
+def test_pool_has_one_cue_ball_one_eight_solids_and_stripes() -> None:
+    appearance = _uniform_appearance(
+        [(88, 0, 8), (15, 1, 2), (40, 55, 35), (60, 10, 45), (45, 10, -40)], [0.97, 0.08, 0.03, 0.45, 0.02]
+    )
+    assert classify_balls(appearance, "pool") == ("cue", "eight", "solid", "stripe", "solid")
+
+
+def test_a_struck_ball_that_is_pale_is_the_cue_ball_in_tinted_light() -> None:
+    colours = [(75, -16, 28), (63, -15, 23), (58, 16, 53), (11, -4, -10)]
+    appearance = _uniform_appearance(colours, [0.36, 0.36, 0.0, 0.0])
+    assert classify_balls(appearance, "pool") == ("stripe", "stripe", "solid", "eight")
+    assert classify_balls(appearance, "pool", struck_ball=0) == ("cue", "stripe", "solid", "eight")
+
+
+def test_a_coloured_ball_that_is_struck_is_no_cue_ball() -> None:
+    appearance = _uniform_appearance([(88, 0, 8), (40, 55, 35), (60, 10, 45)], [0.97, 0.03, 0.1])
+    assert classify_balls(appearance, "pool", struck_ball=1) == ("cue", "solid", "solid")
+
+
+def test_english_pool_has_reds_and_yellows() -> None:
+    appearance = _uniform_appearance(
+        [(88, 0, 8), (15, 1, 2), *[(40, 55, 35)] * 6, *[(75, 5, 65)] * 5], [0.97, 0.05, *[0.03] * 11]
+    )
+    assert classify_balls(appearance, "pool") == ("cue", "eight", *["red"] * 6, *["yellow"] * 5)
+
+
+def test_a_table_without_balls_has_no_names() -> None:
+    for game in ("pool", "snooker", "carom"):
+        assert classify_balls(Appearance(np.empty((0, 3)), *[np.empty(0)] * 4), game) == ()
+
+
+def test_the_spot_of_a_number_makes_no_stripe() -> None:
+    appearance = Appearance(
+        np.array([[88.0, 0, 8], [40, 55, 35], [40, 55, 35]]), np.array([0.95, 0.24, 0.24]), np.array([0.95, 0.3, 0.3]),
+        np.array([0.95, 0.05, 0.28]), np.array([0.9, 0.6, 0.6]),
+    )  # fmt: skip
+    assert classify_balls(appearance, "pool") == ("cue", "solid", "stripe")
+
+
+def test_the_eight_is_dark_in_every_channel_not_the_ball_of_least_lightness() -> None:
+    appearance = Appearance(
+        np.array([[82.0, -17, 14], [27, -14, 4], [24, -4, -14], [28, 2, 2]]), np.array([0.7, 0.19, 0.02, 0.09]),
+        np.array([0.7, 0.2, 0.2, 0.2]), np.array([0.57, 0.07, 0.02, 0.0]), np.array([0.8, 0.22, 0.34, 0.38]),
+    )  # fmt: skip
+    assert classify_balls(appearance, "pool") == ("cue", "eight", "solid", "solid")
+
+
+def test_an_occluded_ball_is_classified_where_it_is_unoccluded() -> None:
+    frame = np.repeat(np.arange(40), 2)
+    x = np.where(frame < 10, 200.0, 115.0)
+    x[::2] = 100.0
+    one, other = np.ones(80), (np.arange(80) % 2).astype(bool)
+    white = np.where(other, 0.95, np.where(frame < 10, 0.02, 0.5))
+    detections = Detections(
+        frame, np.column_stack([x, 50 * one]), 10 * one, np.zeros((80, 2)), np.tile([40.0, 50, 30], (80, 1)),
+        white, white, 0.5 * one, one, 0.3 * one, 0.3 * one,
+    )  # fmt: skip
+    appearance = summarize_appearance(
+        [np.array([40.0, 50, 30])] * 2, [np.flatnonzero(~other), np.flatnonzero(other)], detections
+    )
+    np.testing.assert_allclose(appearance.white, [0.02, 0.95])
+    np.testing.assert_allclose(appearance.white_high, [0.02, 0.95])
+
+
+def test_only_a_ball_that_rolls_can_show_the_white_of_a_stripe_now_and_then() -> None:
+    one, frame = np.ones(60), np.arange(60)
+    white = np.where(frame > 50, 0.6, 0.05)  # something pale before it, or its stripe
+    for way, high in ((0.0, 0.05), (2.0, 0.6)):
+        centre = np.column_stack([100 + way * frame, 50 * one])
+        detections = Detections(
+            frame, centre, 10 * one, np.zeros((60, 2)), np.tile([40.0, 50, 30], (60, 1)), white, white, 0.5 * one, one,
+            0.3 * one, 0.3 * one,
+        )  # fmt: skip
+        assert summarize_appearance([np.array([40.0, 50, 30])], [frame], detections).white_high == [high]
+
+
+def test_ids_count_from_the_left() -> None:
+    xy = np.array([[2.0, 0.5], [0.3, 0.9], [0.3, 0.2], [1.0, 1.0]])
+    assert assign_ids(("red", "red", "red", "cue"), xy) == ("red-3", "red-2", "red", "cue")
+    assert assign_ids(("solid", "stripe", "solid", "ball"), xy) == ("solid-2", "stripe-1", "solid-1", "ball-1")
