@@ -1,4 +1,4 @@
-"""The committed samples: what they promise, and that the pictures show what the truth says."""
+"""The committed sample clips: their size and composition, and that frames agree with the truth."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def truth_of(name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def pictures(name: str, folder: Path = SAMPLES) -> Iterator[tuple[float, np.ndarray]]:
-    """Presentation time and RGB of every picture."""
+def read_images(name: str, folder: Path = SAMPLES) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield presentation time and RGB image of every frame."""
     with av.open(str(folder / f"{name}.mp4")) as container:
         for frame in container.decode(video=0):
             yield float(frame.pts * frame.time_base), frame.to_ndarray(format="rgb24")
@@ -45,7 +45,7 @@ def test_there_are_six_clips_below_three_megabytes_and_half_of_them_are_foreign(
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_clip_has_the_pictures_and_times_of_its_truth(name: str) -> None:
+def test_the_clip_has_the_frames_and_times_of_its_truth(name: str) -> None:
     scene = scene_of(name)
     times = {int(row["frame"]): float(row["t"]) for row in truth_of(name)}
     with av.open(str(SAMPLES / f"{name}.mp4")) as container:
@@ -62,36 +62,36 @@ def test_moving_balls_are_seen_where_the_truth_has_them(name: str) -> None:
     wanted: dict[int, list[dict[str, str]]] = {}
     for row in truth_of(name):
         wanted.setdefault(int(row["frame"]), []).append(row)
-    shown = {frame: picture for frame, (_, picture) in enumerate(pictures(name)) if frame % 5 == 0}
+    shown = {frame: image for frame, (_, image) in enumerate(read_images(name)) if frame % 5 == 0}
     plate = np.median(np.stack(list(shown.values())[::2]), axis=0)
     errors = []
     for frame in list(shown)[4:-1]:
         before = {row["id"]: row for row in wanted[frame - 1]}
         for row in wanted[frame]:
             speed = np.hypot(*(float(row[k]) - float(before[row["id"]][k]) for k in ("x_px", "y_px")))
-            if speed > 2 and row["visible"] == "1" and alone(row, wanted[frame]):
+            if speed > 2 and row["visible"] == "1" and is_isolated(row, wanted[frame]):
                 errors.append(offset(shown[frame], plate, row))
-    found = np.array([error for error in errors if error is not None])
-    assert len(found) >= 8
-    assert len(found) >= 0.6 * len(errors)
-    # a coarse look through compression: what moved, without what only got darker, which on grey cloth is the lower rim
+    offsets = np.array([error for error in errors if error is not None])
+    assert len(offsets) >= 8
+    assert len(offsets) >= 0.6 * len(errors)
+    # coarse under compression: changed pixels without those that only got darker (on grey cloth the lower rim)
     radius = np.mean([float(row["radius_px"]) for row in wanted[0]])
-    assert np.all(np.abs(np.median(found, axis=0)) < 0.15 * radius)
+    assert np.all(np.abs(np.median(offsets, axis=0)) < 0.15 * radius)
 
 
-def alone(row: dict[str, str], others: list[dict[str, str]]) -> bool:
-    """Whether no other ball is near in the picture."""
+def is_isolated(row: dict[str, str], others: list[dict[str, str]]) -> bool:
+    """Check that no other ball is near in the image."""
     place = np.array([float(row["x_px"]), float(row["y_px"])])
     away = [np.linalg.norm(place - (float(o["x_px"]), float(o["y_px"]))) for o in others if o["id"] != row["id"]]
     return min(away) > 5 * float(row["radius_px"])
 
 
-def offset(picture: np.ndarray, plate: np.ndarray, row: dict[str, str]) -> np.ndarray | None:
-    """px from the truth to the middle of what differs from the plate by more than a shadow; None if nothing does."""
+def offset(image: np.ndarray, plate: np.ndarray, row: dict[str, str]) -> np.ndarray | None:
+    """Return the offset (px) from the truth to the centre of the pixels that differ from the plate beyond a shadow."""
     x, y, reach = float(row["x_px"]), float(row["y_px"]), round(3 * float(row["radius_px"]))
     left, top = max(round(x) - reach, 0), max(round(y) - reach, 0)
     window = (slice(top, round(y) + reach + 1), slice(left, round(x) + reach + 1))
-    now, still = picture[window].astype(float), plate[window].astype(float)
+    now, still = image[window].astype(float), plate[window].astype(float)
     dimmed = np.minimum((now * still).sum(axis=2) / np.maximum((still**2).sum(axis=2), 1), 1)[..., None] * still
     differs = (np.abs(now - dimmed).max(axis=2) > 28).astype(np.uint8)
     count, _, stats, centres = cv2.connectedComponentsWithStats(
@@ -120,10 +120,10 @@ def test_events_happen_where_the_balls_are(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_script_makes_the_committed_clip_again(tmp_path: Path) -> None:
+def test_the_script_reproduces_the_committed_clip(tmp_path: Path) -> None:
     name = "carom_match"
     command = [sys.executable, str(SAMPLES / "make.py"), "--only", name, "--out", str(tmp_path)]
     subprocess.run(command, check=True, capture_output=True)
     assert (tmp_path / f"{name}.truth.csv").read_bytes() == (SAMPLES / f"{name}.truth.csv").read_bytes()
-    for (_, ours), (_, again) in zip(pictures(name), pictures(name, tmp_path), strict=True):
+    for (_, ours), (_, again) in zip(read_images(name), read_images(name, tmp_path), strict=True):
         assert np.abs(ours.astype(int) - again).mean() < 1.0

@@ -1,1 +1,1 @@
-"""The table in the frame: its region, edges, cushion noses and type, and the camera that sees it."""
+"""Table localisation, camera calibration, segmentation of recordings into shots; balls are detected in `detectors`."""

@@ -1,4 +1,4 @@
-"""A first look at what lies on the cloth: how large are the balls against the table."""
+"""Ball radius relative to the table, measured in images before the size of the table is known."""
 
 from __future__ import annotations
 
@@ -10,102 +10,119 @@ from numpy.typing import NDArray
 
 from models.core.scene import Camera, Table
 from models.core.typing import FloatArray, ImageArray
-from video.calibration.cloth_region import cloth_likeness, local_cloth
+from video.calibration.cloth_region import compare_with_cloth, estimate_local_cloth_colour
 
-PROBE_WIDTH = 960
-"""px: balls are measured in pictures of at most this width."""
-ROUNDNESS = 0.75
-"""Least 4 pi area / perimeter^2 of a blob's hull for a ball."""
-WHOLE = 0.6
-"""Share of directions in which a ball's edge must lie on its circle."""
-EDGE_DOUBT = 0.6
-"""px by which a ball's steepest edge may differ from its rim: shading, stripes, blur."""
-SHARES = (0.005, 0.025)
-"""Radii over table length that a ball may have: 0.0073 on a 12 ft snooker table, 0.0156 on a small pool table."""
+PROBE_WIDTH_PX = 960
+"""px: balls are measured in images of at most this width."""
+MIN_ROUNDNESS = 0.75
+"""Smallest 4 pi area / perimeter^2 of a blob's hull for a ball."""
+MIN_RIM_SHARE = 0.6
+"""Smallest share of directions in which a ball's edge must lie on its circle."""
+EDGE_SIGMA_PX = 0.6
+"""px, standard deviation between a ball's steepest edge and its rim: shading, stripes, blur."""
+RADIUS_RATIO_RANGE = (0.005, 0.025)
+"""Range of ball radius over table length: 0.0073 on a 12 ft snooker table, 0.0156 on a small pool table."""
 
 
 @dataclass(frozen=True, slots=True)
 class BallSizes:
-    """Round things on the cloth, measured in shares of the table's length."""
+    """Measured radius of the round objects on the cloth, relative to the length of the table."""
 
-    share: float
-    """Their typical radius over the table's length; NaN where none was seen."""
+    radius_ratio: float
+    """Their typical radius over the length of the table; NaN where none was measured."""
     sigma: float
-    """Its standard deviation."""
+    """Standard deviation of the ratio."""
     count: int
-    """Round things measured, all pictures together."""
+    """Number of objects in the typical group, over all images."""
 
 
-def ball_sizes(pictures: list[ImageArray], background: ImageArray, camera: Camera, table: Table) -> BallSizes:
-    """Radii of round things that lie inside the noses and are not of the cloth's colour.
+def measure_ball_sizes(images: list[ImageArray], background: ImageArray, camera: Camera, table: Table) -> BallSizes:
+    """Measure the radii of round objects that lie inside the noses and differ from the cloth in colour.
 
-    `background` is the table without what moves; `camera` is calibrated for `table`, of which only the shape counts.
+    Args:
+        images: frames of the clip, each (H, W, 3) RGB.
+        background: (H, W, 3) the table without moving objects.
+        camera: calibrated for `table`.
+        table: any table of the right shape; its absolute size does not matter.
+
+    Returns:
+        The typical radius relative to the length of the table.
     """
-    scale = min(1.0, PROBE_WIDTH / camera.width_px)
-    cloth = local_cloth(background, round(camera.width_px * scale), round(camera.height_px * scale))
-    seen = [ball for picture in pictures for ball in _round_blobs(picture, camera, table, cloth)]
-    if not seen:
+    scale = min(1.0, PROBE_WIDTH_PX / camera.width_px)
+    cloth = estimate_local_cloth_colour(background, round(camera.width_px * scale), round(camera.height_px * scale))
+    blobs = [ball for image in images for ball in _measure_round_blobs(image, camera, table, cloth)]
+    if not blobs:
         return BallSizes(float("nan"), float("nan"), 0)
-    shares, radii = np.array(seen).T
-    # Balls are the largest group of equal size; shadows, marks and heads make stragglers.
-    votes = np.array([np.sum(np.abs(np.log(shares / share)) < 0.08) for share in shares])
-    group = np.abs(np.log(shares / shares[int(np.argmax(votes))])) < 0.08
+    ratios, radii = np.array(blobs).T
+    # Balls form the largest group of equal size; shadows, marks and heads are outliers.
+    votes = np.array([np.sum(np.abs(np.log(ratios / ratio)) < 0.08) for ratio in ratios])
+    group = np.abs(np.log(ratios / ratios[int(np.argmax(votes))])) < 0.08
     count = int(group.sum())
-    share = float(np.median(shares[group]))
-    doubt = np.hypot(EDGE_DOUBT / float(np.median(radii[group])), 0.12 / count)
-    return BallSizes(share, share * float(doubt), count)
+    ratio = float(np.median(ratios[group]))
+    relative_sigma = np.hypot(EDGE_SIGMA_PX / float(np.median(radii[group])), 0.12 / count)
+    return BallSizes(ratio, ratio * float(relative_sigma), count)
 
 
-def _round_blobs(picture: ImageArray, camera: Camera, table: Table, cloth: FloatArray) -> list[tuple[float, float]]:
-    """Radii of balls in a picture, in shares of the table's length and in px."""
+def _measure_round_blobs(
+    image: ImageArray, camera: Camera, table: Table, cloth: FloatArray
+) -> list[tuple[float, float]]:
+    """Measure the balls of an image: radii relative to the length of the table, and in px."""
     size = (cloth.shape[1], cloth.shape[0])
-    scale = size[0] / picture.shape[1]
-    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    angle, shade = cloth_likeness(small, cloth)
-    strange = ((angle > 0.18) | (shade < 0.45) | (shade > 1.45)).astype(np.uint8)
+    scale = size[0] / image.shape[1]
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    angle, shade = compare_with_cloth(small, cloth)
+    foreign = ((angle > 0.18) | (shade < 0.45) | (shade > 1.45)).astype(np.uint8)
     corners = (camera.corners_px + 0.5) * scale - 0.5
-    inside = np.zeros_like(strange)
+    inside = np.zeros_like(foreign)
     cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
     # Lines on the cloth and cue tips that touch a ball are thinner than half of the smallest ball.
-    thin = max(3, round(0.6 * SHARES[0] * float(np.ptp(corners[:, 0]))))
-    strange = cv2.morphologyEx(
-        strange * inside, cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (thin, thin))
+    thin = max(3, round(0.6 * RADIUS_RATIO_RANGE[0] * float(np.ptp(corners[:, 0]))))
+    foreign = cv2.morphologyEx(
+        foreign * inside, cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (thin, thin))
     )
-    contours, _ = cv2.findContours(strange, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    balls = []
-    unit, margin = table.ball_radius, 1.5 * table.ball_radius
+    contours, _ = cv2.findContours(foreign, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    measured = []
+    unit_radius, margin = table.ball_radius, 1.5 * table.ball_radius
     for contour in contours:
-        rough = _rough_circle(contour, scale)
-        circle = None if rough is None else fit_circle(picture, *rough)
+        estimate = _approximate_circle(contour, scale)
+        circle = None if estimate is None else fit_circle(image, *estimate)
         if circle is None:
             continue
         centre, radius = circle
-        place = camera.to_table(centre, unit)
-        # Balls on a cushion and things in pockets are cut off: measure those that lie free.
+        place = camera.to_table(centre, unit_radius)
+        # Balls at a cushion and objects in pockets are partly hidden: measure only free ones.
         if not (margin < place[0] < table.length - margin and margin < place[1] < table.width - margin):
             continue
-        share = radius / float(camera.radius_px(place, unit)) * unit / table.length
-        if SHARES[0] < share < SHARES[1]:
-            balls.append((share, radius))
-    return balls
+        ratio = radius / float(camera.radius_px(place, unit_radius)) * unit_radius / table.length
+        if RADIUS_RATIO_RANGE[0] < ratio < RADIUS_RATIO_RANGE[1]:
+            measured.append((ratio, radius))
+    return measured
 
 
-def _rough_circle(contour: NDArray[np.int32], scale: float) -> tuple[FloatArray, float] | None:
-    """Centre and radius in px of the original picture of a blob that is about round and whole."""
+def _approximate_circle(contour: NDArray[np.int32], scale: float) -> tuple[FloatArray, float] | None:
+    """Return centre and radius (px of the original image) of a blob that is about round and complete, else None."""
     hull = cv2.convexHull(contour)
     area, perimeter = float(cv2.contourArea(hull)), float(cv2.arcLength(hull, True))
-    if area < 12 or 4 * np.pi * area / perimeter**2 < ROUNDNESS or cv2.contourArea(contour) < 0.8 * area:
+    if area < 12 or 4 * np.pi * area / perimeter**2 < MIN_ROUNDNESS or cv2.contourArea(contour) < 0.8 * area:
         return None
     moments = cv2.moments(hull)
     centre = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
-    # A contour runs through the centres of the outermost pixels: half a pixel is missing all round.
+    # A contour runs through the centres of the outermost pixels: half a pixel is missing on every side.
     return (centre + 0.5) / scale - 0.5, (np.sqrt(area / np.pi) + 0.5) / scale
 
 
-def fit_circle(picture: ImageArray, centre: FloatArray, radius: float) -> tuple[FloatArray, float] | None:
-    """The circle along which the picture changes most steeply, near a rough one; None if there is no whole circle.
+def fit_circle(image: ImageArray, centre: FloatArray, radius: float) -> tuple[FloatArray, float] | None:
+    """Fit the circle along which the image changes most steeply, near a rough one.
 
-    The steepest place of an edge does not move with a threshold, and the median over directions forgives a shadow.
+    The steepest position of an edge does not depend on a threshold, and the median over directions tolerates a shadow.
+
+    Args:
+        image: (H, W, 3) RGB.
+        centre: (2,) px, rough centre.
+        radius: px, rough radius.
+
+    Returns:
+        Centre (2,) and radius in px; None where no complete circle is found.
     """
     angles = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     rays = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -113,22 +130,22 @@ def fit_circle(picture: ImageArray, centre: FloatArray, radius: float) -> tuple[
         radii = np.arange(0.5 * radius, 1.35 * radius + 1.5, 0.25)
         places = centre + radii[None, :, None] * rays[:, None]
         maps = places.astype(np.float32)
-        colours = cv2.remap(picture, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        colours = cv2.remap(image, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         lab = cv2.cvtColor(colours.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
         smooth = cv2.GaussianBlur(lab, (0, 0), sigmaX=3.0, sigmaY=0.01)
         steep = np.linalg.norm(np.gradient(smooth, axis=1), axis=2)
-        edge = radii[_outermost_edge(steep)]
+        edge = radii[_find_outermost_edges(steep)]
         points = centre + edge[:, None] * rays
-        fitted = _circle_through(points)
+        fitted = _fit_robust_circle(points)
         if fitted is None or not 0.5 * radius < fitted[1] < 1.5 * radius:
             return None
         centre, radius = fitted
     off = np.abs(np.linalg.norm(points - centre, axis=1) - radius)
-    return (centre, radius) if np.mean(off < 0.1 * radius + 0.3) > WHOLE else None
+    return (centre, radius) if np.mean(off < 0.1 * radius + 0.3) > MIN_RIM_SHARE else None
 
 
-def _outermost_edge(steep: FloatArray) -> NDArray[np.int64]:
-    """Index of the outermost steep place on each ray (A, R): stripes, highlights and shaded limbs lie further in."""
+def _find_outermost_edges(steep: FloatArray) -> NDArray[np.int64]:
+    """Find the outermost steep position on each ray (A, R): stripes, highlights and shading lie further in."""
     strong = steep > 0.75 * steep.max(axis=1, keepdims=True)
     peak = np.zeros_like(strong)
     peak[:, 1:-1] = strong[:, 1:-1] & (steep[:, 1:-1] >= steep[:, :-2]) & (steep[:, 1:-1] >= steep[:, 2:])
@@ -136,8 +153,8 @@ def _outermost_edge(steep: FloatArray) -> NDArray[np.int64]:
     return np.asarray(np.where(peak.any(axis=1), last, np.argmax(steep, axis=1)), np.int64)
 
 
-def _circle_through(points: FloatArray) -> tuple[FloatArray, float] | None:
-    """Centre and radius of the circle through most of the points (P, 2)."""
+def _fit_robust_circle(points: FloatArray) -> tuple[FloatArray, float] | None:
+    """Fit centre and radius of the circle through most of the points (P, 2)."""
     weight = np.ones(len(points))
     centre, radius = points.mean(axis=0), 1.0
     for _ in range(8):

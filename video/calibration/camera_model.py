@@ -1,4 +1,4 @@
-"""From four corners to a pinhole camera: focal length, orientation, height, and how sure of each."""
+"""Pinhole camera from four corners: focal length, orientation and height, each with its uncertainty."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from models.core.scene import NOSE_HEIGHT_RADII, Camera, Table
 from models.core.typing import FloatArray
 
-FOCAL_PRIOR = 0.8
-"""Focal length in picture widths where the perspective does not tell: a horizontal field of view of 64 degrees."""
+FOCAL_PRIOR_WIDTHS = 0.8
+"""Prior mean of the focal length, in image widths: a horizontal field of view of 64 degrees."""
 FOCAL_PRIOR_SIGMA = 0.35
-"""One standard deviation of its logarithm: 48 to 83 degrees, broadcast cameras to phones."""
+"""Prior standard deviation of the logarithm of the focal length: 48 to 83 degrees, broadcast cameras to phones."""
 ASPECT_SIGMA = 0.01
-"""Standard deviation of the logarithm of length over width: tables are built 2:1, preset by preset within 1 %."""
+"""Standard deviation of the logarithm of length over width: tables are built 2:1, all presets within 1 %."""
 SQUARE_SIGMA = 0.004
 """Standard deviation of the cosine between the sides."""
 
 
 @dataclass(frozen=True, slots=True)
-class View:
-    """How well a rectangle of a known shape explains four corners."""
+class PerspectiveFit:
+    """Focal length with which a rectangle of known shape explains four corners, and the quality of the fit."""
 
     focal: float
     """px"""
@@ -30,16 +30,16 @@ class View:
     aspect: float
     """Length over width at that focal length."""
     misfit: float
-    """Squared standard deviations by which shape and prior are missed."""
+    """Deviation from shape and prior, in squared standard deviations."""
 
 
-def square_to_quad(corners: FloatArray) -> FloatArray:
-    """Homography (3, 3) from the unit square (u right, v down) to four corners (4, 2), clockwise from the origin."""
+def homography_from_unit_square(corners: FloatArray) -> FloatArray:
+    """Return the homography (3, 3) from the unit square (u right, v down) to corners (4, 2), clockwise from (0, 0)."""
     return homography_between(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), corners)
 
 
 def homography_between(source: FloatArray, target: FloatArray) -> FloatArray:
-    """The homography (3, 3) that takes four points (4, 2) exactly to four others."""
+    """Return the homography (3, 3) that maps four points (4, 2) exactly to four others."""
     rows = []
     for (x, y), (u, v) in zip(source, target, strict=True):
         rows.append([x, y, 1, 0, 0, 0, -u * x, -u * y])
@@ -48,25 +48,40 @@ def homography_between(source: FloatArray, target: FloatArray) -> FloatArray:
     return np.append(solution, 1.0).reshape(3, 3)
 
 
-def best_view(corners: FloatArray, width_px: int, height_px: int, aspect: float, corner_sigma: float) -> View:
-    """The focal length with which corners (4, 2) look most like a rectangle of `aspect` (first side over second)."""
+def fit_perspective(
+    corners: FloatArray, width_px: int, height_px: int, aspect: float, corner_sigma: float
+) -> PerspectiveFit:
+    """Fit the focal length with which four corners look most like a rectangle.
+
+    Args:
+        corners: (4, 2) px.
+        width_px: width of the image.
+        height_px: height of the image.
+        aspect: length of the first side over the second.
+        corner_sigma: px, standard deviation of the corners.
+
+    Returns:
+        The posterior mean of the focal length, and the misfit of the best one.
+    """
     focals = width_px * np.exp(np.linspace(np.log(0.35), np.log(8.0), 240))
-    cosine, ratio = _shape(corners, width_px, height_px, focals)
-    cosine_sigma, ratio_sigma = _shape_sigma(corners, width_px, height_px, focals, corner_sigma)
+    cosine, ratio = _evaluate_shape(corners, width_px, height_px, focals)
+    cosine_sigma, ratio_sigma = _estimate_shape_sigma(corners, width_px, height_px, focals, corner_sigma)
     cost = cosine**2 / (SQUARE_SIGMA**2 + cosine_sigma**2)
     cost += np.log(ratio / aspect) ** 2 / (ASPECT_SIGMA**2 + ratio_sigma**2)
-    cost += (np.log(focals / (FOCAL_PRIOR * width_px)) / FOCAL_PRIOR_SIGMA) ** 2
+    cost += (np.log(focals / (FOCAL_PRIOR_WIDTHS * width_px)) / FOCAL_PRIOR_SIGMA) ** 2
     weight = np.exp(-0.5 * (cost - cost.min()))
     weight /= weight.sum()
     mean = float(weight @ np.log(focals))
     sigma = float(np.sqrt(weight @ (np.log(focals) - mean) ** 2))
     best = int(np.argmin(cost))
-    return View(float(np.exp(mean)), sigma, float(ratio[best]), float(cost[best]))
+    return PerspectiveFit(float(np.exp(mean)), sigma, float(ratio[best]), float(cost[best]))
 
 
-def _shape(corners: FloatArray, width_px: int, height_px: int, focals: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cosine between the two sides, and the ratio of their lengths, for each focal length."""
-    h = square_to_quad(corners)
+def _evaluate_shape(
+    corners: FloatArray, width_px: int, height_px: int, focals: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the cosine between the two sides, and the ratio of their lengths, for each focal length."""
+    h = homography_from_unit_square(corners)
     centre = np.array([(width_px - 1) / 2, (height_px - 1) / 2])
     first, second = h[:, 0].copy(), h[:, 1].copy()
     first[:2] -= centre * first[2]
@@ -77,58 +92,86 @@ def _shape(corners: FloatArray, width_px: int, height_px: int, focals: FloatArra
     return np.sum(a * b, axis=1) / (length_a * length_b), length_a / length_b
 
 
-def _shape_sigma(
+def _estimate_shape_sigma(
     corners: FloatArray, width_px: int, height_px: int, focals: FloatArray, corner_sigma: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Standard deviations of the cosine and of the logarithm of the ratio from that of the corners (px)."""
-    cosine, ratio = _shape(corners, width_px, height_px, focals)
+    """Propagate the corner standard deviation (px) to the cosine and the logarithm of the ratio."""
+    cosine, ratio = _evaluate_shape(corners, width_px, height_px, focals)
     cosine_variance, ratio_variance = np.zeros_like(cosine), np.zeros_like(ratio)
     for i in range(4):
         for axis in range(2):
             moved = corners.copy()
             moved[i, axis] += 0.5
-            other_cosine, other_ratio = _shape(moved, width_px, height_px, focals)
+            other_cosine, other_ratio = _evaluate_shape(moved, width_px, height_px, focals)
             cosine_variance += (2 * corner_sigma * (other_cosine - cosine)) ** 2
             ratio_variance += (2 * corner_sigma * np.log(other_ratio / ratio)) ** 2
     return np.sqrt(cosine_variance), np.sqrt(ratio_variance)
 
 
-def orient(corners: FloatArray, width_px: int, height_px: int, corner_sigma: float) -> tuple[FloatArray, View]:
-    """Corners (4, 2), clockwise in the picture, in the order of `Table.corners`, and the view of them.
+def orient_corners(
+    corners: FloatArray, width_px: int, height_px: int, corner_sigma: float
+) -> tuple[FloatArray, PerspectiveFit]:
+    """Order corners like `Table.corners`, and fit the perspective.
 
-    The longer side runs to the right of the picture, or down where it stands within 45 degrees of vertical.
+    The longer side runs to the right in the image, or down where it is within 45 degrees of vertical.
+
+    Args:
+        corners: (4, 2) px, clockwise in the image.
+        width_px: width of the image.
+        height_px: height of the image.
+        corner_sigma: px, standard deviation of the corners.
+
+    Returns:
+        The ordered corners (4, 2), and their perspective.
     """
-    views = [best_view(np.roll(corners, -k, axis=0), width_px, height_px, 2.0, corner_sigma) for k in (0, 1)]
-    first = 0 if views[0].misfit <= views[1].misfit else 1
+    fits = [fit_perspective(np.roll(corners, -k, axis=0), width_px, height_px, 2.0, corner_sigma) for k in (0, 1)]
+    first = 0 if fits[0].misfit <= fits[1].misfit else 1
     ordered = np.roll(corners, -first, axis=0)
-    # x runs from corner 0 to 1; both long sides together give its direction in the picture.
+    # x runs from corner 0 to 1; the sum of both long sides gives its direction in the image.
     along = (ordered[1] - ordered[0]) + (ordered[2] - ordered[3])
-    backwards = along[0] < 0 if abs(along[0]) > abs(along[1]) else along[1] < 0
-    return (np.roll(ordered, -2, axis=0) if backwards else ordered), views[first]
+    is_reversed = along[0] < 0 if abs(along[0]) > abs(along[1]) else along[1] < 0
+    return (np.roll(ordered, -2, axis=0) if is_reversed else ordered), fits[first]
 
 
-def eye_over(homography: FloatArray, focal: float, width_px: int, height_px: int) -> FloatArray:
-    """Where the camera stands (3,) over a plane that `homography` (3, 3) takes to pixels; the last is its height."""
+def estimate_camera_position(homography: FloatArray, focal: float, width_px: int, height_px: int) -> FloatArray:
+    """Estimate the camera position (3,), height last, over a plane that `homography` (3, 3) maps to pixels."""
     k = np.array([[focal, 0, (width_px - 1) / 2], [0, focal, (height_px - 1) / 2], [0, 0, 1.0]])
     rays = np.linalg.solve(k, homography)
     rays /= np.sqrt(np.linalg.norm(rays[:, 0]) * np.linalg.norm(rays[:, 1]))
     across = np.cross(rays[:, 0], rays[:, 1])
     across /= np.linalg.norm(across)
-    eye = np.linalg.solve(np.column_stack([rays[:, 0], rays[:, 1], across]), -rays[:, 2])
-    return np.array([eye[0], eye[1], abs(eye[2])])
+    position = np.linalg.solve(np.column_stack([rays[:, 0], rays[:, 1], across]), -rays[:, 2])
+    return np.array([position[0], position[1], abs(position[2])])
 
 
-def camera_from_corners(
-    corners: FloatArray, covariance: FloatArray, table: Table, view: View, width_px: int, height_px: int
+def build_camera(
+    corners: FloatArray,
+    covariance: FloatArray,
+    table: Table,
+    perspective: PerspectiveFit,
+    width_px: int,
+    height_px: int,
 ) -> Camera:
-    """The camera that sees the nose rectangle of `table` at corners (4, 2) px and has the view's focal length."""
+    """Build the camera that maps the nose rectangle of a table to given corners.
+
+    Args:
+        corners: (4, 2) px, in the order of `Table.corners`.
+        covariance: (8, 8) px^2 of the corners.
+        table: the table.
+        perspective: focal length and its uncertainty.
+        width_px: width of the image.
+        height_px: height of the image.
+
+    Returns:
+        The calibrated camera.
+    """
     nose_height = NOSE_HEIGHT_RADII * table.ball_radius
     h = homography_between(table.corners, corners)
-    k = np.array([[view.focal, 0, (width_px - 1) / 2], [0, view.focal, (height_px - 1) / 2], [0, 0, 1.0]])
+    k = np.array([[perspective.focal, 0, (width_px - 1) / 2], [0, perspective.focal, (height_px - 1) / 2], [0, 0, 1.0]])
     rays = np.linalg.solve(k, h)
     scale = np.sqrt(np.linalg.norm(rays[:, 0]) * np.linalg.norm(rays[:, 1]))
-    up = -np.cross(rays[:, 0], rays[:, 1])  # x right, y down in the picture: up is towards the viewer
+    up = -np.cross(rays[:, 0], rays[:, 1])  # x right, y down in the image: up is towards the viewer
     vertical = k @ (up / np.linalg.norm(up) * scale)
     matrix = np.column_stack([h[:, 0], h[:, 1], vertical, h[:, 2] - nose_height * vertical])
     height = float(np.linalg.solve(matrix[:, :3], -matrix[:, 3])[2])
-    return Camera(matrix, width_px, height_px, corners, covariance, "noses", height, height * view.focal_sigma)
+    return Camera(matrix, width_px, height_px, corners, covariance, "noses", height, height * perspective.focal_sigma)

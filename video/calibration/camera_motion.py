@@ -1,4 +1,4 @@
-"""A camera that moves: where the table of a reference picture is in every other picture."""
+"""Motion of the camera: homographies from a reference image to every frame."""
 
 from __future__ import annotations
 
@@ -13,169 +13,206 @@ from models.core.scene import apply_homography
 from models.core.typing import ByteArray, FloatArray
 from video.calibration.camera_model import homography_between
 
-TRACK_WIDTH = 640
-"""px: pictures are registered at about this width."""
-RAIL = (-0.012, 0.075)
-"""Ring in which features are taken, in table lengths outside the noses: cushions, pockets, wood, diamonds."""
-FEATURES = 240
-"""At most this many corners are followed."""
-LEAST_INLIERS = 12
-"""Fewer features that agree do not fix a homography."""
-STILL = 0.8
-"""px of the original picture by which features may seem to move while the camera stands: noise, coding, heat."""
-LEAST_SHARE = 0.4
-"""Share of the followed features that must agree, or the picture shows something else."""
-SMOOTHING = 5
-"""Pictures over which a moving camera is smoothed."""
+REGISTRATION_WIDTH_PX = 640
+"""px: images are registered at about this width."""
+RAIL_RANGE = (-0.012, 0.075)
+"""Ring that contains the features, in table lengths outside the noses: cushions, pockets, wood, diamonds."""
+MAX_FEATURES = 240
+"""Largest number of tracked corner features."""
+MIN_INLIERS = 12
+"""Smallest number of features that must agree on a homography."""
+MAX_STILL_SHIFT_PX = 0.8
+"""px of the original image by which features may appear to move for a fixed camera: noise, coding, heat."""
+MIN_INLIER_SHARE = 0.4
+"""Smallest share of the tracked features that must agree; below it the image shows something else."""
+SMOOTHING_FRAMES = 5
+"""Frames over which the motion of a camera is smoothed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
-    """A picture with features on its rails; pictures are reduced by `scale`."""
+class ReferenceFeatures:
+    """An image and the features on its rails; images are reduced by `scale`."""
 
     grey: ByteArray
     points: NDArray[np.float32]
-    """(N, 1, 2) px of the reduced picture"""
+    """(N, 1, 2) px of the reduced image"""
     corners: FloatArray
-    """(4, 2) px of the original picture"""
+    """(4, 2) px of the original image, corners of the noses"""
     scale: float
 
 
 @dataclass(frozen=True, slots=True)
 class Registration:
-    """How a picture lies against the reference."""
+    """How an image is aligned with the reference."""
 
     homography: FloatArray
-    """(3, 3) reference pixels to the picture's"""
+    """(3, 3) reference pixels to pixels of the image"""
     inliers: int
-    """Features that agree on it"""
+    """Number of features that agree on it"""
     share: float
-    """Their share of those that could be followed"""
+    """Their share of the tracked features"""
     residual: float
-    """px, median miss of the inliers in the original picture"""
+    """px of the original image, median error of the inliers"""
     shift: float
-    """px, median way of the features in the original picture"""
+    """px of the original image, median motion of the features"""
 
 
-def reference_of(grey: ByteArray, corners: FloatArray) -> Reference:
-    """Choose features on the rails around noses at corners (4, 2) px, `Table.corners` order, of a grey picture."""
-    scale = min(1.0, TRACK_WIDTH / grey.shape[1])
-    small = _reduced(grey, scale)
-    mask = _ring(small.shape, (corners + 0.5) * scale - 0.5)
-    points = cv2.goodFeaturesToTrack(small, FEATURES, 0.01, 5, mask=mask, blockSize=5)
-    found = np.empty((0, 1, 2), np.float32) if points is None else points.reshape(-1, 1, 2).astype(np.float32)
-    return Reference(small, found, corners, scale)
+def select_reference_features(grey: ByteArray, corners: FloatArray) -> ReferenceFeatures:
+    """Select features on the rails around the noses.
 
+    Args:
+        grey: (H, W) the reference image.
+        corners: (4, 2) px, corners of the noses in the order of `Table.corners`.
 
-def register(reference: Reference, grey: ByteArray, guess: FloatArray | None = None) -> Registration | None:
-    """Follow the reference's features into a picture; None where too few agree.
-
-    `guess` (3, 3) is a homography that is nearly right, such as that of the picture before.
+    Returns:
+        The features, in an image reduced to `REGISTRATION_WIDTH_PX`.
     """
-    small = _reduced(grey, reference.scale)
+    scale = min(1.0, REGISTRATION_WIDTH_PX / grey.shape[1])
+    small = _downscale_image(grey, scale)
+    mask = _rail_mask(small.shape, (corners + 0.5) * scale - 0.5)
+    points = cv2.goodFeaturesToTrack(small, MAX_FEATURES, 0.01, 5, mask=mask, blockSize=5)
+    features = np.empty((0, 1, 2), np.float32) if points is None else points.reshape(-1, 1, 2).astype(np.float32)
+    return ReferenceFeatures(small, features, corners, scale)
+
+
+def register_image(
+    reference: ReferenceFeatures, grey: ByteArray, guess: FloatArray | None = None
+) -> Registration | None:
+    """Track the reference features into an image and fit a homography.
+
+    Args:
+        reference: features of the reference image.
+        grey: (H, W) the image.
+        guess: (3, 3) homography that is nearly right, such as that of the previous frame.
+
+    Returns:
+        The registration; None where too few features agree.
+    """
+    small = _downscale_image(grey, reference.scale)
     start = reference.points
     if guess is not None:
-        guessed = apply_homography(_to_small(guess, reference.scale), reference.points.astype(np.float64))
+        guessed = apply_homography(_rescale_homography(guess, reference.scale), reference.points.astype(np.float64))
         start = np.ascontiguousarray(guessed, np.float32)
-    followed, kept = _follow(reference, small, start)
-    if kept.sum() < LEAST_INLIERS:
+    followed, is_tracked = _track_features(reference, small, start)
+    if is_tracked.sum() < MIN_INLIERS:
         return None
-    source, target = reference.points[kept, 0], followed[kept, 0]
+    source, target = reference.points[is_tracked, 0], followed[is_tracked, 0]
     homography, inliers = cv2.findHomography(source, target, cv2.USAC_MAGSAC, 1.0, maxIters=500)
-    if homography is None or inliers.sum() < LEAST_INLIERS:
+    if homography is None or inliers.sum() < MIN_INLIERS:
         return None
-    agree = inliers[:, 0] > 0
-    miss = apply_homography(homography, source[agree].astype(np.float64)) - target[agree]
-    residual = float(np.median(np.linalg.norm(miss, axis=1))) / reference.scale
+    is_inlier = inliers[:, 0] > 0
+    error = apply_homography(homography, source[is_inlier].astype(np.float64)) - target[is_inlier]
+    residual = float(np.median(np.linalg.norm(error, axis=1))) / reference.scale
     shift = float(np.median(np.linalg.norm(target - source, axis=1))) / reference.scale
-    share = float(agree.sum() / kept.sum())
-    return Registration(_to_small(homography, 1 / reference.scale), int(agree.sum()), share, residual, shift)
+    share = float(is_inlier.sum() / is_tracked.sum())
+    return Registration(
+        _rescale_homography(homography, 1 / reference.scale), int(is_inlier.sum()), share, residual, shift
+    )
 
 
-def _follow(
-    reference: Reference, small: ByteArray, start: NDArray[np.float32]
+def _track_features(
+    reference: ReferenceFeatures, small: ByteArray, start: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Places (N, 1, 2) of the features in another picture, and whether following them back leads home."""
+    """Track features into another image: positions (N, 1, 2), and whether tracking back returns to the start."""
     if len(reference.points) == 0:
         return reference.points, np.zeros(0, np.bool_)
-    there, ok = _flow(reference.grey, small, reference.points, start)
-    back, ok_back = _flow(small, reference.grey, there, reference.points)
-    home = np.linalg.norm((back - reference.points)[:, 0], axis=1) < 0.5
-    return there, ok & ok_back & home
+    forward, ok = _calculate_flow(reference.grey, small, reference.points, start)
+    backward, ok_back = _calculate_flow(small, reference.grey, forward, reference.points)
+    returns = np.linalg.norm((backward - reference.points)[:, 0], axis=1) < 0.5
+    return forward, ok & ok_back & returns
 
 
-def _flow(
+def _calculate_flow(
     source: ByteArray, target: ByteArray, points: NDArray[np.float32], start: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Lucas-Kanade: places (N, 1, 2) in `target`, searched from `start`, and whether they were found."""
+    """Lucas-Kanade: positions (N, 1, 2) in `target`, searched from `start`, and whether they were found."""
     flags = cv2.OPTFLOW_USE_INITIAL_FLOW
-    places, ok, _ = cv2.calcOpticalFlowPyrLK(
+    positions, ok, _ = cv2.calcOpticalFlowPyrLK(
         source, target, points, start.copy(), winSize=(15, 15), maxLevel=3, flags=flags
     )
-    return np.asarray(places, np.float32), np.asarray(ok[:, 0] > 0, np.bool_)
+    return np.asarray(positions, np.float32), np.asarray(ok[:, 0] > 0, np.bool_)
 
 
-def camera_moves(reference: Reference, pictures: list[ByteArray]) -> bool | None:
-    """Whether the table moves in the picture by more than `STILL`; None where pictures do not show the same view."""
-    found = [register(reference, picture) for picture in pictures]
-    good = [one for one in found if one is not None and one.share > LEAST_SHARE]
-    if len(good) < 0.7 * len(found):
+def detect_camera_motion(reference: ReferenceFeatures, images: list[ByteArray]) -> bool | None:
+    """Decide whether the camera moves, from images spread over the clip.
+
+    Args:
+        reference: features of the reference image.
+        images: grey images (H, W).
+
+    Returns:
+        True if the table shifts by more than `MAX_STILL_SHIFT_PX`; None where the images do not show the same view.
+    """
+    registrations = [register_image(reference, image) for image in images]
+    reliable = [
+        registration
+        for registration in registrations
+        if registration is not None and registration.share > MIN_INLIER_SHARE
+    ]
+    if len(reliable) < 0.7 * len(registrations):
         return None
-    shifts = sorted(one.shift for one in good)
-    # One picture may mislead: an overlay that slides in, a player who leans on the rail.
-    return len(shifts) >= 2 and shifts[-2] > STILL
+    shifts = sorted(registration.shift for registration in reliable)
+    # A single image may mislead: a graphic that slides in, a player who leans on the rail.
+    return len(shifts) >= 2 and shifts[-2] > MAX_STILL_SHIFT_PX
 
 
-def follow_camera(
-    reference: Reference, pictures: Iterable[tuple[int, ByteArray]], count: int
+def estimate_camera_motion(
+    reference: ReferenceFeatures, images: Iterable[tuple[int, ByteArray]], count: int
 ) -> tuple[FloatArray, int]:
-    """Homographies (T, 3, 3) reference to picture, and how many pictures could not be registered.
+    """Estimate the motion of the camera in all frames.
 
-    What could not be is interpolated between its neighbours in time.
+    Args:
+        reference: features of the reference image.
+        images: (index, grey image) of the frames.
+        count: number of frames T.
+
+    Returns:
+        Homographies (T, 3, 3) from the reference image to each frame, and the number of frames that could not be
+        registered and were interpolated in time.
     """
     corners = np.full((count, 4, 2), np.nan)
     guess: FloatArray | None = None
-    for frame, grey in pictures:
-        found = register(reference, grey, guess)
-        if found is None or found.share < LEAST_SHARE:
+    for frame, grey in images:
+        registration = register_image(reference, grey, guess)
+        if registration is None or registration.share < MIN_INLIER_SHARE:
             continue
-        guess = found.homography
-        corners[frame] = apply_homography(found.homography, reference.corners)
-    known = np.isfinite(corners[:, 0, 0])
-    if not known.any():
+        guess = registration.homography
+        corners[frame] = apply_homography(registration.homography, reference.corners)
+    is_registered = np.isfinite(corners[:, 0, 0])
+    if not is_registered.any():
         return np.tile(np.eye(3), (count, 1, 1)), count
     frames = np.arange(count)
     flat = corners.reshape(count, 8)
-    filled = np.column_stack([np.interp(frames, frames[known], flat[known, k]) for k in range(8)])
-    if count >= SMOOTHING:
-        # A hand moves smoothly over a fifth of a second; what is left of a parabola is noise of the registration.
-        from scipy.signal import savgol_filter  # slow to import, and every start of the program would wait
+    filled = np.column_stack([np.interp(frames, frames[is_registered], flat[is_registered, k]) for k in range(8)])
+    if count >= SMOOTHING_FRAMES:
+        # A hand moves smoothly over a fifth of a second; deviations from a parabola are registration noise.
+        from scipy.signal import savgol_filter  # slow to import
 
-        filled = savgol_filter(filled, SMOOTHING, 2, axis=0)
-    moved = filled.reshape(count, 4, 2)
-    return np.stack([homography_between(reference.corners, place) for place in moved]), int((~known).sum())
+        filled = savgol_filter(filled, SMOOTHING_FRAMES, 2, axis=0)
+    smoothed = filled.reshape(count, 4, 2)
+    return np.stack([homography_between(reference.corners, place) for place in smoothed]), int((~is_registered).sum())
 
 
-def _ring(shape: tuple[int, ...], corners: FloatArray) -> NDArray[np.uint8]:
-    """Mask of the rails around corners (4, 2)."""
+def _rail_mask(shape: tuple[int, ...], corners: FloatArray) -> NDArray[np.uint8]:
+    """Mask (H, W) of the rails around corners (4, 2)."""
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [0.0, 0.5]])
-    away = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    to_picture = homography_between(square, corners)
+    outwards = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    to_image = homography_between(square, corners)
     mask = np.zeros(shape, np.uint8)
-    for margin, value in ((RAIL[1], 255), (RAIL[0], 0)):
-        outline = apply_homography(to_picture, square + margin * away)
+    for margin, value in ((RAIL_RANGE[1], 255), (RAIL_RANGE[0], 0)):
+        outline = apply_homography(to_image, square + margin * outwards)
         cv2.fillConvexPoly(mask, np.rint(outline).astype(np.int32), value)
     return mask
 
 
-def _reduced(grey: ByteArray, scale: float) -> ByteArray:
+def _downscale_image(grey: ByteArray, scale: float) -> ByteArray:
     if scale == 1.0:
         return grey
     return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _to_small(homography: FloatArray, scale: float) -> FloatArray:
-    """The same motion between pictures reduced by `scale`; pixel centres are whole numbers in both."""
+def _rescale_homography(homography: FloatArray, scale: float) -> FloatArray:
+    """Convert a homography to images reduced by `scale`; pixel centres have integer coordinates in both."""
     shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1]])
     small = shrink @ homography @ np.linalg.inv(shrink)
     return np.asarray(small / small[2, 2], np.float64)

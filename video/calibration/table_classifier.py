@@ -1,4 +1,4 @@
-"""Which table it is: pockets, marks on the cloth and the size of the balls against that of the table."""
+"""Classification of the table: which preset explains pockets, marks on the cloth and relative ball size."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from models.core.scene import Table, apply_homography
 from models.core.typing import FloatArray, ImageArray
-from models.physics.billiards.tables import PRESETS
+from models.physics.billiards.tables import TABLE_PRESETS
 from video.calibration.ball_size import BallSizes
 from video.calibration.camera_model import homography_between
-from video.calibration.cloth_region import cloth_likeness
+from video.calibration.cloth_region import compare_with_cloth
 
-COMMON = {
+TABLE_PRIOR = {
     "pool-9ft": 1.0,
     "pool-8ft": 0.4,
     "pool-8ft-pro": 0.1,
@@ -28,130 +28,162 @@ COMMON = {
     "carom-230": 0.15,
     "carom-210": 0.25,
 }
-"""How often a table is filmed, relative to others: decides only where ball sizes leave a doubt."""
-SURE = 0.9
-"""Probability of a preset below which the user is told what else the table could be."""
-LIKELY = 0.05
-"""Least probability of a preset that is told as an alternative."""
-COULD_BE = "The table could also be "
-"""How a doubt about the table begins."""
-D_SEEN, D_IMAGINED = 0.7, 0.02
-"""How often a semicircle at a quarter of the length is found on a snooker table, and on another: cloths without one,
-lines too thin for a small picture; round shadows, rings of chalk."""
-D_RADIUS = 0.164
+"""Relative frequency of filmed tables (prior); decisive only where the ball sizes are ambiguous."""
+SURE_PROBABILITY = 0.9
+"""Probability of a preset below which the alternatives are reported to the user."""
+MIN_ALTERNATIVE_PROBABILITY = 0.05
+"""Smallest probability of a reported alternative."""
+ALTERNATIVES_PREFIX = "The table could also be "
+"""First words of the warning about alternative tables."""
+D_TRUE_POSITIVE_RATE, D_FALSE_POSITIVE_RATE = 0.7, 0.02
+"""Probability that a D is detected on a snooker table, and on another. Misses: no D on the cloth, lines too thin for a
+small image; false alarms: round shadows, rings of chalk."""
+D_RADIUS_WIDTHS = 0.164
 """Radius of the D over the width of the table: 292 mm on 1778 mm (WPBSA rules, section 1.1)."""
-SHEET = (800, 400)
-"""px of the plan view in which marks are looked for."""
+PLAN_SIZE_PX = (800, 400)
+"""px, size of the plan view in which marks are searched."""
 
 
 @dataclass(frozen=True, slots=True)
-class Guess:
-    """The most probable preset, and what speaks for and against it."""
+class TableClassification:
+    """The most probable preset, with reasons and alternatives."""
 
     table: Table
     probabilities: dict[str, float]
-    """Of all presets that are filmed, by their names; they add up to 1."""
+    """Probabilities of all filmed presets by name; their sum is 1."""
     note: str
-    doubts: tuple[str, ...]
-    """What else the table could be; empty where the preset is sure."""
+    warnings: tuple[str, ...]
+    """Sentences on what else the table could be; empty where the preset is sure."""
 
 
-def guess_table(sizes: BallSizes, pockets: bool, has_d: bool) -> Guess:
-    """The most probable preset given the size of the balls, pockets and marks."""
-    weights = {name: _weight(PRESETS[name], sizes, pockets, has_d) for name in COMMON}
+def classify_table(sizes: BallSizes, pockets: bool, has_d: bool) -> TableClassification:
+    """Classify a table by the size of its balls, its pockets and its marks (Bayes' rule over the presets).
+
+    Args:
+        sizes: measured ball radius relative to the length of the table.
+        pockets: whether the table has pockets.
+        has_d: whether its cloth shows the D of a snooker table.
+
+    Returns:
+        The most probable preset, with all probabilities.
+    """
+    weights = {name: _posterior_weight(TABLE_PRESETS[name], sizes, pockets, has_d) for name in TABLE_PRIOR}
     total = sum(weights.values())
     probabilities = {name: weight / total for name, weight in weights.items()}
-    table = PRESETS[max(weights, key=lambda name: weights[name])]
-    return Guess(table, probabilities, _why(table, sizes, pockets, has_d), _doubts(table, probabilities))
+    table = TABLE_PRESETS[max(weights, key=lambda name: weights[name])]
+    return TableClassification(
+        table, probabilities, _explain_choice(table, sizes, pockets, has_d), _format_alternatives(table, probabilities)
+    )
 
 
-def _why(table: Table, sizes: BallSizes, pockets: bool, has_d: bool) -> str:
+def _explain_choice(table: Table, sizes: BallSizes, pockets: bool, has_d: bool) -> str:
+    """Format the reasons for a preset as a sentence."""
     reasons = ["it has pockets" if pockets else "it has no pockets"]
     if has_d:
-        reasons.append("a D is drawn on its cloth")
+        reasons.append("its cloth has a D")
     if sizes.count:
-        reasons.append(f"its balls have {100 * sizes.share:.2f} +- {100 * sizes.sigma:.2f} % of its length as radius")
+        reasons.append(
+            f"its balls have {100 * sizes.radius_ratio:.2f} +- {100 * sizes.sigma:.2f} % of its length as radius"
+        )
     else:
         reasons.append("no ball could be measured")
-    return f"table taken for {table.name} because {', '.join(reasons)}; give --table to override"
+    return f"table classified as {table.name} because {', '.join(reasons)}; give --table to override"
 
 
-def _doubts(table: Table, probabilities: dict[str, float]) -> tuple[str, ...]:
-    """One sentence on the presets that are nearly as probable, the most probable first; none where one is sure."""
-    if probabilities[table.name] >= SURE:
+def _format_alternatives(table: Table, probabilities: dict[str, float]) -> tuple[str, ...]:
+    """Format the nearly as probable presets as one sentence, the most probable first; empty where one is sure."""
+    if probabilities[table.name] >= SURE_PROBABILITY:
         return ()
     others = sorted((name for name in probabilities if name != table.name), key=lambda name: -probabilities[name])
-    likely = [name for name in others if probabilities[name] > LIKELY] or others[:1]
-    told = " or ".join(f"{name} ({_consequence(PRESETS[name], table)})" for name in likely)
-    return (f"{COULD_BE}{told}: {table.name} is {probabilities[table.name]:.0%} probable; give --table.",)
+    likely = [name for name in others if probabilities[name] > MIN_ALTERNATIVE_PROBABILITY] or others[:1]
+    alternatives = " or ".join(f"{name} ({_describe_difference(TABLE_PRESETS[name], table)})" for name in likely)
+    return (
+        f"{ALTERNATIVES_PREFIX}{alternatives}: {table.name} is {probabilities[table.name]:.0%} probable; give --table.",
+    )
 
 
-def _consequence(other: Table, table: Table) -> str:
-    """What becomes of every length and speed if it is the other table."""
+def _describe_difference(other: Table, table: Table) -> str:
+    """Describe the effect on lengths and speeds if it is the other table."""
     change = round(100 * (other.length / table.length - 1))
     if change == 0:
         return "the same lengths, other balls"
     return f"every length and speed {abs(change)} % {'larger' if change > 0 else 'smaller'}"
 
 
-def _weight(table: Table, sizes: BallSizes, pockets: bool, has_d: bool) -> float:
+def _posterior_weight(table: Table, sizes: BallSizes, pockets: bool, has_d: bool) -> float:
+    """Return prior times likelihood of a preset, not normalised."""
     if table.pockets != pockets:
         return 0.0
-    drawn = D_SEEN if table.game == "snooker" else D_IMAGINED
-    weight = COMMON[table.name] * (drawn if has_d else 1 - drawn)
+    detection_rate = D_TRUE_POSITIVE_RATE if table.game == "snooker" else D_FALSE_POSITIVE_RATE
+    weight = TABLE_PRIOR[table.name] * (detection_rate if has_d else 1 - detection_rate)
     if not sizes.count:
         return weight
-    off = np.log(table.ball_radius / table.length / sizes.share) / (sizes.sigma / sizes.share)
-    return weight * float(np.exp(-0.5 * min(off**2, 50.0)))
+    deviation = np.log(table.ball_radius / table.length / sizes.radius_ratio) / (sizes.sigma / sizes.radius_ratio)
+    return weight * float(np.exp(-0.5 * min(deviation**2, 50.0)))
 
 
-def pocket_share(picture: ImageArray, outer: FloatArray, noses: FloatArray, cloth: FloatArray) -> float:
-    """Share of six places between corners and middles of the long noses and the cloth's outer edge that are no cloth.
+def measure_pocket_share(image: ImageArray, outer: FloatArray, noses: FloatArray, cloth: FloatArray) -> float:
+    """Measure how many of the six pocket positions differ from the cloth in colour.
 
-    Near 1 with pockets, near 0 on a carom table, whose cushions run through. Corners (4, 2) px each.
+    Args:
+        image: (H, W, 3) RGB.
+        outer: (4, 2) px, outer corners of the cloth.
+        noses: (4, 2) px, corners of the noses in the same order.
+        cloth: (3,) RGB colour of the cloth.
+
+    Returns:
+        A share near 1 with pockets, and near 0 on a carom table, whose cushions are continuous.
     """
-    angle, shade = cloth_likeness(picture, cloth)
+    angle, shade = compare_with_cloth(image, cloth)
     height, width = shade.shape
-    broken = []
-    for nose, edge in zip(_six(noses), _six(outer), strict=True):
-        places = nose + np.linspace(0.15, 0.75, 7)[:, None] * (edge - nose)
-        column = np.clip(np.rint(places[:, 0]).astype(int), 0, width - 1)
-        row = np.clip(np.rint(places[:, 1]).astype(int), 0, height - 1)
-        unlike = (angle[row, column] > 0.25) | (shade[row, column] < 0.45) | (shade[row, column] > 1.7)
-        broken.append(float(np.mean(unlike)))
-    return float(np.mean(np.array(broken) > 0.4))
+    differing_shares = []
+    for nose, edge in zip(_pocket_positions(noses), _pocket_positions(outer), strict=True):
+        positions = nose + np.linspace(0.15, 0.75, 7)[:, None] * (edge - nose)
+        column = np.clip(np.rint(positions[:, 0]).astype(int), 0, width - 1)
+        row = np.clip(np.rint(positions[:, 1]).astype(int), 0, height - 1)
+        differs = (angle[row, column] > 0.25) | (shade[row, column] < 0.45) | (shade[row, column] > 1.7)
+        differing_shares.append(float(np.mean(differs)))
+    return float(np.mean(np.array(differing_shares) > 0.4))
 
 
-def _six(corners: FloatArray) -> FloatArray:
-    """Four corners and the middles, seen in perspective, of the two long sides (6, 2)."""
+def _pocket_positions(corners: FloatArray) -> FloatArray:
+    """Return the four corners and the perspective midpoints of the two long sides (6, 2)."""
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    places = np.concatenate([square, [[0.5, 0.0], [0.5, 1.0]]])
-    return apply_homography(homography_between(square, corners), places)
+    positions = np.concatenate([square, [[0.5, 0.0], [0.5, 1.0]]])
+    return apply_homography(homography_between(square, corners), positions)
 
 
 def has_snooker_d(background: ImageArray, noses: FloatArray) -> bool:
-    """Whether a semicircle is drawn behind a baulk line, at either end of the table with noses (4, 2) px."""
-    length, width = SHEET
+    """Check whether the cloth shows the D of a snooker table, at either end.
+
+    Args:
+        background: (H, W, 3) RGB, the table without moving objects.
+        noses: (4, 2) px, corners of the noses.
+
+    Returns:
+        True if an arc of the right size at the right place is far clearer than elsewhere.
+    """
+    length, width = PLAN_SIZE_PX
     square = np.array([[0.0, 0.0], [length, 0.0], [length, width], [0.0, width]])
-    to_sheet = homography_between(noses, square)
+    to_plan = homography_between(noses, square)
     grey = cv2.cvtColor(background, cv2.COLOR_RGB2GRAY)
-    sheet = cv2.warpPerspective(grey, to_sheet, SHEET, flags=cv2.INTER_AREA)
+    plan = cv2.warpPerspective(grey, to_plan, PLAN_SIZE_PX, flags=cv2.INTER_AREA)
     kernel = np.ones((7, 7), np.uint8)
     lines = np.maximum(
-        cv2.morphologyEx(sheet, cv2.MORPH_BLACKHAT, kernel), cv2.morphologyEx(sheet, cv2.MORPH_TOPHAT, kernel)
+        cv2.morphologyEx(plan, cv2.MORPH_BLACKHAT, kernel), cv2.morphologyEx(plan, cv2.MORPH_TOPHAT, kernel)
     )
-    return any(_d_at_left(side) for side in (lines, lines[:, ::-1]))
+    return any(_has_d_at_left(side) for side in (lines, lines[:, ::-1]))
 
 
-def _d_at_left(lines: NDArray[np.uint8]) -> bool:
-    """Whether thin lines (H, W) trace an arc that opens to the right, far better than other places do."""
+def _has_d_at_left(lines: NDArray[np.uint8]) -> bool:
+    """Check whether thin lines (H, W) trace an arc that opens to the right, far better than elsewhere."""
     height, length = lines.shape
     bearings = np.linspace(np.pi / 2 + 0.15, 3 * np.pi / 2 - 0.15, 60)
     centres = np.arange(int(0.13 * length), int(0.27 * length))
-    radii = np.arange(int(0.9 * D_RADIUS * height), int(1.1 * D_RADIUS * height) + 1)
+    radii = np.arange(int(0.9 * D_RADIUS_WIDTHS * height), int(1.1 * D_RADIUS_WIDTHS * height) + 1)
     column = np.rint(centres[:, None, None] + radii[None, :, None] * np.cos(bearings)).astype(int)
     row = np.rint((height - 1) / 2 + radii[None, :, None] * np.sin(bearings)).astype(int)
     traced = lines[np.broadcast_to(row, column.shape), column].astype(np.float64)
-    # The lower quartile along the arc: nearly all of it must be drawn, a crossing line does not do.
+    # A low percentile along the arc: nearly all of it must be visible, a crossing line is not enough.
     score = np.percentile(traced, 30, axis=2)
     return bool(score.max() > 4.0 and score.max() > 3.0 * np.median(score) + 2.0)

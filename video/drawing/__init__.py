@@ -1,1 +1,1 @@
-"""Drawing primitives: colours, text, masks, label placement, plans of the table."""
+"""Drawing primitives that know nothing of a clip: colours, text, masks, label placement and plans of the table."""

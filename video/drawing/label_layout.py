@@ -1,4 +1,4 @@
-"""Where labels and panels go: beside what they name, and over as little as can be."""
+"""Placement of labels beside balls and of panels on the border of an image, hiding as little as possible."""
 
 from __future__ import annotations
 
@@ -9,59 +9,78 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.numerics.jit import compiled
+from models.numerics.jit import compile_kernel
 
 Rect = tuple[float, float, float, float]
 """left, top, width, height in px."""
 
-ANGLES = np.deg2rad([-45.0, -135.0, 45.0, 135.0, -90.0, 90.0, 0.0, 180.0])
-"""Directions from a ball to its label, the liked ones first; clockwise from right."""
-GAPS = (0.7, 2.2)
-"""Distances of a label from the edge of its ball, in radii."""
-WAY_COST, STAY_COST, FAR_COST, RANK_COST = 0.5, 0.5, 0.15, 0.02
-"""Of a label on its ball's way, of going to the other side, of the larger gap, of each less liked direction; a label
-that is covered wholly costs 2, one that is outside the picture 8."""
-SIDES = np.column_stack([np.tile(ANGLES, len(GAPS)), np.repeat(GAPS, len(ANGLES))])
-RANKS = RANK_COST * np.tile(np.arange(len(ANGLES)), len(GAPS))
-"""All sides, (16, 2) rad and radii, and what their rank costs."""
-PANEL_PLACES = ((0, 1), (1, 1), (0, 0), (1, 0), (0.5, 1), (0.5, 0), (0, 0.5), (1, 0.5))
-"""Shares of the way from left to right and from top to bottom."""
-MIDDLE_COST = 0.2
-"""Of a panel that stands in no corner, in the unit of the map."""
+LABEL_ANGLES = np.deg2rad([-45.0, -135.0, 45.0, 135.0, -90.0, 90.0, 0.0, 180.0])
+"""Directions from a ball to its label in order of preference, rad clockwise from right."""
+LABEL_GAPS = (0.7, 2.2)
+"""Distances of a label from the edge of its ball, in ball radii."""
+ON_PATH_COST, MOVE_COST, FAR_COST, RANK_COST = 0.5, 0.5, 0.15, 0.02
+"""Costs of a label on its ball's path, of moving to the opposite side, of the larger gap, and of each step down in
+the order of preference. A fully covered label costs 2; a label fully outside the image costs 8."""
+LABEL_POSITIONS = np.column_stack([np.tile(LABEL_ANGLES, len(LABEL_GAPS)), np.repeat(LABEL_GAPS, len(LABEL_ANGLES))])
+POSITION_COSTS = RANK_COST * np.tile(np.arange(len(LABEL_ANGLES)), len(LABEL_GAPS))
+"""All candidate positions (16, 2), rad and radii, and the cost of their rank (16,)."""
+PANEL_POSITIONS = ((0, 1), (1, 1), (0, 0), (1, 0), (0.5, 1), (0.5, 0), (0, 0.5), (1, 0.5))
+"""Candidate positions of a panel, as shares of the free width and of the free height."""
+NO_CORNER_COST = 0.2
+"""Cost of a panel outside the corners, in the unit of the cost map."""
 PANEL_MARGIN = 0.022
-"""Between panels and the border of the picture, share of its height."""
+"""Margin between panels and the border of the image, share of the image height."""
 
 
-def overlap(a: Rect, b: Rect) -> float:
-    """Shared area, px^2."""
+def overlap_area(a: Rect, b: Rect) -> float:
+    """Return the shared area of two rectangles, px^2.
+
+    Args:
+        a: First rectangle, px.
+        b: Second rectangle, px.
+
+    Returns:
+        Shared area, px^2; 0 for disjoint rectangles.
+    """
     width = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0])
     height = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
     return max(0.0, width) * max(0.0, height)
 
 
-_overlap = compiled(overlap)
+_compiled_overlap_area = compile_kernel(overlap_area)
 
 
-def covered_share(rect: Rect, taken: Sequence[Rect]) -> float:
-    """Area of a rectangle over taken ones, share of its own; what is taken twice counts twice."""
-    return sum(overlap(rect, other) for other in taken) / (rect[2] * rect[3])
+def overlap_share(rect: Rect, obstacles: Sequence[Rect]) -> float:
+    """Return the share of a rectangle that obstacles cover.
+
+    Args:
+        rect: Rectangle, px.
+        obstacles: Rectangles, px; an area that two of them cover counts twice.
+
+    Returns:
+        Covered area as a share of the rectangle's own area.
+    """
+    return sum(overlap_area(rect, other) for other in obstacles) / (rect[2] * rect[3])
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
-    """Where a label stands beside its ball: a direction, rad clockwise from right, and a gap in radii."""
+class LabelPosition:
+    """Position of a label relative to its ball: a direction, rad clockwise from right, and a gap in ball radii."""
 
     angle: float
     gap: float
 
-    def corner(self, size: tuple[int, int], radius: float) -> FloatArray:
-        """Top-left corner (2,) of a box of `size` (w, h) relative to the ball's centre, px; continuous in both."""
-        return np.array(_corner(self.angle, self.gap, float(size[0]), float(size[1]), radius))
+    def top_left_corner(self, size: tuple[int, int], radius: float) -> FloatArray:
+        """Return the top-left corner (2,) px of a box of `size` (w, h) px relative to the centre of its ball.
 
-    def towards(self, other: Side, share: float) -> Side:
-        """A `share` of the way round the ball to another side."""
+        The corner is continuous in the angle and in the gap.
+        """
+        return np.array(_label_corner(self.angle, self.gap, float(size[0]), float(size[1]), radius))
+
+    def move_towards(self, other: LabelPosition, share: float) -> LabelPosition:
+        """Return the position a `share` of the shorter way round the ball towards another position."""
         turn = (other.angle - self.angle + np.pi) % (2 * np.pi) - np.pi
-        return Side(self.angle + share * turn, self.gap + share * (other.gap - self.gap))
+        return LabelPosition(self.angle + share * turn, self.gap + share * (other.gap - self.gap))
 
 
 def place_label(
@@ -69,79 +88,113 @@ def place_label(
     centre: FloatArray,
     radius: float,
     heading: FloatArray,
-    taken: Sequence[Rect],
-    bounds: tuple[int, int],
-    previous: Side | None,
-) -> Side:
-    """The side of a ball where a label of `size` (w, h) covers little that is taken and is off the ball's way.
+    obstacles: Sequence[Rect],
+    image_size: tuple[int, int],
+    previous: LabelPosition | None,
+) -> LabelPosition:
+    """Choose the side of a ball where a label covers few obstacles and stays off the ball's path.
 
-    `heading` (2,) is the direction of motion, zero at rest; `bounds` the picture's (w, h); `previous` where it was.
+    Args:
+        size: Width and height of the label, px.
+        centre: Centre of the ball (2,), px.
+        radius: Radius of the ball, px.
+        heading: Direction of motion (2,), a unit vector in px; zero at rest.
+        obstacles: Rectangles to keep free, px.
+        image_size: Width and height of the image, px.
+        previous: Position of the label on the frame before, which is preferred; None for a new label.
+
+    Returns:
+        The candidate position of least cost.
     """
     box = float(size[0]), float(size[1])
-    others = np.array(taken, dtype=np.float64).reshape(-1, 4)
-    stood = math.nan if previous is None else previous.angle
-    angle, gap = SIDES[_cheapest(box, centre, radius, heading, others, (float(bounds[0]), float(bounds[1])), stood)]
-    return Side(float(angle), float(gap))
+    others = np.array(obstacles, dtype=np.float64).reshape(-1, 4)
+    previous_angle = math.nan if previous is None else previous.angle
+    angle, gap = LABEL_POSITIONS[
+        _find_cheapest_position(
+            box, centre, radius, heading, others, (float(image_size[0]), float(image_size[1])), previous_angle
+        )
+    ]
+    return LabelPosition(float(angle), float(gap))
 
 
-@compiled
-def _cheapest(
+@compile_kernel
+def _find_cheapest_position(
     size: tuple[float, float],
     centre: FloatArray,
     radius: float,
     heading: FloatArray,
-    taken: FloatArray,
-    bounds: tuple[float, float],
-    stood: float,
+    obstacles: FloatArray,
+    image_size: tuple[float, float],
+    previous_angle: float,
 ) -> int:
-    """Which of `SIDES` costs least; `taken` (n, 4) are rectangles, `stood` is the angle where the label was, or NaN."""
+    """Return the index into `LABEL_POSITIONS` of least cost.
+
+    `obstacles` (n, 4) are rectangles; `previous_angle` is the last angle of the label, NaN for a new one.
+    """
     best, least, area = 0, np.inf, size[0] * size[1]
-    for k in range(len(SIDES)):
-        angle, gap = SIDES[k]
-        left, top = _corner(angle, gap, size[0], size[1], radius)
+    for k in range(len(LABEL_POSITIONS)):
+        angle, gap = LABEL_POSITIONS[k]
+        left, top = _label_corner(angle, gap, size[0], size[1], radius)
         rect = (left + centre[0], top + centre[1], size[0], size[1])
         covered = 0.0
-        for m in range(len(taken)):
-            covered += _overlap(rect, (taken[m, 0], taken[m, 1], taken[m, 2], taken[m, 3]))
-        outside = area - _overlap(rect, (0.0, 0.0, bounds[0], bounds[1]))
-        cost = (8 * outside + 2 * covered) / area + RANKS[k] + FAR_COST * (gap > GAPS[0])
-        cost += WAY_COST * (math.cos(angle) * heading[0] + math.sin(angle) * heading[1]) ** 2
-        if not math.isnan(stood):
-            cost += STAY_COST * abs((angle - stood + math.pi) % (2 * math.pi) - math.pi) / math.pi
+        for m in range(len(obstacles)):
+            covered += _compiled_overlap_area(
+                rect, (obstacles[m, 0], obstacles[m, 1], obstacles[m, 2], obstacles[m, 3])
+            )
+        outside = area - _compiled_overlap_area(rect, (0.0, 0.0, image_size[0], image_size[1]))
+        cost = (8 * outside + 2 * covered) / area + POSITION_COSTS[k] + FAR_COST * (gap > LABEL_GAPS[0])
+        cost += ON_PATH_COST * (math.cos(angle) * heading[0] + math.sin(angle) * heading[1]) ** 2
+        if not math.isnan(previous_angle):
+            cost += MOVE_COST * abs((angle - previous_angle + math.pi) % (2 * math.pi) - math.pi) / math.pi
         if cost < least:
             best, least = k, cost
     return best
 
 
-@compiled
-def _corner(angle: float, gap: float, width: float, height: float, radius: float) -> tuple[float, float]:
-    """Top-left corner of a box whose nearest point lies in a direction, at a gap in radii, from a ball at 0."""
+@compile_kernel
+def _label_corner(angle: float, gap: float, width: float, height: float, radius: float) -> tuple[float, float]:
+    """Return the top-left corner of a box whose nearest point is at an angle and a gap, in radii, from a ball.
+
+    The ball's centre is the origin.
+    """
     across, down, distance = math.cos(angle), math.sin(angle), radius * (1 + gap) + 2
-    return across * distance - _near_side(across) * width, down * distance - _near_side(down) * height
+    return across * distance - _near_side_share(across) * width, down * distance - _near_side_share(down) * height
 
 
-@compiled
-def _near_side(way: float) -> float:
-    """Share of a box that lies on the near side of its middle, by one number of its direction."""
-    return 0.5 - 0.5 * min(max(way * math.sqrt(2.0), -1.0), 1.0)
+@compile_kernel
+def _near_side_share(direction: float) -> float:
+    """Return the share of a box on the near side of its middle, from one component of its direction."""
+    return 0.5 - 0.5 * min(max(direction * math.sqrt(2.0), -1.0), 1.0)
 
 
 def place_panel(
-    size: tuple[int, int], bounds: tuple[int, int], cost: FloatArray, taken: Sequence[Rect], scale: float
+    size: tuple[int, int],
+    image_size: tuple[int, int],
+    cost_map: FloatArray,
+    obstacles: Sequence[Rect],
+    map_scale: float,
 ) -> Rect:
-    """The place on the border of the picture, best a corner, where a panel hides least.
+    """Choose the position on the border of the image, preferably a corner, where a panel hides least.
 
-    `cost` (h, w) is a coarse map of the picture: what a hidden pixel costs; `scale` its pixels per pixel.
+    Args:
+        size: Width and height of the panel, px.
+        image_size: Width and height of the image, px.
+        cost_map: Coarse map of the image (h, w): cost of a hidden cell.
+        obstacles: Rectangles that must stay free, px.
+        map_scale: Cells of the map per pixel of the image.
+
+    Returns:
+        The rectangle of the panel, px.
     """
-    margin = PANEL_MARGIN * bounds[1]
-    room = np.array(bounds) - 2 * margin - size
+    margin = PANEL_MARGIN * image_size[1]
+    free_space = np.array(image_size) - 2 * margin - size
     best, least = (margin, margin, float(size[0]), float(size[1])), np.inf
-    for u, v in PANEL_PLACES:
-        rect = (float(margin + u * room[0]), float(margin + v * room[1]), float(size[0]), float(size[1]))
-        x0, y0 = int(rect[0] * scale), int(rect[1] * scale)
-        part = cost[y0 : y0 + max(1, int(size[1] * scale)), x0 : x0 + max(1, int(size[0] * scale))]
-        hidden = (float(part.mean()) if part.size else np.inf) + MIDDLE_COST * (0.5 in (u, v))
-        total = hidden + 100 * covered_share(rect, taken)
+    for u, v in PANEL_POSITIONS:
+        rect = (float(margin + u * free_space[0]), float(margin + v * free_space[1]), float(size[0]), float(size[1]))
+        x0, y0 = int(rect[0] * map_scale), int(rect[1] * map_scale)
+        part = cost_map[y0 : y0 + max(1, int(size[1] * map_scale)), x0 : x0 + max(1, int(size[0] * map_scale))]
+        hidden = (float(part.mean()) if part.size else np.inf) + NO_CORNER_COST * (0.5 in (u, v))
+        total = hidden + 100 * overlap_share(rect, obstacles)
         if total < least:
             best, least = rect, total
     return best

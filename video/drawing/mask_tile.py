@@ -1,4 +1,4 @@
-"""Several masks, each in a colour of its own, laid over a picture as one."""
+"""Several coloured masks composed into one tile that is blended onto an image at once."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from models.core.typing import ByteArray, Float32Array, ImageArray
 from video.drawing.palette import Colour
-from video.io.pixel_kernels import lay_over
+from video.io.pixel_kernels import blend_colours
 
 
 @dataclass(frozen=True, slots=True)
-class Ink:
-    """A mask (h, w), 0 to 255, in a colour; (x, y) is its top-left pixel."""
+class ColouredMask:
+    """A mask (h, w), 0 to 255, with its colour; (x, y) is its top-left pixel in the tile."""
 
     mask: ByteArray
     x: int
@@ -24,30 +24,39 @@ class Ink:
 
 
 @dataclass(frozen=True, slots=True)
-class Tile:
-    """What is laid: the colour of every pixel and how far it covers; shared, not to be written into."""
+class MaskTile:
+    """Composed masks: a colour and an opacity for each pixel. Tiles are shared and must not be written into."""
 
     colours: ImageArray
     """(h, w, 3)"""
-    cover: Float32Array
+    alpha: Float32Array
     """(h, w) 0 to 1"""
 
-    def lay(self, picture: ImageArray, x: int, y: int, opacity: float = 1.0) -> None:
-        """Lay it over `picture` with its top-left pixel at (x, y), in place; what is outside is cut."""
+    def blend_onto(self, image: ImageArray, x: int, y: int, opacity: float = 1.0) -> None:
+        """Blend the tile onto `image` (H, W, 3) in place with its top-left pixel at (x, y), cut at the border."""
         if opacity > 0:
-            lay_over(picture, self.colours, self.cover, x, y, float(opacity))
+            blend_colours(image, self.colours, self.alpha, x, y, float(opacity))
 
 
-def stacked(width: int, height: int, inks: Sequence[Ink]) -> Tile:
-    """Inks one upon the other, as they would look laid over any picture in turn; what is outside is cut."""
+def compose_tile(width: int, height: int, masks: Sequence[ColouredMask]) -> MaskTile:
+    """Compose masks into one tile.
+
+    Args:
+        width: Width of the tile, px.
+        height: Height of the tile, px.
+        masks: Coloured masks from bottom to top; parts outside the tile are cut.
+
+    Returns:
+        A tile that looks the same as the masks blended one after another.
+    """
     colours = np.zeros((height, width, 3), dtype=np.float32)
-    cover = np.zeros((height, width), dtype=np.float32)
-    for ink in inks:
-        left, top = max(0, -ink.x), max(0, -ink.y)
-        mask = ink.mask[top : max(top, height - ink.y), left : max(left, width - ink.x)]
-        here = np.s_[ink.y + top : ink.y + top + mask.shape[0], ink.x + left : ink.x + left + mask.shape[1]]
-        share = (mask * np.float32(ink.opacity / 255))[..., None]
-        colours[here] += (np.asarray(ink.colour, dtype=np.float32) - colours[here]) * share  # times their cover
-        cover[here] += (1 - cover[here]) * share[..., 0]
-    plain = np.rint(colours / np.maximum(cover, 1e-6)[..., None])
-    return Tile(np.clip(plain, 0, 255).astype(np.uint8), cover)
+    alpha = np.zeros((height, width), dtype=np.float32)
+    for layer in masks:
+        left, top = max(0, -layer.x), max(0, -layer.y)
+        mask = layer.mask[top : max(top, height - layer.y), left : max(left, width - layer.x)]
+        here = np.s_[layer.y + top : layer.y + top + mask.shape[0], layer.x + left : layer.x + left + mask.shape[1]]
+        share = (mask * np.float32(layer.opacity / 255))[..., None]
+        colours[here] += (np.asarray(layer.colour, dtype=np.float32) - colours[here]) * share  # premultiplied
+        alpha[here] += (1 - alpha[here]) * share[..., 0]
+    unmultiplied = np.rint(colours / np.maximum(alpha, 1e-6)[..., None])
+    return MaskTile(np.clip(unmultiplied, 0, 255).astype(np.uint8), alpha)

@@ -1,4 +1,4 @@
-"""Colours of what is drawn: balls by what they are called, cloth as it was seen, ink that reads on both."""
+"""Colours of drawings: balls by their names, cloth as filmed, and colours that contrast with their background."""
 
 from __future__ import annotations
 
@@ -12,78 +12,130 @@ Colour = tuple[int, int, int]
 
 WHITE: Colour = (255, 255, 255)
 INK: Colour = (12, 16, 22)
-"""Ground of panels and labels."""
-MIST: Colour = (168, 178, 190)
-"""Second-rank text on `INK`."""
+"""Background of panels and labels."""
+MUTED_GREY: Colour = (168, 178, 190)
+"""Secondary text on `INK`."""
 FLASH: Colour = (255, 214, 102)
-LIGHTS: dict[str, Colour] = {"green": (64, 200, 110), "amber": (255, 176, 32), "red": (240, 68, 68)}
+"""Contact flashes and highlighted lines."""
+TRUST_COLOURS: dict[str, Colour] = {"green": (64, 200, 110), "amber": (255, 176, 32), "red": (240, 68, 68)}
+"""Colours of the trust levels."""
 
 KIND_COLOURS: dict[str, Colour] = {
     "cue": (246, 244, 232), "white": (246, 244, 232), "eight": (44, 44, 50), "black": (44, 44, 50),
     "red": (232, 48, 48), "yellow": (255, 206, 40), "green": (22, 146, 82), "brown": (150, 88, 44),
     "blue": (44, 104, 232), "pink": (255, 142, 178),
 }  # fmt: skip
-"""Balls whose name says their colour; the others keep the colour that was seen."""
+"""Colours of balls whose class names a colour; other balls keep their measured colour."""
 
-LEAST_CHROMA = 45.0
-"""C* to which a seen colour is raised, so that trails of dull pictures can be told apart."""
-LUMA = np.array([0.299, 0.587, 0.114])
-"""Shares of red, green and blue in brightness (ITU-R BT.601)."""
-BRIGHT = 150.0
-"""Levels of 255 from which ground is bright."""
-LEAST_CONTRAST = 60.0
-"""Levels of 255 of brightness by which a trail must differ from the cloth."""
-SEEN_ON_INK, SEEN_ON_WHITE = 105.0, 148.0
-"""Levels of 255 of brightness between which a grey line has 3 to 1 of contrast on dark ground and on white (WCAG 2.1,
-1.4.11)."""
-GREY_CHROMA = 10.0
-"""C* below which a seen colour is grey and stays so."""
+MIN_CHROMA = 45.0
+"""C* to which the chroma of a measured colour is raised, so that trails stay distinguishable in dull footage."""
+LUMA_WEIGHTS = np.array([0.299, 0.587, 0.114])
+"""Weights of red, green and blue in brightness (ITU-R BT.601)."""
+BRIGHT_LUMA = 150.0
+"""Brightness of 255 from which a background counts as bright."""
+MIN_LUMA_CONTRAST = 60.0
+"""Least difference in brightness, of 255, between a trail and the cloth."""
+MIN_LUMA_ON_DARK, MAX_LUMA_ON_WHITE = 105.0, 148.0
+"""Brightness limits, of 255, between which a grey line has a contrast of 3 to 1 both on a dark background and on
+white (WCAG 2.1, 1.4.11)."""
+MAX_GREY_CHROMA = 10.0
+"""C* below which a measured colour is grey and keeps its chroma."""
 
 
 def lab_to_rgb(lab: FloatArray) -> Colour:
-    """sRGB of a CIE L*a*b* colour (3,), D65."""
+    """Convert a CIE L*a*b* colour to sRGB.
+
+    Args:
+        lab: L*, a*, b* (3,), illuminant D65.
+
+    Returns:
+        sRGB, 0 to 255.
+    """
     rgb = cv2.cvtColor(np.asarray(lab, dtype=np.float32).reshape(1, 1, 3), cv2.COLOR_LAB2RGB).reshape(3)
     red, green, blue = (round(float(value) * 255) for value in np.clip(rgb, 0, 1))
     return red, green, blue
 
 
 def ball_colour(kind: str, lab: FloatArray) -> Colour:
-    """The colour in which a ball is drawn: of its name, else as seen (L*a*b* (3,)), no duller than `LEAST_CHROMA`."""
+    """Return the colour in which a ball is drawn.
+
+    Args:
+        kind: Class of the ball; a class that names a colour decides alone.
+        lab: Measured L*a*b* colour of the ball (3,); NaN if unknown.
+
+    Returns:
+        The colour of the class, else the measured colour with a chroma of at least `MIN_CHROMA`, else grey.
+    """
     if kind in KIND_COLOURS:
         return KIND_COLOURS[kind]
     if not np.isfinite(lab).all():
-        return MIST
+        return MUTED_GREY
     chroma = float(np.hypot(lab[1], lab[2]))
     raised = np.array(lab, dtype=np.float64)
     raised[0] = np.clip(raised[0], 35.0, 85.0)
-    if GREY_CHROMA < chroma < LEAST_CHROMA:
-        raised[1:] *= LEAST_CHROMA / chroma
+    if MAX_GREY_CHROMA < chroma < MIN_CHROMA:
+        raised[1:] *= MIN_CHROMA / chroma
     return lab_to_rgb(raised)
 
 
-def apart_from(colour: Colour, ground: Colour) -> Colour:
-    """`colour`, or, where it could not be told from `ground`, a lighter one of its kind, on bright ground a darker."""
-    distance = np.abs(np.array(colour, dtype=np.float64) - ground)
-    if float(distance @ LUMA) >= LEAST_CONTRAST or distance.max() >= 2 * LEAST_CONTRAST:
+def ensure_contrast(colour: Colour, background: Colour) -> Colour:
+    """Lighten or darken a colour that is too similar to its background.
+
+    Args:
+        colour: Colour of a line.
+        background: Colour behind the line.
+
+    Returns:
+        The colour itself if it contrasts; else a darker one on a bright background, a lighter one on others.
+    """
+    distance = np.abs(np.array(colour, dtype=np.float64) - background)
+    if float(distance @ LUMA_WEIGHTS) >= MIN_LUMA_CONTRAST or distance.max() >= 2 * MIN_LUMA_CONTRAST:
         return colour
-    return mix(colour, INK, 0.6) if float(np.array(ground) @ LUMA) > BRIGHT else mix(colour, WHITE, 0.45)
+    return (
+        mix_colours(colour, INK, 0.6)
+        if float(np.array(background) @ LUMA_WEIGHTS) > BRIGHT_LUMA
+        else mix_colours(colour, WHITE, 0.45)
+    )
 
 
-def legible(colour: Colour) -> Colour:
-    """`colour`, lightened as far as letters in it need to be read on `INK`."""
-    bright = float(np.array(colour) @ LUMA)
-    return colour if bright >= BRIGHT else mix(colour, WHITE, (BRIGHT - bright) / (255 - bright))
+def lighten_for_text(colour: Colour) -> Colour:
+    """Lighten a colour until letters in it are legible on `INK`.
+
+    Args:
+        colour: Colour of the letters.
+
+    Returns:
+        The colour itself if it is bright enough, else a lighter one of the same hue.
+    """
+    bright = float(np.array(colour) @ LUMA_WEIGHTS)
+    return colour if bright >= BRIGHT_LUMA else mix_colours(colour, WHITE, (BRIGHT_LUMA - bright) / (255 - bright))
 
 
-def on_any_ground(colour: Colour) -> Colour:
-    """`colour`, lightened or darkened as far as it needs to be seen on `INK` and on `WHITE`."""
-    bright = float(np.array(colour) @ LUMA)
-    if bright > SEEN_ON_WHITE:
-        return mix(colour, (0, 0, 0), 1 - SEEN_ON_WHITE / bright)
-    return mix(colour, WHITE, max(SEEN_ON_INK - bright, 0.0) / (255 - bright))
+def adapt_to_any_background(colour: Colour) -> Colour:
+    """Lighten or darken a colour until a line in it is visible both on `INK` and on `WHITE`.
+
+    Args:
+        colour: Colour of the line.
+
+    Returns:
+        A colour of the same hue whose brightness lies between the limits for both backgrounds.
+    """
+    bright = float(np.array(colour) @ LUMA_WEIGHTS)
+    if bright > MAX_LUMA_ON_WHITE:
+        return mix_colours(colour, (0, 0, 0), 1 - MAX_LUMA_ON_WHITE / bright)
+    return mix_colours(colour, WHITE, max(MIN_LUMA_ON_DARK - bright, 0.0) / (255 - bright))
 
 
-def mix(first: Colour, second: Colour, share: float) -> Colour:
-    """`first` with a `share` of `second`."""
+def mix_colours(first: Colour, second: Colour, share: float) -> Colour:
+    """Mix two colours linearly in sRGB.
+
+    Args:
+        first: Colour at share 0.
+        second: Colour at share 1.
+        share: Share of the second colour, 0 to 1.
+
+    Returns:
+        The mixed colour.
+    """
     red, green, blue = (round(a + (b - a) * share) for a, b in zip(first, second, strict=True))
     return red, green, blue

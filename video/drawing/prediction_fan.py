@@ -1,4 +1,4 @@
-"""A fan: where balls may go, as the shaded ways of the courses of an ensemble, on the plan of the table."""
+"""Fans of predicted paths: where the balls of a posterior ensemble may roll, shaded on the plan of the table."""
 
 from __future__ import annotations
 
@@ -10,85 +10,105 @@ import numpy as np
 
 from models.core.scene import Table
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.palette import INK, WHITE, Colour, mix
-from video.drawing.table_inset import SHIFT, SUPERSAMPLE, Inset
-from video.drawing.table_plan import draw_plan
+from video.drawing.palette import INK, WHITE, Colour, mix_colours
+from video.drawing.table_inset import SHIFT, SUPERSAMPLE, TableInset
+from video.drawing.table_plan import draw_table_plan
 
-SHARES = ((0.9, 0.28), (0.5, 0.42))
-"""Which courses are shaded together, and how strongly."""
-STROKE = 4
-"""px of the final picture: courses are drawn so wide that the gaps between them close."""
-STILL = 0.01
-"""m: a ball that no course moves farther has no fan."""
+SHADED_SHARES = ((0.9, 0.28), (0.5, 0.42))
+"""Shares of the samples that are shaded together, and the opacity of each shade."""
+STROKE_PX = 4
+"""Line width of a sample in px of the final image, wide enough to close the gaps between samples."""
+MIN_TRAVEL = 0.01
+"""m; a ball that travels less in every sample has no fan."""
 
 
 @dataclass(frozen=True, slots=True)
-class Fan:
-    """The future of one ball, drawn over its past."""
+class PredictionFan:
+    """Predicted paths of one ball, drawn over its observed path."""
 
     name: str
-    seen: FloatArray
+    observed_path: FloatArray
     """(n, 2) m, until the moment of the prediction."""
-    courses: FloatArray
-    """(M, T, 2) m; NaN once potted."""
-    outlying: FloatArray
-    """(M,) share of the courses that are nearer to the middle."""
-    after: FloatArray
-    """(m, 2) m, where it was seen afterwards; empty if it was not."""
+    samples: FloatArray
+    """(M, T, 2) m, posterior samples of the path; NaN once potted."""
+    outlyingness: FloatArray
+    """(M,) share of the samples that are more central than this one."""
+    later_path: FloatArray
+    """(m, 2) m, observed positions after the prediction; empty if there are none."""
 
     @property
-    def middle(self) -> FloatArray:
-        """(T, 2) m, the course nearest to all others: a way that the ball can go, which a mean over bounces is not.
+    def medoid_path(self) -> FloatArray:
+        """Return the sample (T, 2) m nearest to all others, a feasible path, unlike a mean over rebounds.
 
-        The medoid by mean distance (Kaufman and Rousseeuw, 1987); a potted ball counts where it was lost.
+        The medoid by mean distance (Kaufman and Rousseeuw, 1987); a potted ball counts at its last position.
         """
-        if not self.courses.size:
+        if not self.samples.size:
             return np.empty((0, 2))
-        lost = np.isnan(self.courses[..., 0])
-        last = np.maximum.accumulate(np.where(lost, 0, np.arange(lost.shape[1])), axis=1)
-        places = np.take_along_axis(self.courses, last[..., None], axis=1)
-        away = [float(np.nan_to_num(np.linalg.norm(places - one, axis=2)).mean()) for one in places]
-        middle: FloatArray = self.courses[int(np.argmin(away))]
-        return middle
+        is_potted = np.isnan(self.samples[..., 0])
+        last_finite = np.maximum.accumulate(np.where(is_potted, 0, np.arange(is_potted.shape[1])), axis=1)
+        positions = np.take_along_axis(self.samples, last_finite[..., None], axis=1)
+        distances = [float(np.nan_to_num(np.linalg.norm(positions - path, axis=2)).mean()) for path in positions]
+        medoid: FloatArray = self.samples[int(np.argmin(distances))]
+        return medoid
 
 
-def draw_fans(table: Table, fans: Sequence[Fan], title: str) -> ImageArray:
-    """A still (h, w, 3): shaded where 90 and 50 % of the courses go, in white their middle, in dots what came after."""
+def draw_prediction_fans(table: Table, fans: Sequence[PredictionFan], title: str) -> ImageArray:
+    """Draw the predicted paths of several balls on an empty table.
 
-    def below(inset: Inset, colours: Sequence[Colour]) -> None:
+    Args:
+        table: Table to draw.
+        fans: Predicted paths of each ball.
+        title: Title below the table.
+
+    Returns:
+        Image (h, w, 3): areas that hold 90 and 50 % of the samples are shaded, the medoid is a light line, and later
+        observations are dots.
+    """
+
+    def draw_fans(inset: TableInset, colours: Sequence[Colour]) -> None:
         for fan, colour in zip(fans, colours, strict=True):
-            _shade(inset, fan, colour)
+            _shade_samples(inset, fan, colour)
         for fan, colour in zip(fans, colours, strict=True):
-            _line(inset, fan.middle, mix(colour, WHITE, 0.6))
-            for place in fan.after[np.isfinite(fan.after).all(axis=1)]:
+            _draw_path_line(inset, fan.medoid_path, mix_colours(colour, WHITE, 0.6))
+            for place in fan.later_path[np.isfinite(fan.later_path).all(axis=1)]:
                 cv2.circle(
-                    inset.ground, inset.plan(place).tolist(), 2 * SUPERSAMPLE << SHIFT, INK, -1, cv2.LINE_AA, SHIFT
+                    inset.canvas,
+                    inset.to_fixed_point(place).tolist(),
+                    2 * SUPERSAMPLE << SHIFT,
+                    INK,
+                    -1,
+                    cv2.LINE_AA,
+                    SHIFT,
                 )
 
-    return draw_plan(table, [fan.name for fan in fans], [fan.seen for fan in fans], np.empty((0, 2)), title, below)
+    return draw_table_plan(
+        table, [fan.name for fan in fans], [fan.observed_path for fan in fans], np.empty((0, 2)), title, draw_fans
+    )
 
 
-def _shade(inset: Inset, fan: Fan, colour: Colour) -> None:
-    there = np.where(np.isfinite(fan.courses), fan.courses, fan.courses[:, :1])
-    spread = float(np.ptp(there, axis=1).max(initial=0.0)) if there.size else 0.0
-    if spread < STILL:
+def _shade_samples(inset: TableInset, fan: PredictionFan, colour: Colour) -> None:
+    """Shade the areas that hold the most central samples of a fan."""
+    positions = np.where(np.isfinite(fan.samples), fan.samples, fan.samples[:, :1])
+    travel = float(np.ptp(positions, axis=1).max(initial=0.0)) if positions.size else 0.0
+    if travel < MIN_TRAVEL:
         return
-    for share, strength in SHARES:
-        mask = np.zeros(inset.ground.shape[:2], np.uint8)
-        for course in fan.courses[fan.outlying <= share]:
-            line = course[np.isfinite(course).all(axis=1)]
+    for share, strength in SHADED_SHARES:
+        mask = np.zeros(inset.canvas.shape[:2], np.uint8)
+        for sample in fan.samples[fan.outlyingness <= share]:
+            line = sample[np.isfinite(sample).all(axis=1)]
             if len(line) > 1:
-                cv2.polylines(mask, [inset.plan(line).reshape(-1, 1, 2)], False, 255, STROKE * SUPERSAMPLE,
+                cv2.polylines(mask, [inset.to_fixed_point(line).reshape(-1, 1, 2)], False, 255, STROKE_PX * SUPERSAMPLE,
                               cv2.LINE_AA, SHIFT)  # fmt: skip
         closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
         cover = closed.astype(np.float32)[..., None] * (strength / 255)
-        ground = inset.ground.astype(np.float32)
-        inset.ground[:] = np.rint(ground + (np.asarray(colour, np.float32) - ground) * cover).astype(np.uint8)
+        ground = inset.canvas.astype(np.float32)
+        inset.canvas[:] = np.rint(ground + (np.asarray(colour, np.float32) - ground) * cover).astype(np.uint8)
 
 
-def _line(inset: Inset, path: FloatArray, colour: Colour) -> None:
+def _draw_path_line(inset: TableInset, path: FloatArray, colour: Colour) -> None:
+    """Draw the finite points of a path (n, 2) m as a thin line."""
     line = path[np.isfinite(path).all(axis=1)]
     if len(line) > 1:
         cv2.polylines(
-            inset.ground, [inset.plan(line).reshape(-1, 1, 2)], False, colour, SUPERSAMPLE, cv2.LINE_AA, SHIFT
+            inset.canvas, [inset.to_fixed_point(line).reshape(-1, 1, 2)], False, colour, SUPERSAMPLE, cv2.LINE_AA, SHIFT
         )

@@ -1,4 +1,4 @@
-"""The table seen from above: a small plan with balls and paths."""
+"""A small plan of the table from above with balls and paths, to be inset into a frame."""
 
 from __future__ import annotations
 
@@ -11,90 +11,110 @@ from numpy.typing import NDArray
 
 from models.core.scene import Scene, Table
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.palette import INK, WHITE, Colour, lab_to_rgb, mix
-from video.drawing.text import rounded_mask
-from video.io.pixel_kernels import lay_over
+from video.drawing.palette import INK, WHITE, Colour, lab_to_rgb, mix_colours
+from video.drawing.text import round_corner_mask
+from video.io.pixel_kernels import blend_colours
 
 RAIL_SHARE = 0.055
-"""Width of the rails of the plan, share of the table's length."""
+"""Width of the drawn rails, share of the table length."""
 SUPERSAMPLE = 2
-"""The plan is drawn so many times larger and reduced: anti-aliasing that is even."""
+"""Factor by which the canvas is larger than the final plan: reducing it gives even anti-aliasing."""
 BALL_GROWTH = 1.35
-"""Balls of the plan are drawn larger than life, to be seen."""
+"""Factor by which balls are drawn larger than true to scale, to remain visible."""
 WOOD: Colour = (58, 44, 36)
 SHIFT = 4
-"""Binary digits after the point of OpenCV's sub-pixel coordinates."""
+"""Fractional bits of OpenCV's fixed-point coordinates."""
 
 
 @dataclass(frozen=True, slots=True)
-class Inset:
-    """A plan of the table that stands as the table stands in the picture."""
+class TableInset:
+    """A plan of the table in the orientation that the table has in the frame."""
 
-    ground: ImageArray
-    """(h, w, 3), `SUPERSAMPLE` times the final size."""
-    to_plan: FloatArray
-    """(2, 3) affine: metres to px of `ground`."""
+    canvas: ImageArray
+    """(h, w, 3) the empty table, `SUPERSAMPLE` times the final size."""
+    table_to_canvas: FloatArray
+    """(2, 3) affine map from m to px of `canvas`."""
     ball_radius: float
-    """px of `ground`"""
+    """px of `canvas`."""
 
     @property
     def size(self) -> tuple[int, int]:
         """Final width and height, px."""
-        return self.ground.shape[1] // SUPERSAMPLE, self.ground.shape[0] // SUPERSAMPLE
+        return self.canvas.shape[1] // SUPERSAMPLE, self.canvas.shape[0] // SUPERSAMPLE
 
-    def plan(self, xy: FloatArray) -> NDArray[np.int32]:
-        """Points (..., 2) in m to fixed-point px of `ground`."""
-        px = xy @ self.to_plan[:, :2].T + self.to_plan[:, 2]
+    def to_fixed_point(self, xy: FloatArray) -> NDArray[np.int32]:
+        """Map points (..., 2) m to fixed-point px of `canvas`."""
+        px = xy @ self.table_to_canvas[:, :2].T + self.table_to_canvas[:, 2]
         return np.asarray(np.rint(px * (1 << SHIFT)), dtype=np.int32)
 
     def draw(
         self,
-        picture: ImageArray,
+        image: ImageArray,
         x: int,
         y: int,
         xy: FloatArray,
         paths: Sequence[FloatArray],
         colours: Sequence[Colour],
     ) -> None:
-        """Lay the plan over `picture` at (x, y): balls at `xy` (N, 2) m, NaN if absent, their paths (n, 2) m so far."""
-        tile = self.ground.copy()
+        """Draw the plan onto `image` at (x, y) with balls at `xy` (N, 2) m, NaN if absent, and their paths (n, 2) m."""
+        canvas = self.canvas.copy()
         for path, colour in zip(paths, colours, strict=True):
-            self.add_path(tile, path, colour)
-        self.lay(picture, x, y, tile, xy, colours)
+            self.add_path(canvas, path, colour)
+        self.draw_with_balls(image, x, y, canvas, xy, colours)
 
-    def add_path(self, tile: ImageArray, path: FloatArray, colour: Colour) -> None:
-        """Draw a path (n, 2) m on a copy of `ground`, in place."""
+    def add_path(self, canvas: ImageArray, path: FloatArray, colour: Colour) -> None:
+        """Draw a path (n, 2) m onto a copy of `canvas`, in place."""
         if len(path) > 1:
-            line = self.plan(path).reshape(-1, 1, 2)
-            cv2.polylines(tile, [line], False, mix(colour, WHITE, 0.35), SUPERSAMPLE + 1, cv2.LINE_AA, SHIFT)
+            line = self.to_fixed_point(path).reshape(-1, 1, 2)
+            cv2.polylines(canvas, [line], False, mix_colours(colour, WHITE, 0.35), SUPERSAMPLE + 1, cv2.LINE_AA, SHIFT)
 
-    def lay(
-        self, picture: ImageArray, x: int, y: int, tile: ImageArray, xy: FloatArray, colours: Sequence[Colour]
+    def draw_with_balls(
+        self, image: ImageArray, x: int, y: int, canvas: ImageArray, xy: FloatArray, colours: Sequence[Colour]
     ) -> None:
-        """Lay a copy of `ground` with paths on it over `picture` at (x, y), with balls at `xy` (N, 2) m."""
-        tile = tile.copy()
-        radius, known = round(self.ball_radius * (1 << SHIFT)), np.atleast_1d(np.isfinite(xy).all(axis=1))
-        centres = self.plan(np.where(known[:, None], xy, 0)).tolist()
-        for centre, colour, there in zip(centres, colours, known, strict=True):
-            if there:
-                cv2.circle(tile, centre, radius + (1 << SHIFT), mix(INK, colour, 0.15), -1, cv2.LINE_AA, SHIFT)
-                cv2.circle(tile, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
+        """Draw a copy of `canvas` that already holds the paths onto `image` at (x, y), with balls at `xy` (N, 2) m."""
+        canvas = canvas.copy()
+        radius, is_present = round(self.ball_radius * (1 << SHIFT)), np.atleast_1d(np.isfinite(xy).all(axis=1))
+        centres = self.to_fixed_point(np.where(is_present[:, None], xy, 0)).tolist()
+        for centre, colour, present in zip(centres, colours, is_present, strict=True):
+            if present:
+                cv2.circle(
+                    canvas, centre, radius + (1 << SHIFT), mix_colours(INK, colour, 0.15), -1, cv2.LINE_AA, SHIFT
+                )
+                cv2.circle(canvas, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
         width, height = self.size
-        small = cv2.resize(tile, (width, height), interpolation=cv2.INTER_AREA)
+        small = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
         corner = max(3, height // 24)
-        cover = rounded_mask(width, height, corner) * np.float32(1 / 255)
-        picture[y + corner : y + height - corner, x : x + width] = small[corner:-corner]
-        for rows in (slice(0, corner), slice(height - corner, height)):  # round corners alone let anything through
-            lay_over(picture, small[rows], cover[rows], x, y + rows.start, 1.0)
+        cover = round_corner_mask(width, height, corner) * np.float32(1 / 255)
+        image[y + corner : y + height - corner, x : x + width] = small[corner:-corner]
+        for rows in (slice(0, corner), slice(height - corner, height)):  # only the rounded corners are transparent
+            blend_colours(image, small[rows], cover[rows], x, y + rows.start, 1.0)
 
 
-def plan_of(scene: Scene, longest: int) -> Inset:
-    """A plan whose longer side has `longest` px and stands as the table stands in the picture."""
-    return furnished(scene.table, lab_to_rgb(scene.cloth_lab), _stands(scene), longest)
+def build_table_inset(scene: Scene, longest: int) -> TableInset:
+    """Build the plan of a calibrated table in the orientation that the table has in the frame.
+
+    Args:
+        scene: Table, camera and cloth colour.
+        longest: Longer side of the plan, px.
+
+    Returns:
+        The plan without balls and paths.
+    """
+    return build_empty_inset(scene.table, lab_to_rgb(scene.cloth_lab), _is_upright(scene), longest)
 
 
-def furnished(table: Table, cloth: Colour, upright: bool, longest: int) -> Inset:
-    """An empty table from above, its longer side `longest` px; `upright`: x runs down."""
+def build_empty_inset(table: Table, cloth: Colour, upright: bool, longest: int) -> TableInset:
+    """Build the plan of an empty table.
+
+    Args:
+        table: Table to draw.
+        cloth: Colour of the cloth.
+        upright: True if the x axis runs down, False if it runs to the right.
+        longest: Longer side of the plan, px.
+
+    Returns:
+        The plan without balls and paths.
+    """
     rail = RAIL_SHARE * table.length
     scale = longest * SUPERSAMPLE / (table.length + 2 * rail)
     sides = (table.length, table.width)
@@ -106,37 +126,45 @@ def furnished(table: Table, cloth: Colour, upright: bool, longest: int) -> Inset
         to_plan = np.array([[scale, 0.0, rail * scale], [0.0, scale, rail * scale]])
         shape = (short_px, long_px)
     radius = max(BALL_GROWTH * table.ball_radius * scale, 2.2 * SUPERSAMPLE)
-    inset = Inset(np.full((*shape, 3), WOOD, dtype=np.uint8), to_plan, radius)
-    _furnish(inset, table, cloth, scale)
+    inset = TableInset(np.full((*shape, 3), WOOD, dtype=np.uint8), to_plan, radius)
+    _draw_table(inset, table, cloth, scale)
     return inset
 
 
-def _stands(scene: Scene) -> bool:
-    """True where the table's longer side stands nearer to vertical in the picture."""
+def _is_upright(scene: Scene) -> bool:
+    """Return whether the longer side of the table is closer to vertical than to horizontal in the frame."""
     middle = np.array([[0.5, 0.5], [0.51, 0.5]]) * [scene.table.length, scene.table.width]
     step = np.diff(scene.camera.to_pixels(middle, 0.0), axis=0)[0]
     return bool(abs(step[1]) > abs(step[0]))
 
 
-def _furnish(inset: Inset, table: Table, cloth: Colour, scale: float) -> None:
+def _draw_table(inset: TableInset, table: Table, cloth: Colour, scale: float) -> None:
     """Draw cushions, cloth, diamonds and pockets."""
     rail = RAIL_SHARE * table.length
     nose = 0.35 * rail
-    for grow, colour in ((nose, mix(cloth, INK, 0.35)), (0.0, mix(cloth, INK, 0.08))):
+    for grow, colour in ((nose, mix_colours(cloth, INK, 0.35)), (0.0, mix_colours(cloth, INK, 0.08))):
         corners = np.array([[-grow, -grow], [table.length + grow, table.width + grow]])
-        low, high = (inset.plan(corner) for corner in corners)
-        cv2.rectangle(inset.ground, low.tolist(), high.tolist(), colour, -1, cv2.LINE_AA, SHIFT)
+        low, high = (inset.to_fixed_point(corner) for corner in corners)
+        cv2.rectangle(inset.canvas, low.tolist(), high.tolist(), colour, -1, cv2.LINE_AA, SHIFT)
     pockets = table.pocket_centres
-    for diamond in _diamonds(table, 0.67 * rail):
+    for diamond in _diamond_positions(table, 0.67 * rail):
         if not len(pockets) or np.linalg.norm(pockets - diamond, axis=1).min() > 1.5 * rail:
-            cv2.circle(inset.ground, inset.plan(diamond).tolist(), 2 << SHIFT, (214, 206, 190), -1, cv2.LINE_AA, SHIFT)
+            cv2.circle(
+                inset.canvas,
+                inset.to_fixed_point(diamond).tolist(),
+                2 << SHIFT,
+                (214, 206, 190),
+                -1,
+                cv2.LINE_AA,
+                SHIFT,
+            )
     for pocket in pockets:
         radius = round(2.1 * table.ball_radius * scale * (1 << SHIFT))
-        cv2.circle(inset.ground, inset.plan(pocket).tolist(), radius, INK, -1, cv2.LINE_AA, SHIFT)
+        cv2.circle(inset.canvas, inset.to_fixed_point(pocket).tolist(), radius, INK, -1, cv2.LINE_AA, SHIFT)
 
 
-def _diamonds(table: Table, away: float) -> FloatArray:
-    """Marks on the rails (n, 2) m: eighths of the length and fourths of the width, `away` outside the noses."""
+def _diamond_positions(table: Table, away: float) -> FloatArray:
+    """Return the rail marks (n, 2) m: eighths of the length and fourths of the width, `away` m outside the noses."""
     eighths, fourths = np.arange(1, 8) * table.length / 8, np.arange(1, 4) * table.width / 4
     rows = [np.column_stack([eighths, np.full(7, y)]) for y in (-away, table.width + away)]
     columns = [np.column_stack([np.full(3, x), fourths]) for x in (-away, table.length + away)]

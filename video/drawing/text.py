@@ -1,4 +1,4 @@
-"""Anti-aliased text, and masks laid over pictures in a colour."""
+"""Anti-aliased text and masks that are blended onto an image in one colour."""
 
 from __future__ import annotations
 
@@ -12,23 +12,30 @@ from PIL import Image, ImageDraw, ImageFont
 
 from models.core.typing import ByteArray, ImageArray
 from video.drawing.palette import Colour
-from video.io.pixel_kernels import paint, paint_where
+from video.io.pixel_kernels import paint_mask, paint_masks
 
 FONTS = Path(__file__).resolve().parent / "fonts"
 
 
 @lru_cache(maxsize=32)
-def _font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
+def _load_font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
+    """Load a font of a size in px."""
     return ImageFont.truetype(FONTS / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"), size)
 
 
 @lru_cache(maxsize=1024)
 def text_mask(text: str, size: int, bold: bool = False) -> ByteArray:
-    """Coverage (h, w) of a line of text, 0 to 255; the height is the font's, whatever the letters.
+    """Render a line of text as a coverage mask.
 
-    `size` is the font size in px. The mask is shared: do not write into it.
+    Args:
+        text: Text to render.
+        size: Font size, px.
+        bold: Whether to use the bold font.
+
+    Returns:
+        Coverage (h, w), 0 to 255; the height depends on the font size alone. The mask is shared and read-only.
     """
-    font = _font(size, bold)
+    font = _load_font(size, bold)
     ascent, descent = font.getmetrics()
     image = Image.new("L", (max(1, int(np.ceil(font.getlength(text)))), ascent + descent))
     ImageDraw.Draw(image).text((0, 0), text, fill=255, font=font)
@@ -38,8 +45,17 @@ def text_mask(text: str, size: int, bold: bool = False) -> ByteArray:
 
 
 def number_mask(text: str, size: int, bold: bool = False) -> ByteArray:
-    """As `text_mask`, put together from its letters at whole pixels: for numbers that change with every picture."""
-    ends = np.cumsum([_advance(letter, size, bold) for letter in text])
+    """Render a number letter by letter at whole pixels, which is fast for numbers that change with every frame.
+
+    Args:
+        text: Digits and signs to render.
+        size: Font size, px.
+        bold: Whether to use the bold font.
+
+    Returns:
+        Coverage (h, w), 0 to 255.
+    """
+    ends = np.cumsum([_letter_advance(letter, size, bold) for letter in text])
     masks = [text_mask(letter, size, bold) for letter in text]
     starts = [0, *(round(float(end)) for end in ends[:-1])]
     whole = np.zeros((masks[0].shape[0], starts[-1] + masks[-1].shape[1]), dtype=np.uint8)
@@ -50,14 +66,23 @@ def number_mask(text: str, size: int, bold: bool = False) -> ByteArray:
 
 
 @lru_cache(maxsize=256)
-def _advance(letter: str, size: int, bold: bool) -> float:
-    """px from a letter to the next."""
-    return float(_font(size, bold).getlength(letter))
+def _letter_advance(letter: str, size: int, bold: bool) -> float:
+    """Return the distance from a letter to the next, px."""
+    return float(_load_font(size, bold).getlength(letter))
 
 
 @lru_cache(maxsize=64)
-def rounded_mask(width: int, height: int, radius: int) -> ByteArray:
-    """Coverage (h, w) of a rectangle with round corners, drawn at four times its size; do not write into it."""
+def round_corner_mask(width: int, height: int, radius: int) -> ByteArray:
+    """Render a rectangle with round corners, anti-aliased by drawing at four times the size.
+
+    Args:
+        width: Width, px.
+        height: Height, px.
+        radius: Radius of the corners, px.
+
+    Returns:
+        Coverage (h, w), 0 to 255. The mask is shared and read-only.
+    """
     image = Image.new("L", (width * 4, height * 4))
     ImageDraw.Draw(image).rounded_rectangle((0, 0, width * 4 - 1, height * 4 - 1), radius * 4, fill=255)
     mask = np.asarray(image.resize((width, height), Image.Resampling.BOX), dtype=np.uint8)
@@ -65,27 +90,43 @@ def rounded_mask(width: int, height: int, radius: int) -> ByteArray:
     return mask
 
 
-def lay(picture: ImageArray, mask: ByteArray, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
-    """Paint `colour` through `mask` (h, w) with its top-left pixel at (x, y), in place; what is outside is cut."""
-    if opacity > 0:
-        paint(picture, mask, x, y, colour, float(opacity))
+def blend_mask(image: ImageArray, mask: ByteArray, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
+    """Paint a colour through a mask onto an image, in place.
 
-
-def lay_sparse(
-    picture: ImageArray, layers: Sequence[tuple[ByteArray, Colour]], x: int, y: int, free: ByteArray
-) -> None:
-    """As `lay`, one layer upon the other where the picture is `free` (H, W; 0 to 255), touching covered pixels alone.
-
-    For large masks that are mostly empty, lie inside the picture, and cover no more than the first of them.
+    Args:
+        image: Image (H, W, 3).
+        mask: Coverage (h, w), 0 to 255; parts outside the image are cut.
+        x: Left pixel of the mask.
+        y: Top pixel of the mask.
+        colour: Colour to paint.
+        opacity: Factor of the coverage, 0 to 1.
     """
-    found = cv2.findNonZero(layers[0][0])
-    if found is not None:
+    if opacity > 0:
+        paint_mask(image, mask, x, y, colour, float(opacity))
+
+
+def blend_sparse_masks(
+    image: ImageArray, layers: Sequence[tuple[ByteArray, Colour]], x: int, y: int, uncovered: ByteArray
+) -> None:
+    """Paint several layers onto an image where it is uncovered, in place, touching only covered pixels.
+
+    For large masks that are mostly empty, lie inside the image, and cover no more than the first one.
+
+    Args:
+        image: Image (H, W, 3).
+        layers: Masks (h, w) with their colours, from bottom to top.
+        x: Left pixel of the masks.
+        y: Top pixel of the masks.
+        uncovered: Mask (H, W), 0 to 255, of the pixels that may be painted.
+    """
+    covered_pixels = cv2.findNonZero(layers[0][0])
+    if covered_pixels is not None:
         masks, colours = zip(*layers, strict=True)
-        paint_where(picture, found.reshape(-1, 2), masks, x, y, colours, free)
+        paint_masks(image, covered_pixels.reshape(-1, 2), masks, x, y, colours, uncovered)
 
 
-def write(
-    picture: ImageArray,
+def draw_text(
+    image: ImageArray,
     text: str,
     x: float,
     y: float,
@@ -94,7 +135,21 @@ def write(
     bold: bool = False,
     opacity: float = 1.0,
 ) -> int:
-    """Write a line with its top-left corner at (x, y), in place; returns its width in px."""
+    """Draw a line of text onto an image, in place.
+
+    Args:
+        image: Image (H, W, 3).
+        text: Text to draw.
+        x: Left edge, px.
+        y: Top edge, px.
+        size: Font size, px.
+        colour: Colour of the text.
+        bold: Whether to use the bold font.
+        opacity: 0 to 1.
+
+    Returns:
+        Width of the text, px.
+    """
     mask = text_mask(text, size, bold)
-    lay(picture, mask, round(x), round(y), colour, opacity)
+    blend_mask(image, mask, round(x), round(y), colour, opacity)
     return int(mask.shape[1])

@@ -1,1 +1,1 @@
-"""Motion of everything that is no ball: optical flow, moving regions, tickers, interpolation networks."""
+"""Motion of everything except balls: optical flow, moving regions, tickers, interpolation networks."""

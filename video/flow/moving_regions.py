@@ -1,4 +1,4 @@
-"""Where something other than balls moves between two pictures, and an interpolator at work there alone."""
+"""Regions where something other than balls moves between two frames; interpolation runs only there."""
 
 from __future__ import annotations
 
@@ -11,239 +11,269 @@ from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
 from models.core.typing import BoolArray, Float32Array, FloatArray, ImageArray
-from video.flow.optical_flow import Between, Interpolator
-from video.io.pixel_kernels import CELL as COARSE
-from video.io.pixel_kernels import fill_cells
+from video.flow.optical_flow import FrameAtTime, Interpolator
+from video.io.pixel_kernels import CELL_PX, fill_cell_means
 
 Box = tuple[int, int, int, int]
 """x0, y0, x1, y1"""
 Part = tuple[Box, tuple[int, ...]]
-"""A box and the numbers of the things that move in it."""
+"""A box and the indices of the components that it holds."""
 
-LEAST_CHANGE, NOISE_TIMES = 7.0, 5.0
-"""Levels of 255, and times the usual change of a cell (coding, sensor), from which something moves in it."""
-SLACK = 2
-"""px by which an edge may be off where the camera moves: even."""
-MARGIN = 28
-"""px around what moves that the interpolator sees: a share of the longest ways of cue and hands."""
-FEATHER = 10
-"""px over which its picture goes over into the one around."""
-MOST_BOXES, MOST_JOINED = 6, 24
-"""Boxes that are opened, and that are looked at, the largest ones."""
-WORTH_A_CUT = 0.7
-"""Share of one box that two may hold to be worth a cut."""
-WASTED = 0.2
-"""Share by which the box around two boxes may be larger than both: then they are one."""
-LEAST_CELLS = 4
-"""Cells side by side: fewer are a glint or noise, and dissolve."""
-NOT_WORTH = 0.5
-"""Share of the picture from which all of it is handed over at once."""
+MIN_CHANGE, NOISE_FACTOR = 7.0, 5.0
+"""Levels of 255, and multiple of the typical change of a cell (coding and sensor noise), above which a cell moves."""
+EDGE_TOLERANCE_PX = 2
+"""px, an even number: displacement of edges that is tolerated where the camera moves."""
+MARGIN_PX = 28
+"""px around the moving cells that the interpolator receives: a share of the longest displacements of cue and hands."""
+FEATHER_PX = 10
+"""px over which the interpolated region fades into its surroundings."""
+MAX_BOXES, MAX_CANDIDATE_BOXES = 6, 24
+"""Boxes that are interpolated, and the largest ones that are considered."""
+MAX_SPLIT_AREA_SHARE = 0.7
+"""A component is split where two boxes together have at most this share of the area of one box."""
+MAX_EXTRA_AREA_SHARE = 0.2
+"""Two boxes merge where their common box is larger than both by at most this share."""
+MIN_CELLS = 4
+"""Connected cells; fewer are glints or noise, and the cross-fade handles them."""
+MAX_BOXED_SHARE = 0.5
+"""Share of the frame above which the whole frame becomes one box."""
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
-    """A box of the picture, what happens in it, and how far that counts at each pixel."""
+class MovingRegion:
+    """A box of the frame, the interpolated content, and its blending weight at each pixel."""
 
     box: Box
-    between: Between
+    interpolate: FrameAtTime
     weight: Float32Array
-    """(h, w) 0 to 1; 0 at borders inside the picture."""
+    """(h, w) 0 to 1; 0 at borders that lie inside the frame."""
 
-    def lay(self, picture: ImageArray, share: float, moved: FloatArray | None = None) -> None:
-        """Put the picture of a share of the time over `picture` (H, W, 3), in place.
+    def blend_onto(self, image: ImageArray, share: float, camera_step: FloatArray | None = None) -> None:
+        """Blend the interpolated content at a share of the gap onto `image` (H, W, 3), in place.
 
-        `moved` (3, 3) takes pixels in which the box is meant to those of `picture`, where the camera moves.
+        `camera_step` (3, 3) maps pixels of the first frame to those of `image` where the camera moves.
         """
-        box, patch, weight = self.box, self.between(share), self.weight
-        if moved is not None:
-            box, patch, weight = _carried(box, patch, weight, moved, picture.shape)
+        box, patch, weight = self.box, self.interpolate(share), self.weight
+        if camera_step is not None:
+            box, patch, weight = _warp_patch(box, patch, weight, camera_step, image.shape)
         x0, y0, x1, y1 = box
         if x1 > x0 and y1 > y0:
-            ground = picture[y0:y1, x0:x1]
-            ground[:] = cv2.blendLinear(np.ascontiguousarray(ground), patch, 1 - weight, weight)
+            target = image[y0:y1, x0:x1]
+            target[:] = cv2.blendLinear(np.ascontiguousarray(target), patch, 1 - weight, weight)
 
 
-def _carried(
-    box: Box, patch: ImageArray, weight: Float32Array, moved: FloatArray, shape: tuple[int, ...]
+def _warp_patch(
+    box: Box, patch: ImageArray, weight: Float32Array, camera_step: FloatArray, shape: tuple[int, ...]
 ) -> tuple[Box, ImageArray, Float32Array]:
-    """A patch (h, w, 3) in a box and its weight (h, w) as another picture has them, cut at its borders."""
+    """Warp a patch (h, w, 3) and its weight (h, w) by a homography into an image of another view.
+
+    Returns the box, cut at the border, the patch and the weight there.
+    """
     x0, y0, x1, y1 = box
     corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], dtype=np.float64)
-    there = apply_homography(moved, corners)
-    left, top = (int(v) for v in np.maximum(np.floor(there.min(axis=0)), 0))
-    right, bottom = (int(v) for v in np.minimum(np.ceil(there.max(axis=0)) + 1, [shape[1], shape[0]]))
+    warped_corners = apply_homography(camera_step, corners)
+    left, top = (int(v) for v in np.maximum(np.floor(warped_corners.min(axis=0)), 0))
+    right, bottom = (int(v) for v in np.minimum(np.ceil(warped_corners.max(axis=0)) + 1, [shape[1], shape[0]]))
     size = (max(right - left, 0), max(bottom - top, 0))
     if 0 in size:
         return (0, 0, 0, 0), patch, weight
-    step = _shift(-left, -top) @ moved @ _shift(x0, y0)
-    seen = cv2.warpPerspective(patch, step, size, borderMode=cv2.BORDER_REPLICATE)
-    counts = cv2.warpPerspective(weight, step, size, borderMode=cv2.BORDER_CONSTANT)
-    return (left, top, right, bottom), np.asarray(seen, dtype=np.uint8), np.asarray(counts, dtype=np.float32)
+    step = _translation_matrix(-left, -top) @ camera_step @ _translation_matrix(x0, y0)
+    warped = cv2.warpPerspective(patch, step, size, borderMode=cv2.BORDER_REPLICATE)
+    warped_weight = cv2.warpPerspective(weight, step, size, borderMode=cv2.BORDER_CONSTANT)
+    return (left, top, right, bottom), np.asarray(warped, dtype=np.uint8), np.asarray(warped_weight, dtype=np.float32)
 
 
-def _shift(x: float, y: float) -> FloatArray:
+def _translation_matrix(x: float, y: float) -> FloatArray:
+    """Return the homography (3, 3) of a translation."""
     return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
 
 
-def open_regions(
+def find_moving_regions(
     first: ImageArray,
     second: ImageArray,
     interpolator: Interpolator,
-    steady: bool = True,
-    small: tuple[ImageArray, ImageArray] | None = None,
-) -> tuple[Region, ...]:
-    """Find what moves between two pictures (H, W, 3) without moving balls, and open it.
+    camera_is_still: bool = True,
+    cell_means: tuple[ImageArray, ImageArray] | None = None,
+) -> tuple[MovingRegion, ...]:
+    """Find the regions in which something moves between two frames, and prepare their interpolation.
 
-    Where the camera is not `steady` and the second was brought over the first, edges are off by a pixel here and there:
-    what lies above or below the table moves otherwise. That alone is no motion. Of a steady one the `coarse` pictures
-    may be given, where they are known.
+    Where the camera moves and the second frame was warped onto the first, edges above or below the table are
+    displaced by a pixel or so; that alone is no motion.
+
+    Args:
+        first: First frame (H, W, 3) without its moving balls.
+        second: Second frame (H, W, 3) without its moving balls, in the pixels of the first.
+        interpolator: Interpolator of the regions.
+        camera_is_still: False if the second frame was warped.
+        cell_means: Results of `compute_cell_means` for both frames, where known; only used for a still camera.
+
+    Returns:
+        The regions, which may overlap.
     """
-    stirred = find_stirred(first, second, steady, small)
+    moving_cells = find_moving_cells(first, second, camera_is_still, cell_means)
     regions = []
-    for box, cells in _boxes(stirred, first.shape):
+    for box, cells in _find_boxes(moving_cells, first.shape):
         x0, y0, x1, y1 = box
         here = np.s_[y0:y1, x0:x1]
-        between = interpolator.open(np.ascontiguousarray(first[here]), np.ascontiguousarray(second[here]))
-        regions.append(Region(box, between, _weight(cells, box, first.shape)))
+        between = interpolator.prepare(np.ascontiguousarray(first[here]), np.ascontiguousarray(second[here]))
+        regions.append(MovingRegion(box, between, _blend_weight(cells, box, first.shape)))
     return tuple(regions)
 
 
-def coarse(picture: ImageArray) -> ImageArray:
-    """(H / COARSE, W / COARSE[, 3]) The mean of every cell."""
-    height, width = (max(1, side // COARSE) for side in picture.shape[:2])
-    if picture.shape == (COARSE * height, COARSE * width, 3) and picture.flags.c_contiguous:
+def compute_cell_means(image: ImageArray) -> ImageArray:
+    """Average an image over square cells.
+
+    Args:
+        image: Image (H, W) or (H, W, 3).
+
+    Returns:
+        Mean of each cell (H / CELL_PX, W / CELL_PX[, 3]).
+    """
+    height, width = (max(1, side // CELL_PX) for side in image.shape[:2])
+    if image.shape == (CELL_PX * height, CELL_PX * width, 3) and image.flags.c_contiguous:
         cells = np.empty((height, width, 3), dtype=np.uint8)
-        fill_cells(picture, cells)
+        fill_cell_means(image, cells)
         return cells
-    return np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def find_stirred(
-    first: ImageArray, second: ImageArray, steady: bool = True, small: tuple[ImageArray, ImageArray] | None = None
+def find_moving_cells(
+    first: ImageArray,
+    second: ImageArray,
+    camera_is_still: bool = True,
+    cell_means: tuple[ImageArray, ImageArray] | None = None,
 ) -> BoolArray:
-    """(H / COARSE, W / COARSE) cells in which more than noise tells the two pictures apart; see `open_regions`."""
-    if steady:
-        change = _largest(cv2.absdiff(*(small or (coarse(first), coarse(second))))).astype(np.float32)
+    """Return the cells (H / CELL_PX, W / CELL_PX) in which two frames differ by more than noise.
+
+    The arguments are those of `find_moving_regions`.
+    """
+    if camera_is_still:
+        change = _channel_maximum(
+            cv2.absdiff(*(cell_means or (compute_cell_means(first), compute_cell_means(second))))
+        ).astype(np.float32)
     else:
-        size = (max(1, first.shape[1] // COARSE), max(1, first.shape[0] // COARSE))
-        change = cv2.resize(_beyond_edges(first, second), size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    usual = float(np.median(change))
-    stirred = (change > LEAST_CHANGE + NOISE_TIMES * usual).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(stirred, connectivity=8)
-    large = stats[:, cv2.CC_STAT_AREA] >= LEAST_CELLS
+        size = (max(1, first.shape[1] // CELL_PX), max(1, first.shape[0] // CELL_PX))
+        change = cv2.resize(_change_beyond_edges(first, second), size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    typical_change = float(np.median(change))
+    is_moving = (change > MIN_CHANGE + NOISE_FACTOR * typical_change).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(is_moving, connectivity=8)
+    large = stats[:, cv2.CC_STAT_AREA] >= MIN_CELLS
     large[0] = False
     return np.asarray(large[labels])
 
 
-def _largest(levels: ImageArray) -> ImageArray:
-    """(h, w) of (h, w, 3), a tenth of the time of an array's own."""
+def _channel_maximum(levels: ImageArray) -> ImageArray:
+    """Return the maximum (h, w) over three channels (h, w, 3), ten times faster than numpy's own."""
     red, green, blue = cv2.split(levels)
     return np.asarray(cv2.max(cv2.max(red, green), blue), dtype=np.uint8)
 
 
-def _beyond_edges(first: ImageArray, second: ImageArray) -> ImageArray:
-    """(H / 2, W / 2) levels by which no colour within SLACK px of the one picture is that of the other."""
+def _change_beyond_edges(first: ImageArray, second: ImageArray) -> ImageArray:
+    """Return the levels (H / 2, W / 2) by which one frame leaves the range of the other within the edge tolerance."""
     halves = [cv2.resize(p, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for p in (first, second)]
-    around = np.ones((SLACK + 1, SLACK + 1), np.uint8)
-    low, high = cv2.erode(halves[0], around), cv2.dilate(halves[0], around)
-    apart = cv2.max(cv2.subtract(halves[1], high), cv2.subtract(low, halves[1]))
-    return _largest(apart)
+    neighbourhood = np.ones((EDGE_TOLERANCE_PX + 1, EDGE_TOLERANCE_PX + 1), np.uint8)
+    low, high = cv2.erode(halves[0], neighbourhood), cv2.dilate(halves[0], neighbourhood)
+    change = cv2.max(cv2.subtract(halves[1], high), cv2.subtract(low, halves[1]))
+    return _channel_maximum(change)
 
 
-def _boxes(stirred: BoolArray, shape: tuple[int, ...]) -> list[tuple[Box, BoolArray]]:
-    """Boxes around what moves, with their margins, and the cells that move in each; they may overlap."""
-    if not stirred.any():
+def _find_boxes(moving_cells: BoolArray, shape: tuple[int, ...]) -> list[tuple[Box, BoolArray]]:
+    """Return boxes with margins around the moving cells, and the moving cells of each; the boxes may overlap."""
+    if not moving_cells.any():
         return []
-    reach = 2 * (MARGIN // COARSE) + 1
-    grown = cv2.dilate(stirred.astype(np.uint8), np.ones((reach, reach), np.uint8))
+    reach = 2 * (MARGIN_PX // CELL_PX) + 1
+    grown = cv2.dilate(moving_cells.astype(np.uint8), np.ones((reach, reach), np.uint8))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(grown, connectivity=8)
-    largest = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[:MOST_JOINED]
-    things = [piece for label in largest for piece in _pieces(stirred & (labels == label))]
-    parts = _joined([(_box_of(cells, shape), (k,)) for k, cells in enumerate(things)])
-    everything = (0, 0, shape[1], shape[0])
-    if sum(_area(box) for box, _ in parts) > NOT_WORTH * _area(everything):
-        return [(everything, stirred)]
-    return [(box, np.logical_or.reduce([things[k] for k in mine])) for box, mine in parts]
+    largest = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[:MAX_CANDIDATE_BOXES]
+    components = [piece for label in largest for piece in _split_component(moving_cells & (labels == label))]
+    parts = _merge_boxes([(_bounding_box(cells, shape), (k,)) for k, cells in enumerate(components)])
+    whole_image = (0, 0, shape[1], shape[0])
+    if sum(_box_area(box) for box, _ in parts) > MAX_BOXED_SHARE * _box_area(whole_image):
+        return [(whole_image, moving_cells)]
+    return [(box, np.logical_or.reduce([components[k] for k in members])) for box, members in parts]
 
 
-def _pieces(cells: BoolArray) -> list[BoolArray]:
-    """What hangs together, cut across where two boxes hold much less than one: a player beside a line of text."""
-    upper, lower = (_areas(cells), _areas(cells[::-1])[::-1])
-    left, right = (_areas(cells.T), _areas(cells.T[::-1])[::-1])
+def _split_component(cells: BoolArray) -> list[BoolArray]:
+    """Split connected cells where two boxes are much smaller than one, as for a player beside a line of text."""
+    upper, lower = (_box_areas_by_row(cells), _box_areas_by_row(cells[::-1])[::-1])
+    left, right = (_box_areas_by_row(cells.T), _box_areas_by_row(cells.T[::-1])[::-1])
     down, across = upper[:-1] + lower[1:], left[:-1] + right[1:]
-    if not len(down) or not len(across) or min(down.min(), across.min()) > WORTH_A_CUT * upper[-1]:
+    if not len(down) or not len(across) or min(down.min(), across.min()) > MAX_SPLIT_AREA_SHARE * upper[-1]:
         return [cells]
     first = np.zeros_like(cells)
     if down.min() <= across.min():
         first[: int(down.argmin()) + 1] = True
     else:
         first[:, : int(across.argmin()) + 1] = True
-    return [*_pieces(cells & first), *_pieces(cells & ~first)]
+    return [*_split_component(cells & first), *_split_component(cells & ~first)]
 
 
-def _areas(cells: BoolArray) -> NDArray[np.int64]:
-    """(rows,) of the box, with its margins, around all cells down to each row."""
-    margin, rows = 2 * (MARGIN // COARSE), np.flatnonzero(cells.any(axis=1))
+def _box_areas_by_row(cells: BoolArray) -> NDArray[np.int64]:
+    """Return the area (rows,) of the box, with margins, around all cells from the top down to each row."""
+    margin, rows = 2 * (MARGIN_PX // CELL_PX), np.flatnonzero(cells.any(axis=1))
     so_far = np.logical_or.accumulate(cells, axis=0)
     wide = np.where(so_far.any(axis=1), cells.shape[1] - so_far[:, ::-1].argmax(axis=1) - so_far.argmax(axis=1), 0)
     last = np.maximum.accumulate(np.where(cells.any(axis=1), np.arange(len(cells)), -1))
     return np.where(last < 0, 0, (last - rows[0] + 1 + margin) * (wide + margin))
 
 
-def _box_of(cells: BoolArray, shape: tuple[int, ...]) -> Box:
+def _bounding_box(cells: BoolArray, shape: tuple[int, ...]) -> Box:
+    """Return the box of the cells with its margin, px."""
     rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
-    margin = MARGIN // COARSE
-    left, top = (max(int(line[0]) - margin, 0) * COARSE for line in (columns, rows))
-    right, bottom = ((int(line[-1]) + 1 + margin) * COARSE for line in (columns, rows))
-    # cells leave out what is left of a picture whose sides are no multiples of theirs
-    right, bottom = (end if whole - end >= COARSE else whole for end, whole in ((right, shape[1]), (bottom, shape[0])))
+    margin = MARGIN_PX // CELL_PX
+    left, top = (max(int(line[0]) - margin, 0) * CELL_PX for line in (columns, rows))
+    right, bottom = ((int(line[-1]) + 1 + margin) * CELL_PX for line in (columns, rows))
+    # Cells do not cover the remainder of a frame whose sides are no multiples of the cell size.
+    right, bottom = (end if whole - end >= CELL_PX else whole for end, whole in ((right, shape[1]), (bottom, shape[0])))
     return left, top, min(right, shape[1]), min(bottom, shape[0])
 
 
-def _joined(parts: list[Part]) -> list[Part]:
-    """Boxes with what lies in them; two become one where that wastes little, and while there are too many.
+def _merge_boxes(parts: list[Part]) -> list[Part]:
+    """Merge boxes whose common box is hardly larger than both, and further ones while there are too many.
 
-    Boxes that overlap stay apart otherwise: what crawls along two sides of a picture is not all of it.
+    Other boxes that overlap stay separate: tickers along two sides of a frame do not fill the whole frame.
     """
-    parts = sorted(parts, key=lambda part: _area(part[0]))[-MOST_JOINED:]
+    parts = sorted(parts, key=lambda part: _box_area(part[0]))[-MAX_CANDIDATE_BOXES:]
     while len(parts) > 1:
-        pairs = [(_wasted(a[0], b[0]), a, b) for a, b in combinations(parts, 2)]
+        pairs = [(_extra_area(a[0], b[0]), a, b) for a, b in combinations(parts, 2)]
         wasted, a, b = min(pairs)
-        if wasted > WASTED * (_area(a[0]) + _area(b[0])) and len(parts) <= MOST_BOXES:
+        if wasted > MAX_EXTRA_AREA_SHARE * (_box_area(a[0]) + _box_area(b[0])) and len(parts) <= MAX_BOXES:
             break
-        parts = [part for part in parts if part not in (a, b)] + [(_hull(a[0], b[0]), a[1] + b[1])]
+        parts = [part for part in parts if part not in (a, b)] + [(_enclosing_box(a[0], b[0]), a[1] + b[1])]
     return parts
 
 
-def _wasted(a: Box, b: Box) -> int:
-    """px of the box around two boxes beyond the px of both; below 0 where they overlap."""
-    return _area(_hull(a, b)) - _area(a) - _area(b)
+def _extra_area(a: Box, b: Box) -> int:
+    """Return the px by which the enclosing box exceeds both boxes together; negative where they overlap."""
+    return _box_area(_enclosing_box(a, b)) - _box_area(a) - _box_area(b)
 
 
-def _hull(a: Box, b: Box) -> Box:
+def _enclosing_box(a: Box, b: Box) -> Box:
+    """Return the smallest box that holds two boxes."""
     return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
 
 
-def _area(box: Box) -> int:
+def _box_area(box: Box) -> int:
+    """Return the area of a box, px^2."""
     return (box[2] - box[0]) * (box[3] - box[1])
 
 
-def _weight(stirred: BoolArray, box: Box, shape: tuple[int, ...]) -> Float32Array:
-    """(h, w): 1 around what moves, falling to 0 before the borders of the box that are no borders of the picture."""
+def _blend_weight(moving_cells: BoolArray, box: Box, shape: tuple[int, ...]) -> Float32Array:
+    """Return the weight (h, w): 1 around the moving cells, falling to 0 at box borders that lie inside the frame."""
     x0, y0, x1, y1 = box
     width, height = x1 - x0, y1 - y0
-    reach = 2 * (MARGIN // 2 // COARSE) + 1
-    grown = cv2.dilate(stirred.astype(np.uint8), np.ones((reach, reach), np.uint8)).astype(np.float32)
-    cells = grown[y0 // COARSE : -(-y1 // COARSE), x0 // COARSE : -(-x1 // COARSE)]
-    wide = cv2.blur(cv2.resize(cells, (width, height), interpolation=cv2.INTER_LINEAR), (FEATHER, FEATHER))
-    across, down = _ramp(x0, x1, shape[1]), _ramp(y0, y1, shape[0])
+    reach = 2 * (MARGIN_PX // 2 // CELL_PX) + 1
+    grown = cv2.dilate(moving_cells.astype(np.uint8), np.ones((reach, reach), np.uint8)).astype(np.float32)
+    cells = grown[y0 // CELL_PX : -(-y1 // CELL_PX), x0 // CELL_PX : -(-x1 // CELL_PX)]
+    wide = cv2.blur(cv2.resize(cells, (width, height), interpolation=cv2.INTER_LINEAR), (FEATHER_PX, FEATHER_PX))
+    across, down = _border_ramp(x0, x1, shape[1]), _border_ramp(y0, y1, shape[0])
     wide = wide * across[None] * down[:, None]
     return np.ascontiguousarray(wide, dtype=np.float32)
 
 
-def _ramp(low: int, high: int, end: int) -> Float32Array:
-    """(high - low,) from 0 at both borders to 1, but where a border is that of the picture."""
+def _border_ramp(low: int, high: int, end: int) -> Float32Array:
+    """Return a ramp (high - low,) from 0 at both ends to 1 inside, without a ramp at a border of the frame."""
     place = np.arange(high - low, dtype=np.float32)
-    inner = np.full(len(place), np.float32(FEATHER))
-    before, behind = (inner if low == 0 else place), (inner if high == end else place[::-1])
-    return np.asarray(np.clip(np.minimum(before, behind) / FEATHER, 0, 1), dtype=np.float32)
+    flat = np.full(len(place), np.float32(FEATHER_PX))
+    from_low, from_high = (flat if low == 0 else place), (flat if high == end else place[::-1])
+    return np.asarray(np.clip(np.minimum(from_low, from_high) / FEATHER_PX, 0, 1), dtype=np.float32)

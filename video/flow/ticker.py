@@ -1,7 +1,7 @@
-"""What crawls: lines of text and banners that go one way as a whole, farther between two pictures than flow can follow.
+"""Detection of tickers: lines of text and banners that shift as a whole, farther than optical flow can follow.
 
-A letter looks like the next one, so a flow that grows from coarse to fine loses a line of text that moves by more than
-a letter. All of it together tells its way by phase correlation (Kuglin and Hines 1975).
+Letters resemble each other, so a coarse-to-fine flow loses a line of text that shifts by more than one letter. The
+shift of the whole line follows from phase correlation (Kuglin and Hines 1975).
 """
 
 from __future__ import annotations
@@ -14,101 +14,107 @@ from numpy.typing import NDArray
 
 from models.core.typing import Float32Array, ImageArray
 
-MOST_WAYS = 2
-"""Ways that are looked for in one box."""
-LEAST_WAY_PX = 3.0
-"""A flow follows shorter ones."""
-LEAST_SHARE = 0.04
-"""Height of a peak, 1 where both pictures are one that moved, from which it is tried: below are chance and coding."""
-LOCAL_PX = 9
-"""Side of the window whose mean is taken off the pictures, so that letters count and not what is behind them."""
-LEAST_CHANGE = 12.0
-"""Levels of 255 from which a place counts as changed."""
-WINDOW = 5
-"""px over which the two ends of a way are compared."""
-BETTER, SURE = 6.0, 12.0
-"""Levels by which a way must agree better than the flow's, and by which its ends may differ at the most."""
-LEAST_AREA = 160
-"""px that a way must explain better for it to be one."""
+MAX_SHIFTS = 2
+"""Shifts that are sought in one box."""
+MIN_SHIFT_PX = 3.0
+"""Optical flow follows shorter shifts."""
+MIN_PEAK = 0.04
+"""Least height of a correlation peak, 1 for a pure translation; lower peaks are chance and coding noise."""
+HIGH_PASS_PX = 9
+"""px, side of the window whose mean is subtracted, so that letters count and not the background."""
+MIN_CHANGE = 12.0
+"""Levels of 255 above which a pixel counts as changed."""
+WINDOW_PX = 5
+"""px over which the two ends of a shift are compared."""
+MIN_IMPROVEMENT, MAX_DIFFERENCE = 6.0, 12.0
+"""Levels by which a shift must fit better than the flow, and by which its two ends may differ at most."""
+MIN_AREA_PX = 160
+"""Pixels that a shift must explain better to be accepted."""
 
 
-def crawling_ways(first: ImageArray, second: ImageArray) -> list[Float32Array]:
-    """The ways (2,) px that something may crawl from one grey picture (h, w) to another; back, the opposite ones."""
-    if min(first.shape) < LOCAL_PX:
-        return []
-    changed = cv2.blur(cv2.absdiff(first, second), (WINDOW, WINDOW)) > LEAST_CHANGE
-    return _ways(first, second, changed) if np.count_nonzero(changed) >= LEAST_AREA else []
+def find_ticker_shifts(first: ImageArray, second: ImageArray) -> list[Float32Array]:
+    """Find the shifts of whole lines of text from one grey image (h, w) to another.
 
-
-def with_crawls(
-    flow: Float32Array, first: ImageArray, second: ImageArray, ways: list[Float32Array], grid: Float32Array
-) -> Float32Array:
-    """A flow (h, w, 2) px from one grey picture to another, with the ways of what crawls where these agree better.
-
-    `grid` (h, w, 2) px is every pixel's own place.
+    Returns:
+        Shifts (2,) px; the opposite shifts hold for the reverse direction.
     """
-    if not ways:
+    if min(first.shape) < HIGH_PASS_PX:
+        return []
+    changed = cv2.blur(cv2.absdiff(first, second), (WINDOW_PX, WINDOW_PX)) > MIN_CHANGE
+    return _find_shifts(first, second, changed) if np.count_nonzero(changed) >= MIN_AREA_PX else []
+
+
+def apply_ticker_shifts(
+    flow: Float32Array, first: ImageArray, second: ImageArray, shifts: list[Float32Array], grid: Float32Array
+) -> Float32Array:
+    """Replace a flow (h, w, 2) px by ticker shifts at the pixels where these fit both grey images better.
+
+    `grid` (h, w, 2) px are the coordinates of every pixel.
+    """
+    if not shifts:
         return flow
-    cost = _differences(first, second, grid + flow)
-    for way in ways:
-        crawl = np.broadcast_to(way, flow.shape)
-        theirs = _differences(first, second, grid + crawl)
-        better = (cost - theirs > BETTER) & (theirs < SURE)
-        if np.count_nonzero(better) >= LEAST_AREA:
-            # Between the letters that say so the ground goes with them.
-            better = (cv2.dilate(better.view(np.uint8), np.ones((WINDOW, WINDOW), np.uint8)) > 0) & (theirs <= cost)
-            flow = np.where(better[..., None], crawl, flow)
-            cost = np.where(better, theirs, cost)
+    cost = _endpoint_difference(first, second, grid + flow)
+    for shift in shifts:
+        shift_field = np.broadcast_to(shift, flow.shape)
+        shift_cost = _endpoint_difference(first, second, grid + shift_field)
+        better = (cost - shift_cost > MIN_IMPROVEMENT) & (shift_cost < MAX_DIFFERENCE)
+        if np.count_nonzero(better) >= MIN_AREA_PX:
+            # The background between the letters shifts with them.
+            better = (cv2.dilate(better.view(np.uint8), np.ones((WINDOW_PX, WINDOW_PX), np.uint8)) > 0) & (
+                shift_cost <= cost
+            )
+            flow = np.where(better[..., None], shift_field, flow)
+            cost = np.where(better, shift_cost, cost)
     return flow
 
 
-def _differences(first: ImageArray, second: ImageArray, where: Float32Array) -> Float32Array:
-    """(h, w) levels by which each pixel of the one picture and where (h, w, 2) px it leads differ, around it."""
-    there = cv2.remap(second, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(cv2.blur(cv2.absdiff(first, np.asarray(there)).astype(np.float32), (WINDOW, WINDOW)))
+def _endpoint_difference(first: ImageArray, second: ImageArray, where: Float32Array) -> Float32Array:
+    """Return the levels (h, w) by which each pixel of the first image differs from its target `where` (h, w, 2) px."""
+    sampled = cv2.remap(second, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.blur(cv2.absdiff(first, np.asarray(sampled)).astype(np.float32), (WINDOW_PX, WINDOW_PX)))
 
 
-def _ways(first: ImageArray, second: ImageArray, changed: NDArray[np.bool_]) -> list[Float32Array]:
-    """The likeliest ways (x, y) px of what changed as a whole, to a fraction of a px."""
+def _find_shifts(first: ImageArray, second: ImageArray, changed: NDArray[np.bool_]) -> list[Float32Array]:
+    """Return the most likely shifts (x, y) px of the changed pixels as a whole, with subpixel accuracy."""
     height, width = (cv2.getOptimalDFTSize(side) for side in first.shape)
     weight = cv2.GaussianBlur(changed.astype(np.float32), (0, 0), 2.0)
     spectra = []
-    for picture in (first, second):
-        detail = picture.astype(np.float32)
-        detail = (detail - cv2.blur(detail, (LOCAL_PX, LOCAL_PX))) * weight
+    for image in (first, second):
+        detail = image.astype(np.float32)
+        detail = (detail - cv2.blur(detail, (HIGH_PASS_PX, HIGH_PASS_PX))) * weight
         framed = np.zeros((height, width), dtype=np.float32)
         framed[: first.shape[0], : first.shape[1]] = detail
         spectra.append(np.fft.rfft2(framed))
     cross = np.conj(spectra[0]) * spectra[1]
-    softness = _softness(height, width)
+    softness = _frequency_weights(height, width)
     peaks = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-6) * softness, s=(height, width))
-    least, found = LEAST_SHARE * softness.mean(), list[Float32Array]()
-    for _ in range(2 * MOST_WAYS):
+    least, shifts = MIN_PEAK * softness.mean(), list[Float32Array]()
+    for _ in range(2 * MAX_SHIFTS):
         row, column = np.unravel_index(int(peaks.argmax()), peaks.shape)
-        if len(found) == MOST_WAYS or peaks[row, column] < least:
+        if len(shifts) == MAX_SHIFTS or peaks[row, column] < least:
             break
-        way = _top(peaks, int(row), int(column))
-        if np.hypot(*way) > LEAST_WAY_PX:
-            found.append(np.array(way, dtype=np.float32))
+        shift = _refine_peak(peaks, int(row), int(column))
+        if np.hypot(*shift) > MIN_SHIFT_PX:
+            shifts.append(np.array(shift, dtype=np.float32))
         for dy in range(-2, 3):
             peaks[(row + dy) % height, (column + np.arange(-2, 3)) % width] = 0
-    return found
+    return shifts
 
 
 @lru_cache(maxsize=32)
-def _softness(height: int, width: int) -> NDArray[np.float64]:
-    """Weights (h, w // 2 + 1) of the frequencies: the highest are noise."""
+def _frequency_weights(height: int, width: int) -> NDArray[np.float64]:
+    """Return weights (h, w // 2 + 1) of the spatial frequencies; the highest are noise."""
     y, x = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None]
     return np.asarray(np.exp(-0.5 * (x**2 + y**2) / 0.2**2))
 
 
-def _top(peaks: NDArray[np.float64], row: int, column: int) -> tuple[float, float]:
-    """Place (x, y) of a peak between its neighbours, of a plane whose sides meet."""
+def _refine_peak(peaks: NDArray[np.float64], row: int, column: int) -> tuple[float, float]:
+    """Return the subpixel position (x, y) of a peak on a periodic plane, from its neighbours."""
     height, width = peaks.shape
-    tops = []
+    position = []
     for at, size, line in ((column, width, peaks[row]), (row, height, peaks[:, column])):
-        before, there, behind = line[(at - 1) % size], line[at], line[(at + 1) % size]
-        bend = before - 2 * there + behind
-        off = 0.5 * (before - behind) / bend if bend < 0 else 0.0
-        tops.append(float((at + off + size / 2) % size - size / 2))
-    return tops[0], tops[1]
+        left, centre, right = line[(at - 1) % size], line[at], line[(at + 1) % size]
+        curvature = left - 2 * centre + right
+        off = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
+        position.append(float((at + off + size / 2) % size - size / 2))
+    return position[0], position[1]

@@ -1,1 +1,1 @@
-"""Reading and writing of clips, images and sound, and conversions between pixel formats."""
+"""Input and output of video, images and audio, and conversions between pixel formats; no analysis of the content."""

@@ -1,4 +1,4 @@
-"""The sound of a clip, stretched with the picture: slower at the same pitch."""
+"""Audio of a slow-motion video: the audio of the clip, stretched at constant pitch."""
 
 from __future__ import annotations
 
@@ -10,83 +10,88 @@ import av
 from av.filter import Graph
 
 from video.io.clip import Clip
-from video.io.decoder import opened, packets_of
+from video.io.decoder import demux_packets, open_container
 
-RATE, LAYOUT = 48000, "stereo"
-"""1/s, of samples; channels."""
-SLOWEST_STEP = 0.5
-"""The least tempo of one `atempo` filter; slower ones stand in a row."""
+SAMPLE_RATE_HZ, CHANNEL_LAYOUT = 48000, "stereo"
+"""Sample rate of the output, Hz, and its channel layout."""
+MIN_TEMPO = 0.5
+"""Smallest tempo of one `atempo` filter; slower tempos use several in series."""
 
 
-def add_sound(silent: Path, clip: Clip, slow: float, out: Path) -> None:
-    """Write the pictures of `silent` with the sound of `clip`, `slow` times slower, to `out` (mp4, AAC).
+def add_audio(silent_video: Path, clip: Clip, slowdown: float, out: Path) -> None:
+    """Write a slow-motion video with the audio of its clip, stretched at constant pitch.
 
-    The pictures begin with the clip's first one, and are copied as they are coded.
+    Args:
+        silent_video: the video; it starts with the clip's first frame, and its packets are copied.
+        clip: the clip whose audio is used.
+        slowdown: factor by which the video is slower than the clip.
+        out: the mp4 file to write (AAC audio).
     """
     with (
-        av.open(str(silent)) as pictures,
-        av.open(str(out), "w", format="mp4", options={"movflags": "+faststart"}) as made,
+        av.open(str(silent_video)) as video_in,
+        av.open(str(out), "w", format="mp4", options={"movflags": "+faststart"}) as output,
     ):
-        film = made.add_stream_from_template(pictures.streams.video[0])
-        voice = made.add_stream("aac", rate=RATE, layout=LAYOUT)
-        end = float((pictures.streams.video[0].duration or 0) * (pictures.streams.video[0].time_base or 0))
-        sound = _packets(voice, _stretched(clip, slow, end))
-        waiting = next(sound, None)
-        for packet in pictures.demux(video=0):
+        video_stream = output.add_stream_from_template(video_in.streams.video[0])
+        audio_stream = output.add_stream("aac", rate=SAMPLE_RATE_HZ, layout=CHANNEL_LAYOUT)
+        duration = float((video_in.streams.video[0].duration or 0) * (video_in.streams.video[0].time_base or 0))
+        audio_packets = _encode_packets(audio_stream, _stretch_audio(clip, slowdown, duration))
+        pending = next(audio_packets, None)
+        for packet in video_in.demux(video=0):
             if packet.dts is None:
                 continue
-            while waiting is not None and waiting.dts * waiting.time_base <= packet.dts * packet.time_base:
-                made.mux(waiting)
-                waiting = next(sound, None)
-            packet.stream = film
-            made.mux(packet)
-        while waiting is not None:
-            made.mux(waiting)
-            waiting = next(sound, None)
+            while pending is not None and pending.dts * pending.time_base <= packet.dts * packet.time_base:
+                output.mux(pending)
+                pending = next(audio_packets, None)
+            packet.stream = video_stream
+            output.mux(packet)
+        while pending is not None:
+            output.mux(pending)
+            pending = next(audio_packets, None)
 
 
-def _packets(voice: Any, frames: Iterator[Any]) -> Iterator[Any]:
+def _encode_packets(stream: Any, frames: Iterator[Any]) -> Iterator[Any]:
+    """Encode frames and flush the encoder."""
     for frame in frames:
-        yield from voice.encode(frame)
-    yield from voice.encode(None)
+        yield from stream.encode(frame)
+    yield from stream.encode(None)
 
 
-def _stretched(clip: Clip, slow: float, seconds: float) -> Iterator[Any]:
-    """Frames of sound from the first picture on, at the most `seconds` of them when stretched."""
+def _stretch_audio(clip: Clip, slowdown: float, duration: float) -> Iterator[Any]:
+    """Yield stretched audio frames from the first video frame on, at most `duration` s of them."""
     with av.open(str(clip.path)) as container:
-        voice = container.streams.audio[0]
-        graph, source, sink = _graph(voice, _first_picture(clip), slow, seconds)
-        for packet in packets_of(container, voice):
+        stream = container.streams.audio[0]
+        graph, source, sink = _build_filter_graph(stream, _first_frame_time(clip), slowdown, duration)
+        for packet in demux_packets(container, stream):
             for frame in packet.decode():
                 source.push(frame)
-                yield from _ready(sink)
+                yield from _pull_frames(sink)
         source.push(None)
-        yield from _ready(sink)
+        yield from _pull_frames(sink)
         del graph
 
 
-def _first_picture(clip: Clip) -> float:
-    """s by the container's clock at which the first picture is shown."""
-    with opened(clip.path) as (container, stream):
-        for picture in container.decode(stream):
-            return float(picture.time or 0.0)
+def _first_frame_time(clip: Clip) -> float:
+    """Presentation time of the first video frame, s of the container's clock."""
+    with open_container(clip.path) as (container, stream):
+        for frame in container.decode(stream):
+            return float(frame.time or 0.0)
     return 0.0
 
 
-def _graph(voice: Any, start: float, slow: float, seconds: float) -> tuple[Graph, Any, Any]:
-    """Cut at the first picture (silence before sound that begins later), stretch, one format."""
+def _build_filter_graph(stream: Any, start: float, slowdown: float, duration: float) -> tuple[Graph, Any, Any]:
+    """Build a graph that cuts at the first video frame (or inserts silence), stretches, and converts to one format."""
     graph = Graph()
-    source = graph.add_abuffer(template=voice)
-    late = float((voice.start_time or 0) * voice.time_base) - start
+    source = graph.add_abuffer(template=stream)
+    delay = float((stream.start_time or 0) * stream.time_base) - start
     steps = [("atrim", f"start={start:.6f}"), ("asetpts", "PTS-STARTPTS")]
-    steps += [("adelay", f"{1e3 * late:.3f}:all=1")] if late > 0 else []
-    tempo = 1 / slow
-    while tempo < SLOWEST_STEP:
-        steps.append(("atempo", f"{SLOWEST_STEP}"))
-        tempo /= SLOWEST_STEP
+    steps += [("adelay", f"{1e3 * delay:.3f}:all=1")] if delay > 0 else []
+    tempo = 1 / slowdown
+    while tempo < MIN_TEMPO:
+        steps.append(("atempo", f"{MIN_TEMPO}"))
+        tempo /= MIN_TEMPO
     steps += [("atempo", f"{tempo:.9f}")] if tempo != 1 else []
-    steps += [("atrim", f"end={seconds:.6f}")]
-    steps += [("aformat", f"sample_fmts=fltp:sample_rates={RATE}:channel_layouts={LAYOUT}")]
+    steps += [("atrim", f"end={duration:.6f}")]
+    steps += [("aformat", f"sample_fmts=fltp:sample_rates={SAMPLE_RATE_HZ}:channel_layouts={CHANNEL_LAYOUT}")]
     steps += [("asetnsamples", "n=1024:p=1")]
     before = source
     for name, options in steps:
@@ -99,7 +104,8 @@ def _graph(voice: Any, start: float, slow: float, seconds: float) -> tuple[Graph
     return graph, source, sink
 
 
-def _ready(sink: Any) -> Iterator[Any]:
+def _pull_frames(sink: Any) -> Iterator[Any]:
+    """Yield the frames that a filter has ready."""
     while True:
         try:
             yield sink.pull()

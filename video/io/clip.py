@@ -1,4 +1,4 @@
-"""A clip: what is known of a video file, and its pictures one after another."""
+"""The clip: metadata of a video file and sequential access to its frames."""
 
 from __future__ import annotations
 
@@ -13,258 +13,320 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.errors import ClipError
-from models.core.progress import Progress, silent
+from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray
-from video.io.decoder import Turn, decoded, decoded_from, luma_of, opened, pixel_aspect, rgb_of, turn_of
-from video.io.duplicate_frames import ChangeMeter, mark_repeats
-from video.io.image_sequence import open_sequence, sequence_digest
-from video.io.timestamps import even_times, nominal_rate, presentation_times
+from video.io.decoder import (
+    FrameOrientation,
+    convert_to_rgb,
+    decode_frames,
+    decode_frames_from,
+    extract_luma,
+    open_container,
+    pixel_aspect_ratio,
+    read_orientation,
+)
+from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
+from video.io.image_sequence import compute_sequence_digest, open_image_sequence
+from video.io.timestamps import compute_presentation_times, even_times, nominal_fps
 
-FEWEST_PICTURES = 5
-"""Distinct pictures; fewer do not show a motion that could be followed."""
+MIN_DISTINCT_FRAMES = 5
+"""Fewest distinct frames of a clip; fewer do not show a motion that can be tracked."""
 
-SIDES = (32, 16384)
-"""px: no table is recognised in a smaller picture, and no camera makes a larger one."""
+SIDE_RANGE_PX = (32, 16384)
+"""Smallest and largest side of a frame: no table is recognised in smaller frames, and no camera records larger ones."""
 
-RATES = (1, 1000)
-"""Pictures per second of a film of moving balls."""
+FPS_RANGE = (1, 1000)
+"""Lowest and highest frame rate of a clip, 1/s."""
 
-LONGEST_GAP_S = 60.0
-"""s between two pictures; a recording of a screen skips what is still, a spoilt timestamp skips years."""
+MAX_GAP_S = 60.0
+"""Longest time between two frames: a screen recording skips still moments, but a damaged timestamp skips years."""
 
-INCOMPLETE = ("it breaks off", "it is damaged")
-"""How a note begins that says that pictures are missing."""
+INCOMPLETE_PREFIXES = ("it breaks off", "it is damaged")
+"""First words of the notes that report missing frames."""
 
-USUAL_RATE = Fraction(25)
-"""Pictures per second where neither timestamps nor header say one: what FFmpeg takes as well."""
+DEFAULT_FPS = Fraction(25)
+"""Frame rate, 1/s, where neither timestamps nor header contain one; FFmpeg uses the same value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clip:
-    """A video file of F pictures in presentation order, repeats counted.
+    """A video file, or a part of one, with T frames in presentation order, duplicate frames included.
 
-    The pixels are those of the stored pictures, turned upright: where they are not square (a note says so) they are not
-    resampled, because the homography of the table takes up the stretch.
+    Frames are rotated upright but never resampled. Pixels that are not square (reported in `notes`) stay as stored,
+    because the homography of the table absorbs the aspect ratio.
     """
 
     path: Path
     digest: str
-    """SHA-256 of the file's bytes, hex."""
+    """SHA-256 of the file's bytes, hexadecimal."""
     width: int
-    """px, upright."""
+    """px, of the upright frame."""
     height: int
-    """px, upright."""
-    rate: Fraction
-    """1/s: nominal rate at which the container shows pictures, repeats counted."""
+    """px, of the upright frame."""
+    fps: Fraction
+    """Nominal frame rate of the container, 1/s, duplicate frames included."""
     t: FloatArray
-    """(F,) s, presentation time of each picture, the first at 0."""
-    repeat: NDArray[np.bool_]
-    """(F,) True where the picture shows the one before once more."""
+    """(T,) s, presentation time of each frame; the first is 0."""
+    is_duplicate: NDArray[np.bool_]
+    """(T,) True where a frame shows the previous one again."""
     has_audio: bool
     notes: tuple[str, ...] = ()
-    """Sentences on what was not as it should be, and what was done about it."""
-    first: int = 0
-    """Picture of the file with which the clip begins: a shot of a long recording is a clip of its own."""
-    begins: float = 0.0
-    """s, when that picture is shown in the file."""
-    whole: bool = True
-    """Whether the clip is all of the file."""
+    """Sentences for the user: defects of the file and how they were handled."""
+    first_frame: int = 0
+    """Index in the file of the clip's first frame; above 0 for a shot cut from a long recording."""
+    start_time: float = 0.0
+    """s, presentation time of that frame in the file."""
+    is_whole_file: bool = True
+    """Whether the clip covers the whole file."""
 
     def __post_init__(self) -> None:
-        if self.t.shape != self.repeat.shape or self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
-            raise ValueError("Clip.t and Clip.repeat must be (F,) alike, and t must go forward")
+        if self.t.shape != self.is_duplicate.shape or self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
+            raise ValueError("Clip.t and Clip.is_duplicate must have the same shape (T,), and t must increase")
 
     @property
     def frame_count(self) -> int:
-        """F, repeats counted."""
+        """Number of frames T, duplicate frames included."""
         return len(self.t)
 
     @property
-    def distinct(self) -> NDArray[np.int64]:
-        """(D,) indices of the pictures that are no repeats."""
-        return np.flatnonzero(~self.repeat).astype(np.int64)
+    def distinct_frames(self) -> NDArray[np.int64]:
+        """(D,) indices of the frames that are not duplicates."""
+        return np.flatnonzero(~self.is_duplicate).astype(np.int64)
 
-    def between(self, first: int, stop: int) -> Clip:
-        """The pictures from `first` on, and before `stop`, as a clip of their own: counted and timed from its first."""
-        if not self.whole or not 0 <= first < stop <= self.frame_count:
-            raise ValueError(f"{first} to {stop} is no part of the {self.frame_count} pictures of a whole file")
-        repeat = self.repeat[first:stop].copy()
-        repeat[0] = False
-        t, begins = self.t[first:stop], float(self.t[first])
-        return replace(self, t=t - begins, repeat=repeat, first=first, begins=begins, whole=False)
+    def extract_subclip(self, first: int, stop: int) -> Clip:
+        """Cut a clip out of a whole file; its frames are counted and timed from its own first frame.
+
+        Args:
+            first: index of its first frame in the file.
+            stop: index of the frame after its last one.
+
+        Returns:
+            The part as a clip that refers to the same file.
+
+        Raises:
+            ValueError: the clip is itself a part of a file, or the range is empty or outside the file.
+        """
+        if not self.is_whole_file or not 0 <= first < stop <= self.frame_count:
+            raise ValueError(f"frames {first} to {stop} are no part of the {self.frame_count} frames of a whole file")
+        is_duplicate = self.is_duplicate[first:stop].copy()
+        is_duplicate[0] = False
+        t, start = self.t[first:stop], float(self.t[first])
+        return replace(
+            self, t=t - start, is_duplicate=is_duplicate, first_frame=first, start_time=start, is_whole_file=False
+        )
 
 
-def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = silent) -> Clip:
-    """Look through the whole file once: times, repeats, size.
+def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = ignore_progress) -> Clip:
+    """Read a video file, or a folder of numbered images, once and collect its times, duplicate frames and size.
 
-    `fps` (1/s) overrides the container's times: picture k is at k / fps. ClipError, one sentence, where the file cannot
-    be used; a file that breaks off is used as far as it goes, and `Clip.notes` says so.
+    Args:
+        path: the file or folder.
+        fps: frame rate (1/s) that replaces the container's timestamps: frame k is at k / fps.
+        progress: is called with the share that has been read, 0 to 1.
+
+    Returns:
+        The clip. A truncated or damaged file is used up to the defect, which `Clip.notes` reports.
+
+    Raises:
+        ClipError: the file cannot be used; the message is one sentence for the user.
+        ValueError: `fps` is not positive.
     """
     if fps is not None and fps <= 0:
         raise ValueError(f"fps must be positive; got {fps}")
-    check_file(path)
-    seen = _look_through(path, progress)
-    repeat = mark_repeats(*np.array(seen.change).T)
-    distinct = int(np.count_nonzero(~repeat))
-    if distinct < FEWEST_PICTURES:
+    require_readable_file(path)
+    scan = _scan_file(path, progress)
+    is_duplicate = find_duplicate_frames(*np.array(scan.change).T)
+    distinct = int(np.count_nonzero(~is_duplicate))
+    if distinct < MIN_DISTINCT_FRAMES:
         raise ClipError(
-            f"{path.name} has {distinct} distinct picture{'s' * (distinct != 1)}; "
-            f"tracking needs at least {FEWEST_PICTURES}"
+            f"{path.name} has {distinct} distinct frame{'s' * (distinct != 1)}; "
+            f"tracking needs at least {MIN_DISTINCT_FRAMES}"
         )
-    t, note = presentation_times(seen.pts, seen.dts, seen.time_base, seen.rate or USUAL_RATE)
-    notes = tuple(_notes(seen, t, note if fps is None else ""))
-    rate = nominal_rate(t, seen.rate) if fps is None else Fraction(fps)
-    t = t if fps is None else even_times(len(t), rate)
-    _check_times(path, t, rate)
-    return Clip(path, clip_digest(path), *seen.size, rate, t, repeat, seen.has_audio, notes)
+    t, note = compute_presentation_times(scan.pts, scan.dts, scan.time_base, scan.fps or DEFAULT_FPS)
+    notes = tuple(_describe_problems(scan, t, note if fps is None else ""))
+    nominal = nominal_fps(t, scan.fps) if fps is None else Fraction(fps)
+    t = t if fps is None else even_times(len(t), nominal)
+    _check_times(path, t, nominal)
+    return Clip(path, compute_clip_digest(path), *scan.size, nominal, t, is_duplicate, scan.has_audio, notes)
 
 
 def read_frames(
     clip: Clip, *, indices: Sequence[int] | NDArray[np.int64] | None = None, grey: bool = False
 ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Yield (frame, picture), ascending: RGB (H, W, 3), or the luma plane (H, W); None stands for the distinct frames.
+    """Decode frames of a clip in ascending order.
 
-    One picture at a time is held, so memory does not grow with the clip; decoding stops after the last one asked for.
+    Only one frame is held at a time, so memory does not grow with the clip. Decoding stops after the last requested
+    frame.
+
+    Args:
+        clip: the clip to read.
+        indices: (K,) indices of the requested frames in any order; None requests all distinct frames.
+        grey: return only the luma plane, which costs no colour conversion.
+
+    Returns:
+        Iterator over (index, image) with upright uint8 images: RGB (H, W, 3), or luma (H, W).
+
+    Raises:
+        ValueError: an index is outside the clip.
+        ClipError: raised during the iteration if the file has changed since it was opened.
     """
     wanted = np.zeros(clip.frame_count, np.bool_)
-    chosen = clip.distinct if indices is None else np.asarray(indices, np.int64)
+    chosen = clip.distinct_frames if indices is None else np.asarray(indices, np.int64)
     if np.any((chosen < 0) | (chosen >= clip.frame_count)):
         raise ValueError(
             f"{clip.path.name} has frames 0 to {clip.frame_count - 1}; got {chosen.min()} to {chosen.max()}"
         )
     wanted[chosen] = True
-    return _pictures(clip, wanted, grey)
+    return _decode_wanted_frames(clip, wanted, grey)
 
 
-def _pictures(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+def _decode_wanted_frames(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     last = int(np.max(np.flatnonzero(wanted), initial=-1))
     if last < 0:
         return
-    with opened(clip.path) as (container, stream):
-        turn: Turn | None = None
-        for frame, picture in enumerate(decoded_from(container, stream, clip.first, clip.begins)):
-            turn = turn_of(picture) if turn is None else turn
-            if wanted[frame]:
-                yield frame, turn.upright(luma_of(picture) if grey else rgb_of(picture))
-            if frame == last:
+    with open_container(clip.path) as (container, stream):
+        orientation: FrameOrientation | None = None
+        for index, frame in enumerate(decode_frames_from(container, stream, clip.first_frame, clip.start_time)):
+            orientation = read_orientation(frame) if orientation is None else orientation
+            if wanted[index]:
+                yield index, orientation.rotate_upright(extract_luma(frame) if grey else convert_to_rgb(frame))
+            if index == last:
                 return
     raise ClipError(f"{clip.path.name} has changed since it was opened: frame {last} is gone; open it again")
 
 
-def _check_times(path: Path, t: FloatArray, rate: Fraction) -> None:
-    """ClipError for times at which nobody films: motion would be computed over hours, or over nothing."""
-    if not RATES[0] <= rate <= RATES[1]:
+def _check_times(path: Path, t: FloatArray, fps: Fraction) -> None:
+    """Raise ClipError for implausible times, which would make every speed meaningless."""
+    if not FPS_RANGE[0] <= fps <= FPS_RANGE[1]:
         raise ClipError(
-            f"{path.name} says that it shows {float(rate):.4g} pictures per second; {RATES[0]} to {RATES[1]} were "
-            "expected; give the right number with --fps"
+            f"{path.name} has a frame rate of {float(fps):.4g} fps; {FPS_RANGE[0]} to {FPS_RANGE[1]} were expected; "
+            "give the right number with --fps"
         )
     longest = int(np.argmax(np.diff(t)))
-    if t[longest + 1] - t[longest] > LONGEST_GAP_S:
+    if t[longest + 1] - t[longest] > MAX_GAP_S:
         raise ClipError(
             f"{path.name} shows nothing new for {t[longest + 1] - t[longest]:.4g} s after frame {longest}; cut it there"
         )
 
 
 @dataclass(slots=True)
-class _Seen:
-    """What one look through a file gathers: a few numbers per picture."""
+class _FileScan:
+    """Results of one pass through a file: a few numbers per frame."""
 
     pts: list[int | None]
     dts: list[int | None]
     change: list[tuple[float, float]]
     size: tuple[int, int] = (0, 0)
-    turned: bool = False
+    is_transposed: bool = False
     time_base: Fraction = Fraction(1)
-    rate: Fraction | None = None
-    seconds: float | None = None
+    fps: Fraction | None = None
+    duration_s: float | None = None
     aspect: Fraction = Fraction(1)
     has_audio: bool = False
     damage: tuple[str, ...] = ()
 
 
-def _look_through(path: Path, progress: Progress) -> _Seen:
-    seen, meter, damage = _Seen([], [], []), ChangeMeter(), list[str]()
-    with opened(path) as (container, stream):
-        _read_header(seen, container, stream)
-        for picture in decoded(container, stream, damage):
-            _check_size(path, seen, picture)
-            seen.time_base = picture.time_base or stream.time_base
-            seen.pts.append(picture.pts)
-            seen.dts.append(picture.dts)
-            seen.change.append(meter.change(luma_of(picture)))
-            if seen.seconds and picture.time is not None:
-                progress(min(max(picture.time / seen.seconds, 0.0), 1.0))
-    if not seen.pts:
+def _scan_file(path: Path, progress: Progress) -> _FileScan:
+    scan, meter, damage = _FileScan([], [], []), FrameChangeMeter(), list[str]()
+    with open_container(path) as (container, stream):
+        _read_header(scan, container, stream)
+        for frame in decode_frames(container, stream, damage):
+            _check_size(path, scan, frame)
+            scan.time_base = frame.time_base or stream.time_base
+            scan.pts.append(frame.pts)
+            scan.dts.append(frame.dts)
+            scan.change.append(meter.measure_change(extract_luma(frame)))
+            if scan.duration_s and frame.time is not None:
+                progress(min(max(frame.time / scan.duration_s, 0.0), 1.0))
+    if not scan.pts:
         raise ClipError(
-            f"{path.name} holds no picture that can be decoded: {damage[0] if damage else 'the stream is empty'}"
+            f"{path.name} contains no frame that can be decoded: {damage[0] if damage else 'the stream is empty'}"
         )
-    seen.damage = tuple(damage)
+    scan.damage = tuple(damage)
     progress(1.0)
-    return seen
+    return scan
 
 
-def _read_header(seen: _Seen, container: Any, stream: Any) -> None:
-    seen.rate = stream.guessed_rate or stream.average_rate
+def _read_header(scan: _FileScan, container: Any, stream: Any) -> None:
+    scan.fps = stream.guessed_rate or stream.average_rate
     if stream.duration:
-        seen.seconds = float(stream.duration * stream.time_base)
+        scan.duration_s = float(stream.duration * stream.time_base)
     elif container.duration:
-        seen.seconds = container.duration / 1e6  # FFmpeg's AV_TIME_BASE
-    seen.aspect = pixel_aspect(stream)
-    seen.has_audio = len(container.streams.audio) > 0
+        scan.duration_s = container.duration / 1e6  # FFmpeg's AV_TIME_BASE
+    scan.aspect = pixel_aspect_ratio(stream)
+    scan.has_audio = len(container.streams.audio) > 0
 
 
-def _check_size(path: Path, seen: _Seen, picture: Any) -> None:
-    if not seen.pts:
-        seen.turned = turn_of(picture).swap
-    size = (picture.height, picture.width) if seen.turned else (picture.width, picture.height)
-    if not seen.pts:
-        if min(size) < SIDES[0] or max(size) > SIDES[1]:
+def _check_size(path: Path, scan: _FileScan, frame: Any) -> None:
+    if not scan.pts:
+        scan.is_transposed = read_orientation(frame).swap
+    size = (frame.height, frame.width) if scan.is_transposed else (frame.width, frame.height)
+    if not scan.pts:
+        if min(size) < SIDE_RANGE_PX[0] or max(size) > SIDE_RANGE_PX[1]:
             raise ClipError(
-                f"{path.name} is {size[0]} x {size[1]} px; a table can be found in pictures of {SIDES[0]} to "
-                f"{SIDES[1]} px a side"
+                f"{path.name} is {size[0]} x {size[1]} px; a table can be found in frames with sides of "
+                f"{SIDE_RANGE_PX[0]} to {SIDE_RANGE_PX[1]} px"
             )
-        seen.size = size
-    elif size != seen.size:
+        scan.size = size
+    elif size != scan.size:
         raise ClipError(
-            f"{path.name} changes its picture size at frame {len(seen.pts)}, from {seen.size[0]} x {seen.size[1]} to "
+            f"{path.name} changes its frame size at frame {len(scan.pts)}, from {scan.size[0]} x {scan.size[1]} to "
             f"{size[0]} x {size[1]} px; cut it there"
         )
 
 
-def _notes(seen: _Seen, t: FloatArray, timing: str) -> Iterator[str]:
+def _describe_problems(scan: _FileScan, t: FloatArray, timing: str) -> Iterator[str]:
     if timing:
         yield timing
-    shown = _shown(seen, t)
-    if seen.seconds and shown < seen.seconds - max(3 * (t[-1] - t[-2]), 0.02 * seen.seconds):
-        yield f"{INCOMPLETE[0]} at {shown:.2f} s of {seen.seconds:.2f} s; the {len(t)} pictures before are used"
-    elif seen.damage:
-        yield f"{INCOMPLETE[1]} ({seen.damage[0]}); the {len(t)} pictures that can be decoded are used"
-    if seen.aspect != 1:
-        yield f"its pixels are not square ({seen.aspect.numerator}:{seen.aspect.denominator}); they are used as stored"
+    decoded_s = _last_frame_end(scan, t)
+    if scan.duration_s and decoded_s < scan.duration_s - max(3 * (t[-1] - t[-2]), 0.02 * scan.duration_s):
+        at = f"{decoded_s:.2f} s of {scan.duration_s:.2f} s"
+        yield f"{INCOMPLETE_PREFIXES[0]} at {at}; the {len(t)} frames before are used"
+    elif scan.damage:
+        yield f"{INCOMPLETE_PREFIXES[1]} ({scan.damage[0]}); the {len(t)} frames that can be decoded are used"
+    if scan.aspect != 1:
+        yield f"its pixels are not square ({scan.aspect.numerator}:{scan.aspect.denominator}); they are used as stored"
 
 
-def _shown(seen: _Seen, t: FloatArray) -> float:
-    """s from the container's zero to the end of the last picture."""
-    first = float((seen.pts[0] or 0) * seen.time_base)
+def _last_frame_end(scan: _FileScan, t: FloatArray) -> float:
+    """Return the time at which the last frame ends, s of the container's clock."""
+    first = float((scan.pts[0] or 0) * scan.time_base)
     return max(first, 0.0) + float(t[-1] + (t[-1] - t[-2]))
 
 
-def check_file(path: Path) -> None:
-    """ClipError where this cannot be a clip: a device would be read for ever."""
+def require_readable_file(path: Path) -> None:
+    """Check that a path is a non-empty file or a folder of numbered images; a device would be read forever.
+
+    Args:
+        path: the path to check.
+
+    Raises:
+        ClipError: it is neither; the message is one sentence for the user.
+    """
     if path.is_dir():
-        open_sequence(path)
+        open_image_sequence(path)
         return
     if not path.exists():
         raise ClipError(f"{path} does not exist; give a video file")
     if not path.is_file():
-        raise ClipError(f"{path} is no ordinary file; give a video file")
+        raise ClipError(f"{path} is not a regular file; give a video file")
     if path.stat().st_size == 0:
         raise ClipError(f"{path.name} is empty (0 bytes); copy or download it again")
 
 
-def clip_digest(path: Path) -> str:
-    """SHA-256 of the file's bytes, hex; of a folder of pictures over those of all. OSError where it cannot be read."""
+def compute_clip_digest(path: Path) -> str:
+    """Compute the digest that identifies a clip's content.
+
+    Args:
+        path: a video file or a folder of numbered images.
+
+    Returns:
+        SHA-256 of the file's bytes in hexadecimal; for a folder, of the numbers and digests of all its images.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
     if path.is_dir():
-        return sequence_digest(path)
+        return compute_sequence_digest(path)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""From a file to decoded pictures, one after another, in presentation order."""
+"""Decoding of video files with PyAV: containers to frames in presentation order."""
 
 from __future__ import annotations
 
@@ -15,145 +15,151 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.errors import ClipError
-from video.io.image_sequence import FILES_ONLY, PictureRow, decoded_sequence, open_sequence
+from video.io.image_sequence import LOCAL_FILES_ONLY, ImageSequence, decode_image_sequence, open_image_sequence
 
-av.logging.set_level(None)  # the decoder's complaints become our sentences, never lines on stderr
+av.logging.set_level(None)  # decoder errors are reported as notes and exceptions, never on stderr
 
-THREADS = 2
-"""Pictures decoded at a time; each costs one picture of memory."""
+DECODER_THREADS = 2
+"""Frames decoded in parallel; each costs the memory of one frame."""
 
-TIMED = ("mov", "matroska")
-"""Formats with a time of its own for each picture; AVI numbers its packets, transport streams begin their time anew."""
-JUMP_S = 0.5
-"""s before a picture to which is jumped: a picture just after a key frame may lean on one before it."""
-SAME_S = 2e-4
-"""s within which two times are the same: millisecond containers round, and a thousand pictures per second differ by
-five times as much."""
+TIMESTAMPED_FORMATS = ("mov", "matroska")
+"""Formats that store a time for each frame; AVI only numbers its packets, transport streams may restart their clock."""
+SEEK_MARGIN_S = 0.5
+"""s before the wanted frame at which decoding starts: a frame just after a key frame may refer to one before it."""
+TIME_TOLERANCE_S = 2e-4
+"""s within which two times are equal: millisecond clocks round, and frames at 1000 fps are five times as far apart."""
 
-NO_FILM = ("tty", "png_pipe", "jpeg_pipe", "image2", "bmp_pipe", "webp_pipe", "tiff_pipe", "svg_pipe")
-"""Formats by which FFmpeg takes a text or a still picture for a video."""
+NON_VIDEO_FORMATS = ("tty", "png_pipe", "jpeg_pipe", "image2", "bmp_pipe", "webp_pipe", "tiff_pipe", "svg_pipe")
+"""Formats as which FFmpeg would read a text file or a still image."""
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
-    """How a stored picture is put upright: columns and rows exchanged first, then each reversed."""
+class FrameOrientation:
+    """How a stored frame is rotated upright: first columns and rows are swapped, then each is reversed."""
 
     swap: bool = False
     mirror_x: bool = False
     mirror_y: bool = False
 
-    def upright(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The picture (H, W[, 3]) as it is meant to be seen."""
-        if self == Turn():
-            return picture
-        turned = picture.swapaxes(0, 1) if self.swap else picture
-        turned = turned[:, ::-1] if self.mirror_x else turned
-        return np.ascontiguousarray(turned[::-1] if self.mirror_y else turned)
+    def rotate_upright(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Rotate a stored image (H, W[, 3]) upright."""
+        if self == FrameOrientation():
+            return image
+        rotated = image.swapaxes(0, 1) if self.swap else image
+        rotated = rotated[:, ::-1] if self.mirror_x else rotated
+        return np.ascontiguousarray(rotated[::-1] if self.mirror_y else rotated)
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[tuple[Any, Any]]:
-    """The container and its picture stream; ClipError where there is none that can be decoded.
+def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Open a video file, or a folder of numbered images, for decoding.
 
-    For a folder of numbered pictures a row of them stands for both.
+    Args:
+        path: the file or folder.
+
+    Yields:
+        The container and its video stream. For a folder one `ImageSequence` takes both roles.
+
+    Raises:
+        ClipError: there is no video stream that can be decoded.
     """
     if path.is_dir():
-        row = open_sequence(path)
-        yield row, row
+        sequence = open_image_sequence(path)
+        yield sequence, sequence
         return
     try:
-        container = av.open(str(path.absolute()), options=FILES_ONLY, metadata_errors="replace")
+        container = av.open(str(path.absolute()), options=LOCAL_FILES_ONLY, metadata_errors="replace")
     except (av.error.FFmpegError, OSError) as error:
         raise ClipError(
-            f"{path.name} is no video that can be read, or its index is cut off: {_reason(error)}"
+            f"{path.name} is not a readable video, or its index is truncated: {_describe_error(error)}"
         ) from error
     with container:
-        yield container, _picture_stream(container, path)
+        yield container, _select_video_stream(container, path)
 
 
-def _picture_stream(container: Any, path: Path) -> Any:
-    if container.format.name in NO_FILM:
-        raise ClipError(f"{path.name} is no video but {container.format.long_name}; give a clip of the shot")
-    films = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
-    if not films:
-        has = "sound but no pictures" if container.streams.audio else "no pictures"
-        raise ClipError(f"{path.name} holds {has}; give a clip of the shot")
-    films = [s for s in films if s.codec_context is not None and s.codec_context.codec is not None]
-    if not films:
-        raise ClipError(f"{path.name} is cut off or coded in a way this decoder does not know; convert it to H.264")
-    stream = max(films, key=lambda s: (s.width or 0) * (s.height or 0))
-    stream.thread_type, stream.codec_context.thread_count = "AUTO", THREADS
+def _select_video_stream(container: Any, path: Path) -> Any:
+    if container.format.name in NON_VIDEO_FORMATS:
+        raise ClipError(f"{path.name} is not a video but {container.format.long_name}; give a clip of the shot")
+    streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
+    if not streams:
+        content = "audio but no video" if container.streams.audio else "no video"
+        raise ClipError(f"{path.name} contains {content}; give a clip of the shot")
+    streams = [s for s in streams if s.codec_context is not None and s.codec_context.codec is not None]
+    if not streams:
+        raise ClipError(f"{path.name} is truncated or uses an unsupported codec; convert it to H.264")
+    stream = max(streams, key=lambda s: (s.width or 0) * (s.height or 0))
+    stream.thread_type, stream.codec_context.thread_count = "AUTO", DECODER_THREADS
     return stream
 
 
-def packets_of(container: Any, stream: Any) -> Iterator[Any]:
-    """Packets of a stream, to the end of the file.
+def demux_packets(container: Any, stream: Any) -> Iterator[Any]:
+    """Yield the packets of a stream up to the end of the file.
 
-    PyAV trips over streams that begin within a file, as they may in a transport stream; all is read by then.
+    PyAV raises IndexError for streams that begin within a file, as in transport streams; by then everything is read.
     """
     with suppress(IndexError):
         yield from container.demux(stream)
 
 
-def decoded(container: Any, stream: Any, damage: list[str] | None = None) -> Iterator[Any]:
-    """Every picture that can be decoded, in presentation order; what could not is told to `damage`."""
-    told = [] if damage is None else damage
-    if isinstance(container, PictureRow):
-        yield from decoded_sequence(container, told)
+def decode_frames(container: Any, stream: Any, damage: list[str] | None = None) -> Iterator[Any]:
+    """Yield every frame that can be decoded, in presentation order; append decoding errors to `damage`."""
+    errors = [] if damage is None else damage
+    if isinstance(container, ImageSequence):
+        yield from decode_image_sequence(container, errors)
         return
-    packets = packets_of(container, stream)
+    packets = demux_packets(container, stream)
     while True:
         try:
             packet = next(packets, None)
-        except av.error.FFmpegError as error:  # the file breaks off or is spoilt here
-            told.append(_reason(error))
+        except av.error.FFmpegError as error:  # the file is truncated or damaged here
+            errors.append(_describe_error(error))
             packet = None
-        yield from _unpacked(stream, packet, told)
+        yield from _decode_packet(stream, packet, errors)
         if packet is None:
             return
 
 
-def decoded_from(container: Any, stream: Any, first: int, begins: float) -> Iterator[Any]:
-    """Every picture from number `first` of the file on, which is shown `begins` s after its first one.
+def decode_frames_from(container: Any, stream: Any, first: int, start_time: float) -> Iterator[Any]:
+    """Yield every frame from index `first` of the file on; its presentation time is `start_time` s.
 
-    Jumps to the key frame before it where the timestamps allow to know it again, and counts from the beginning where
-    they do not.
+    Seeks to the key frame before it where timestamps identify the frame again; otherwise decodes from the beginning
+    and counts.
     """
-    if first == 0 or isinstance(container, PictureRow):
-        yield from islice(decoded(container, stream), first, None)
+    if first == 0 or isinstance(container, ImageSequence):
+        yield from islice(decode_frames(container, stream), first, None)
         return
-    timed = container.format.name.startswith(TIMED)
-    zero = next(decoded(container, stream), None) if timed else None
+    timed = container.format.name.startswith(TIMESTAMPED_FORMATS)
+    zero = next(decode_frames(container, stream), None) if timed else None
     if zero is not None and zero.time is not None:
-        after = _jumped(container, stream, zero.time + begins)
-        found = next(after, None)
-        if found is not None:
-            yield found
+        after = _seek_frames(container, stream, zero.time + start_time)
+        wanted_frame = next(after, None)
+        if wanted_frame is not None:
+            yield wanted_frame
             yield from after
             return
     container.seek(0)
     stream.codec_context.flush_buffers()
-    yield from islice(decoded(container, stream), first, None)
+    yield from islice(decode_frames(container, stream), first, None)
 
 
-def _jumped(container: Any, stream: Any, wanted: float) -> Iterator[Any]:
-    """Pictures from the one shown at `wanted` s on; none where no picture has just this time."""
+def _seek_frames(container: Any, stream: Any, start_time: float) -> Iterator[Any]:
+    """Yield the frames from the one at `start_time` s (container's clock) on; none where no frame has this time."""
     try:
-        container.seek(max(int((wanted - JUMP_S) / stream.time_base), 0), stream=stream)
+        container.seek(max(int((start_time - SEEK_MARGIN_S) / stream.time_base), 0), stream=stream)
     except av.error.FFmpegError:
         return
     stream.codec_context.flush_buffers()
-    begun = False
-    for picture in decoded(container, stream):
-        if not begun:
-            if picture.time is None or picture.time > wanted + SAME_S:
+    has_begun = False
+    for frame in decode_frames(container, stream):
+        if not has_begun:
+            if frame.time is None or frame.time > start_time + TIME_TOLERANCE_S:
                 return
-            begun = abs(picture.time - wanted) <= SAME_S
-        if begun:
-            yield picture
+            has_begun = abs(frame.time - start_time) <= TIME_TOLERANCE_S
+        if has_begun:
+            yield frame
 
 
-def _unpacked(stream: Any, packet: Any, told: list[str]) -> list[Any]:
+def _decode_packet(stream: Any, packet: Any, damage: list[str]) -> list[Any]:
     if packet is not None and packet.size == 0:  # the flush at the end is done once, with None
         return []
     try:
@@ -161,54 +167,54 @@ def _unpacked(stream: Any, packet: Any, told: list[str]) -> list[Any]:
     except av.error.EOFError:
         return []
     except av.error.FFmpegError as error:
-        told.append(_reason(error))
+        damage.append(_describe_error(error))
         return []
 
 
-def turn_of(picture: Any) -> Turn:
-    """The rotation and mirroring that the container asks for, to the next quarter turn.
+def read_orientation(frame: Any) -> FrameOrientation:
+    """Read the rotation and mirroring that the container requests, rounded to a quarter turn.
 
-    To be asked of the first picture alone: a picture whose side data was looked at waits for the garbage collector.
+    Call it for the first frame only: a frame whose side data was read is freed only by the garbage collector.
     """
-    for data in picture.side_data:
+    for data in frame.side_data:
         if data.type == av.sidedata.sidedata.Type.DISPLAYMATRIX:
             a, b, _, c, d = (int(v) for v in np.frombuffer(data, np.int32)[:5])
             swap = abs(a) < abs(b)
-            return Turn(True, c < 0, b < 0) if swap else Turn(False, a < 0, d < 0)
-    return Turn()
+            return FrameOrientation(True, c < 0, b < 0) if swap else FrameOrientation(False, a < 0, d < 0)
+    return FrameOrientation()
 
 
-def rgb_of(picture: Any) -> NDArray[np.uint8]:
-    """(H, W, 3) as stored, not yet upright."""
-    return np.asarray(picture.reformat(format="rgb24", threads=1).to_ndarray(), np.uint8)
+def convert_to_rgb(frame: Any) -> NDArray[np.uint8]:
+    """Convert a frame to RGB (H, W, 3) as stored, not yet upright."""
+    return np.asarray(frame.reformat(format="rgb24", threads=1).to_ndarray(), np.uint8)
 
 
-def luma_of(picture: Any) -> NDArray[np.uint8]:
-    """(H, W) of plane 0 as stored, 8 bits: no colour conversion, which would cost more than the decoding."""
-    depth = _luma_depth(picture.format)
+def extract_luma(frame: Any) -> NDArray[np.uint8]:
+    """Copy the luma plane (H, W) as stored, in 8 bits; a colour conversion would cost more than the decoding."""
+    depth = _luma_depth(frame.format)
     if depth is None:
-        return np.asarray(picture.to_ndarray(format="gray"), np.uint8)
-    plane = picture.planes[0]
+        return np.asarray(frame.to_ndarray(format="gray"), np.uint8)
+    plane = frame.planes[0]
     if depth == 8:
-        rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: picture.height, : picture.width]
+        rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: frame.height, : frame.width]
         return rows.copy()
-    wide = np.frombuffer(plane, "<u2").reshape(-1, plane.line_size // 2)[: picture.height, : picture.width]
+    wide = np.frombuffer(plane, "<u2").reshape(-1, plane.line_size // 2)[: frame.height, : frame.width]
     return (wide >> (depth - 8)).astype(np.uint8)
 
 
-def _luma_depth(form: Any) -> int | None:
-    """Bits of a plane 0 that holds luma alone, one sample per 8 or 16 bit word; None for every other layout."""
-    luma_first = form.name.startswith(("yuv4", "yuva4", "yuvj4", "nv12", "nv21", "gray"))
-    if not luma_first or form.is_big_endian or len(form.components) == 2 or form.is_bit_stream:
+def _luma_depth(pixel_format: Any) -> int | None:
+    """Bits per sample of plane 0 if it stores only luma in 8 or 16 bit words; None for every other layout."""
+    luma_first = pixel_format.name.startswith(("yuv4", "yuva4", "yuvj4", "nv12", "nv21", "gray"))
+    if not luma_first or pixel_format.is_big_endian or len(pixel_format.components) == 2 or pixel_format.is_bit_stream:
         return None
-    depth = int(form.components[0].bits)
+    depth = int(pixel_format.components[0].bits)
     return depth if 8 <= depth <= 16 else None
 
 
-def pixel_aspect(stream: Any) -> Fraction:
-    """Width of a pixel against its height; 1 where the container does not say."""
+def pixel_aspect_ratio(stream: Any) -> Fraction:
+    """Width of a pixel over its height; 1 where the container does not store it."""
     return Fraction(stream.sample_aspect_ratio or 1)
 
 
-def _reason(error: BaseException) -> str:
+def _describe_error(error: BaseException) -> str:
     return (getattr(error, "strerror", None) or str(error)).rstrip(".").lower()

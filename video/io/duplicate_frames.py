@@ -1,9 +1,8 @@
-"""Which pictures only show again what the picture before them showed.
+"""Detection of duplicate frames, which repeat the image of the frame before them.
 
-A container may show a picture twice or thrice (15 pictures per second in a 30 fps file, 25 in a 60 fps one), and coding
-makes the copies differ a little. A copy gives itself away where something moves: between two pictures with clear
-changes there is one with none. A still scene gives nothing away, so nothing is concluded from it alone; what is
-undecided is an observation.
+A container may store a frame two or three times (15 fps in a 30 fps file, 25 in a 60 fps one), and coding makes the
+copies differ slightly. A copy is recognised where something moves: a frame without change lies between frames with
+clear changes. Nothing is concluded from a still scene alone; undecided frames count as observations.
 """
 
 from __future__ import annotations
@@ -20,114 +19,132 @@ from models.core.typing import FloatArray
 THUMBNAIL_HEIGHT = 180
 """px. A block of the thumbnail averages the noise of at least 2 x 2 pixels; a ball still covers several blocks."""
 
-RANK = 4
-"""A change is the fourth largest of all blocks: one twinkling block is no motion, and the smallest ball covers four."""
+CHANGE_RANK = 4
+"""The change of a frame is the fourth largest of all blocks: one flickering block is no motion, and the smallest ball
+covers four."""
 
-QUIET = 4.0
-"""Grey levels: the most that coding alone changed in repeats (real clips: 1 to 3)."""
+MAX_DUPLICATE_CHANGE = 4.0
+"""Grey levels: largest change of a duplicate frame by coding alone (real clips: 1 to 3)."""
 
-QUIET_SHARE = 0.08
-"""A repeat's change against that of its neighbours, where a key frame falls on it (real clips: below 0.06)."""
+MAX_DUPLICATE_CHANGE_SHARE = 0.08
+"""Largest change of a duplicate relative to its neighbours', where it is a key frame (real clips: below 0.06)."""
 
-MOVING = 24.0
-"""Grey levels: a ball that goes on by about a pixel or more. Below this a coder may leave out slow motion by itself."""
+MIN_MOTION_CHANGE = 24.0
+"""Grey levels: a ball moves by about a pixel or more. Below this, encoders may drop slow motion by themselves."""
 
-CLEAR = 10.0
-"""Grey levels: above this a picture is no repeat, unless its neighbours changed far more."""
+MIN_DISTINCT_CHANGE = 10.0
+"""Grey levels: above this a frame is no duplicate, unless its neighbours changed far more."""
 
-LONGEST_RUN = 5
-"""Pictures shown again in a row (10 per second in a 60 fps container); longer standstills are rest, not repeats."""
+MAX_DUPLICATE_RUN = 5
+"""Frames: longest run of duplicates (10 fps in a 60 fps container); longer runs are a scene at rest."""
 
-FEWEST = 3
-LEAST_SHARE = 0.03
-"""A container that repeats does so by habit: at least so many, and so large a share of the pictures while things move.
-A cue that turns round, or a ball that leaves a cushion at the place where it came, looks like one repeat, once."""
+MIN_DUPLICATES = 3
+MIN_DUPLICATE_SHARE = 0.03
+"""Smallest number of duplicates, and smallest share among frames with motion: a container with duplicates has them
+regularly. A cue that reverses, or a ball that leaves a cushion where it arrived, resembles a single duplicate."""
 
-CAME_BACK = 0.25
-"""A ball that leaves a cushion where it came shows two pictures alike, and then the one before them again: the change
-over three pictures is below this share of those on both sides. Around a repeat in a motion it is larger."""
+MAX_REVERSAL_SHARE = 0.25
+"""A ball that reverses at a cushion gives two equal frames, then the one before them again: the change over three
+frames is below this share of the changes on both sides. Around a duplicate during a motion it is larger."""
 
-SLOWED = 0.5
-"""Share of its neighbours' change that a picture due to be a repeat may have: coding catches up on slow motion late."""
+MAX_CADENCE_CHANGE_SHARE = 0.5
+"""Largest change, relative to its neighbours', of a frame that the cadence marks as duplicate: encoders lag behind slow
+motion."""
 
-LONGEST_PERIOD = 12
-"""Pictures: 25 per second in a 60 fps container comes round after 12."""
+MAX_PERIOD = 12
+"""Frames: the pattern of 25 fps in a 60 fps container has a period of 12."""
 
 
-class ChangeMeter:
-    """Measures how much each picture differs from those before, in constant memory."""
+class FrameChangeMeter:
+    """Measures in constant memory how much each frame differs from the frames before it."""
 
     def __init__(self) -> None:
         self._before: deque[NDArray[np.uint8]] = deque(maxlen=3)
 
-    def change(self, grey: NDArray[np.uint8]) -> tuple[float, float]:
-        """Grey levels from the picture before to this one (H, W), and from the third before; infinite where none is."""
+    def measure_change(self, grey: NDArray[np.uint8]) -> tuple[float, float]:
+        """Measure the change to the next frame.
+
+        Args:
+            grey: (H, W) luma of the next frame.
+
+        Returns:
+            Grey levels by which it differs from the previous frame and from the third frame before; infinite where
+            there is none.
+        """
         height, width = grey.shape
         block = max(2, height // THUMBNAIL_HEIGHT)
         size = (max(width // block, 1), max(height // block, 1))
         now = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-        last = _ranked(self._before[-1], now) if self._before else np.inf
-        third = _ranked(self._before[0], now) if len(self._before) == 3 else np.inf
+        last = _nth_largest_difference(self._before[-1], now) if self._before else np.inf
+        third = _nth_largest_difference(self._before[0], now) if len(self._before) == 3 else np.inf
         self._before.append(now)
         return last, third
 
 
-def _ranked(before: NDArray[np.uint8], now: NDArray[np.uint8]) -> float:
+def _nth_largest_difference(before: NDArray[np.uint8], now: NDArray[np.uint8]) -> float:
     flat = cv2.absdiff(before, now).ravel()
-    place = max(flat.size - RANK, 0)
+    place = max(flat.size - CHANGE_RANK, 0)
     return float(np.partition(flat, place)[place])
 
 
-def mark_repeats(change: FloatArray, third: FloatArray) -> NDArray[np.bool_]:
-    """(F,) True where a picture repeats the one before, from both changes (F,) of `ChangeMeter`, grey levels."""
-    between = _between_motion(change, third)
-    moving = np.count_nonzero(change[1:] >= MOVING)
-    found = np.count_nonzero(between)
-    if found < FEWEST or found < LEAST_SHARE * (found + moving):
+def find_duplicate_frames(change: FloatArray, third: FloatArray) -> NDArray[np.bool_]:
+    """Find the frames that repeat the frame before them.
+
+    Args:
+        change: (T,) grey levels, change from the previous frame, as `FrameChangeMeter` measures it.
+        third: (T,) grey levels, change from the third frame before.
+
+    Returns:
+        (T,) True for duplicate frames.
+    """
+    between = _find_quiet_runs(change, third)
+    moving = np.count_nonzero(change[1:] >= MIN_MOTION_CHANGE)
+    duplicates = np.count_nonzero(between)
+    if duplicates < MIN_DUPLICATES or duplicates < MIN_DUPLICATE_SHARE * (duplicates + moving):
         return np.zeros(len(change), np.bool_)
-    period = _cadence(change, between)
-    return between if period is None else between | _continued(change, between, period)
+    period = _find_period(change, between)
+    return between if period is None else between | _extrapolate_cadence(change, between, period)
 
 
-def _between_motion(change: FloatArray, third: FloatArray) -> NDArray[np.bool_]:
-    """(F,) True in short runs of pictures without a change that clear motion encloses."""
+def _find_quiet_runs(change: FloatArray, third: FloatArray) -> NDArray[np.bool_]:
+    """Mark (T,) short runs of frames without change that are enclosed by clear motion."""
     marked = np.zeros(len(change), np.bool_)
-    loud = 1 + np.flatnonzero(change[1:] >= MOVING)
+    loud = 1 + np.flatnonzero(change[1:] >= MIN_MOTION_CHANGE)
     for before, after in pairwise(loud):
         least = min(change[before], change[after])
         inside = slice(before + 1, after)
-        turned = after - before == 2 and third[after] <= CAME_BACK * least
-        quiet = np.all(change[inside] <= max(QUIET, QUIET_SHARE * least))
-        if 1 < after - before <= LONGEST_RUN + 1 and quiet and not turned:
+        is_reversal = after - before == 2 and third[after] <= MAX_REVERSAL_SHARE * least
+        is_quiet = np.all(change[inside] <= max(MAX_DUPLICATE_CHANGE, MAX_DUPLICATE_CHANGE_SHARE * least))
+        if 1 < after - before <= MAX_DUPLICATE_RUN + 1 and is_quiet and not is_reversal:
             marked[inside] = True
     return marked
 
 
-def _cadence(change: FloatArray, repeat: NDArray[np.bool_]) -> int | None:
-    """The period of the repeats, where they keep one: pictures a period apart are both repeats or both not."""
-    distinct = ~repeat & (change >= CLEAR)
-    for period in range(2, LONGEST_PERIOD + 1):
-        alike = np.count_nonzero(repeat[period:] & repeat[:-period])
-        unlike = np.count_nonzero((repeat[period:] & distinct[:-period]) | (distinct[period:] & repeat[:-period]))
-        if alike >= 2 * FEWEST and alike >= 0.9 * (alike + unlike):
+def _find_period(change: FloatArray, copies: NDArray[np.bool_]) -> int | None:
+    """Find the period after which the pattern of duplicates recurs; None where there is none."""
+    distinct = ~copies & (change >= MIN_DISTINCT_CHANGE)
+    for period in range(2, MAX_PERIOD + 1):
+        alike = np.count_nonzero(copies[period:] & copies[:-period])
+        unlike = np.count_nonzero((copies[period:] & distinct[:-period]) | (distinct[period:] & copies[:-period]))
+        if alike >= 2 * MIN_DUPLICATES and alike >= 0.9 * (alike + unlike):
             return period
     return None
 
 
-def _continued(change: FloatArray, repeat: NDArray[np.bool_], period: int) -> NDArray[np.bool_]:
-    """(F,) True where the cadence, carried on from both sides, says repeat and the picture does not object."""
-    known = np.where(repeat, 1, np.where(change >= CLEAR, -1, 0))
-    onward = _carry(known, period)
-    backward = _carry(known[::-1], period)[::-1]
-    agreed = (onward + backward > 0) & (known == 0)
+def _extrapolate_cadence(change: FloatArray, is_duplicate: NDArray[np.bool_], period: int) -> NDArray[np.bool_]:
+    """Mark (T,) undecided frames that change little and are duplicates by the cadence, continued from both sides."""
+    states = np.where(is_duplicate, 1, np.where(change >= MIN_DISTINCT_CHANGE, -1, 0))
+    onward = _fill_from_previous_period(states, period)
+    backward = _fill_from_previous_period(states[::-1], period)[::-1]
+    agreed = (onward + backward > 0) & (states == 0)
     around = np.minimum(np.append(0.0, change[:-1]), np.append(change[1:], 0.0))
-    return np.asarray(agreed & (change <= np.maximum(QUIET, SLOWED * around)))
+    return np.asarray(agreed & (change <= np.maximum(MAX_DUPLICATE_CHANGE, MAX_CADENCE_CHANGE_SHARE * around)))
 
 
-def _carry(known: NDArray[np.int_], period: int) -> NDArray[np.int_]:
-    """`known` (1 repeat, -1 distinct, 0 open) with every open place taken from one period earlier."""
-    carried = known.copy()
-    for i in range(period, len(carried)):
-        if carried[i] == 0:
-            carried[i] = carried[i - period]
-    return carried
+def _fill_from_previous_period(states: NDArray[np.int_], period: int) -> NDArray[np.int_]:
+    """Fill each undecided state (1 duplicate, -1 distinct, 0 undecided) with the state one period earlier."""
+    filled = states.copy()
+    for i in range(period, len(filled)):
+        if filled[i] == 0:
+            filled[i] = filled[i - period]
+    return filled

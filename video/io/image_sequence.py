@@ -1,4 +1,4 @@
-"""A folder of numbered pictures as a clip: each picture has its number for a time."""
+"""Folders of numbered images, read like a video: the number of an image is its time."""
 
 from __future__ import annotations
 
@@ -14,62 +14,79 @@ import av
 
 from models.core.errors import ClipError
 
-FEWEST = 5
-"""Pictures in a row; fewer are no film."""
-MOST_OTHERS = 0.2
-"""Share of the files beside the pictures: notes, a thumbnail. With more it is a folder of things."""
-MOST_MISSING = 0.5
-"""Share of the numbers that may be missing between the first and the last; photos of a holiday miss more."""
-RATE = Fraction(25)
-"""Pictures per second: numbers have no unit, and --fps gives them one. FFmpeg takes the same."""
-NUMBERED = re.compile(r"(?P<before>.*?)(?P<number>\d{1,18})(?P<after>\D*)", re.DOTALL)
-"""A name with its last number."""
-FILES_ONLY = {"protocol_whitelist": "file"}
-"""A film cannot send for another place: what it names is not fetched."""
-HEADS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM", b"II*\x00", b"MM\x00*", b"P5", b"P6", b"v/1\x01", b"SDPX")
-"""First bytes of png, jpeg, bmp, tiff (both orders), netpbm, exr and dpx."""
-FORMATS = (
+MIN_IMAGES = 5
+"""Fewest numbered images that form a sequence."""
+MAX_OTHER_SHARE = 0.2
+"""Largest share of other files in the folder, such as notes or a thumbnail."""
+MAX_MISSING_SHARE = 0.5
+"""Largest share of numbers missing between the first and the last image; a folder of selected photos misses more."""
+SEQUENCE_FPS = Fraction(25)
+"""Frame rate, 1/s, of numbered images unless --fps sets it; FFmpeg uses the same value."""
+NUMBERED_NAME = re.compile(r"(?P<before>.*?)(?P<number>\d{1,18})(?P<after>\D*)", re.DOTALL)
+"""A file name split at its last number."""
+LOCAL_FILES_ONLY = {"protocol_whitelist": "file"}
+"""FFmpeg options that forbid a file to load anything over the network."""
+IMAGE_SIGNATURES = (
+    b"\x89PNG\r\n\x1a\n",
+    b"\xff\xd8\xff",
+    b"BM",
+    b"II*\x00",
+    b"MM\x00*",
+    b"P5",
+    b"P6",
+    b"v/1\x01",
+    b"SDPX",
+)
+"""First bytes of png, jpeg, bmp, tiff (both byte orders), netpbm, exr and dpx files."""
+IMAGE_FORMATS = (
     "png_pipe", "jpeg_pipe", "bmp_pipe", "tiff_pipe", "webp_pipe", "pgm_pipe", "ppm_pipe", "exr_pipe", "dpx_pipe",
     "image2",
 )  # fmt: skip
-"""What FFmpeg calls them: nothing else is decoded here, whatever a file of the folder holds."""
+"""FFmpeg's names of the image formats; files of any other format are not decoded here."""
 
 
-def is_sequence(folder: Path) -> bool:
-    """Whether the folder holds numbered pictures and little else."""
+def is_image_sequence(folder: Path) -> bool:
+    """Check whether a folder contains numbered images and little else.
+
+    Args:
+        folder: the folder to examine.
+
+    Returns:
+        True if it can be read as an image sequence; False also where it cannot be listed.
+    """
     try:
-        return len(numbered_pictures(folder)) >= FEWEST
+        return len(find_numbered_images(folder)) >= MIN_IMAGES
     except OSError:
         return False
 
 
-def numbered_pictures(folder: Path) -> dict[int, Path]:
-    """The pictures of the folder by number, ascending; empty where it is no sequence."""
+def find_numbered_images(folder: Path) -> dict[int, Path]:
+    """Find the numbered images of a folder, in ascending order; empty where the folder is no sequence."""
     files = [path for path in folder.iterdir() if not path.name.startswith(".")]
     rows: dict[tuple[str, str], dict[int, Path]] = {}
     for path in files:
-        if found := NUMBERED.fullmatch(path.name if not path.suffix[1:].isalpha() else path.stem):
-            rows.setdefault((found["before"], found["after"] + path.suffix), {})[int(found["number"])] = path
+        if match := NUMBERED_NAME.fullmatch(path.name if not path.suffix[1:].isalpha() else path.stem):
+            rows.setdefault((match["before"], match["after"] + path.suffix), {})[int(match["number"])] = path
     row = max(rows.values(), key=len, default={})
-    most = len(files) * (1 - MOST_OTHERS)
-    if len(row) < FEWEST or len(row) < most or len(row) < (max(row) - min(row) + 1) * (1 - MOST_MISSING):
+    least = len(files) * (1 - MAX_OTHER_SHARE)
+    if len(row) < MIN_IMAGES or len(row) < least or len(row) < (max(row) - min(row) + 1) * (1 - MAX_MISSING_SHARE):
         return {}
     ordered = dict(sorted(row.items()))
-    return ordered if _is_picture(next(iter(ordered.values()))) else {}
+    return ordered if _is_image_file(next(iter(ordered.values()))) else {}
 
 
-def _is_picture(path: Path) -> bool:
+def _is_image_file(path: Path) -> bool:
     if path.is_symlink() or not path.is_file():
         return False
     with path.open("rb") as file:
         head = file.read(12)
-    return head.startswith(HEADS) or (head[:4] == b"RIFF" and head[8:] == b"WEBP")
+    return head.startswith(IMAGE_SIGNATURES) or (head[:4] == b"RIFF" and head[8:] == b"WEBP")
 
 
-def sequence_digest(folder: Path) -> str:
-    """SHA-256 over the numbers and bytes of the pictures."""
+def compute_sequence_digest(folder: Path) -> str:
+    """Compute the SHA-256 (hexadecimal) of the numbers and contents of a folder's images."""
     whole = hashlib.sha256()
-    for number, path in numbered_pictures(folder).items():
+    for number, path in find_numbered_images(folder).items():
         with path.open("rb") as file:
             whole.update(f"{number} {hashlib.file_digest(file, 'sha256').hexdigest()}\n".encode())
     return whole.hexdigest()
@@ -81,50 +98,50 @@ class _Streams:
 
 
 @dataclass(frozen=True, slots=True)
-class PictureRow:
-    """Stands for both the container and the stream of a film."""
+class ImageSequence:
+    """Numbered images of a folder, in the roles of both a PyAV container and its stream."""
 
-    pictures: dict[int, Path]
+    image_paths: dict[int, Path]
     streams: _Streams = field(default_factory=_Streams)
-    guessed_rate: Fraction = RATE
-    average_rate: Fraction = RATE
-    time_base: Fraction = 1 / RATE
+    guessed_rate: Fraction = SEQUENCE_FPS
+    average_rate: Fraction = SEQUENCE_FPS
+    time_base: Fraction = 1 / SEQUENCE_FPS
     sample_aspect_ratio: Fraction | None = None
 
     @property
     def duration(self) -> int:
-        """In units of the time base."""
-        return max(self.pictures) - min(self.pictures) + 1
+        """Duration in units of the time base."""
+        return max(self.image_paths) - min(self.image_paths) + 1
 
 
-def open_sequence(folder: Path) -> PictureRow:
-    """ClipError where the folder is no sequence."""
-    pictures = numbered_pictures(folder)
-    if not pictures:
+def open_image_sequence(folder: Path) -> ImageSequence:
+    """Open a folder as an image sequence; raise ClipError where it is none."""
+    images = find_numbered_images(folder)
+    if not images:
         raise ClipError(
-            f"{folder.name} is a folder without a row of numbered pictures; "
+            f"{folder.name} is a folder without a sequence of numbered images; "
             "give a video file, or use `trueroll batch` for a folder of clips"
         )
-    return PictureRow(pictures)
+    return ImageSequence(images)
 
 
-def decoded_sequence(row: PictureRow, damage: list[str]) -> Iterator[Any]:
-    """The pictures that can be decoded, each at the time of its number; what could not is told to `damage`."""
-    first = min(row.pictures)
-    for number, path in row.pictures.items():
-        picture = _decoded(path, damage)
-        if picture is not None:
-            picture.pts, picture.time_base = number - first, row.time_base
-            yield picture
+def decode_image_sequence(sequence: ImageSequence, damage: list[str]) -> Iterator[Any]:
+    """Yield the images that can be decoded, each at the time of its number; append decoding errors to `damage`."""
+    first = min(sequence.image_paths)
+    for number, path in sequence.image_paths.items():
+        frame = _decode_image(path, damage)
+        if frame is not None:
+            frame.pts, frame.time_base = number - first, sequence.time_base
+            yield frame
 
 
-def _decoded(path: Path, damage: list[str]) -> Any:
+def _decode_image(path: Path, damage: list[str]) -> Any:
     try:
         if path.is_symlink() or not path.is_file():
-            raise OSError("it is no ordinary file")
-        with av.open(str(path.absolute()), options=FILES_ONLY, metadata_errors="replace") as container:
-            if container.format.name not in FORMATS or not container.streams.video:
-                raise OSError("it is no picture")
+            raise OSError("it is not a regular file")
+        with av.open(str(path.absolute()), options=LOCAL_FILES_ONLY, metadata_errors="replace") as container:
+            if container.format.name not in IMAGE_FORMATS or not container.streams.video:
+                raise OSError("it is not an image")
             return next(container.decode(video=0), None)
     except (av.error.FFmpegError, OSError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).rstrip(".").lower()

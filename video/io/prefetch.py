@@ -1,4 +1,8 @@
-"""Work ahead of whoever takes its results, on another core."""
+"""Iteration in a background thread, ahead of the consumer.
+
+It uses a thread instead of an executor of `models.numerics.executor`, because an iterator gives its results one by one
+and cannot go to another process.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +16,25 @@ T = TypeVar("T")
 _END: Any = object()
 
 
-def ahead(items: Iterator[T], most: int) -> Iterator[T]:
-    """What `items` gives, in order, made by a thread of its own that is at most `most` results ahead.
+def prefetch_items(items: Iterator[T], max_ahead: int) -> Iterator[T]:
+    """Iterate in a background thread that is at most `max_ahead` results ahead of the consumer.
 
-    It helps where the time goes into code that lets other threads run: decoding, pictures, encoding. What `items`
-    raises is raised where its result would have come.
+    This helps where the time goes into code that releases the GIL: decoding, image processing, encoding.
+
+    Args:
+        items: the iterator to run.
+        max_ahead: largest number of results that wait for the consumer.
+
+    Yields:
+        The results in their order. An exception is raised where the result would have been.
     """
-    coming: deque[Future[T]] = deque()
+    pending: deque[Future[T]] = deque()
     with ThreadPoolExecutor(1, "ahead") as pool:
         try:
-            coming.extend(pool.submit(next, items, _END) for _ in range(most))
-            while (item := coming.popleft().result()) is not _END:
-                coming.append(pool.submit(next, items, _END))
+            pending.extend(pool.submit(next, items, _END) for _ in range(max_ahead))
+            while (item := pending.popleft().result()) is not _END:
+                pending.append(pool.submit(next, items, _END))
                 yield item
         finally:
-            for one in coming:
-                one.cancel()
+            for future in pending:
+                future.cancel()

@@ -1,4 +1,4 @@
-"""When each picture is shown: from the container's presentation timestamps to seconds and a nominal rate."""
+"""Presentation times: container timestamps to seconds and a nominal frame rate."""
 
 from __future__ import annotations
 
@@ -10,84 +10,100 @@ from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
 
-STANDARD_RATES = (
+STANDARD_FPS = (
     *(Fraction(r) for r in (10, 12, 15, 20, 24, 25, 30, 48, 50, 60, 90, 100, 120, 240)),
     *(Fraction(r * 1000, 1001) for r in (15, 24, 30, 60, 120, 240)),
     Fraction(25, 2),
 )
-"""Pictures per second that cameras and broadcasters use."""
+"""Frame rates of cameras and broadcasters, 1/s."""
 
-SNAP = 0.0025
-"""Relative distance within which a measured rate is taken for a standard one (a phone's clock is better than this).
-Rates a tenth of a per cent apart, such as 29.97 and 30, are told apart by taking the nearest."""
+FPS_TOLERANCE = 0.0025
+"""Relative distance within which a measured frame rate counts as a standard one (the clock of a phone is better).
+Of rates a tenth of a per cent apart, such as 29.97 and 30, the nearest is taken."""
 
 
-def presentation_times(
-    pts: Sequence[int | None], dts: Sequence[int | None], time_base: Fraction, rate: Fraction
+def compute_presentation_times(
+    pts: Sequence[int | None], dts: Sequence[int | None], time_base: Fraction, fps: Fraction
 ) -> tuple[FloatArray, str]:
-    """Seconds of each picture (F,), the first at 0, strictly increasing, and a sentence where they had to be invented.
+    """Convert timestamps of the container to seconds.
 
-    A container that only numbers its packets (AVI) has them right in `dts`. A picture without a timestamp, or with one
-    that does not go forward, is placed evenly between its neighbours; where most have none, all are `rate` (1/s) apart.
+    Containers that only number their packets (AVI) have correct times in `dts`. A frame without a timestamp, or with
+    one that does not increase, is placed evenly between its neighbours; where most are missing, all frames are 1 / fps
+    apart.
+
+    Args:
+        pts: (T,) presentation timestamps in units of `time_base`; None where missing.
+        dts: (T,) decoding timestamps in the same units.
+        time_base: duration of one unit, s.
+        fps: frame rate (1/s) for files without usable timestamps.
+
+    Returns:
+        (T,) s, strictly increasing, the first 0; and a sentence that reports repaired times, or an empty one.
     """
-    ticks = max(_ticks(pts), _ticks(dts), key=lambda each: np.count_nonzero(_forward(each)))
-    usable = _forward(ticks)
+    ticks = max(_relative_ticks(pts), _relative_ticks(dts), key=lambda each: np.count_nonzero(_is_increasing(each)))
+    usable = _is_increasing(ticks)
     if np.count_nonzero(usable) < max(2, 0.5 * len(ticks)):
-        return even_times(
-            len(ticks), rate
-        ), f"it has no usable timestamps; {float(rate):.5g} pictures per second are assumed"
+        return even_times(len(ticks), fps), f"it has no usable timestamps; {float(fps):.5g} fps are assumed"
     seconds = ticks * time_base.numerator / time_base.denominator
     missing = int(np.count_nonzero(~usable))
     if missing == 0:
         return seconds, ""
-    filled = _filled(seconds, usable)
+    filled = _interpolate_unusable(seconds, usable)
     return filled - filled[
         0
-    ], f"{missing} of {len(ticks)} pictures have no usable timestamp and were placed between their neighbours"
+    ], f"{missing} of {len(ticks)} frames have no usable timestamp and were placed between their neighbours"
 
 
-def even_times(count: int, rate: Fraction) -> FloatArray:
-    """(count,) s: picture k at exactly k / rate."""
-    return np.arange(count, dtype=np.float64) * rate.denominator / rate.numerator
+def even_times(count: int, fps: Fraction) -> FloatArray:
+    """Return (count,) s with frame k at exactly k / fps."""
+    return np.arange(count, dtype=np.float64) * fps.denominator / fps.numerator
 
 
-def nominal_rate(t: FloatArray, declared: Fraction | None) -> Fraction:
-    """Pictures per second: the declared rate where the times (F,) bear it out, otherwise the next standard one."""
-    measured = _measured_rate(t)
+def nominal_fps(t: FloatArray, declared: Fraction | None) -> Fraction:
+    """Determine the nominal frame rate from presentation times.
+
+    Args:
+        t: (T,) s, presentation times.
+        declared: frame rate in the header, 1/s.
+
+    Returns:
+        The declared rate where the times confirm it, else the nearest standard rate, else the measured one (1/s).
+    """
+    measured = _measure_fps(t)
     if declared and declared.denominator <= 1001 and abs(float(declared) / measured - 1) < 1e-4:
         return declared
-    nearest = min(STANDARD_RATES, key=lambda standard: abs(float(standard) - measured))
-    if abs(float(nearest) / measured - 1) < SNAP:
+    nearest = min(STANDARD_FPS, key=lambda standard: abs(float(standard) - measured))
+    if abs(float(nearest) / measured - 1) < FPS_TOLERANCE:
         return nearest
     return Fraction(measured).limit_denominator(1001)
 
 
-def _measured_rate(t: FloatArray) -> float:
-    """Pictures per second over the steps of ordinary length; gaps and millisecond rounding do not count."""
+def _measure_fps(t: FloatArray) -> float:
+    """Measure the frame rate (1/s) over steps of ordinary length; gaps and millisecond rounding are left out."""
     steps = np.diff(t)
     middle = np.sort(steps)[len(steps) // 2]  # one of them: between two very different ones there is none
     return float(1 / np.mean(steps[np.abs(steps - middle) <= 0.25 * middle]))
 
 
-def _ticks(stamps: Sequence[int | None]) -> FloatArray:
-    """(F,) from the first known stamp on; NaN where there is none."""
+def _relative_ticks(stamps: Sequence[int | None]) -> FloatArray:
+    """Return (T,) ticks since the first timestamp; NaN where there is none."""
     first = next((s for s in stamps if s is not None), 0)
     return np.array([np.nan if s is None else s - first for s in stamps], dtype=np.float64)
 
 
-def _forward(ticks: FloatArray) -> NDArray[np.bool_]:
-    """(F,) True where a timestamp is there and later than all before it."""
-    known = np.where(np.isnan(ticks), -np.inf, ticks)
-    latest = np.maximum.accumulate(np.concatenate([[-np.inf], known[:-1]]))
-    return np.asarray(known > latest)
+def _is_increasing(ticks: FloatArray) -> NDArray[np.bool_]:
+    """Mark (T,) the timestamps that exist and are later than all before them."""
+    usable_stamps = np.where(np.isnan(ticks), -np.inf, ticks)
+    latest = np.maximum.accumulate(np.concatenate([[-np.inf], usable_stamps[:-1]]))
+    return np.asarray(usable_stamps > latest)
 
 
-def _filled(seconds: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
-    """Times with the unusable ones put evenly between, before the first and after the last usable one."""
-    places, known = np.flatnonzero(usable), seconds[usable]
-    step = float(np.median(np.diff(known) / np.diff(places)))
+def _interpolate_unusable(seconds: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
+    """Replace unusable times by even steps between, before the first and after the last usable one."""
+    places, usable_s = np.flatnonzero(usable), seconds[usable]
+    step = float(np.median(np.diff(usable_s) / np.diff(places)))
     index = np.arange(len(seconds))
-    inside = np.interp(index, places, known)
-    before = known[0] + (index - places[0]) * step
-    after = known[-1] + (index - places[-1]) * step
+    inside = np.interp(index, places, usable_s)
+    before = usable_s[0] + (index - places[0]) * step
+    after = usable_s[-1] + (index - places[-1]) * step
     return np.where(index < places[0], before, np.where(index > places[-1], after, inside))

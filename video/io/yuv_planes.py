@@ -1,4 +1,4 @@
-"""Pictures as H.264 holds them: a plane of brightness, and two of colour half as wide and high (Y'CbCr 4:2:0)."""
+"""Conversion of RGB images to the planes of H.264: luma, and chroma at half the width and height (Y'CbCr 4:2:0)."""
 
 from __future__ import annotations
 
@@ -9,39 +9,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import ByteArray, ImageArray
-from video.io.pixel_kernels import fill_planes
+from video.io.pixel_kernels import fill_yuv_planes
 
-BRIGHTNESS = (0.2126, 0.7152, 0.0722)
-"""What red, green and blue add to the brightness (ITU-R BT.709-6, item 3.2)."""
-FORMAT = "yuv420p"
+BT709_LUMA_WEIGHTS = (0.2126, 0.7152, 0.0722)
+"""Luma weights of red, green and blue (ITU-R BT.709-6, item 3.2)."""
+PIXEL_FORMAT = "yuv420p"
 
 
-def _to_planes() -> NDArray[np.float32]:
-    """(3, 4): red, green, blue and 1 to Y', Cb and Cr of 8 bits in limited range (BT.709-6, items 3.2 to 3.4).
+def _rgb_to_yuv_matrix() -> NDArray[np.float32]:
+    """Return (3, 4): red, green, blue and 1 to 8-bit Y', Cb and Cr in limited range (BT.709-6, items 3.2 to 3.4).
 
-    Of the colours, which are those of four pixels, it takes the sums of the four.
+    The chroma rows apply to the sum of four pixels.
     """
-    bright = np.array(BRIGHTNESS)
+    bright = np.array(BT709_LUMA_WEIGHTS)
     blue, red = (np.eye(3)[k] - bright for k in (2, 0))
     of_four = 112 / 4
     shares = np.stack([219 * bright, of_four * blue / (1 - bright[2]), of_four * red / (1 - bright[0])]) / 255
-    return np.column_stack([shares, [16.5, 128.5, 128.5]]).astype(np.float32)  # cut off: the halves round
+    return np.column_stack([shares, [16.5, 128.5, 128.5]]).astype(np.float32)  # 0.5 rounds: conversion truncates
 
 
-TO_PLANES = _to_planes()
+RGB_TO_YUV = _rgb_to_yuv_matrix()
 
 
-def planes_of(rgb: ImageArray) -> Any:
-    """The picture (H, W, 3), both sides even, as a frame for the encoder; the colours of 2 x 2 pixels are their mean.
+def convert_to_yuv420(rgb: ImageArray) -> Any:
+    """Convert an image to a frame for the encoder; the chroma of 2 x 2 pixels is their mean.
 
-    To half a level. The general converter takes longer, and blurs colours over four lines.
+    Exact to half a level. FFmpeg's general converter is slower, and blurs chroma over four rows.
+
+    Args:
+        rgb: (H, W, 3) uint8, both sides even.
+
+    Returns:
+        An av.VideoFrame in yuv420p.
     """
     height, width = rgb.shape[:2]
-    frame = av.VideoFrame(width, height, FORMAT)
-    fill_planes(rgb, *(_plane(plane) for plane in frame.planes), TO_PLANES)  # straight into the frame
+    frame = av.VideoFrame(width, height, PIXEL_FORMAT)
+    fill_yuv_planes(rgb, *(_plane_array(plane) for plane in frame.planes), RGB_TO_YUV)  # straight into the frame
     return frame
 
 
-def _plane(plane: Any) -> ByteArray:
-    """(h, w) of a frame, to be written into."""
+def _plane_array(plane: Any) -> ByteArray:
+    """View a plane of a frame as a writable array (h, w)."""
     return np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]

@@ -1,1 +1,1 @@
-"""Balls cut out of frames and laid over others: background, mattes, deblurring, compositing."""
+"""Balls separated from frames and composited onto others: background plate, mattes, deblurring, compositing."""

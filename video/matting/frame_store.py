@@ -1,4 +1,4 @@
-"""Pictures of a clip that are looked at more than once: read in one go, and kept while there is room for them."""
+"""Cache of frames of a clip that are needed more than once, within a memory limit."""
 
 from __future__ import annotations
 
@@ -7,34 +7,36 @@ from dataclasses import dataclass, field
 
 from models.core.typing import ImageArray
 from video.io.clip import Clip, read_frames
-from video.matting.ball_timeline import Sightings
+from video.matting.ball_timeline import BallTimeline
 
-MOST_BYTES = 128_000_000
-"""Memory for what is kept; what does not fit is read again."""
+MAX_CACHE_BYTES = 128_000_000
+"""Memory for cached frames; frames beyond it are decoded again."""
 
 
 @dataclass(frozen=True, slots=True)
-class Gallery:
-    """The pictures of a clip by their row in the sightings."""
+class FrameStore:
+    """The frames of a clip by their row in the timeline."""
 
-    sightings: Sightings
+    timeline: BallTimeline
     clip: Clip
-    later: frozenset[int] = frozenset()
-    """Rows that will be asked for again: they are kept when others are read."""
-    kept: dict[int, ImageArray] = field(default_factory=dict)
+    reused_rows: frozenset[int] = frozenset()
+    """Rows that are needed again: they are cached when other rows are read."""
+    cache: dict[int, ImageArray] = field(default_factory=dict)
+    """Cached frames (H, W, 3) by row."""
 
-    def at(self, rows: Iterable[int]) -> Iterator[tuple[int, ImageArray]]:
-        """(row, picture (H, W, 3)) of some rows, ascending; not to be written into."""
+    def read_rows(self, rows: Iterable[int]) -> Iterator[tuple[int, ImageArray]]:
+        """Return (row, frame (H, W, 3)) of some rows in ascending order; the frames are read-only."""
         wanted = sorted({int(row) for row in rows})
-        if self.kept.keys() >= set(wanted):
-            return ((row, self.kept[row]) for row in wanted)
-        return self._read(wanted)
+        if self.cache.keys() >= set(wanted):
+            return ((row, self.cache[row]) for row in wanted)
+        return self._read_and_cache(wanted)
 
-    def _read(self, wanted: Sequence[int]) -> Iterator[tuple[int, ImageArray]]:
-        asked, room = set(wanted), MOST_BYTES // max(3 * self.clip.width * self.clip.height, 1)
-        rows = sorted(asked | self.later)
-        for row, (_, picture) in zip(rows, read_frames(self.clip, indices=self.sightings.frame[rows]), strict=True):
-            if row in self.later and len(self.kept) < room:
-                self.kept[row] = picture
-            if row in asked:
-                yield row, picture
+    def _read_and_cache(self, wanted: Sequence[int]) -> Iterator[tuple[int, ImageArray]]:
+        """Decode rows in one pass, and cache reused rows on the way."""
+        requested, capacity = set(wanted), MAX_CACHE_BYTES // max(3 * self.clip.width * self.clip.height, 1)
+        rows = sorted(requested | self.reused_rows)
+        for row, (_, image) in zip(rows, read_frames(self.clip, indices=self.timeline.frame[rows]), strict=True):
+            if row in self.reused_rows and len(self.cache) < capacity:
+                self.cache[row] = image
+            if row in requested:
+                yield row, image

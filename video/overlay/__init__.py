@@ -1,1 +1,1 @@
-"""Annotated slow motion, plain interpolation, close-ups, replays and posters."""
+"""Output frames and images: annotated slow motion, plain interpolation, close-ups, replays and posters."""

@@ -1,4 +1,4 @@
-"""A shot's drawing, prepared once: who moved where and when, what happened, and where the panels stand."""
+"""Annotation of a shot, prepared once: trails, names, contact times, panels and their placement."""
 
 from __future__ import annotations
 
@@ -8,237 +8,278 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from models.core.fit_result import Fit, Light
+from models.core.fit_result import Fit, TrustLevel
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.label_layout import Rect, Side, covered_share, place_label, place_panel
-from video.drawing.palette import Colour, apart_from, ball_colour, lab_to_rgb
-from video.drawing.table_inset import Inset, plan_of
-from video.io.options import RenderOptions, Style
-from video.matting.ball_timeline import Sightings
-from video.overlay.frame_overlay import Balls, Clock, Label, draw_flash, draw_measured, draw_trail, uncovered, unit
-from video.overlay.motion_marks import Mark, Path, marks_of, path_of
+from video.drawing.label_layout import LabelPosition, Rect, overlap_share, place_label, place_panel
+from video.drawing.palette import Colour, ball_colour, ensure_contrast, lab_to_rgb
+from video.drawing.table_inset import TableInset, build_table_inset
+from video.io.video_options import OverlayStyle, RenderOptions
+from video.matting.ball_timeline import BallTimeline
+from video.overlay.frame_overlay import (
+    ClockPanel,
+    FrameBalls,
+    Label,
+    draw_flash,
+    draw_measured_rings,
+    drawing_scale,
+    mask_without_balls,
+)
+from video.overlay.motion_paths import ContactMark, MotionPath, sample_motion_path, select_contact_marks
+from video.overlay.trails import draw_trail
 
-TRAIL_SECONDS = 0.9
-"""s of the shot that a trail keeps."""
-FLASH_SECONDS = 0.15
-"""s of the shot that a contact flashes."""
-READING_SECONDS = 2.0
-"""s of the finished video that the time of a contact stays to be read."""
-PLAN_STEP = 3
-"""Points of a path per point of the plan, which is small."""
-MOST_LABELS, MOST_TIMES = 6, 3
-"""Balls named, and contact times shown, at once: more would hide the shot."""
-TURN_SHARE = 0.12
-"""Share of its way round the ball that a label goes per picture: it glides, it does not jump."""
-MOST_COVERED, MOST_WORDS = 0.4, 0.08
-"""Share of a label over other things, and over other labels, from which it fades."""
-COME_STEP, GO_STEP = 0.1, 0.34
-"""Change of a label's opacity per picture: two labels that meet are unreadable, so one goes at once."""
+TRAIL_S = 0.9
+"""s of the shot that a trail spans."""
+FLASH_S = 0.15
+"""s of the shot for which a contact flashes."""
+READING_S = 2.0
+"""s of the output video for which the time of a contact stays legible."""
+PLAN_POINT_STEP = 3
+"""Points of a path per point on the plan, which is small."""
+MAX_LABELS, MAX_CONTACT_TIMES = 6, 3
+"""Names and contact times shown at once; more would hide the shot."""
+GLIDE_SHARE = 0.12
+"""Share of the remaining way that a label moves per frame, so that it glides rather than jumps."""
+MAX_OVERLAP, MAX_LABEL_OVERLAP = 0.4, 0.08
+"""Share of a label over other objects, and over other labels, above which it fades out."""
+FADE_IN_STEP, FADE_OUT_STEP = 0.1, 0.34
+"""Change of a label's opacity per frame: overlapping labels are illegible, so one disappears quickly."""
 INSET_SHARE = 0.23
-"""Longer side of the plan, share of the picture's width."""
-COST_STEP = 8
-"""px of the picture per cell of the map of what a panel would hide."""
+"""Longer side of the plan, share of the frame width."""
+COST_CELL_PX = 8
+"""px of the frame per cell of the panel cost map."""
 TABLE_COST, POCKET_COST, PATH_COST, DETAIL_COST = 1.0, 2.0, 20.0, 1.5
-TRUST_WORDS: dict[Light, str] = {"green": "fit trusted", "amber": "fit with care", "red": "fit not trusted"}
+"""Costs of hidden table, pockets, paths and image detail."""
+TRUST_WORDS: dict[TrustLevel, str] = {"green": "fit trusted", "amber": "fit with care", "red": "fit not trusted"}
+"""Texts of the trust levels on the clock panel."""
 
 
-EIGHTFOLD = RenderOptions()
-"""The usual slow motion."""
+DEFAULT_OPTIONS = RenderOptions()
+"""Options of the default slow motion."""
 
 
 @dataclass(slots=True)
 class Annotation:
-    """All that is drawn over the pictures of a shot; it remembers where labels were, so draw in the order of time."""
+    """Everything that is drawn over the frames of a shot. It tracks label positions, so draw in the order of time."""
 
-    sightings: Sightings
+    timeline: BallTimeline
     colours: tuple[Colour, ...]
-    halos: tuple[Colour, ...]
-    """Of the trails."""
+    trail_colours: tuple[Colour, ...]
+    """Colours of the trails, which contrast with the cloth."""
     names: tuple[str, ...]
-    paths: tuple[Path, ...]
-    marks: tuple[Mark, ...]
-    inset: Inset
+    paths: tuple[MotionPath, ...]
+    marks: tuple[ContactMark, ...]
+    inset: TableInset
     inset_place: Rect
-    plan: ImageArray
-    """The ground of the inset with the paths so far."""
-    clock: Clock
+    plan_canvas: ImageArray
+    """Canvas of the inset with the paths so far."""
+    clock: ClockPanel
     clock_place: Rect
     scale: float
-    reading: float
-    """s of the shot that a contact's time is shown."""
-    sides: dict[int, tuple[Side, Side]] = field(default_factory=dict)
-    """Where the label of a ball is to be, and on its way there where it is."""
-    clear: dict[int, float] = field(default_factory=dict)
-    """Opacity of the label of a ball: it fades where there is no room."""
-    named: list[Rect] = field(default_factory=list)
-    """Where the names stood on the picture before."""
-    mark_sides: dict[int, Side] = field(default_factory=dict)
-    """Where the label of a mark is."""
-    crowded: set[int] = field(default_factory=set)
-    """Marks for whose label there was no room."""
-    style: Style = "coach"
-    planned: dict[int, int] = field(default_factory=dict)
-    """The last point of a ball's path on it."""
+    reading_time: float
+    """s of the shot for which a contact time is shown."""
+    label_positions: dict[int, tuple[LabelPosition, LabelPosition]] = field(default_factory=dict)
+    """Target and current position of each ball's label."""
+    label_opacity: dict[int, float] = field(default_factory=dict)
+    """Opacity of each ball's label, which fades where space is missing."""
+    name_rects: list[Rect] = field(default_factory=list)
+    """Rectangles of the names on the frame before."""
+    mark_positions: dict[int, LabelPosition] = field(default_factory=dict)
+    """Position of the label of each mark."""
+    crowded_marks: set[int] = field(default_factory=set)
+    """Marks whose label has no space."""
+    style: OverlayStyle = "coach"
+    last_plan_points: dict[int, int] = field(default_factory=dict)
+    """Index of the last path point of each ball on the plan."""
 
-    def draw(self, picture: ImageArray, t: float, balls: Balls, xy: FloatArray) -> None:
-        """Draw on `picture` (H, W, 3), in place; `xy` (N, 2) m are the places of the balls."""
+    def draw(self, image: ImageArray, t: float, balls: FrameBalls, xy: FloatArray) -> None:
+        """Draw onto `image` (H, W, 3) in place; `xy` (N, 2) m are the positions of the balls."""
         if self.style == "clean":
-            if self.clock.light != "green":
-                self.clock.draw(picture, self.clock_place, t, self.scale)
+            if self.clock.trust_level != "green":
+                self.clock.draw(image, self.clock_place, t, self.scale)
             return
         if self.style == "coach":
-            free = uncovered(picture.shape, balls)
+            uncovered = mask_without_balls(image.shape, balls)
             for ball, path in enumerate(self.paths):
-                self._trail(picture, t, path, balls.centre[ball], self.halos[ball], free)
-        draw_measured(picture, balls, self.colours, self.scale)
+                self._draw_trail(image, t, path, balls.centre[ball], self.trail_colours[ball], uncovered)
+        draw_measured_rings(image, balls, self.colours, self.scale)
         for mark in self.marks:
-            if 0 <= t - mark.t < FLASH_SECONDS:
-                centre = self.sightings.project(mark.xy, t)
+            if 0 <= t - mark.t < FLASH_S:
+                centre = self.timeline.project(mark.xy, t)
                 radius = balls.radius_of(mark.ball)
-                draw_flash(picture, centre, radius, (t - mark.t) / FLASH_SECONDS, self.scale, mark.strength)
-        self._panels(picture, t, xy)
-        taken = [self.inset_place, self.clock_place, *balls.boxes(0.6)]
-        things = len(taken)
-        self._times(picture, t, balls, taken)
+                draw_flash(image, centre, radius, (t - mark.t) / FLASH_S, self.scale, mark.strength)
+        self._draw_panels(image, t, xy)
+        obstacles = [self.inset_place, self.clock_place, *balls.boxes(0.6)]
+        label_start = len(obstacles)
+        self._draw_contact_times(image, t, balls, obstacles)
         if self.style == "coach":
-            self._names(picture, t, balls, taken, things)
+            self._draw_names(image, t, balls, obstacles, label_start)
 
-    def _trail(
-        self, picture: ImageArray, t: float, path: Path, centre: FloatArray, colour: Colour, free: ImageArray
+    def _draw_trail(
+        self, image: ImageArray, t: float, path: MotionPath, centre: FloatArray, colour: Colour, uncovered: ImageArray
     ) -> None:
-        first, last = path.t.searchsorted([t - TRAIL_SECONDS, t])
+        """Draw the recent path of a ball."""
+        first, last = path.t.searchsorted([t - TRAIL_S, t])
         if last - first < 1:
             return
-        points = path.drawn[np.searchsorted(path.drawn, first) : np.searchsorted(path.drawn, last)]
-        way = self.sightings.shown(path.px[points], t)
-        age = (t - path.t[points]) / TRAIL_SECONDS
+        points = path.line_points[np.searchsorted(path.line_points, first) : np.searchsorted(path.line_points, last)]
+        trail = self.timeline.to_frame_pixels(path.px[points], t)
+        age = (t - path.t[points]) / TRAIL_S
         if np.isfinite(centre).all():
-            way, age = np.concatenate([way, centre[None]]), np.append(age, 0.0)
+            trail, age = np.concatenate([trail, centre[None]]), np.append(age, 0.0)
         fade = np.clip(1 - age, 0, 1) ** 1.3
         width = float(np.clip(0.42 * path.radius, 2.2, 9 * self.scale))
-        draw_trail(picture, way, fade, colour, width, free)
+        draw_trail(image, trail, fade, colour, width, uncovered)
 
-    def _panels(self, picture: ImageArray, t: float, xy: FloatArray) -> None:
+    def _draw_panels(self, image: ImageArray, t: float, xy: FloatArray) -> None:
+        """Draw the plan and the clock."""
         for ball, path in enumerate(self.paths):
-            first, last = self.planned.get(ball, 0), int(path.t.searchsorted(t))
-            if last - first > PLAN_STEP:
-                points = np.arange(first, last, PLAN_STEP)
-                self.inset.add_path(self.plan, path.xy[points], self.colours[ball])
-                self.planned[ball] = int(points[-1])
+            first, last = self.last_plan_points.get(ball, 0), int(path.t.searchsorted(t))
+            if last - first > PLAN_POINT_STEP:
+                points = np.arange(first, last, PLAN_POINT_STEP)
+                self.inset.add_path(self.plan_canvas, path.xy[points], self.colours[ball])
+                self.last_plan_points[ball] = int(points[-1])
         left, top = (round(v) for v in self.inset_place[:2])
-        self.inset.lay(picture, left, top, self.plan, xy, self.colours)
-        self.clock.draw(picture, self.clock_place, t, self.scale)
+        self.inset.draw_with_balls(image, left, top, self.plan_canvas, xy, self.colours)
+        self.clock.draw(image, self.clock_place, t, self.scale)
 
-    def _times(self, picture: ImageArray, t: float, balls: Balls, taken: list[Rect]) -> None:
-        """Times of the last contacts, each where it was first put."""
-        fresh = [k for k, mark in enumerate(self.marks) if 0 <= t - mark.t < self.reading]
-        for k in fresh[-MOST_TIMES:]:
-            mark, spot = self.marks[k], self.sightings.project(self.marks[k].xy, t)
+    def _draw_contact_times(self, image: ImageArray, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
+        """Draw the times of the last contacts, each at its first position."""
+        recent = [k for k, mark in enumerate(self.marks) if 0 <= t - mark.t < self.reading_time]
+        for k in recent[-MAX_CONTACT_TIMES:]:
+            mark, spot = self.marks[k], self.timeline.project(self.marks[k].xy, t)
             size, radius = mark.label.size(self.scale), 1.6 * balls.radius_of(mark.ball)
-            if k not in self.mark_sides:
-                obstacles = [*taken, *self.named, *self._soon(t)]
-                self.mark_sides[k] = place_label(size, spot, radius, np.zeros(2), obstacles, _bounds(picture), None)
-                rect = (*(spot + self.mark_sides[k].corner(size, radius)), *size)
-                self.crowded |= {k} if covered_share(rect, taken) > MOST_COVERED else set()
-            if k in self.crowded:
+            if k not in self.mark_positions:
+                avoided = [*obstacles, *self.name_rects, *self._upcoming_positions(t)]
+                self.mark_positions[k] = place_label(size, spot, radius, np.zeros(2), avoided, _image_size(image), None)
+                rect = (*(spot + self.mark_positions[k].top_left_corner(size, radius)), *size)
+                self.crowded_marks |= {k} if overlap_share(rect, obstacles) > MAX_OVERLAP else set()
+            if k in self.crowded_marks:
                 continue
-            age = (t - mark.t) / self.reading
+            age = (t - mark.t) / self.reading_time
             opacity = float(np.clip(min(age * 12, (1 - age) * 5), 0, 1))
-            _put(picture, mark.label, spot + self.mark_sides[k].corner(size, radius), self.scale, opacity, taken)
+            _draw_label(
+                image,
+                mark.label,
+                spot + self.mark_positions[k].top_left_corner(size, radius),
+                self.scale,
+                opacity,
+                obstacles,
+            )
 
-    def _soon(self, t: float) -> list[Rect]:
-        """Squares that balls will cross while a label can be read."""
-        ways = [path.px[(path.t > t) & (path.t < t + self.reading)][::6] for path in self.paths]
+    def _upcoming_positions(self, t: float) -> list[Rect]:
+        """Return squares that balls will cross while a label is legible."""
+        paths = [path.px[(path.t > t) & (path.t < t + self.reading_time)][::6] for path in self.paths]
         half = 12 * self.scale
-        places = self.sightings.shown(np.concatenate(ways), t)
+        places = self.timeline.to_frame_pixels(np.concatenate(paths), t)
         return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in places]
 
-    def _names(self, picture: ImageArray, t: float, balls: Balls, taken: list[Rect], things: int) -> None:
-        """Name and speed beside the balls that move or have just come to rest; labels are `taken` from `things` on."""
-        shown = [int(ball) for ball in balls.present if self._presence(t, int(ball)) > 0 and balls.sure[ball]]
-        shown.sort(key=lambda ball: (-len(self.paths[ball].t), ball))
-        others = len(taken)
-        for ball in shown[:MOST_LABELS]:
+    def _draw_names(
+        self, image: ImageArray, t: float, balls: FrameBalls, obstacles: list[Rect], label_start: int
+    ) -> None:
+        """Draw name and speed beside balls that move or recently stopped.
+
+        Labels are the `obstacles` from `label_start` on.
+        """
+        named = [
+            int(ball) for ball in balls.present if self._name_opacity(t, int(ball)) > 0 and balls.is_supported[ball]
+        ]
+        named.sort(key=lambda ball: (-len(self.paths[ball].t), ball))
+        name_start = len(obstacles)
+        for ball in named[:MAX_LABELS]:
             speed = balls.speed[ball]
             label = Label(self.names[ball], f"{speed:.2f} m/s" if np.isfinite(speed) else "", self.colours[ball])
             size, centre, radius = label.size(self.scale), balls.centre[ball], balls.radius_of(ball)
-            aim, now = self.sides.get(ball, (None, None))
-            aim = place_label(size, centre, radius, balls.heading[ball], taken, _bounds(picture), aim)
-            now = aim if now is None else now.towards(aim, TURN_SHARE)
-            self.sides[ball] = aim, now
-            corner = centre + now.corner(size, radius)
+            aim, now = self.label_positions.get(ball, (None, None))
+            aim = place_label(size, centre, radius, balls.heading[ball], obstacles, _image_size(image), aim)
+            now = aim if now is None else now.move_towards(aim, GLIDE_SHARE)
+            self.label_positions[ball] = aim, now
+            corner = centre + now.top_left_corner(size, radius)
             rect = (*corner, *size)
-            words = covered_share(rect, taken[things:])
-            room = covered_share(rect, taken) < MOST_COVERED and words < MOST_WORDS
-            clear = self.clear.get(ball, float(room)) + (COME_STEP if room else -GO_STEP)
-            self.clear[ball] = float(np.clip(clear, 0, 1))
-            _put(picture, label, corner, self.scale, self._presence(t, ball) * self.clear[ball], taken)
-        self.named = taken[others:]
+            label_overlap = overlap_share(rect, obstacles[label_start:])
+            has_room = overlap_share(rect, obstacles) < MAX_OVERLAP and label_overlap < MAX_LABEL_OVERLAP
+            opacity = self.label_opacity.get(ball, float(has_room)) + (FADE_IN_STEP if has_room else -FADE_OUT_STEP)
+            self.label_opacity[ball] = float(np.clip(opacity, 0, 1))
+            _draw_label(
+                image, label, corner, self.scale, self._name_opacity(t, ball) * self.label_opacity[ball], obstacles
+            )
+        self.name_rects = obstacles[name_start:]
 
-    def _presence(self, t: float, ball: int) -> float:
-        """Opacity of a ball's name: it comes and goes with its motion."""
+    def _name_opacity(self, t: float, ball: int) -> float:
+        """Return the opacity of a ball's name, which fades in and out with its motion."""
         most = 0.0
         for start, end in self.paths[ball].spans.tolist():
-            since = (t - start) / (0.1 * self.reading)
-            left = (end + 0.3 * self.reading - t) / (0.2 * self.reading)
-            most = max(most, min(since, left, 1.0))
+            since = (t - start) / (0.1 * self.reading_time)
+            remaining = (end + 0.3 * self.reading_time - t) / (0.2 * self.reading_time)
+            most = max(most, min(since, remaining, 1.0))
         return most
 
 
-def _bounds(picture: ImageArray) -> tuple[int, int]:
-    """Width and height."""
-    return picture.shape[1], picture.shape[0]
+def _image_size(image: ImageArray) -> tuple[int, int]:
+    """Return width and height, px."""
+    return image.shape[1], image.shape[0]
 
 
-def _put(
-    picture: ImageArray, label: Label, corner: FloatArray, scale: float, opacity: float, taken: list[Rect]
+def _draw_label(
+    image: ImageArray, label: Label, corner: FloatArray, scale: float, opacity: float, obstacles: list[Rect]
 ) -> None:
-    """Draw a label inside the picture, and note that its place is taken."""
+    """Draw a label inside the image and append its rectangle to the obstacles."""
     if opacity <= 0:
         return
     size = np.array(label.size(scale), dtype=np.float64)
-    left, top = np.maximum(np.minimum(corner, _bounds(picture) - size - 2), 2)
-    label.draw(picture, np.array([left, top]), scale, opacity)
-    taken.append((float(left), float(top), float(size[0]), float(size[1])))
+    left, top = np.maximum(np.minimum(corner, _image_size(image) - size - 2), 2)
+    label.draw(image, np.array([left, top]), scale, opacity)
+    obstacles.append((float(left), float(top), float(size[0]), float(size[1])))
 
 
-def annotate(
-    sightings: Sightings, tracks: Tracks, fit: Fit, first: ImageArray, slow: float, style: Style = "coach"
+def prepare_annotation(
+    timeline: BallTimeline, tracks: Tracks, fit: Fit, first: ImageArray, slow: float, style: OverlayStyle = "coach"
 ) -> Annotation:
-    """Prepare the drawing of a shot that is shown `slow` times slower; `first` (H, W, 3) is its first picture."""
+    """Prepare the annotation of a shot.
+
+    Args:
+        timeline: Positions of the balls.
+        tracks: Names, classes and colours of the balls.
+        fit: Fitted motion, events and trust level.
+        first: First frame (H, W, 3).
+        slow: Slowdown factor of the output video.
+        style: Overlay style.
+
+    Returns:
+        The annotation.
+    """
     height, width = first.shape[:2]
-    scale = unit(height)
-    paths = tuple(path_of(sightings, fit, ball) for ball in range(len(tracks.ids)))
-    inset = plan_of(sightings.scene, round(INSET_SHARE * width))
-    clock = Clock(f"{slow:g}× slower", fit.trust.light, TRUST_WORDS[fit.trust.light])
-    cost = _cost(sightings, paths, first)
-    inset_place = place_panel(inset.size, (width, height), cost, [], 1 / COST_STEP)
-    clock_place = place_panel(clock.size(scale), (width, height), cost, [inset_place], 1 / COST_STEP)
+    scale = drawing_scale(height)
+    paths = tuple(sample_motion_path(timeline, fit, ball) for ball in range(len(tracks.ids)))
+    inset = build_table_inset(timeline.scene, round(INSET_SHARE * width))
+    clock = ClockPanel(f"{slow:g}× slower", fit.trust.level, TRUST_WORDS[fit.trust.level])
+    cost = _panel_cost_map(timeline, paths, first)
+    inset_place = place_panel(inset.size, (width, height), cost, [], 1 / COST_CELL_PX)
+    clock_place = place_panel(clock.size(scale), (width, height), cost, [inset_place], 1 / COST_CELL_PX)
     colours = tuple(ball_colour(kind, lab) for kind, lab in zip(tracks.kinds, tracks.colour, strict=True))
-    cloth = lab_to_rgb(sightings.scene.cloth_lab)
+    cloth = lab_to_rgb(timeline.scene.cloth_lab)
     return Annotation(
-        sightings=sightings, names=tracks.ids, paths=paths, marks=marks_of(sightings, fit), inset=inset,
-        colours=colours, halos=tuple(apart_from(colour, cloth) for colour in colours),
-        inset_place=inset_place, plan=inset.ground.copy(), clock=clock, clock_place=clock_place, scale=scale,
-        reading=READING_SECONDS / slow, style=style,
+        timeline=timeline, names=tracks.ids, paths=paths, marks=select_contact_marks(timeline, fit), inset=inset,
+        colours=colours, trail_colours=tuple(ensure_contrast(colour, cloth) for colour in colours),
+        inset_place=inset_place, plan_canvas=inset.canvas.copy(), clock=clock, clock_place=clock_place, scale=scale,
+        reading_time=READING_S / slow, style=style,
     )  # fmt: skip
 
 
-def _cost(sightings: Sightings, paths: Sequence[Path], first: ImageArray) -> FloatArray:
-    """What a panel would hide, on a coarse map (h, w): table, balls and paths, and what else there is to see."""
-    height, width = (-(-side // COST_STEP) for side in first.shape[:2])
+def _panel_cost_map(timeline: BallTimeline, paths: Sequence[MotionPath], first: ImageArray) -> FloatArray:
+    """Return the cost of what a panel would hide on a coarse map (h, w): table, balls, paths and image detail."""
+    height, width = (-(-side // COST_CELL_PX) for side in first.shape[:2])
     grey = cv2.cvtColor(cv2.resize(first, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     detail = np.minimum(np.abs(cv2.Laplacian(grey, cv2.CV_32F)) / 60, 1) * DETAIL_COST
     table = np.zeros((height, width), dtype=np.uint8)
-    cv2.fillPoly(table, [np.rint(sightings.scene.camera.corners_px / COST_STEP).astype(np.int32)], 1)
+    cv2.fillPoly(table, [np.rint(timeline.scene.camera.corners_px / COST_CELL_PX).astype(np.int32)], 1)
     used: ImageArray = np.zeros((height, width), dtype=np.uint8)
-    start = float(sightings.t[0])
-    balls = sightings.centre[[0, -1]].reshape(-1, 2)
+    start = float(timeline.t[0])
+    balls = timeline.centre[[0, -1]].reshape(-1, 2)
     pockets: ImageArray = np.zeros((height, width), dtype=np.uint8)
-    for x, y in sightings.project(sightings.scene.table.pocket_centres, start) / COST_STEP:
+    for x, y in timeline.project(timeline.scene.table.pocket_centres, start) / COST_CELL_PX:
         cv2.circle(pockets, (round(x), round(y)), 5, 1, -1)
-    for places in (*(sightings.project(path.xy, start) for path in paths), balls):
-        for x, y in places[np.isfinite(places[:, 0])] / COST_STEP:
+    for places in (*(timeline.project(path.xy, start) for path in paths), balls):
+        for x, y in places[np.isfinite(places[:, 0])] / COST_CELL_PX:
             cv2.circle(used, (round(x), round(y)), 3, 1, -1)
     return np.asarray(detail + table * TABLE_COST + pockets * POCKET_COST + used * PATH_COST, dtype=np.float64)

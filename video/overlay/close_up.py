@@ -1,4 +1,4 @@
-"""One moment magnified: the picture with the fitted outlines of the balls, and a strip of those around it."""
+"""Magnified views of one moment: a frame with the fitted outlines of the balls, and a strip of neighbouring frames."""
 
 from __future__ import annotations
 
@@ -9,27 +9,29 @@ import cv2
 import numpy as np
 
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.palette import FLASH, INK, MIST, WHITE, Colour
-from video.drawing.text import lay, rounded_mask, text_mask, write
-from video.overlay.frame_overlay import draw_ring, fixed
+from video.drawing.palette import FLASH, INK, MUTED_GREY, WHITE, Colour
+from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
+from video.overlay.frame_overlay import draw_ring, to_fixed_point
 
-SIZE = (960, 720)
-"""px of a close-up."""
-TILE, CAPTION = (320, 320), (190, 46)
-"""px of one picture of a strip, and of what is written on it."""
-AROUND = 2.6
-"""ball radii that are shown around the balls."""
-LARGEST = 24.0
-"""times: pixels are not magnified further."""
+CLOSE_UP_SIZE = (960, 720)
+"""px, size of a close-up."""
+TILE_SIZE, CAPTION_SIZE = (320, 320), (190, 46)
+"""px, size of one frame of a strip, and of its caption."""
+MARGIN_RADII = 2.6
+"""Ball radii shown around the balls."""
+MAX_MAGNIFICATION = 24.0
+"""Largest magnification of pixels."""
 DASHES = 36
-RINGS: tuple[Colour, Colour] = ((96, 214, 255), (255, 150, 110))
+"""Dashes of a ring."""
+RING_COLOURS: tuple[Colour, Colour] = ((96, 214, 255), (255, 150, 110))
+"""Colours of the outlines of the first and of the second ball."""
 SHIFT = 4
-"""Binary digits after the point of OpenCV's sub-pixel coordinates."""
+"""Fractional bits of OpenCV's fixed-point coordinates."""
 
 
 @dataclass(frozen=True, slots=True)
-class Outline:
-    """A ball as it was fitted: centre (2,) and radius in px of the picture."""
+class NamedOutline:
+    """Fitted outline of a ball: centre (2,) and radius in px of the frame."""
 
     name: str
     centre: FloatArray
@@ -37,143 +39,164 @@ class Outline:
 
 
 @dataclass(frozen=True, slots=True)
-class Scenery:
-    """A picture (H, W, 3), its number and time (s), and the balls that matter."""
+class CloseUpFrame:
+    """A frame (H, W, 3), its index and time (s), and the outlines of the balls concerned."""
 
-    picture: ImageArray
+    image: ImageArray
     frame: int
     t: float
-    outlines: tuple[Outline, ...]
-    moment: tuple[Outline, ...] = ()
+    outlines: tuple[NamedOutline, ...]
+    moment_outlines: tuple[NamedOutline, ...] = ()
     """The same balls at the moment in question."""
     line: FloatArray | None = None
-    """(n, 2) px, a line on the table that the question is about, at the height of the centres."""
+    """(n, 2) px, a line on the table that the question refers to, at the height of the ball centres."""
 
 
-def close_up(scene: Scenery, caption: str, lines: Sequence[str]) -> ImageArray:
-    """The balls magnified, their outlines and the gap between them, and what is called."""
-    view, scale, corner = _magnified(scene, SIZE, _window([scene]))
-    _draw_line(view, scene, scale, corner, 2)
-    for outline in scene.moment:
+def draw_close_up(frame: CloseUpFrame, caption: str, lines: Sequence[str]) -> ImageArray:
+    """Draw a magnified frame with the outlines of the balls, the gap between them, and the call.
+
+    Args:
+        frame: Frame and outlines.
+        caption: Answer to the question, the title.
+        lines: Further lines of text.
+
+    Returns:
+        Image of `CLOSE_UP_SIZE`.
+    """
+    view, scale, corner = _magnify_frame(frame, CLOSE_UP_SIZE, _find_window([frame]))
+    _draw_line(view, frame, scale, corner, 2)
+    for outline in frame.moment_outlines:
         draw_ring(view, scale * (outline.centre - corner), scale * outline.radius, 1.5, WHITE, 0.7, DASHES)
-    _draw_balls(view, scene, scale, corner, 2.0)
-    _draw_gap(view, scene, scale, corner)
-    _label(view, scene, scale, corner)
-    lines = [*lines, f"shown: picture {scene.frame} at {scene.t:.4f} s", "dashed: the moment called"]
+    _draw_balls(view, frame, scale, corner, 2.0)
+    _draw_gap(view, frame, scale, corner)
+    _draw_ball_names(view, frame, scale, corner)
+    lines = [*lines, f"frame {frame.frame} at {frame.t:.4f} s", "dashed: the moment of the call"]
     height = 56 + 24 * len(lines)
-    top = SIZE[1] - height - 20
-    lay(view, rounded_mask(380, height, 12), 20, top, INK, 0.82)
-    write(view, caption, 36, top + 8, 26, WHITE, bold=True)
+    top = CLOSE_UP_SIZE[1] - height - 20
+    blend_mask(view, round_corner_mask(380, height, 12), 20, top, INK, 0.82)
+    draw_text(view, caption, 36, top + 8, 26, WHITE, bold=True)
     for row, line in enumerate(lines):
-        write(view, line, 36, top + 46 + 24 * row, 17, MIST)
+        draw_text(view, line, 36, top + 46 + 24 * row, 17, MUTED_GREY)
     return view
 
 
-def strip(scenes: Sequence[Scenery], t: float) -> ImageArray:
-    """Pictures around the moment t (s), side by side, all of one place and scale."""
-    window = _window(scenes)
-    left, top = _free_corner(scenes, window)
+def draw_frame_strip(frames: Sequence[CloseUpFrame], t: float) -> ImageArray:
+    """Draw frames around a moment side by side, at the same place and scale.
+
+    Args:
+        frames: Frames and outlines.
+        t: The moment, s.
+
+    Returns:
+        Image (h, w, 3), one tile per frame.
+    """
+    window = _find_window(frames)
+    left, top = _free_corner(frames, window)
     tiles = []
-    for scene in scenes:
-        view, scale, corner = _magnified(scene, TILE, window)
+    for scene in frames:
+        view, scale, corner = _magnify_frame(scene, TILE_SIZE, window)
         _draw_line(view, scene, scale, corner, 1)
         _draw_balls(view, scene, scale, corner, 1.4)
-        lay(view, rounded_mask(*CAPTION, 8), left, top, INK, 0.8)
-        write(view, f"picture {scene.frame}", left + 10, top + 2, 16, WHITE, bold=True)
-        write(view, f"{scene.t:.4f} s  {1e3 * (scene.t - t):+.1f} ms", left + 10, top + 22, 14, MIST)
+        blend_mask(view, round_corner_mask(*CAPTION_SIZE, 8), left, top, INK, 0.8)
+        draw_text(view, f"frame {scene.frame}", left + 10, top + 2, 16, WHITE, bold=True)
+        draw_text(view, f"{scene.t:.4f} s  {1e3 * (scene.t - t):+.1f} ms", left + 10, top + 22, 14, MUTED_GREY)
         tiles.append(view)
-    gap = np.full((TILE[1], 4, 3), INK, dtype=np.uint8)
+    gap = np.full((TILE_SIZE[1], 4, 3), INK, dtype=np.uint8)
     row = [part for tile in tiles for part in (tile, gap)][:-1]
     return np.concatenate(row, axis=1)
 
 
-def _free_corner(scenes: Sequence[Scenery], window: tuple[FloatArray, FloatArray]) -> tuple[int, int]:
-    """Left and top, px of a tile, where the caption hides the fewest balls of a strip, in the same place on all."""
-    scale, corner = _view(TILE, window)
-    far = (TILE[0] - CAPTION[0] - 10, TILE[1] - CAPTION[1] - 10)
+def _free_corner(frames: Sequence[CloseUpFrame], window: tuple[FloatArray, FloatArray]) -> tuple[int, int]:
+    """Return left and top, px of a tile, of the corner where the caption hides the fewest balls of all frames."""
+    scale, corner = _view_transform(TILE_SIZE, window)
+    far = (TILE_SIZE[0] - CAPTION_SIZE[0] - 10, TILE_SIZE[1] - CAPTION_SIZE[1] - 10)
     places = [(10, 10), (10, far[1]), (far[0], 10), (far[0], far[1])]
 
     def hidden(place: tuple[int, int]) -> int:
         count = 0
-        for outline in (outline for scene in scenes for outline in scene.outlines):
+        for outline in (outline for scene in frames for outline in scene.outlines):
             centre, reach = scale * (outline.centre - corner), scale * outline.radius
-            nearest = np.clip(centre, place, np.add(place, CAPTION))
+            nearest = np.clip(centre, place, np.add(place, CAPTION_SIZE))
             count += bool(np.hypot(*(centre - nearest)) < reach)
         return count
 
     return min(places, key=hidden)
 
 
-def _window(scenes: Sequence[Scenery]) -> tuple[FloatArray, FloatArray]:
-    """Middle (2,) and least extent (2,) in px that shows all balls of all pictures; all of it without balls."""
-    outlines = [outline for scene in scenes for outline in scene.outlines]
+def _find_window(frames: Sequence[CloseUpFrame]) -> tuple[FloatArray, FloatArray]:
+    """Return middle (2,) and least extent (2,), px, of a window with all balls; the whole frame without balls."""
+    outlines = [outline for scene in frames for outline in scene.outlines]
     if not outlines:
-        height, width = scenes[0].picture.shape[:2]
+        height, width = frames[0].image.shape[:2]
         return np.array([width, height]) / 2, np.array([width, height], dtype=np.float64)
-    low = np.min([o.centre - AROUND * o.radius for o in outlines], axis=0)
-    high = np.max([o.centre + AROUND * o.radius for o in outlines], axis=0)
+    low = np.min([o.centre - MARGIN_RADII * o.radius for o in outlines], axis=0)
+    high = np.max([o.centre + MARGIN_RADII * o.radius for o in outlines], axis=0)
     return (low + high) / 2, high - low
 
 
-def _view(size: tuple[int, int], window: tuple[FloatArray, FloatArray]) -> tuple[float, FloatArray]:
-    """Magnification of a window to `size`, and the window's corner (2,) in the picture."""
+def _view_transform(size: tuple[int, int], window: tuple[FloatArray, FloatArray]) -> tuple[float, FloatArray]:
+    """Return the magnification of a window to `size`, and the corner (2,) of the window in the frame."""
     middle, extent = window
-    scale = float(min(np.min(np.array(size) / extent), LARGEST))
+    scale = float(min(np.min(np.array(size) / extent), MAX_MAGNIFICATION))
     return scale, middle - np.array(size) / (2 * scale)
 
 
-def _magnified(
-    scene: Scenery, size: tuple[int, int], window: tuple[FloatArray, FloatArray]
+def _magnify_frame(
+    frame: CloseUpFrame, size: tuple[int, int], window: tuple[FloatArray, FloatArray]
 ) -> tuple[ImageArray, float, FloatArray]:
-    """The picture around a window, magnified to `size`; px per px, and the window's corner (2,) in the picture."""
-    scale, corner = _view(size, window)
-    # pixel centres are whole numbers in both pictures
+    """Return the frame around a window, magnified to `size`, the magnification and the window's corner (2,)."""
+    scale, corner = _view_transform(size, window)
+    # Pixel centres are whole numbers in both images.
     to_view = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]]])
-    way = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
-    view = cv2.warpAffine(scene.picture, to_view, size, flags=way, borderMode=cv2.BORDER_CONSTANT, borderValue=INK)
+    interpolation = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
+    view = cv2.warpAffine(
+        frame.image, to_view, size, flags=interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=INK
+    )
     return np.ascontiguousarray(view, dtype=np.uint8), scale, corner
 
 
-def _draw_line(view: ImageArray, scene: Scenery, scale: float, corner: FloatArray, width: int) -> None:
-    if scene.line is None:
+def _draw_line(view: ImageArray, frame: CloseUpFrame, scale: float, corner: FloatArray, width: int) -> None:
+    """Draw the line in question."""
+    if frame.line is None:
         return
     mask = np.zeros(view.shape[:2], dtype=np.uint8)
-    way = np.clip(scale * (scene.line - corner), -1e5, 1e5)  # what lies far outside the view fits no fixed-point number
-    cv2.polylines(mask, [fixed(way).reshape(-1, 1, 2)], False, 255, width, cv2.LINE_AA, SHIFT)
-    lay(view, mask, 0, 0, FLASH)
+    points = np.clip(scale * (frame.line - corner), -1e5, 1e5)  # far points overflow fixed-point numbers
+    cv2.polylines(mask, [to_fixed_point(points).reshape(-1, 1, 2)], False, 255, width, cv2.LINE_AA, SHIFT)
+    blend_mask(view, mask, 0, 0, FLASH)
 
 
-def _draw_balls(view: ImageArray, scene: Scenery, scale: float, corner: FloatArray, width: float) -> None:
-    for k, outline in enumerate(scene.outlines):
+def _draw_balls(view: ImageArray, frame: CloseUpFrame, scale: float, corner: FloatArray, width: float) -> None:
+    """Draw the outlines and centres of the balls."""
+    for k, outline in enumerate(frame.outlines):
         centre = scale * (outline.centre - corner)
-        draw_ring(view, centre, scale * outline.radius, width, RINGS[k % 2], 0.95)
-        draw_ring(view, centre, 2.0, width, RINGS[k % 2], 0.95)
+        draw_ring(view, centre, scale * outline.radius, width, RING_COLOURS[k % 2], 0.95)
+        draw_ring(view, centre, 2.0, width, RING_COLOURS[k % 2], 0.95)
 
 
-def _draw_gap(view: ImageArray, scene: Scenery, scale: float, corner: FloatArray) -> None:
-    """The line of centres, bright between the two surfaces."""
-    if len(scene.outlines) != 2:
+def _draw_gap(view: ImageArray, frame: CloseUpFrame, scale: float, corner: FloatArray) -> None:
+    """Draw the line of centres, bright between the two surfaces."""
+    if len(frame.outlines) != 2:
         return
-    one, two = scene.outlines
-    apart = two.centre - one.centre
-    n = apart / max(float(np.hypot(*apart)), 1e-9)
+    one, two = frame.outlines
+    separation = two.centre - one.centre
+    n = separation / max(float(np.hypot(*separation)), 1e-9)
     ends = (one.centre, one.centre + one.radius * n, two.centre - two.radius * n, two.centre)
-    points = [fixed(scale * (end - corner)).tolist() for end in ends]
+    points = [to_fixed_point(scale * (end - corner)).tolist() for end in ends]
     mask = np.zeros(view.shape[:2], dtype=np.uint8)
     cv2.line(mask, points[0], points[3], 120, 1, cv2.LINE_AA, SHIFT)
-    lay(view, mask, 0, 0, WHITE)
+    blend_mask(view, mask, 0, 0, WHITE)
     mask[:] = 0
     cv2.line(mask, points[1], points[2], 255, 4, cv2.LINE_AA, SHIFT)
-    lay(view, mask, 0, 0, FLASH)
+    blend_mask(view, mask, 0, 0, FLASH)
 
 
-def _label(view: ImageArray, scene: Scenery, scale: float, corner: FloatArray) -> None:
-    """Names above the balls, below the lower one, so that none hides the gap."""
-    lowest = max((outline.centre[1] for outline in scene.outlines), default=0.0)
-    for k, outline in enumerate(scene.outlines):
+def _draw_ball_names(view: ImageArray, frame: CloseUpFrame, scale: float, corner: FloatArray) -> None:
+    """Draw names above the balls, below the lower ball, so that they do not hide the gap."""
+    lowest = max((outline.centre[1] for outline in frame.outlines), default=0.0)
+    for k, outline in enumerate(frame.outlines):
         width = text_mask(outline.name, 17, True).shape[1]
-        below = len(scene.outlines) > 1 and outline.centre[1] == lowest
+        below = len(frame.outlines) > 1 and outline.centre[1] == lowest
         away = scale * outline.radius + 8 if below else -scale * outline.radius - 34
         x, y = scale * (outline.centre - corner) + [-width / 2, away]
-        lay(view, rounded_mask(width + 14, 26, 6), round(x) - 7, round(y), INK, 0.75)
-        write(view, outline.name, x, y + 2, 17, RINGS[k % 2], bold=True)
+        blend_mask(view, round_corner_mask(width + 14, 26, 6), round(x) - 7, round(y), INK, 0.75)
+        draw_text(view, outline.name, x, y + 2, 17, RING_COLOURS[k % 2], bold=True)

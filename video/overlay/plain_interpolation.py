@@ -1,4 +1,4 @@
-"""The frames between the frames: originals untouched at their places, balls in between where the physics puts them."""
+"""Interpolation of a clip without annotation: decoded frames stay unchanged, in-between frames are synthesized."""
 
 from __future__ import annotations
 
@@ -9,103 +9,144 @@ from itertools import pairwise
 
 import numpy as np
 
-from models.core.fit_result import Fit
-from models.core.scene import Scene
-from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
 from video.flow.optical_flow import Interpolator
 from video.io.clip import Clip, read_frames
-from video.matting.ball_timeline import sight
-from video.overlay.ball_outlines import balls_at
-from video.synthesis.frame_synthesis import OPTICAL_FLOW, Scenery, open_interval, scenery_of
+from video.overlay.frame_balls import balls_at_times
+from video.synthesis.frame_synthesis import (
+    DEFAULT_INTERPOLATOR,
+    ClipAppearance,
+    prepare_interval,
+)
 
-EVEN_S = 1e-3
-"""s by which timestamps may wander and still be those of a constant rate: some containers count milliseconds."""
-SNAP = 0.02
-"""Share of the step between pictures within which a real picture is shown as it is."""
+REGULAR_TOLERANCE_S = 1e-3
+"""s of jitter within which timestamps count as regular: some containers count milliseconds."""
+SNAP_SHARE = 0.02
+"""Share of the frame interval within which a decoded frame replaces a synthesized one."""
 
 
 @dataclass(frozen=True, slots=True)
-class Making:
-    """How pictures are made."""
+class SynthesisOptions:
+    """Options of frame synthesis."""
 
-    elsewhere: Interpolator = OPTICAL_FLOW
-    """Of all that is no ball."""
-    exposure: float | None = None
-    """s for which the shutter is open; None: as it was filmed."""
+    interpolator: Interpolator = DEFAULT_INTERPOLATOR
+    """Interpolator of everything except balls."""
+    shutter_time: float | None = None
+    """s for which the shutter is open; None: as filmed."""
 
 
-def between(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, factor: int) -> Iterator[ImageArray]:
-    """The pictures (H, W, 3) of a clip with `factor` - 1 new ones in every gap: (D - 1) factor + 1 of D distinct ones.
+def synthesize_frames(
+    clip: Clip, appearance: ClipAppearance, times: FloatArray, options: SynthesisOptions | None = None
+) -> Iterator[ImageArray]:
+    """Yield the frames at ascending times within the clip; at most two decoded frames are held in memory.
 
-    Every factor-th is the decoded picture itself. ValueError for a factor below 1.
+    Args:
+        clip: The clip.
+        appearance: Its estimated appearance.
+        times: Times (K,), s.
+        options: Options of the synthesis.
+
+    Yields:
+        Image (H, W, 3); the decoded frame itself at its time.
     """
-    times = times_between(clip, factor)
-    yield from pictures_at(clip, scenery_of(sight(scene, tracks, fit), clip), times)
-
-
-def pictures_at(clip: Clip, scenery: Scenery, times: FloatArray, making: Making | None = None) -> Iterator[ImageArray]:
-    """The pictures (H, W, 3) at ascending times (K,) s within the clip; a decoded one itself at its time.
-
-    Two decoded pictures are held at a time.
-    """
-    making = Making() if making is None else making
-    t = scenery.sightings.t
+    options = SynthesisOptions() if options is None else options
+    t = appearance.timeline.t
     rows = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
     before: ImageArray | None = None
-    for row, (_, after) in enumerate(read_frames(clip, indices=scenery.sightings.frame), start=-1):
+    for row, (_, after) in enumerate(read_frames(clip, indices=appearance.timeline.frame), start=-1):
         wanted = times[rows == row]
         if before is not None and len(wanted):
-            yield from _inside(scenery, row, before, after, wanted, making)
+            yield from _synthesize_gap(appearance, row, before, after, wanted, options)
         before = after
 
 
-def _inside(
-    scenery: Scenery, row: int, first: ImageArray, second: ImageArray, times: FloatArray, making: Making
+def _synthesize_gap(
+    appearance: ClipAppearance,
+    row: int,
+    first: ImageArray,
+    second: ImageArray,
+    times: FloatArray,
+    options: SynthesisOptions,
 ) -> Iterator[ImageArray]:
-    """The pictures from that of `row` to that of `row + 1`."""
-    sightings = scenery.sightings
-    ends = {float(sightings.t[row]): first, float(sightings.t[row + 1]): second}
-    if all(float(t) in ends for t in times):
-        yield from (ends[float(t)] for t in times)
+    """Yield the frames at times from that of `row` to that of `row + 1`."""
+    timeline = appearance.timeline
+    frames_by_time = {float(timeline.t[row]): first, float(timeline.t[row + 1]): second}
+    if all(float(t) in frames_by_time for t in times):
+        yield from (frames_by_time[float(t)] for t in times)
         return
-    anew = making.exposure is not None
-    interval = open_interval(sightings, scenery.plate, row, first, second, making.elsewhere, scenery.sharp, anew=anew)
-    exposure = sightings.exposure if making.exposure is None else making.exposure
-    state, ways = sightings.state(times), sightings.ways(times, exposure)
-    for t, balls, way in zip(times.tolist(), balls_at(sightings, state, times), ways, strict=True):
-        yield ends[t] if t in ends else interval.at(t, balls.centre, way)
+    force_deblur = options.shutter_time is not None
+    interval = prepare_interval(
+        timeline,
+        appearance.plate,
+        row,
+        first,
+        second,
+        options.interpolator,
+        appearance.sharp_balls,
+        force_deblur=force_deblur,
+    )
+    shutter_time = timeline.shutter_time if options.shutter_time is None else options.shutter_time
+    state, streaks = timeline.state_at(times), timeline.streak_paths(times, shutter_time)
+    for t, balls, streak in zip(times.tolist(), balls_at_times(timeline, state, times), streaks, strict=True):
+        yield frames_by_time[t] if t in frames_by_time else interval.synthesize(t, balls.centre, streak)
 
 
-def times_between(clip: Clip, factor: int) -> FloatArray:
-    """Times ((D - 1) factor + 1,) s that divide every gap evenly, by the source's clock; ValueError below 1."""
+def subdivide_frame_times(clip: Clip, factor: int) -> FloatArray:
+    """Divide every gap between distinct frames evenly.
+
+    Args:
+        clip: The clip.
+        factor: Parts per gap.
+
+    Returns:
+        Times ((D - 1) factor + 1,), s, of D distinct frames.
+
+    Raises:
+        ValueError: The factor is below 1.
+    """
     if factor < 1:
         raise ValueError(f"a factor is 1 or more; got {factor}")
-    t = clip.t[clip.distinct]
+    t = clip.t[clip.distinct_frames]
     inner = [np.array([a, *_inner_times(a, b, factor)]) for a, b in pairwise(t)]
     return np.concatenate([*inner, t[-1:]])
 
 
-def even_times(clip: Clip, rate: float) -> FloatArray:
-    """Times (K,) s, `rate` of them a second of the clip; those of real pictures where they fall on them."""
-    real = clip.t[clip.distinct]
-    times = real[0] + np.arange(int((real[-1] - real[0]) * rate + SNAP) + 1) / rate
+def regular_frame_times(clip: Clip, rate: float) -> FloatArray:
+    """Return regular times within a clip.
+
+    Args:
+        clip: The clip.
+        rate: Frames per second.
+
+    Returns:
+        Times (K,), s; those of decoded frames where they nearly coincide.
+    """
+    real = clip.t[clip.distinct_frames]
+    times = real[0] + np.arange(int((real[-1] - real[0]) * rate + SNAP_SHARE) + 1) / rate
     after = np.clip(np.searchsorted(real, times), 1, len(real) - 1)
     nearest = np.where(times - real[after - 1] < real[after] - times, real[after - 1], real[after])
-    return np.asarray(np.where(np.abs(nearest - times) * rate < SNAP, nearest, times), dtype=np.float64)
+    return np.asarray(np.where(np.abs(nearest - times) * rate < SNAP_SHARE, nearest, times), dtype=np.float64)
 
 
-def even_rate(clip: Clip, factor: int) -> Fraction | None:
-    """Pictures per second of the finished video where the distinct ones of the clip come evenly; None elsewhere."""
-    frames = clip.distinct
+def regular_frame_rate(clip: Clip, factor: int) -> Fraction | None:
+    """Return the frame rate of a clip with subdivided gaps.
+
+    Args:
+        clip: The clip.
+        factor: Parts per gap.
+
+    Returns:
+        Frames per second; None where the distinct frames are not regular.
+    """
+    frames = clip.distinct_frames
     strides = np.diff(frames)
     if not len(strides) or (strides != strides[0]).any():
         return None
-    rate = clip.rate / int(strides[0])
+    rate = clip.fps / int(strides[0])
     even = clip.t[frames[0]] + np.arange(len(frames)) / float(rate)
-    return rate * factor if np.abs(clip.t[frames] - even).max() < EVEN_S else None
+    return rate * factor if np.abs(clip.t[frames] - even).max() < REGULAR_TOLERANCE_S else None
 
 
 def _inner_times(first: float, last: float, factor: int) -> FloatArray:
-    """Times (factor - 1,) that divide a gap evenly."""
+    """Return the times (factor - 1,) that divide a gap evenly."""
     return first + (last - first) * np.arange(1, factor) / factor

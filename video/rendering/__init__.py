@@ -1,1 +1,1 @@
-"""The renderer of test and training scenes, and the scenes themselves."""
+"""Synthetic images with exact truth: scenes, their renderer, and training images; no drawing into real frames."""

@@ -1,1 +1,1 @@
-"""Frames at any time: balls placed where the fitted motion puts them, turned as they spin."""
+"""Synthesis of frames at any time: balls composited at their fitted positions, rotated by their fitted spin."""

@@ -1,4 +1,4 @@
-"""Pictures at any time: the real ones with their moving balls set where the motion puts them."""
+"""Synthesis of a frame at any time between two decoded ones, with the moving balls at their fitted positions."""
 
 from __future__ import annotations
 
@@ -9,274 +9,338 @@ import numpy as np
 
 from models.core.trajectory import State
 from models.core.typing import FloatArray, ImageArray
-from video.flow.moving_regions import Region, coarse, open_regions
-from video.flow.optical_flow import Interpolator, OpticalFlow
-from video.io.chroma import has_squares, square_colours
+from video.flow.moving_regions import MovingRegion, compute_cell_means, find_moving_regions
+from video.flow.optical_flow import Interpolator, OpticalFlowInterpolator
+from video.io.chroma import has_subsampled_chroma, subsample_chroma
 from video.io.clip import Clip
-from video.io.pixel_kernels import fill_mixed
-from video.matting.background_plate import Plate
-from video.matting.ball_matting import STREAKED_RADII, Outline, Peeled, Sprite, peel, taps_along
-from video.matting.ball_timeline import Sightings
-from video.matting.compositing import Layer, Turned, paste
-from video.matting.frame_store import Gallery
-from video.matting.hidden_background import plate_of
-from video.matting.sharp_balls import SharpBalls, learn_sharp, sharp_pair, sharpest_rows
-from video.matting.shutter_time import fastest, with_exposure
-from video.matting.visible_balls import shown_balls
-from video.synthesis.ball_rotation import Spin, halves_apart, spin_between, spins_of
-from video.synthesis.marking_rotation import Bends, bends_between
+from video.io.pixel_kernels import fill_blend
+from video.matting.background_plate import BackgroundPlate
+from video.matting.ball_matting import (
+    MIN_STREAK_RADII,
+    BallOutline,
+    MattedFrame,
+    MattedSprite,
+    matte_balls,
+    sample_path,
+)
+from video.matting.ball_timeline import BallTimeline
+from video.matting.compositing import RotationWarp, SpriteLayer, composite_balls
+from video.matting.frame_store import FrameStore
+from video.matting.hidden_background import estimate_hidden_background
+from video.matting.sharp_balls import SharpBalls, collect_sharp_balls, deblur_pair, find_sharpest_rows
+from video.matting.shutter_time import estimate_shutter_time, find_fastest_views
+from video.matting.visible_balls import find_visible_balls
+from video.synthesis.ball_rotation import BallRotation, compare_rotated_views, estimate_rotation, states_between_frames
+from video.synthesis.marking_rotation import MarkingFlow, estimate_marking_flow
 
-OPTICAL_FLOW, NO_SHARP = OpticalFlow(), SharpBalls({})
-MOST_TURNED_RADII = 1.5
-"""Radii that a ball may go during an exposure for what is on it to be followed round."""
-FLOW_WORTH = 1.5
-"""How many times less alike than optical flow, which fits them to each other, the spin may leave two sightings."""
-ALIKE_RADII = 0.4
-"""Radii by which the ends of two streaks may differ and look alike."""
-DISSOLVE = (0.3, 0.7)
-"""Share of the time between two pictures in which what is no ball passes from one to the other: short, so that hands
-and cues are seen double only briefly."""
-
-
-@dataclass(frozen=True, slots=True)
-class Scenery:
-    """What is learnt from a whole clip before pictures are made."""
-
-    sightings: Sightings
-    plate: Plate
-    sharp: SharpBalls
-
-
-def scenery_of(sightings: Sightings, clip: Clip) -> Scenery:
-    """Learn the table without balls, the balls without streaks, and how long the shutter was open."""
-    sharpest = sharpest_rows(sightings)
-    streaked = fastest(sightings, {ball for balls in sharpest.values() for ball in balls})
-    gallery = Gallery(sightings, clip, frozenset([*sharpest, *(row for _, row, _ in streaked)]))
-    plate = plate_of(sightings, gallery)
-    sharp = learn_sharp(sightings, gallery, plate)
-    return Scenery(with_exposure(sightings, gallery, plate, sharp), plate, sharp)
+DEFAULT_INTERPOLATOR, NO_SHARP_BALLS = OpticalFlowInterpolator(), SharpBalls({})
+MAX_ROTATION_STREAK_RADII = 1.5
+"""Radii of motion during the shutter time up to which the markings of a ball are rotated."""
+MAX_ROTATION_ERROR_RATIO = 1.5
+"""Ratio of the view differences after rotation by spin and after optical flow, which fits the views to each other,
+up to which the spin is preferred."""
+SIMILAR_STREAK_RADII = 0.4
+"""Radii by which the ends of two similar streaks may differ."""
+CROSS_FADE_SHARES = (0.3, 0.7)
+"""Shares of the gap between which everything except balls cross-fades: short, so that hands and cues appear double
+only briefly."""
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """One moving ball in the two pictures."""
+class ClipAppearance:
+    """Appearance of a whole clip, estimated before any frame is synthesized."""
+
+    timeline: BallTimeline
+    plate: BackgroundPlate
+    sharp_balls: SharpBalls
+
+
+def estimate_clip_appearance(timeline: BallTimeline, clip: Clip) -> ClipAppearance:
+    """Estimate the background plate, the sharp balls and the shutter time of a clip.
+
+    Args:
+        timeline: Positions of the balls.
+        clip: The clip.
+
+    Returns:
+        The appearance; its timeline has the estimated shutter time.
+    """
+    sharpest = find_sharpest_rows(timeline)
+    streaked = find_fastest_views(timeline, {ball for balls in sharpest.values() for ball in balls})
+    frames = FrameStore(timeline, clip, frozenset([*sharpest, *(row for _, row, _ in streaked)]))
+    plate = estimate_hidden_background(timeline, frames)
+    sharp_balls = collect_sharp_balls(timeline, frames, plate)
+    return ClipAppearance(estimate_shutter_time(timeline, frames, plate, sharp_balls), plate, sharp_balls)
+
+
+@dataclass(frozen=True, slots=True)
+class MovingBall:
+    """One moving ball in the two frames of a gap."""
 
     ball: int
     radius: float
-    """px"""
-    sides: tuple[Sprite | None, Sprite | None]
-    """None where it is not in that picture."""
-    sharp: tuple[Sprite | None, Sprite | None] | None
-    """The ball without its streak, in the light of either side; None where neither is streaked."""
-    turn: Spin | Bends | None
-    """How what is on the ball goes round."""
-    covered: bool = False
-    """It is missing from one picture because another ball hides it there: it does not fade."""
+    """px."""
+    sprites: tuple[MattedSprite | None, MattedSprite | None]
+    """The ball in each frame; None where it is absent."""
+    sharp_sprites: tuple[MattedSprite | None, MattedSprite | None] | None
+    """The deblurred ball in the light of each frame; None where neither is streaked."""
+    rotation: BallRotation | MarkingFlow | None
+    """Rotation of the markings."""
+    is_occluded: bool = False
+    """The ball is absent from one frame because another ball occludes it, so it must not fade."""
 
-    def layers(self, centre: FloatArray, way: FloatArray, share: float, gone: float) -> list[Layer]:
-        """What to lay for the ball at `centre` (2,) px that goes `way` (P, 2) px around it.
+    def build_layers(self, centre: FloatArray, path: FloatArray, share: float, progress: float) -> list[SpriteLayer]:
+        """Return the layers of the ball at `centre` (2,) px with a streak along `path` (P, 2) px around it.
 
-        At a share of the time, 0 to 1, it has `gone` for another of that in which it moves: as long as it rests it
-        looks as it did.
+        Args:
+            centre: Position, px; NaN if unknown.
+            path: Motion while the shutter is open, px relative to the centre.
+            share: Elapsed share of the gap, 0 to 1.
+            progress: Elapsed share of the time for which the ball moves: a resting ball keeps its look.
         """
         if not np.isfinite(centre).all():
             return []
-        turns = (None, None) if self.turn is None else self.turn.looked_up(share)
-        share = float(self.sides[0] is None) if self.covered else gone
-        if self.sharp is None:
-            return self._mixed(self.sides, centre[None], (1 - share, share), turns)
-        way = way if np.isfinite(way).all() else np.zeros((1, 2))
-        alike = [sprite if sprite is not None and self._like(sprite.way, way) else None for sprite in self.sides]
-        if alike == [None, None]:
-            return self._mixed(self.sharp, centre + taps_along(way), (1 - share, share), (None, None))
-        # a sighting that is streaked alike is truer than any streak made anew
+        warps = (None, None) if self.rotation is None else self.rotation.warps_at(share)
+        share = float(self.sprites[0] is None) if self.is_occluded else progress
+        if self.sharp_sprites is None:
+            return self._mix_sprites(self.sprites, centre[None], (1 - share, share), warps)
+        path = path if np.isfinite(path).all() else np.zeros((1, 2))
+        similar = [
+            sprite if sprite is not None and self._is_similar_streak(sprite.path, path) else None
+            for sprite in self.sprites
+        ]
+        if similar == [None, None]:
+            return self._mix_sprites(self.sharp_sprites, centre + sample_path(path), (1 - share, share), (None, None))
+        # A view with a similar streak is more accurate than any synthesized streak.
         weights = (1 - share, share)
-        shown = sum(weight for side, weight in zip(self.sides, weights, strict=True) if side is not None)
-        told = sum(weight for sprite, weight in zip(alike, weights, strict=True) if sprite is not None)
-        # Where the one that is alike counts for nothing at this time, still it is the one to show.
-        weights = (weights[0] * shown / told, weights[1] * shown / told) if told > 0 else (shown, shown)
-        return self._mixed((alike[0], alike[1]), centre[None], weights, turns)
+        total_weight = sum(weight for side, weight in zip(self.sprites, weights, strict=True) if side is not None)
+        similar_weight = sum(weight for sprite, weight in zip(similar, weights, strict=True) if sprite is not None)
+        # The similar view is used even where its weight at this time is 0.
+        weights = (
+            (weights[0] * total_weight / similar_weight, weights[1] * total_weight / similar_weight)
+            if similar_weight > 0
+            else (total_weight, total_weight)
+        )
+        return self._mix_sprites((similar[0], similar[1]), centre[None], weights, warps)
 
-    def _like(self, way: FloatArray, wanted: FloatArray) -> bool:
-        """Whether two streaks look the same."""
-        one, other = way[-1] - way[0], wanted[-1] - wanted[0]
-        return float(min(np.hypot(*(one - other)), np.hypot(*(one + other)))) < ALIKE_RADII * self.radius
+    def _is_similar_streak(self, path: FloatArray, wanted: FloatArray) -> bool:
+        """Return whether two streaks look the same."""
+        one, other = path[-1] - path[0], wanted[-1] - wanted[0]
+        return float(min(np.hypot(*(one - other)), np.hypot(*(one + other)))) < SIMILAR_STREAK_RADII * self.radius
 
     @staticmethod
-    def _mixed(
-        sides: tuple[Sprite | None, Sprite | None],
-        places: FloatArray,
+    def _mix_sprites(
+        sprites: tuple[MattedSprite | None, MattedSprite | None],
+        centres: FloatArray,
         weights: tuple[float, float],
-        turns: tuple[Turned | None, Turned | None],
-    ) -> list[Layer]:
-        parts = zip(sides, weights, turns, strict=True)
-        return [Layer(sprite, places, weight, turn) for sprite, weight, turn in parts if sprite is not None]
+        warps: tuple[RotationWarp | None, RotationWarp | None],
+    ) -> list[SpriteLayer]:
+        """Return a layer per available sprite."""
+        parts = zip(sprites, weights, warps, strict=True)
+        return [SpriteLayer(sprite, centres, weight, turn) for sprite, weight, turn in parts if sprite is not None]
 
 
 @dataclass(frozen=True, slots=True)
-class Interval:
-    """Two neighbouring real pictures, taken apart."""
+class FrameInterval:
+    """Two neighbouring decoded frames, separated into background, balls and other moving regions."""
 
-    sightings: Sightings
+    timeline: BallTimeline
     row: int
     first: ImageArray
     second: ImageArray
-    sides: tuple[Peeled, Peeled]
-    """The same, their moving balls taken out."""
-    balls: tuple[Seen, ...]
-    still: tuple[Outline, ...]
-    """Balls that rest near moving ones."""
-    regions: tuple[Region, ...] = ()
-    """Where something other than balls moves, in pixels of the first picture."""
-    small: tuple[ImageArray, ImageArray] | None = None
-    """Both sides made `coarse`; None where the camera moves between them."""
-    squared: bool = False
-    """Whether the pictures have one colour for every two by two pixels, and what is made of them shall have it too."""
+    matted: tuple[MattedFrame, MattedFrame]
+    """Both frames without their moving balls."""
+    balls: tuple[MovingBall, ...]
+    resting: tuple[BallOutline, ...]
+    """Outlines of the balls at rest."""
+    regions: tuple[MovingRegion, ...] = ()
+    """Regions in which something other than balls moves, in pixels of the first frame."""
+    cell_means: tuple[ImageArray, ImageArray] | None = None
+    """Cell means of both backgrounds; None where the camera moves between them."""
+    has_square_chroma: bool = False
+    """Whether the frames have one colour per two by two pixels, which synthesized frames then share."""
 
-    def at(self, t: float, centres: FloatArray, ways: FloatArray | None = None) -> ImageArray:
-        """The picture (H, W, 3) at time t with balls at `centres` (N, 2) px; a real one where it falls on one.
+    def synthesize(self, t: float, centres: FloatArray, paths: FloatArray | None = None) -> ImageArray:
+        """Synthesize the frame at time t.
 
-        `ways` (P, N, 2) px, relative to the centres, is where the balls go while the shutter is open.
+        Args:
+            t: Time, s; at the time of a decoded frame the result is that frame.
+            centres: Positions of the balls (N, 2), px.
+            paths: Motion of the balls while the shutter is open (P, N, 2), px relative to the centres.
+
+        Returns:
+            Image (H, W, 3).
         """
-        share = self.sightings.place(t)[1] if t < self.sightings.t[self.row + 1] else 1.0
+        share = self.timeline.locate_time(t)[1] if t < self.timeline.t[self.row + 1] else 1.0
         if share in (0.0, 1.0):
             return (self.first if share == 0 else self.second).copy()
-        picture = self._behind(t, share)
-        moved = self.sightings.carry(float(self.sightings.t[self.row]), t) if self.regions else None
+        image = self._blend_backgrounds(t, share)
+        camera_step = self.timeline.camera_step(float(self.timeline.t[self.row]), t) if self.regions else None
         for region in self.regions:
-            region.lay(picture, share, moved)
-        ways = np.zeros((1, *centres.shape)) if ways is None else ways
-        gone = self.sightings.gone_at(t)
-        layers = [seen.layers(centres[seen.ball], ways[:, seen.ball], share, gone[seen.ball]) for seen in self.balls]
-        changed = paste(picture, layers, self.still)
-        if self.squared:
-            for box in (*changed, *(region.box for region in self.regions if moved is None)):
-                square_colours(picture, box)
-        return picture
+            region.blend_onto(image, share, camera_step)
+        paths = np.zeros((1, *centres.shape)) if paths is None else paths
+        progress = self.timeline.motion_progress_at(t)
+        layers = [
+            ball.build_layers(centres[ball.ball], paths[:, ball.ball], share, progress[ball.ball])
+            for ball in self.balls
+        ]
+        changed = composite_balls(image, layers, self.resting)
+        if self.has_square_chroma:
+            for box in (*changed, *(region.box for region in self.regions if camera_step is None)):
+                subsample_chroma(image, box)
+        return image
 
-    def _behind(self, t: float, share: float) -> ImageArray:
-        """The two pictures without moving balls, one passing into the other."""
-        x = float(np.clip((share - DISSOLVE[0]) / (DISSOLVE[1] - DISSOLVE[0]), 0, 1))
+    def _blend_backgrounds(self, t: float, share: float) -> ImageArray:
+        """Return the cross-fade of both backgrounds."""
+        x = float(np.clip((share - CROSS_FADE_SHARES[0]) / (CROSS_FADE_SHARES[1] - CROSS_FADE_SHARES[0]), 0, 1))
         weight = x * x * (3 - 2 * x)
         if weight in (0.0, 1.0):
-            shown, behind = self._carried(0 if weight == 0 else 1, t)
-            return behind.copy() if shown else behind
-        first, second = self._carried(0, t)[1], self._carried(1, t)[1]
+            is_own, background = self._warp_background(0 if weight == 0 else 1, t)
+            return background.copy() if is_own else background
+        first, second = self._warp_background(0, t)[1], self._warp_background(1, t)[1]
         mixed = np.empty(first.shape, dtype=np.uint8)
-        fill_mixed(first.reshape(-1), second.reshape(-1), weight, mixed.reshape(-1))
+        fill_blend(first.reshape(-1), second.reshape(-1), weight, mixed.reshape(-1))
         return mixed
 
-    def _carried(self, side: int, t: float) -> tuple[bool, ImageArray]:
-        """One side without moving balls, as a drifting camera sees it at another time; whether it is the side's own."""
-        picture = self.sides[side].behind
-        step = self.sightings.carry(float(self.sightings.t[self.row + side]), t)
-        return (True, picture) if step is None else (False, _warped(picture, step))
+    def _warp_background(self, side: int, t: float) -> tuple[bool, ImageArray]:
+        """Return one background as the moving camera sees it at time t, and whether it is the original array."""
+        background = self.matted[side].background
+        step = self.timeline.camera_step(float(self.timeline.t[self.row + side]), t)
+        return (True, background) if step is None else (False, _warp_image(background, step))
 
 
-def _warped(picture: ImageArray, step: FloatArray) -> ImageArray:
-    """A picture (H, W, 3) as a camera sees it that has moved by a homography (3, 3)."""
-    size = (picture.shape[1], picture.shape[0])
-    return np.asarray(cv2.warpPerspective(picture, step, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
+def _warp_image(image: ImageArray, step: FloatArray) -> ImageArray:
+    """Warp an image (H, W, 3) by a homography (3, 3)."""
+    size = (image.shape[1], image.shape[0])
+    return np.asarray(cv2.warpPerspective(image, step, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
 
 
-def open_interval(
-    sightings: Sightings,
-    plate: Plate,
+def prepare_interval(
+    timeline: BallTimeline,
+    plate: BackgroundPlate,
     row: int,
     first: ImageArray,
     second: ImageArray,
-    interpolator: Interpolator = OPTICAL_FLOW,
-    sharp: SharpBalls = NO_SHARP,
+    interpolator: Interpolator = DEFAULT_INTERPOLATOR,
+    sharp_balls: SharpBalls = NO_SHARP_BALLS,
     *,
-    anew: bool = False,
-    before: Interval | None = None,
-) -> Interval:
-    """Take the pictures of `row` and `row + 1` apart, to make any picture between them.
+    force_deblur: bool = False,
+    previous: FrameInterval | None = None,
+) -> FrameInterval:
+    """Separate two neighbouring frames into their parts, from which any frame between them is synthesized.
 
-    `anew` where streaks are to be made as no picture shows them. What was taken apart for the interval `before` serves
-    again where the same balls moved in it.
+    Args:
+        timeline: Positions of the balls.
+        plate: Background plate.
+        row: Row of the first frame.
+        first: First frame (H, W, 3).
+        second: Second frame (H, W, 3).
+        interpolator: Interpolator of everything except balls.
+        sharp_balls: Sharp views of the balls.
+        force_deblur: Whether to deblur all balls, for a shutter time other than that of the clip.
+        previous: The interval before; its parts are reused where the same balls move.
+
+    Returns:
+        The interval.
     """
-    balls = sightings.taken_out(row)
-    again = before is not None and before.row == row - 1 and sightings.taken_out(row - 1) == balls
-    known = before.sides[1] if before is not None and again else _part(sightings, plate, row, first, balls)
-    sides = (known, _part(sightings, plate, row + 1, second, balls))
-    state = spins_of(sightings, row)
-    seen = [
-        _seen(sightings, sharp, row, ball, pair, state, anew) for ball, pair in zip(balls, _pairs(sides), strict=True)
+    balls = timeline.balls_to_matte(row)
+    is_reusable = previous is not None and previous.row == row - 1 and timeline.balls_to_matte(row - 1) == balls
+    first_matted = (
+        previous.matted[1] if previous is not None and is_reusable else _matte_frame(timeline, plate, row, first, balls)
+    )
+    matted = (first_matted, _matte_frame(timeline, plate, row + 1, second, balls))
+    state = states_between_frames(timeline, row)
+    moving_balls = [
+        _prepare_moving_ball(timeline, sharp_balls, row, ball, pair, state, force_deblur)
+        for ball, pair in zip(balls, _sprite_pairs(matted), strict=True)
     ]
-    step = sightings.carry(float(sightings.t[row + 1]), float(sightings.t[row]))
-    later = sides[1].behind if step is None else _warped(sides[1].behind, step)
-    small: tuple[ImageArray, ImageArray] | None = None
+    step = timeline.camera_step(float(timeline.t[row + 1]), float(timeline.t[row]))
+    second_background = matted[1].background if step is None else _warp_image(matted[1].background, step)
+    cell_means: tuple[ImageArray, ImageArray] | None = None
     if step is None:
-        kept = before.small if before is not None and again else None
-        small = (coarse(known.behind) if kept is None else kept[1], coarse(later))
-    regions = open_regions(known.behind, later, interpolator, step is None, small)
-    squared = (before is not None and before.squared) or has_squares(first)
-    still = _still(sightings, row, balls)
-    return Interval(sightings, row, first, second, sides, tuple(seen), still, regions, small, squared)
+        previous_means = previous.cell_means if previous is not None and is_reusable else None
+        cell_means = (
+            compute_cell_means(first_matted.background) if previous_means is None else previous_means[1],
+            compute_cell_means(second_background),
+        )
+    regions = find_moving_regions(first_matted.background, second_background, interpolator, step is None, cell_means)
+    has_square_chroma = (previous is not None and previous.has_square_chroma) or has_subsampled_chroma(first)
+    resting = _resting_outlines(timeline, row, balls)
+    return FrameInterval(
+        timeline, row, first, second, matted, tuple(moving_balls), resting, regions, cell_means, has_square_chroma
+    )
 
 
-def _pairs(sides: tuple[Peeled, Peeled]) -> list[tuple[Sprite | None, Sprite | None]]:
-    return list(zip(sides[0].sprites, sides[1].sprites, strict=True))
+def _sprite_pairs(matted: tuple[MattedFrame, MattedFrame]) -> list[tuple[MattedSprite | None, MattedSprite | None]]:
+    """Return the sprites of each ball in both frames."""
+    return list(zip(matted[0].sprites, matted[1].sprites, strict=True))
 
 
-def _seen(
-    sightings: Sightings,
-    sharp: SharpBalls,
+def _prepare_moving_ball(
+    timeline: BallTimeline,
+    sharp_balls: SharpBalls,
     row: int,
     ball: int,
-    sides: tuple[Sprite | None, Sprite | None],
+    sprites: tuple[MattedSprite | None, MattedSprite | None],
     state: State,
-    anew: bool,
-) -> Seen:
-    """A ball on both pictures: sharp where it was streaked, and what turns on it."""
-    radius = float(np.nanmean(sightings.radius[row : row + 2, ball]))
-    longest = max((sprite.streak for sprite in sides if sprite is not None), default=0.0)
-    first, second = sides
-    spin: Spin | None = None
-    if first is not None and second is not None and longest < MOST_TURNED_RADII * radius:
-        spin = spin_between(sightings, row, ball, state, (first, second), radius)
-    if anew or longest > STREAKED_RADII * radius:
-        t = float(sightings.t[row])
-        return Seen(ball, radius, sides, sharp_pair(sharp, ball, t, radius, sides), spin)
-    turn = spin if first is None or second is None else _better(spin, first, second, radius)
-    return Seen(ball, radius, sides, None, turn, _covered(sightings, row, ball, sides))
+    force_deblur: bool,
+) -> MovingBall:
+    """Prepare a ball: deblur it where it is streaked, and estimate its rotation."""
+    radius = float(np.nanmean(timeline.radius[row : row + 2, ball]))
+    longest = max((sprite.streak_length for sprite in sprites if sprite is not None), default=0.0)
+    first, second = sprites
+    spin: BallRotation | None = None
+    if first is not None and second is not None and longest < MAX_ROTATION_STREAK_RADII * radius:
+        spin = estimate_rotation(timeline, row, ball, state, (first, second), radius)
+    if force_deblur or longest > MIN_STREAK_RADII * radius:
+        t = float(timeline.t[row])
+        return MovingBall(ball, radius, sprites, deblur_pair(sharp_balls, ball, t, radius, sprites), spin)
+    turn = spin if first is None or second is None else _select_rotation(spin, first, second, radius)
+    return MovingBall(ball, radius, sprites, None, turn, _is_occluded(timeline, row, ball, sprites))
 
 
-def _better(spin: Spin | None, first: Sprite, second: Sprite, radius: float) -> Spin | Bends | None:
-    """How what is on a ball goes round: by its spin, unless optical flow makes the two sightings far more alike."""
-    bends = bends_between(first, second, radius)
-    if spin is None or bends is None:
-        return bends if spin is None else spin
-    apart, flowed = (halves_apart((first, second), radius, way.looked_up(0.5)) for way in (spin, bends))
-    return spin if apart < FLOW_WORTH * flowed else bends
+def _select_rotation(
+    spin: BallRotation | None, first: MattedSprite, second: MattedSprite, radius: float
+) -> BallRotation | MarkingFlow | None:
+    """Select the rotation by spin, unless optical flow makes the two views far more similar."""
+    flow = estimate_marking_flow(first, second, radius)
+    if spin is None or flow is None:
+        return flow if spin is None else spin
+    spin_difference, flow_difference = (
+        compare_rotated_views((first, second), radius, candidate.warps_at(0.5)) for candidate in (spin, flow)
+    )
+    return spin if spin_difference < MAX_ROTATION_ERROR_RATIO * flow_difference else flow
 
 
-def _covered(sightings: Sightings, row: int, ball: int, sides: tuple[Sprite | None, Sprite | None]) -> bool:
-    """Whether a ball is missing from one picture, and another one stands in front of it there."""
-    if (sides[0] is None) == (sides[1] is None):
+def _is_occluded(
+    timeline: BallTimeline, row: int, ball: int, sprites: tuple[MattedSprite | None, MattedSprite | None]
+) -> bool:
+    """Return whether a ball is absent from one frame and another ball is in front of it there."""
+    if (sprites[0] is None) == (sprites[1] is None):
         return False
-    side = row + int(sides[1] is None)
-    away = sightings.centre[side] - sightings.centre[side, ball]
-    near = np.hypot(away[:, 0], away[:, 1]) < 1.2 * sightings.radius[side]
+    side = row + int(sprites[1] is None)
+    away = timeline.centre[side] - timeline.centre[side, ball]
+    near = np.hypot(away[:, 0], away[:, 1]) < 1.2 * timeline.radius[side]
     near[ball] = False
-    return bool((near & (away[:, 1] > 0) & sightings.observed[side]).any())
+    return bool((near & (away[:, 1] > 0) & timeline.observed[side]).any())
 
 
-def _still(sightings: Sightings, row: int, balls: tuple[int, ...]) -> tuple[Outline, ...]:
-    """Outlines of the balls that rest in both pictures."""
-    resting = [ball for ball in np.flatnonzero(sightings.observed[row]) if ball not in balls]
-    return tuple(sightings.outline(row, int(ball)) for ball in resting)
+def _resting_outlines(timeline: BallTimeline, row: int, balls: tuple[int, ...]) -> tuple[BallOutline, ...]:
+    """Return the outlines of the balls that rest in both frames."""
+    resting = [ball for ball in np.flatnonzero(timeline.observed[row]) if ball not in balls]
+    return tuple(timeline.outline(row, int(ball)) for ball in resting)
 
 
-def _part(sightings: Sightings, plate: Plate, row: int, picture: ImageArray, balls: tuple[int, ...]) -> Peeled:
-    """Peel those of `balls` that the picture shows out of it."""
-    shown = shown_balls(sightings, plate, row, picture)
-    mine = [ball for ball in balls if shown[ball]]
-    if not mine:
-        return Peeled(picture, (None,) * len(balls))
-    others = [sightings.outline(row, int(ball)) for ball in np.flatnonzero(shown) if ball not in mine]
-    motion = sightings.motion(float(sightings.t[row]))
-    peeled = peel(picture, [sightings.outline(row, ball) for ball in mine], others, plate, motion)
-    found = dict(zip(mine, peeled.sprites, strict=True))
-    return Peeled(peeled.behind, tuple(found.get(ball) for ball in balls))
+def _matte_frame(
+    timeline: BallTimeline, plate: BackgroundPlate, row: int, image: ImageArray, balls: tuple[int, ...]
+) -> MattedFrame:
+    """Separate those of `balls` that are visible from a frame."""
+    is_visible = find_visible_balls(timeline, plate, row, image)
+    visible = [ball for ball in balls if is_visible[ball]]
+    if not visible:
+        return MattedFrame(image, (None,) * len(balls))
+    others = [timeline.outline(row, int(ball)) for ball in np.flatnonzero(is_visible) if ball not in visible]
+    motion = timeline.camera_motion_at(float(timeline.t[row]))
+    matted = matte_balls(image, [timeline.outline(row, ball) for ball in visible], others, plate, motion)
+    sprites = dict(zip(visible, matted.sprites, strict=True))
+    return MattedFrame(matted.background, tuple(sprites.get(ball) for ball in balls))

@@ -1,0 +1,60 @@
+"""Classification of tables, and warnings where another table is nearly as probable."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from models.physics.billiards.tables import TABLE_PRESETS
+from video.calibration.ball_size import BallSizes
+from video.calibration.table_classifier import ALTERNATIVES_PREFIX, SURE_PROBABILITY, TABLE_PRIOR, classify_table
+
+
+def _make_sizes(name: str, sigma: float = 0.03, factor: float = 1.0) -> BallSizes:
+    share = factor * TABLE_PRESETS[name].ball_radius / TABLE_PRESETS[name].length
+    return BallSizes(share, sigma * share, 20)
+
+
+@pytest.mark.parametrize("name", ["pool-9ft", "pool-8ft", "pool-7ft", "snooker-12ft", "carom-match", "carom-210"])
+def test_well_measured_balls_identify_the_table(name: str) -> None:
+    assert classify_table(_make_sizes(name), TABLE_PRESETS[name].pockets, has_d=False).table.name == name
+
+
+def test_a_nine_foot_table_with_clear_balls_gives_no_warning() -> None:
+    guess = classify_table(_make_sizes("pool-9ft"), pockets=True, has_d=False)
+    assert guess.probabilities["pool-9ft"] > SURE_PROBABILITY
+    assert guess.warnings == ()
+
+
+def test_probabilities_of_all_presets_add_up_to_one() -> None:
+    guess = classify_table(_make_sizes("pool-8ft", sigma=0.08), pockets=True, has_d=False)
+    assert set(guess.probabilities) == set(TABLE_PRIOR)
+    assert sum(guess.probabilities.values()) == pytest.approx(1)
+    assert guess.probabilities[guess.table.name] == max(guess.probabilities.values())
+    assert guess.probabilities["carom-match"] == 0
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.0, 1.03])
+def test_a_table_that_may_be_eight_or_nine_feet_gives_a_warning_with_the_effect_on_lengths(factor: float) -> None:
+    guess = classify_table(_make_sizes("pool-8ft", sigma=0.07, factor=factor), pockets=True, has_d=False)
+    (doubt,) = guess.warnings
+    assert doubt.startswith(ALTERNATIVES_PREFIX)
+    assert "give --table" in doubt
+    if guess.table.name == "pool-8ft":
+        assert "pool-9ft (every length and speed 14 % larger)" in doubt
+    else:
+        assert "pool-8ft (every length and speed 12 % smaller)" in doubt
+
+
+def test_without_balls_the_most_common_table_is_chosen_with_a_warning() -> None:
+    guess = classify_table(BallSizes(np.nan, np.nan, 0), pockets=True, has_d=False)
+    assert guess.table.name == "pool-9ft"
+    assert "no ball could be measured" in guess.note
+    assert guess.warnings
+
+
+def test_a_d_on_the_cloth_decides_between_a_small_snooker_and_a_pool_table() -> None:
+    sizes = _make_sizes("snooker-6ft", sigma=0.05)
+    assert classify_table(sizes, pockets=True, has_d=True).table.name == "snooker-6ft"
+    assert classify_table(sizes, pockets=True, has_d=True).warnings == ()
+    assert classify_table(sizes, pockets=True, has_d=False).table.name == "pool-7ft"

@@ -1,0 +1,78 @@
+"""Prediction fans are shaded where samples go, most where most go, and not elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.core.scene import Table
+from models.estimation.forecast.probability_regions import ensemble_outlyingness
+from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
+from video.drawing.table_inset import SHIFT, SUPERSAMPLE, build_empty_inset
+from video.drawing.table_plan import CLOTH_COLOUR, PLAN_WIDTH, assign_ball_colours, draw_table_plan
+
+TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
+
+
+def fan(spread: float) -> PredictionFan:
+    """Samples from (0.5, 0.6) m along x that diverge evenly to both sides."""
+    t = np.linspace(0, 1, 20)
+    tilt = np.linspace(-spread, spread, 101)
+    courses = np.stack([np.broadcast_to(0.5 + 1.5 * t, (101, 20)), 0.6 + tilt[:, None] * t], axis=2)
+    nothing = np.empty((0, 2))
+    return PredictionFan("red", courses[0, :1], courses, ensemble_outlyingness(courses), nothing)
+
+
+def change(image: np.ndarray, xy: tuple[float, float]) -> float:
+    """Levels by which the image differs from an empty table at a place, m."""
+    inset = build_empty_inset(TABLE, CLOTH_COLOUR, False, PLAN_WIDTH)
+    column, row = inset.to_fixed_point(np.array(xy)) // (SUPERSAMPLE << SHIFT)
+    return float(np.abs(image[row, column].astype(int) - np.array(CLOTH_COLOUR)).max())
+
+
+def test_the_middle_of_a_fan_is_shaded_most_and_its_outside_not_at_all() -> None:
+    image = draw_prediction_fans(TABLE, [fan(0.3)], "")
+    empty = draw_prediction_fans(TABLE, [fan(0.0)], "")
+    middle, side, outside = ((1.95, 0.6), (1.95, 0.6 + 0.21), (1.95, 0.6 + 0.29 + 0.06))
+    ground = change(empty, outside)
+    assert change(image, middle) > change(image, side) + 20
+    assert change(image, side) > ground + 20
+    assert change(image, outside) == ground
+
+
+def test_the_medoid_is_a_path_that_the_ball_can_take() -> None:
+    """Half of the samples rebound to one side, half to the other; their mean would go straight on, where none does."""
+    bent = fan(0.3)
+    bent.samples[..., 1] = 0.6 + np.where(np.arange(101) % 2, 0.3, -0.3)[:, None] * np.linspace(0, 1, 20)
+    assert min(np.abs(bent.medoid_path - course).max() for course in bent.samples) == 0
+    assert abs(bent.medoid_path[-1, 1] - 0.6) > 0.2
+
+
+def test_the_medoid_of_an_even_fan_is_in_its_middle() -> None:
+    even = fan(0.3)
+    np.testing.assert_allclose(even.medoid_path[-1], [2.0, 0.6], atol=1e-9)
+    even.samples[::2, 15:] = np.nan
+    assert abs(even.medoid_path[10, 1] - 0.6) < 0.02
+
+
+def test_samples_that_end_in_a_pocket_end_there() -> None:
+    half = fan(0.3)
+    half.samples[:, 10:] = np.nan
+    image = draw_prediction_fans(TABLE, [half], "")
+    assert change(image, (1.0, 0.6)) > 40
+    assert change(image, (1.95, 0.6)) == change(draw_prediction_fans(TABLE, [], ""), (1.95, 0.6))
+
+
+def test_a_resting_ball_has_no_fan() -> None:
+    still = fan(0.0)
+    still.samples[:] = still.samples[:, :1]
+    image = draw_prediction_fans(TABLE, [still], "")
+    np.testing.assert_array_equal(image[:, 700:], draw_prediction_fans(TABLE, [], "")[:, 700:])
+
+
+def test_the_end_of_a_ball_is_not_hidden_by_the_start_of_another() -> None:
+    ways = [np.array([[0.5, 0.6], [1.5, 0.6]]), np.array([[1.5, 0.6], [2.0, 0.9]])]
+    both = draw_table_plan(TABLE, ["cue", "red"], ways, np.empty((0, 2)), "")
+    inset = build_empty_inset(TABLE, CLOTH_COLOUR, False, PLAN_WIDTH)
+    for ball, way in enumerate(ways):
+        column, row = inset.to_fixed_point(way[-1]) // (SUPERSAMPLE << SHIFT)
+        np.testing.assert_array_equal(both[row, column], assign_ball_colours(["cue", "red"])[ball])

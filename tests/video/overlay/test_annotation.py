@@ -1,0 +1,105 @@
+"""Selection of the named balls, and legibility of the names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from support import staged_shot as shot
+
+from models.core.events import Events
+from models.core.fit_result import Fit
+from models.core.tracks import Tracks
+from video.drawing.label_layout import LabelPosition, overlap_area
+from video.matting.ball_timeline import build_ball_timeline
+from video.overlay.annotation import FADE_OUT_STEP, MAX_LABEL_OVERLAP, Annotation, prepare_annotation
+from video.overlay.frame_overlay import FrameBalls
+from video.overlay.motion_paths import sample_motion_path, select_contact_marks
+
+TIMES = np.arange(31) / shot.RATE
+
+
+def jumping(pixels: float) -> Tracks:
+    """The red ball rests; its circle is detected on either side of it in turn, `pixels` apart."""
+    tracks = shot.tracks(TIMES)
+    side = 0.5 * pixels * (-1.0) ** np.arange(len(TIMES))
+    tracks.px[:, 1, 0] += side
+    tracks.xy[:, 1, 0] += side / shot.SCALE
+    return tracks
+
+
+def creeping(metres: float) -> tuple[Tracks, Fit]:
+    """The red ball moves by so many metres from 0.2 to 0.3 s, and rests before and after."""
+    fit, tracks = shot.fit(TIMES), shot.tracks(TIMES)
+    gone = metres * np.clip((TIMES - 0.2) / 0.1, 0, 1)
+    tracks.xy[:, 1, 0] += gone
+    tracks.px[:, 1, 0] += shot.SCALE * gone
+    old, end = fit.trajectory, TIMES[-1]
+    position = np.concatenate([old.position[:2], np.repeat(old.position[2:], 3, axis=0)])
+    position[3, 1] = [metres / 0.1, 0]
+    position[4, 0] += [metres, 0]
+    trajectory = replace(
+        old, ball=np.array([0, 0, 1, 1, 1]), start=np.array([0, 0.1, 0, 0.2, 0.3]),
+        end=np.array([0.1, end, 0.2, 0.3, end]), position=position, spin=np.zeros((5, 2, 3)),
+        phase=("rest", "roll", "rest", "roll", "rest"), covariance=np.tile(np.eye(4) * 1e-8, (5, 1, 1)),
+    )  # fmt: skip
+    return tracks, replace(fit, trajectory=trajectory)
+
+
+def test_a_resting_ball_whose_circle_jumps_is_neither_moved_nor_named() -> None:
+    timeline = build_ball_timeline(shot.scene(), jumping(2.5), shot.fit(TIMES))
+    assert not timeline.moving[:, 1].any()
+    assert timeline.moving[5:, 0].all()
+    assert len(sample_motion_path(timeline, shot.fit(TIMES), 1).t) == 0
+
+
+def test_a_ball_is_named_once_it_travels() -> None:
+    radius = shot.RADIUS
+    for way, named in ((0.1 * radius, False), (1.0 * radius, True)):
+        tracks, fit = creeping(way)
+        timeline = build_ball_timeline(shot.scene(), tracks, fit)
+        assert timeline.moving[6:8, 1].all(), "it does move in the frame"
+        assert bool(len(sample_motion_path(timeline, fit, 1).spans)) == named
+
+
+def overlapping_pair() -> tuple[Annotation, FrameBalls]:
+    """Two balls that move side by side, with overlapping names."""
+    tracks, fit = creeping(shot.RADIUS)
+    annotation = prepare_annotation(build_ball_timeline(shot.scene(), tracks, fit), tracks, fit, shot.cloth(), 8.0)
+    yes = np.ones(2, dtype=bool)
+    centre = np.array([[150.0, 100.0], [150.0, 100.0]])
+    balls = FrameBalls(centre, np.full(2, 8.0), np.ones(2), np.zeros((2, 2)), yes, ~yes, yes)
+    return annotation, balls
+
+
+def test_one_of_two_overlapping_names_disappears_quickly() -> None:
+    annotation, balls = overlapping_pair()
+    for _ in range(round(1 / FADE_OUT_STEP) + 1):
+        for ball in (0, 1):
+            annotation.label_positions[ball] = LabelPosition(0.0, 0.7), LabelPosition(0.0, 0.7)
+        annotation.draw(shot.cloth(), 0.25, balls, np.full((2, 2), np.nan))
+    assert annotation.label_opacity == {0: 1.0, 1: 0.0}
+
+
+def test_visible_names_do_not_cover_each_other() -> None:
+    annotation, balls = overlapping_pair()
+    for _ in range(60):
+        annotation.draw(shot.cloth(), 0.25, balls, np.full((2, 2), np.nan))
+    first, second = annotation.name_rects
+    assert overlap_area(first, second) <= MAX_LABEL_OVERLAP * second[2] * second[3]
+
+
+def test_only_the_hardest_of_many_simultaneous_contacts_are_drawn() -> None:
+    fit, count = shot.fit(TIMES), 9
+    t = np.append(0.2 + 0.002 * np.arange(count - 1), 0.4)
+    speed = np.append([0.3, 2.0, 0.1, 1.0, 5.0, 0.2, 3.0, 0.4], 0.05)
+    first, second = fit.trajectory.ids[:2]
+    sure, zero = np.ones(count), np.zeros(count)
+    events = Events(
+        ("ball",) * count, t, np.full(count, 1e-4), t * shot.RATE, (first,) * count, (second,) * count,
+        np.full((count, 2), 0.3), sure, zero, zero, speed,
+    )  # fmt: skip
+    marks = select_contact_marks(
+        build_ball_timeline(shot.scene(), shot.tracks(TIMES), fit), replace(fit, events=events)
+    )
+    np.testing.assert_allclose([mark.t for mark in marks], t[[1, 3, 4, 6, 8]])

@@ -1,0 +1,224 @@
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from support import staged_shot as shot
+
+from models.core.events import Events
+from models.core.fit_result import Fit, Trust
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
+from models.core.typing import ImageArray
+from video.io.clip import Clip, read_frames
+from video.io.video_options import RenderOptions
+from video.matting.ball_timeline import build_ball_timeline
+from video.overlay.frame_balls import balls_at_times
+from video.overlay.poster import Poster
+from video.overlay.slow_motion import render_slow_motion
+from video.synthesis.frame_synthesis import ClipAppearance, estimate_clip_appearance
+
+
+def appearance_of(clip: Clip, tracks: Tracks | None = None, fit: Fit | None = None) -> ClipAppearance:
+    """The appearance of the staged shot, with other tracks or another fit where passed."""
+    return estimate_clip_appearance(
+        build_ball_timeline(shot.scene(), tracks or shot.tracks(clip.t), fit or shot.fit(clip.t)), clip
+    )
+
+
+def render_poster(clip: Clip, appearance: ClipAppearance, tracks: Tracks, fit: Fit, path: Path) -> None:
+    """Write the poster of a clip from all of its frames."""
+    poster = Poster.for_clip(appearance)
+    for row, (_, image) in enumerate(read_frames(clip, indices=appearance.timeline.frame)):
+        poster.add_frame(row, image)
+    poster.write(tracks, fit, path)
+
+
+def render_and_decode(
+    folder: Path, options: RenderOptions, rate: int = shot.RATE, frame_count: int = 16
+) -> tuple[list[ImageArray], Fraction, Path]:
+    """The slow motion of the staged shot: its frames, frame rate and file."""
+    clip = shot.clip_in(folder, frame_count, rate)
+    path = folder / "slow.mp4"
+    render_slow_motion(clip, appearance_of(clip), shot.tracks(clip.t), shot.fit(clip.t), path, options)
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
+        assert stream.codec_context.name == "h264"
+        assert stream.codec_context.pix_fmt == "yuv420p"
+        return frames, Fraction(stream.average_rate or 0), path
+
+
+@pytest.mark.parametrize(("rate", "shown"), [(30, 30), (15, 25), (120, 60)])
+def test_the_slowdown_is_exact_at_the_clips_rate_limited_to_25_and_60(tmp_path: Path, rate: int, shown: int) -> None:
+    frames, out, _ = render_and_decode(tmp_path, RenderOptions(slow=4.0), rate)
+    assert out == shown
+    assert len(frames) == int(15 / rate * 4 * shown + 1e-6) + 1
+
+
+def test_decoded_frames_are_unchanged_where_nothing_is_drawn(tmp_path: Path) -> None:
+    frames, _, _ = render_and_decode(tmp_path, RenderOptions(slow=4.0))
+    for k in (5, 9):
+        real = shot.film(k / shot.RATE).astype(float)
+        free = np.s_[140:190, 160:310]
+        assert np.abs(frames[4 * k][free] - real[free]).mean() < 3
+
+
+def test_the_ball_moves_evenly_between_the_frames(tmp_path: Path) -> None:
+    frames, _, _ = render_and_decode(tmp_path, RenderOptions(slow=8.0))
+    places = []
+    for k in range(48, 96):
+        x, y = shot.place(k / 8 / shot.RATE)[0] * shot.SCALE + shot.MARGIN
+        part = frames[k][round(y) - 3 : round(y) + 4].astype(float).min(axis=2).mean(axis=0)
+        near = np.arange(round(x) - 9, round(x) + 10)
+        weight = np.clip(part[near] - 110, 0, None)
+        places.append(float((weight * near).sum() / weight.sum()) - x)
+    assert np.std(places) < 0.35
+
+
+def test_every_frame_shows_clock_and_plan_and_after_the_strike_a_trail(tmp_path: Path) -> None:
+    frames, _, _ = render_and_decode(tmp_path, RenderOptions(slow=4.0))
+    bare, drawn = shot.film(14 / shot.RATE), frames[56]
+    changed = np.abs(drawn.astype(int) - bare).max(axis=2) > 40
+    assert 0.05 < changed.mean() < 0.5
+    y = round(0.45 * shot.SCALE + shot.MARGIN)
+    x = round((0.3 + 0.15) * shot.SCALE + shot.MARGIN)
+    assert drawn[y, x].min() > 150
+    before = np.abs(frames[8].astype(int) - shot.film(2 / shot.RATE)).max(axis=2) > 40
+    assert not before[y - 5 : y + 5, x - 5 : x + 5].any()
+
+
+def test_the_same_shot_gives_the_same_bytes(tmp_path: Path) -> None:
+    digests = []
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        _, _, path = render_and_decode(tmp_path / name, RenderOptions(slow=2.0, quick=True))
+        digests.append(hashlib.sha256(path.read_bytes()).hexdigest())
+    assert digests[0] == digests[1]
+
+
+def test_still_ends_are_trimmed_only_on_request(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 50)
+    tracks, fit = shot.tracks(clip.t), shot.fit(clip.t)
+    still = replace(tracks, xy=np.repeat(tracks.xy[:1], 50, axis=0), px=np.repeat(tracks.px[:1], 50, axis=0))
+    lengths = []
+    for trim in (False, True):
+        path = tmp_path / f"{trim}.mp4"
+        moved = replace(fit.trajectory, end=np.array([0.1, 0.5, clip.t[-1]]))
+        options = RenderOptions(slow=1.0, trim_still=trim)
+        fitted = replace(fit, trajectory=moved)
+        render_slow_motion(clip, appearance_of(clip, still, fitted), still, fitted, path, options)
+        with av.open(str(path)) as container:
+            lengths.append(sum(1 for _ in container.decode(video=0)))
+    assert lengths[0] == 50
+    assert 25 <= lengths[1] <= 35
+
+
+def test_the_start_time_in_the_clip_is_returned(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 40)
+    tracks = shot.tracks(clip.t)
+    still = replace(tracks, xy=np.repeat(tracks.xy[:1], 40, axis=0), px=np.repeat(tracks.px[:1], 40, axis=0))
+    late = replace(shot.fit(clip.t).trajectory, start=np.array([0.0, 1.0, 0.0]), end=np.array([1.0, 1.2, clip.t[-1]]))
+    fit = replace(shot.fit(clip.t), trajectory=late)
+    begins = []
+    for trim in (False, True):
+        options = RenderOptions(slow=1.0, trim_still=trim)
+        begins.append(
+            render_slow_motion(clip, appearance_of(clip, still, fit), still, fit, tmp_path / "slow.mp4", options)
+        )
+    assert begins[0] == 0
+    assert begins[1] == pytest.approx(0.5, abs=0.05)
+
+
+def test_progress_increases_to_one(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 8)
+    shares: list[float] = []
+    record: Callable[[float], None] = shares.append
+    fit = shot.fit(clip.t)
+    render_slow_motion(
+        clip,
+        appearance_of(clip, None, fit),
+        shot.tracks(clip.t),
+        fit,
+        tmp_path / "s.mp4",
+        RenderOptions(slow=2.0),
+        record,
+    )
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_a_speed_up_is_refused() -> None:
+    with pytest.raises(ValueError, match="1 to 1000 times slower"):
+        RenderOptions(slow=0.5)
+
+
+def test_the_poster_shows_the_ball_along_its_path(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 31)
+    path = tmp_path / "poster.png"
+    render_poster(clip, appearance_of(clip), shot.tracks(clip.t), shot.fit(clip.t), path)
+    still = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+    assert still.shape == (shot.HEIGHT, shot.WIDTH, 3)
+    last = shot.film(30 / shot.RATE)
+    y = round(0.45 * shot.SCALE + shot.MARGIN)
+    above = np.abs(still[y - 6].astype(int) - last[y - 6]).max(axis=1) > 30
+    start, end = (round(x * shot.SCALE + shot.MARGIN) for x in (0.3, 0.3 + 0.9 * 0.7))
+    runs = np.flatnonzero(np.diff(above[start:end].astype(int)) == 1)
+    assert len(runs) >= 2
+
+
+def test_a_shot_without_a_fit_is_shown_as_it_was_filmed(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 8)
+    fit = shot.fit(clip.t)
+    nothing = Trajectory(
+        shot.IDS, np.empty(0, dtype=np.int64), np.empty(0), np.empty(0), np.empty((0, 4, 2)), np.empty((0, 2, 3)), (),
+        np.empty((0, 4, 4)),
+    )  # fmt: skip
+    none = np.empty(0)
+    quiet = Events((), none, none, none, (), (), np.empty((0, 2)), none, none, none, none)
+    path = tmp_path / "slow.mp4"
+    empty = replace(fit, trajectory=nothing, events=quiet, trust=Trust("red", ("nothing fits",)))
+    bare = appearance_of(clip, None, empty)
+    render_slow_motion(clip, bare, shot.tracks(clip.t), empty, path, RenderOptions(slow=2.0))
+    render_poster(clip, bare, shot.tracks(clip.t), empty, tmp_path / "poster.png")
+    with av.open(str(path)) as container:
+        assert sum(1 for _ in container.decode(video=0)) == 15
+
+
+def test_a_ball_without_a_fit_has_no_speed_and_a_resting_ball_has_speed_zero() -> None:
+    times = np.arange(31) / shot.RATE
+    fit = shot.fit(times)
+    ends = replace(fit, trajectory=replace(fit.trajectory, end=np.array([0.1, 0.5, times[-1]])))
+    timeline = build_ball_timeline(shot.scene(), shot.tracks(times), ends)
+    for t, cue in ((0.05, 0.0), (0.45, 0.9), (0.55, np.nan)):
+        speed = balls_at_times(timeline, timeline.state_at(np.array([t])), np.array([t]))[0].speed
+        assert speed == pytest.approx([cue, 0.0], nan_ok=True)
+
+
+def test_potted_balls_disappear_from_the_video(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 16)
+    tracks, fit = shot.tracks(clip.t), shot.fit(clip.t)
+    gone = tracks.t > 0.3
+    for values in (tracks.xy, tracks.px):
+        values[gone, 0] = np.nan
+    for values in (tracks.sigma, tracks.sigma_along, tracks.radius_px):
+        values[gone, 0] = np.nan
+    ends = replace(fit.trajectory, end=np.array([0.1, 0.31, clip.t[-1]]))
+    one = np.ones(1)
+    pocket = Events(
+        ("pocket",), 0.31 * one, 2e-3 * one, 9.3 * one, ("cue",), ("top",), shot.place(0.31)[:1], one, np.nan * one,
+        np.nan * one, one,
+    )  # fmt: skip
+    path = tmp_path / "slow.mp4"
+    potted = replace(fit, trajectory=ends, events=pocket)
+    appearance = appearance_of(clip, tracks, potted)
+    render_slow_motion(clip, appearance, tracks, potted, path, RenderOptions(slow=4.0))
+    render_poster(clip, appearance, tracks, potted, tmp_path / "poster.png")
+    assert path.stat().st_size > 1000

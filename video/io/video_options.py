@@ -1,0 +1,44 @@
+"""Options of camera calibration and of the slow-motion video; fast to import, for the command line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from models.core.options import option
+
+OverlayStyle = Literal["clean", "coach", "umpire"]
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrateOptions:
+    """Options of table localisation and camera calibration."""
+
+    corners: str | None = option(
+        None,
+        help="Corners of the playing surface, between the cushion noses, in any order: x,y,x,y,x,y,x,y in px.",
+    )
+    table: str | None = option(
+        None, help="Playing surface as LENGTHxWIDTH in m, such as 2.54x1.27, or a preset such as pool-9ft."
+    )
+    ball_radius: float | None = option(None, help="Radius of the balls.", unit="m")
+
+
+@dataclass(frozen=True, slots=True)
+class RenderOptions:
+    """Options of the slow-motion video."""
+
+    slow: float = option(8.0, help="Slow-down factor relative to the clip.", unit="times", minimum=1, maximum=100)
+    quick: bool = option(False, help="Encode faster, at lower quality.")
+    trim_still: bool = option(
+        False, help="Leave out everything more than half a second before the first and after the last motion."
+    )
+    style: OverlayStyle = option(
+        "coach",
+        help="Overlay: clean (nothing, while the fit is trusted), coach (trails, speeds, contacts, a plan), or umpire"
+        " (contacts and their times; each again at the end, in a slower close-up).",
+    )
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.slow <= 1000:
+            raise ValueError(f"slow motion is 1 to 1000 times slower; got {self.slow:g}")

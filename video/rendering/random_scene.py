@@ -1,0 +1,233 @@
+"""Random scenes for training images: a table, its colours and lamps, a set of balls, and a camera near part of it.
+
+A band of cloth hues, camera elevations and lamp heights, and one set of balls, are excluded from training. Images with
+them form the hold-out set, which measures the performance of a detector in rooms unlike those of its training.
+"""
+
+from __future__ import annotations
+
+import colorsys
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.core.scene import Camera, Table
+from models.physics.billiards.tables import TABLE_PRESETS
+from video.rendering.pinhole_camera import look_at
+from video.rendering.scene_appearance import (
+    CAROM_COLOURS,
+    POOL_COLOURS,
+    SNOOKER_COLOURS,
+    BallAppearance,
+    ClothMarks,
+    Colour,
+    FloorKind,
+    Lamp,
+    SceneAppearance,
+    carom_ball,
+    pool_ball,
+    snooker_ball,
+)
+
+HOLD_OUT_HUES = (0.72, 0.93)
+"""Cloth hues of hold-out scenes: violet to purple."""
+HOLD_OUT_ELEVATION = (38.0, 47.0)
+"""Elevation of the camera above the horizon in hold-out scenes, degrees."""
+HOLD_OUT_LAMPS, HOLD_OUT_LAMP_HEIGHT = 5, (0.66, 0.82)
+"""Number of small lamps in a row, and their height above the table, m: more and lower than in training."""
+PASTEL_COLOURS: tuple[Colour, ...] = (
+    (0.95, 0.86, 0.45), (0.35, 0.62, 0.85), (0.93, 0.45, 0.50), (0.75, 0.52, 0.85), (0.98, 0.66, 0.42),
+    (0.42, 0.78, 0.58), (0.62, 0.40, 0.32), (0.10, 0.10, 0.11),
+)  # fmt: skip
+"""Colours of the hold-out set of pool balls."""
+LOW_ELEVATION, OVERHEAD_ELEVATION = (17.0, 30.0), (75.0, 89.7)
+"""Degrees; most frequent camera elevations in videos. Intermediate ones occur too."""
+LOW_SHARE, OVERHEAD_SHARE = 0.25, 0.35
+"""Shares of scenes with low and with overhead cameras."""
+DARK_SHARE, DARK_FACTOR_RANGE = 0.12, (0.25, 0.7)
+"""Share of darkened balls (never white ones), and the range of the factor on their colour."""
+MIN_DISTANCE_M, MAX_DISTANCE_M = 1.6, 7.0
+"""m, range of distances from the camera to the point it looks at."""
+MIN_RADIUS_PX, MAX_RADIUS_PX = 3.7, 12.5
+"""px, range of ball radii in the middle of the image, at the detector's working scale."""
+
+
+@dataclass(frozen=True, slots=True)
+class RandomScene:
+    """Everything that is constant between the images of one camera."""
+
+    table: Table
+    camera: Camera
+    appearance: SceneAppearance
+    balls: tuple[BallAppearance, ...]
+
+
+def generate_scene(rng: np.random.Generator, size: int, magnify: int = 1, hold_out: bool = False) -> RandomScene:
+    """Generate a random scene.
+
+    Args:
+        rng: source of randomness.
+        size: px, side of the square image.
+        magnify: factor by which balls are larger than the detector needs them.
+        hold_out: generate a scene of the kind that is excluded from training.
+
+    Returns:
+        Table, camera, appearance and balls.
+    """
+    table = _sample_table(rng)
+    radius = magnify * float(np.exp(rng.uniform(np.log(MIN_RADIUS_PX), np.log(MAX_RADIUS_PX))))
+    camera = _sample_camera(rng, table, radius, size * magnify, hold_out)
+    return RandomScene(table, camera, _sample_appearance(rng, table, hold_out), _sample_balls(rng, table, hold_out))
+
+
+def _sample_table(rng: np.random.Generator) -> Table:
+    table = list(TABLE_PRESETS.values())[rng.integers(len(TABLE_PRESETS))]
+    return replace(table, ball_radius=table.ball_radius * rng.uniform(0.93, 1.07))
+
+
+def _sample_camera(rng: np.random.Generator, table: Table, radius_px: float, size: int, hold_out: bool) -> Camera:
+    target = np.append(rng.uniform(-0.02, 1.02, 2) * (table.length, table.width), 0.0)
+    elevation = np.radians(_sample_elevation(rng, hold_out))
+    azimuth = rng.uniform(0, 2 * np.pi)
+    distance = float(np.exp(rng.uniform(np.log(MIN_DISTANCE_M), np.log(MAX_DISTANCE_M))))
+    horizontal = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    eye = target + distance * (np.cos(elevation) * horizontal + np.sin(elevation) * np.array([0, 0, 1.0]))
+    roll = rng.normal(0, 0.04, 3)
+    # In a view from nearly above, the up direction of the image is along the table.
+    up = np.array([0.0, 0.0, 1.0]) + roll if np.degrees(elevation) < 70 else -horizontal + roll
+    focal = radius_px * distance / table.ball_radius
+    return look_at(table, eye, target, focal, size, size, (float(up[0]), float(up[1]), float(up[2])))
+
+
+def _sample_elevation(rng: np.random.Generator, hold_out: bool) -> float:
+    """Sample the elevation of the camera above the horizon, degrees."""
+    if hold_out:
+        return float(rng.uniform(*HOLD_OUT_ELEVATION))
+    while True:
+        chance = rng.random()
+        if chance < OVERHEAD_SHARE:
+            elevation = rng.uniform(*OVERHEAD_ELEVATION)
+        elif chance < OVERHEAD_SHARE + LOW_SHARE:
+            elevation = rng.uniform(*LOW_ELEVATION)
+        else:
+            elevation = rng.uniform(LOW_ELEVATION[0], OVERHEAD_ELEVATION[0])
+        if not HOLD_OUT_ELEVATION[0] < elevation < HOLD_OUT_ELEVATION[1]:
+            return float(elevation)
+
+
+def sample_colour(rng: np.random.Generator, saturation: tuple[float, float], value: tuple[float, float]) -> Colour:
+    """Sample a colour of any hue within ranges of saturation and value."""
+    return colorsys.hsv_to_rgb(float(rng.random()), float(rng.uniform(*saturation)), float(rng.uniform(*value)))
+
+
+def _sample_cloth_colour(rng: np.random.Generator, hold_out: bool) -> Colour:
+    """Sample a cloth colour: mostly green and blue, also other hues and grey."""
+    if hold_out:
+        hue = rng.uniform(*HOLD_OUT_HUES)
+    elif rng.random() < 0.6:
+        hue = np.clip(rng.choice([0.36, 0.42, 0.53, 0.57, 0.60]) + rng.normal(0, 0.03), 0, HOLD_OUT_HUES[0])
+    else:
+        hue = (HOLD_OUT_HUES[1] + rng.random() * (1 - HOLD_OUT_HUES[1] + HOLD_OUT_HUES[0])) % 1
+    saturation = rng.uniform(0.0, 0.4) if rng.random() < 0.12 else rng.uniform(0.35, 0.95)
+    return colorsys.hsv_to_rgb(float(hue), float(saturation), float(rng.uniform(0.18, 0.85)))
+
+
+def _sample_lamps(rng: np.random.Generator, table: Table, hold_out: bool) -> tuple[Lamp, ...]:
+    if hold_out:
+        height = float(rng.uniform(*HOLD_OUT_LAMP_HEIGHT))
+        positions = (np.arange(HOLD_OUT_LAMPS) + 0.5) / HOLD_OUT_LAMPS * table.length
+        return tuple(Lamp((float(x), table.width / 2, height), 0.09, 1.0) for x in positions)
+    count = int(rng.integers(1, 4))
+    extent = rng.choice([0.3, 1.5])  # over the table, or anywhere in the room
+    low, high = 0.5 - 0.5 * extent, 0.5 + 0.5 * extent
+    lamps = []
+    for _ in range(count):
+        x, y = rng.uniform(low, high, 2) * (table.length, table.width)
+        lamps.append(
+            Lamp(
+                (float(x), float(y), float(rng.uniform(0.85, 3.0))),
+                float(rng.uniform(0.03, 0.5)),
+                float(rng.random()) + 0.2,
+            )
+        )
+    return tuple(lamps)
+
+
+def _sample_appearance(rng: np.random.Generator, table: Table, hold_out: bool) -> SceneAppearance:
+    rail = sample_colour(rng, (0.0, 0.8), (0.03, 0.9)) if rng.random() < 0.4 else _sample_wood_colour(rng)
+    floors: tuple[FloorKind, ...] = ("carpet", "planks", "dark")
+    marks: tuple[ClothMarks, ...] = ("none", "pool", "snooker", "carom")
+    return SceneAppearance(
+        cloth=_sample_cloth_colour(rng, hold_out),
+        rail=rail,
+        floor=sample_colour(rng, (0.0, 0.5), (0.02, 0.8)),
+        floor_kind=floors[rng.integers(len(floors))],
+        marks=marks[rng.integers(len(marks))],
+        lamps=_sample_lamps(rng, table, hold_out),
+        ambient=float(rng.uniform(0.12, 0.8)),
+        brightness=float(np.exp(rng.normal(0.0, 0.35))),
+        gloss=float(rng.uniform(0.0, 1.5)),
+        wear=float(rng.uniform(0.2, 3.0)),
+        blur_px=float(rng.uniform(0.35, 1.3)),
+        noise=float(rng.choice([0.7, 2.0, 5.0])) * float(rng.uniform(0.4, 1.6)),
+        seed=int(rng.integers(8)),
+    )
+
+
+def _sample_wood_colour(rng: np.random.Generator) -> Colour:
+    return colorsys.hsv_to_rgb(
+        float(rng.uniform(0.02, 0.1)), float(rng.uniform(0.3, 0.9)), float(rng.uniform(0.08, 0.7))
+    )
+
+
+def _sample_balls(rng: np.random.Generator, table: Table, hold_out: bool) -> tuple[BallAppearance, ...]:
+    """Sample a set of balls, usually of the table's game; each colour is perturbed a little."""
+    if hold_out:
+        appearances = [
+            _replace_colour(pool_ball(n), PASTEL_COLOURS[(n - 1) % 8]) if n else pool_ball(0) for n in range(16)
+        ]
+    else:
+        appearances = _choose_ball_set(
+            rng, table.game if rng.random() < 0.7 else str(rng.choice(["pool", "snooker", "carom", "free"]))
+        )
+    return tuple(_replace_colour(ball, _jitter_colour(rng, _sample_darkened_colour(rng, ball))) for ball in appearances)
+
+
+def _choose_ball_set(rng: np.random.Generator, game: str) -> list[BallAppearance]:
+    if game == "pool":
+        return [pool_ball(number) for number in range(16)]
+    if game == "snooker":
+        return [snooker_ball(kind) for kind in SNOOKER_COLOURS] + [snooker_ball("red")] * 6
+    if game == "carom":
+        plain = [_replace_colour(BallAppearance(kind, colour), colour) for kind, colour in CAROM_COLOURS.items()]
+        return plain if rng.random() < 0.5 else [carom_ball(kind) for kind in CAROM_COLOURS]
+    free = [
+        BallAppearance("solid", sample_colour(rng, (0.0, 1.0), (0.05, 1.0)), "solid", int(rng.integers(1, 8)))
+        for _ in range(6)
+    ]
+    striped = [
+        BallAppearance("stripe", sample_colour(rng, (0.3, 1.0), (0.1, 1.0)), "stripe", int(rng.integers(9, 16)))
+        for _ in range(4)
+    ]
+    return [
+        BallAppearance("cue", (0.95, 0.94, 0.90)),
+        BallAppearance("eight", POOL_COLOURS[7], "solid", 8),
+        *free,
+        *striped,
+    ]
+
+
+def _replace_colour(ball: BallAppearance, colour: Colour) -> BallAppearance:
+    return replace(ball, colour=colour)
+
+
+def _sample_darkened_colour(rng: np.random.Generator, ball: BallAppearance) -> Colour:
+    """Return the ball's colour, sometimes as dark as in dim light at the far end of a room."""
+    factor = rng.uniform(*DARK_FACTOR_RANGE) if rng.random() < DARK_SHARE and ball.kind not in ("cue", "white") else 1.0
+    red, green, blue = ball.colour
+    return factor * red, factor * green, factor * blue
+
+
+def _jitter_colour(rng: np.random.Generator, colour: Colour) -> Colour:
+    red, green, blue = np.clip(np.array(colour) * rng.uniform(0.85, 1.1) + rng.normal(0, 0.03, 3), 0.01, 1.0)
+    return float(red), float(green), float(blue)
