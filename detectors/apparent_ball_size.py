@@ -1,7 +1,7 @@
-"""The size that the balls are seen with, where the calibration has it wrong.
+"""Correction of the ball size where the calibration has it wrong.
 
-A table taken for a 9-foot one that is an 8-foot one, or small balls on a pub table: the balls then look up to a
-quarter larger or smaller than predicted. They are all equally large, so one factor puts it right.
+If an 8-foot table is taken for a 9-foot one, or the balls of a pub table are small, balls appear up to a quarter larger
+or smaller than predicted. They are all equally large, so one factor corrects it.
 """
 
 from __future__ import annotations
@@ -11,64 +11,72 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from detectors.hough.hough_detector import ball_finder
+from detectors.hough.hough_detector import build_hough_detector
 from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import ByteArray
 
-FACTORS = (0.8, 0.89, 1.0, 1.12, 1.25)
-"""Radii that are tried, over the predicted one; a circle fit reaches 5 % to either side of each."""
-AGREED = 0.04
-"""Relative difference of seen and predicted radius up to which the prediction is taken."""
-GOOD_SHARE = 0.93
-"""Of the best trial's score: among trials this good the one nearest to the prediction is believed."""
-REPEATS = 3
-CLEAR_SCORE = 0.9
+RADIUS_FACTORS = (0.8, 0.89, 1.0, 1.12, 1.25)
+"""Trial radii over the predicted one; a circle fit covers 5 % to either side of each."""
+MAX_RADIUS_DEVIATION = 0.04
+"""Relative difference of measured and predicted radius up to which the prediction is kept."""
+GOOD_SCORE_SHARE = 0.93
+"""Share of the best trial's score from which trials are equivalent; the one nearest to the prediction is selected."""
+MAX_ITERATIONS = 3
+MIN_CLEAR_SCORE = 0.9
 
 
-def with_seen_size(scene: Scene, pictures: list[tuple[int, ByteArray]]) -> Scene:
-    """The scene with the ball radius as seen in (frame, picture (H, W, 3)); unchanged where no ball is clear."""
-    score, seen = _tried(scene, pictures, 1.0)
-    if score > 0 and abs(seen - 1) <= AGREED:
+def correct_ball_size(scene: Scene, images: list[tuple[int, ByteArray]]) -> Scene:
+    """Correct the ball radius of a scene to the one measured in some images.
+
+    Args:
+        scene: Table and camera.
+        images: Frame number and image (H, W, 3) of some frames.
+
+    Returns:
+        The scene with the measured radius; the same object if the prediction is right or no ball is clear.
+    """
+    score, ratio = _score_ball_size(scene, images, 1.0)
+    if score > 0 and abs(ratio - 1) <= MAX_RADIUS_DEVIATION:
         return scene
-    trials = {factor: _tried(scene, pictures, factor) for factor in FACTORS}
-    enough = GOOD_SHARE * max(score for score, _ in trials.values())
+    trials = {factor: _score_ball_size(scene, images, factor) for factor in RADIUS_FACTORS}
+    enough = GOOD_SCORE_SHARE * max(score for score, _ in trials.values())
     if enough == 0:
         return scene
     factor = min((f for f, (score, _) in trials.items() if score >= enough), key=lambda f: abs(f - 1))
-    seen = trials[factor][1]
-    for _ in range(REPEATS):
-        factor *= seen
-        if abs(seen - 1) <= AGREED:
+    ratio = trials[factor][1]
+    for _ in range(MAX_ITERATIONS):
+        factor *= ratio
+        if abs(ratio - 1) <= MAX_RADIUS_DEVIATION:
             break
-        seen = _tried(scene, pictures, factor)[1]
-    return _resized(scene, factor)
+        ratio = _score_ball_size(scene, images, factor)[1]
+    return _scale_ball_radius(scene, factor)
 
 
-def _tried(scene: Scene, pictures: list[tuple[int, ByteArray]], factor: float) -> tuple[float, float]:
-    """How well balls of `factor` times the predicted size fit: sum of clear scores, their seen size over this one."""
-    resized = _resized(scene, factor)
-    finder = ball_finder(resized, pictures)
-    found = [finder.look(rgb, frame) for frame, rgb in pictures]
-    scores = np.concatenate([part.score[_clear(part)] for part in found])
-    ratios = np.concatenate([_ratios(part, resized) for part in found])
+def _score_ball_size(scene: Scene, images: list[tuple[int, ByteArray]], factor: float) -> tuple[float, float]:
+    """Score `factor` times the predicted radius: sum of the clear scores, and median of measured over this radius."""
+    resized = _scale_ball_radius(scene, factor)
+    finder = build_hough_detector(resized, images)
+    detections = [finder.detect(rgb, frame) for frame, rgb in images]
+    scores = np.concatenate([part.score[_is_clear(part)] for part in detections])
+    ratios = np.concatenate([_radius_ratios(part, resized) for part in detections])
     return float(scores.sum()), float(np.median(ratios)) if len(ratios) else 1.0
 
 
-def _clear(found: Detections) -> NDArray[np.bool_]:
-    sharp = np.linalg.norm(found.streak, axis=1) == 0
-    clear: NDArray[np.bool_] = sharp & (found.score > CLEAR_SCORE)
+def _is_clear(detections: Detections) -> NDArray[np.bool_]:
+    sharp = np.linalg.norm(detections.streak, axis=1) == 0
+    clear: NDArray[np.bool_] = sharp & (detections.score > MIN_CLEAR_SCORE)
     return clear
 
 
-def _ratios(found: Detections, scene: Scene) -> NDArray[np.float64]:
-    """Seen over predicted radius of the clear balls."""
-    clear = _clear(found)
+def _radius_ratios(detections: Detections, scene: Scene) -> NDArray[np.float64]:
+    """Measured over predicted radius of the clear balls."""
+    clear = _is_clear(detections)
     radius = scene.table.ball_radius
-    place = scene.camera.to_table(found.centre[clear], radius, found.frame[clear])
-    ratios: NDArray[np.float64] = found.radius[clear] / scene.camera.radius_px(place, radius)
+    place = scene.camera.to_table(detections.centre[clear], radius, detections.frame[clear])
+    ratios: NDArray[np.float64] = detections.radius[clear] / scene.camera.radius_px(place, radius)
     return ratios
 
 
-def _resized(scene: Scene, factor: float) -> Scene:
+def _scale_ball_radius(scene: Scene, factor: float) -> Scene:
     return replace(scene, table=replace(scene.table, ball_radius=scene.table.ball_radius * factor))

@@ -1,4 +1,4 @@
-"""The seam between the detectors: a clip and its scene go in, Detections come out."""
+"""Detection of the balls of a clip or an image by the selected detector."""
 
 from __future__ import annotations
 
@@ -8,125 +8,169 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from detectors.apparent_ball_size import with_seen_size
-from detectors.hough.hough_detector import BallFinder, ball_finder
-from detectors.measurement.cloth_background import learn_cloth
-from detectors.measurement.working_view import view_of
-from detectors.network.network_detector import NetworkFinder, network_finder
-from detectors.network.network_file import SHIPPED, open_model
-from detectors.options import DetectOptions
-from detectors.select_detector import chosen
+from detectors.apparent_ball_size import correct_ball_size
+from detectors.detect_options import DetectOptions
+from detectors.hough.hough_detector import HoughDetector, build_hough_detector
+from detectors.measurement.array_columns import concatenate_rows
+from detectors.measurement.cloth_background import learn_cloth_background
+from detectors.measurement.working_view import build_view
+from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
+from detectors.network.network_detector import NetworkDetector, build_network_detector
+from detectors.select_detector import select_detector
 from models.core.detections import Detections
-from models.core.progress import Progress, silent
+from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
 from models.core.typing import ByteArray
 from video.io.clip import Clip, read_frames
 
-LEARNING_PICTURES = 15
-"""Pictures, spread over the clip, from which the empty table is learnt."""
-LEARNING_PICTURES_QUICK = 7
-SIZE_PICTURES = 3
-"""Pictures in which the size of the balls is checked."""
+BACKGROUND_FRAMES = 15
+"""Frames, spread over the clip, from which the empty table is learnt."""
+BACKGROUND_FRAMES_QUICK = 7
+"""The same with the option `quick`."""
+SIZE_CHECK_FRAMES = 3
+"""Frames in which the size of the balls is checked."""
 
 M = TypeVar("M")
 
 
 class Detector(Protocol[M]):
-    """Anything that finds balls in one picture of a clip; M is what it keeps from one picture for the next."""
+    """A detector of balls in the frames of a clip; M is its state from one frame to the next."""
 
-    def look(self, rgb: ByteArray, frame: int = 0) -> Detections:
-        """The balls in picture `frame` (H, W, 3)."""
+    def detect(self, rgb: ByteArray, frame: int = 0) -> Detections:
+        """Detect the balls in an image (H, W, 3), frame number `frame`."""
         ...
 
-    def follow(self, rgb: ByteArray, frame: int, memory: M | None) -> tuple[Detections, M]:
-        """The same for one picture after another: `memory` is what the call for the picture before gave."""
+    def detect_next(self, rgb: ByteArray, frame: int, memory: M | None) -> tuple[Detections, M]:
+        """Detect the balls in the next frame; `memory` is the state that the call for the previous frame returned."""
         ...
 
 
-def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Progress = silent) -> Detections:
-    """The balls in every distinct picture of a clip; streams it twice and holds a few small pictures.
+def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Progress = ignore_progress) -> Detections:
+    """Detect the balls in every distinct frame of a clip.
 
-    Every picture is measured afresh, also where nothing moves, so that errors of different pictures are as
-    independent as the coding of the clip leaves them. Raises ModelError for a detector that is not there.
+    The clip is decoded twice, and only a few small images are kept. Every frame is measured again, also where nothing
+    moves, so that the errors of different frames are as independent as video coding allows.
+
+    Args:
+        clip: The clip.
+        scene: Table and camera.
+        options: Which detector and network.
+        progress: Called with the share that is done.
+
+    Returns:
+        Detections sorted by frame, px of the original frames.
+
+    Raises:
+        ModelError: The file of the network cannot be used.
     """
-    if chosen(options, scene) == "hough":
-        return _followed(hough_detector(clip, scene, options), clip, progress)
-    return _followed(network_detector(clip, scene, options), clip, progress)
+    if select_detector(options, scene) == "hough":
+        return _detect_all_frames(prepare_hough_detector(clip, scene, options), clip, progress)
+    return _detect_all_frames(prepare_network_detector(clip, scene, options), clip, progress)
 
 
-def _followed(detector: Detector[M], clip: Clip, progress: Progress) -> Detections:
-    frames = clip.distinct
-    seen: list[Detections] = []
+def _detect_all_frames(detector: Detector[M], clip: Clip, progress: Progress) -> Detections:
+    frames = clip.distinct_frames
+    detections: list[Detections] = []
     memory: M | None = None
     for done, (frame, rgb) in enumerate(read_frames(clip, indices=frames)):
-        found, memory = detector.follow(rgb, frame, memory)
-        seen.append(found)
+        frame_detections, memory = detector.detect_next(rgb, frame, memory)
+        detections.append(frame_detections)
         progress((done + 1) / max(len(frames), 1))
-    return joined(seen)
+    return concatenate_detections(detections)
 
 
-def detect_in_picture(rgb: ByteArray, scene: Scene, options: DetectOptions | None = None) -> Detections:
-    """The balls in one still picture (H, W, 3); they all have frame 0."""
+def detect_in_image(rgb: ByteArray, scene: Scene, options: DetectOptions | None = None) -> Detections:
+    """Detect the balls in a single image.
+
+    Args:
+        rgb: Image (H, W, 3).
+        scene: Table and camera.
+        options: Which detector and network.
+
+    Returns:
+        Detections, all of frame 0.
+
+    Raises:
+        ModelError: The file of the network cannot be used.
+    """
     options = options or DetectOptions()
-    pictures = [(0, rgb)]
-    if chosen(options, scene, still=True) == "hough":
-        return ball_finder(with_seen_size(scene, pictures), pictures).look(rgb)
-    return network_finder(scene, pictures, open_model(model_file(options))).look(rgb)
+    images = [(0, rgb)]
+    if select_detector(options, scene, is_still=True) == "hough":
+        return build_hough_detector(correct_ball_size(scene, images), images).detect(rgb)
+    return build_network_detector(scene, images, open_ball_model(select_model_file(options))).detect(rgb)
 
 
-def hough_detector(clip: Clip, scene: Scene, options: DetectOptions) -> BallFinder:
-    """The detector without a network, made ready for a clip: read once, where the size of the balls is right."""
-    few, learnt = _spread(clip.distinct, SIZE_PICTURES), _learning(clip, options)
-    view, whole, seen = view_of(scene), list[tuple[int, ByteArray]](), list[ByteArray]()
-    for frame, rgb in read_frames(clip, indices=np.union1d(few, learnt)):
-        if frame in few:
-            whole.append((frame, rgb))
-        if frame in learnt:
-            seen.append(view.picture(rgb, frame))
-    sized = with_seen_size(scene, whole)
+def prepare_hough_detector(clip: Clip, scene: Scene, options: DetectOptions) -> HoughDetector:
+    """Prepare the detector without a network for a clip, decoding it once if the size of the balls is right.
+
+    Args:
+        clip: The clip.
+        scene: Table and camera.
+        options: Number of frames to learn from.
+
+    Returns:
+        The detector.
+    """
+    size_frames, background_frames = (
+        _spread_evenly(clip.distinct_frames, SIZE_CHECK_FRAMES),
+        _select_background_frames(clip, options),
+    )
+    view, size_images, working_images = build_view(scene), list[tuple[int, ByteArray]](), list[ByteArray]()
+    for frame, rgb in read_frames(clip, indices=np.union1d(size_frames, background_frames)):
+        if frame in size_frames:
+            size_images.append((frame, rgb))
+        if frame in background_frames:
+            working_images.append(view.working_image(rgb, frame))
+    sized = correct_ball_size(scene, size_images)
     if sized is scene:
-        return BallFinder(view, learn_cloth(seen, view))
-    return ball_finder(sized, read_frames(clip, indices=learnt))
+        return HoughDetector(view, learn_cloth_background(working_images, view))
+    return build_hough_detector(sized, read_frames(clip, indices=background_frames))
 
 
-def network_detector(clip: Clip, scene: Scene, options: DetectOptions) -> NetworkFinder:
-    """The detector with a network, made ready for a clip; ModelError where its file is none."""
-    model = open_model(model_file(options))
-    return network_finder(scene, read_frames(clip, indices=_learning(clip, options)), model)
+def prepare_network_detector(clip: Clip, scene: Scene, options: DetectOptions) -> NetworkDetector:
+    """Prepare the detector with a network for a clip.
+
+    Args:
+        clip: The clip.
+        scene: Table and camera.
+        options: Which network, and number of frames to learn from.
+
+    Returns:
+        The detector.
+
+    Raises:
+        ModelError: The file of the network cannot be used.
+    """
+    model = open_ball_model(select_model_file(options))
+    return build_network_detector(scene, read_frames(clip, indices=_select_background_frames(clip, options)), model)
 
 
-def model_file(options: DetectOptions) -> Path:
-    """The network that is used: the one that is named, or the project's own."""
-    return SHIPPED if options.model is None else Path(options.model)
+def select_model_file(options: DetectOptions) -> Path:
+    """Select the file of the ball network: the requested one, or the one that ships with the package.
+
+    Args:
+        options: Options of the detection.
+
+    Returns:
+        The ONNX file.
+    """
+    return SHIPPED_BALL_MODEL if options.model is None else Path(options.model)
 
 
-def _learning(clip: Clip, options: DetectOptions) -> NDArray[np.int64]:
-    """Frames, spread over a clip, that show the empty table."""
-    return _spread(clip.distinct, LEARNING_PICTURES_QUICK if options.quick else LEARNING_PICTURES)
+def _select_background_frames(clip: Clip, options: DetectOptions) -> NDArray[np.int64]:
+    """Select frames, spread over a clip, from which the empty table is learnt."""
+    return _spread_evenly(clip.distinct_frames, BACKGROUND_FRAMES_QUICK if options.quick else BACKGROUND_FRAMES)
 
 
-def _spread(frames: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """At most `count` of the frames (n,), evenly spread, both ends among them."""
+def _spread_evenly(frames: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Select at most `count` of the frames (n,), evenly spread, with both ends."""
     places = np.linspace(0, len(frames) - 1, min(count, len(frames)))
     return frames[np.unique(places.round().astype(np.int64))]
 
 
-def joined(parts: list[Detections]) -> Detections:
-    """Detections one after another; they must come in the order of their frames."""
+def concatenate_detections(parts: list[Detections]) -> Detections:
+    """Concatenate any number of detections, which must be in the order of their frames."""
     if not parts:
         none, pairs, triples = np.empty(0), np.empty((0, 2)), np.empty((0, 3))
         return Detections(np.empty(0, dtype=np.int64), pairs, none, pairs, triples, *[none] * 6)
-    names = (
-        "frame",
-        "centre",
-        "radius",
-        "streak",
-        "colour",
-        "white",
-        "white_rim",
-        "value",
-        "score",
-        "sigma",
-        "sigma_along",
-    )
-    return Detections(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    return concatenate_rows(parts)

@@ -1,271 +1,296 @@
-"""Balls without a network: discs of the size that the calibration predicts, which differ from the cloth."""
+"""Detection without a network: discs of the predicted size, and streaks of that width, that differ from the cloth."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from detectors.hough.circle_candidates import candidate_centres
-from detectors.hough.streak_candidates import Streaks, find_streaks, refine_streaks
-from detectors.measurement.ball_colour import PLACES, ball_coats
-from detectors.measurement.circle_fit import DIRECTIONS, Circles, fit_circles, measure_again, second_chances, softened
-from detectors.measurement.cloth_background import Cloth, disc_kernel, learn_cloth, size
-from detectors.measurement.frame_change import Memory, Scan, touched_places, windows
-from detectors.measurement.frame_detections import NO_BALLS, Found, chained, inside, joined, without_overlaps
-from detectors.measurement.working_view import View, view_of
+from detectors.hough.circle_candidates import find_circle_candidates
+from detectors.hough.streak_candidates import StreakCandidates, find_streak_candidates, refine_streaks
+from detectors.measurement.array_columns import concatenate_rows
+from detectors.measurement.ball_colour import DISC_SAMPLES
+from detectors.measurement.circle_fit import (
+    DIRECTIONS,
+    Circles,
+    fit_circles,
+    refit_circles,
+    retry_doubtful_circles,
+    smooth_image,
+)
+from detectors.measurement.cloth_background import (
+    ClothBackground,
+    build_disc_kernel,
+    contrast_strength,
+    learn_cloth_background,
+)
+from detectors.measurement.frame_change import ForegroundScan, SearchMemory, find_touched_places, find_windows
+from detectors.measurement.frame_detections import (
+    NO_BALLS,
+    FrameDetections,
+    add_colours,
+    is_inside_streaks,
+    merge_discs_and_streaks,
+    suppress_overlaps,
+)
+from detectors.measurement.working_view import WorkingView, build_view, values_at
 from models.core.detections import Detections
-from models.core.scene import Scene, apply_homography
+from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
-LEAST_SUPPORT = 0.6
-"""Share of a circle's rays that must end at an edge."""
-LEAST_GUESS_COVER, LEAST_COVER = 0.3, 0.55
-"""Share of the disc that must differ from the cloth, before and after the fit."""
+MIN_SUPPORT = 0.6
+"""Least share of a circle's rays that end at an edge."""
+MIN_CANDIDATE_COVERAGE, MIN_COVERAGE = 0.3, 0.55
+"""Least share of the disc that differs from the cloth, before and after the fit."""
+SAMPLED_RADII, FULL_COVERAGE = 0.85, 0.85
+"""Radius, ball radii, within which coverage is sampled, and coverage from which the score depends on the outline
+alone."""
 LINK_RADII = 0.35
-"""Half width below which what links a streak to something else is cut."""
+"""Half width, ball radii, below which links between a streak and other objects are cut."""
 CUE_RADII = 0.5
-"""Half width below which what touches a ball is left out of its shape: cues, lines."""
-MOST_REST, MOST_STILL_REST, MOST_REST_SHARE = 1.8, 5.0, 0.28
-"""A shape of which this is left beside its discs is more than balls and their shadows: in discs, where it moves and
-where it does not (shaded cushions do not), and as a share."""
-FAINT = 0.6
-"""Share of the threshold from which a moving pixel counts."""
+"""Half width, ball radii, below which objects that touch a ball are excluded from its shape: cues, lines."""
+MAX_MOVING_REST, MAX_STILL_REST, MAX_REST_SHARE = 1.8, 5.0, 0.28
+"""A shape with more than this left beside its discs is more than balls and their shadows: area in discs, where it moves
+and where it does not (shaded cushions do not), and share of the shape."""
+FAINT_SHARE = 0.6
+"""Share of the cloth's threshold from which a moving pixel counts: the ends of a streak are faint."""
 CLEAR_SCORE, SURE_SCORE = 0.88, 0.955
-"""Scores from which a ball on such a shape is believed: with cloth around it, and without."""
-RING_RADII, MOST_RING = 1.3, 0.6
-"""A ball beside a hand has cloth around it: the ring that is looked at, and how much of it may be something else."""
-CLEAR_STRETCH, BESIDE_RADII = 0.8, 0.22
-"""Length over radius up to which a clear disc is the better measure; a sure one up to twice as
-much, if it is this far from the middle of the streak."""
+"""Confidence scores from which a ball on such a shape is accepted: with cloth around it, and without."""
+RING_RADII, MAX_RING_COVERAGE = 1.3, 0.6
+"""Radius of the ring around a ball in which cloth is looked for, and largest share of it that is not cloth."""
+DRAWN_RADII = 1.15
+"""Radius of the discs that stand for balls in masks, ball radii."""
+CLEAR_LENGTH_RADII, OFF_CENTRE_RADII = 0.8, 0.22
+"""Length of a streak, ball radii, up to which a clear disc is the better measurement; a sure disc up to twice that, if
+it is this far from the middle of the streak."""
 STREAK_SIGMA_PX, STREAK_SIGMA_SHARE = 0.3, 0.03
-"""Error of a streak's middle: across it, px, and along it in addition, share of its length."""
+"""Standard deviation of a streak's middle: across it, px, and in addition along it, share of its length."""
 
 
 @dataclass(frozen=True, slots=True)
-class BallFinder:
-    """Finds the balls of one scene, picture by picture."""
+class HoughDetector:
+    """Detects the balls of one scene without a network, frame by frame."""
 
-    view: View
-    cloth: Cloth
+    view: WorkingView
+    cloth: ClothBackground
 
-    def look(self, rgb: ByteArray, frame: int = 0) -> Detections:
-        """The balls in a picture (H, W, 3)."""
-        return self.follow(rgb, frame, None)[0]
+    def detect(self, rgb: ByteArray, frame: int = 0) -> Detections:
+        """Detect the balls in an image (H, W, 3)."""
+        return self.detect_next(rgb, frame, None)[0]
 
-    def follow(self, rgb: ByteArray, frame: int, memory: Memory | None) -> tuple[Detections, Memory]:
-        """The balls in a picture (H, W, 3) of a clip, and what to hand over with the next one: that is faster.
+    def detect_next(self, rgb: ByteArray, frame: int, memory: SearchMemory | None) -> tuple[Detections, SearchMemory]:
+        """Detect the balls in the next frame of a clip; searching only changed places is faster.
 
-        The memory's arrays are written over.
+        Args:
+            rgb: Image (H, W, 3).
+            frame: Number of the frame.
+            memory: State after the previous frame, None for the first; its arrays are overwritten.
+
+        Returns:
+            The balls, and the state for the next frame.
         """
-        working = self.view.picture(rgb, frame)
-        soft = softened(rgb)
-        touched = touched_places(memory, working, self.view, self.cloth.threshold)
-        known = self._known(rgb, soft, frame, memory, touched)
-        parts = windows(touched, self.view)
-        scan = self._scan(working, parts, memory)
-        guesses = np.concatenate([np.empty((0, 2)), *(self._guesses(scan, part) for part in parts)])
-        discs = self._discs(rgb, soft, frame, guesses[_at(touched, guesses)], known, scan)
-        swept = self._swept(rgb, find_streaks(scan.moving, scan.strength, self.view), discs, frame)
-        found = without_overlaps(joined(discs, swept), self.view.scene, frame)
-        return _as_detections(rgb, found, frame), self._remembered(working, touched, scan, discs, frame, memory)
+        working = self.view.working_image(rgb, frame)
+        smooth = smooth_image(rgb)
+        touched = find_touched_places(memory, working, self.view, self.cloth.threshold)
+        remembered = self._measure_remembered(rgb, smooth, frame, memory, touched)
+        parts = find_windows(touched, self.view)
+        scan = self._update_scan(working, parts, memory)
+        candidates = np.concatenate([np.empty((0, 2)), *(self._find_candidates(scan, part) for part in parts)])
+        candidates = candidates[values_at(touched, candidates)]
+        discs = self._detect_discs(rgb, smooth, frame, candidates, remembered, scan)
+        streaks = self._detect_streaks(rgb, find_streak_candidates(scan.moving, scan.strength, self.view), discs, frame)
+        balls = suppress_overlaps(merge_discs_and_streaks(discs, streaks), self.view.scene, frame)
+        return add_colours(rgb, balls, frame), self._update_memory(working, touched, scan, discs, frame, memory)
 
-    def _known(self, rgb: ByteArray, soft: ByteArray, frame: int, memory: Memory | None, touched: BoolArray) -> Found:
-        """Sharp balls of the picture before, measured anew; where one is lost, the place counts as touched."""
+    def _measure_remembered(
+        self, rgb: ByteArray, smooth: ByteArray, frame: int, memory: SearchMemory | None, touched: BoolArray
+    ) -> FrameDetections:
+        """Measure the sharp balls of the previous frame again; add the places of missed ones to `touched`."""
         if memory is None:
             return NO_BALLS
-        home = memory.home[~_at(touched, memory.home)]
-        relative = memory.relative[~_at(touched, memory.home)]
-        reference = self.view.to_picture(home)
-        expected = self.view.predicted_radius(reference)
-        circles = measure_again(
+        is_untouched = ~values_at(touched, memory.working_centre)
+        working_centre, relative_radius = memory.working_centre[is_untouched], memory.relative_radius[is_untouched]
+        reference = self.view.to_reference(working_centre)
+        circles = refit_circles(
             rgb,
-            soft,
-            _moved(self.view.scene, reference, frame),
-            expected,
-            relative,
-            self._beneath(home),
+            smooth,
+            self.view.reference_to_frame(reference, frame),
+            self.view.predict_radius(reference),
+            relative_radius,
+            self._cloth_colour_at(working_centre),
             self.cloth.basis,
         )
-        found = self._balls(circles, memory.scan.foreground, frame)
-        if len(found.score) < len(home):
-            gaps = np.linalg.norm(home[:, None] - self._home(found.centre, frame)[None], axis=-1)
-            lost = home[~(gaps < _at(self.view.radius, home)[:, None]).any(axis=1)]
-            touched |= self._discs_drawn(lost)
-        return found
+        balls = self._accept_circles(circles, memory.scan.foreground, frame)
+        if len(balls) < len(working_centre):
+            measured_centre = self.view.frame_to_working(balls.centre, frame)
+            distance = np.linalg.norm(working_centre[:, None] - measured_centre[None], axis=-1)
+            is_missed = ~(distance < values_at(self.view.radius, working_centre)[:, None]).any(axis=1)
+            touched |= self._draw_discs(working_centre[is_missed])
+        return balls
 
-    def _remembered(
-        self, working: ByteArray, touched: BoolArray, scan: Scan, discs: Found, frame: int, memory: Memory | None
-    ) -> Memory:
-        home = self._home(discs.centre, frame)
-        relative = discs.radius / self.view.predicted_radius(self.view.to_picture(home))
+    def _update_memory(
+        self,
+        working: ByteArray,
+        touched: BoolArray,
+        scan: ForegroundScan,
+        discs: FrameDetections,
+        frame: int,
+        memory: SearchMemory | None,
+    ) -> SearchMemory:
+        working_centre = self.view.frame_to_working(discs.centre, frame)
+        relative_radius = discs.radius / self.view.predict_radius(self.view.to_reference(working_centre))
         if memory is None or touched.all():
-            return Memory(scan, working, home, relative, 0)
-        cv2.copyTo(working, touched.astype(np.uint8), memory.searched)
-        return Memory(scan, memory.searched, home, relative, memory.age + 1)
+            return SearchMemory(scan, working, working_centre, relative_radius, 0)
+        cv2.copyTo(working, touched.astype(np.uint8), memory.searched_image)
+        return SearchMemory(scan, memory.searched_image, working_centre, relative_radius, memory.age + 1)
 
-    def _scan(self, working: ByteArray, parts: list[tuple[slice, slice]], memory: Memory | None) -> Scan:
-        """The scan of the picture before, done anew in parts of the picture."""
+    def _update_scan(
+        self, working: ByteArray, parts: list[tuple[slice, slice]], memory: SearchMemory | None
+    ) -> ForegroundScan:
+        """Repeat the scan of the previous frame in parts of the working image."""
         h, w = self.view.radius.shape
         if memory is None:
             no = np.zeros((h, w), dtype=bool)
-            scan = Scan(np.zeros((h, w, 3), np.float32), np.zeros((h, w), np.float32), no, no.copy())
+            scan = ForegroundScan(np.zeros((h, w, 3), np.float32), np.zeros((h, w), np.float32), no, no.copy())
         else:
             scan = memory.scan
-        # The ends of a streak are faint.
-        faint = FAINT * self.cloth.threshold
-        kernel = disc_kernel(LINK_RADII * self.view.typical)
+        faint = FAINT_SHARE * self.cloth.threshold
+        kernel = build_disc_kernel(LINK_RADII * self.view.median_radius)
         for part in parts:
-            contrast = self.cloth.contrast(working, part)
-            strength = size(contrast)
-            area = self.view.area[part]
-            moving = (strength > faint) & (self.cloth.moved(working, part) > faint) & area
+            contrast = self.cloth.measure_contrast(working, part)
+            strength = contrast_strength(contrast)
+            area = self.view.ball_area[part]
+            moving = (strength > faint) & (self.cloth.measure_movement(working, part) > faint) & area
             opened = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_OPEN, kernel)
             scan.contrast[part], scan.strength[part] = contrast, strength
             scan.foreground[part] = (strength > self.cloth.threshold) & area
             scan.moving[part] = opened > 0
         return scan
 
-    def _guesses(self, scan: Scan, part: tuple[slice, slice]) -> FloatArray:
-        """Working px (n, 2) where balls may be in a part of the picture."""
-        guesses, _ = candidate_centres(scan.contrast[part], scan.foreground[part], self.view.window(part))
-        return np.add(guesses, (part[1].start, part[0].start), dtype=np.float64)
+    def _find_candidates(self, scan: ForegroundScan, part: tuple[slice, slice]) -> FloatArray:
+        """Find working px (n, 2) where balls may be in a part of the working image."""
+        centres, _ = find_circle_candidates(scan.contrast[part], scan.foreground[part], self.view.crop_view(part))
+        return np.add(centres, (part[1].start, part[0].start), dtype=np.float64)
 
-    def _discs(
-        self, rgb: ByteArray, soft: ByteArray, frame: int, guesses: FloatArray, known: Found, scan: Scan
-    ) -> Found:
-        """Sharp balls near guesses (n, 2), working px, beside the known ones."""
-        guesses = guesses[_cover(scan.foreground, guesses, self.view) > LEAST_GUESS_COVER]
-        guessed = self.view.to_picture(guesses)
-        expected = self.view.predicted_radius(guessed)
-        cloth, basis = self._beneath(guesses), self.cloth.basis
-        circles = fit_circles(rgb, soft, _moved(self.view.scene, guessed, frame), expected, cloth, basis)
-        first = chained(self._balls(circles, scan.foreground, frame), known)
-        intruders = self._intruders(first, scan, frame)
-        free = ~_at(intruders, guesses)
-        again = second_chances(rgb, soft, circles.take(free), expected[free], cloth[free], basis)
-        found = chained(
-            self._balls(again, scan.foreground, frame), self._balls(circles.take(~free), scan.foreground, frame)
-        )
-        found = without_overlaps(chained(found, known), self.view.scene, frame)
-        home = self._home(found.centre, frame)
-        alone = _ring(scan.foreground, home, self.view) < MOST_RING
-        sure = (found.score > SURE_SCORE) | ((found.score > CLEAR_SCORE) & alone)
-        doubtful = _at(intruders, home) | (_at(self.view.pockets, home) & (found.score < CLEAR_SCORE))
-        return found.take(sure | ~doubtful)
+    def _detect_discs(
+        self,
+        rgb: ByteArray,
+        smooth: ByteArray,
+        frame: int,
+        candidates: FloatArray,
+        remembered: FrameDetections,
+        scan: ForegroundScan,
+    ) -> FrameDetections:
+        """Detect sharp balls near candidates (n, 2), working px, beside the remembered ones."""
+        candidates = candidates[_disc_coverage(scan.foreground, candidates, self.view) > MIN_CANDIDATE_COVERAGE]
+        reference = self.view.to_reference(candidates)
+        expected = self.view.predict_radius(reference)
+        cloth, basis = self._cloth_colour_at(candidates), self.cloth.basis
+        circles = fit_circles(rgb, smooth, self.view.reference_to_frame(reference, frame), expected, cloth, basis)
+        first = concatenate_rows([self._accept_circles(circles, scan.foreground, frame), remembered])
+        intruders = self._find_intruders(first, scan, frame)
+        is_free = ~values_at(intruders, candidates)
+        retried = retry_doubtful_circles(rgb, smooth, circles.take(is_free), expected[is_free], cloth[is_free], basis)
+        accepted = [self._accept_circles(part, scan.foreground, frame) for part in (retried, circles.take(~is_free))]
+        balls = suppress_overlaps(concatenate_rows([*accepted, remembered]), self.view.scene, frame)
+        working_centre = self.view.frame_to_working(balls.centre, frame)
+        is_clear = balls.score > CLEAR_SCORE
+        is_alone = _ring_coverage(scan.foreground, working_centre, self.view) < MAX_RING_COVERAGE
+        is_sure = (balls.score > SURE_SCORE) | (is_clear & is_alone)
+        at_pocket = values_at(self.view.pocket_area, working_centre)
+        is_doubtful = values_at(intruders, working_centre) | (at_pocket & (balls.score < CLEAR_SCORE))
+        return balls.take(is_sure | ~is_doubtful)
 
-    def _balls(self, circles: Circles, foreground: BoolArray, frame: int) -> Found:
-        """Circles that are round, differ from the cloth and lie on the table."""
-        home = self._home(circles.centre, frame)
-        cover = _cover(foreground, home, self.view)
-        good = _at(self.view.centres, home) & (circles.support > LEAST_SUPPORT) & (cover > LEAST_COVER)
-        return without_overlaps(_of_circles(circles, cover).take(good), self.view.scene, frame)
+    def _accept_circles(self, circles: Circles, foreground: BoolArray, frame: int) -> FrameDetections:
+        """Accept circles that are round, differ from the cloth and are on the table."""
+        working_centre = self.view.frame_to_working(circles.centre, frame)
+        coverage = _disc_coverage(foreground, working_centre, self.view)
+        is_on_table = values_at(self.view.centre_area, working_centre)
+        is_good = is_on_table & (circles.support > MIN_SUPPORT) & (coverage > MIN_COVERAGE)
+        return suppress_overlaps(_circles_to_detections(circles, coverage).take(is_good), self.view.scene, frame)
 
-    def _intruders(self, found: Found, scan: Scan, frame: int) -> BoolArray:
-        """Shapes (h, w) that balls do not account for: hands and sleeves are larger than the discs on them."""
-        inside = (scan.foreground & self.view.centres & ~self.view.pockets).astype(np.uint8)
-        wide = cv2.morphologyEx(inside, cv2.MORPH_OPEN, disc_kernel(CUE_RADII * self.view.typical))
-        spare = wide & ~self._discs_drawn(self._home(found.centre, frame))
-        disc = np.pi * self.view.typical**2
-        restless = np.count_nonzero((spare > 0) & scan.moving)
-        if restless <= MOST_REST * disc and cv2.countNonZero(spare) <= MOST_STILL_REST * disc:
+    def _find_intruders(self, detections: FrameDetections, scan: ForegroundScan, frame: int) -> BoolArray:
+        """Find shapes (h, w) that balls do not account for: hands and sleeves are larger than the discs on them."""
+        inside = (scan.foreground & self.view.centre_area & ~self.view.pocket_area).astype(np.uint8)
+        wide = cv2.morphologyEx(inside, cv2.MORPH_OPEN, build_disc_kernel(CUE_RADII * self.view.median_radius))
+        spare = wide & ~self._draw_discs(self.view.frame_to_working(detections.centre, frame))
+        disc = np.pi * self.view.median_radius**2
+        moving_rest = np.count_nonzero((spare > 0) & scan.moving)
+        if moving_rest <= MAX_MOVING_REST * disc and cv2.countNonZero(spare) <= MAX_STILL_REST * disc:
             return np.zeros(wide.shape, dtype=bool)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(wide)
         rest = np.bincount(labels[spare > 0], minlength=count)
         moved = np.bincount(labels[(spare > 0) & scan.moving], minlength=count)
-        large = (moved > MOST_REST * disc) | (rest > MOST_STILL_REST * disc)
-        intruder = large & (rest > MOST_REST_SHARE * stats[:, cv2.CC_STAT_AREA])
+        large = (moved > MAX_MOVING_REST * disc) | (rest > MAX_STILL_REST * disc)
+        intruder = large & (rest > MAX_REST_SHARE * stats[:, cv2.CC_STAT_AREA])
         intruder[0] = False
         return np.asarray(intruder[labels] if intruder.any() else np.zeros(labels.shape, dtype=bool))
 
-    def _home(self, px: FloatArray, frame: int) -> FloatArray:
-        """Px (n, 2) of a frame to working px."""
-        return self.view.to_working(_moved_back(self.view.scene, px, frame))
-
-    def _beneath(self, home: FloatArray) -> FloatArray:
+    def _cloth_colour_at(self, working: FloatArray) -> FloatArray:
         """RGB (n, 3) of the empty table at working px (n, 2)."""
-        return np.asarray(_at(self.cloth.colour, home), dtype=np.float64)
+        return np.asarray(values_at(self.cloth.colour, working), dtype=np.float64)
 
-    def _discs_drawn(self, home: FloatArray) -> BoolArray:
-        """(h, w) working px within 1.15 radii of balls at working px (n, 2)."""
+    def _draw_discs(self, working_centre: FloatArray) -> BoolArray:
+        """Draw a mask (h, w) of balls at working px (n, 2)."""
         drawn = np.zeros(self.view.radius.shape, np.uint8)
-        for (x, y), r in zip(home, _at(self.view.radius, home), strict=True):
-            cv2.circle(drawn, (round(x * 16), round(y * 16)), round(1.15 * float(r) * 16), 1, -1, shift=4)
+        for (x, y), r in zip(working_centre, values_at(self.view.radius, working_centre), strict=True):
+            cv2.circle(drawn, (round(x * 16), round(y * 16)), round(DRAWN_RADII * float(r) * 16), 1, -1, shift=4)
         return np.asarray(drawn > 0)
 
-    def _swept(self, rgb: ByteArray, streaks: Streaks, discs: Found, frame: int) -> Found:
-        """Streaks in px of the picture, without short ones that a disc explains."""
-        ends = [self.view.to_picture(streaks.centre + side * streaks.vector / 2) for side in (-1, 1)]
-        first, last = (_moved(self.view.scene, end, frame) for end in ends)
-        rough = Streaks((first + last) / 2, last - first, streaks.radius / self.view.scale, streaks.fill)
+    def _detect_streaks(
+        self, rgb: ByteArray, candidates: StreakCandidates, discs: FrameDetections, frame: int
+    ) -> FrameDetections:
+        """Measure streaks in px of the frame, without short ones that a disc explains."""
+        ends = [self.view.to_reference(candidates.centre + side * candidates.displacement / 2) for side in (-1, 1)]
+        first, last = (self.view.reference_to_frame(end, frame) for end in ends)
+        radius = candidates.radius / self.view.scale
+        rough = StreakCandidates((first + last) / 2, last - first, radius, candidates.fill)
         fine = refine_streaks(rgb, rough, self.cloth.basis)
-        length = np.linalg.norm(fine.vector, axis=1)
+        length = np.linalg.norm(fine.displacement, axis=1)
         across = np.full(len(length), STREAK_SIGMA_PX)
         along = np.hypot(across, STREAK_SIGMA_SHARE * length)
-        swept = Found(fine.centre, fine.radius, fine.vector, fine.fill, across, along)
-        within = inside(discs.centre, swept)
-        beside = (
-            np.linalg.norm(discs.centre[None] - swept.centre[:, None], axis=-1) > BESIDE_RADII * swept.radius[:, None]
-        )
-        stretch = (length / swept.radius)[:, None]
-        # A whole outline that is not about the middle is a ball's, and the rest its shadow.
-        short = (discs.score > CLEAR_SCORE) & (stretch < CLEAR_STRETCH)
-        shadow = (discs.score > SURE_SCORE) & beside & (stretch < 2 * CLEAR_STRETCH)
-        explained = np.asarray((within & (short | shadow)).any(axis=1))
-        return swept.take(~explained)
+        streaks = FrameDetections(fine.centre, fine.radius, fine.displacement, fine.fill, across, along)
+        within = is_inside_streaks(discs.centre, streaks)
+        distance = np.linalg.norm(discs.centre[None] - streaks.centre[:, None], axis=-1)
+        is_off_centre = distance > OFF_CENTRE_RADII * streaks.radius[:, None]
+        relative_length = (length / streaks.radius)[:, None]
+        # A complete outline off the middle is that of a ball, and the rest of the streak is its shadow.
+        is_short = (discs.score > CLEAR_SCORE) & (relative_length < CLEAR_LENGTH_RADII)
+        is_shadow = (discs.score > SURE_SCORE) & is_off_centre & (relative_length < 2 * CLEAR_LENGTH_RADII)
+        return streaks.take(~(within & (is_short | is_shadow)).any(axis=1))
 
 
-def ball_finder(scene: Scene, pictures: Iterable[tuple[int, ByteArray]]) -> BallFinder:
-    """A finder for a scene that learns the cloth from (frame, picture (H, W, 3)) of the clip."""
-    view = view_of(scene)
-    return BallFinder(view, learn_cloth([view.picture(rgb, frame) for frame, rgb in pictures], view))
+def build_hough_detector(scene: Scene, images: Iterable[tuple[int, ByteArray]]) -> HoughDetector:
+    """Build a detector for a scene.
+
+    Args:
+        scene: Table and camera.
+        images: Frame number and image (H, W, 3) of some frames of the clip, from which the empty cloth is learnt.
+
+    Returns:
+        The detector.
+    """
+    view = build_view(scene)
+    return HoughDetector(view, learn_cloth_background([view.working_image(rgb, frame) for frame, rgb in images], view))
 
 
-def _moved(scene: Scene, px: FloatArray, frame: int) -> FloatArray:
-    motion = scene.camera.motion
-    return px if motion is None else apply_homography(motion[frame], px)
-
-
-def _moved_back(scene: Scene, px: FloatArray, frame: int) -> FloatArray:
-    motion = scene.camera.motion
-    return px if motion is None else apply_homography(np.linalg.inv(motion[frame]), px)
-
-
-def _at(mask: NDArray[Any], working: FloatArray) -> NDArray[Any]:
-    """Values (n,) of a picture at working px (n, 2)."""
-    h, w = mask.shape[:2]
-    u = np.clip(np.rint(working[..., 0]).astype(int), 0, w - 1)
-    v = np.clip(np.rint(working[..., 1]).astype(int), 0, h - 1)
-    return np.asarray(mask[v, u])
-
-
-def _ring(foreground: BoolArray, home: FloatArray, view: View) -> FloatArray:
+def _ring_coverage(foreground: BoolArray, working_centre: FloatArray, view: WorkingView) -> FloatArray:
     """Share (n,) of the ring around discs at working px (n, 2) that is not cloth."""
-    radius = _at(view.radius, home)
-    ring = home[:, None] + RING_RADII * radius[:, None, None] * DIRECTIONS
-    return np.asarray(_at(foreground, ring).mean(axis=1), dtype=np.float64)
+    radius = values_at(view.radius, working_centre)
+    ring = working_centre[:, None] + RING_RADII * radius[:, None, None] * DIRECTIONS
+    return np.asarray(values_at(foreground, ring).mean(axis=1), dtype=np.float64)
 
 
-def _cover(foreground: BoolArray, home: FloatArray, view: View) -> FloatArray:
-    radius = _at(view.radius, home)
-    return np.asarray(_at(foreground, home[:, None] + 0.85 * radius[:, None, None] * PLACES).mean(axis=1))
+def _disc_coverage(foreground: BoolArray, working_centre: FloatArray, view: WorkingView) -> FloatArray:
+    """Share (n,) of discs at working px (n, 2) that is not cloth."""
+    radius = values_at(view.radius, working_centre)
+    samples = working_centre[:, None] + SAMPLED_RADII * radius[:, None, None] * DISC_SAMPLES
+    return np.asarray(values_at(foreground, samples).mean(axis=1))
 
 
-def _of_circles(circles: Circles, cover: FloatArray) -> Found:
-    score = np.clip(circles.support, 0, 1) * np.minimum(cover / 0.85, 1.0)
+def _circles_to_detections(circles: Circles, coverage: FloatArray) -> FrameDetections:
+    score = np.clip(circles.support, 0, 1) * np.minimum(coverage / FULL_COVERAGE, 1.0)
     none = np.zeros_like(circles.centre)
-    return Found(circles.centre, circles.radius, none, score, circles.sigma, circles.sigma)
-
-
-def _as_detections(rgb: ByteArray, found: Found, frame: int) -> Detections:
-    coats = ball_coats(rgb, found.centre, found.radius)
-    frames = np.full(len(found.score), frame, dtype=np.int64)
-    score = np.clip(found.score, 0, 1)
-    return Detections(
-        frames, found.centre, found.radius, found.streak, coats.colour, coats.white, coats.white_rim, coats.value,
-        score, found.sigma, found.sigma_along,
-    )  # fmt: skip
+    return FrameDetections(circles.centre, circles.radius, none, score, circles.sigma, circles.sigma)

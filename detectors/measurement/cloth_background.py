@@ -1,8 +1,8 @@
-"""What the empty table looks like, and how far a picture differs from it.
+"""The colour of the empty table, and the difference of an image from it.
 
-Cloth is one colour under uneven light. A low polynomial over the table follows the light; markings, seams,
-projected lines and the shade along the cushions are taken from the median of a few pictures, because they are
-narrower than a ball. What is as wide as a ball (balls at rest) is not.
+Cloth has one colour under uneven light. A polynomial of low degree over the table models the light; markings, seams,
+projected lines and the shade along the cushions are taken from the median of a few images, because they are narrower
+than a ball. Structures as wide as a ball (balls at rest) are not.
 """
 
 from __future__ import annotations
@@ -13,124 +13,154 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detectors.measurement.working_view import View
+from detectors.measurement.working_view import WorkingView
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 
 SHADOW_WEIGHT = 0.5
-"""Share at which a darker shade of the cloth's own colour counts: mostly it is a shadow."""
-LEAST_DIFFERENCE = 15.0
-"""Grey levels (of 255) that differ by chance: coding, grain of the cloth."""
+"""Weight of differences towards darker shades of the cloth's own colour, which are mostly shadows."""
+MIN_DIFFERENCE_LEVELS = 15.0
+"""Least threshold, grey levels of 255: differences by video coding and the grain of the cloth."""
 NOISE_FACTOR = 5.0
+"""Threshold over the standard deviation of the cloth's pixels."""
 MARKING_RADII = 0.6
-"""Half width, in ball radii, below which a difference in the median picture is a marking of the cloth."""
+"""Half width, ball radii, below which a difference in the median image is a marking of the cloth."""
 NUMBER_RADII = 0.3
-"""Size, in ball radii, up to which what a ball encloses is part of it."""
-DEGREE = 4
+"""Radius, ball radii, up to which a region enclosed by a ball belongs to it, such as its number."""
+POLYNOMIAL_DEGREE = 4
+"""Degree of the polynomial of the cloth's colour over the table."""
 GRADUAL_LEVELS, GRADUAL_RADII = 45.0, 3.0
-"""Differences up to this many grey levels, smoothed over this many ball radii, are the light's."""
+"""Differences up to this many grey levels, smoothed over this many ball radii, are attributed to the light."""
 
-LEAST_PIVOT = 1e-9
-"""Added to the normal equations of the cloth's polynomial, whose diagonal is a count of pixels: they can be solved even
-where all cloth that is seen lies in a line."""
-WHOLE = (slice(None), slice(None))
+RIDGE = 1e-9
+"""Added to the diagonal of the normal equations of the polynomial, which is a count of pixels: they can be solved even
+if all visible cloth is in one line."""
+WHOLE_IMAGE = (slice(None), slice(None))
+"""Rows and columns of the whole image."""
 
 
 @dataclass(frozen=True, slots=True)
-class Cloth:
-    """The empty table in the working picture."""
+class ClothBackground:
+    """The empty table in the working image."""
 
     colour: Float32Array
     """(h, w, 3) RGB of the empty table, markings included."""
-    marked: NDArray[np.int64]
-    """(n,) flat places of the markings: a cue that lay there for long is taken for one, so plain cloth passes too."""
-    plain: Float32Array
+    marking_places: NDArray[np.int64]
+    """(n,) flat indices of the markings; plain cloth is accepted there too, as a cue that rested long looks like
+    one."""
+    plain_colour: Float32Array
     """(n, 3) RGB of the plain cloth there."""
-    plate: ByteArray
-    """(h, w, 3) RGB median of the pictures, balls at rest included."""
+    median_image: ByteArray
+    """(h, w, 3) RGB median of the images, balls at rest included."""
     basis: FloatArray
     """(3, 3) rows: two axes across the cloth's colour, one along it (brightness)."""
     threshold: float
     """Grey levels above which a pixel is not cloth."""
 
-    def contrast(self, working: ByteArray, part: tuple[slice, slice] = WHOLE) -> Float32Array:
-        """Signed differences (h, w, 3) from the empty table along `basis`, darker cloth weighed down.
+    def measure_contrast(self, working: ByteArray, part: tuple[slice, slice] = WHOLE_IMAGE) -> Float32Array:
+        """Measure the signed differences from the empty table along `basis`, with darker cloth weighted down.
 
-        Of a part of the picture, given by its rows and columns.
+        Args:
+            working: Working image (H, W, 3).
+            part: Rows and columns (h, w) to measure.
+
+        Returns:
+            Differences (h, w, 3), grey levels.
         """
-        found = self._weighed(cv2.subtract(working[part], self.colour[part], dtype=cv2.CV_32F))
-        y, x = np.divmod(self.marked, working.shape[1])
+        contrast = self._weight_shadows(cv2.subtract(working[part], self.colour[part], dtype=cv2.CV_32F))
+        y, x = np.divmod(self.marking_places, working.shape[1])
         (top, bottom, _), (left, right, _) = (s.indices(n) for s, n in zip(part, working.shape[:2], strict=True))
         within = (y >= top) & (y < bottom) & (x >= left) & (x < right)
         if not within.any():
-            return found
+            return contrast
         y, x = y[within], x[within]
-        plain = self._weighed((working[y, x] - self.plain[within])[None])[0]
-        marked = found[y - top, x - left]
+        plain = self._weight_shadows((working[y, x] - self.plain_colour[within])[None])[0]
+        marked = contrast[y - top, x - left]
         nearer = (plain**2).sum(axis=1, keepdims=True) < (marked**2).sum(axis=1, keepdims=True)
-        found[y - top, x - left] = np.where(nearer, plain, marked)
-        return found
+        contrast[y - top, x - left] = np.where(nearer, plain, marked)
+        return contrast
 
-    def _weighed(self, difference: Float32Array) -> Float32Array:
+    def _weight_shadows(self, difference: Float32Array) -> Float32Array:
         first, second, along = cv2.split(cv2.transform(difference, self.basis.astype(np.float32)))
         return np.asarray(cv2.merge((first, second, cv2.max(along, SHADOW_WEIGHT * along))), dtype=np.float32)
 
-    def unlike(self, working: ByteArray, row: IntArray, column: IntArray) -> Float32Array:
-        """How unlike the cloth (n,) some pixels of a picture are, markings not told apart, shadows weighed down."""
-        away = self._weighed((working[row, column] - self.colour[row, column])[None])[0]
+    def measure_difference(self, working: ByteArray, row: IntArray, column: IntArray) -> Float32Array:
+        """Measure the difference (n,) of single pixels from the cloth, grey levels, with shadows weighted down."""
+        away = self._weight_shadows((working[row, column] - self.colour[row, column])[None])[0]
         return np.asarray(np.sqrt((away**2).sum(axis=1)), dtype=np.float32)
 
-    def moved(self, working: ByteArray, part: tuple[slice, slice] = WHOLE) -> ByteArray:
-        """How far (h, w) a part of a picture differs from the median picture, grey levels."""
-        red, green, blue = cv2.split(cv2.absdiff(working[part], self.plate[part]))
+    def measure_movement(self, working: ByteArray, part: tuple[slice, slice] = WHOLE_IMAGE) -> ByteArray:
+        """Measure the difference (h, w) of a part of a working image from the median image, grey levels."""
+        red, green, blue = cv2.split(cv2.absdiff(working[part], self.median_image[part]))
         return np.asarray(cv2.max(cv2.max(red, green), blue), dtype=np.uint8)
 
 
-def learn_cloth(workings: list[ByteArray], view: View) -> Cloth:
-    """The empty table from a few working pictures (h, w, 3), one is enough."""
-    plate = np.median(np.stack(workings), axis=0).astype(np.float32)
-    smooth = _followed(plate, _smooth_cloth(plate, view), view)
-    basis = colour_basis(np.median(smooth[view.cloth], axis=0).astype(np.float64))
-    threshold = max(LEAST_DIFFERENCE, NOISE_FACTOR * _noise(plate, smooth, view))
+def learn_cloth_background(working_images: list[ByteArray], view: WorkingView) -> ClothBackground:
+    """Learn the colours of the empty table.
+
+    Args:
+        working_images: Working images (h, w, 3), at least one.
+        view: View of the table.
+
+    Returns:
+        The empty table.
+    """
+    plate = np.median(np.stack(working_images), axis=0).astype(np.float32)
+    smooth = _add_gradual_light(plate, _fit_cloth_polynomial(plate, view), view)
+    basis = build_colour_basis(np.median(smooth[view.cloth_area], axis=0).astype(np.float64))
+    threshold = max(MIN_DIFFERENCE_LEVELS, NOISE_FACTOR * _estimate_noise(plate, smooth, view))
     plate_bytes = np.asarray(np.rint(plate), dtype=np.uint8)
     none = np.empty(0, dtype=np.int64)
-    away = size(Cloth(smooth, none, smooth.reshape(-1, 3)[none], plate_bytes, basis, threshold).contrast(plate_bytes))
-    markings = (away > threshold) & view.area & ~_as_wide_as_balls(away > threshold, view)
+    away = contrast_strength(
+        ClothBackground(smooth, none, smooth.reshape(-1, 3)[none], plate_bytes, basis, threshold).measure_contrast(
+            plate_bytes
+        )
+    )
+    markings = (away > threshold) & view.ball_area & ~_is_as_wide_as_balls(away > threshold, view)
     marked = np.flatnonzero(markings)
     colour = np.where(markings[..., None], plate, smooth)
-    return Cloth(colour, marked, smooth.reshape(-1, 3)[marked], plate_bytes, basis, threshold)
+    return ClothBackground(colour, marked, smooth.reshape(-1, 3)[marked], plate_bytes, basis, threshold)
 
 
-def size(contrast: Float32Array) -> Float32Array:
-    """Length (h, w) of the differences (h, w, 3)."""
+def contrast_strength(contrast: Float32Array) -> Float32Array:
+    """Length of the differences of each pixel.
+
+    Args:
+        contrast: Differences (h, w, 3).
+
+    Returns:
+        Lengths (h, w).
+    """
     first, second, along = cv2.split(contrast)
     return np.asarray(cv2.magnitude(cv2.magnitude(first, second), along), dtype=np.float32)
 
 
-def colour_basis(rgb: FloatArray) -> FloatArray:
-    """Orthonormal rows (3, 3); the last one points along a colour (3,)."""
+def build_colour_basis(rgb: FloatArray) -> FloatArray:
+    """Build orthonormal rows (3, 3) of which the last one points along a colour (3,)."""
     along = rgb / max(float(np.linalg.norm(rgb)), 1e-9)
     _, _, rows = np.linalg.svd(along[None])
     return np.vstack([rows[1:], along])
 
 
-def _noise(plate: Float32Array, smooth: Float32Array, view: View) -> float:
-    """Standard deviation of cloth pixels about the smooth cloth, without the outliers."""
-    residual = (plate - smooth)[view.cloth]
+def _estimate_noise(plate: Float32Array, smooth: Float32Array, view: WorkingView) -> float:
+    """Estimate the standard deviation of cloth pixels about the smooth cloth, robust against outliers."""
+    residual = (plate - smooth)[view.cloth_area]
     return float(1.4826 * np.median(np.abs(residual - np.median(residual, axis=0))))
 
 
-def _smooth_cloth(plate: Float32Array, view: View) -> Float32Array:
-    """Polynomial (h, w, 3) of the cloth's colour, fitted to the pixels that have it."""
+def _fit_cloth_polynomial(plate: Float32Array, view: WorkingView) -> Float32Array:
+    """Fit a polynomial (h, w, 3) of the cloth's colour to the pixels that have it."""
     h, w = plate.shape[:2]
-    powers = np.arange(DEGREE + 1)
+    powers = np.arange(POLYNOMIAL_DEGREE + 1)
     across, down = (np.linspace(-1, 1, n)[:, None] ** powers for n in (w, h))
-    j, i = np.nonzero(powers[:, None] + powers <= DEGREE)
-    rows = np.flatnonzero(view.cloth.ravel())[:: max(1, int(view.cloth.sum() // 20000))]
+    j, i = np.nonzero(powers[:, None] + powers <= POLYNOMIAL_DEGREE)
+    rows = np.flatnonzero(view.cloth_area.ravel())[:: max(1, int(view.cloth_area.sum() // 20000))]
     design, colours = down[rows // w][:, j] * across[rows % w][:, i], plate.reshape(-1, 3)[rows].astype(np.float64)
-    keep = _cloth_coloured(colours, view.scene.cloth_lab)
+    keep = _is_cloth_coloured(colours, view.scene.cloth_lab)
     for _ in range(5):
-        kept = design[keep]  # normal equations: a tenth of the time, and the powers are all of size 1 at most
-        coefficients = np.linalg.solve(kept.T @ kept + LEAST_PIVOT * np.eye(len(j)), kept.T @ colours[keep])
+        kept_design = design[keep]  # normal equations: a tenth of the time, and the powers are all of size 1 at most
+        coefficients = np.linalg.solve(
+            kept_design.T @ kept_design + RIDGE * np.eye(len(j)), kept_design.T @ colours[keep]
+        )
         miss = np.linalg.norm(colours - design @ coefficients, axis=1)
         keep = miss < max(3.0 * 1.4826 * float(np.median(miss[keep])), 6.0)
     table = np.zeros((len(powers), len(powers), 3))
@@ -139,8 +169,8 @@ def _smooth_cloth(plate: Float32Array, view: View) -> Float32Array:
     return np.asarray(np.clip(np.stack(surface, axis=-1), 0, 255), dtype=np.float32)
 
 
-def _cloth_coloured(colours: FloatArray, cloth_lab: FloatArray) -> BoolArray:
-    """Which colours (n, 3) are near the cloth's; the nearest half where few are."""
+def _is_cloth_coloured(colours: FloatArray, cloth_lab: FloatArray) -> BoolArray:
+    """Which colours (n, 3) are near the cloth's; the nearest half if few are."""
     lab = cv2.cvtColor((colours[None] / 255).astype(np.float32), cv2.COLOR_RGB2LAB)[0]
     # Light differs over a table, hue does not: lightness counts a third.
     distance = np.linalg.norm((lab - cloth_lab) * np.array([0.33, 1.0, 1.0]), axis=1)
@@ -148,29 +178,36 @@ def _cloth_coloured(colours: FloatArray, cloth_lab: FloatArray) -> BoolArray:
     return near
 
 
-def _followed(plate: Float32Array, smooth: Float32Array, view: View) -> Float32Array:
-    """The smooth cloth (h, w, 3), with what changes over many radii and no polynomial follows, such as lamps."""
+def _add_gradual_light(plate: Float32Array, smooth: Float32Array, view: WorkingView) -> Float32Array:
+    """Add changes over many radii that no polynomial models, such as lamps, to the smooth cloth (h, w, 3)."""
     residual = plate - smooth
     level = cv2.magnitude(cv2.magnitude(residual[..., 0], residual[..., 1]), residual[..., 2])
-    weight = (view.cloth & (level < GRADUAL_LEVELS)).astype(np.float32)
-    sigma = GRADUAL_RADII * view.typical
+    weight = (view.cloth_area & (level < GRADUAL_LEVELS)).astype(np.float32)
+    sigma = GRADUAL_RADII * view.median_radius
     total = cv2.GaussianBlur(weight, (0, 0), sigma)[..., None]
     gradual = cv2.GaussianBlur(residual * weight[..., None], (0, 0), sigma) / (total + 0.02)
     return np.asarray(np.clip(smooth + gradual, 0, 255), dtype=np.float32)
 
 
-def _as_wide_as_balls(away: BoolArray, view: View) -> BoolArray:
-    """Where a difference is as wide as a ball, with its surroundings."""
+def _is_as_wide_as_balls(away: BoolArray, view: WorkingView) -> BoolArray:
+    """Where (h, w) a difference is as wide as a ball, with its surroundings."""
     # The number of a ball may have the colour of the cloth.
     _, labels, stats, _ = cv2.connectedComponentsWithStats((~away).astype(np.uint8), connectivity=4)
-    small = stats[:, cv2.CC_STAT_AREA] < np.pi * (NUMBER_RADII * view.typical) ** 2
-    whole = ((away | small[labels]) & view.area).astype(np.uint8)
-    kernel = disc_kernel(MARKING_RADII * view.typical)
+    small = stats[:, cv2.CC_STAT_AREA] < np.pi * (NUMBER_RADII * view.median_radius) ** 2
+    whole = ((away | small[labels]) & view.ball_area).astype(np.uint8)
+    kernel = build_disc_kernel(MARKING_RADII * view.median_radius)
     opened = cv2.morphologyEx(whole, cv2.MORPH_OPEN, kernel)
     return np.asarray(cv2.dilate(opened, kernel) > 0)
 
 
-def disc_kernel(radius: float) -> ByteArray:
-    """Structuring element of a radius in px, at least 1."""
+def build_disc_kernel(radius: float) -> ByteArray:
+    """Build a round structuring element.
+
+    Args:
+        radius: Radius, px; at least 1 is used.
+
+    Returns:
+        Mask (n, n) of 0 and 1, n odd.
+    """
     n = 2 * max(1, round(radius)) + 1
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (n, n)), dtype=np.uint8)

@@ -1,24 +1,27 @@
-"""Balls found in one picture, and what of them cannot stand beside each other."""
+"""Balls detected in one frame, and non-maximum suppression among those that cannot all be there."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from detectors.measurement.array_columns import concatenate_rows, take_rows
+from detectors.measurement.ball_colour import measure_ball_colours
+from models.core.detections import Detections
 from models.core.scene import Scene
-from models.core.typing import BoolArray, FloatArray
+from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray
 
-APART_RADII = 1.75
-"""Two balls are at least two radii apart on the table; less than this, with the errors, and one of them is none."""
-APART_SEEN_RADII = 0.9
-"""The same in the picture, where one ball may hide part of another."""
+MIN_TABLE_DISTANCE_RADII = 1.75
+"""Least distance of two balls on the table: two radii less the errors. Nearer than this, one of them is a false
+positive."""
+MIN_IMAGE_DISTANCE_RADII = 0.9
+"""The same in the image, where one ball may hide part of another."""
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """Balls in one picture, columns as in `Detections`, px of that picture."""
+class FrameDetections:
+    """Balls in one frame; columns as in `Detections`, px of that frame."""
 
     centre: FloatArray
     radius: FloatArray
@@ -27,48 +30,108 @@ class Found:
     sigma: FloatArray
     sigma_along: FloatArray
 
-    def take(self, rows: NDArray[np.int64] | BoolArray) -> Found:
-        """Some of the rows."""
-        return Found(*(getattr(self, name)[rows] for name in self.__slots__))
+    def __len__(self) -> int:
+        return len(self.score)
+
+    def take(self, rows: IntArray | BoolArray) -> FrameDetections:
+        """Select rows."""
+        return take_rows(self, rows)
 
 
-NO_BALLS = Found(np.empty((0, 2)), np.empty(0), np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
+NO_BALLS = FrameDetections(np.empty((0, 2)), np.empty(0), np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
 
 
-def joined(discs: Found, streaks: Found) -> Found:
-    """Discs outside the streaks, and the streaks first."""
-    return chained(streaks, discs.take(~np.asarray(inside(discs.centre, streaks).any(axis=0))))
+def merge_discs_and_streaks(discs: FrameDetections, streaks: FrameDetections) -> FrameDetections:
+    """Merge streaks, first, and the discs outside them.
+
+    Args:
+        discs: Balls at rest.
+        streaks: Moving balls.
+
+    Returns:
+        The streaks, then the discs.
+    """
+    is_outside = np.asarray(~is_inside_streaks(discs.centre, streaks).any(axis=0))
+    return concatenate_rows([streaks, discs.take(is_outside)])
 
 
-def chained(first: Found, second: Found) -> Found:
-    return Found(*(np.concatenate([getattr(first, n), getattr(second, n)]) for n in Found.__slots__))
+def is_inside_streaks(points: FloatArray, streaks: FrameDetections) -> BoolArray:
+    """Test which points are covered by streaks.
 
+    Args:
+        points: Points (n, 2) px.
+        streaks: K streaks; balls at rest count as discs.
 
-def inside(points: FloatArray, streaks: Found) -> BoolArray:
-    """Whether points (n, 2) lie in streaks: (K, n)."""
+    Returns:
+        Mask (K, n).
+    """
     length = np.maximum(np.linalg.norm(streaks.streak, axis=1), 1e-9)
     unit = streaks.streak / length[:, None]
-    at = points[None] - streaks.centre[:, None]
-    along = np.clip(np.einsum("kni,ki->kn", at, unit), -length[:, None] / 2, length[:, None] / 2)
-    beside = np.linalg.norm(at - along[..., None] * unit[:, None], axis=-1)
-    return np.asarray(beside < streaks.radius[:, None])
+    offset = points[None] - streaks.centre[:, None]
+    along = np.clip(np.einsum("kni,ki->kn", offset, unit), -length[:, None] / 2, length[:, None] / 2)
+    distance = np.linalg.norm(offset - along[..., None] * unit[:, None], axis=-1)
+    return np.asarray(distance < streaks.radius[:, None])
 
 
-def without_overlaps(found: Found, scene: Scene, frame: int) -> Found:
-    """The best ones of rivals: of those that cannot stand beside each other."""
+def suppress_overlaps(detections: FrameDetections, scene: Scene, frame: int) -> FrameDetections:
+    """Remove detections that cannot be there together with a better one.
+
+    Args:
+        detections: N balls of the frame.
+        scene: Table and camera.
+        frame: Number of the frame.
+
+    Returns:
+        The remaining balls, the best first.
+    """
     radius = scene.table.ball_radius
-    xy = scene.camera.to_table(found.centre, radius, frame)
-    apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1) > APART_RADII * radius
-    seen = np.linalg.norm(found.centre[:, None] - found.centre[None], axis=-1)
-    apart &= seen > APART_SEEN_RADII * found.radius[:, None]
-    return found.take(best_first(found, apart))
+    xy = scene.camera.to_table(detections.centre, radius, frame)
+    is_apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1) > MIN_TABLE_DISTANCE_RADII * radius
+    image_distance = np.linalg.norm(detections.centre[:, None] - detections.centre[None], axis=-1)
+    is_apart &= image_distance > MIN_IMAGE_DISTANCE_RADII * detections.radius[:, None]
+    return detections.take(select_compatible(detections, is_apart))
 
 
-def best_first(found: Found, possible: BoolArray) -> NDArray[np.int64]:
-    """Rows of balls, streaks and what is likelier first, of which `possible` (N, N) says that each two can be."""
-    kept: list[int] = []
-    streaked = np.linalg.norm(found.streak, axis=1) > 0
-    for row in np.lexsort((-found.score, ~streaked)).tolist():
-        if possible[row, kept].all():
-            kept.append(row)
-    return np.array(kept, dtype=np.int64)
+def select_compatible(detections: FrameDetections, is_compatible: BoolArray) -> IntArray:
+    """Select pairwise compatible balls greedily: streaks first, then by confidence score.
+
+    Args:
+        detections: N balls.
+        is_compatible: Mask (N, N) of pairs that can both be there.
+
+    Returns:
+        Rows (n,) in the order of selection.
+    """
+    rows: list[int] = []
+    has_streak = np.linalg.norm(detections.streak, axis=1) > 0
+    for row in np.lexsort((-detections.score, ~has_streak)).tolist():
+        if is_compatible[row, rows].all():
+            rows.append(row)
+    return np.array(rows, dtype=np.int64)
+
+
+def add_colours(rgb: ByteArray, detections: FrameDetections, frame: int) -> Detections:
+    """Measure the colours of balls and number their frame.
+
+    Args:
+        rgb: Image (H, W, 3) of the frame.
+        detections: K balls.
+        frame: Number of the frame.
+
+    Returns:
+        The balls with colours, and scores clipped to [0, 1].
+    """
+    colours = measure_ball_colours(rgb, detections.centre, detections.radius)
+    return Detections(
+        np.full(len(detections), frame, dtype=np.int64),
+        detections.centre,
+        detections.radius,
+        detections.streak,
+        colours.colour,
+        colours.white,
+        colours.white_rim,
+        colours.value,
+        np.clip(detections.score, 0, 1),
+        detections.sigma,
+        detections.sigma_along,
+    )

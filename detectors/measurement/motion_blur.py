@@ -1,8 +1,9 @@
-"""A fast ball as the camera adds it up: the share of the exposure for which a moving disc covers each pixel.
+"""Motion-blur model of a fast ball: the share of the exposure for which a moving disc covers each pixel.
 
 A pixel that the disc covers for a share a of the exposure shows (1 - a) of the cloth and a of the ball. For a disc of
-the predicted size that goes from one place to another this share is known in closed form, ends included; place, way and
-the two colours follow by least squares (variable projection: Golub and Pereyra 1973, doi:10.1137/0710036).
+the predicted size that moves from one place to another this share has a closed form, ends included; centre,
+displacement and the two colours follow by least squares (variable projection: Golub and Pereyra 1973,
+doi:10.1137/0710036).
 """
 
 from __future__ import annotations
@@ -14,182 +15,215 @@ from itertools import product
 import cv2
 import numpy as np
 
-from detectors.measurement.circle_fit import weighed
+from detectors.measurement.circle_fit import build_shadow_weighted_basis
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
-WAYS_RADII = np.array([0.0, 0.8, 1.6, 2.6, 3.8, 5.2, 6.8])
-"""Lengths that are tried, ball radii."""
-DIRECTIONS_TRIED = 12
-ALONG_TRIED = np.array([-0.45, -0.22, 0.0, 0.22, 0.45])
-"""Where on its streak a ball may have been seen, share of the length from the middle."""
-BESIDE_TRIED = np.array([-0.35, 0.0, 0.35])
+TRIAL_LENGTHS_RADII = np.array([0.0, 0.8, 1.6, 2.6, 3.8, 5.2, 6.8])
+"""Lengths of the trial displacements, ball radii."""
+TRIAL_DIRECTIONS = 12
+"""Number of directions of the trial displacements."""
+TRIAL_ALONG_SHARES = np.array([-0.45, -0.22, 0.0, 0.22, 0.45])
+"""Positions of the middle of a trial streak along it, from the rough position, shares of the length."""
+TRIAL_ACROSS_RADII = np.array([-0.35, 0.0, 0.35])
 """The same across it, ball radii."""
 REACH_RADII = 6.0
-"""How far from where a ball was seen its streak is looked for."""
-COARSE_RADII = 0.3
-"""Spacing of the pixels that are looked at first, ball radii."""
-FINE_RADII = 0.12
-"""The same for those that the streak is fitted to, where it is more than one px."""
+"""Reach of the search about the rough position, ball radii."""
+COARSE_SPACING_RADII = 0.3
+"""Spacing of the samples of the search, ball radii."""
+FINE_SPACING_RADII = 0.12
+"""Spacing of the samples of the fit, ball radii, but at least one px."""
 MARGIN_RADII = 1.0
-"""Cloth that is looked at about a streak, ball radii."""
-KEPT_OFF_RADII = 1.15
-"""About other balls the picture is left out."""
-SOFTENED, BLUR_PX = np.array([-1.0, 0.0, 1.0]), 0.75
-"""Radii that are averaged, from the ball's, in units of the blur of lens and coding."""
-LEAST_PIXELS = 60
-LEAST_GAIN = 1.1
-"""Contrast that a way must explain, over what a ball at rest does, for it to be looked at closely."""
-TURNS = 10
-HUBER = 2.0
-"""Root mean square misses from which a pixel counts less."""
-HOPELESS_LEFT = 0.5
-"""Share of the contrast left by the rough streak from which it is not looked at closely."""
-MOST_LEFT, MOST_OF_REST = 0.15, 0.5
-"""Share of the contrast that a streak may leave, of all and of what a ball at rest leaves."""
-WAY_BAND = (0.8, 7.5)
-"""Ways, ball radii, that are believed."""
+"""Margin of cloth about a streak, ball radii."""
+OCCLUDER_RADII = 1.15
+"""Radius within which samples on other balls are excluded, their radii."""
+BLUR_OFFSETS, BLUR_PX = np.array([-1.0, 0.0, 1.0]), 0.75
+"""Offsets of the radii that are averaged, in units of the blur, and the blur by lens and coding."""
+MIN_PIXELS = 60
+"""Least number of samples for a search or a fit."""
+MIN_GAIN = 1.1
+"""Contrast that the best displacement must explain, over that of a ball at rest, for a fit."""
+MAX_ITERATIONS = 10
+"""Iterations of the fit (Levenberg-Marquardt)."""
+HUBER_THRESHOLD = 2.0
+"""Residual, over the root mean square residual, from which a sample is weighted down."""
+MAX_ROUGH_RESIDUAL_SHARE = 0.5
+"""Share of the contrast that the rough streak may leave unexplained for a fit."""
+MAX_RESIDUAL_SHARE, MAX_SHARE_OF_REST = 0.15, 0.5
+"""Share of the contrast that a streak may leave unexplained: of all, and of that which a ball at rest leaves."""
+LENGTH_LIMITS_RADII = (0.8, 7.5)
+"""Limits of the length of a streak, ball radii."""
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
-    """A streak in the picture, px."""
+class MotionBlurFit:
+    """The motion-blur model fitted to one ball, px."""
 
     centre: FloatArray
     """(2,) of the ball at mid-exposure."""
-    way: FloatArray
-    """(2,) travelled during the exposure, sign unknown."""
-    left: float
-    """Squared miss of the picture, over that of bare cloth."""
-    left_at_rest: float
+    displacement: FloatArray
+    """(2,) moved during the exposure, sign unknown."""
+    residual_share: float
+    """Sum of the squared residuals, over that of bare cloth."""
+    residual_share_at_rest: float
     """The same for a ball at rest."""
 
-    def believed(self, radius: float) -> bool:
-        """Whether a ball of a radius, px, that moves explains the picture, and one at rest does not."""
-        way = float(np.linalg.norm(self.way)) / radius
-        clear = self.left < MOST_LEFT and self.left < MOST_OF_REST * self.left_at_rest
-        return clear and WAY_BAND[0] < way < WAY_BAND[1]
+    def is_streak(self, radius: float) -> bool:
+        """Whether a moving ball of a radius, px, explains the image, and one at rest does not."""
+        length = float(np.linalg.norm(self.displacement)) / radius
+        clear = (
+            self.residual_share < MAX_RESIDUAL_SHARE
+            and self.residual_share < MAX_SHARE_OF_REST * self.residual_share_at_rest
+        )
+        return clear and LENGTH_LIMITS_RADII[0] < length < LENGTH_LIMITS_RADII[1]
 
 
-def share_covered(
-    at: FloatArray, centre: FloatArray, way: FloatArray, radius: float, blur: float = BLUR_PX
+def exposure_share(
+    at: FloatArray, centre: FloatArray, displacement: FloatArray, radius: float, blur: float = BLUR_PX
 ) -> FloatArray:
-    """Share (...) of the exposure for which a disc, its rim as soft as `blur`, covers places (..., 2)."""
-    length = max(float(np.linalg.norm(way)), 1e-6)
-    unit = way / length
+    """Share of the exposure for which a moving disc covers each place.
+
+    Args:
+        at: Places (..., 2) px.
+        centre: Centre of the disc at mid-exposure (2,) px.
+        displacement: Displacement during the exposure (2,) px.
+        radius: Radius of the disc, px.
+        blur: Blur of its rim, px.
+
+    Returns:
+        Shares (...) in [0, 1].
+    """
+    length = max(float(np.linalg.norm(displacement)), 1e-6)
+    unit = displacement / length
     off = at - centre
     ahead = off @ unit
     beside = off[..., 1] * unit[0] - off[..., 0] * unit[1]
     total = np.zeros(ahead.shape)
-    for soft in SOFTENED:
+    for soft in BLUR_OFFSETS:
         chord = np.sqrt(np.maximum((radius + soft * blur) ** 2 - beside**2, 0))
         low = np.maximum(ahead - chord, -length / 2)
         high = np.minimum(ahead + chord, length / 2)
         total += np.clip(high - low, 0, None) / length
-    return np.asarray(total / len(SOFTENED))
+    return np.asarray(total / len(BLUR_OFFSETS))
 
 
-def fitted_sweep(
+def fit_motion_blur(
     rgb: ByteArray,
-    seen: FloatArray,
+    start: FloatArray,
     radius: float,
     others: FloatArray,
     other_radii: FloatArray,
     basis: FloatArray,
-    way: FloatArray | None = None,
-) -> Sweep | None:
-    """The streak about a place (2,) px where a ball was seen; None where there is too little picture.
+    displacement: FloatArray | None = None,
+) -> MotionBlurFit | None:
+    """Fit the motion-blur model to the image about a rough position.
 
-    Other balls, centres (n, 2) and radii (n,) px, are left out. Many ways are tried unless one, (2,) px, is given.
+    Args:
+        rgb: Image (H, W, 3).
+        start: Rough position of the ball (2,) px.
+        radius: Radius of the ball, px.
+        others: Centres (n, 2) px of other balls, whose pixels are excluded.
+        other_radii: Their radii (n,) px.
+        basis: Basis (3, 3) of the cloth's colours.
+        displacement: Rough displacement (2,) px; many are tried if None.
+
+    Returns:
+        The fit; None if too few pixels are visible or no displacement explains the image much better than rest.
     """
-    rough = _rough(rgb, seen, radius, others, other_radii, basis) if way is None else (seen, way, seen)
+    rough = (
+        _search_displacements(rgb, start, radius, others, other_radii, basis)
+        if displacement is None
+        else (start, displacement, start)
+    )
     if rough is None:
         return None
-    centre, way, rest = rough
-    reach = np.abs(way) / 2 + (1 + MARGIN_RADII) * radius
-    at = _grid(rgb, centre - reach, centre + reach, max(1.0, FINE_RADII * radius))
-    at = at[_near(at, centre, way, (1 + MARGIN_RADII) * radius)]
-    at = at[_bare(at, others, other_radii)]
-    if len(at) < LEAST_PIXELS:
+    centre, displacement, rest = rough
+    reach = np.abs(displacement) / 2 + (1 + MARGIN_RADII) * radius
+    at = _pixel_grid(rgb, centre - reach, centre + reach, max(1.0, FINE_SPACING_RADII * radius))
+    at = at[_is_near_streak(at, centre, displacement, (1 + MARGIN_RADII) * radius)]
+    at = at[_is_unoccluded(at, others, other_radii)]
+    if len(at) < MIN_PIXELS:
         return None
-    colours = _colours(rgb, at, basis)
-    place = np.concatenate([centre, way])
+    colours = _sample_colours(rgb, at, basis)
+    parameters = np.concatenate([centre, displacement])
     damping, best = 1e-2, np.inf
-    miss = _miss(place, at, colours, radius)
-    bare = max(float(((colours - np.median(colours, axis=0)) ** 2).sum()), 1e-9)
-    if (miss**2).sum() > HOPELESS_LEFT * bare:
+    residuals = _colour_residuals(parameters, at, colours, radius)
+    bare_cloth_square = max(float(((colours - np.median(colours, axis=0)) ** 2).sum()), 1e-9)
+    if (residuals**2).sum() > MAX_ROUGH_RESIDUAL_SHARE * bare_cloth_square:
         return None
-    for _ in range(TURNS):
-        size = np.linalg.norm(miss, axis=1)
-        weights = np.minimum(1.0, HUBER * np.sqrt((size**2).mean()) / np.maximum(size, 1e-9))
-        best = float((weights[:, None] * miss**2).sum())
-        slopes = _slopes(place, at, colours, radius, miss)
-        normal = np.einsum("n,nci,ncj->ij", weights, slopes, slopes)
-        right = -np.einsum("n,nci,nc->i", weights, slopes, miss)
+    for _ in range(MAX_ITERATIONS):
+        size = np.linalg.norm(residuals, axis=1)
+        weights = np.minimum(1.0, HUBER_THRESHOLD * np.sqrt((size**2).mean()) / np.maximum(size, 1e-9))
+        best = float((weights[:, None] * residuals**2).sum())
+        jacobian = _residual_jacobian(parameters, at, colours, radius, residuals)
+        normal = np.einsum("n,nci,ncj->ij", weights, jacobian, jacobian)
+        right = -np.einsum("n,nci,nc->i", weights, jacobian, residuals)
         for _ in range(5):
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), right)
-            trial = place + np.clip(step, -radius, radius)
-            other = _miss(trial, at, colours, radius)
+            trial = parameters + np.clip(step, -radius, radius)
+            other = _colour_residuals(trial, at, colours, radius)
             if float((weights[:, None] * other**2).sum()) < best:
-                place, miss, damping = trial, other, damping / 3
+                parameters, residuals, damping = trial, other, damping / 3
                 break
             damping *= 4
         else:
             break
         if np.abs(step).max() < 0.01:
             break
-    resting = _miss(np.append(rest, [1e-3, 0.0]), at, colours, radius)
-    left = float((miss**2).sum()) / bare
-    return Sweep(place[:2], place[2:], left, float((resting**2).sum()) / bare)
+    resting_residuals = _colour_residuals(np.append(rest, [1e-3, 0.0]), at, colours, radius)
+    residual_share = float((residuals**2).sum()) / bare_cloth_square
+    return MotionBlurFit(
+        parameters[:2], parameters[2:], residual_share, float((resting_residuals**2).sum()) / bare_cloth_square
+    )
 
 
-def _rough(
-    rgb: ByteArray, seen: FloatArray, radius: float, others: FloatArray, other_radii: FloatArray, basis: FloatArray
+def _search_displacements(
+    rgb: ByteArray, start: FloatArray, radius: float, others: FloatArray, other_radii: FloatArray, basis: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Best of many places and ways, and the best place of a ball at rest; None where no way explains much more."""
-    lattice, tried, shares, squares = _templates()
-    at = seen + radius * lattice
+    """Search the best centre and displacement, and centre at rest; None if no displacement explains much more."""
+    lattice, trials, shares, squares = _build_templates()
+    at = start + radius * lattice
     inside = ((at >= 0) & (at <= np.array(rgb.shape[1::-1]) - 1)).all(axis=1)
-    free = inside & _bare(at, others, other_radii)
-    if free.sum() < LEAST_PIXELS:
+    is_free = inside & _is_unoccluded(at, others, other_radii)
+    if is_free.sum() < MIN_PIXELS:
         return None
-    colours = _colours(rgb, at, basis)
-    away = np.where(free[:, None], colours - np.median(colours[free], axis=0), 0.0).astype(np.float32)
-    covered = squares @ free.astype(np.float32)
-    gained = ((shares @ away) ** 2).sum(axis=1) / np.maximum(covered, 1.0)
-    resting = np.linalg.norm(tried[:, 2:], axis=1) < 1e-3
-    best, rest = int(np.argmax(gained)), int(np.argmax(np.where(resting, gained, 0.0)))
-    if gained[best] < LEAST_GAIN * gained[rest]:
+    colours = _sample_colours(rgb, at, basis)
+    contrast = np.where(is_free[:, None], colours - np.median(colours[is_free], axis=0), 0.0).astype(np.float32)
+    covered = squares @ is_free.astype(np.float32)
+    explained = ((shares @ contrast) ** 2).sum(axis=1) / np.maximum(covered, 1.0)
+    resting = np.linalg.norm(trials[:, 2:], axis=1) < 1e-3
+    best, rest = int(np.argmax(explained)), int(np.argmax(np.where(resting, explained, 0.0)))
+    if explained[best] < MIN_GAIN * explained[rest]:
         return None
-    return seen + radius * tried[best, :2], radius * tried[best, 2:], seen + radius * tried[rest, :2]
+    return start + radius * trials[best, :2], radius * trials[best, 2:], start + radius * trials[rest, :2]
 
 
 @lru_cache(maxsize=1)
-def _templates() -> tuple[FloatArray, FloatArray, Float32Array, Float32Array]:
-    """Pixels (n, 2), places and ways (m, 4), in ball radii about where a ball was seen; shares (m, n), and squared."""
-    side = np.arange(-REACH_RADII, REACH_RADII + 1e-9, COARSE_RADII)
+def _build_templates() -> tuple[FloatArray, FloatArray, Float32Array, Float32Array]:
+    """Build samples (n, 2) and trials (m, 4), ball radii, and exposure shares (m, n), plain and squared."""
+    side = np.arange(-REACH_RADII, REACH_RADII + 1e-9, COARSE_SPACING_RADII)
     lattice = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     lattice = lattice[np.linalg.norm(lattice, axis=1) <= REACH_RADII]
-    angles = np.arange(DIRECTIONS_TRIED) * np.pi / DIRECTIONS_TRIED
+    angles = np.arange(TRIAL_DIRECTIONS) * np.pi / TRIAL_DIRECTIONS
     rows = [
-        _tried(np.array([np.cos(angle), np.sin(angle)]), length, along, beside)
-        for angle, length, along, beside in product(angles, WAYS_RADII, ALONG_TRIED, BESIDE_TRIED)
+        _build_trial(np.array([np.cos(angle), np.sin(angle)]), length, along, beside)
+        for angle, length, along, beside in product(angles, TRIAL_LENGTHS_RADII, TRIAL_ALONG_SHARES, TRIAL_ACROSS_RADII)
     ]
-    tried = np.array(rows)
-    shares = np.array([share_covered(lattice, row[:2], row[2:], 1.0, 0.1) for row in tried], dtype=np.float32)
-    return lattice, tried, shares, shares**2
+    trials = np.array(rows)
+    shares = np.array([exposure_share(lattice, row[:2], row[2:], 1.0, 0.1) for row in trials], dtype=np.float32)
+    return lattice, trials, shares, shares**2
 
 
-def _tried(unit: FloatArray, length: float, along: float, beside: float) -> FloatArray:
-    """Place and way (4,), ball radii, of a streak in a direction (2,)."""
+def _build_trial(unit: FloatArray, length: float, along: float, beside: float) -> FloatArray:
+    """Build centre and displacement (4,), ball radii, of a trial streak in a direction (2,)."""
     side = np.array([-unit[1], unit[0]])
     return np.concatenate([along * max(length, 1.0) * unit + beside * side, max(length, 1e-4) * unit])
 
 
-def _miss(place: FloatArray, at: FloatArray, colours: FloatArray, radius: float) -> FloatArray:
-    """What (n, 3) the best colours of cloth and ball leave of the picture."""
-    share = share_covered(at, place[:2], place[2:], radius)
-    unit = place[2:] / max(float(np.linalg.norm(place[2:])), 1e-9)
-    off = at - place[:2]
+def _colour_residuals(parameters: FloatArray, at: FloatArray, colours: FloatArray, radius: float) -> FloatArray:
+    """Residuals (n, 3) of the image with the best colours of cloth and ball."""
+    share = exposure_share(at, parameters[:2], parameters[2:], radius)
+    unit = parameters[2:] / max(float(np.linalg.norm(parameters[2:])), 1e-9)
+    off = at - parameters[:2]
     beside = (off[:, 1] * unit[0] - off[:, 0] * unit[1]) / radius
     # Cloth, ball, and a ball that is lighter on one side.
     design = np.column_stack([np.ones(len(at)), share, share * beside])
@@ -197,36 +231,42 @@ def _miss(place: FloatArray, at: FloatArray, colours: FloatArray, radius: float)
     return np.asarray(colours - design @ answer)
 
 
-def _slopes(place: FloatArray, at: FloatArray, colours: FloatArray, radius: float, miss: FloatArray) -> FloatArray:
-    """Change (n, 3, 4) of the misses with place and way."""
+def _residual_jacobian(
+    parameters: FloatArray, at: FloatArray, colours: FloatArray, radius: float, residuals: FloatArray
+) -> FloatArray:
+    """Derivatives (n, 3, 4) of the residuals by centre and displacement, by finite differences."""
     step = 0.25
-    return np.stack([(_miss(place + step * e, at, colours, radius) - miss) / step for e in np.eye(4)], axis=2)
+    return np.stack(
+        [(_colour_residuals(parameters + step * e, at, colours, radius) - residuals) / step for e in np.eye(4)], axis=2
+    )
 
 
-def _grid(rgb: ByteArray, low: FloatArray, high: FloatArray, step: float) -> FloatArray:
-    """Px (n, 2) of the picture between two corners."""
+def _pixel_grid(rgb: ByteArray, low: FloatArray, high: FloatArray, step: float) -> FloatArray:
+    """Samples (n, 2) px of the image between two corners."""
     limit = np.array(rgb.shape[1::-1]) - 1.0
     low, high = np.clip(low, 0, limit), np.clip(high, 0, limit)
     x, y = np.meshgrid(np.arange(low[0], high[0] + 1e-9, step), np.arange(low[1], high[1] + 1e-9, step))
     return np.column_stack([x.ravel(), y.ravel()])
 
 
-def _near(at: FloatArray, centre: FloatArray, way: FloatArray, reach: float) -> BoolArray:
-    """Which px (n, 2) lie within a reach of a streak."""
-    share = np.clip((at - centre) @ way / max(float(way @ way), 1e-9), -0.5, 0.5)
-    return np.asarray(np.linalg.norm(at - centre - share[:, None] * way, axis=1) <= reach)
+def _is_near_streak(at: FloatArray, centre: FloatArray, displacement: FloatArray, reach: float) -> BoolArray:
+    """Which px (n, 2) are within a reach of a streak."""
+    share = np.clip((at - centre) @ displacement / max(float(displacement @ displacement), 1e-9), -0.5, 0.5)
+    return np.asarray(np.linalg.norm(at - centre - share[:, None] * displacement, axis=1) <= reach)
 
 
-def _bare(at: FloatArray, others: FloatArray, radii: FloatArray) -> BoolArray:
-    """Which px (n, 2) lie off other balls."""
+def _is_unoccluded(at: FloatArray, others: FloatArray, radii: FloatArray) -> BoolArray:
+    """Which px (n, 2) are not covered by other balls."""
     if not len(others):
         return np.ones(len(at), dtype=bool)
     apart = np.linalg.norm(at[:, None] - others[None], axis=-1)
-    return np.asarray((apart > KEPT_OFF_RADII * radii).all(axis=1))
+    return np.asarray((apart > OCCLUDER_RADII * radii).all(axis=1))
 
 
-def _colours(rgb: ByteArray, at: FloatArray, basis: FloatArray) -> FloatArray:
-    """Colours (n, 3) at px (n, 2), in the cloth's basis with brightness weighed down."""
+def _sample_colours(rgb: ByteArray, at: FloatArray, basis: FloatArray) -> FloatArray:
+    """Sample the colours (n, 3) at px (n, 2), in the cloth's basis with brightness weighted down."""
     place = at[None].astype(np.float32)
-    seen = cv2.remap(rgb, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(cv2.transform(seen.astype(np.float32), weighed(basis))[0], dtype=np.float64)
+    samples = cv2.remap(rgb, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(
+        cv2.transform(samples.astype(np.float32), build_shadow_weighted_basis(basis))[0], dtype=np.float64
+    )

@@ -1,8 +1,8 @@
-"""Balls are solid: no two are nearer than touching, which tells more of where they are than each by itself.
+"""Overlap resolution: balls are solid, so measured positions that overlap on the table are moved apart.
 
-In a rack every ball hides part of others' outlines, and what is measured of one errs by a quarter of its size. Where
-two would stand in one another, both are moved apart, each as far as its error allows; only where no error explains it
-is one of them none.
+In a rack every ball hides part of the others' outlines, and a single measurement may be off by a quarter of the ball's
+size. Where two balls would overlap, both are moved, each in proportion to its variance; only where no error explains
+the overlap one of them is removed.
 """
 
 from __future__ import annotations
@@ -12,35 +12,49 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from detectors.measurement.frame_detections import APART_RADII, APART_SEEN_RADII, Found, best_first
+from detectors.measurement.frame_detections import (
+    MIN_IMAGE_DISTANCE_RADII,
+    MIN_TABLE_DISTANCE_RADII,
+    FrameDetections,
+    select_compatible,
+)
 from models.core.scene import Scene
 from models.core.typing import BoolArray, FloatArray
 
-TOUCHING_SHARE = 0.02
-"""How far the distance of two touching balls may be from two radii, share of it, one standard deviation: errors of the
-table's and of the balls' size."""
-MOST_SIGMAS = 5.0
-"""Standard deviations of their distance by which two balls may seem to stand in one another."""
-TURNS = 4
-"""How often balls are moved: which ways depends on where they are."""
+CONTACT_SIGMA_SHARE = 0.02
+"""Standard deviation of the distance of two touching balls, share of two radii: errors of the sizes of table and
+balls."""
+MAX_SIGMAS = 5.0
+"""Standard deviations of their distance by which two balls may seem to overlap."""
+ITERATIONS = 4
+"""Iterations of the shifts: their directions depend on the positions."""
 
 
-def stood_apart(found: Found, scene: Scene, frame: int) -> Found:
-    """The best ones of balls, px of a frame, that can stand beside each other, moved so that no two overlap."""
-    if len(found.score) < 2:
-        return found
-    xy = scene.camera.to_table(found.centre, scene.table.ball_radius, frame)
-    seen = _distances(found.centre)[0] > APART_SEEN_RADII * found.radius[:, None]
-    if seen.all() and (_distances(xy)[0] > 2 * scene.table.ball_radius).all():
-        return found.take(best_first(found, seen))
-    ground = _Ground.beneath(found, scene, frame)
-    rows = best_first(found, ground.possible() & seen)
-    return replace(found.take(rows), centre=found.centre[rows] + ground.take(rows).shifts())
+def resolve_overlaps(detections: FrameDetections, scene: Scene, frame: int) -> FrameDetections:
+    """Select compatible balls, the best first, and move them so that no two overlap.
+
+    Args:
+        detections: N balls, px of the frame.
+        scene: Table and camera.
+        frame: Number of the frame.
+
+    Returns:
+        The remaining balls with their moved centres.
+    """
+    if len(detections.score) < 2:
+        return detections
+    xy = scene.camera.to_table(detections.centre, scene.table.ball_radius, frame)
+    is_apart_in_image = _pairwise_offsets(detections.centre)[0] > MIN_IMAGE_DISTANCE_RADII * detections.radius[:, None]
+    if is_apart_in_image.all() and (_pairwise_offsets(xy)[0] > 2 * scene.table.ball_radius).all():
+        return detections.take(select_compatible(detections, is_apart_in_image))
+    positions = _TablePositions.project_detections(detections, scene, frame)
+    rows = select_compatible(detections, positions.is_compatible() & is_apart_in_image)
+    return replace(detections.take(rows), centre=detections.centre[rows] + positions.take(rows).compute_shifts())
 
 
 @dataclass(frozen=True, slots=True)
-class _Ground:
-    """Where N balls are on the table."""
+class _TablePositions:
+    """Positions of N balls on the table."""
 
     xy: FloatArray
     """(N, 2) m."""
@@ -52,42 +66,42 @@ class _Ground:
     """m."""
 
     @staticmethod
-    def beneath(found: Found, scene: Scene, frame: int) -> _Ground:
-        """Balls seen in a frame."""
+    def project_detections(detections: FrameDetections, scene: Scene, frame: int) -> _TablePositions:
+        """Project balls of a frame to the table."""
         radius, camera = scene.table.ball_radius, scene.camera
-        xy = camera.to_table(found.centre, radius, frame)
-        steps = [camera.to_table(found.centre + step, radius, frame) - xy for step in np.eye(2)]
+        xy = camera.to_table(detections.centre, radius, frame)
+        steps = [camera.to_table(detections.centre + step, radius, frame) - xy for step in np.eye(2)]
         jacobian = np.stack(steps, axis=-1)
-        length = np.linalg.norm(found.streak, axis=1)
-        along = found.streak / np.maximum(length, 1e-12)[:, None]
-        alike = found.sigma[:, None, None] ** 2 * np.eye(2)
-        longer = (found.sigma_along**2 - found.sigma**2)[:, None, None] * along[:, :, None] * along[:, None]
+        length = np.linalg.norm(detections.streak, axis=1)
+        along = detections.streak / np.maximum(length, 1e-12)[:, None]
+        alike = detections.sigma[:, None, None] ** 2 * np.eye(2)
+        longer = (detections.sigma_along**2 - detections.sigma**2)[:, None, None] * along[:, :, None] * along[:, None]
         covariance = jacobian @ (alike + longer) @ jacobian.transpose(0, 2, 1)
-        return _Ground(xy, jacobian, covariance, radius)
+        return _TablePositions(xy, jacobian, covariance, radius)
 
-    def take(self, rows: NDArray[np.int64]) -> _Ground:
-        """Some of the balls."""
-        return _Ground(self.xy[rows], self.jacobian[rows], self.covariance[rows], self.radius)
+    def take(self, rows: NDArray[np.int64]) -> _TablePositions:
+        """Select rows."""
+        return _TablePositions(self.xy[rows], self.jacobian[rows], self.covariance[rows], self.radius)
 
-    def possible(self) -> BoolArray:
-        """Which pairs (N, N) can both be there."""
-        apart, way = _distances(self.xy)
+    def is_compatible(self) -> BoolArray:
+        """Which pairs (N, N) of balls can both be there."""
+        apart, way = _pairwise_offsets(self.xy)
         either = self.covariance[:, None] + self.covariance[None]
-        variance = np.einsum("nmi,nmij,nmj->nm", way, either, way) + self._play() ** 2
-        explained = 2 * self.radius - apart < MOST_SIGMAS * np.sqrt(variance)
-        return np.asarray(explained | (apart > APART_RADII * self.radius))
+        variance = np.einsum("nmi,nmij,nmj->nm", way, either, way) + self._contact_sigma() ** 2
+        explained = 2 * self.radius - apart < MAX_SIGMAS * np.sqrt(variance)
+        return np.asarray(explained | (apart > MIN_TABLE_DISTANCE_RADII * self.radius))
 
-    def shifts(self) -> FloatArray:
-        """Px (N, 2) by which balls that stand in one another are to be moved.
+    def compute_shifts(self) -> FloatArray:
+        """Compute the shifts (N, 2), px, of balls that overlap.
 
-        The most likely places of all balls at once, given that those that overlap touch: linear least squares with
-        equality constraints, whose multipliers only push.
+        The most likely positions of all balls together, under the constraint that those that overlap touch: linear
+        least squares with equality constraints whose multipliers are positive (balls only push each other).
         """
         n = len(self.xy)
         moved = self.xy
         pairs = np.empty((0, 2), dtype=np.int64)
-        for _ in range(TURNS):
-            apart, way = _distances(moved)
+        for _ in range(ITERATIONS):
+            apart, way = _pairwise_offsets(moved)
             inside = np.triu(apart < 2 * self.radius, 1)
             pairs = np.unique(np.concatenate([pairs, np.argwhere(inside)]), axis=0)
             if not len(pairs):
@@ -98,18 +112,18 @@ class _Ground:
             push[each, first], push[each, second] = way[first, second], -way[first, second]
             wanted = 2 * self.radius - np.einsum("pni,ni->p", push, self.xy)
             spread = np.einsum("pni,nij->pnj", push, self.covariance)
-            normal = np.einsum("pni,qni->pq", spread, push) + self._play() ** 2 * np.eye(len(pairs))
+            normal = np.einsum("pni,qni->pq", spread, push) + self._contact_sigma() ** 2 * np.eye(len(pairs))
             force = np.linalg.solve(normal, wanted)
             pairs = pairs[force > 0]
             moved = self.xy + np.einsum("p,pni->ni", np.maximum(force, 0.0), spread)
         return np.asarray(np.linalg.solve(self.jacobian, (moved - self.xy)[..., None])[..., 0])
 
-    def _play(self) -> float:
-        return 2 * self.radius * TOUCHING_SHARE
+    def _contact_sigma(self) -> float:
+        return 2 * self.radius * CONTACT_SIGMA_SHARE
 
 
-def _distances(places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Between places (N, 2): lengths (N, N), infinite of a place to itself, and unit vectors (N, N, 2) to the first."""
+def _pairwise_offsets(places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distances (N, N) of places (N, 2), infinite on the diagonal, and unit vectors (N, N, 2) to the first."""
     off = places[:, None] - places[None]
     apart = np.linalg.norm(off, axis=-1)
     np.fill_diagonal(apart, np.inf)

@@ -1,4 +1,4 @@
-"""A small part of a picture brought to the form in which a network is shown it."""
+"""Sampling of a small part of an image in the geometry of a network's input."""
 
 from __future__ import annotations
 
@@ -7,29 +7,39 @@ import numpy as np
 
 from models.core.typing import ByteArray, FloatArray
 
-LEAST_ZOOM = 0.7
-"""Pictures that would be shrunk further are averaged over whole pixels first."""
+MIN_ZOOM = 0.7
+"""Zoom below which the image is first averaged over squares of whole pixels."""
 
 
-def patch(
+def sample_patch(
     rgb: ByteArray, centre: FloatArray, linear: FloatArray, size: tuple[int, int], reach: float, zoom: float
 ) -> ByteArray:
-    """A picture (H, W, 3) mapped by `linear` (2, 2), px `centre` (2,) in the middle of `size`, (columns, rows).
+    """Sample a patch of an image by a linear map.
 
-    Beyond its border the border goes on. Nothing farther than `reach` px is shown, and `zoom` is what the finer axis of
-    the two is shrunk by.
+    Args:
+        rgb: Image (H, W, 3); its border is continued.
+        centre: Px (2,) of the image at the middle of the patch.
+        linear: Map (2, 2) from px of the image to px of the patch.
+        size: Columns and rows of the patch.
+        reach: Distance from the centre, px of the image, that the patch needs at most.
+        zoom: Scale of the finer axis of `linear`, by which the averaging is chosen.
+
+    Returns:
+        The patch (rows, columns, 3).
     """
-    part, shrunk, corner = _averaged(rgb, centre, reach, zoom)
-    # Px p of the picture are (p + 1/2 - corner) / shrunk - 1/2 of the part.
+    part, shrunk, corner = _average_squares(rgb, centre, reach, zoom)
+    # Px p of the image are (p + 1/2 - corner) / shrunk - 1/2 of the part.
     shift = linear @ (0.5 * shrunk - 0.5 + corner - centre)
     matrix = np.column_stack([linear * shrunk, shift + (np.array(size) - 1) / 2])
     shown = cv2.warpAffine(part, matrix, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(shown, dtype=np.uint8)
 
 
-def _averaged(rgb: ByteArray, centre: FloatArray, reach: float, zoom: float) -> tuple[ByteArray, int, FloatArray]:
-    """The part of a picture within a reach, averaged over squares of so many px where it will be shrunk; its corner."""
-    squares = round(1 / zoom) if zoom < LEAST_ZOOM else 1
+def _average_squares(
+    rgb: ByteArray, centre: FloatArray, reach: float, zoom: float
+) -> tuple[ByteArray, int, FloatArray]:
+    """Average the part of an image within a reach over squares; the part, the side of a square and its corner."""
+    squares = round(1 / zoom) if zoom < MIN_ZOOM else 1
     if squares == 1:
         return rgb, 1, np.zeros(2)
     height, width = rgb.shape[:2]

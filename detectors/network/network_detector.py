@@ -1,6 +1,7 @@
-"""Balls by a network, on the table that the calibration found.
+"""Detection by a network on a calibrated table.
 
-The network looks where something changed, and again where balls crowd; what it saw is judged by the whole picture.
+The network searches where something changed, and once more on enlarged crops where balls crowd; post-processing then
+checks its candidates on the full image.
 """
 
 from __future__ import annotations
@@ -11,147 +12,183 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from detectors.measurement.cloth_background import Cloth, learn_cloth
-from detectors.measurement.frame_change import CHANGED_SHARE, REACH_RADII, RENEWED_PICTURES, around, windows
-from detectors.measurement.working_view import View, value_at, view_of
-from detectors.network.disc_regressor import open_disc_model
-from detectors.network.network_file import BallModel, CentreModel
-from detectors.network.peak_decoding import COARSE_STRIDE, Centres, chained, not_echoes
-from detectors.network.postprocessing import CLEAR_SCORE, Judge, streaked
-from detectors.network.second_pass import Shown, looked_closer
-from detectors.network.streak_regressor import open_streak_model
+from detectors.measurement.cloth_background import ClothBackground, learn_cloth_background
+from detectors.measurement.frame_change import (
+    FULL_SEARCH_INTERVAL,
+    REACH_RADII,
+    dilate_places,
+    find_changed_pixels,
+    find_windows,
+)
+from detectors.measurement.working_view import WorkingView, build_view, values_at
+from detectors.network.ball_model import BallModel, CentreModel
+from detectors.network.candidate_rules import CLEAR_SCORE, has_streak, is_certain, is_possible
+from detectors.network.offset_regressor import DISC, STREAK, open_offset_regressor
+from detectors.network.peak_decoding import (
+    COARSE_STRIDE,
+    CandidateDetections,
+    concatenate_candidates,
+    select_non_echoes,
+)
+from detectors.network.postprocessing import PostProcessor
+from detectors.network.second_pass import SearchedFrame, run_second_pass
 from models.core.detections import Detections
-from models.core.scene import Scene, apply_homography
+from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
-SIZE_PICTURES, SIZE_TURNS, LEAST_SIZED = 3, 2, 3
-"""How the size of the balls is checked: in so many pictures, so many times, by so many balls that are sure."""
-AGREED = 0.1
-"""Relative difference of seen and predicted radius up to which the prediction is taken."""
+SIZE_CHECK_IMAGES, SIZE_CHECK_ITERATIONS, MIN_SIZED_BALLS = 3, 2, 3
+"""Images in which the size of the balls is checked, iterations of the check, and certain balls that it needs."""
+MAX_RADIUS_DEVIATION = 0.1
+"""Relative difference of measured and predicted radius up to which the prediction is kept."""
 CONTEXT_PX = 16
-"""Working px around a part of the picture that the network is shown with it."""
+"""Working px around a window that the network receives with it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Glimpse:
-    """What is known from the pictures before."""
+class NetworkMemory:
+    """State of a search through a clip."""
 
-    searched: ByteArray
-    """(h, w, 3) working picture as it was when the network looked at each place last."""
-    seen: Centres
-    """What it saw there, working px, less what the picture refuted."""
+    searched_image: ByteArray
+    """(h, w, 3) working image as it was when the network searched each place last."""
+    candidates: CandidateDetections
+    """The candidates there, working px, without those that the image rejected."""
     unclear: FloatArray
     """(n, 2) working px of the balls that have no clear outline."""
     age: int
-    """Pictures since the network looked at all of it."""
+    """Frames since the network searched all of it."""
 
 
 @dataclass(frozen=True, slots=True)
-class NetworkFinder:
-    """Finds the balls of one scene by a network, picture by picture."""
+class NetworkDetector:
+    """Detects the balls of one scene by a network, frame by frame."""
 
-    view: View
-    cloth: Cloth
+    view: WorkingView
+    cloth: ClothBackground
     model: BallModel
 
     @property
-    def judge(self) -> Judge:
-        """Of what the network sees."""
-        return Judge(self.view, self.cloth, open_streak_model(), open_disc_model())
+    def post_processor(self) -> PostProcessor:
+        """The post-processing of the network's candidates."""
+        regressors = open_offset_regressor(STREAK), open_offset_regressor(DISC)
+        return PostProcessor(self.view, self.cloth, *regressors)
 
-    def look(self, rgb: ByteArray, frame: int = 0) -> Detections:
-        """The balls in a picture (H, W, 3)."""
-        return self.follow(rgb, frame, None)[0]
+    def detect(self, rgb: ByteArray, frame: int = 0) -> Detections:
+        """Detect the balls in an image (H, W, 3)."""
+        return self.detect_next(rgb, frame, None)[0]
 
-    def follow(self, rgb: ByteArray, frame: int, memory: Glimpse | None) -> tuple[Detections, Glimpse]:
-        """The same for one picture of a clip after another: the network looks only where something changed.
+    def detect_next(self, rgb: ByteArray, frame: int, memory: NetworkMemory | None) -> tuple[Detections, NetworkMemory]:
+        """Detect the balls in the next frame of a clip; the network searches only where something changed.
 
-        Every centre is measured afresh all the same; a ball whose outline is not clear is looked at again.
+        Every centre is measured again all the same; a ball without a clear outline is also searched for again.
+
+        Args:
+            rgb: Image (H, W, 3).
+            frame: Number of the frame.
+            memory: State after the previous frame, None for the first.
+
+        Returns:
+            The balls, and the state for the next frame.
         """
-        working = self.view.picture(rgb, frame)
-        touched = self._touched(working, memory)
-        seen = self._seen(rgb, working, touched, memory, frame)
-        judged = self.judge.measured(rgb, seen, frame)
-        searched = working if memory is None else cv2.copyTo(working, touched.view(np.uint8), memory.searched.copy())
+        working = self.view.working_image(rgb, frame)
+        touched = self._find_touched_places(working, memory)
+        candidates = self._find_candidates(rgb, working, touched, memory, frame)
+        result = self.post_processor.process_candidates(rgb, candidates, frame)
+        searched = working
+        if memory is not None:
+            searched = cv2.copyTo(working, touched.view(np.uint8), memory.searched_image.copy())
         age = 0 if touched.all() or memory is None else memory.age + 1
-        return judged.balls, Glimpse(searched, seen.take(~judged.refuted), judged.unclear, age)
+        remaining = candidates.take(~result.is_rejected)
+        return result.detections, NetworkMemory(searched, remaining, result.unclear, age)
 
-    def _touched(self, working: ByteArray, memory: Glimpse | None) -> BoolArray:
-        """Where (h, w) the network has to look at a working picture."""
-        if memory is None or memory.age >= RENEWED_PICTURES:
+    def measure_radius_ratios(self, rgb: ByteArray, frame: int) -> FloatArray:
+        """Measured over predicted radius (n,) of the clear sharp balls in an image (H, W, 3)."""
+        working = self.view.working_image(rgb, frame)
+        touched = self._find_touched_places(working, None)
+        candidates = self._find_candidates(rgb, working, touched, None, frame)
+        is_clear = is_certain(candidates, self.view) & (candidates.score > CLEAR_SCORE) & ~has_streak(candidates)
+        predicted = values_at(self.view.radius, candidates.centre[is_clear])
+        return np.asarray(candidates.radius[is_clear] / predicted, dtype=np.float64)
+
+    def _find_touched_places(self, working: ByteArray, memory: NetworkMemory | None) -> BoolArray:
+        """Find where (h, w) the network has to search a working image."""
+        if memory is None or memory.age >= FULL_SEARCH_INTERVAL:
             return np.ones(working.shape[:2], dtype=bool)
-        red, green, blue = cv2.split(cv2.absdiff(working, memory.searched))
-        level = CHANGED_SHARE * self.cloth.threshold
-        changed = (cv2.blur(cv2.max(cv2.max(red, green), blue), (3, 3)) > level) & self.view.area
+        changed = find_changed_pixels(working, memory.searched_image, self.view, self.cloth.threshold)
         for x, y in np.rint(memory.unclear).astype(int):
             cv2.circle(changed.view(np.uint8), (int(x), int(y)), 1, 1, -1)
-        return around(changed, REACH_RADII * self.view.typical)
+        return dilate_places(changed, REACH_RADII * self.view.median_radius)
 
-    def sizes(self, rgb: ByteArray, frame: int) -> FloatArray:
-        """Seen over predicted radius (n,) of the clear sharp balls in a picture (H, W, 3)."""
-        working = self.view.picture(rgb, frame)
-        seen = self._seen(rgb, working, self._touched(working, None), None, frame)
-        clear = self.judge.sure(seen) & (seen.score > CLEAR_SCORE) & ~streaked(seen)
-        return np.asarray(seen.radius[clear] / value_at(self.view.radius, seen.centre[clear]), dtype=np.float64)
-
-    def _seen(
-        self, rgb: ByteArray, working: ByteArray, touched: BoolArray, memory: Glimpse | None, frame: int
-    ) -> Centres:
-        """What the network sees on the table, px of the working picture; elsewhere what it saw before."""
+    def _find_candidates(
+        self, rgb: ByteArray, working: ByteArray, touched: BoolArray, memory: NetworkMemory | None, frame: int
+    ) -> CandidateDetections:
+        """Find candidates on the table, working px: new ones at touched places, elsewhere those of the memory."""
         if not isinstance(self.model, CentreModel):
-            return memory.seen if memory is not None and not touched.any() else self._on_table(self._boxed(rgb, frame))
-        parts = [self._glance(working, part) for part in windows(touched, self.view)]
-        seen = chained([part.take(value_at(touched, part.centre)) for part in parts])
-        seen = looked_closer(Shown(rgb, working, touched, frame), self.view, self.cloth, self.model, seen)
+            if memory is not None and not touched.any():
+                return memory.candidates
+            return self._select_on_table(self._search_whole_table(rgb, frame))
+        windows = [self._search_window(working, part) for part in find_windows(touched, self.view)]
+        candidates = concatenate_candidates([part.take(values_at(touched, part.centre)) for part in windows])
+        searched = SearchedFrame(rgb, working, touched, frame)
+        candidates = run_second_pass(searched, self.view, self.cloth, self.model, candidates)
         if memory is not None:
-            seen = chained([seen, memory.seen.take(~value_at(touched, memory.seen.centre))])
-        return self._on_table(seen)
+            is_untouched = ~values_at(touched, memory.candidates.centre)
+            candidates = concatenate_candidates([candidates, memory.candidates.take(is_untouched)])
+        return self._select_on_table(candidates)
 
-    def _glance(self, working: ByteArray, part: tuple[slice, slice]) -> Centres:
-        """Balls in a part of the working picture, seen with some of what is around it."""
+    def _search_window(self, working: ByteArray, part: tuple[slice, slice]) -> CandidateDetections:
+        """Search a part of the working image, with some context."""
         h, w = working.shape[:2]
-        # On the grid of the whole picture's cells, so that a part says what the whole would.
+        # On the grid of the whole image's cells, so that a part gives the same results as the whole.
         top, left = (max(s.start - CONTEXT_PX, 0) // COARSE_STRIDE * COARSE_STRIDE for s in part)
         bottom, right = min(part[0].stop + CONTEXT_PX, h), min(part[1].stop + CONTEXT_PX, w)
         window = working[top:bottom, left:right]
-        return self.model.see(window, self.view.typical).scaled(1.0, (float(left), float(top)))
+        return self.model.find_candidates(window, self.view.median_radius).scale(1.0, (float(left), float(top)))
 
-    def _boxed(self, rgb: ByteArray, frame: int) -> Centres:
-        """What a network for whole pictures sees in the table's part of one, px of the working picture."""
+    def _search_whole_table(self, rgb: ByteArray, frame: int) -> CandidateDetections:
+        """Search the table's part of an image by a network for whole images, working px."""
         x0, y0, x1, y1 = self.view.box if self.view.scene.camera.motion is None else (0, 0, rgb.shape[1], rgb.shape[0])
-        seen = self.model.see(rgb[y0:y1, x0:x1], self.view.typical / self.view.scale)
-        return seen.scaled(1.0, (float(x0), float(y0))).placed(lambda px: self._home(px, frame), self.view.scale)
+        candidates = self.model.find_candidates(rgb[y0:y1, x0:x1], self.view.median_radius / self.view.scale)
+        candidates = candidates.scale(1.0, (float(x0), float(y0)))
+        return candidates.transform(lambda px: self.view.frame_to_working(px, frame), self.view.scale)
 
-    def _home(self, px: FloatArray, frame: int) -> FloatArray:
-        """Px (n, 2) of a frame to working px."""
-        motion = self.view.scene.camera.motion
-        reference = px if motion is None else apply_homography(np.linalg.inv(motion[frame]), px)
-        return self.view.to_working(reference)
-
-    def _on_table(self, seen: Centres) -> Centres:
-        """What may be a ball and lies on the table; what is sure first, best first, without echoes."""
-        seen = seen.take(self.judge.likely(seen) & value_at(self.view.centres, seen.centre))
-        seen = seen.take(np.lexsort((-seen.score, ~self.judge.sure(seen))))
-        return seen.take(not_echoes(seen))
+    def _select_on_table(self, candidates: CandidateDetections) -> CandidateDetections:
+        """Select possible balls on the table without echoes; certain ones first, then by confidence score."""
+        is_on_table = values_at(self.view.centre_area, candidates.centre)
+        candidates = candidates.take(is_possible(candidates, self.view) & is_on_table)
+        candidates = candidates.take(np.lexsort((-candidates.score, ~is_certain(candidates, self.view))))
+        return candidates.take(select_non_echoes(candidates))
 
 
-def network_finder(scene: Scene, pictures: Iterable[tuple[int, ByteArray]], model: BallModel) -> NetworkFinder:
-    """A finder for a scene that learns the cloth and the size of the balls from (frame, picture (H, W, 3))."""
-    held = list(pictures)
-    scene = _with_seen_size(scene, held[:: max(1, len(held) // SIZE_PICTURES)], model)
-    view = view_of(scene)
-    pictures = iter(held)
-    return NetworkFinder(view, learn_cloth([view.picture(rgb, frame) for frame, rgb in pictures], view), model)
+def build_network_detector(scene: Scene, images: Iterable[tuple[int, ByteArray]], model: BallModel) -> NetworkDetector:
+    """Build a detector for a scene.
+
+    Args:
+        scene: Table and camera.
+        images: Frame number and image (H, W, 3) of some frames, from which the empty cloth and the size of the balls
+            are learnt.
+        model: Network that detects balls.
+
+    Returns:
+        The detector.
+    """
+    learning_images = list(images)
+    scene = _correct_ball_size(scene, learning_images[:: max(1, len(learning_images) // SIZE_CHECK_IMAGES)], model)
+    return _learn_detector(scene, learning_images, model)
 
 
-def _with_seen_size(scene: Scene, pictures: list[tuple[int, ByteArray]], model: BallModel) -> Scene:
-    """The scene with the ball radius that the network sees; unchanged where no two balls are clear."""
-    for _ in range(SIZE_TURNS):
-        view = view_of(scene)
-        finder = NetworkFinder(view, learn_cloth([view.picture(rgb, frame) for frame, rgb in pictures], view), model)
-        ratios = np.concatenate([finder.sizes(rgb, frame) for frame, rgb in pictures])
-        factor = float(np.median(ratios)) if len(ratios) >= LEAST_SIZED else 1.0
-        if abs(factor - 1) <= AGREED:
+def _learn_detector(scene: Scene, images: list[tuple[int, ByteArray]], model: BallModel) -> NetworkDetector:
+    view = build_view(scene)
+    cloth = learn_cloth_background([view.working_image(rgb, frame) for frame, rgb in images], view)
+    return NetworkDetector(view, cloth, model)
+
+
+def _correct_ball_size(scene: Scene, images: list[tuple[int, ByteArray]], model: BallModel) -> Scene:
+    """The scene with the ball radius that the network measures; unchanged with too few clear balls."""
+    for _ in range(SIZE_CHECK_ITERATIONS):
+        detector = _learn_detector(scene, images, model)
+        ratios = np.concatenate([detector.measure_radius_ratios(rgb, frame) for frame, rgb in images])
+        factor = float(np.median(ratios)) if len(ratios) >= MIN_SIZED_BALLS else 1.0
+        if abs(factor - 1) <= MAX_RADIUS_DEVIATION:
             return scene
         scene = replace(scene, table=replace(scene.table, ball_radius=scene.table.ball_radius * factor))
     return scene

@@ -1,8 +1,8 @@
-"""A second look, closer, where balls crowd.
+"""Second pass of the ball network on enlarged crops where balls crowd.
 
-On the map of a small picture two balls that cover each other are one peak, and a ball beside another may be none at
-all. So the parts where peaks stand close together, or where what is no cloth goes on beside one, are shown to the
-network again, larger and by themselves.
+On the maps of a small image two balls that cover each other are one peak, and a ball beside another may have none. So
+the network processes crops again, enlarged, where peaks are close together or where there is unexplained foreground
+beside one.
 """
 
 from __future__ import annotations
@@ -12,113 +12,138 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from detectors.measurement.cloth_background import Cloth, disc_kernel
-from detectors.measurement.frame_change import around, windows
-from detectors.measurement.working_view import View, pixel_at, value_at
-from detectors.network.network_file import BallModel
-from detectors.network.peak_decoding import Centres, chained
+from detectors.measurement.cloth_background import ClothBackground, build_disc_kernel
+from detectors.measurement.frame_change import dilate_places, find_windows
+from detectors.measurement.working_view import WorkingView, nearest_pixels, values_at
+from detectors.network.ball_model import BallModel
+from detectors.network.peak_decoding import CandidateDetections, concatenate_candidates
 from models.core.typing import BoolArray, ByteArray
 
 CROWDED_RADII = 2.4
-"""Two balls whose centres are seen nearer than this crowd each other: they touch, or one covers the other."""
-LEAST_SCORE = 0.2
-"""Probability from which something counts as a ball that crowds."""
-CLOSE_RADIUS_PX, MOST_CLOSER = 10.5, 2.0
-"""Radius of a ball in the closer picture, within what the network is made for, and how much closer at the most."""
-LEAST_CLOSER = 0.9
-"""Balls that would be seen smaller than this times as large are not looked at again; those that are as large as before
-are: the network sees them at other places of its grid, and without what else the picture shows."""
-REACH_RADII = 1.3
-"""How far about such balls the closer look replaces the first."""
-BESIDE_RADII, COVERED_RADII = 2.0, 1.2
-"""How far about a ball another is suspected, and how far it explains itself what is no cloth."""
-LEAST_UNLIKE = 0.35
-"""Difference from the cloth, over that of the balls that were seen, of what may be another: most shade differs less."""
-LEAST_HALF_RADII, LEAST_AREA = 0.3, 0.2
-"""Half width, ball radii, and area, in balls, that it must have."""
+"""Distance of two centres, radii, below which balls crowd: they touch, or one covers the other."""
+MIN_CROWDING_SCORE = 0.2
+"""Least confidence score of a candidate that counts."""
+ENLARGED_RADIUS_PX, MAX_ENLARGEMENT = 10.5, 2.0
+"""Radius of a ball in an enlarged crop, within the range of the network, and largest enlargement."""
+MIN_ENLARGEMENT = 0.9
+"""Least enlargement of a second pass. One at the same size is useful too: the balls are at other places of the
+network's grid, and without the rest of the image."""
+REPLACED_RADII = 1.3
+"""Distance from crowded balls, ball radii, within which the second pass replaces the first."""
+SUSPECT_RADII, EXPLAINED_RADII = 2.0, 1.2
+"""Distance from a ball, ball radii, up to which foreground may be another ball, and up to which it is explained by
+it."""
+MIN_DIFFERENCE_SHARE = 0.35
+"""Least difference from the cloth, over that of the detected balls, of another ball: most shadows differ less."""
+MIN_HALF_WIDTH_RADII, MIN_AREA_BALLS = 0.3, 0.2
+"""Least half width, ball radii, and area, in balls, of such foreground."""
 CONTEXT_PX = 16
-"""Px of the closer picture around such a part and its surroundings that the network is shown with it."""
+"""px of the enlarged crop around a part that the network receives with it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
-    """A picture in which balls are looked for."""
+class SearchedFrame:
+    """A frame that the network searched."""
 
     rgb: ByteArray
-    """(H, W, 3) all of it."""
-    working: ByteArray
-    """(h, w, 3) as the network was shown it first."""
+    """(H, W, 3) full image."""
+    working_image: ByteArray
+    """(h, w, 3) image of the first pass."""
     touched: BoolArray
-    """(h, w) where it looked."""
+    """(h, w) where the first pass searched."""
     frame: int
 
 
-def looked_closer(shown: Shown, view: View, cloth: Cloth, model: BallModel, seen: Centres) -> Centres:
-    """What the network saw, px of the working picture, and in the place of what crowds there what it sees closer."""
-    seen_well = seen.take((seen.score > LEAST_SCORE) & value_at(view.centres, seen.centre))
-    again = _discs(seen_well.take(_crowded(seen_well)), REACH_RADII, view)
-    odd = _unexplained(shown, view, cloth, seen_well)
-    if odd.any():
-        again |= around(odd, view.typical)
+def run_second_pass(
+    searched: SearchedFrame,
+    view: WorkingView,
+    cloth: ClothBackground,
+    model: BallModel,
+    candidates: CandidateDetections,
+) -> CandidateDetections:
+    """Replace the candidates, working px, at crowded places by those of a second pass on enlarged crops."""
+    clear_candidates = candidates.take(
+        (candidates.score > MIN_CROWDING_SCORE) & values_at(view.centre_area, candidates.centre)
+    )
+    again = _draw_discs(clear_candidates.take(_is_crowded(clear_candidates)), REPLACED_RADII, view)
+    unexplained = _find_unexplained(searched, view, cloth, clear_candidates)
+    if unexplained.any():
+        again |= dilate_places(unexplained, view.median_radius)
     if not again.any():
-        return seen
-    parts, looked = [], np.zeros_like(again)
-    for part in windows(again, view):
-        factor = min(CLOSE_RADIUS_PX / float(view.radius[part][again[part]].max()), MOST_CLOSER)
-        if factor >= LEAST_CLOSER:
-            parts.append(_closer(shown, view, model, part, factor))
-            looked[part] |= again[part]
-    closer = chained(parts)
-    return chained([seen.take(~value_at(looked, seen.centre)), closer.take(value_at(looked, closer.centre))])
+        return candidates
+    parts, covered = [], np.zeros_like(again)
+    for part in find_windows(again, view):
+        factor = min(ENLARGED_RADIUS_PX / float(view.radius[part][again[part]].max()), MAX_ENLARGEMENT)
+        if factor >= MIN_ENLARGEMENT:
+            parts.append(_search_enlarged(searched, view, model, part, factor))
+            covered[part] |= again[part]
+    enlarged_candidates = concatenate_candidates(parts)
+    return concatenate_candidates(
+        [
+            candidates.take(~values_at(covered, candidates.centre)),
+            enlarged_candidates.take(values_at(covered, enlarged_candidates.centre)),
+        ]
+    )
 
 
-def _crowded(seen: Centres) -> BoolArray:
-    """Which balls (K,) have another so near that the two may be more, or lie elsewhere."""
-    apart = np.linalg.norm(seen.centre[:, None] - seen.centre[None], axis=-1)
-    near = apart < CROWDED_RADII * seen.radius
+def _is_crowded(candidates: CandidateDetections) -> BoolArray:
+    """Which candidates (K,) have another so near that there may be more balls, or at other positions."""
+    apart = np.linalg.norm(candidates.centre[:, None] - candidates.centre[None], axis=-1)
+    near = apart < CROWDED_RADII * candidates.radius
     np.fill_diagonal(near, False)
     return np.asarray(near.any(axis=1))
 
 
-def _unexplained(shown: Shown, view: View, cloth: Cloth, seen: Centres) -> BoolArray:
-    """Where (h, w) beside balls something is as unlike the cloth as they are, and as large as a part of one more."""
-    beside = view.centres & shown.touched & _discs(seen, BESIDE_RADII, view) & ~_discs(seen, COVERED_RADII, view)
+def _find_unexplained(
+    searched: SearchedFrame, view: WorkingView, cloth: ClothBackground, candidates: CandidateDetections
+) -> BoolArray:
+    """Find foreground (h, w) beside balls that differs from the cloth as they do and is as large as part of one."""
+    beside = (
+        view.centre_area
+        & searched.touched
+        & _draw_discs(candidates, SUSPECT_RADII, view)
+        & ~_draw_discs(candidates, EXPLAINED_RADII, view)
+    )
     row, column = np.nonzero(beside)
-    found = np.zeros(beside.shape, dtype=bool)
+    is_unexplained = np.zeros(beside.shape, dtype=bool)
     if not len(row):
-        return found
-    balls = cloth.unlike(shown.working, *pixel_at(beside.shape, seen.centre))
-    unlike = cloth.unlike(shown.working, row, column) > max(cloth.threshold, LEAST_UNLIKE * float(np.median(balls)))
-    if np.count_nonzero(unlike) < LEAST_AREA * np.pi * view.typical**2:
-        return found
-    found[row[unlike], column[unlike]] = True
-    # Only the part of the picture in which there is any: it is small.
-    x, y, w, h = cv2.boundingRect(found.view(np.uint8))
+        return is_unexplained
+    balls = cloth.measure_difference(searched.working_image, *nearest_pixels(beside.shape, candidates.centre))
+    unlike = cloth.measure_difference(searched.working_image, row, column) > max(
+        cloth.threshold, MIN_DIFFERENCE_SHARE * float(np.median(balls))
+    )
+    if np.count_nonzero(unlike) < MIN_AREA_BALLS * np.pi * view.median_radius**2:
+        return is_unexplained
+    is_unexplained[row[unlike], column[unlike]] = True
+    # Only the part of the image with any foreground: it is small.
+    x, y, w, h = cv2.boundingRect(is_unexplained.view(np.uint8))
     part = slice(y, y + h), slice(x, x + w)
-    kernel = disc_kernel(LEAST_HALF_RADII * view.typical)
-    thick = cv2.morphologyEx(found[part].view(np.uint8), cv2.MORPH_OPEN, kernel)
+    kernel = build_disc_kernel(MIN_HALF_WIDTH_RADII * view.median_radius)
+    thick = cv2.morphologyEx(is_unexplained[part].view(np.uint8), cv2.MORPH_OPEN, kernel)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(thick)
-    large = stats[:, cv2.CC_STAT_AREA] > LEAST_AREA * np.pi * view.typical**2
+    large = stats[:, cv2.CC_STAT_AREA] > MIN_AREA_BALLS * np.pi * view.median_radius**2
     large[0] = False
-    found[part] = large[labels]
-    return found
+    is_unexplained[part] = large[labels]
+    return is_unexplained
 
 
-def _closer(shown: Shown, view: View, model: BallModel, part: tuple[slice, slice], factor: float) -> Centres:
-    """Balls in a part of the working picture, seen about `factor` times as large."""
+def _search_enlarged(
+    searched: SearchedFrame, view: WorkingView, model: BallModel, part: tuple[slice, slice], factor: float
+) -> CandidateDetections:
+    """Find balls in a part of the working image, enlarged about `factor` times; working px."""
     context = int(np.ceil(CONTEXT_PX / factor))
     h, w = view.radius.shape
     top, left = max(part[0].start - context, 0), max(part[1].start - context, 0)
     bottom, right = min(part[0].stop + context, h), min(part[1].stop + context, w)
-    picture = view.enlarged(shown.rgb, shown.frame, (slice(top, bottom), slice(left, right)), factor)
-    grown = np.array(picture.shape[1::-1]) / (right - left, bottom - top)
-    seen = model.see(picture, view.typical * factor)
-    return seen.placed(lambda px: (px + 0.5) / grown - 0.5 + (left, top), 1 / factor)
+    enlarged = view.enlarge_part(searched.rgb, searched.frame, (slice(top, bottom), slice(left, right)), factor)
+    grown = np.array(enlarged.shape[1::-1]) / (right - left, bottom - top)
+    candidates = model.find_candidates(enlarged, view.median_radius * factor)
+    return candidates.transform(lambda px: (px + 0.5) / grown - 0.5 + (left, top), 1 / factor)
 
 
-def _discs(seen: Centres, radii: float, view: View) -> BoolArray:
-    """Places (h, w) within so many radii of balls."""
+def _draw_discs(candidates: CandidateDetections, radii: float, view: WorkingView) -> BoolArray:
+    """Draw a mask (h, w) of the places within some radii of balls."""
     drawn = np.zeros(view.radius.shape, np.uint8)
-    for (x, y), radius in zip(np.rint(seen.centre).astype(int).tolist(), seen.radius.tolist(), strict=True):
+    for (x, y), radius in zip(np.rint(candidates.centre).astype(int).tolist(), candidates.radius.tolist(), strict=True):
         cv2.circle(drawn, (x, y), int(np.ceil(radii * radius)), 1, -1)
     return drawn.view(np.bool_)

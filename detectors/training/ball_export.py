@@ -1,4 +1,4 @@
-"""A trained ball network to an ONNX file that says what it is."""
+"""Export of a trained ball network to an ONNX file with metadata."""
 
 from __future__ import annotations
 
@@ -11,61 +11,81 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from detectors.network.network_file import SCHEMA
-from detectors.network.peak_decoding import CHANNELS, COARSE_STRIDE, LOOKS, RADIUS_UNIT_PX, STREAK_UNIT_PX, STRIDE
+from detectors.network.ball_model import SCHEMA
+from detectors.network.peak_decoding import APPEARANCES, CHANNELS, COARSE_STRIDE, RADIUS_UNIT_PX, STREAK_UNIT_PX, STRIDE
 from detectors.training.networks.ball_network import BallNetwork
-from detectors.training.onnx_export import as_json, write_onnx
+from detectors.training.onnx_export import encode_json_values, write_onnx_network
 
-SIZES = ((24, 32), (4, 5), (20, 12), (45, 80))
-"""Rows and columns, times COARSE_STRIDE, of the pictures for which the exported network is compared."""
+PARITY_SIZES = ((24, 32), (4, 5), (20, 12), (45, 80))
+"""Rows and columns, times COARSE_STRIDE, of the images for which the exported network is compared with the trained
+one."""
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
-    """What turns a network's outputs into probabilities and honest errors, fitted on held-out pictures."""
+class NetworkCalibration:
+    """Calibration of a network's scores to probabilities and of its sigmas, fitted on hold-out images."""
 
     slope: float = 1.0
     offset: float = 0.0
     """score = logistic(slope * logit + offset) (Platt 1999)."""
     sigma_factor: float = 1.0
-    """Of the sigmas across and along."""
+    """Factor of the sigmas across and along the streak."""
 
 
-class ShippedNetwork(nn.Module):
-    """A network with what comes before and after it: bytes in, calibrated maps out."""
+class ExportedBallNetwork(nn.Module):
+    """A network with its pre- and post-processing: bytes in, calibrated maps out."""
 
-    def __init__(self, network: BallNetwork, calibration: Calibration) -> None:
+    def __init__(self, network: BallNetwork, calibration: NetworkCalibration) -> None:
         super().__init__()
         self.network = network.eval()
         self.calibration = calibration
 
-    def forward(self, picture: Tensor) -> Tensor:
-        """(1, H, W, 3) RGB bytes, sides multiples of 8, to (1, 12, H / 4, W / 4)."""
-        maps = self.network(picture.permute(0, 3, 1, 2).to(torch.float32) / 255)
+    def forward(self, image: Tensor) -> Tensor:
+        """Map RGB bytes (1, H, W, 3), sides multiples of 8, to (1, 12, H / 4, W / 4)."""
+        maps = self.network(image.permute(0, 3, 1, 2).to(torch.float32) / 255)
         score = torch.sigmoid(self.calibration.slope * maps[:, :1] + self.calibration.offset)
         sigma = maps[:, 6:8] + float(np.log(self.calibration.sigma_factor))
         return torch.cat([score, maps[:, 1:6], sigma, maps[:, 8:]], dim=1)
 
 
-def export(network: BallNetwork, calibration: Calibration, facts: dict[str, object], path: Path) -> None:
-    """Write an ONNX file with metadata; `facts` are the recipe and the figures. RuntimeError if it does not agree."""
-    shipped = ShippedNetwork(network, calibration).eval()
+def export_ball_network(
+    network: BallNetwork, calibration: NetworkCalibration, facts: dict[str, object], path: Path
+) -> None:
+    """Write a ball network as an ONNX file with metadata.
+
+    Args:
+        network: The trained network.
+        calibration: Its calibration.
+        facts: Recipe and figures, for the metadata.
+        path: The file.
+
+    Raises:
+        RuntimeError: The exported network does not agree with the trained one.
+    """
+    shipped = ExportedBallNetwork(network, calibration).eval()
     sides = {1: COARSE_STRIDE * torch.export.Dim("rows", min=2), 2: COARSE_STRIDE * torch.export.Dim("columns", min=2)}
-    write_onnx(shipped, sides, ("picture", "maps"), _contract() | as_json(facts), pictures_tried(), path)
+    write_onnx_network(
+        shipped,
+        sides,
+        ("picture", "maps"),
+        _contract_metadata() | encode_json_values(facts),
+        build_parity_inputs(),
+        path,
+    )
 
 
-def pictures_tried() -> list[NDArray[np.uint8]]:
-    """Pictures (1, H, W, 3) of several sizes."""
+def build_parity_inputs() -> list[NDArray[np.uint8]]:
+    """Build random images (1, H, W, 3) of several sizes."""
     rng = np.random.default_rng(0)
     step = COARSE_STRIDE
-    return [rng.integers(0, 256, (1, step * rows, step * columns, 3), dtype=np.uint8) for rows, columns in SIZES]
+    return [rng.integers(0, 256, (1, step * rows, step * columns, 3), dtype=np.uint8) for rows, columns in PARITY_SIZES]
 
 
-def _contract() -> dict[str, str]:
+def _contract_metadata() -> dict[str, str]:
     return {
         "trueroll.schema": SCHEMA,
         "trueroll.channels": ",".join(CHANNELS),
-        "trueroll.looks": ",".join(LOOKS),
+        "trueroll.looks": ",".join(APPEARANCES),
         "trueroll.stride": str(STRIDE),
         "trueroll.side_multiple": str(COARSE_STRIDE),
         "trueroll.units": json.dumps({"radius_px": RADIUS_UNIT_PX, "streak_px": STREAK_UNIT_PX}),

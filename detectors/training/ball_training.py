@@ -1,4 +1,4 @@
-"""Training the ball network on drawn pictures."""
+"""Training of the ball network on rendered images."""
 
 from __future__ import annotations
 
@@ -9,69 +9,78 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from detectors.training.data.augmentation import vary
-from detectors.training.data.shard_rotation import Shelf
-from detectors.training.data.training_shards import Pictures, read_pictures, training_file
+from detectors.training.data.augmentation import augment_image
+from detectors.training.data.shard_rotation import ShardRotation
+from detectors.training.data.training_shards import TrainingShard, prepare_shard_file, read_shard
+from detectors.training.networks.ball_loss import build_targets, compute_ball_loss
 from detectors.training.networks.ball_network import BallNetwork
-from detectors.training.networks.training_loss import loss_of, targets_of
-from detectors.training.networks.warm_start import start_from
-from detectors.training.training_loop import TrainOptions, Watch, trained
+from detectors.training.networks.warm_start import load_exported_weights
+from detectors.training.training_loop import StepCallback, TrainOptions, run_training
 from models.core.typing import ByteArray, Float32Array
 
 CHECKPOINT = "checkpoint.pt"
-FILES_AT_ONCE = 20
-"""Picture files held in memory."""
-FIRST_SEEN = 64
-"""Pictures whose statistics the normalisations of a network from a file begin with."""
+SHARDS_IN_MEMORY = 20
+"""Files of training images in memory."""
+STATISTICS_IMAGES = 64
+"""Images for the initial statistics of the normalisations of a network from a file."""
 
 
-def train(folder: Path, options: TrainOptions, watch: Watch) -> BallNetwork:
-    """The trained network; `folder` keeps checkpoints and pictures, and a second call goes on where the first ended."""
-    return trained(FindingBalls(folder, options), folder, options, watch)
+def train_ball_network(folder: Path, options: TrainOptions, watch: StepCallback) -> BallNetwork:
+    """Train the ball network; a second call continues an interrupted training.
+
+    Args:
+        folder: Folder of checkpoints and training images.
+        options: Length of the training, batch size and seed.
+        watch: Called after each step.
+
+    Returns:
+        The network with averaged weights.
+    """
+    return run_training(BallTraining(folder, options), folder, options, watch)
 
 
 @dataclass(slots=True)
-class FindingBalls:
-    """Where balls are in a picture."""
+class BallTraining:
+    """The training task of the ball network."""
 
     folder: Path
     options: TrainOptions
     checkpoint: str = CHECKPOINT
-    shelf: Shelf[Pictures] = field(init=False)
+    shards: ShardRotation[TrainingShard] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.shelf = Shelf(self._read, self.options.files, FILES_AT_ONCE)
+        self.shards = ShardRotation(self._read_shard, self.options.files, SHARDS_IN_MEMORY)
 
-    def _read(self, number: int, turn: int) -> Pictures:
-        return read_pictures(training_file(self.folder, number))
+    def _read_shard(self, number: int, turn: int) -> TrainingShard:
+        return read_shard(prepare_shard_file(self.folder, number))
 
-    def empty(self) -> BallNetwork:
-        """A network whose weights do not matter yet."""
+    def create_network(self) -> BallNetwork:
+        """Create a network to load weights into."""
         return BallNetwork()
 
-    def fresh(self) -> BallNetwork:
-        """The network that training begins with."""
+    def create_initial_network(self) -> BallNetwork:
+        """Create the network that training begins with."""
         network = BallNetwork()
         if self.options.start is not None:
-            first = read_pictures(training_file(self.folder, 0)).rgb[:FIRST_SEEN]
-            start_from(network, self.options.start, as_input(first))
+            first = read_shard(prepare_shard_file(self.folder, 0)).rgb[:STATISTICS_IMAGES]
+            load_exported_weights(network, self.options.start, to_network_input(first))
         return network
 
-    def loss(self, network: BallNetwork, step: int) -> tuple[Tensor, dict[str, float]]:
-        """Of the pictures of a step."""
-        rgb, balls = self._batch(step)
-        return loss_of(network(as_input(rgb)), targets_of(torch.from_numpy(balls), rgb.shape[1]))
+    def compute_loss(self, network: BallNetwork, step: int) -> tuple[Tensor, dict[str, float]]:
+        """Compute the loss of the images of a step."""
+        rgb, balls = self._draw_batch(step)
+        return compute_ball_loss(network(to_network_input(rgb)), build_targets(torch.from_numpy(balls), rgb.shape[1]))
 
-    def _batch(self, step: int) -> tuple[ByteArray, Float32Array]:
-        """Pictures (B, S, S, 3) and balls (B, N, 7)."""
+    def _draw_batch(self, step: int) -> tuple[ByteArray, Float32Array]:
+        """Draw augmented images (B, S, S, 3) and their balls (B, N, 7)."""
         rng = np.random.default_rng((self.options.seed, step))
-        held = self.shelf.at(step)
-        chosen = [held[i] for i in rng.integers(0, len(held), self.options.batch)]
-        rows = [int(rng.integers(len(pictures))) for pictures in chosen]
-        varied = [vary(rng, p.rgb[row], p.balls[row]) for p, row in zip(chosen, rows, strict=True)]
+        shards = self.shards.shards_at(step)
+        chosen = [shards[i] for i in rng.integers(0, len(shards), self.options.batch)]
+        rows = [int(rng.integers(len(shard))) for shard in chosen]
+        varied = [augment_image(rng, p.rgb[row], p.balls[row]) for p, row in zip(chosen, rows, strict=True)]
         return np.stack([rgb for rgb, _ in varied]), np.stack([balls for _, balls in varied])
 
 
-def as_input(rgb: ByteArray) -> Tensor:
-    """Pictures (B, H, W, 3) of bytes to the network's (B, 3, H, W)."""
-    return torch.from_numpy(rgb).permute(0, 3, 1, 2).float() / 255  # stays laid out as it came: channels side by side
+def to_network_input(rgb: ByteArray) -> Tensor:
+    """Convert images (B, H, W, 3) of bytes to the input (B, 3, H, W) of a network, in [0, 1]."""
+    return torch.from_numpy(rgb).permute(0, 3, 1, 2).float() / 255  # memory layout unchanged: channels last

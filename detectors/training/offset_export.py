@@ -1,94 +1,73 @@
-"""A trained measuring network, its errors made honest on halls it never saw, to an ONNX file that says what it is."""
+"""Export of a trained offset regressor to an ONNX file with metadata."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from detectors.network.peak_decoding import SIGMA_LIMITS
-from detectors.training.ball_training import as_input
-from detectors.training.evaluation import MOST_PULL
-from detectors.training.networks.offset_network import MeasuringNetwork
-from detectors.training.onnx_export import as_json, write_onnx
-from models.core.typing import ByteArray, Float32Array, FloatArray
+from detectors.network.offset_regressor import INPUT_NAME, OUTPUT_NAME
+from detectors.network.peak_decoding import LOG_SIGMA_LIMITS
+from detectors.training.networks.offset_network import OffsetNetwork
+from detectors.training.offset_evaluation import DiscFigures, StreakFigures, round_figures
+from detectors.training.onnx_export import encode_json_values, write_onnx_network
 
-AT_ONCE = 256
-CLEAR_SHARE = 0.5
-"""Visible share of the balls that figures are of."""
-CENTRE = 2
-"""The first numbers that such a network tells are of the centre."""
+PARITY_COUNTS = (4, 1, 7)
+"""Numbers of crops for which the exported network is compared with the trained one."""
 
 
-class Shipped(nn.Module):
-    """A network with what comes before and after it: bytes in, honest errors out."""
+class ExportedOffsetNetwork(nn.Module):
+    """A network with its pre- and post-processing: bytes in, offsets and calibrated log sigmas out."""
 
-    def __init__(self, network: MeasuringNetwork, sigma_factor: float) -> None:
+    def __init__(self, network: OffsetNetwork, sigma_factor: float) -> None:
         super().__init__()
         self.network = network.eval()
-        self.wider = float(np.log(sigma_factor))
+        self.log_factor = float(np.log(sigma_factor))
 
     def forward(self, shown: Tensor) -> Tensor:
-        """(B, rows, columns, 3) RGB bytes to (B, 2 n)."""
-        said = self.network(shown.permute(0, 3, 1, 2).to(torch.float32) / 255)
-        n = len(self.network.names)
-        return torch.cat([said[:, :n], said[:, n:].clamp(*SIGMA_LIMITS) + self.wider], dim=1)
+        """Map crops (B, rows, columns, 3) of RGB bytes to (B, 2 n)."""
+        outputs = self.network(shown.permute(0, 3, 1, 2).to(torch.float32) / 255)
+        n = len(self.network.kind.outputs)
+        return torch.cat([outputs[:, :n], outputs[:, n:].clamp(*LOG_SIGMA_LIMITS) + self.log_factor], dim=1)
 
 
-def said_of(network: MeasuringNetwork, shown: ByteArray) -> tuple[FloatArray, FloatArray]:
-    """What the network says of each picture (K, rows, columns, 3): n numbers (K, n), and their sigmas (K, n)."""
-    network.eval()
-    n = len(network.names)
-    with torch.no_grad():
-        parts = [network(as_input(shown[k : k + AT_ONCE])).numpy() for k in range(0, len(shown), AT_ONCE)]
-    said = np.concatenate([np.empty((0, 2 * n)), *parts])
-    return said[:, :n], np.exp(np.clip(said[:, n:], *SIGMA_LIMITS))
-
-
-def sigma_factor(network: MeasuringNetwork, shown: ByteArray, told: Float32Array) -> float:
-    """By how much the sigmas have to be larger for the pulls of the centres to be one; 1 without pictures."""
-    pulls = pulls_of(*said_of(network, shown), told)
-    return float(np.std(pulls)) if len(pulls) > 1 else 1.0
-
-
-def pulls_of(said: FloatArray, sigma: FloatArray, told: Float32Array) -> FloatArray:
-    """Misses of the centres over their sigmas (n,), without what is another thing."""
-    pulls = ((told - said) / sigma)[:, :CENTRE].ravel()
-    return np.asarray(pulls[np.abs(pulls) < MOST_PULL], dtype=np.float64)
-
-
-def rms(misses: NDArray[np.floating]) -> tuple[float, float]:
-    """Of misses (n, 2) along both axes; NaN without any."""
-    along, across = np.sqrt((misses**2).mean(axis=0)) if len(misses) else (np.nan, np.nan)
-    return float(along), float(across)
-
-
-def rounded(figures: Any) -> dict[str, float]:
-    """The fields of a dataclass of numbers; NaN is left out."""
-    return {name: round(float(value), 4) for name, value in asdict(figures).items() if value == value}
-
-
-def export_measuring(
-    network: MeasuringNetwork,
+def export_offset_network(
+    network: OffsetNetwork,
     factor: float,
-    contract: dict[str, str],
-    facts: dict[str, object],
-    side: tuple[int, int],
+    figures: DiscFigures | StreakFigures,
+    recipe: dict[str, object],
     path: Path,
-) -> None:
-    """Write an ONNX file with metadata `contract` and, as JSON, `facts`; `side` are rows and columns of a picture.
+) -> dict[str, float]:
+    """Write an offset regressor as an ONNX file with metadata.
 
-    RuntimeError if it does not agree with the network.
+    Args:
+        network: The trained network.
+        factor: Factor of its sigmas.
+        figures: Its figures on hold-out samples, for the metadata.
+        recipe: How it was trained, for the metadata.
+        path: The file.
+
+    Returns:
+        The rounded figures by name.
+
+    Raises:
+        RuntimeError: The exported network does not agree with the trained one.
     """
-    rng = np.random.default_rng(0)
-    tried = [rng.integers(0, 256, (count, *side, 3), dtype=np.uint8) for count in (4, 1, 7)]
-    told = {"trueroll.told": ",".join(network.names)}
-    calibration = as_json({"trueroll.calibration": {"sigma_factor": factor}, **facts})
-    shapes = {0: torch.export.Dim("pictures", min=1)}
-    shipped = Shipped(network, factor).eval()
-    write_onnx(shipped, shapes, ("shown", "told"), contract | told | calibration, tried, path)
+    kind, rng, rounded = network.kind, np.random.default_rng(0), round_figures(figures)
+    parity_inputs = [
+        rng.integers(0, 256, (count, kind.rows, kind.columns, 3), dtype=np.uint8) for count in PARITY_COUNTS
+    ]
+    shape = f"{kind.rows}, {kind.columns}"
+    contract = {
+        "trueroll.schema": kind.schema,
+        "trueroll.input": f"RGB bytes (B, {shape}, 3), {kind.crop_content}; scaled to [0, 1] inside",
+        "trueroll.told": ",".join(kind.outputs),
+    }
+    values = {"trueroll.calibration": {"sigma_factor": factor}, "trueroll.held_out": rounded, "trueroll.recipe": recipe}
+    sides = {0: torch.export.Dim("pictures", min=1)}
+    exported = ExportedOffsetNetwork(network, factor).eval()
+    metadata = contract | encode_json_values(values)
+    write_onnx_network(exported, sides, (INPUT_NAME, OUTPUT_NAME), metadata, parity_inputs, path)
+    return rounded

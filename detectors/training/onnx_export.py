@@ -1,4 +1,4 @@
-"""A trained network to an ONNX file, and the proof that both compute the same."""
+"""Export of a trained network to an ONNX file, with a check that both compute the same."""
 
 from __future__ import annotations
 
@@ -19,65 +19,74 @@ from models.core.typing import ByteArray
 from video.io.onnx_session import onnxruntime
 
 OPSET = 18
-PARITY = 2e-3
-"""Largest difference that the exported network may show from the trained one: float32 in another order."""
+"""Version of the ONNX operators."""
+MAX_DISAGREEMENT = 2e-3
+"""Largest accepted difference of the outputs of the exported and the trained network: float32 in another order."""
 
 
-def write_onnx(
+def write_onnx_network(
     network: nn.Module,
-    shapes: dict[int, Any],
+    dynamic_sides: dict[int, Any],
     names: tuple[str, str],
-    facts: dict[str, str],
-    tried: list[ByteArray],
+    metadata: dict[str, str],
+    parity_inputs: list[ByteArray],
     path: Path,
 ) -> None:
-    """Write a network of one input and one output, of those names, with metadata `facts`.
+    """Write a network with one input and one output as an ONNX file.
 
-    `shapes` are the open sides of the input (`torch.export.Dim`); `tried` are inputs for which both must agree, the
-    first of them shows the exporter what an input is. RuntimeError if they do not.
+    Args:
+        network: The trained network with its pre- and post-processing.
+        dynamic_sides: Sides of the input that are open (`torch.export.Dim`), by axis.
+        names: Names of the input and the output.
+        metadata: Values by name.
+        parity_inputs: Inputs for which both must agree; the first is also the exporter's example.
+        path: The file.
+
+    Raises:
+        RuntimeError: The exported network does not agree with the trained one.
     """
-    with _quiet():
+    with _silence_exporter():
         program = torch.onnx.export(
-            network, (torch.from_numpy(tried[0]),), dynamo=True, opset_version=OPSET, dynamic_shapes=(shapes,),
-            input_names=[names[0]], output_names=[names[1]],
+            network, (torch.from_numpy(parity_inputs[0]),), dynamo=True, opset_version=OPSET,
+            dynamic_shapes=(dynamic_sides,), input_names=[names[0]], output_names=[names[1]],
         )  # fmt: skip
     if program is None:
         raise RuntimeError("torch could not export the network to ONNX")
     model = program.model_proto
-    for name, value in facts.items():
+    for name, value in metadata.items():
         entry = model.metadata_props.add()
         entry.key, entry.value = name, value
     aside = path.with_suffix(".part")
     aside.write_bytes(model.SerializeToString())
-    worst = disagreement(network, aside, tried)
-    if worst > PARITY:
+    worst = max_disagreement(network, aside, parity_inputs)
+    if worst > MAX_DISAGREEMENT:
         aside.unlink()
         raise RuntimeError(
-            f"the exported network should agree with the trained one to {PARITY}; it differs by {worst:.2g}"
+            f"the exported network should agree with the trained one to {MAX_DISAGREEMENT}; it differs by {worst:.2g}"
         )
     aside.replace(path)
 
 
-def as_json(facts: dict[str, object]) -> dict[str, str]:
-    """Facts as the metadata of a file holds them."""
+def encode_json_values(facts: dict[str, object]) -> dict[str, str]:
+    """Encode values as JSON, for the metadata of a file."""
     return {key: json.dumps(value) for key, value in facts.items()}
 
 
-def disagreement(network: nn.Module, path: Path, tried: list[ByteArray]) -> float:
-    """Largest difference of the outputs of a network and of a file for some inputs."""
+def max_disagreement(network: nn.Module, path: Path, parity_inputs: list[ByteArray]) -> float:
+    """Largest difference of the outputs of a network and of an ONNX file for some inputs."""
     session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
     name, worst = session.get_inputs()[0].name, 0.0
-    for given in tried:
+    for network_input in parity_inputs:
         with torch.no_grad():
-            mine = network(torch.from_numpy(given)).numpy()
-        theirs = np.asarray(session.run(None, {name: given})[0])
-        worst = max(worst, float(np.abs(mine - theirs).max()))
+            trained = network(torch.from_numpy(network_input)).numpy()
+        exported = np.asarray(session.run(None, {name: network_input})[0])
+        worst = max(worst, float(np.abs(trained - exported).max()))
     return worst
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """The exporter talks about its steps and about packages that are not needed."""
+def _silence_exporter() -> Iterator[None]:
+    """Suppress the exporter's messages about its steps and about packages that are not needed."""
     logger = logging.getLogger("torch.onnx")
     level = logger.level
     logger.setLevel(logging.ERROR)

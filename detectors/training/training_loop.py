@@ -1,4 +1,4 @@
-"""A training that can be interrupted: steps, schedule of the learning rate, averaged weights, checkpoints."""
+"""Training loop that can be interrupted: steps, schedule of the learning rate, averaged weights, checkpoints."""
 
 from __future__ import annotations
 
@@ -14,61 +14,63 @@ from torch import Tensor, nn
 
 N = TypeVar("N", bound=nn.Module)
 
-RATE, DECAY = 3e-3, 1e-4
+MAX_LEARNING_RATE, WEIGHT_DECAY = 3e-3, 1e-4
 """Highest learning rate and weight decay of AdamW (Loshchilov and Hutter 2019, arXiv:1711.05101)."""
-WARM_SHARE = 0.04
+WARM_UP_SHARE = 0.04
 """Share of the steps in which the learning rate rises; then it falls along a half cosine."""
-AVERAGED = 0.998
-"""Share of the averaged weights that a step keeps: the averaged ones are exported (Polyak and Juditsky 1992,
+AVERAGE_DECAY = 0.998
+"""Share of the averaged weights that remains after a step: the averaged ones are exported (Polyak and Juditsky 1992,
 doi:10.1137/0330046)."""
-CHECKPOINT_S = 60.0
+CHECKPOINT_INTERVAL_S = 60.0
+"""Seconds between checkpoints."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainOptions:
-    """How long and on how much a network is trained."""
+    """Length of a training, amount of data, and seed."""
 
     steps: int = 12000
-    """Steps in all."""
+    """Total number of steps."""
     hours: float = 3.0
-    """Time after which it ends all the same, interruptions not counted: the learning rate falls in time for it."""
+    """Hours after which the training ends in any case, interruptions not counted; the learning rate falls
+    accordingly."""
     batch: int = 16
-    """Pictures per step."""
+    """Samples per step."""
     files: int = 100
-    """Files of 240 training pictures each, made before they are needed."""
+    """Files of 240 training images each, rendered before they are needed."""
     threads: int = 2
-    """Of the processor."""
+    """Threads of the processor."""
     seed: int = 0
-    """Of the network's first weights and the order of the pictures."""
+    """Random seed of the network's initial weights and of the samples."""
     start: Path | None = None
-    """ONNX file of a network to go on from; without it, from nothing."""
+    """ONNX file of a network to continue from; None for random initial weights."""
 
 
-Watch = Callable[[int, float, dict[str, float]], None]
-"""Told the step, how far the training is (0 to 1) and the parts of the step's loss."""
+StepCallback = Callable[[int, float, dict[str, float]], None]
+"""Called with the step, the progress of the training (0 to 1) and the parts of the step's loss."""
 
 
-class Lesson(Protocol[N]):
-    """What is learnt."""
+class TrainingTask(Protocol[N]):
+    """A network, its loss and its data."""
 
     checkpoint: str
-    """Name of the file that keeps the training."""
+    """File name of the checkpoint."""
 
-    def empty(self) -> N:
-        """A network whose weights do not matter yet."""
+    def create_network(self) -> N:
+        """Create a network to load weights into."""
         ...
 
-    def fresh(self) -> N:
-        """The network that training begins with."""
+    def create_initial_network(self) -> N:
+        """Create the network that training begins with."""
         ...
 
-    def loss(self, network: N, step: int) -> tuple[Tensor, dict[str, float]]:
-        """Of the pictures of a step, which are the same whenever it is asked; and the parts of it."""
+    def compute_loss(self, network: N, step: int) -> tuple[Tensor, dict[str, float]]:
+        """Compute the loss of the samples of a step, which depend on the step alone, and its parts."""
         ...
 
 
 @dataclass(slots=True)
-class Training(Generic[N]):
+class TrainingState(Generic[N]):
     """The state of a training."""
 
     network: N
@@ -76,63 +78,85 @@ class Training(Generic[N]):
     optimiser: torch.optim.AdamW
     step: int
     seconds: float
-    """Spent so far."""
+    """Training time so far."""
 
-    def done(self, options: TrainOptions) -> float:
+    def progress(self, options: TrainOptions) -> float:
         """How far the training is, from 0 to 1."""
         return min(max(self.step / options.steps, self.seconds / (3600 * options.hours)), 1.0)
 
 
-def trained(lesson: Lesson[N], folder: Path, options: TrainOptions, watch: Watch) -> N:
-    """The trained network; `folder` keeps checkpoints, and a second call goes on where the first ended."""
+def run_training(task: TrainingTask[N], folder: Path, options: TrainOptions, watch: StepCallback) -> N:
+    """Run a training; a second call continues an interrupted one.
+
+    Args:
+        task: The network and its loss.
+        folder: Folder of the checkpoint; created if missing.
+        options: Length of the training and seed.
+        watch: Called after each step.
+
+    Returns:
+        The network with averaged weights, in evaluation mode.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    kept = folder / lesson.checkpoint
-    state = _resumed(lesson, kept, options)
+    checkpoint = folder / task.checkpoint
+    state = _load_state(task, checkpoint, options)
     try:
-        _continue(state, lesson, kept, options, watch)
+        _train_until_done(state, task, checkpoint, options, watch)
     finally:
-        _save(kept, state)
+        _save_state(checkpoint, state)
     return state.average.eval()
 
 
-def steps_done(checkpoint: Path) -> int:
-    """Steps of a checkpoint."""
+def read_step_count(checkpoint: Path) -> int:
+    """Read the number of steps of a checkpoint.
+
+    Args:
+        checkpoint: The file.
+
+    Returns:
+        The number of steps.
+    """
     return int(torch.load(checkpoint, weights_only=True)["step"])
 
 
-def _continue(state: Training[N], lesson: Lesson[N], kept: Path, options: TrainOptions, watch: Watch) -> None:
+def _train_until_done(
+    state: TrainingState[N], task: TrainingTask[N], checkpoint: Path, options: TrainOptions, watch: StepCallback
+) -> None:
     last = saved = time.monotonic()
-    while state.done(options) < 1:
-        parts = _step(state, lesson, options)
+    while state.progress(options) < 1:
+        parts = _train_step(state, task, options)
         now = time.monotonic()
         state.seconds, last = state.seconds + now - last, now
-        watch(state.step, state.done(options), parts)
-        if now - saved > CHECKPOINT_S:
-            _save(kept, state)
+        watch(state.step, state.progress(options), parts)
+        if now - saved > CHECKPOINT_INTERVAL_S:
+            _save_state(checkpoint, state)
             saved = now
 
 
-def _resumed(lesson: Lesson[N], kept: Path, options: TrainOptions) -> Training[N]:
+def _load_state(task: TrainingTask[N], checkpoint: Path, options: TrainOptions) -> TrainingState[N]:
     torch.manual_seed(options.seed)
-    saved = torch.load(kept, weights_only=True) if kept.exists() else None
-    network, average = _laid_out(lesson.fresh() if saved is None else lesson.empty()), _laid_out(lesson.empty())
-    optimiser = torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=DECAY)
+    saved = torch.load(checkpoint, weights_only=True) if checkpoint.exists() else None
+    network, average = (
+        _use_channels_last(task.create_initial_network() if saved is None else task.create_network()),
+        _use_channels_last(task.create_network()),
+    )
+    optimiser = torch.optim.AdamW(network.parameters(), lr=MAX_LEARNING_RATE, weight_decay=WEIGHT_DECAY)
     if saved is None:
         average.load_state_dict(network.state_dict())
-        return Training(network, average, optimiser, 0, 0.0)
+        return TrainingState(network, average, optimiser, 0, 0.0)
     network.load_state_dict(saved["network"])
     average.load_state_dict(saved["average"])
     optimiser.load_state_dict(saved["optimiser"])
-    return Training(network, average, optimiser, saved["step"], saved["seconds"])
+    return TrainingState(network, average, optimiser, saved["step"], saved["seconds"])
 
 
-def _laid_out(network: N) -> N:
-    """A network whose arrays hold the channels of a place side by side: a step takes two thirds of the time."""
+def _use_channels_last(network: N) -> N:
+    """Store the arrays of a network channels-last: a step takes two thirds of the time."""
     return network.to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
 
 
-def _save(kept: Path, state: Training[N]) -> None:
-    aside = kept.with_name(kept.name + ".part")
+def _save_state(checkpoint: Path, state: TrainingState[N]) -> None:
+    aside = checkpoint.with_name(checkpoint.name + ".part")
     torch.save(
         {
             "network": state.network.state_dict(),
@@ -143,29 +167,29 @@ def _save(kept: Path, state: Training[N]) -> None:
         },
         aside,
     )
-    aside.replace(kept)
+    aside.replace(checkpoint)
 
 
-def _step(state: Training[N], lesson: Lesson[N], options: TrainOptions) -> dict[str, float]:
-    done = state.done(options)
-    warm = min(done / WARM_SHARE, 1.0)
+def _train_step(state: TrainingState[N], task: TrainingTask[N], options: TrainOptions) -> dict[str, float]:
+    progress = state.progress(options)
+    warm = min(progress / WARM_UP_SHARE, 1.0)
     for group in state.optimiser.param_groups:
-        group["lr"] = RATE * warm * (0.5 + 0.5 * float(np.cos(np.pi * done))) + 1e-6
+        group["lr"] = MAX_LEARNING_RATE * warm * (0.5 + 0.5 * float(np.cos(np.pi * progress))) + 1e-6
     state.network.train()
-    loss, parts = lesson.loss(state.network, state.step)
+    loss, parts = task.compute_loss(state.network, state.step)
     state.optimiser.zero_grad()
     loss.backward()  # type: ignore[no-untyped-call]
     torch.nn.utils.clip_grad_norm_(state.network.parameters(), 5.0)
     state.optimiser.step()
     state.step += 1
-    _follow(state)
+    _update_average(state)
     return parts
 
 
 @torch.no_grad()
-def _follow(state: Training[N]) -> None:
-    """Move the averaged weights; early on they follow faster."""
-    keep = min(AVERAGED, 1 - 1 / (1 + state.step / 10))
+def _update_average(state: TrainingState[N]) -> None:
+    """Move the averaged weights towards the current ones; faster in early steps."""
+    keep = min(AVERAGE_DECAY, 1 - 1 / (1 + state.step / 10))
     for mean, value in zip(state.average.state_dict().values(), state.network.state_dict().values(), strict=True):
         if mean.dtype.is_floating_point:
             mean.lerp_(value, 1 - keep)

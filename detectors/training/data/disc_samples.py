@@ -1,94 +1,112 @@
-"""Balls at rest to measure, shown as they were found: a little off, in many sizes; and the truth beside each."""
+"""Training samples of the regressor for balls at rest: crops about rough centres, in many sizes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from detectors.network.disc_crop import SIDE, Upright
-from detectors.training.data.distractors import littered
-from detectors.training.data.training_shards import Pictures
-from models.core.typing import ByteArray, Float32Array, FloatArray
+from detectors.network.ball_crops import DiscCrop
+from detectors.network.offset_regressor import DISC, OffsetRegressorKind
+from detectors.training.data.distractors import paint_distractors
+from detectors.training.data.offset_samples import (
+    MIN_RADIUS_PX,
+    MIN_VISIBLE_SHARE,
+    LightAugmentation,
+    OffsetSamples,
+    SampleRow,
+    stack_samples,
+)
+from detectors.training.data.training_shards import TrainingShard, prepare_shard_file, read_shard
+from models.core.typing import FloatArray, IntArray
 
-LEAST_VISIBLE, LEAST_RADIUS_PX, MOST_MOVED_RADII = 0.35, 3.3, 0.6
-"""Of a ball that is measured: share that nothing hides, size, and way during the exposure."""
+MAX_DISPLACEMENT_RADII = 0.6
+"""Displacement during the exposure up to which a ball counts as at rest."""
 SIZE_ERROR = 0.03
-"""How far off its size is shown, one standard deviation of the logarithm: errors of the calibration."""
+"""Standard deviation of the logarithm of the crop's scale: errors of the calibration."""
 NEAR_SHARE, NEAR_RADII, FAR_RADII = 0.7, 0.1, 0.5
-"""Share of balls that are shown about so far off per axis, one standard deviation; others lie anywhere within this."""
+"""Share of the crops with a small error of the centre, its standard deviation per axis, and the radius of the disc in
+which the other centres are uniformly distributed."""
 LEVEL_SHARE, LEVEL_RAD = 0.8, 0.15
-"""Share of cameras that stand level but for so much, one standard deviation; the rest are turned by any angle."""
-LITTERED_SHARE = 0.2
-"""Share of the pictures with litter beneath the balls."""
+"""Share of the crops with a small roll, and its standard deviation; the others have any roll."""
+DISTRACTOR_IMAGE_SHARE = 0.2
+"""Share of the images with distractors beneath the balls."""
 
 
 @dataclass(frozen=True, slots=True)
-class DiscPictures:
-    """K balls as they are shown."""
+class DiscShard:
+    """The measurable balls at rest of some training images."""
 
-    shown: ByteArray
-    """(K, SIDE, SIDE, 3)"""
-    told: Float32Array
-    """(K, 2) as in `Upright.told`, ball radii."""
-    radius: Float32Array
-    """(K,) px in the picture."""
-    visible: Float32Array
-    """(K,) share of the disc that nothing hides."""
-
-    def __len__(self) -> int:
-        return len(self.shown)
-
-
-@dataclass(frozen=True, slots=True)
-class Discs:
-    """The balls of some pictures that can be measured."""
-
-    pictures: Pictures
-    rows: NDArray[np.int64]
-    """(K, 2) picture and ball."""
+    images: TrainingShard
+    rows: IntArray
+    """(K, 2) image and ball."""
 
     def __len__(self) -> int:
         return len(self.rows)
 
 
-def discs_in(pictures: Pictures) -> Discs:
-    """Those at rest that are in a picture, large enough and not hidden."""
-    place, radius = pictures.balls[..., :2], pictures.balls[..., 2]
-    still = np.linalg.norm(pictures.balls[..., 3:5], axis=-1) < MOST_MOVED_RADII * radius
-    seen = (pictures.balls[..., 6] > LEAST_VISIBLE) & (radius > LEAST_RADIUS_PX)
-    inside = ((place > 0) & (place < pictures.rgb.shape[1] - 1)).all(axis=-1)
-    return Discs(pictures, np.argwhere(still & seen & inside))
+@dataclass(frozen=True, slots=True)
+class DiscSource:
+    """Draws samples of balls at rest from the training images of a folder."""
+
+    folder: Path
+    seed: int
+    kind: ClassVar[OffsetRegressorKind] = DISC
+    light: ClassVar[LightAugmentation] = LightAugmentation(gamma=0.2, gain=0.1, tint=0.1, per_sample=True)
+
+    def read_shard(self, number: int, turn: int) -> DiscShard:
+        """Read training images and paint distractors onto some of them."""
+        rng = np.random.default_rng((self.seed, number, turn))
+        return find_measurable_discs(add_distractors(rng, read_shard(prepare_shard_file(self.folder, number))))
+
+    def draw_samples(self, rng: np.random.Generator, rows: list[tuple[DiscShard, int]]) -> OffsetSamples:
+        """Crop balls about random rough centres."""
+        return draw_disc_samples(rng, rows)
+
+    def read_hold_out(self, number: int) -> OffsetSamples:
+        """Crop every ball of a hold-out shard once."""
+        discs = find_measurable_discs(read_shard(prepare_shard_file(self.folder, number, held_out=True)))
+        return draw_disc_samples(np.random.default_rng(number), [(discs, row) for row in range(len(discs))])
+
+    def describe(self) -> dict[str, object]:
+        """Add nothing to the recipe: the samples follow from its seed."""
+        return {}
 
 
-def with_litter(rng: np.random.Generator, pictures: Pictures) -> Pictures:
-    """The same with litter on the cloth of some."""
-    rgb = pictures.rgb.copy()
-    for k in np.flatnonzero(rng.random(len(rgb)) < LITTERED_SHARE):
-        rgb[k] = littered(rng, rgb[k], pictures.balls[k])
-    return Pictures(rgb, pictures.balls)
+def find_measurable_discs(images: TrainingShard) -> DiscShard:
+    """Find the balls at rest that are inside an image, large enough and not hidden."""
+    place, radius = images.balls[..., :2], images.balls[..., 2]
+    rests = np.linalg.norm(images.balls[..., 3:5], axis=-1) < MAX_DISPLACEMENT_RADII * radius
+    measurable = (images.balls[..., 6] > MIN_VISIBLE_SHARE) & (radius > MIN_RADIUS_PX)
+    inside = ((place > 0) & (place < images.rgb.shape[1] - 1)).all(axis=-1)
+    return DiscShard(images, np.argwhere(rests & measurable & inside))
 
 
-def shown_balls(rng: np.random.Generator, given: list[tuple[Discs, int]]) -> DiscPictures:
-    """Balls, by their discs and row there, each as a draw has it found."""
-    columns = [_shown(rng, discs, row) for discs, row in given]
-    shown = np.array([column[0] for column in columns], dtype=np.uint8).reshape(-1, SIDE, SIDE, 3)
-    told, radius, visible = (np.array([column[k] for column in columns], dtype=np.float32) for k in (1, 2, 3))
-    return DiscPictures(shown, told.reshape(-1, 2), radius, visible)
+def add_distractors(rng: np.random.Generator, images: TrainingShard) -> TrainingShard:
+    """Paint distractors onto the cloth of some images."""
+    rgb = images.rgb.copy()
+    for k in np.flatnonzero(rng.random(len(rgb)) < DISTRACTOR_IMAGE_SHARE):
+        rgb[k] = paint_distractors(rng, rgb[k], images.balls[k])
+    return TrainingShard(rgb, images.balls)
 
 
-def _shown(rng: np.random.Generator, discs: Discs, row: int) -> tuple[ByteArray, FloatArray, float, float]:
-    """Picture, what is told of it, radius and visible share of one ball."""
-    picture, ball = discs.rows[row]
-    x, y, radius, *_, visible = discs.pictures.balls[picture, ball].astype(np.float64)
+def draw_disc_samples(rng: np.random.Generator, rows: list[tuple[DiscShard, int]]) -> OffsetSamples:
+    """Crop balls, given by their shard and row, each about a random rough centre."""
+    return stack_samples(DISC, [_draw_sample(rng, discs, row) for discs, row in rows])
+
+
+def _draw_sample(rng: np.random.Generator, discs: DiscShard, row: int) -> SampleRow:
+    image, ball = discs.rows[row]
+    x, y, radius, *_, visible = discs.images.balls[image, ball].astype(np.float64)
     near, angle = rng.random() < NEAR_SHARE, rng.uniform(0, 2 * np.pi)
-    off = rng.normal(0, NEAR_RADII, 2) if near else FAR_RADII * np.sqrt(rng.random()) * _unit(angle)
-    turn = rng.normal(0, LEVEL_RAD) if rng.random() < LEVEL_SHARE else rng.uniform(0, 2 * np.pi)
+    error = rng.normal(0, NEAR_RADII, 2) if near else FAR_RADII * np.sqrt(rng.random()) * _unit_vector(angle)
+    roll = rng.normal(0, LEVEL_RAD) if rng.random() < LEVEL_SHARE else rng.uniform(0, 2 * np.pi)
     centre = np.array([x, y])
-    at = Upright(centre + radius * off, radius * float(np.exp(rng.normal(0, SIZE_ERROR))), float(turn))
-    return at.picture(discs.pictures.rgb[picture]), at.told(centre), radius, visible
+    crop = DiscCrop(centre + radius * error, radius * float(np.exp(rng.normal(0, SIZE_ERROR))), float(roll))
+    return crop.sample(discs.images.rgb[image]), crop.offset_to(centre), radius, visible
 
 
-def _unit(angle: float) -> FloatArray:
+def _unit_vector(angle: float) -> FloatArray:
     return np.array([np.cos(angle), np.sin(angle)])

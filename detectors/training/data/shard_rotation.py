@@ -1,4 +1,4 @@
-"""Files to train on that are held in memory, one exchanged for another every so many steps."""
+"""Rotation of the training files in memory: one is replaced by another every 50 steps."""
 
 from __future__ import annotations
 
@@ -8,29 +8,31 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
-STEPS_PER_FILE = 50
+STEPS_PER_SHARD = 50
+"""Steps after which the next file is read."""
 
 
 @dataclass(slots=True)
-class Shelf(Generic[T]):
-    """The files that a step is drawn from: the same whenever it is asked, after an interruption too."""
+class ShardRotation(Generic[T]):
+    """The shards from which the samples of a step are drawn; after an interruption they are the same."""
 
     read: Callable[[int, int], T]
-    """What is held of a file, by its number and by how many were taken before it."""
+    """Reads a shard, by its number and by the number of shards read before it."""
     files: int
-    """How many there are; then they begin anew."""
-    room: int
-    held: list[T] = field(default_factory=list)
+    """Number of files; then they repeat."""
+    capacity: int
+    """Number of shards in memory."""
+    shards: list[T] = field(default_factory=list)
 
-    def at(self, step: int) -> list[T]:
-        """What is held in a step; steps come in order, but for the first one that is asked."""
-        turn = step // STEPS_PER_FILE
-        if not self.held:
-            self._take(range(max(turn - self.room + 1, 0), turn + 1))
-        elif step % STEPS_PER_FILE == 0:
-            self._take(range(turn, turn + 1))
-        return self.held
+    def shards_at(self, step: int) -> list[T]:
+        """Read the shards of a step; calls after the first one must be in the order of the steps."""
+        turn = step // STEPS_PER_SHARD
+        if not self.shards:
+            self._read_turns(range(max(turn - self.capacity + 1, 0), turn + 1))
+        elif step % STEPS_PER_SHARD == 0:
+            self._read_turns(range(turn, turn + 1))
+        return self.shards
 
-    def _take(self, turns: range) -> None:
-        self.held.extend(self.read(turn % self.files, turn) for turn in turns)
-        del self.held[: -self.room]
+    def _read_turns(self, turns: range) -> None:
+        self.shards.extend(self.read(turn % self.files, turn) for turn in turns)
+        del self.shards[: -self.capacity]

@@ -1,4 +1,4 @@
-"""Training pictures on disk in numbered files. Number k is the same anywhere, so an interrupted run goes on."""
+"""Training images on disk in numbered files. File k is the same everywhere, so interrupted runs can continue."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from models.core.typing import ByteArray, Float32Array
-from video.rendering.ball_arrangement import MOST_BALLS
-from video.rendering.training_images import TrainingPicture, practice_pictures
+from video.rendering.ball_arrangement import MAX_BALLS
+from video.rendering.training_images import TrainingImage, generate_training_images
 
-PICTURES_PER_FILE = 240
+IMAGES_PER_SHARD = 240
+"""Images in a file."""
 COLUMNS = ("x", "y", "radius", "streak_x", "streak_y", "look", "visible")
-"""Of a ball in `Pictures.balls`; lengths in px."""
-HELD_OUT_SEED = 7_000_000
-"""Files of held-out halls have numbers of their own."""
+"""Columns of `TrainingShard.balls`; lengths in px."""
+HOLD_OUT_SEED = 7_000_000
+"""Offset of the random seeds of hold-out files."""
 
 
 @dataclass(frozen=True, slots=True)
-class Pictures:
-    """P training pictures."""
+class TrainingShard:
+    """P training images."""
 
     rgb: ByteArray
     """(P, S, S, 3)"""
@@ -32,30 +33,46 @@ class Pictures:
         return len(self.rgb)
 
 
-def training_file(folder: Path, number: int, held_out: bool = False) -> Path:
-    """File `number` of a folder; made where it is missing."""
+def prepare_shard_file(folder: Path, number: int, held_out: bool = False) -> Path:
+    """Render the training images of a file, unless it exists.
+
+    Args:
+        folder: Folder of the files.
+        number: Number of the file, which determines its images.
+        held_out: Whether to render hold-out images.
+
+    Returns:
+        The file.
+    """
     path = folder / f"{'held-out' if held_out else 'pictures'}-{number:05d}.npz"
     if not path.exists():
-        rng = np.random.default_rng(number + HELD_OUT_SEED * held_out)
-        made = stacked(list(practice_pictures(rng, PICTURES_PER_FILE, held_out)))
+        rng = np.random.default_rng(number + HOLD_OUT_SEED * held_out)
+        shard = stack_training_images(list(generate_training_images(rng, IMAGES_PER_SHARD, held_out)))
         aside = path.with_suffix(f".{os.getpid()}.part")
         with aside.open("wb") as file:
-            np.savez(file, rgb=made.rgb, balls=made.balls)
+            np.savez(file, rgb=shard.rgb, balls=shard.balls)
         aside.replace(path)
     return path
 
 
-def read_pictures(path: Path) -> Pictures:
-    """What `training_file` wrote."""
+def read_shard(path: Path) -> TrainingShard:
+    """Read a file that `prepare_shard_file` wrote.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Its images.
+    """
     with np.load(path, allow_pickle=False) as arrays:
-        return Pictures(arrays["rgb"], arrays["balls"])
+        return TrainingShard(arrays["rgb"], arrays["balls"])
 
 
-def stacked(pictures: list[TrainingPicture]) -> Pictures:
-    """Pictures as arrays."""
-    balls = np.full((len(pictures), MOST_BALLS, len(COLUMNS)), np.nan, np.float32)
-    for row, picture in zip(balls, pictures, strict=True):
-        row[: len(picture.radius)] = np.column_stack(
-            [picture.centre, picture.radius, picture.streak, picture.look, picture.visible]
+def stack_training_images(images: list[TrainingImage]) -> TrainingShard:
+    """Stack training images."""
+    balls = np.full((len(images), MAX_BALLS, len(COLUMNS)), np.nan, np.float32)
+    for row, image in zip(balls, images, strict=True):
+        row[: len(image.radius)] = np.column_stack(
+            [image.centre, image.radius, image.streak, image.appearance_class, image.visible]
         )
-    return Pictures(np.stack([picture.rgb for picture in pictures]), balls)
+    return TrainingShard(np.stack([image.rgb for image in images]), balls)

@@ -1,7 +1,7 @@
-"""Training that goes on from an exported network instead of from nothing.
+"""Initial weights from an exported network.
 
 The exporter folds every batch normalisation that follows a convolution into it. Training needs them back: each is given
-the statistics of some pictures and undoes them again, so that it changes nothing at first and is learnt from there.
+the statistics of some images and inverts them, so that it changes nothing at first and is trained from there.
 """
 
 from __future__ import annotations
@@ -14,62 +14,68 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from detectors.network.network_file import CentreModel, open_model
+from detectors.network.ball_model import CentreModel, open_ball_model
 from detectors.training.networks.ball_network import BallNetwork
 from models.core.errors import ModelError
 
-PREFIX = "network."
-"""Of the names of the network's arrays in a file."""
-FOLDED = "weight_bias"
-"""Name of a convolution's shift that was the normalisation's."""
+NAME_PREFIX = "network."
+"""Prefix of the names of the network's arrays in a file."""
+FOLDED_SHIFT = "weight_bias"
+"""Name of a convolution's shift that was that of the normalisation."""
 
 Arrays = dict[str, Tensor]
 
 
 @torch.no_grad()
-def start_from(network: BallNetwork, path: Path, pictures: Tensor) -> None:
-    """Give a network the weights in an exported file, seeing `pictures` (B, 3, H, W) like those it will be trained on.
+def load_exported_weights(network: BallNetwork, path: Path, images: Tensor) -> None:
+    """Load the weights of an exported network; blocks that the file lacks begin as identities.
 
-    Blocks that the file lacks begin as identities. ModelError where the file holds something else.
+    Args:
+        network: The network.
+        path: ONNX file of a ball network of the project's own.
+        images: Images (B, 3, H, W) like those of the training, for the statistics of the normalisations.
+
+    Raises:
+        ModelError: The file holds another network.
     """
-    if not isinstance(open_model(path), CentreModel):
-        raise ModelError(f"{path} should be one of trueroll's own networks to go on from; it is a YOLO export")
-    arrays = _arrays(path)
-    given = {name: arrays[name] for name in network.state_dict() if name in arrays}
+    if not isinstance(open_ball_model(path), CentreModel):
+        raise ModelError(f"{path} should be one of trueroll's own networks to continue from; it is a YOLO export")
+    arrays = _read_arrays(path)
+    weights = {name: arrays[name] for name in network.state_dict() if name in arrays}
     try:
-        network.load_state_dict(given, strict=False)
+        network.load_state_dict(weights, strict=False)
     except RuntimeError as error:
         raise ModelError(
-            f"{path} should hold a network as wide as this version's to go on from; its arrays have other shapes"
+            f"{path} should hold a network as wide as this version's to continue from; its arrays have other shapes"
         ) from error
     for block in network.blocks:
         last = block.get_submodule("inner.3")
         assert isinstance(last, nn.BatchNorm2d)
         nn.init.zeros_(last.weight)
     hooks = [
-        norm.register_forward_pre_hook(_undone(arrays[f"{conv}.{FOLDED}"]))
-        for conv, norm in _normalised(network)
-        if f"{conv}.{FOLDED}" in arrays
+        norm.register_forward_pre_hook(_undo_normalisation(arrays[f"{conv}.{FOLDED_SHIFT}"]))
+        for conv, norm in _find_normalised_convolutions(network)
+        if f"{conv}.{FOLDED_SHIFT}" in arrays
     ]
-    network.eval()(pictures)
+    network.eval()(images)
     for hook in hooks:
         hook.remove()
 
 
-def _arrays(path: Path) -> Arrays:
-    """Of an ONNX file, by the names that they have in the network."""
-    import onnx  # of the extra `train`, which training from nothing does without
+def _read_arrays(path: Path) -> Arrays:
+    """Read the arrays of an ONNX file, by their names in the network."""
+    import onnx  # from the extra `train`, which training from random weights does not need
 
-    held = onnx.load(str(path)).graph.initializer
+    initializers = onnx.load(str(path)).graph.initializer
     return {
-        each.name.removeprefix(PREFIX): torch.from_numpy(np.array(onnx.numpy_helper.to_array(each)))
-        for each in held
-        if each.name.startswith(PREFIX)
+        each.name.removeprefix(NAME_PREFIX): torch.from_numpy(np.array(onnx.numpy_helper.to_array(each)))
+        for each in initializers
+        if each.name.startswith(NAME_PREFIX)
     }
 
 
-def _normalised(network: BallNetwork) -> list[tuple[str, nn.BatchNorm2d]]:
-    """Names of the convolutions that a normalisation follows, and those."""
+def _find_normalised_convolutions(network: BallNetwork) -> list[tuple[str, nn.BatchNorm2d]]:
+    """Find the names of the convolutions that a normalisation follows, and those normalisations."""
     return [
         (f"{name}.{number}", after)
         for name, chain in network.named_modules()
@@ -79,8 +85,8 @@ def _normalised(network: BallNetwork) -> list[tuple[str, nn.BatchNorm2d]]:
     ]
 
 
-def _undone(shift: Tensor) -> Callable[[nn.BatchNorm2d, tuple[Tensor]], None]:
-    """Before a normalisation sees its first pictures: let it know them, and only add `shift` (C,) to them."""
+def _undo_normalisation(shift: Tensor) -> Callable[[nn.BatchNorm2d, tuple[Tensor]], None]:
+    """Build a hook that gives a normalisation the statistics of its first input, and lets it only add `shift` (C,)."""
 
     def learn(norm: nn.BatchNorm2d, given: tuple[Tensor]) -> None:
         variance, mean = torch.var_mean(given[0], dim=(0, 2, 3), correction=0)

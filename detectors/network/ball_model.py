@@ -1,0 +1,220 @@
+"""Ball networks in ONNX files: the project's own network, or one of the YOLO family that a user supplies.
+
+Own networks are recognised by their metadata (`detectors/training/ball_export.py`); others are recognised by the shapes
+of their input and output. Other files are refused in one sentence.
+"""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detectors.network.peak_decoding import (
+    CHANNELS,
+    COARSE_STRIDE,
+    CandidateDetections,
+    concatenate_candidates,
+    decode_maps,
+    select_non_echoes,
+)
+from detectors.network.yolo_decoding import (
+    Layout,
+    YoloClasses,
+    count_classes,
+    decode_boxes,
+    letterbox_image,
+    recognize_layout,
+    select_ball_classes,
+)
+from models.core.errors import ModelError
+from models.core.typing import ByteArray, Float32Array
+from video.io.onnx_session import onnxruntime, open_session
+
+SCHEMA = "trueroll.balls/1"
+SHIPPED_BALL_MODEL = Path(__file__).parent / "weights" / "balls.onnx"
+DEFAULT_SIDE_PX = 640
+"""Side of the input, px, of a YOLO export that leaves its size open."""
+MAX_SIDE_PX = 8192
+"""Largest side of a network's input, px; a larger one is an exporter's mistake, or meant to exhaust the memory."""
+EXPECTATION = "an ONNX ball detector is trueroll's own or a YOLO export (v5 to v11, with one input of images)"
+MIN_DIAMETER_PX = 14.0
+"""Least diameter of a ball in the input of a YOLO network; images in which it would be smaller are split into tiles."""
+TILE_OVERLAP_DIAMETERS = 2.5
+"""Overlap of neighbouring tiles, ball diameters."""
+MAX_TILES = 12
+"""Most tiles of one image."""
+
+
+class BallModel(Protocol):
+    """A network that finds candidate detections in an image of any size."""
+
+    def find_candidates(self, rgb: ByteArray, radius: float) -> CandidateDetections:
+        """Find balls in an image (h, w, 3) in which they have about this radius, px."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class CentreModel:
+    """The project's own network."""
+
+    session: onnxruntime.InferenceSession
+
+    def compute_maps(self, rgb: ByteArray) -> Float32Array:
+        """Compute the maps (12, h / 4, w / 4), rounded up, of an image (h, w, 3)."""
+        h, w = rgb.shape[:2]
+        padded = np.pad(rgb, ((0, -h % COARSE_STRIDE), (0, -w % COARSE_STRIDE), (0, 0)), mode="edge")
+        return np.asarray(self.session.run(None, {"picture": padded[None]})[0][0], dtype=np.float32)
+
+    def find_candidates(self, rgb: ByteArray, radius: float) -> CandidateDetections:
+        """Find balls in an image (h, w, 3), preferably with radii of 4 to 12 px."""
+        return decode_maps(self.compute_maps(rgb))
+
+
+@dataclass(frozen=True, slots=True)
+class BoxModel:
+    """A YOLO network."""
+
+    session: onnxruntime.InferenceSession
+    side: tuple[int, int]
+    """(H, W) px of its input."""
+    layout: Layout
+    classes: YoloClasses
+
+    def find_candidates(self, rgb: ByteArray, radius: float) -> CandidateDetections:
+        """Find balls in an image (h, w, 3), tile by tile if they would be too small in the input."""
+        parts = []
+        for x, y, part in split_into_tiles(rgb, radius, self.side):
+            network_input, letterbox = letterbox_image(part, self.side)
+            output = np.asarray(
+                self.session.run(None, {self.session.get_inputs()[0].name: _cast_input(network_input, self.session)})[0]
+            )
+            parts.append(decode_boxes(output, self.layout, self.classes, letterbox).scale(1.0, (float(x), float(y))))
+        candidates = concatenate_candidates(parts)
+        candidates = candidates.take(np.argsort(-candidates.score, kind="stable"))
+        return candidates.take(select_non_echoes(candidates))
+
+
+def split_into_tiles(rgb: ByteArray, radius: float, side: tuple[int, int]) -> list[tuple[int, int, ByteArray]]:
+    """Split an image into tiles (x and y of the first pixel, image) in which balls of a radius are large enough."""
+    h, w = rgb.shape[:2]
+    scale = min(side[0] / h, side[1] / w)
+    times = int(np.ceil(MIN_DIAMETER_PX / max(2 * radius * scale, 1e-6)))
+    if times <= 1:
+        return [(0, 0, rgb)]
+    rows, columns = _tile_grid(h, w, times)
+    margin = round(TILE_OVERLAP_DIAMETERS * radius)
+    tiles = []
+    for i in range(rows):
+        for j in range(columns):
+            y0, y1 = max(i * h // rows - margin, 0), min((i + 1) * h // rows + margin, h)
+            x0, x1 = max(j * w // columns - margin, 0), min((j + 1) * w // columns + margin, w)
+            tiles.append((x0, y0, rgb[y0:y1, x0:x1]))
+    return tiles
+
+
+def _tile_grid(h: int, w: int, times: int) -> tuple[int, int]:
+    """Rows and columns of nearly square tiles whose longer side is 1 / times of the longer side of the image."""
+    longest = max(h, w) / times
+    rows, columns = max(1, int(np.ceil(h / longest))), max(1, int(np.ceil(w / longest)))
+    while rows * columns > MAX_TILES:
+        rows, columns = max(1, rows - (rows >= columns)), max(1, columns - (columns > rows))
+    return rows, columns
+
+
+def open_ball_model(path: Path) -> BallModel:
+    """Open the ball network in an ONNX file.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The network.
+
+    Raises:
+        ModelError: The file is missing, or holds no ball network.
+    """
+    if not path.is_file():
+        raise ModelError(f"{path} is not there; {EXPECTATION}")
+    return _open_cached(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _open_cached(path: Path, modified_ns: int) -> BallModel:
+    session = open_session(path, EXPECTATION)
+    metadata = dict(session.get_modelmeta().custom_metadata_map)
+    if "trueroll.schema" in metadata:
+        return _open_own_network(path, session, metadata)
+    return _open_yolo_network(path, session, metadata)
+
+
+def read_model_metadata(path: Path) -> dict[str, str]:
+    """Read the metadata of an ONNX file.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Values by name.
+    """
+    session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+    return dict(session.get_modelmeta().custom_metadata_map)
+
+
+def _open_own_network(path: Path, session: onnxruntime.InferenceSession, metadata: dict[str, str]) -> CentreModel:
+    if metadata["trueroll.schema"] != SCHEMA or metadata.get("trueroll.channels", "").split(",") != list(CHANNELS):
+        raise ModelError(
+            f"{path} follows {metadata['trueroll.schema']} and this version reads {SCHEMA}; train it again with "
+            "trueroll train-detector"
+        )
+    return CentreModel(session)
+
+
+def _open_yolo_network(path: Path, session: onnxruntime.InferenceSession, metadata: dict[str, str]) -> BoxModel:
+    inputs = session.get_inputs()
+    shape = inputs[0].shape if inputs else []
+    if len(inputs) != 1 or len(shape) != 4 or shape[1] != 3 or inputs[0].type not in _INPUT_TYPES:
+        description = ", ".join(f"{each.name} {each.shape} {each.type}" for each in inputs) or "none"
+        raise ModelError(f"{path} is another kind of network: {EXPECTATION}; its inputs are {description}")
+    rows, columns = (n if isinstance(n, int) else DEFAULT_SIDE_PX for n in shape[2:])
+    side = (rows, columns)
+    if not all(0 < n <= MAX_SIDE_PX for n in side):
+        raise ModelError(
+            f"{path} requires images of {side[1]} x {side[0]} px; at most {MAX_SIDE_PX} px a side are possible"
+        )
+    blank = _cast_input(np.zeros((1, 3, *side), np.float32), session)
+    try:
+        output = tuple(np.asarray(session.run(None, {inputs[0].name: blank})[0]).shape)
+    except Exception as error:  # as above: onnxruntime's exceptions have no common type
+        raise ModelError(f"{path} does not run on an image of {side[1]} x {side[0]} px; {EXPECTATION}") from error
+    layout = recognize_layout(output, side)
+    if layout is None:
+        raise ModelError(f"{path} is another kind of network: {EXPECTATION}; its output has the shape {output}")
+    return BoxModel(
+        session, side, layout, select_ball_classes(_parse_class_names(metadata), count_classes(output, layout))
+    )
+
+
+_INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+
+
+def _cast_input(network_input: Float32Array, session: onnxruntime.InferenceSession) -> NDArray[Any]:
+    return network_input.astype(_INPUT_TYPES[session.get_inputs()[0].type])
+
+
+def _parse_class_names(metadata: dict[str, str]) -> dict[int, str]:
+    """Parse the names of the classes, which exporters write as a literal; empty if there are none."""
+    try:
+        names = ast.literal_eval(metadata.get("names", "{}"))
+    except (ValueError, SyntaxError, RecursionError, MemoryError):  # nested a thousand times, it may be hostile
+        return {}
+    if isinstance(names, list | tuple):
+        names = dict(enumerate(names))
+    if not isinstance(names, dict):
+        return {}
+    return {int(number): str(name) for number, name in names.items() if str(number).isdigit()}

@@ -1,0 +1,53 @@
+"""Rules by which a candidate detection is certain, may prove a ball, or moves, from the network's outputs alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from detectors.measurement.working_view import WorkingView, values_at
+from detectors.network.outline_fusion import CLEAR_SUPPORT, WHOLE_SUPPORT
+from detectors.network.peak_decoding import CandidateDetections
+from models.core.typing import BoolArray, FloatArray
+
+REPORTED_SCORE = 0.5
+"""Confidence score from which a ball is reported."""
+SIZE_LIMITS = (0.76, 1.4)
+"""Detected over predicted radius of a ball of this table; table spots are detected with 0.7."""
+DOUBTFUL_SCORE, DOUBTFUL_SIZE_LIMITS = 0.25, (0.5, 1.6)
+"""The same for a candidate that is a ball only if its outline is complete."""
+FAINT_SCORE = 0.12
+"""The same for a moving candidate, which is a ball only if the motion-blur model explains the image. The network cannot
+localise the middle of a streak well, so that its confidence is shared among many cells."""
+STREAK_RADII = 1.0
+"""Displacement during the exposure, ball radii, from which the network alone makes a streak of a ball."""
+CLEAR_SCORE = 0.7
+"""Confidence score from which there certainly is an object, possibly of the wrong size."""
+
+
+def is_certain(candidates: CandidateDetections, view: WorkingView) -> BoolArray:
+    """Which candidates (K,) in working px are balls by the network alone."""
+    return _is_within(candidates, view, REPORTED_SCORE, SIZE_LIMITS)
+
+
+def is_possible(candidates: CandidateDetections, view: WorkingView) -> BoolArray:
+    """Which candidates (K,) in working px are balls by the network alone, or may prove to be."""
+    is_doubtful = _is_within(candidates, view, DOUBTFUL_SCORE, DOUBTFUL_SIZE_LIMITS)
+    is_faint_streak = has_streak(candidates) & _is_within(candidates, view, FAINT_SCORE, DOUBTFUL_SIZE_LIMITS)
+    return np.asarray(is_doubtful | is_faint_streak)
+
+
+def has_streak(candidates: CandidateDetections) -> BoolArray:
+    """Which candidates (K,) move by the network alone."""
+    return np.asarray(np.linalg.norm(candidates.streak, axis=1) > STREAK_RADII * candidates.radius)
+
+
+def support_threshold(candidates: CandidateDetections) -> FloatArray:
+    """Support (K,) of the outline that makes a ball of a candidate that is not certain."""
+    return np.where(candidates.score > CLEAR_SCORE, CLEAR_SUPPORT, WHOLE_SUPPORT)
+
+
+def _is_within(
+    candidates: CandidateDetections, view: WorkingView, score: float, size_limits: tuple[float, float]
+) -> BoolArray:
+    ratio = candidates.radius / values_at(view.radius, candidates.centre)
+    return np.asarray((candidates.score > score) & (ratio > size_limits[0]) & (ratio < size_limits[1]))

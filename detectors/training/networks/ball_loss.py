@@ -1,0 +1,194 @@
+"""Targets of the ball network's maps for known balls, and the loss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from detectors.network.peak_decoding import CHANNELS, LOG_SIGMA_LIMITS, RADIUS_UNIT_PX, STREAK_UNIT_PX, STRIDE
+
+FIRST_APPEARANCE_CHANNEL = CHANNELS.index("white")
+CLEAR_SHARE = 0.4
+"""Visible share of a ball from which it must be detected; otherwise detection is optional."""
+MIN_RADIUS_PX = 3.3
+"""Least radius of a ball that must be detected; smaller ones, far away in a low view, are optional."""
+PEAK_RADII, MIN_PEAK_PX = 0.3, 2.2
+"""Standard deviation of a peak in the score's target."""
+STREAK_PEAK_SHARE = 0.08
+"""Addition to it along a streak, share of its length: the middle of a streak is less precise."""
+STREAK_PLATEAU_SHARE, STREAK_PLATEAU_PX = 0.12, 2.0
+"""Distance from the middle of a streak within which the target of the score is 1: along it this share of its length and
+the px, across it the px. The image does not determine a single cell, which would get a low score."""
+IGNORED_RADII = 1.0
+"""Radius about a ball whose detection is optional, ball radii, within which the score does not count."""
+SHARP_PX = 1.0
+"""Length of a streak up to which it has no direction."""
+STREAK_WEIGHT = 10.0
+"""Additional weight of the streak of a moving ball; balls at rest are much more frequent."""
+CELL_OFFSETS = (-1, 0, 1, 2)
+"""Offsets of the cells about a ball's centre, from the one to the left and above, that learn its position and size:
+wherever the peak is, also that of two balls that look like one, the cell must give the offset to the centre."""
+NEAR_SHARE, NEAR_RADII = 0.25, 0.6
+"""Weight of such a cell besides the four around the centre, and distance, ball radii, within which it has it."""
+HUBER_THRESHOLD = 2.5
+"""Standard deviations from which an error counts linearly (Huber 1964, doi:10.1214/aoms/1177703732)."""
+
+
+@dataclass(frozen=True, slots=True)
+class BallTargets:
+    """Targets for B images with N balls each; h, w cells."""
+
+    score: Tensor
+    """(B, h, w) in [0, 1], 1 at a centre."""
+    counted: Tensor
+    """(B, h, w) 0 where the score does not count."""
+    weight: Tensor
+    """(K,) weight of a cell for the ball that it describes."""
+    cell: Tensor
+    """(K,) flat index of the cell into (B, h, w)."""
+    ball: Tensor
+    """(K, 7) the ball, columns as in `training_shards.COLUMNS`."""
+
+
+def build_targets(balls: Tensor, side: int) -> BallTargets:
+    """Build the targets for balls.
+
+    Args:
+        balls: Balls (B, N, 7), rows of NaN for none.
+        side: Side of the images, px.
+
+    Returns:
+        The targets.
+    """
+    cells = side // STRIDE
+    there = ~torch.isnan(balls[..., 0])
+    balls = torch.nan_to_num(balls)
+    clear = there & (balls[..., 6] >= CLEAR_SHARE) & (balls[..., 2] >= MIN_RADIUS_PX)
+    grid = (torch.arange(cells) + 0.5) * STRIDE - 0.5
+    dx = grid[None, None, None, :] - balls[..., 0, None, None]  # (B, N, 1, w)
+    dy = grid[None, None, :, None] - balls[..., 1, None, None]  # (B, N, h, 1)
+    peaks = _render_peaks(balls, dx, dy) * clear[..., None, None]
+    score = peaks.amax(dim=1)
+    weight, cell = _cells_around(balls, cells)  # (B, N, 16)
+    weight = weight * clear[..., None]
+    nearest = cell.gather(2, weight.argmax(dim=2, keepdim=True))[..., 0]
+    score.flatten(1).scatter_reduce_(1, nearest, clear.float(), "amax")
+    free = (there & ~clear)[..., None, None] & (dx**2 + dy**2 < (IGNORED_RADII * balls[..., 2, None, None]) ** 2)
+    counted = (~free.any(dim=1) | (score > 0.6)).float()
+    image, ball, which = torch.nonzero(weight, as_tuple=True)
+    flat = image * cells**2 + cell[image, ball, which]
+    return BallTargets(score, counted, weight[image, ball, which], flat, balls[image, ball])
+
+
+def _render_peaks(balls: Tensor, dx: Tensor, dy: Tensor) -> Tensor:
+    """Render Gaussians (B, N, h, w), longer along streaks."""
+    length, along = _streak_direction(balls)
+    length = length[..., None, None]
+    sigma = torch.clamp(PEAK_RADII * balls[..., 2], min=MIN_PEAK_PX)[..., None, None]
+    ahead = dx * along[..., 0, None, None] + dy * along[..., 1, None, None]
+    beside = dy * along[..., 0, None, None] - dx * along[..., 1, None, None]
+    peaks = torch.exp(-0.5 * ((ahead / (sigma + STREAK_PEAK_SHARE * length)) ** 2 + (beside / sigma) ** 2))
+    middle = (ahead.abs() < STREAK_PLATEAU_PX + STREAK_PLATEAU_SHARE * length) & (beside.abs() < STREAK_PLATEAU_PX)
+    return peaks.masked_fill(middle & (length > 2 * SHARP_PX), 1.0)
+
+
+def _streak_direction(balls: Tensor) -> tuple[Tensor, Tensor]:
+    """Length (...) px and unit vector (..., 2) of the streaks of balls (..., 7); (1, 0) for sharp ones."""
+    streak = balls[..., 3:5]
+    length = streak.norm(dim=-1)
+    flat = torch.tensor([1.0, 0.0]).expand_as(streak)
+    return length, torch.where(length[..., None] > SHARP_PX, streak / length.clamp(min=1e-6)[..., None], flat)
+
+
+def _cells_around(balls: Tensor, cells: int) -> tuple[Tensor, Tensor]:
+    """Weights and flat indices (B, N, 16) of the cells around the centres; weight 0 outside the image."""
+    at = (balls[..., :2] + 0.5) / STRIDE - 0.5
+    low = at.floor()
+    far = NEAR_RADII * balls[..., 2] + STREAK_PLATEAU_SHARE * balls[..., 3:5].norm(dim=-1)
+    reach = (far / STRIDE)[..., None]  # (B, N, 1) cells
+    weights, indices = [], []
+    for below in CELL_OFFSETS:
+        for right in CELL_OFFSETS:
+            cell = low + torch.tensor([right, below])
+            inside = ((cell >= 0) & (cell < cells)).all(dim=-1)
+            off = cell - at
+            bilinear = (1 - off.abs()).clamp(min=0).prod(dim=-1)
+            near = NEAR_SHARE * (off.norm(dim=-1) < reach[..., 0])
+            weights.append(torch.maximum(bilinear, near) * inside)
+            x, y = cell.clamp(0, cells - 1).unbind(dim=-1)
+            indices.append((y * cells + x).long())
+    return torch.stack(weights, dim=-1), torch.stack(indices, dim=-1)
+
+
+def compute_ball_loss(maps: Tensor, targets: BallTargets) -> tuple[Tensor, dict[str, float]]:
+    """Compute the loss of maps.
+
+    Args:
+        maps: Maps (B, 12, h, w).
+        targets: Their targets.
+
+    Returns:
+        The loss, and its parts by name.
+    """
+    cells = maps.shape[-1]
+    at = maps.movedim(1, -1).reshape(-1, maps.shape[1])[targets.cell]  # (K, 12)
+    ball, weight = targets.ball, targets.weight / targets.weight.sum().clamp(min=1.0)
+    place = targets.cell % cells**2
+    middle = (torch.stack([place % cells, place // cells], dim=-1).float() + 0.5) * STRIDE - 0.5
+    smooth, entropy = torch.nn.functional.smooth_l1_loss, torch.nn.functional.cross_entropy
+    radius = torch.log(ball[:, 2] / RADIUS_UNIT_PX)
+    rare = 1 + STREAK_WEIGHT * (ball[:, 3:5].norm(dim=-1) > 2 * SHARP_PX).float()
+    off = smooth(at[:, 4:6], encode_streaks(ball[:, 3:5]), reduction="none", beta=0.3).sum(-1)
+    appearance_loss = entropy(at[:, FIRST_APPEARANCE_CHANNEL:], ball[:, 5].long(), reduction="none")
+    parts = {
+        "score": _score_loss(maps[:, 0], targets),
+        "centre": (weight * _centre_loss(middle + STRIDE * at[:, 1:3] - ball[:, :2], at, ball)).sum(),
+        "radius": 3 * (weight * smooth(at[:, 3], radius, reduction="none", beta=0.1)).sum(),
+        "streak": (weight * rare * off).sum(),
+        "look": 0.3 * (weight * appearance_loss).sum(),
+    }
+    loss = torch.stack(list(parts.values())).sum()
+    return loss, {name: float(part.detach()) for name, part in parts.items()}
+
+
+def huber_penalty(pull: Tensor) -> Tensor:
+    """Huber's penalty of errors in standard deviations.
+
+    Args:
+        pull: Absolute errors (...) over their sigmas.
+
+    Returns:
+        Penalties (...).
+    """
+    return torch.where(pull < HUBER_THRESHOLD, 0.5 * pull**2, HUBER_THRESHOLD * pull - 0.5 * HUBER_THRESHOLD**2)
+
+
+def encode_streaks(streak: Tensor) -> Tensor:
+    """Encode streaks (..., 2) px as in the maps: length times cosine and sine of twice the angle, STREAK_UNIT_PX."""
+    x, y = streak[..., 0], streak[..., 1]
+    length = torch.hypot(x, y).clamp(min=1e-6)
+    return torch.stack([(x**2 - y**2) / length, 2 * x * y / length], dim=-1) / STREAK_UNIT_PX
+
+
+def _score_loss(logit: Tensor, targets: BallTargets) -> Tensor:
+    """Focal loss with soft neighbours (Law and Deng 2018, arXiv:1808.01244, eq. 1), per ball."""
+    probability = torch.sigmoid(logit).clamp(1e-6, 1 - 1e-6)
+    is_centre = (targets.score > 0.999).float()
+    missed = -is_centre * (1 - probability) ** 2 * torch.log(probability)
+    wrong = -(1 - is_centre) * (1 - targets.score) ** 4 * probability**2 * torch.log(1 - probability)
+    return ((missed + wrong) * targets.counted).sum() / is_centre.sum().clamp(min=1.0)
+
+
+def _centre_loss(error: Tensor, at: Tensor, ball: Tensor) -> Tensor:
+    """Negative log likelihood (K,) of errors (K, 2) px of the centres, by the sigmas across and along the streaks."""
+    _, along = _streak_direction(ball)
+    ahead = (error * along).sum(-1)
+    beside = error[:, 1] * along[:, 0] - error[:, 0] * along[:, 1]
+    total = torch.zeros_like(ahead)
+    for off, channel in ((beside, 6), (ahead, 7)):
+        log_sigma = at[:, channel].clamp(*LOG_SIGMA_LIMITS)
+        z = (off / log_sigma.exp()).abs()
+        total = total + huber_penalty(z) + log_sigma
+    return total
