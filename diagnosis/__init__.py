@@ -1,1 +1,4 @@
-"""Where a simulator and the world part, which effect is missing, and how far the gap shrinks with it."""
+"""Diagnosis of the sim-to-real gap: its places, the missing effect, and how far the gap closes with it.
+
+Models of scenes and effects live in `models`. Input files and written reports are the concern of `pipeline`.
+"""

@@ -1,4 +1,4 @@
-"""The whole diagnosis: shots in, a report out. Shots that report are opened once, after the verdict stands."""
+"""The whole diagnosis, from recordings to a report. Hold-out shots are used once, after the verdict is final."""
 
 from __future__ import annotations
 
@@ -7,62 +7,72 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import norm
 
-from diagnosis.fitting.diagnosis_windows import LEAST
-from diagnosis.fitting.noise_estimation import with_noise
-from diagnosis.fitting.shot_split import Split, split_shots
-from diagnosis.fitting.swapped_names import names_given_back
-from diagnosis.selection.hypotheses import Watch, unwatched
-from diagnosis.selection.study import studied
-from diagnosis.verdicts.diagnosis_report import reported, undecidable
-from diagnosis.verdicts.verdict import Report
+from diagnosis.fitting.diagnosis_windows import MIN_ROWS
+from diagnosis.fitting.identity_switch_correction import undo_identity_switches
+from diagnosis.fitting.noise_estimation import apply_noise_estimate
+from diagnosis.fitting.shot_split import ShotSplit, split_shots
+from diagnosis.selection.hypotheses import ProgressCallback, ignore_progress
+from diagnosis.selection.study import run_study
+from diagnosis.verdicts.diagnosis_report import build_report, build_undecidable_report
+from diagnosis.verdicts.verdict import DiagnosisReport
 from models.estimation.gap_scenes.gap_scene import GapScene, Recording
-from models.numerics.executor import ALONE, Crew
+from models.numerics.executor import SERIAL, Executor
 
-_BY_CHANCE = 1e-4
-"""chance that a body which lies still seems to move."""
+_FALSE_MOTION_PROBABILITY = 1e-4
+"""Probability that a body at rest appears to move."""
 
 
 def diagnose(
     scene: GapScene,
     recordings: tuple[Recording, ...],
     seed: int = 0,
-    watch: Watch = unwatched,
-    crew: Crew = ALONE,
-) -> Report:
-    """Where simulator and world part, which effect is missing, and how far the gap shrinks with it; `watch` is told
-    what is being tried, and the `crew` shares out the work: the report is the same whoever does it."""
-    own = [names_given_back(one) for one in recordings]
-    split = split_shots(tuple(recording for recording, _ in own))
-    reason = _too_little(scene, split)
+    on_progress: ProgressCallback = ignore_progress,
+    executor: Executor = SERIAL,
+) -> DiagnosisReport:
+    """Find where a simulator and recordings differ, which effect is missing, and how far the gap shrinks with it.
+
+    Args:
+        scene: Scene with a catalogue of effects, and the effects that the user's simulator has.
+        recordings: One recording per shot.
+        seed: Seed of the noise and bootstrap draws.
+        on_progress: Receives a description of each step and the names of the effects that it concerns.
+        executor: Distributes the fits over processes; it does not change the report.
+
+    Returns:
+        The report; its verdict is `undecidable` where the recordings are too few to test.
+    """
+    restored = [undo_identity_switches(one) for one in recordings]
+    split = split_shots(tuple(recording for recording, _ in restored))
+    reason = _explain_insufficient_data(scene, split)
     if reason:
-        return undecidable(scene, reason)
-    watch("fitting what the simulator has", ())
-    study = studied(scene, split, np.random.default_rng(seed), watch, crew)
-    watch("predicting shots that chose nothing", tuple(sorted(study.best.names)))
-    report = tuple(with_noise(split.report, study.noise))
-    found = reported(study, report, np.random.default_rng([seed, 1]))
-    return replace(found, notes=tuple(str(exchange) for _, exchanges in own for exchange in exchanges))
+        return build_undecidable_report(scene, reason)
+    on_progress("fitting the simulator", ())
+    study = run_study(scene, split, np.random.default_rng(seed), on_progress, executor)
+    on_progress("predicting hold-out shots", tuple(sorted(study.best.names)))
+    reporting_shots = tuple(apply_noise_estimate(split.holdout, study.noise))
+    report = build_report(study, reporting_shots, np.random.default_rng([seed, 1]))
+    return replace(report, notes=tuple(str(switch) for _, switches in restored for switch in switches))
 
 
-def _too_little(scene: GapScene, split: Split) -> str:
-    """Why nothing can be tested; empty where something can."""
-    still = not any(_moves(one) for one in split.fit)
-    if still and any(int(one.seen.sum(axis=0).max()) >= LEAST for one in split.fit):
+def _explain_insufficient_data(scene: GapScene, split: ShotSplit) -> str:
+    """Explain why nothing can be tested; empty where something can."""
+    is_still = not any(_has_motion(one) for one in split.fitting)
+    if is_still and any(int(one.is_observed.sum(axis=0).max()) >= MIN_ROWS for one in split.fitting):
         return "nothing moves in these shots"
-    pieces = [piece.seen for one in split.fit for piece in scene.stretches(one)]
-    rows = sum(int(seen.sum()) for seen in pieces if seen.any(axis=1).sum() >= LEAST)
-    if rows < 2 * LEAST:
-        return f"{rows} observations are too few to test anything; at least {2 * LEAST} are needed"
+    segments = [segment.is_observed for one in split.fitting for segment in scene.split_recording(one)]
+    rows = sum(int(is_observed.sum()) for is_observed in segments if is_observed.any(axis=1).sum() >= MIN_ROWS)
+    if rows < 2 * MIN_ROWS:
+        return f"{rows} observations are too few to test anything; at least {2 * MIN_ROWS} are needed"
     return ""
 
 
-def _moves(recording: Recording) -> bool:
-    """Whether a body gets further than its own scatter explains."""
+def _has_motion(recording: Recording) -> bool:
+    """Return whether a body moves further than its own scatter explains."""
     for body in range(len(recording.bodies)):
-        seen = recording.places[recording.seen[:, body], body]
-        if len(seen) < LEAST:
+        positions = recording.positions[recording.is_observed[:, body], body]
+        if len(positions) < MIN_ROWS:
             continue
-        scatter = np.abs(np.diff(seen, axis=0)).mean() * np.sqrt(np.pi) / 2
-        if np.ptp(seen, axis=0).max() > 2 * norm.isf(_BY_CHANCE / len(seen)) * scatter:
+        scatter = np.abs(np.diff(positions, axis=0)).mean() * np.sqrt(np.pi) / 2
+        if np.ptp(positions, axis=0).max() > 2 * norm.isf(_FALSE_MOTION_PROBABILITY / len(positions)) * scatter:
             return True
     return False

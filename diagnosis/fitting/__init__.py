@@ -1,1 +1,1 @@
-"""Fits of one scene under a hypothesis: windows, noise, residuals, and the gap on held-out shots."""
+"""Fits of a scene with some of its effects: windows, noise, residuals, and the gap on hold-out shots. No decisions."""

@@ -1,4 +1,4 @@
-"""Windows as long as they may be: until a simulation forgets its start, or no longer comes near what was seen."""
+"""Windows of a fit, as long as possible: until a simulation is too sensitive to its start or diverges from the data."""
 
 from __future__ import annotations
 
@@ -6,127 +6,181 @@ from itertools import pairwise
 
 import numpy as np
 
-from diagnosis.fitting.hypothesis_fits import Fitted, Question, fit, model_of
-from diagnosis.fitting.window_growth import grown, led
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_window_model, fit_effects
+from diagnosis.fitting.window_continuation import extend_windows, merge_lost_windows
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.gap_scene import Eventful, Recording
-from models.estimation.multiple_shooting.shooting_windows import sensitive_from
+from models.estimation.gap_scenes.gap_scene import ContactRichScene, Recording
+from models.estimation.multiple_shooting.shooting_windows import find_sensitive_observation
 
-LEAST = 8
-"""rows of a piece"""
-FEWEST = 2
-"""sightings of a body in a piece"""
-SHORT = 0.5
-"""s of a piece in which hardly anything happens"""
-_EXPLAINS = 4.0
-"""lack of fit up to which a fit is believed"""
-_LOST = 30.0
-"""standard deviations, in the middle of a window, from which the model has lost what was seen."""
-_ROUNDS = 3
+MIN_ROWS = 8
+"""Least number of rows of a segment."""
+MIN_OBSERVATIONS = 2
+"""Least number of observations of a body in a segment."""
+SHORT_SEGMENT_S = 0.5
+"""Duration of a segment that hardly ever holds more than one contact, s."""
+_GOOD_LACK_OF_FIT = 4.0
+"""Largest lack of fit at which a fit is accepted without another attempt."""
+_DIVERGED_SIGMAS = 30.0
+"""Median residual from which a simulation has diverged from the observations, standard deviations."""
+_MAX_ROUNDS = 3
+"""Largest number of times that segments are split further."""
 
 
-def stretches(question: Question, recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
-    """What moves on its own, in pieces with enough rows."""
-    whole = (piece for recording in recordings for piece in question.scene.stretches(recording))
-    return tuple(piece for piece in whole if piece.seen.any(axis=1).sum() >= LEAST)
+def split_into_segments(problem: DiagnosisProblem, recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
+    """Split recordings into segments of autonomous motion with at least `MIN_ROWS` rows.
+
+    Args:
+        problem: Scene and priors.
+        recordings: One recording per shot.
+
+    Returns:
+        Segments in the order of the recordings.
+    """
+    whole = (segment for recording in recordings for segment in problem.scene.split_recording(recording))
+    return tuple(segment for segment in whole if segment.is_observed.any(axis=1).sum() >= MIN_ROWS)
 
 
 def fit_adaptively(
-    question: Question,
+    problem: DiagnosisProblem,
     recordings: tuple[Recording, ...],
     names: tuple[str, ...] = (),
     forms: tuple[str, ...] | None = None,
     guess: FloatArray | None = None,
-) -> Fitted:
-    """Fit windows as long as the hypothesis allows; ValueError where nothing is long enough."""
-    found = fit_begun(question, recordings, names, forms, guess)
-    return grown(question, found) if isinstance(question.scene, Eventful) else found
+) -> EffectFit:
+    """Fit windows that are as long as the hypothesis allows.
+
+    Args:
+        problem: Scene and priors.
+        recordings: One recording per shot, with its noise estimate applied.
+        names: Effects beyond those of the simulator.
+        forms: One form per choice between contact models; those of the simulator where not given.
+        guess: (P,) initial guess of all parameters; the means of the priors where not given.
+
+    Returns:
+        The fit.
+
+    Raises:
+        ValueError: No recording has a segment of `MIN_ROWS` rows.
+    """
+    initial = fit_initial_windows(problem, recordings, names, forms, guess)
+    return extend_windows(problem, initial) if isinstance(problem.scene, ContactRichScene) else initial
 
 
-def fit_begun(
-    question: Question,
+def fit_initial_windows(
+    problem: DiagnosisProblem,
     recordings: tuple[Recording, ...],
     names: tuple[str, ...] = (),
     forms: tuple[str, ...] | None = None,
     guess: FloatArray | None = None,
-) -> Fitted:
-    """Fit windows that find their way from what is seen alone: short ones where much happens, else whole stretches,
-    then pieces of those that turned out too long; ValueError where nothing is long enough."""
-    pieces = stretches(question, recordings)
-    if not pieces:
-        raise ValueError(f"a diagnosis needs shots of at least {LEAST} pictures; there is none")
-    if isinstance(question.scene, Eventful):
-        return led(question, fit(question, _calm(pieces, question.scene.calm), names, forms, guess))
-    found = _fit_whole(question, pieces, names, forms, guess)
-    for _ in range(_ROUNDS):
-        shorter = _shorter(question, found)
-        if len(shorter) == len(found.pieces):
+) -> EffectFit:
+    """Fit windows that converge from an initial guess.
+
+    In a contact-rich scene the windows are short. Elsewhere whole segments are fitted, and those that are too sensitive
+    to their start are split.
+
+    Args:
+        problem: Scene and priors.
+        recordings: One recording per shot, with its noise estimate applied.
+        names: Effects beyond those of the simulator.
+        forms: One form per choice between contact models; those of the simulator where not given.
+        guess: (P,) initial guess of all parameters; the means of the priors where not given.
+
+    Returns:
+        The fit.
+
+    Raises:
+        ValueError: No recording has a segment of `MIN_ROWS` rows.
+    """
+    segments = split_into_segments(problem, recordings)
+    if not segments:
+        raise ValueError(f"a diagnosis needs shots of at least {MIN_ROWS} frames; there is none")
+    if isinstance(problem.scene, ContactRichScene):
+        return merge_lost_windows(
+            problem,
+            fit_effects(problem, _split_segments(segments, problem.scene.initial_window_length), names, forms, guess),
+        )
+    fitted = _fit_long_segments(problem, segments, names, forms, guess)
+    for _ in range(_MAX_ROUNDS):
+        shorter = _split_sensitive_segments(problem, fitted)
+        if len(shorter) == len(fitted.segments):
             break
-        found = fit(question, shorter, names, forms, found.shared)
-    return found
+        fitted = fit_effects(problem, shorter, names, forms, fitted.shared)
+    return fitted
 
 
-def lengthened(question: Question, recordings: tuple[Recording, ...], like: Fitted) -> Fitted:
-    """A fit to these recordings, its windows as long as its own hypothesis allows."""
-    if isinstance(question.scene, Eventful):
-        return grown(question, like)
-    return fit_adaptively(question, recordings, like.names, like.forms, like.shared)
+def fit_longer_windows(problem: DiagnosisProblem, recordings: tuple[Recording, ...], like: EffectFit) -> EffectFit:
+    """Fit the hypothesis of another fit on windows that are as long as it allows.
+
+    Args:
+        problem: Scene and priors.
+        recordings: The recordings of `like`.
+        like: Fit of the hypothesis on shorter windows; the initial guess.
+
+    Returns:
+        The fit on the longer windows.
+    """
+    if isinstance(problem.scene, ContactRichScene):
+        return extend_windows(problem, like)
+    return fit_adaptively(problem, recordings, like.names, like.forms, like.shared)
 
 
-def _calm(pieces: tuple[Recording, ...], span: float) -> tuple[Recording, ...]:
-    """Pieces of about `span` seconds each."""
-    return tuple(part for piece in pieces for part in _parts(piece, span))
+def _split_segments(segments: tuple[Recording, ...], span: float) -> tuple[Recording, ...]:
+    """Split segments into parts of about `span` seconds."""
+    return tuple(part for segment in segments for part in _split_segment(segment, span))
 
 
-def _fit_whole(
-    question: Question,
-    pieces: tuple[Recording, ...],
+def _fit_long_segments(
+    problem: DiagnosisProblem,
+    segments: tuple[Recording, ...],
     names: tuple[str, ...],
     forms: tuple[str, ...] | None,
     guess: FloatArray | None,
-) -> Fitted:
-    """The better of two fits: from the guess, and, where that explains little, from what short pieces tell, in which
-    hardly anything can happen in a wrong order."""
-    found = fit(question, pieces, names, forms, guess)
-    if found.lack < _EXPLAINS:
-        return found
-    short = _calm(pieces, SHORT)
-    if len(short) == len(pieces):
-        return found
-    told = fit(question, short, names, forms, guess)
-    return min((found, fit(question, pieces, names, forms, told.shared)), key=lambda one: one.cost)
+) -> EffectFit:
+    """Fit segments from `guess` and, if the lack of fit is large, also from a fit of short parts; keep the better fit.
+
+    Short parts hold too few contacts to be fitted in a wrong order.
+    """
+    long_fit = fit_effects(problem, segments, names, forms, guess)
+    if long_fit.lack_of_fit < _GOOD_LACK_OF_FIT:
+        return long_fit
+    short = _split_segments(segments, SHORT_SEGMENT_S)
+    if len(short) == len(segments):
+        return long_fit
+    short_fit = fit_effects(problem, short, names, forms, guess)
+    return min((long_fit, fit_effects(problem, segments, names, forms, short_fit.shared)), key=lambda one: one.cost)
 
 
-def _parts(piece: Recording, span: float) -> list[Recording]:
-    """Pieces of about `span` seconds each."""
-    count = min(round(float(piece.t[-1] - piece.t[0]) / span), len(piece.t) // LEAST)
-    ends = np.linspace(0, len(piece.t), max(count, 1) + 1).astype(int)
-    parts = [piece.rows(int(first), int(last)) for first, last in pairwise(ends)]
-    return parts if all(_can_be_followed(part) for part in parts) else [piece]
+def _split_segment(segment: Recording, span: float) -> list[Recording]:
+    """Split a segment into parts of about `span` seconds."""
+    count = min(round(float(segment.t[-1] - segment.t[0]) / span), len(segment.t) // MIN_ROWS)
+    ends = np.linspace(0, len(segment.t), max(count, 1) + 1).astype(int)
+    parts = [segment.select_rows(int(first), int(last)) for first, last in pairwise(ends)]
+    return parts if all(_has_enough_observations(part) for part in parts) else [segment]
 
 
-def _can_be_followed(piece: Recording) -> bool:
-    """Whether every body is seen often enough to tell where it goes."""
-    return bool((piece.seen.sum(axis=0) >= FEWEST).all())
+def _has_enough_observations(segment: Recording) -> bool:
+    """Return whether every body has `MIN_OBSERVATIONS` in a segment."""
+    return bool((segment.is_observed.sum(axis=0) >= MIN_OBSERVATIONS).all())
 
 
-def _shorter(question: Question, fitted: Fitted) -> tuple[Recording, ...]:
-    """Pieces cut where they became too sensitive, and in the middle where the model lost them."""
-    model = model_of(question, fitted.pieces, fitted.forms, np.zeros(len(question.priors), bool))
-    found: list[Recording] = []
-    for k, piece in enumerate(fitted.pieces):
-        flow = model.flow(k, fitted.starts[k], fitted.shared)
-        rows, bodies = np.nonzero(piece.seen)
-        first = sensitive_from(flow.by_start * piece.sigma[rows, bodies][:, None, None])
-        cut = int(rows[first]) if first < len(rows) else len(piece.t)
-        if np.median(np.linalg.norm(flow.misfit, axis=1)) > _LOST:
-            cut = min(cut, len(piece.t) // 2)
-        found += _cut(piece, cut)
-    return tuple(found)
+def _split_sensitive_segments(problem: DiagnosisProblem, fitted: EffectFit) -> tuple[Recording, ...]:
+    """Split segments where they become too sensitive to their start, and in the middle where the model diverges."""
+    model = build_window_model(problem, fitted.segments, fitted.forms, np.zeros(len(problem.priors), bool))
+    parts: list[Recording] = []
+    for k, segment in enumerate(fitted.segments):
+        flow = model.linearize(k, fitted.starts[k], fitted.shared)
+        rows, bodies = np.nonzero(segment.is_observed)
+        first = find_sensitive_observation(flow.start_jacobian * segment.sigma[rows, bodies][:, None, None])
+        cut = int(rows[first]) if first < len(rows) else len(segment.t)
+        if np.median(np.linalg.norm(flow.residual, axis=1)) > _DIVERGED_SIGMAS:
+            cut = min(cut, len(segment.t) // 2)
+        parts += _split_at_row(segment, cut)
+    return tuple(parts)
 
 
-def _cut(piece: Recording, row: int) -> list[Recording]:
-    if row < LEAST or len(piece.t) - row < LEAST:
-        return [piece]
-    parts = [piece.rows(0, row), piece.rows(row, len(piece.t))]
-    return parts if all(_can_be_followed(part) for part in parts) else [piece]
+def _split_at_row(segment: Recording, row: int) -> list[Recording]:
+    """Split a segment at a row, unless a part would be too short or hold too few observations."""
+    if row < MIN_ROWS or len(segment.t) - row < MIN_ROWS:
+        return [segment]
+    parts = [segment.select_rows(0, row), segment.select_rows(row, len(segment.t))]
+    return parts if all(_has_enough_observations(part) for part in parts) else [segment]

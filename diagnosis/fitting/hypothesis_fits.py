@@ -1,4 +1,4 @@
-"""Fits of one scene with some of its effects active, and what the data then say of every parameter of the catalogue."""
+"""Fits of one scene with some effects active, and the information that shots hold on every parameter."""
 
 from __future__ import annotations
 
@@ -7,268 +7,355 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.fitting.noise_whitening import Decorrelated, chain
+from diagnosis.fitting.noise_whitening import WhitenedModel, build_noise_chain
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import GapScene, Recording, neutral_values, parameters_of
-from models.estimation.multiple_shooting.fixed_parameters import Held
-from models.estimation.multiple_shooting.normal_equations import glanced, sloped_everywhere
-from models.estimation.multiple_shooting.shooting_fit import Shooting, ShootingOptions, shoot
-from models.estimation.multiple_shooting.shooting_problem import Attempt, Problem, problem_of
-from models.estimation.multiple_shooting.shooting_windows import Model, glance
-from models.estimation.multiple_shooting.state_elimination import ShotBlock, solved
-from models.numerics.executor import ALONE, Crew
+from models.estimation.gap_scenes.gap_scene import GapScene, Recording, effect_parameter_mask, neutral_values
+from models.estimation.multiple_shooting.fixed_parameters import FixedParameterModel
+from models.estimation.multiple_shooting.normal_equations import linearize_shots, simulate_shots
+from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions, fit_windows
+from models.estimation.multiple_shooting.shooting_problem import Iterate, ShootingProblem, build_problem
+from models.estimation.multiple_shooting.shooting_windows import ShootingModel, simulate_window
+from models.estimation.multiple_shooting.state_elimination import ShotBlock, solve_damped
+from models.numerics.executor import SERIAL, Executor
 from models.physics.effect import Prior
 
-USUAL = ShootingOptions(iterations=25, settling=10)
-GLANCE = ShootingOptions(iterations=5, settling=3)
-"""of what is hardly worth it."""
-_AT_LEAST, _AT_MOST = 0.9, 1.15
-"""cost per observation that noise explains: its variance is known to some per cent, and states take up a few more."""
-BETTER = 1.0
-"""chi2 from which one fit is better than another of the same hypothesis."""
-_WIDER = 3.0
-"""factor on the priors of what the simulator already has: its users know it less well than the books."""
+FULL_FIT = ShootingOptions(iterations=25, shot_iterations=10)
+"""Iteration limits of a fit that is compared with others."""
+COARSE_FIT = ShootingOptions(iterations=5, shot_iterations=3)
+"""Iteration limits of a first attempt, which decides whether a full fit is worthwhile."""
+_LOW_NOISE_COST, _HIGH_NOISE_COST = 0.9, 1.15
+"""Range of the cost per value that noise explains: its variance is known to some per cent; states absorb a few more."""
+MIN_IMPROVEMENT = 1.0
+"""chi2 from which one fit of a hypothesis is better than another."""
+_SIMULATOR_PRIOR_FACTOR = 3.0
+"""Factor on the sigma of priors of the simulator's effects: users know them less well than the literature does."""
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
-    """What does not change while models are compared."""
+class DiagnosisProblem:
+    """Scene, priors and noise: everything that stays the same while hypotheses are compared."""
 
     scene: GapScene
     priors: tuple[Prior, ...]
-    """(P,) of all parameters, none of them relative, so that an effect may be absent."""
+    """(P,) priors of all parameters, none of them relative, so that an effect may be absent."""
     neutral: FloatArray
-    """(P,)"""
+    """(P,) values of all parameters with every effect absent."""
     natural: FloatArray
-    """(P,) what the books say; neutral where an effect may be of either sign or of any size."""
+    """(P,) values from the literature; neutral where an effect may have either sign or any size."""
     correlation: float
-    """of the noise of neighbouring pictures."""
-    crew: Crew = ALONE
-    """who works through the shots."""
+    """Correlation of the noise of neighbouring frames."""
+    executor: Executor = SERIAL
+    """Distributes shots over processes."""
 
     @property
     def candidates(self) -> tuple[str, ...]:
         """Effects that the simulator may lack."""
         causes = (e.name for e in self.scene.effects if e.kind in ("physics", "observation"))
-        return tuple(name for name in causes if name not in self.scene.assumed)
+        return tuple(name for name in causes if name not in self.scene.simulator_effects)
 
     @property
     def probes(self) -> tuple[str, ...]:
-        """Generic fields, which no cause is named after."""
+        """Generic force fields; no cause is named after them."""
         return tuple(e.name for e in self.scene.effects if e.kind == "probe")
 
     @property
-    def assumed_forms(self) -> tuple[str, ...]:
-        return tuple(choice.assumed for choice in self.scene.alternatives)
+    def simulator_forms(self) -> tuple[str, ...]:
+        """The form of each contact model that the simulator has."""
+        return tuple(choice.simulator_form for choice in self.scene.alternatives)
 
     def mask(self, names: tuple[str, ...]) -> BoolArray:
-        """(P,) the parameters of these effects."""
-        return parameters_of(self.scene, names)
+        """Return a mask (P,) of the parameters of the named effects."""
+        return effect_parameter_mask(self.scene, names)
 
 
-def question_of(scene: GapScene, correlation: float, crew: Crew = ALONE) -> Question:
-    """Priors of the catalogue as the diagnosis uses them: an absent effect is as likely as one of usual strength."""
+def build_diagnosis_problem(scene: GapScene, correlation: float, executor: Executor = SERIAL) -> DiagnosisProblem:
+    """Build the problem of a scene, with priors in which an absent effect is as likely as one of usual strength.
+
+    Args:
+        scene: Scene with a catalogue of effects.
+        correlation: Correlation of the noise of neighbouring frames.
+        executor: Distributes shots over processes; it does not change results.
+
+    Returns:
+        The problem.
+    """
     priors = []
     for effect in scene.effects:
         for prior, neutral in zip(effect.parameters, effect.neutral, strict=True):
             spread = prior.sigma * (abs(prior.value) if prior.relative else 1.0)
             low, high = min(prior.bounds[0], neutral), max(prior.bounds[1], neutral)
-            known = effect.name in scene.assumed
-            value = prior.value if known else neutral
-            sigma = spread * _WIDER if known else float(np.hypot(spread, prior.value - neutral))
+            is_simulated = effect.name in scene.simulator_effects
+            value = prior.value if is_simulated else neutral
+            sigma = spread * _SIMULATOR_PRIOR_FACTOR if is_simulated else float(np.hypot(spread, prior.value - neutral))
             priors.append(Prior(f"{effect.name}.{prior.name}", prior.unit, value, sigma, False, (low, high)))
     natural = np.array([prior.value for effect in scene.effects for prior in effect.parameters])
-    return Question(scene, tuple(priors), neutral_values(scene), natural, correlation, crew)
+    return DiagnosisProblem(scene, tuple(priors), neutral_values(scene), natural, correlation, executor)
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
-    """A model fitted to pieces of recordings."""
+class EffectFit:
+    """A scene fitted to segments of recordings with some effects active."""
 
-    pieces: tuple[Recording, ...]
+    segments: tuple[Recording, ...]
     names: tuple[str, ...]
-    """effects added to those that the simulator has."""
+    """Effects beyond those of the simulator."""
     forms: tuple[str, ...]
+    """One form per choice between contact models."""
     free: BoolArray
-    """(P,)"""
+    """(P,) mask of the fitted parameters."""
     shared: FloatArray
-    """(P,) all parameters, the neutral ones among them."""
-    shooting: Shooting
-    """of the free ones."""
+    """(P,) values of all parameters, neutral where an effect is absent."""
+    shooting: ShootingFit
+    """The multiple-shooting fit of the free parameters."""
 
     @property
     def starts(self) -> tuple[FloatArray, ...]:
+        """Start state (S,) of each window."""
         return self.shooting.starts
 
     @property
     def cost(self) -> float:
+        """Robust chi2 of the residuals and priors."""
         return self.shooting.cost
 
     @property
-    def observations(self) -> int:
-        """Numbers that were seen."""
-        return sum(int(piece.seen.sum()) * piece.places.shape[2] for piece in self.pieces)
+    def value_count(self) -> int:
+        """Number of observed coordinates."""
+        return sum(int(segment.is_observed.sum()) * segment.positions.shape[2] for segment in self.segments)
 
     @property
-    def unlike_noise(self) -> float:
-        """Cost beyond noise of just the size that was estimated."""
+    def systematic_cost(self) -> float:
+        """Cost beyond noise of exactly the estimated size."""
         chi2 = self.shooting.chi2_per_dof
         return self.cost * (1.0 - 1.0 / chi2) if chi2 > 1.0 else 0.0
 
     @property
-    def doubtful(self) -> float:
-        """Cost that may be beyond noise, if its size were a little overestimated."""
-        return max(self.cost - _AT_LEAST * self.observations, 0.0)
+    def upper_excess_cost(self) -> float:
+        """Cost beyond noise if its size was slightly overestimated."""
+        return max(self.cost - _LOW_NOISE_COST * self.value_count, 0.0)
 
     @property
-    def excess(self) -> float:
-        """Cost beyond noise, even if its size were a little underestimated."""
-        return max(self.cost - _AT_MOST * self.observations, 0.0)
+    def lower_excess_cost(self) -> float:
+        """Cost beyond noise even if its size was slightly underestimated."""
+        return max(self.cost - _HIGH_NOISE_COST * self.value_count, 0.0)
 
     @property
-    def lack(self) -> float:
-        """>= 1: how much larger than the noise the residuals are, as a factor on variances."""
+    def lack_of_fit(self) -> float:
+        """Factor >= 1 by which the variance of the residuals exceeds that of the noise."""
         return self.shooting.inflation
 
 
-def model_of(
-    question: Question, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: BoolArray | None
-) -> Model:
-    """The scene's model, its misfits independent."""
-    model = question.scene.model(pieces, forms, wanted)
-    if question.correlation == 0:
+def build_window_model(
+    problem: DiagnosisProblem, segments: tuple[Recording, ...], forms: tuple[str, ...], jacobian_mask: BoolArray | None
+) -> ShootingModel:
+    """Build the scene's model of segments, with residuals whitened where the noise is correlated."""
+    model = problem.scene.build_model(segments, forms, jacobian_mask)
+    if problem.correlation == 0:
         return model
-    return Decorrelated(model, tuple(chain(piece, question.correlation) for piece in pieces))
+    return WhitenedModel(model, tuple(build_noise_chain(segment, problem.correlation) for segment in segments))
 
 
-def fit(
-    question: Question,
-    pieces: tuple[Recording, ...],
+def fit_effects(
+    problem: DiagnosisProblem,
+    segments: tuple[Recording, ...],
     names: tuple[str, ...] = (),
     forms: tuple[str, ...] | None = None,
     guess: FloatArray | None = None,
     starts: tuple[FloatArray, ...] | None = None,
-    options: ShootingOptions = USUAL,
-) -> Fitted:
-    """Fit what the simulator has together with the effects `names`, from `guess` (P,) and from `starts` where given."""
-    forms = question.assumed_forms if forms is None else forms
-    free = question.mask((*question.scene.assumed, *names))
-    values = np.where(free, [prior.value for prior in question.priors], question.neutral) if guess is None else guess
-    values = np.where(free, _inside(question.priors, values), question.neutral)
-    held = Held(model_of(question, pieces, forms, free), values, free, question.priors)
-    found = shoot(held, values[free], options, starts, crew=question.crew)
-    return Fitted(pieces, names, forms, free, held.whole(found.shared), found)
+    options: ShootingOptions = FULL_FIT,
+) -> EffectFit:
+    """Fit the parameters of the simulator's effects and of further effects, with the start states of all windows.
+
+    Args:
+        problem: Scene and priors.
+        segments: One window per segment.
+        names: Effects beyond those of the simulator.
+        forms: One form per choice between contact models; those of the simulator where not given.
+        guess: (P,) initial guess of all parameters; the means of the priors where not given.
+        starts: Start state (S,) of each window from an earlier fit.
+        options: Iteration limits.
+
+    Returns:
+        The fit.
+    """
+    forms = problem.simulator_forms if forms is None else forms
+    free = problem.mask((*problem.scene.simulator_effects, *names))
+    values = np.where(free, [prior.value for prior in problem.priors], problem.neutral) if guess is None else guess
+    values = np.where(free, _clip_to_bounds(problem.priors, values), problem.neutral)
+    model = FixedParameterModel(build_window_model(problem, segments, forms, free), values, free, problem.priors)
+    shooting = fit_windows(model, values[free], options, starts, executor=problem.executor)
+    return EffectFit(segments, names, forms, free, model.fill_values(shooting.shared), shooting)
 
 
-def allowed(question: Question, like: Fitted, forms: tuple[str, ...], shared: FloatArray) -> bool:
-    """Whether the windows of a fit can be simulated with these numbers (P,): nature forbids some together."""
-    model = model_of(question, like.pieces, forms, np.zeros(len(shared), bool))
-    misfits = (glance(model, k, start, shared).misfit for k, start in enumerate(like.starts))
+def can_simulate(problem: DiagnosisProblem, like: EffectFit, forms: tuple[str, ...], shared: FloatArray) -> bool:
+    """Return whether the windows of a fit can be simulated with other parameters; some combinations are unphysical.
+
+    Args:
+        problem: Scene and priors.
+        like: Fit with the windows and their start states.
+        forms: One form per choice between contact models.
+        shared: (P,) values of all parameters.
+
+    Returns:
+        True where all residuals are finite.
+    """
+    model = build_window_model(problem, like.segments, forms, np.zeros(len(shared), bool))
+    misfits = (simulate_window(model, k, start, shared).residual for k, start in enumerate(like.starts))
     return all(bool(np.isfinite(misfit).all()) for misfit in misfits)
 
 
-def follow(
-    question: Question,
-    pieces: tuple[Recording, ...],
-    like: Fitted,
+def fit_start_states(
+    problem: DiagnosisProblem,
+    segments: tuple[Recording, ...],
+    like: EffectFit,
     starts: tuple[FloatArray, ...] | None = None,
-    anew: bool = False,
-) -> Fitted:
-    """Only the starts of other pieces fitted, all parameters kept."""
-    fixed = replace(like, free=np.zeros(len(question.priors), bool))
-    return again(question, pieces, fixed, starts, anew)
+    retry_guesses: bool = False,
+) -> EffectFit:
+    """Fit the start states of segments with all parameters fixed to those of another fit.
+
+    Args:
+        problem: Scene and priors.
+        segments: One window per segment.
+        like: Fit with the parameters and forms.
+        starts: Start state (S,) of each window from an earlier fit.
+        retry_guesses: With `starts`: also try the initial guesses of the windows, and keep the better ones.
+
+    Returns:
+        A fit without free parameters.
+    """
+    fixed = replace(like, free=np.zeros(len(problem.priors), bool))
+    return refit_effects(problem, segments, fixed, starts, retry_guesses)
 
 
-def again(
-    question: Question,
-    pieces: tuple[Recording, ...],
-    like: Fitted,
+def refit_effects(
+    problem: DiagnosisProblem,
+    segments: tuple[Recording, ...],
+    like: EffectFit,
     starts: tuple[FloatArray, ...] | None = None,
-    anew: bool = False,
-    options: ShootingOptions = USUAL,
-) -> Fitted:
-    """The same hypothesis on other pieces, from its parameters and from `starts` where given; `anew` also from what was
-    seen there alone."""
-    held = Held(model_of(question, pieces, like.forms, like.free), like.shared, like.free, question.priors)
-    found = shoot(held, like.shared[like.free], options, starts, anew, question.crew)
-    return Fitted(pieces, like.names, like.forms, like.free, held.whole(found.shared), found)
+    retry_guesses: bool = False,
+    options: ShootingOptions = FULL_FIT,
+) -> EffectFit:
+    """Refit the hypothesis of another fit to segments, from its parameters.
+
+    Args:
+        problem: Scene and priors.
+        segments: One window per segment.
+        like: Fit of the hypothesis; its free parameters are fitted again.
+        starts: Start state (S,) of each window from an earlier fit.
+        retry_guesses: With `starts`: also try the initial guesses of the windows, and keep the better ones.
+        options: Iteration limits.
+
+    Returns:
+        The fit.
+    """
+    model = FixedParameterModel(
+        build_window_model(problem, segments, like.forms, like.free), like.shared, like.free, problem.priors
+    )
+    shooting = fit_windows(model, like.shared[like.free], options, starts, retry_guesses, problem.executor)
+    return EffectFit(segments, like.names, like.forms, like.free, model.fill_values(shooting.shared), shooting)
 
 
-def _inside(priors: tuple[Prior, ...], values: FloatArray) -> FloatArray:
+def _clip_to_bounds(priors: tuple[Prior, ...], values: FloatArray) -> FloatArray:
     low = np.array([prior.bounds[0] for prior in priors])
     high = np.array([prior.bounds[1] for prior in priors])
     return np.asarray(np.clip(values, low, high))
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """What shots tell of all P parameters near a fit, their states left open: Q shots."""
+class ShotInformation:
+    """Information that each of Q shots holds on all P parameters near a fit, with the start states marginalised."""
 
     shots: NDArray[np.int64]
-    """(Q,)"""
+    """(Q,) index of each shot."""
     information: FloatArray
-    """(Q, P, P)"""
+    """(Q, P, P) information matrix of each shot."""
     score: FloatArray
-    """(Q, P) slope of the log-likelihood."""
-    answers: tuple[FloatArray, ...]
-    """per window (S, P): how its start moves with each parameter, to stay with what was seen."""
+    """(Q, P) gradient of the log-likelihood."""
+    start_responses: tuple[FloatArray, ...]
+    """(S, P) per window: derivative of the best start state by the parameters."""
 
-    def answered(self, starts: tuple[FloatArray, ...], step: FloatArray) -> tuple[FloatArray, ...]:
-        """Starts of all windows, moved as a step (P,) of the parameters asks."""
-        return tuple(start + answer @ step for start, answer in zip(starts, self.answers, strict=True))
+    def shift_starts(self, starts: tuple[FloatArray, ...], step: FloatArray) -> tuple[FloatArray, ...]:
+        """Shift the start states of all windows in response to a step (P,) of the parameters."""
+        return tuple(start + answer @ step for start, answer in zip(starts, self.start_responses, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """Simulations at a fit with the slopes by every parameter of the catalogue."""
+class LinearizedFit:
+    """A fit linearised by the start states and by every parameter of the catalogue."""
 
-    problem: Problem
-    point: Attempt
-    told: Told
+    shooting_problem: ShootingProblem
+    point: Iterate
+    shot_information: ShotInformation
 
 
-def look(question: Question, fitted: Fitted) -> Seen:
-    """The windows of a fit once more, with the slopes by all parameters."""
-    everything = np.ones(len(question.priors), bool)
-    model = Held(model_of(question, fitted.pieces, fitted.forms, None), fitted.shared, everything, question.priors)
-    problem = problem_of(model, question.crew)
-    point, blocks = sloped_everywhere(problem, glanced(problem, fitted.starts, fitted.shared))
-    score = [-(b.shared_gradient - b.coupling.T @ solved(b.states, b.gradient, 0.0)) for b in blocks]
-    information = np.stack([b.reduced() for b in blocks])
-    return Seen(
-        problem,
+def linearize_fit(problem: DiagnosisProblem, fitted: EffectFit) -> LinearizedFit:
+    """Linearise the windows of a fit by all P parameters.
+
+    Args:
+        problem: Scene and priors.
+        fitted: Fit to linearise.
+
+    Returns:
+        The linearised windows and the information of each shot.
+    """
+    everything = np.ones(len(problem.priors), bool)
+    model = FixedParameterModel(
+        build_window_model(problem, fitted.segments, fitted.forms, None), fitted.shared, everything, problem.priors
+    )
+    shooting_problem = build_problem(model, problem.executor)
+    point, blocks = linearize_shots(shooting_problem, simulate_shots(shooting_problem, fitted.starts, fitted.shared))
+    score = [-(b.shared_gradient - b.coupling.T @ solve_damped(b.states, b.gradient, 0.0)) for b in blocks]
+    information = np.stack([b.schur_complement() for b in blocks])
+    return LinearizedFit(
+        shooting_problem,
         point,
-        Told(
-            np.array(sorted({w.shot for w in problem.windows})),
+        ShotInformation(
+            np.array(sorted({w.shot for w in shooting_problem.windows})),
             information,
             np.stack(score),
-            _answers(problem, point, blocks),
+            _compute_start_responses(shooting_problem, point, blocks),
         ),
     )
 
 
-def _answers(problem: Problem, point: Attempt, blocks: list[ShotBlock]) -> tuple[FloatArray, ...]:
-    """Per window (S, P), from the normal equations of its shot."""
-    found: list[FloatArray] = [np.empty((0, 0))] * len(problem.windows)
-    for numbers, block in zip(problem.shots, blocks, strict=True):
-        ends = np.cumsum([len(point.starts[k]) for k in numbers])
-        parts = np.split(-solved(block.states, block.coupling, 0.0), ends[:-1])
-        for k, part in zip(numbers, parts, strict=True):
-            found[k] = part
-    return tuple(found)
-
-
-def nearest(
-    question: Question, like: Fitted, forms: tuple[str, ...], shared: FloatArray, offered: list[tuple[FloatArray, ...]]
+def _compute_start_responses(
+    shooting_problem: ShootingProblem, point: Iterate, blocks: list[ShotBlock]
 ) -> tuple[FloatArray, ...]:
-    """Of all starts offered for the windows of a fit, shot by shot those from which a simulation with these numbers
-    (P,) comes nearest to what was seen."""
+    """Compute the response (S, P) of the start state of each window, from the normal equations of its shot."""
+    responses: list[FloatArray] = [np.empty((0, 0))] * len(shooting_problem.windows)
+    for numbers, block in zip(shooting_problem.shot_windows, blocks, strict=True):
+        ends = np.cumsum([len(point.starts[k]) for k in numbers])
+        parts = np.split(-solve_damped(block.states, block.coupling, 0.0), ends[:-1])
+        for k, part in zip(numbers, parts, strict=True):
+            responses[k] = part
+    return tuple(responses)
+
+
+def select_best_starts(
+    problem: DiagnosisProblem,
+    like: EffectFit,
+    forms: tuple[str, ...],
+    shared: FloatArray,
+    candidates: list[tuple[FloatArray, ...]],
+) -> tuple[FloatArray, ...]:
+    """Select, shot by shot, the start states from which a simulation is closest to the observations.
+
+    Args:
+        problem: Scene and priors.
+        like: Fit with the windows.
+        forms: One form per choice between contact models.
+        shared: (P,) values of all parameters.
+        candidates: Alternatives; each has one start state (S,) per window.
+
+    Returns:
+        One start state (S,) per window.
+    """
     none = np.zeros(len(shared), bool)
-    held = Held(model_of(question, like.pieces, forms, none), shared, none, question.priors)
-    problem = problem_of(held, question.crew)
-    tried = [glanced(problem, starts, shared[none]).costs[:-1] for starts in offered]
-    found = list(offered[0])
-    for numbers, costs in zip(problem.shots, np.transpose(tried), strict=True):
+    model = FixedParameterModel(build_window_model(problem, like.segments, forms, none), shared, none, problem.priors)
+    shooting_problem = build_problem(model, problem.executor)
+    candidate_costs = [simulate_shots(shooting_problem, starts, shared[none]).costs[:-1] for starts in candidates]
+    best = list(candidates[0])
+    for numbers, costs in zip(shooting_problem.shot_windows, np.transpose(candidate_costs), strict=True):
         for k in numbers:
-            found[k] = offered[int(np.argmin(costs))][k]
-    return tuple(found)
+            best[k] = candidates[int(np.argmin(costs))][k]
+    return tuple(best)

@@ -1,9 +1,8 @@
-"""The noise of recordings and how long it lasts, from the recordings alone: no model of the motion is asked.
+"""Size and correlation of the noise of recordings, estimated without a model of the motion.
 
-Whatever moves smoothly is nearly a polynomial over a dozen pictures. What a polynomial leaves is noise; how much of
-noise with a given autocorrelation it would have swallowed is known exactly, so that size and correlation follow from
-the first two lagged products of what it left. Pieces with a contact or an outlier stand out by their size and are left
-out.
+Smooth motion is nearly a polynomial over a dozen frames; the residuals of a polynomial are noise. The share of noise of
+a given autocorrelation that a polynomial absorbs is known exactly, so that size and correlation follow from the first
+two lagged products of the residuals. Segments with a contact or an outlier have large residuals and are left out.
 """
 
 from __future__ import annotations
@@ -18,161 +17,198 @@ from scipy.stats import chi2
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import Recording
 
-SPAN = 21
-"""pictures of a piece"""
-DEGREE = 5
-_CALM = 2.5
-"""times the usual size of what a polynomial leaves, up to which a piece counts as smooth."""
-_MOST = 0.95
-"""largest correlation of neighbours that so short pieces can tell from smooth motion."""
-_WAY = 20.0
-"""standard deviations that a body gets on in a piece, from which it moves."""
-_UNLIKE = 1.5
-"""times the noise of all pieces, from which that of moving bodies counts: a camera sees what lies ever the same way."""
-_FEW = 8
-"""pieces below which the stated sigmas are believed."""
-_SIDE = 5
-"""samples on one side that a parabola is put through."""
-_FAR = 6.0
-"""standard deviations from which one sample beside agreeing neighbours is an outlier."""
+SEGMENT_FRAMES = 21
+"""Frames of a segment."""
+POLYNOMIAL_DEGREE = 5
+"""Degree of the polynomial that is fitted to a segment."""
+_MAX_SMOOTH_RATIO = 2.5
+"""Largest sum of squared residuals of a smooth segment, relative to the median."""
+_MAX_CORRELATION = 0.95
+"""Largest correlation of neighbouring frames that such short segments can separate from smooth motion."""
+_MOVING_SIGMAS = 20.0
+"""Extent from which a body moves within a segment, standard deviations."""
+_MOVING_NOISE_RATIO = 1.5
+"""Ratio to the noise of all segments from which that of moving bodies is used: the errors of a body at rest repeat."""
+_MIN_SEGMENTS = 8
+"""Number of segments below which the stated sigmas are used."""
+_SIDE_SAMPLES = 5
+"""Samples on one side to which a parabola is fitted."""
+_OUTLIER_SIGMAS = 6.0
+"""Deviation from which a sample between consistent neighbours is an outlier, standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
-    """Of all recordings of one scene together."""
+class NoiseEstimate:
+    """Noise of all recordings of one scene together."""
 
     scale: float
-    """the noise over the stated sigmas."""
+    """Noise relative to the stated sigmas."""
     correlation: float
-    """of the errors of neighbouring pictures; 0 where it is not significant."""
-    pieces: int
-    """how many smooth pieces it was estimated from."""
+    """Correlation of the errors of neighbouring frames; 0 where it is not significant."""
+    segment_count: int
+    """Number of smooth segments that the estimate is based on."""
 
 
-def estimate_noise(recordings: tuple[Recording, ...]) -> Noise:
-    """Size and correlation of the noise; the stated sigmas where there are too few smooth pieces to tell."""
-    left = [found for recording in recordings for found in _left_over(recording)]
-    if not left:
-        return Noise(1.0, 0.0, 0)
-    rows, moving = (np.concatenate([one[k] for one in left]) for k in range(2))
-    found, on_the_way = _of_pieces(rows), _of_pieces(rows[moving])
-    return on_the_way if on_the_way.pieces >= _FEW and on_the_way.scale > _UNLIKE * found.scale else found
+def estimate_noise(recordings: tuple[Recording, ...]) -> NoiseEstimate:
+    """Estimate size and correlation of the noise of recordings.
+
+    Args:
+        recordings: Recordings of one scene, with stated sigmas.
+
+    Returns:
+        The estimate; scale 1 and correlation 0 where there are too few smooth segments.
+    """
+    residuals = [all_bodies for recording in recordings for all_bodies in _compute_polynomial_residuals(recording)]
+    if not residuals:
+        return NoiseEstimate(1.0, 0.0, 0)
+    rows, moving = (np.concatenate([one[k] for one in residuals]) for k in range(2))
+    all_bodies, moving_bodies = _estimate_from_residuals(rows), _estimate_from_residuals(rows[moving])
+    return (
+        moving_bodies
+        if moving_bodies.segment_count >= _MIN_SEGMENTS and moving_bodies.scale > _MOVING_NOISE_RATIO * all_bodies.scale
+        else all_bodies
+    )
 
 
-def _of_pieces(rows: FloatArray) -> Noise:
-    """Of what polynomials left of pieces (M, SPAN)."""
+def _estimate_from_residuals(rows: FloatArray) -> NoiseEstimate:
+    """Estimate the noise from polynomial residuals (M, SEGMENT_FRAMES)."""
     if not len(rows):
-        return Noise(1.0, 0.0, 0)
+        return NoiseEstimate(1.0, 0.0, 0)
     size = np.square(rows).sum(axis=1)
-    calm = rows[size < _CALM * np.median(size)]
-    if len(calm) < _FEW:
-        return Noise(1.0, 0.0, len(calm))
-    correlation = _correlation(calm)
-    kept, free = _expected(correlation)[0], _degrees(correlation)
+    smooth = rows[size < _MAX_SMOOTH_RATIO * np.median(size)]
+    if len(smooth) < _MIN_SEGMENTS:
+        return NoiseEstimate(1.0, 0.0, len(smooth))
+    correlation = _estimate_correlation(smooth)
+    remaining, free = _compute_residual_products(correlation)[0], _degrees_of_freedom(correlation)
     # pieces beyond the limit are missing from the mean as much as chance puts there
-    cut = _CALM * chi2.ppf(0.5, free)
+    cut = _MAX_SMOOTH_RATIO * chi2.ppf(0.5, free)
     share = chi2.cdf(cut, free + 2) / chi2.cdf(cut, free)
-    return Noise(float(np.sqrt(np.square(calm).sum(axis=1).mean() / share / kept)), correlation, len(calm))
+    return NoiseEstimate(
+        float(np.sqrt(np.square(smooth).sum(axis=1).mean() / share / remaining)), correlation, len(smooth)
+    )
 
 
-def _left_over(recording: Recording) -> list[tuple[FloatArray, BoolArray]]:
-    """(pieces, SPAN) per body and coordinate, in stated sigmas, where SPAN pictures follow each other evenly; and in
-    which of them the body moves (pieces,)."""
-    found = []
-    seen = recording.seen
+def _compute_polynomial_residuals(recording: Recording) -> list[tuple[FloatArray, BoolArray]]:
+    """Compute polynomial residuals (M, SEGMENT_FRAMES) in stated sigmas for each body and coordinate.
+
+    Segments are runs of SEGMENT_FRAMES consecutive frames. The mask (M,) marks segments in which the body moves.
+    """
+    residuals = []
+    is_observed = recording.is_observed
     for body in range(len(recording.bodies)):
-        rows = np.flatnonzero(seen[:, body])
-        if len(rows) < SPAN:
+        rows = np.flatnonzero(is_observed[:, body])
+        if len(rows) < SEGMENT_FRAMES:
             continue
-        frames = np.lib.stride_tricks.sliding_window_view(recording.frame[rows], SPAN)
-        even = np.flatnonzero(frames[:, -1] - frames[:, 0] == SPAN - 1)[:: SPAN // 2]
+        frames = np.lib.stride_tricks.sliding_window_view(recording.frame[rows], SEGMENT_FRAMES)
+        even = np.flatnonzero(frames[:, -1] - frames[:, 0] == SEGMENT_FRAMES - 1)[:: SEGMENT_FRAMES // 2]
         # one sigma for a piece: a place over sigmas that differ from row to row is not smooth
-        sigma = np.sqrt(np.lib.stride_tricks.sliding_window_view(recording.sigma[rows, body] ** 2, SPAN).mean(axis=1))
-        for values in recording.places[rows, body].T:
-            pieces = np.lib.stride_tricks.sliding_window_view(values, SPAN)[even]
-            found.append((pieces @ _projector() / sigma[even, None], np.ptp(pieces, axis=1) > _WAY * sigma[even]))
-    return found
+        sigma = np.sqrt(
+            np.lib.stride_tricks.sliding_window_view(recording.sigma[rows, body] ** 2, SEGMENT_FRAMES).mean(axis=1)
+        )
+        for values in recording.positions[rows, body].T:
+            segments = np.lib.stride_tricks.sliding_window_view(values, SEGMENT_FRAMES)[even]
+            residuals.append(
+                (
+                    segments @ _residual_projector() / sigma[even, None],
+                    np.ptp(segments, axis=1) > _MOVING_SIGMAS * sigma[even],
+                )
+            )
+    return residuals
 
 
 @cache
-def _projector() -> FloatArray:
-    """(SPAN, SPAN) takes a polynomial out."""
-    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, SPAN), DEGREE + 1))[0]
-    return np.asarray(np.eye(SPAN) - basis @ basis.T)
+def _residual_projector() -> FloatArray:
+    """Return the matrix (SEGMENT_FRAMES, SEGMENT_FRAMES) that maps values to the residuals of a fitted polynomial."""
+    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, SEGMENT_FRAMES), POLYNOMIAL_DEGREE + 1))[0]
+    return np.asarray(np.eye(SEGMENT_FRAMES) - basis @ basis.T)
 
 
-def _expected(correlation: float) -> tuple[float, float]:
-    """Sum of squares and of products of neighbours that a polynomial leaves of noise of size 1."""
-    left = _remaining(correlation)
+def _compute_residual_products(correlation: float) -> tuple[float, float]:
+    """Compute the expected sums of squares and of neighbour products of the residuals of unit noise."""
+    left = _residual_covariance(correlation)
     return float(np.trace(left)), float(np.trace(left, offset=1))
 
 
-def _remaining(correlation: float) -> FloatArray:
-    """(SPAN, SPAN) covariance of what a polynomial leaves of noise of size 1."""
-    lag = np.abs(np.subtract.outer(np.arange(SPAN), np.arange(SPAN)))
-    return np.asarray(_projector() @ correlation**lag @ _projector())
+def _residual_covariance(correlation: float) -> FloatArray:
+    """Return the covariance (SEGMENT_FRAMES, SEGMENT_FRAMES) of polynomial residuals of unit noise."""
+    lag = np.abs(np.subtract.outer(np.arange(SEGMENT_FRAMES), np.arange(SEGMENT_FRAMES)))
+    return np.asarray(_residual_projector() @ correlation**lag @ _residual_projector())
 
 
-def _degrees(correlation: float) -> float:
-    """Degrees of freedom of the chi-square that has the mean and variance of what a polynomial leaves (Satterthwaite
-    1946)."""
-    left = _remaining(correlation)
+def _degrees_of_freedom(correlation: float) -> float:
+    """Return the degrees of freedom of a chi-square with the mean and variance of the squared residuals.
+
+    Satterthwaite 1946, doi:10.2307/3002019.
+    """
+    left = _residual_covariance(correlation)
     return float(np.trace(left) ** 2 / np.trace(left @ left))
 
 
-def _correlation(pieces: FloatArray) -> float:
-    """Of noise whose left-overs are the pieces; 0 where chance would show as much in one of twenty cases."""
-    products = (pieces[:, 1:] * pieces[:, :-1]).sum(axis=1)
-    ratio = float(products.sum() / np.square(pieces).sum())
-    white = _expected(0.0)
+def _estimate_correlation(segments: FloatArray) -> float:
+    """Estimate the correlation of noise from its residuals; 0 where it is not significant at 5 %."""
+    products = (segments[:, 1:] * segments[:, :-1]).sum(axis=1)
+    ratio = float(products.sum() / np.square(segments).sum())
+    white = _compute_residual_products(0.0)
     # pieces overlap by half, so that about two of three are independent
-    spread = float(np.std(products - white[1] / white[0] * np.square(pieces).sum(axis=1)))
-    error = spread / np.square(pieces).sum(axis=1).mean() / np.sqrt(max(len(pieces) / 1.5, 1.0))
+    spread = float(np.std(products - white[1] / white[0] * np.square(segments).sum(axis=1)))
+    error = spread / np.square(segments).sum(axis=1).mean() / np.sqrt(max(len(segments) / 1.5, 1.0))
     if ratio - white[1] / white[0] < 1.65 * error:
         return 0.0
 
     def beyond(correlation: float) -> float:
-        squares, neighbours = _expected(correlation)
+        squares, neighbours = _compute_residual_products(correlation)
         return neighbours / squares - ratio
 
-    return float(brentq(beyond, 0.0, _MOST)) if beyond(_MOST) > 0 else _MOST
+    return float(brentq(beyond, 0.0, _MAX_CORRELATION)) if beyond(_MAX_CORRELATION) > 0 else _MAX_CORRELATION
 
 
-def with_noise(recordings: tuple[Recording, ...], noise: Noise) -> tuple[Recording, ...]:
-    """The recordings with sigmas as the noise was found, outliers taken out."""
+def apply_noise_estimate(recordings: tuple[Recording, ...], noise: NoiseEstimate) -> tuple[Recording, ...]:
+    """Scale the sigmas of recordings by a noise estimate and remove outliers.
+
+    Args:
+        recordings: Recordings with stated sigmas.
+        noise: Estimate of their noise.
+
+    Returns:
+        Recordings with scaled sigmas, NaN in place of outliers.
+    """
     scaled = (replace(one, sigma=one.sigma * noise.scale) for one in recordings)
-    return tuple(replace(one, places=np.where(_outliers(one)[:, :, None], np.nan, one.places)) for one in scaled)
+    return tuple(
+        replace(one, positions=np.where(_find_outliers(one)[:, :, None], np.nan, one.positions)) for one in scaled
+    )
 
 
-def _outliers(recording: Recording) -> BoolArray:
-    """(T, N) samples far off what their neighbours on either side say, and both sides together."""
-    bad = np.zeros(recording.seen.shape, bool)
+def _find_outliers(recording: Recording) -> BoolArray:
+    """Return a mask (T, N) of samples far from the polynomials through their neighbours, on each side and on both."""
+    bad = np.zeros(recording.is_observed.shape, bool)
     for body in range(len(recording.bodies)):
-        rows = np.flatnonzero(recording.seen[:, body])
+        rows = np.flatnonzero(recording.is_observed[:, body])
         for k in range(len(rows)):
-            supports = [_near(rows, k, part) for part in ((-3, 4), (-_SIDE, 0), (1, _SIDE + 1))]
-            known = [(near, order) for near, order in zip(supports, (3, 2, 2), strict=True) if near.size]
-            apart = [recording.frame[near[-1]] - recording.frame[near[0]] <= 2 * _SIDE for near, _ in known]
-            if len(known) >= 2 and all(apart):
-                bad[rows[k], body] = all(_stands_out(recording, body, int(rows[k]), *one) for one in known)
+            supports = [
+                _select_neighbours(rows, k, part) for part in ((-3, 4), (-_SIDE_SAMPLES, 0), (1, _SIDE_SAMPLES + 1))
+            ]
+            fits = [(near, order) for near, order in zip(supports, (3, 2, 2), strict=True) if near.size]
+            apart = [recording.frame[near[-1]] - recording.frame[near[0]] <= 2 * _SIDE_SAMPLES for near, _ in fits]
+            if len(fits) >= 2 and all(apart):
+                bad[rows[k], body] = all(_is_off_polynomial(recording, body, int(rows[k]), *one) for one in fits)
     return bad
 
 
-def _near(rows: IntArray, k: int, part: tuple[int, int]) -> IntArray:
-    """The rows around number k that `part` says, itself left out; none where there are too few."""
+def _select_neighbours(rows: IntArray, k: int, part: tuple[int, int]) -> IntArray:
+    """Select the rows in a range around number k, without that one; empty where there are too few."""
     first, last = k + part[0], k + part[1]
     if first < 0 or last > len(rows):
         return np.empty(0, np.int64)
     return np.delete(rows[first:last], -part[0]) if part[0] <= 0 < part[1] else rows[first:last]
 
 
-def _stands_out(recording: Recording, body: int, row: int, near: IntArray, order: int) -> bool:
-    """Whether one sample is far off a polynomial through others; a bend in a path is so on one side at most."""
+def _is_off_polynomial(recording: Recording, body: int, row: int, near: IntArray, order: int) -> bool:
+    """Return whether a sample is far from a polynomial through other rows; at a kink it is so on one side at most."""
     span = recording.t[near[-1]] - recording.t[near[0]]
     design = np.vander((recording.t[near] - recording.t[row]) / span, order + 1)
     solved, inverse = (
-        np.linalg.lstsq(design, recording.places[near, body], rcond=None)[0],
+        np.linalg.lstsq(design, recording.positions[near, body], rcond=None)[0],
         np.linalg.inv(design.T @ design),
     )
-    off = np.abs(recording.places[row, body] - solved[-1]).max()
-    return bool(off > _FAR * recording.sigma[row, body] * np.sqrt(1 + inverse[-1, -1]))
+    off = np.abs(recording.positions[row, body] - solved[-1]).max()
+    return bool(off > _OUTLIER_SIGMAS * recording.sigma[row, body] * np.sqrt(1 + inverse[-1, -1]))

@@ -1,7 +1,7 @@
-"""A model whose misfits are made independent where the noise of neighbouring pictures is alike.
+"""A model whose residuals are whitened where the noise of neighbouring frames is correlated.
 
-Noise that decays with a correlation rho from picture to picture is a first-order autoregression: the misfit less rho
-times the one before it is white (Prais and Winsten 1954). Slopes are treated alike, so that a fit need not know.
+Noise with a correlation rho from frame to frame is a first-order autoregression: the residual minus rho times the
+previous one is white (Prais and Winsten 1954). Jacobians are transformed alike, so that a fit needs no change.
 """
 
 from __future__ import annotations
@@ -12,69 +12,82 @@ import numpy as np
 
 from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import Recording
-from models.estimation.multiple_shooting.shooting_windows import Flow, Glance, Model, Window, glance, narrowed
+from models.estimation.multiple_shooting.shooting_windows import (
+    LinearizedWindow,
+    ShootingModel,
+    SimulatedWindow,
+    Window,
+    drop_shared_jacobian,
+    simulate_window,
+)
 from models.physics.effect import Prior
 
 
 @dataclass(frozen=True, slots=True)
-class Chain:
-    """Of the K observations of a window: which one of the same body came before, and what it tells of this one."""
+class NoiseChain:
+    """Autoregression of the noise of a window with K observations: the previous observation of each body."""
 
-    before: IntArray
-    """(K,) number of the observation before; the own one where there is none."""
-    told: FloatArray
-    """(K,) correlation with it, 0 where there is none."""
+    previous: IntArray
+    """(K,) index of the previous observation of the same body; the own index where there is none."""
+    correlation: FloatArray
+    """(K,) correlation with the previous observation, 0 where there is none."""
 
-    def whitened(self, values: FloatArray) -> FloatArray:
-        """Of values (K, ...) with correlated errors of size 1."""
+    def whiten(self, values: FloatArray) -> FloatArray:
+        """Whiten values (K, ...) whose errors have unit variance."""
         column = (-1, *[1] * (values.ndim - 1))
-        fresh = 1 / np.sqrt(1 - self.told**2)
-        return np.asarray((values - self.told.reshape(column) * values[self.before]) * fresh.reshape(column))
+        fresh = 1 / np.sqrt(1 - self.correlation**2)
+        return np.asarray((values - self.correlation.reshape(column) * values[self.previous]) * fresh.reshape(column))
 
 
-def chain(piece: Recording, correlation: float) -> Chain:
-    """Of the observations of a piece, row by row."""
-    rows, bodies = np.nonzero(piece.seen)
-    before, told = np.arange(len(rows)), np.zeros(len(rows))
-    for body in range(len(piece.bodies)):
+def build_noise_chain(segment: Recording, correlation: float) -> NoiseChain:
+    """Build the chain of the observations of a segment, in the order of its rows."""
+    rows, bodies = np.nonzero(segment.is_observed)
+    before, correlations = np.arange(len(rows)), np.zeros(len(rows))
+    for body in range(len(segment.bodies)):
         own = np.flatnonzero(bodies == body)
         before[own[1:]] = own[:-1]
-        told[own[1:]] = correlation ** np.diff(piece.frame[rows[own]])
-    return Chain(before, told)
+        correlations[own[1:]] = correlation ** np.diff(segment.frame[rows[own]])
+    return NoiseChain(before, correlations)
 
 
 @dataclass(frozen=True, slots=True)
-class Decorrelated:
-    """`model` with misfits made independent, by one chain per window."""
+class WhitenedModel:
+    """A model with whitened residuals, by one chain per window."""
 
-    model: Model
-    chains: tuple[Chain, ...]
+    model: ShootingModel
+    chains: tuple[NoiseChain, ...]
 
     @property
     def unknowns(self) -> tuple[Prior, ...]:
+        """Priors of the shared parameters."""
         return self.model.unknowns
 
     @property
     def windows(self) -> tuple[Window, ...]:
+        """Windows of the model."""
         return self.model.windows
 
-    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
-        return self._independent(window, self.model.flow(window, start, shared))
+    def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
+        """Linearise a window and whiten its residuals and Jacobians."""
+        return self._whiten_window(window, self.model.linearize(window, start, shared))
 
-    def glance(self, window: int, start: FloatArray, shared: FloatArray) -> Glance | Flow:
-        found = glance(self.model, window, start, shared)
-        if isinstance(found, Flow):
-            return self._independent(window, found)
-        return replace(found, misfit=self.chains[window].whitened(found.misfit))
+    def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow | LinearizedWindow:
+        """Simulate a window and whiten its residuals."""
+        simulated = simulate_window(self.model, window, start, shared)
+        if isinstance(simulated, LinearizedWindow):
+            return self._whiten_window(window, simulated)
+        return replace(simulated, residual=self.chains[window].whiten(simulated.residual))
 
-    def narrowed(self) -> Decorrelated:
-        return replace(self, model=narrowed(self.model))
+    def without_shared_jacobian(self) -> WhitenedModel:
+        """Return the model without derivatives by the shared parameters."""
+        return replace(self, model=drop_shared_jacobian(self.model))
 
-    def _independent(self, window: int, flow: Flow) -> Flow:
+    def _whiten_window(self, window: int, flow: LinearizedWindow) -> LinearizedWindow:
+        """Whiten residuals and Jacobians of a linearised window."""
         own = self.chains[window]
         return replace(
             flow,
-            misfit=own.whitened(flow.misfit),
-            by_start=own.whitened(flow.by_start),
-            by_shared=own.whitened(flow.by_shared),
+            residual=own.whiten(flow.residual),
+            start_jacobian=own.whiten(flow.start_jacobian),
+            shared_jacobian=own.whiten(flow.shared_jacobian),
         )

@@ -1,4 +1,4 @@
-"""Which shots estimate, which confirm, and which only report: chosen by their order, never by what they hold."""
+"""Split of shots into fitting, selection and hold-out shots, by their order alone."""
 
 from __future__ import annotations
 
@@ -6,26 +6,36 @@ from dataclasses import dataclass
 
 from models.estimation.gap_scenes.gap_scene import Recording
 
-FEW = 6
-"""shots below which none can be spared to confirm alone."""
+MIN_SHOTS_FOR_SELECTION = 6
+"""Number of shots below which none is reserved for selection."""
 
 
 @dataclass(frozen=True, slots=True)
-class Split:
-    """Recordings by their use; `report` must not be looked at before the verdict stands."""
+class ShotSplit:
+    """Recordings by their use; `holdout` must not be used before the verdict is final."""
 
-    fit: tuple[Recording, ...]
-    select: tuple[Recording, ...]
-    report: tuple[Recording, ...]
+    fitting: tuple[Recording, ...]
+    """Shots that estimate parameters."""
+    selection: tuple[Recording, ...]
+    """Shots that confirm effects."""
+    holdout: tuple[Recording, ...]
+    """Shots on which the gap is reported."""
 
 
-def split_shots(recordings: tuple[Recording, ...]) -> Split:
-    """Half of the shots estimate, a quarter confirms, a quarter reports; of few shots all but the last estimate."""
+def split_shots(recordings: tuple[Recording, ...]) -> ShotSplit:
+    """Split shots: half for fitting, a quarter for selection, a quarter for hold-out; few shots have no selection.
+
+    Args:
+        recordings: One recording per shot.
+
+    Returns:
+        The split.
+    """
     ordered = tuple(sorted(recordings, key=lambda one: one.shot))
-    if len(ordered) < FEW:
-        kept = len(ordered) if len(ordered) == 1 else len(ordered) - max(1, len(ordered) // 4)
-        return Split(ordered[:kept], (), ordered[kept:])
+    if len(ordered) < MIN_SHOTS_FOR_SELECTION:
+        fitting_count = len(ordered) if len(ordered) == 1 else len(ordered) - max(1, len(ordered) // 4)
+        return ShotSplit(ordered[:fitting_count], (), ordered[fitting_count:])
     by_use: dict[str, list[Recording]] = {"fit": [], "select": [], "report": []}
     for place, one in enumerate(ordered):
         by_use[("fit", "select", "fit", "report")[place % 4]].append(one)
-    return Split(*(tuple(by_use[use]) for use in ("fit", "select", "report")))
+    return ShotSplit(*(tuple(by_use[use]) for use in ("fit", "select", "report")))

@@ -1,1 +1,1 @@
-"""Which effects are missing: signatures propose, joint refits decide."""
+"""Which effects are missing: signatures propose hypotheses, joint refits and cross-shot evidence decide."""

@@ -1,40 +1,58 @@
-"""What other shots say of effects that some shots told: strengths found without them, and what they gain."""
+"""Evidence across shots: effects whose strengths are fitted to some shots must improve the fit of others."""
 
 from __future__ import annotations
 
-from diagnosis.fitting.hypothesis_fits import GLANCE, USUAL, Fitted, Question, again, follow
-from diagnosis.selection.effect_selection import adopted, lacking
-from diagnosis.selection.hypotheses import Hypothesis, Search
+from diagnosis.fitting.hypothesis_fits import (
+    COARSE_FIT,
+    FULL_FIT,
+    DiagnosisProblem,
+    EffectFit,
+    fit_start_states,
+    refit_effects,
+)
+from diagnosis.selection.effect_selection import fit_without_effect, select_hypothesis
+from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 
 
-def confirmed(
-    question: Question, state: Search, first: tuple[Recording, ...], second: tuple[Recording, ...]
+def confirm_effects(
+    problem: DiagnosisProblem, search: EffectSearch, first: tuple[Recording, ...], second: tuple[Recording, ...]
 ) -> Hypothesis:
-    """The hypothesis adopted, without those of several effects that `second` shots do not confirm, all strengths as
-    the `first` ones tell them. Few shots, of which none could be spared, confirm what the others tell, one by one."""
-    best, split = adopted(state), folds(first, second)
+    """Drop effects that `second` shots do not confirm, with strengths from the `first` shots.
+
+    Args:
+        problem: Scene and priors.
+        search: The finished search.
+        first: Fitting shots.
+        second: Selection shots; if empty, each shot is tested with strengths from the others.
+
+    Returns:
+        The hypothesis of the effects that remain.
+    """
+    best, split = select_hypothesis(search), split_folds(first, second)
     while split and best.size > 1:
         gains = dict.fromkeys(sorted(best.names), 0.0)
-        # what lacks an effect does not settle for long; cut short, it still knows the other shots: no gain for whole
-        without = {name: lacking(state, best, name) for name in gains}
+        # a fit without an effect converges slowly; a coarse fit favours no hypothesis, as it starts from all shots
+        without = {name: fit_without_effect(search, best, name) for name in gains}
         for others, here in split:
-            whole = alone(question, others, best.fitted)
+            whole = refit_on_shots(problem, others, best.fitted)
             for name in gains:
-                gains[name] += gain(question, best.fitted, here, alone(question, others, without[name], GLANCE), whole)
+                gains[name] += cross_shot_gain(
+                    problem, best.fitted, here, refit_on_shots(problem, others, without[name], COARSE_FIT), whole
+                )
         least = min(gains, key=lambda name: gains[name])
         if gains[least] > 0:
             break
-        best = state.tried[best.names - {least}]
+        best = search.hypotheses[best.names - {least}]
     return best
 
 
-def folds(
+def split_folds(
     first: tuple[Recording, ...], second: tuple[Recording, ...]
 ) -> list[tuple[tuple[Recording, ...], tuple[Recording, ...]]]:
-    """Shots that tell strengths, and shots on which these are tried."""
+    """Split shots into pairs of shots that estimate strengths and shots that test them."""
     if second:
         return [(first, second)]
     numbers = sorted({one.shot for one in first})
@@ -44,26 +62,32 @@ def folds(
     return [fold for fold in split if fold[0]]
 
 
-def gain(question: Question, whole: Fitted, recordings: tuple[Recording, ...], base: Fitted, best: Fitted) -> float:
-    """chi2 that shots gain from the effects, all parameters as other shots told them; their windows and where states
-    are sought are those of the fit to the `whole`."""
-    pieces, starts = of_shots(whole, recordings)
-    if not pieces:
+def cross_shot_gain(
+    problem: DiagnosisProblem, whole: EffectFit, recordings: tuple[Recording, ...], base: EffectFit, best: EffectFit
+) -> float:
+    """Return the chi2 that shots gain from effects whose parameters were fitted to other shots.
+
+    Windows and initial start states are those of the fit to the `whole`.
+    """
+    segments, starts = select_shot_windows(whole, recordings)
+    if not segments:
         return 0.0
-    before, after = follow(question, pieces, base, starts), follow(question, pieces, best, starts)
-    return (before.cost - after.cost) / max(best.lack, 1.0)
+    before, after = fit_start_states(problem, segments, base, starts), fit_start_states(problem, segments, best, starts)
+    return (before.cost - after.cost) / max(best.lack_of_fit, 1.0)
 
 
-def alone(
-    question: Question, recordings: tuple[Recording, ...], like: Fitted, options: ShootingOptions = USUAL
-) -> Fitted:
-    """A hypothesis as some of the shots tell it."""
-    pieces, starts = of_shots(like, recordings)
-    return again(question, pieces, like, starts, options=options)
+def refit_on_shots(
+    problem: DiagnosisProblem, recordings: tuple[Recording, ...], like: EffectFit, options: ShootingOptions = FULL_FIT
+) -> EffectFit:
+    """Refit a hypothesis to some of its shots."""
+    segments, starts = select_shot_windows(like, recordings)
+    return refit_effects(problem, segments, like, starts, options=options)
 
 
-def of_shots(fitted: Fitted, recordings: tuple[Recording, ...]) -> tuple[tuple[Recording, ...], tuple[FloatArray, ...]]:
-    """Windows of some of the shots of a fit, and their starts."""
+def select_shot_windows(
+    fitted: EffectFit, recordings: tuple[Recording, ...]
+) -> tuple[tuple[Recording, ...], tuple[FloatArray, ...]]:
+    """Select the windows of some shots of a fit, and their start states."""
     shots = {one.shot for one in recordings}
-    here = [k for k, piece in enumerate(fitted.pieces) if piece.shot in shots]
-    return tuple(fitted.pieces[k] for k in here), tuple(fitted.starts[k] for k in here)
+    here = [k for k, segment in enumerate(fitted.segments) if segment.shot in shots]
+    return tuple(fitted.segments[k] for k in here), tuple(fitted.starts[k] for k in here)

@@ -1,8 +1,8 @@
-"""Which effects are missing: signatures propose, joint refits decide, evidence is penalised for what was tried.
+"""Effect selection: signatures propose, joint refits decide, and the evidence is penalised for the number of trials.
 
-Effects are added while the data ask for one, taken away again where they turn out not to be needed, and exchanged for
-others; a choice between published forms counts as an effect without a parameter. Every hypothesis ever fitted keeps
-its evidence (Laplace's approximation, divided by the lack of fit), from which probabilities follow.
+Effects are added while the data require one, removed where they are not needed, and replaced by rivals. A choice
+between published contact models counts as an effect without a parameter. Every fitted hypothesis keeps its evidence
+(Laplace's approximation, divided by the lack of fit), from which probabilities follow.
 """
 
 from __future__ import annotations
@@ -13,278 +13,359 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.fitting.hypothesis_fits import GLANCE, USUAL, Fitted, Question, fit
-from diagnosis.fitting.shot_split import FEW
-from diagnosis.fitting.window_growth import sought_anew
-from diagnosis.selection.hypotheses import Hypothesis, Search, Watch, signatures_of, told_by, unwatched
-from diagnosis.selection.hypothesis_trials import LEFT, begun_from, details_of, on_its_way, tried, with_details
+from diagnosis.fitting.hypothesis_fits import COARSE_FIT, FULL_FIT, DiagnosisProblem, EffectFit, fit_effects
+from diagnosis.fitting.shot_split import MIN_SHOTS_FOR_SELECTION
+from diagnosis.fitting.window_continuation import restart_poor_shots
+from diagnosis.selection.hypotheses import (
+    EffectSearch,
+    Hypothesis,
+    ProgressCallback,
+    compute_hypothesis_signatures,
+    get_shot_information,
+    ignore_progress,
+)
+from diagnosis.selection.hypothesis_trials import (
+    POOR_LACK_OF_FIT,
+    add_details,
+    find_details,
+    refit_from,
+    restart_poor_windows,
+    try_hypothesis,
+)
 from diagnosis.selection.signatures import Signatures
-from diagnosis.selection.unknown_effects import SUSPICIOUS, agreement
+from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_value
 
-SIGNIFICANT = 0.01
-"""chance to add any effect where none is missing."""
-TRIED = 4
-"""hypotheses that are refitted at every step."""
-MOST = 3
-"""effects missing at once."""
-_ONLY_TOGETHER = 1.5
-"""times what the best single effect promises, from which two are tried at once; 20 more are beyond chance."""
-_REFUTED = 40.0
-"""log evidence from which a hypothesis stays refuted on longer windows, which tell more."""
-_NO_STRENGTH = 0.05
-"""chance that what is not there has as large a strength, above which an effect has none."""
-_WORTH = 6.0
-"""chi2 that an effect beside others must promise to be refitted: half of what it would need to be adopted."""
+SIGNIFICANCE = 0.01
+"""Probability of adding any effect where none is missing."""
+REFITS_PER_STEP = 4
+"""Number of hypotheses that are refitted in every step."""
+MAX_EFFECTS = 3
+"""Largest number of missing effects."""
+_PAIR_GAIN_RATIO = 1.5
+"""Ratio to the predicted gain of the best single effect from which a pair is tried; 20 more are beyond chance."""
+_REFUTED_LOG_EVIDENCE = 40.0
+"""Log evidence from which a hypothesis stays refuted on longer windows, which are more informative."""
+_STRENGTH_SIGNIFICANCE = 0.05
+"""p-value of a strength above which it is consistent with 0."""
+_MIN_PREDICTED_GAIN = 6.0
+"""Predicted chi2 gain from which a further effect is refitted: half of the gain that it would need to be selected."""
 
 
-def search(question: Question, base: Fitted, longer: Callable[[Fitted], Fitted], watch: Watch = unwatched) -> Search:
-    """Try larger hypotheses, one effect more at a time, until nothing more is asked for; `longer` then gives the best
-    one windows as long as it allows, on which the search goes on.
+def search_effects(
+    problem: DiagnosisProblem,
+    base: EffectFit,
+    longer: Callable[[EffectFit], EffectFit],
+    on_progress: ProgressCallback = ignore_progress,
+) -> EffectSearch:
+    """Search for missing effects, one more at a time, until the data require no more.
 
-    All that short windows ask for is found before they grow: what is missing bends a long one so far that hidden states
-    imitate it, and keep doing so when the fit is given what it lacked.
+    Once no more are required, `longer` extends the windows of the best hypothesis, and the search continues on them.
+    All effects that short windows reveal are found first: a missing effect distorts a long window so far that hidden
+    states imitate it, and they still do when the effect is added later.
+
+    Args:
+        problem: Scene and priors.
+        base: Fit of the simulator.
+        longer: Function that refits a hypothesis on windows that are as long as it allows.
+        on_progress: Receives a description of each step and the names of its effects.
+
+    Returns:
+        The search with all hypotheses on the last windows.
     """
-    state = Search(question, Hypothesis(frozenset(), base), alone=base, watch=watch)
-    now, lengthened = state.base, None
+    search = EffectSearch(problem, Hypothesis(frozenset(), base), simulator_fit=base, on_progress=on_progress)
+    now, extended = search.base, None
     while True:
-        now = with_details(state, on_its_way(state, now))
-        larger = _larger(state, now) if now.size < MOST else None
-        rival = _best_needed(state, now.size)
+        now = add_details(search, restart_poor_windows(search, now))
+        larger = _find_larger(search, now) if now.size < MAX_EFFECTS else None
+        rival = _select_of_size(search, now.size)
         if larger is not None:
-            now = _exchanged(state, larger)
-        elif state.tried[now.names] is not now:
-            now = state.tried[now.names]  # a larger one has shown it better starts
-        elif rival is not None and state.weigh(rival) > state.weigh(now):
-            now = rival  # the same has made it likelier
-        elif lengthened != now.names:
-            watch("following for longer", tuple(sorted(now.names)))
-            lengthened, further = now.names, longer(now.fitted)
-            if len(further.pieces) < len(now.fitted.pieces):
-                state = _taken_up(state, Hypothesis(now.names, further))
-                now = _of_no_more(state, state.tried[now.names])
+            now = _try_rivals(search, larger)
+        elif search.hypotheses[now.names] is not now:
+            now = search.hypotheses[now.names]  # a larger one gave it better starts
+        elif rival is not None and search.log_evidence(rival) > search.log_evidence(now):
+            now = rival  # better starts have raised its evidence
+        elif extended != now.names:
+            on_progress("extending windows", tuple(sorted(now.names)))
+            extended, further = now.names, longer(now.fitted)
+            if len(further.segments) < len(now.fitted.segments):
+                search = _continue_on_longer_windows(search, Hypothesis(now.names, further))
+                now = _select_no_larger(search, search.hypotheses[now.names])
         else:
             break
-    return state
+    return search
 
 
-def _taken_up(former: Search, best: Hypothesis) -> Search:
-    """The search on the longer windows that the best hypothesis allows: with those that were near it, each from its own
-    strengths; the simulator alone has grown as far as it can once it was the best."""
-    question, fitted = former.question, best.fitted
+def _continue_on_longer_windows(search: EffectSearch, best: Hypothesis) -> EffectSearch:
+    """Continue the search on the longer windows of the best hypothesis.
+
+    Hypotheses near it are refitted there, each from its own strengths. The windows of `simulator_fit` are final once it
+    was the best hypothesis.
+    """
+    problem, fitted = search.problem, best.fitted
 
     def longer(one: Hypothesis) -> Hypothesis:
-        former.watch("trying for longer", tuple(sorted(one.names)))
-        own, refuted = one.fitted, former.weigh(former.best()) - former.weigh(one) > _REFUTED
-        options = GLANCE if refuted else USUAL
-        found = fit(question, fitted.pieces, own.names, own.forms, own.shared, fitted.starts, options)
-        return Hypothesis(one.names, found if refuted else sought_anew(question, found))
+        search.on_progress("trying on longer windows", tuple(sorted(one.names)))
+        own = one.fitted
+        refuted = search.log_evidence(search.select_best()) - search.log_evidence(one) > _REFUTED_LOG_EVIDENCE
+        options = COARSE_FIT if refuted else FULL_FIT
+        refitted = fit_effects(problem, fitted.segments, own.names, own.forms, own.shared, fitted.starts, options)
+        return Hypothesis(one.names, refitted if refuted else restart_poor_shots(problem, refitted))
 
-    instead = stand_ins(former, former.tried[best.names])
-    first, alone = (longer(former.base), former.alone) if best.names else (best, fitted)
-    state = Search(question, first, alone, watch=former.watch)
-    state.tried[best.names] = best
+    substitutes = find_substitutes(search, search.hypotheses[best.names])
+    first, simulator_fit = (longer(search.base), search.simulator_fit) if best.names else (best, fitted)
+    continued = EffectSearch(problem, first, simulator_fit, on_progress=search.on_progress)
+    continued.hypotheses[best.names] = best
     for name in best.names:
-        state.lend(best, best.names - {name})
-    ranked = sorted(former.tried.values(), key=former.weigh, reverse=True)
-    rivals = [*ranked[: TRIED + 1], *(one for one in ranked[TRIED + 1 :] if one.names in instead)]
-    near = [one for one in rivals if former.weigh(former.best()) - former.weigh(one) < _REFUTED]
+        continued.record_shared_starts(best, best.names - {name})
+    ranked = sorted(search.hypotheses.values(), key=search.log_evidence, reverse=True)
+    rivals = [
+        *ranked[: REFITS_PER_STEP + 1],
+        *(one for one in ranked[REFITS_PER_STEP + 1 :] if one.names in substitutes),
+    ]
+    near = [
+        one
+        for one in rivals
+        if search.log_evidence(search.select_best()) - search.log_evidence(one) < _REFUTED_LOG_EVIDENCE
+    ]
     more = [one.names for one in near if one.names > best.names]
-    for one in (*near, *(one for one in former.tried.values() if one.names < best.names)):
-        if one.names not in (*state.tried, *more):
-            state.tried[one.names] = longer(one)
-    # what more is missing is asked anew, also where slopes no longer show what short windows made likelier
+    for one in (*near, *(one for one in search.hypotheses.values() if one.names < best.names)):
+        if one.names not in (*continued.hypotheses, *more):
+            continued.hypotheses[one.names] = longer(one)
+    # larger hypotheses are tried again, even where signatures no longer propose what short windows favoured
     for names in more:
-        if former.weigh(former.tried[names]) > former.weigh(former.tried[best.names]):
-            tried(state, names, state.tried[best.names])
-    return state
+        if search.log_evidence(search.hypotheses[names]) > search.log_evidence(search.hypotheses[best.names]):
+            try_hypothesis(continued, names, continued.hypotheses[best.names])
+    return continued
 
 
-def stand_ins(state: Search, best: Hypothesis) -> set[frozenset[str]]:
-    """Per effect of the best hypothesis, the likeliest one that has another in its place: sets that share an effect are
-    many, and would crowd it out of those that are near."""
-    found = set()
+def find_substitutes(search: EffectSearch, best: Hypothesis) -> set[frozenset[str]]:
+    """Find, for each effect of the best hypothesis, the most probable hypothesis with another effect in its place.
+
+    Many hypotheses share an effect; they would displace substitutes from the list of the most probable ones.
+    """
+    substitutes = set()
     for name in sorted(best.names):
-        others = [one for one in state.tried.values() if name not in one.names and not one.names < best.names]
+        others = [one for one in search.hypotheses.values() if name not in one.names and not one.names < best.names]
         if others:
-            found.add(_levelled(state, max(others, key=state.weigh), best).names)
-    return found
+            substitutes.add(_refit_from_starts(search, max(others, key=search.log_evidence), best).names)
+    return substitutes
 
 
-def _of_no_more(state: Search, now: Hypothesis) -> Hypothesis:
-    """The likeliest hypothesis of as many effects in which every one is needed, or one of fewer that stand in for them
-    and are likelier than all others; the same where there is none."""
-    best = state.best()
-    if best.size < now.size and not best.names < now.names and needed(state, best):
+def _select_no_larger(search: EffectSearch, now: Hypothesis) -> Hypothesis:
+    """Select the best hypothesis in which every effect is needed, of the size of `now` or smaller."""
+    best = search.select_best()
+    if best.size < now.size and not best.names < now.names and needs_all_effects(search, best):
         return best
-    return _best_needed(state, now.size) or now
+    return _select_of_size(search, now.size) or now
 
 
-def _larger(state: Search, now: Hypothesis) -> Hypothesis | None:
-    """The best hypothesis of one effect more, where that one is needed; else the best pair: of two effects that do as
-    much, neither alone explains more than it leaves."""
-    for names in proposals(state, now):
-        tried(state, names, now)
-    found = _needed_beside(state, now)
-    half = None if found is not None else _half(state, now)
-    if half is None:
-        return found
-    for name in _first(_gains(state, half)):
-        tried(state, half.names | {name}, half)
-    found = _needed_beside(state, now)
-    better = state.tried[half.names] is not half  # those of two have shown it better starts
-    return _larger(state, now) if found is None and better else found
+def _find_larger(search: EffectSearch, now: Hypothesis) -> Hypothesis | None:
+    """Find the best hypothesis with one more effect, if it is needed; else the best pair.
+
+    Of two effects of similar size, neither alone explains more than it leaves.
+    """
+    for names in propose_hypotheses(search, now):
+        try_hypothesis(search, names, now)
+    larger = _select_larger(search, now)
+    partial = None if larger is not None else _find_partial_hypothesis(search, now)
+    if partial is None:
+        return larger
+    for name in _rank_effects(_predict_gains(search, partial)):
+        try_hypothesis(search, partial.names | {name}, partial)
+    larger = _select_larger(search, now)
+    better = search.hypotheses[partial.names] is not partial  # pairs gave it better starts
+    return _find_larger(search, now) if larger is None and better else larger
 
 
-def _needed_beside(state: Search, now: Hypothesis) -> Hypothesis | None:
-    """The best hypothesis tried of one effect more, else of two more, that is likelier and needed."""
+def _select_larger(search: EffectSearch, now: Hypothesis) -> Hypothesis | None:
+    """Select the best fitted hypothesis with one more effect, else with two more, if it is more probable and needed."""
     for size in (now.size + 1, now.size + 2):
-        more = [one for one in state.tried.values() if one.size == size]
-        better = max(more, key=state.weigh, default=now)
-        if more and state.total(size) > state.total(now.size) and needed(state, better):
+        more = [one for one in search.hypotheses.values() if one.size == size]
+        better = max(more, key=search.log_evidence, default=now)
+        if (
+            more
+            and search.log_evidence_of_size(size) > search.log_evidence_of_size(now.size)
+            and needs_all_effects(search, better)
+        ):
             return better
     return None
 
 
-def _half(state: Search, now: Hypothesis) -> Hypothesis | None:
-    """The best hypothesis of one effect more where chance does not explain it and it leaves too much to be needed; none
-    where two more would be too many."""
-    more = [one for one in state.tried.values() if one.size == now.size + 1]
-    best = max(more, key=state.weigh, default=now)
-    clear = best.size > now.size and all(chance(state, best, name) < SIGNIFICANT for name in best.names)
-    return best if clear and best.fitted.excess > 0 and best.size < MOST else None
+def _find_partial_hypothesis(search: EffectSearch, now: Hypothesis) -> Hypothesis | None:
+    """Find the best hypothesis with one more effect that is significant but leaves too much cost to be accepted alone.
+
+    None where two more effects would be too many.
+    """
+    more = [one for one in search.hypotheses.values() if one.size == now.size + 1]
+    best = max(more, key=search.log_evidence, default=now)
+    clear = best.size > now.size and all(effect_p_value(search, best, name) < SIGNIFICANCE for name in best.names)
+    return best if clear and best.fitted.lower_excess_cost > 0 and best.size < MAX_EFFECTS else None
 
 
-def adopted(state: Search) -> Hypothesis:
-    """Of the most probable number of effects, the hypothesis of greatest evidence in which every effect is needed; of
-    fewer effects where there is none."""
-    chosen = (_best_needed(state, size) for size in range(state.most(), 0, -1))
-    return next((one for one in chosen if one is not None), state.base)
+def select_hypothesis(search: EffectSearch) -> Hypothesis:
+    """Select the hypothesis of greatest evidence in which every effect is needed.
+
+    It has the most probable number of effects, or fewer where there is no such hypothesis.
+    """
+    chosen = (_select_of_size(search, size) for size in range(search.most_probable_size(), 0, -1))
+    return next((one for one in chosen if one is not None), search.base)
 
 
-def _best_needed(state: Search, size: int) -> Hypothesis | None:
-    """Of so many effects, the hypothesis of greatest evidence in which every one is needed."""
-    alike = sorted((one for one in state.tried.values() if one.size == size), key=state.weigh, reverse=True)
-    return next((one for one in alike if needed(state, one)), None)
+def _select_of_size(search: EffectSearch, size: int) -> Hypothesis | None:
+    """Select, of a number of effects, the hypothesis of greatest evidence in which every one is needed."""
+    alike = sorted(
+        (one for one in search.hypotheses.values() if one.size == size), key=search.log_evidence, reverse=True
+    )
+    return next((one for one in alike if needs_all_effects(search, one)), None)
 
 
-def needed(state: Search, one: Hypothesis) -> bool:
-    """Whether every effect has a strength, and leaving it out costs more than chance among as many choices explains,
-    and not less than what stays unexplained: a small effect beside a large misfit only stands in for it."""
-    return all(_has_strength(state.question, one.fitted, name) for name in one.names) and all(
-        chance(state, one, name) < SIGNIFICANT and lacking(state, one, name).cost - one.fitted.cost >= _left(state, one)
-        for name in one.names
+def needs_all_effects(search: EffectSearch, hypothesis: Hypothesis) -> bool:
+    """Return whether every effect of a hypothesis has a strength, is significant, and explains more than remains.
+
+    The last condition: a small effect beside a large misfit only substitutes for another one.
+    """
+    return all(_has_strength(search.problem, hypothesis.fitted, name) for name in hypothesis.names) and all(
+        effect_p_value(search, hypothesis, name) < SIGNIFICANCE
+        and fit_without_effect(search, hypothesis, name).cost - hypothesis.fitted.cost
+        >= _excess_cost(search, hypothesis)
+        for name in hypothesis.names
     )
 
 
-def _has_strength(question: Question, fitted: Fitted, name: str) -> bool:
-    """Whether an effect, with what its law leaves open, is told from none of it; another form has no strength to tell.
-    What a fit gains by an effect of no strength is a window on another path."""
-    if not question.mask((name,)).any():
+def _has_strength(problem: DiagnosisProblem, fitted: EffectFit, name: str) -> bool:
+    """Return whether the strength of an effect, with the details of its law, differs from 0; a form has no strength.
+
+    Without it, a gain in fit comes from a window on another path.
+    """
+    if not problem.mask((name,)).any():
         return True
-    own = question.mask((name, *details_of(question, frozenset({name})))) & fitted.free
+    own = problem.mask((name, *find_details(problem, frozenset({name})))) & fitted.free
     here = own[fitted.free]
-    strength = (fitted.shared - question.neutral)[own]
+    strength = (fitted.shared - problem.neutral)[own]
     square = float(strength @ np.linalg.pinv(fitted.shooting.covariance[np.ix_(here, here)]) @ strength)
-    return bool(square > chi2.isf(_NO_STRENGTH, len(strength)))
+    return bool(square > chi2.isf(_STRENGTH_SIGNIFICANCE, len(strength)))
 
 
-def _left(state: Search, one: Hypothesis) -> float:
-    """Cost that a hypothesis leaves unexplained: what no misjudged size of the noise explains. Where shots disagree
-    about several effects, and are too few to contradict each other: all that may be more than noise."""
-    few = len({piece.shot for piece in one.fitted.pieces}) < FEW
-    disputed = few and one.size > 1 and not _agreed(state, one)
-    return one.fitted.doubtful if disputed else one.fitted.excess
+def _excess_cost(search: EffectSearch, hypothesis: Hypothesis) -> float:
+    """Return the cost that a hypothesis leaves unexplained, allowing for an error in the size of the noise.
+
+    Where shots disagree about several effects and are few, any cost may be systematic.
+    """
+    few = len({segment.shot for segment in hypothesis.fitted.segments}) < MIN_SHOTS_FOR_SELECTION
+    disputed = few and hypothesis.size > 1 and not _do_shots_agree(search, hypothesis)
+    return hypothesis.fitted.upper_excess_cost if disputed else hypothesis.fitted.lower_excess_cost
 
 
-def _agreed(state: Search, one: Hypothesis) -> bool:
-    """Whether all shots may have the same strengths."""
-    return agreement(told_by(state, one), one.fitted) > SUSPICIOUS
+def _do_shots_agree(search: EffectSearch, hypothesis: Hypothesis) -> bool:
+    """Return whether all shots may have the same strengths."""
+    return agreement_p_value(get_shot_information(search, hypothesis), hypothesis.fitted) > SUSPICIOUS_P_VALUE
 
 
-def lacking(state: Search, one: Hypothesis, name: str) -> Fitted:
-    """The fit of a hypothesis that lacks one of its effects, at least as good as from the starts of the larger one:
-    what a window gains by another order of its contacts must not speak for an effect."""
-    return _levelled(state, tried(state, one.names - {name}, one), one).fitted
+def fit_without_effect(search: EffectSearch, hypothesis: Hypothesis, name: str) -> EffectFit:
+    """Fit a hypothesis without one of its effects, at least as well as from the starts of the larger one.
+
+    A gain from another order of contacts must not count as evidence for an effect.
+
+    Args:
+        search: The search; it keeps the fit.
+        hypothesis: The larger hypothesis.
+        name: The effect to remove.
+
+    Returns:
+        The fit without the effect.
+    """
+    return _refit_from_starts(search, try_hypothesis(search, hypothesis.names - {name}, hypothesis), hypothesis).fitted
 
 
-def _levelled(state: Search, other: Hypothesis, one: Hypothesis) -> Hypothesis:
-    """A hypothesis at least as good as from the starts of the `one` that it is weighed against."""
-    if other.fitted.pieces is not one.fitted.pieces or state.has_lent(one, other):
+def _refit_from_starts(search: EffectSearch, other: Hypothesis, one: Hypothesis) -> Hypothesis:
+    """Refit `other` from the starts of the hypothesis that it is compared with, and keep the better fit."""
+    if other.fitted.segments is not one.fitted.segments or search.has_shared_starts(one, other):
         return other
-    state.lend(one, other.names)
-    choices = zip(state.question.scene.alternatives, one.fitted.forms, other.fitted.forms, strict=True)
-    forms = tuple(own if choice.name in other.names else kept for choice, own, kept in choices)
-    return state.improve(other, begun_from(state.question, other.fitted, one.fitted, forms))
+    search.record_shared_starts(one, other.names)
+    choices = zip(search.problem.scene.alternatives, one.fitted.forms, other.fitted.forms, strict=True)
+    forms = tuple(own if choice.name in other.names else current for choice, own, current in choices)
+    return search.replace_fit(other, refit_from(search.problem, other.fitted, one.fitted, forms))
 
 
-def chance(state: Search, one: Hypothesis, name: str) -> float:
-    """Probability that adding the best of all choices to the others gains as much without cause (Sidak 1967)."""
-    without = lacking(state, one, name)
-    gain = (without.cost - one.fitted.cost) / max(one.fitted.lack, 1.0)
-    more = max(int(one.fitted.free.sum() - without.free.sum()), 1)
+def effect_p_value(search: EffectSearch, hypothesis: Hypothesis, name: str) -> float:
+    """Return the probability that the best of all choices gains as much by chance (Sidak 1967)."""
+    without = fit_without_effect(search, hypothesis, name)
+    gain = (without.cost - hypothesis.fitted.cost) / max(hypothesis.fitted.lack_of_fit, 1.0)
+    more = max(int(hypothesis.fitted.free.sum() - without.free.sum()), 1)
     single = float(chi2.sf(max(gain, 0.0), more))
-    return -float(np.expm1(len(state.choices) * np.log1p(-min(single, 1 - 1e-16))))
+    return -float(np.expm1(len(search.choices) * np.log1p(-min(single, 1 - 1e-16))))
 
 
-def proposals(state: Search, now: Hypothesis) -> list[frozenset[str]]:
-    """The next larger hypotheses that signatures rank first, other published forms, and from nothing also a pair."""
-    found = signatures_of(state, now)
-    gains = _gains(state, now)
-    first = [name for name in _first(gains) if gains[name] > _WORTH or not now.names]
-    if now.fitted.lack > LEFT:
-        first += [name for name in gains if name not in first and _strength_known(state.question, name)]
-    forms = [choice.name for choice in state.question.scene.alternatives if choice.name not in now.names]
-    forms = [] if now.names and _settled(state, now) else forms  # effects that leave noise alone stand for the form
+def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[str]]:
+    """Propose larger hypotheses by predicted gain, with other contact models and, from no effects, also a pair."""
+    effect_signatures = compute_hypothesis_signatures(search, now)
+    gains = _predict_gains(search, now)
+    first = [name for name in _rank_effects(gains) if gains[name] > _MIN_PREDICTED_GAIN or not now.names]
+    if now.fitted.lack_of_fit > POOR_LACK_OF_FIT:
+        first += [name for name in gains if name not in first and _has_natural_strength(search.problem, name)]
+    forms = [choice.name for choice in search.problem.scene.alternatives if choice.name not in now.names]
+    forms = (
+        [] if now.names and _leaves_only_noise(search, now) else forms
+    )  # effects that leave only noise replace a form
     proposals = [now.names | {name} for name in (*first, *forms)]
     if not now.names:
-        pairs = sorted(combinations(gains, 2), key=lambda two: _promise(state, found, two), reverse=True)
-        proposals += [frozenset(two) for two in pairs[:1] if _beats(state, found, two, gains)]
+        pairs = sorted(
+            combinations(gains, 2), key=lambda two: _predict_gain(search, effect_signatures, two), reverse=True
+        )
+        proposals += [frozenset(two) for two in pairs[:1] if _is_pair_better(search, effect_signatures, two, gains)]
     return proposals
 
 
-def _settled(state: Search, now: Hypothesis) -> bool:
-    """Whether a hypothesis leaves noise alone, and all shots agree about its strengths."""
-    return now.fitted.excess == 0 and _agreed(state, now)
+def _leaves_only_noise(search: EffectSearch, now: Hypothesis) -> bool:
+    """Return whether a hypothesis leaves only noise, and all shots agree about its strengths."""
+    return now.fitted.lower_excess_cost == 0 and _do_shots_agree(search, now)
 
 
-def _gains(state: Search, now: Hypothesis) -> dict[str, float]:
-    """chi2 that every effect promises to gain beside a hypothesis."""
-    found = signatures_of(state, now)
-    return {name: _promise(state, found, (name,)) for name in state.question.candidates if name not in now.names}
+def _predict_gains(search: EffectSearch, now: Hypothesis) -> dict[str, float]:
+    """Predict the chi2 gain of every further effect."""
+    effect_signatures = compute_hypothesis_signatures(search, now)
+    return {
+        name: _predict_gain(search, effect_signatures, (name,))
+        for name in search.problem.candidates
+        if name not in now.names
+    }
 
 
-def _first(gains: dict[str, float]) -> list[str]:
-    """The effects that promise most."""
-    return sorted(gains, key=lambda name: gains[name], reverse=True)[:TRIED]
+def _rank_effects(gains: dict[str, float]) -> list[str]:
+    """Return the effects with the largest predicted gains."""
+    return sorted(gains, key=lambda name: gains[name], reverse=True)[:REFITS_PER_STEP]
 
 
-def _strength_known(question: Question, name: str) -> bool:
-    mask = question.mask((name,))
-    return bool((question.natural != question.neutral)[mask].any())
+def _has_natural_strength(problem: DiagnosisProblem, name: str) -> bool:
+    """Return whether an effect has a usual strength in the literature."""
+    mask = problem.mask((name,))
+    return bool((problem.natural != problem.neutral)[mask].any())
 
 
-def _beats(state: Search, found: Signatures, two: tuple[str, ...], gains: dict[str, float]) -> bool:
-    """Whether a pair promises so much more than the best single effect that neither would be found alone."""
-    return _promise(state, found, two) > _ONLY_TOGETHER * max(gains.values()) + 20.0
+def _is_pair_better(
+    search: EffectSearch, effect_signatures: Signatures, two: tuple[str, ...], gains: dict[str, float]
+) -> bool:
+    """Return whether the predicted gain of a pair is so large that neither effect would be found alone."""
+    return _predict_gain(search, effect_signatures, two) > _PAIR_GAIN_RATIO * max(gains.values()) + 20.0
 
 
-def _promise(state: Search, found: Signatures, names: tuple[str, ...]) -> float:
-    """chi2 that effects gain to first order, less what so many parameters gain by chance."""
-    mask = state.question.mask(names)
-    return found.gain(mask) - 2.0 * int(mask.sum())
+def _predict_gain(search: EffectSearch, effect_signatures: Signatures, names: tuple[str, ...]) -> float:
+    """Predict the chi2 gain of effects to first order, less the chance gain of their number of parameters."""
+    mask = search.problem.mask(names)
+    return effect_signatures.gain(mask) - 2.0 * int(mask.sum())
 
 
-def _exchanged(state: Search, now: Hypothesis) -> Hypothesis:
-    """The best of a hypothesis and those in which one of its effects gave way to a near rival.
+def _try_rivals(search: EffectSearch, now: Hypothesis) -> Hypothesis:
+    """Replace each effect of a hypothesis by its nearest rivals, and return the best hypothesis.
 
-    Rivals are fitted on windows that the smaller hypotheses allow too: on those that only the right one allows, a wrong
-    one follows wrong paths, at great cost, and nothing is learnt from how much it leaves.
+    Rivals are fitted on windows that the smaller hypotheses allow. On windows that only the right hypothesis allows, a
+    wrong one follows wrong paths at great cost, and its misfit holds no information.
     """
     for name in now.names if now.size > 1 else ():
-        rest = tried(state, now.names - {name}, now)
-        found = signatures_of(state, rest)
-        rivals = [other for other in state.question.candidates if other not in now.names]
-        rivals.sort(key=lambda other: _promise(state, found, (other,)), reverse=True)
+        rest = try_hypothesis(search, now.names - {name}, now)
+        effect_signatures = compute_hypothesis_signatures(search, rest)
+        rivals = [other for other in search.problem.candidates if other not in now.names]
+        rivals.sort(key=lambda other: _predict_gain(search, effect_signatures, (other,)), reverse=True)
         for other in rivals[:2]:
-            tried(state, rest.names | {other}, rest)
-    return _best_needed(state, now.size) or now
+            try_hypothesis(search, rest.names | {other}, rest)
+    return _select_of_size(search, now.size) or now

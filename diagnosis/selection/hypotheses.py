@@ -1,4 +1,4 @@
-"""Sets of missing effects, what has been fitted of them, and how much speaks for each."""
+"""Hypotheses (sets of missing effects), their fits, and the evidence for each."""
 
 from __future__ import annotations
 
@@ -8,133 +8,158 @@ from math import comb, log
 
 import numpy as np
 
-from diagnosis.fitting.hypothesis_fits import BETTER, Fitted, Question, Told, look
-from diagnosis.selection.signatures import Signatures, signatures
+from diagnosis.fitting.hypothesis_fits import (
+    MIN_IMPROVEMENT,
+    DiagnosisProblem,
+    EffectFit,
+    ShotInformation,
+    linearize_fit,
+)
+from diagnosis.selection.signatures import Signatures, compute_signatures
 from models.core.typing import FloatArray
 
-_ORDERS = float(np.log(1e4))
-"""a missing effect is as likely to be of any order of magnitude, from the natural strength to a ten-thousandth."""
+_LOG_STRENGTH_RANGE = float(np.log(1e4))
+"""Log of the range of strengths: any order of magnitude from the natural strength to a ten-thousandth is as likely."""
 
 
-Watch = Callable[[str, tuple[str, ...]], None]
-"""Is told what is being done, and with which effects."""
+ProgressCallback = Callable[[str, tuple[str, ...]], None]
+"""Receives a description of a step and the names of the effects that it concerns."""
 
 
-def unwatched(doing: str, names: tuple[str, ...] = ()) -> None:
-    """Nobody looks."""
+def ignore_progress(doing: str, names: tuple[str, ...] = ()) -> None:
+    """Ignore a progress message.
+
+    Args:
+        doing: Description of the step.
+        names: Effects that it concerns.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """A set of missing effects, changed forms among them, and the fit with them."""
+    """A set of missing effects, including changed contact models, and the fit with them."""
 
     names: frozenset[str]
-    fitted: Fitted
+    fitted: EffectFit
 
     @property
     def size(self) -> int:
+        """Number of effects."""
         return len(self.names)
 
 
 @dataclass(slots=True)
-class Search:
-    """What has been fitted so far, on the same pieces throughout."""
+class EffectSearch:
+    """All hypotheses that have been fitted, on the same windows."""
 
-    question: Question
-    first: Hypothesis
-    """what the simulator has, as the search began."""
-    alone: Fitted
-    """the same on windows as long as it allows by itself; those of `first` may be longer."""
-    tried: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
-    told: dict[frozenset[str], Told] = field(default_factory=dict)
-    """what the data say of all parameters at the fits looked at."""
-    lent: dict[tuple[frozenset[str], frozenset[str]], float] = field(default_factory=dict)
-    """per hypothesis, and other one that was begun from its starts too: what its fit cost then."""
-    watch: Watch = unwatched
+    problem: DiagnosisProblem
+    initial: Hypothesis
+    """The simulator alone, at the start of the search."""
+    simulator_fit: EffectFit
+    """The simulator alone on windows that are as long as it allows; those of `initial` may be longer."""
+    hypotheses: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
+    """Fitted hypotheses by their effects."""
+    shot_information: dict[frozenset[str], ShotInformation] = field(default_factory=dict)
+    """Information on all parameters at the linearised fits, by their effects."""
+    shared_start_costs: dict[tuple[frozenset[str], frozenset[str]], float] = field(default_factory=dict)
+    """Cost of a hypothesis (first) when another (second) was refitted from its starts."""
+    on_progress: ProgressCallback = ignore_progress
 
     def __post_init__(self) -> None:
-        self.tried[self.first.names] = self.first
+        self.hypotheses[self.initial.names] = self.initial
 
     @property
     def base(self) -> Hypothesis:
-        """What the simulator has, as it fits best."""
-        return self.tried[frozenset()]
+        """The simulator alone, with its best fit."""
+        return self.hypotheses[frozenset()]
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """All effects and forms that may be missing."""
-        return (*self.question.candidates, *(choice.name for choice in self.question.scene.alternatives))
+        """All effects and contact models that may be missing."""
+        return (*self.problem.candidates, *(choice.name for choice in self.problem.scene.alternatives))
 
-    def improve(self, one: Hypothesis, better: Fitted) -> Hypothesis:
-        """Take a better fit of a hypothesis in place of its own; what was told at that no longer holds."""
+    def replace_fit(self, one: Hypothesis, better: EffectFit) -> Hypothesis:
+        """Replace the fit of a hypothesis by a better one, and forget its linearisation."""
         if better is one.fitted:
             return one
-        self.told.pop(one.names, None)
-        self.tried[one.names] = Hypothesis(one.names, better)
-        return self.tried[one.names]
+        self.shot_information.pop(one.names, None)
+        self.hypotheses[one.names] = Hypothesis(one.names, better)
+        return self.hypotheses[one.names]
 
-    def lend(self, one: Hypothesis, names: frozenset[str]) -> None:
-        """Remember that another hypothesis was begun from the starts that this one has."""
-        self.lent[one.names, names] = one.fitted.cost
+    def record_shared_starts(self, one: Hypothesis, names: frozenset[str]) -> None:
+        """Record that another hypothesis was refitted from the starts of this one."""
+        self.shared_start_costs[one.names, names] = one.fitted.cost
 
-    def has_lent(self, one: Hypothesis, other: Hypothesis) -> bool:
-        """Whether another hypothesis was begun from these starts, or from such as were hardly worse."""
-        return self.lent.get((one.names, other.names), np.inf) - one.fitted.cost < BETTER
+    def has_shared_starts(self, one: Hypothesis, other: Hypothesis) -> bool:
+        """Return whether another hypothesis was refitted from these starts, or from slightly worse ones."""
+        return self.shared_start_costs.get((one.names, other.names), np.inf) - one.fitted.cost < MIN_IMPROVEMENT
 
-    def lack(self) -> float:
-        """The least lack of fit that any hypothesis leaves: what the data scatter beyond the noise promised."""
-        return min(one.fitted.lack for one in self.tried.values())
+    def smallest_lack_of_fit(self) -> float:
+        """Return the smallest lack of fit of all hypotheses: the scatter beyond the estimated noise."""
+        return min(one.fitted.lack_of_fit for one in self.hypotheses.values())
 
-    def weigh(self, one: Hypothesis) -> float:
-        """Log of evidence times prior: one effect is as likely as none, each further one halves that, and sets of as
-        many effects share it alike."""
-        fitted = one.fitted
-        known, narrower = self._known(one)
-        posterior = fitted.shooting.covariance / known / known[:, None] * (self.lack() / fitted.lack)
-        width = float(np.linalg.slogdet(posterior)[1]) if len(known) else 0.0
-        chosen = log(comb(len(self.choices), one.size)) + max(one.size - 1, 0) * log(2)
-        return -0.5 * fitted.cost / self.lack() + 0.5 * width - narrower - chosen
+    def log_evidence(self, one: Hypothesis) -> float:
+        """Return the log of evidence times prior of a hypothesis.
 
-    def _known(self, one: Hypothesis) -> tuple[FloatArray, float]:
-        """Standard deviations of what was known of the free parameters, and what it costs to have chosen them.
-
-        A weak effect is no less likely than one of natural strength: the prior of each missing effect is as wide as the
-        strength that was found, which costs as much as there are orders of magnitude to choose from.
+        One effect is as likely as none, each further one halves the prior, and all sets of a size share it equally.
         """
-        fitted, question = one.fitted, self.question
-        known = np.array([prior.sigma for prior in question.priors])
-        error = np.zeros(len(known))
+        fitted = one.fitted
+        prior_sigmas, prior_cost = self._adapt_priors(one)
+        posterior = (
+            fitted.shooting.covariance
+            / prior_sigmas
+            / prior_sigmas[:, None]
+            * (self.smallest_lack_of_fit() / fitted.lack_of_fit)
+        )
+        width = float(np.linalg.slogdet(posterior)[1]) if len(prior_sigmas) else 0.0
+        chosen = log(comb(len(self.choices), one.size)) + max(one.size - 1, 0) * log(2)
+        return -0.5 * fitted.cost / self.smallest_lack_of_fit() + 0.5 * width - prior_cost - chosen
+
+    def _adapt_priors(self, one: Hypothesis) -> tuple[FloatArray, float]:
+        """Return the prior sigmas (p,) of the free parameters, and the cost of adapting them to the fitted strengths.
+
+        A weak effect is no less likely than one of natural strength: the prior of each missing effect is as wide as its
+        fitted strength, which costs the log of the number of orders of magnitude to choose from.
+        """
+        fitted, problem = one.fitted, self.problem
+        sigmas = np.array([prior.sigma for prior in problem.priors])
+        error = np.zeros(len(sigmas))
         error[fitted.free] = fitted.shooting.sigma
         cost = 0.0
-        for name in (one for one in fitted.names if one in question.candidates):
-            own = question.mask((name,)) & fitted.free
-            strength = (fitted.shared[own] - question.neutral[own]) / known[own]
-            scale = min(float(np.sqrt(np.mean(np.maximum(strength**2, (error[own] / known[own]) ** 2)))), 1.0)
-            cost += 0.5 * float(np.square(strength).sum()) * (1 / scale**2 - 1) + log(_ORDERS)
-            known[own] *= scale
-        return known[fitted.free], cost
+        for name in (one for one in fitted.names if one in problem.candidates):
+            own = problem.mask((name,)) & fitted.free
+            strength = (fitted.shared[own] - problem.neutral[own]) / sigmas[own]
+            scale = min(float(np.sqrt(np.mean(np.maximum(strength**2, (error[own] / sigmas[own]) ** 2)))), 1.0)
+            cost += 0.5 * float(np.square(strength).sum()) * (1 / scale**2 - 1) + log(_LOG_STRENGTH_RANGE)
+            sigmas[own] *= scale
+        return sigmas[fitted.free], cost
 
-    def best(self) -> Hypothesis:
-        """The one of greatest evidence."""
-        return max(self.tried.values(), key=self.weigh)
+    def select_best(self) -> Hypothesis:
+        """Return the hypothesis of greatest evidence."""
+        return max(self.hypotheses.values(), key=self.log_evidence)
 
-    def most(self) -> int:
-        """How many effects are missing, most probably: alike ones share the evidence that something is missing."""
-        sizes = {one.size for one in self.tried.values()}
-        return max(sizes, key=self.total)
+    def most_probable_size(self) -> int:
+        """Return the most probable number of missing effects.
 
-    def total(self, size: int) -> float:
-        """Log of evidence times prior of all sets of so many effects."""
-        return float(np.logaddexp.reduce([self.weigh(one) for one in self.tried.values() if one.size == size]))
+        Similar effects share the evidence that one is missing.
+        """
+        sizes = {one.size for one in self.hypotheses.values()}
+        return max(sizes, key=self.log_evidence_of_size)
 
-
-def told_by(state: Search, now: Hypothesis) -> Told:
-    """What the data say of all parameters at the fit of a hypothesis."""
-    if now.names not in state.told:
-        state.told[now.names] = look(state.question, now.fitted).told
-    return state.told[now.names]
+    def log_evidence_of_size(self, size: int) -> float:
+        """Return the log of evidence times prior of all hypotheses of a size."""
+        return float(
+            np.logaddexp.reduce([self.log_evidence(one) for one in self.hypotheses.values() if one.size == size])
+        )
 
 
-def signatures_of(state: Search, now: Hypothesis) -> Signatures:
-    """Of all effects, once everything that a hypothesis leaves free is adjusted."""
-    return signatures(state.question, told_by(state, now), now.fitted.free)
+def get_shot_information(search: EffectSearch, now: Hypothesis) -> ShotInformation:
+    """Return the information of all shots at the fit of a hypothesis, linearised once."""
+    if now.names not in search.shot_information:
+        search.shot_information[now.names] = linearize_fit(search.problem, now.fitted).shot_information
+    return search.shot_information[now.names]
+
+
+def compute_hypothesis_signatures(search: EffectSearch, now: Hypothesis) -> Signatures:
+    """Compute the signatures of all effects with the free parameters of a hypothesis projected out."""
+    return compute_signatures(search.problem, get_shot_information(search, now), now.fitted.free)

@@ -1,4 +1,4 @@
-"""How a hypothesis is fitted: from one that is near, from the strengths that signatures promise, or from the books."""
+"""Fits of a hypothesis: from a near one, from strengths that signatures predict, or from the literature."""
 
 from __future__ import annotations
 
@@ -7,165 +7,191 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.fitting.hypothesis_fits import GLANCE, Fitted, Question, allowed, fit, nearest
-from diagnosis.fitting.window_growth import begun_like, sought_anew, straightened
-from diagnosis.selection.hypotheses import Hypothesis, Search, signatures_of, told_by
+from diagnosis.fitting.hypothesis_fits import (
+    COARSE_FIT,
+    DiagnosisProblem,
+    EffectFit,
+    can_simulate,
+    fit_effects,
+    select_best_starts,
+)
+from diagnosis.fitting.window_continuation import adopt_better_starts, restart_poor_shots, restart_while_improving
+from diagnosis.selection.hypotheses import EffectSearch, Hypothesis, compute_hypothesis_signatures, get_shot_information
 from models.core.typing import FloatArray
 
-CLEAR = 50.0
-"""chi2 from which a hypothesis explains something."""
-LEFT = 1.2
-"""lack of fit from which something is left."""
-_BEYOND_CHANCE = 20.0
-"""chi2 that a detail must gain: chance gives one parameter as much once in a hundred thousand cases."""
-_HOPELESS = 0.25
-"""share of what the best hypothesis explains that another one must explain at a glance to be fitted to the end."""
-_REFUTED = 3.0
-"""times the cost of a hypothesis, from which no other starts alone can save one that was begun from it."""
-_LITTLE = 0.5
-"""of its natural strength, up to which an effect may have been imitated by hidden states: it is then begun from all of
-it, with states from what is seen alone, for those that were fitted without it keep imitating it. So is another form
-that leaves much."""
+CLEAR_GAIN = 50.0
+"""chi2 gain from which a hypothesis explains something."""
+POOR_LACK_OF_FIT = 1.2
+"""Lack of fit from which residuals are systematic."""
+_MIN_DETAIL_GAIN = 20.0
+"""chi2 gain that a detail needs: one parameter gains as much by chance once in a hundred thousand cases."""
+_MIN_COARSE_SHARE = 0.25
+"""Share of the gain of the best hypothesis that a coarse fit must reach to be fitted fully."""
+_HOPELESS_COST_RATIO = 3.0
+"""Ratio to the cost of the near hypothesis from which better starts alone cannot help."""
+_ABSORBED_STRENGTH_SHARE = 0.5
+"""Share of the natural strength up to which hidden states may have absorbed an effect.
+
+The effect is then fitted from its natural strength, with start states from initial guesses: those of a fit without it
+would keep imitating it. The same holds for another contact model with a large misfit.
+"""
 
 
-def tried(state: Search, names: frozenset[str], near: Hypothesis) -> Hypothesis:
-    """Fit a hypothesis, from the fit of one that is near."""
-    known = state.tried.get(names)
-    if known is not None and not _astray(state, known, near):
-        return known
-    state.watch("trying", tuple(sorted(names)))
-    question = state.question
-    effects = effects_of(question, names)
-    effects += tuple(one for one in details_of(question, names) if one in near.fitted.names and one not in effects)
-    found = min(_starting_from(state, names, effects, near), key=lambda fitted: fitted.cost)
-    if known is not None:
-        state.lend(near, names)
-        return state.improve(known, min(known.fitted, found, key=lambda fitted: fitted.cost))
-    state.tried[names] = Hypothesis(names, found)
-    return state.tried[names]
+def try_hypothesis(search: EffectSearch, names: frozenset[str], near: Hypothesis) -> Hypothesis:
+    """Fit a hypothesis from a near one, unless a good fit exists."""
+    existing = search.hypotheses.get(names)
+    if existing is not None and not _is_worse_than_subset(search, existing, near):
+        return existing
+    search.on_progress("trying", tuple(sorted(names)))
+    problem = search.problem
+    effects = find_added_effects(problem, names)
+    effects += tuple(one for one in find_details(problem, names) if one in near.fitted.names and one not in effects)
+    best = min(_iterate_fits(search, names, effects, near), key=lambda fitted: fitted.cost)
+    if existing is not None:
+        search.record_shared_starts(near, names)
+        return search.replace_fit(existing, min(existing.fitted, best, key=lambda fitted: fitted.cost))
+    search.hypotheses[names] = Hypothesis(names, best)
+    return search.hypotheses[names]
 
 
-def _astray(state: Search, known: Hypothesis, near: Hypothesis) -> bool:
-    """Whether a fit explains less than one of fewer effects, and was not begun from that: it has lost its way."""
-    added = known.names - near.names
-    nested = near.names < known.names and not any(one.name in added for one in state.question.scene.alternatives)
-    alike = known.fitted.pieces is near.fitted.pieces and not state.has_lent(near, known)
-    return nested and alike and known.fitted.cost > near.fitted.cost
+def _is_worse_than_subset(search: EffectSearch, existing: Hypothesis, near: Hypothesis) -> bool:
+    """Return whether a fit is worse than one with fewer effects and was not started from it: it is on a wrong path."""
+    added = existing.names - near.names
+    nested = near.names < existing.names and not any(one.name in added for one in search.problem.scene.alternatives)
+    alike = existing.fitted.segments is near.fitted.segments and not search.has_shared_starts(near, existing)
+    return nested and alike and existing.fitted.cost > near.fitted.cost
 
 
-def effects_of(question: Question, names: frozenset[str]) -> tuple[str, ...]:
-    """The effects that a hypothesis adds: those it names, and those that another published form brings."""
-    brought = {name for one in question.scene.alternatives if one.name in names for name in one.brings}
-    wanted = (names | brought) - set(question.scene.assumed)
-    return tuple(effect.name for effect in question.scene.effects if effect.name in wanted)
+def find_added_effects(problem: DiagnosisProblem, names: frozenset[str]) -> tuple[str, ...]:
+    """Find the effects that a hypothesis adds: those that it names, and the companions of another contact model."""
+    brought = {name for one in problem.scene.alternatives if one.name in names for name in one.companions}
+    wanted = (names | brought) - set(problem.scene.simulator_effects)
+    return tuple(effect.name for effect in problem.scene.effects if effect.name in wanted)
 
 
-def details_of(question: Question, names: frozenset[str]) -> tuple[str, ...]:
-    """What the laws of these effects leave open."""
-    return tuple(one.name for one in question.scene.effects if one.kind == "detail" and names & set(one.partners))
+def find_details(problem: DiagnosisProblem, names: frozenset[str]) -> tuple[str, ...]:
+    """Find the details that the laws of these effects leave open."""
+    return tuple(one.name for one in problem.scene.effects if one.kind == "detail" and names & set(one.partners))
 
 
-def _starting_from(
-    state: Search, names: frozenset[str], effects: tuple[str, ...], near: Hypothesis
-) -> Iterator[Fitted]:
-    """The fit from the strengths that signatures promise; per form where forms may differ from the assumed ones."""
-    question = state.question
-    fresh = question.mask(effects) & ~near.fitted.free
+def _iterate_fits(
+    search: EffectSearch, names: frozenset[str], effects: tuple[str, ...], near: Hypothesis
+) -> Iterator[EffectFit]:
+    """Yield fits from the strengths that signatures predict, for each combination of contact models."""
+    problem = search.problem
+    fresh = problem.mask(effects) & ~near.fitted.free
     linear, natural = near.fitted.shared.copy(), near.fitted.shared.copy()
-    natural[fresh] = question.natural[fresh]
+    natural[fresh] = problem.natural[fresh]
     if fresh.any():
-        linear[fresh] += signatures_of(state, near).step(fresh)
-    best = min(one.fitted.cost for one in state.tried.values())
-    for forms in _forms(question, names):
+        linear[fresh] += compute_hypothesis_signatures(search, near).step(fresh)
+    best = min(one.fitted.cost for one in search.hypotheses.values())
+    for forms in _list_forms(problem, names):
         alike = forms == near.fitted.forms
         guess = linear if alike else natural
-        guess = guess if allowed(question, near.fitted, forms, guess) else near.fitted.shared
-        starts = _along(state, near, forms, guess)
-        found = fit(question, near.fitted.pieces, effects, forms, guess, starts, GLANCE)
-        if near.names <= names and alike and found.cost > near.fitted.cost:  # a long step led some windows astray
-            found = fit(question, found.pieces, effects, forms, near.fitted.shared, near.fitted.starts, GLANCE)
-        yield found
-        hidden = _imitated(question, found, fresh) if alike else found.lack > LEFT
-        if hidden and allowed(question, near.fitted, forms, natural):
-            anew = fit(question, near.fitted.pieces, effects, forms, natural, None, GLANCE)
-            found = min(found, anew, key=lambda one: one.cost)
+        guess = guess if can_simulate(problem, near.fitted, forms, guess) else near.fitted.shared
+        starts = _predict_starts(search, near, forms, guess)
+        fitted = fit_effects(problem, near.fitted.segments, effects, forms, guess, starts, COARSE_FIT)
+        # a long step can put some windows on wrong paths
+        if near.names <= names and alike and fitted.cost > near.fitted.cost:
+            fitted = fit_effects(
+                problem, fitted.segments, effects, forms, near.fitted.shared, near.fitted.starts, COARSE_FIT
+            )
+        yield fitted
+        hidden = _may_be_absorbed(problem, fitted, fresh) if alike else fitted.lack_of_fit > POOR_LACK_OF_FIT
+        if hidden and can_simulate(problem, near.fitted, forms, natural):
+            from_guesses = fit_effects(problem, near.fitted.segments, effects, forms, natural, None, COARSE_FIT)
+            fitted = min(fitted, from_guesses, key=lambda one: one.cost)
         explained = near.fitted.cost - best
-        if explained > CLEAR and near.fitted.cost - found.cost < _HOPELESS * explained:
+        if explained > CLEAR_GAIN and near.fitted.cost - fitted.cost < _MIN_COARSE_SHARE * explained:
             continue
-        if found.cost > _REFUTED * near.fitted.cost:
+        if fitted.cost > _HOPELESS_COST_RATIO * near.fitted.cost:
             continue
-        found = fit(question, found.pieces, effects, forms, found.shared, found.starts)
-        yield found
-        if found.lack > LEFT:
-            yield from _finer(question, found, names)
-        if found.cost > near.fitted.cost:
-            yield sought_anew(question, found)
+        fitted = fit_effects(problem, fitted.segments, effects, forms, fitted.shared, fitted.starts)
+        yield fitted
+        if fitted.lack_of_fit > POOR_LACK_OF_FIT:
+            yield from _iterate_detailed_fits(problem, fitted, names)
+        if fitted.cost > near.fitted.cost:
+            yield restart_poor_shots(problem, fitted)
 
 
-def _along(state: Search, near: Hypothesis, forms: tuple[str, ...], guess: FloatArray) -> tuple[FloatArray, ...]:
-    """Starts for other numbers (P,): those of a fit, moved with its parameters where that comes nearer. A spin that an
-    effect eats up before it matters would never be found again."""
+def _predict_starts(
+    search: EffectSearch, near: Hypothesis, forms: tuple[str, ...], guess: FloatArray
+) -> tuple[FloatArray, ...]:
+    """Predict start states for other parameters (P,): those of a fit, shifted with its parameters where that is closer.
+
+    A spin that an effect consumes early could not be recovered from unshifted starts.
+    """
     fitted = near.fitted
-    moved = told_by(state, near).answered(fitted.starts, guess - fitted.shared)
-    return nearest(state.question, fitted, forms, guess, [fitted.starts, moved])
+    moved = get_shot_information(search, near).shift_starts(fitted.starts, guess - fitted.shared)
+    return select_best_starts(search.problem, fitted, forms, guess, [fitted.starts, moved])
 
 
-def _finer(question: Question, found: Fitted, names: frozenset[str]) -> Iterator[Fitted]:
-    """The fit with each detail that its effects leave open, where that gains beyond chance: the law is then another
-    form of theirs."""
-    for detail in details_of(question, names):
-        if detail not in found.names:
-            effects = (*found.names, detail)
-            finer = fit(question, found.pieces, effects, found.forms, found.shared, found.starts)
-            if found.cost - finer.cost > _BEYOND_CHANCE * finer.lack:
+def _iterate_detailed_fits(problem: DiagnosisProblem, fitted: EffectFit, names: frozenset[str]) -> Iterator[EffectFit]:
+    """Yield fits with each detail that the effects leave open, where the gain is beyond chance."""
+    for detail in find_details(problem, names):
+        if detail not in fitted.names:
+            effects = (*fitted.names, detail)
+            finer = fit_effects(problem, fitted.segments, effects, fitted.forms, fitted.shared, fitted.starts)
+            if fitted.cost - finer.cost > _MIN_DETAIL_GAIN * finer.lack_of_fit:
                 yield finer
 
 
-def with_details(state: Search, one: Hypothesis) -> Hypothesis:
-    """A hypothesis with what its laws leave open, where something is left that this explains."""
-    if one.fitted.lack <= LEFT:
+def add_details(search: EffectSearch, one: Hypothesis) -> Hypothesis:
+    """Add details to a hypothesis where they explain systematic residuals."""
+    if one.fitted.lack_of_fit <= POOR_LACK_OF_FIT:
         return one
-    finer = _finer(state.question, one.fitted, one.names)
-    return state.improve(one, min((one.fitted, *finer), key=lambda fitted: fitted.cost))
+    detailed = _iterate_detailed_fits(search.problem, one.fitted, one.names)
+    return search.replace_fit(one, min((one.fitted, *detailed), key=lambda fitted: fitted.cost))
 
 
-def on_its_way(state: Search, one: Hypothesis) -> Hypothesis:
-    """A hypothesis whose windows follow no wrong path where another one explains them."""
-    return one if one.fitted.lack <= LEFT else state.improve(one, straightened(state.question, one.fitted))
+def restart_poor_windows(search: EffectSearch, one: Hypothesis) -> Hypothesis:
+    """Restart the windows of a hypothesis with systematic residuals."""
+    return (
+        one
+        if one.fitted.lack_of_fit <= POOR_LACK_OF_FIT
+        else search.replace_fit(one, restart_while_improving(search.problem, one.fitted))
+    )
 
 
-def _imitated(question: Question, found: Fitted, fresh: NDArray[np.bool_]) -> bool:
-    """Whether hidden states may have taken the place of an effect: much is left, and of the effect's strength, which
-    the books know, little was found."""
-    known = fresh & (question.natural != question.neutral)
-    strength = np.abs(found.shared - question.neutral)[known] / np.abs(question.natural - question.neutral)[known]
-    return bool(len(strength) and strength.max() < _LITTLE and found.lack > LEFT)
+def _may_be_absorbed(problem: DiagnosisProblem, fitted: EffectFit, fresh: NDArray[np.bool_]) -> bool:
+    """Return whether hidden states may have absorbed an effect: the misfit is large, the fitted strength small."""
+    has_natural = fresh & (problem.natural != problem.neutral)
+    strength = (
+        np.abs(fitted.shared - problem.neutral)[has_natural] / np.abs(problem.natural - problem.neutral)[has_natural]
+    )
+    return bool(len(strength) and strength.max() < _ABSORBED_STRENGTH_SHARE and fitted.lack_of_fit > POOR_LACK_OF_FIT)
 
 
-def _forms(question: Question, names: frozenset[str]) -> list[tuple[str, ...]]:
-    """The published forms to try: the assumed ones, but all others where the choice itself is under suspicion."""
-    found: list[tuple[str, ...]] = [()]
-    for choice in question.scene.alternatives:
-        others = [form for form in choice.forms if form != choice.assumed] if choice.name in names else [choice.assumed]
-        found = [(*forms, form) for forms in found for form in others]
-    return found
+def _list_forms(problem: DiagnosisProblem, names: frozenset[str]) -> list[tuple[str, ...]]:
+    """List the combinations of contact models to try: all others where the choice is under test."""
+    combinations: list[tuple[str, ...]] = [()]
+    for choice in problem.scene.alternatives:
+        others = (
+            [form for form in choice.forms if form != choice.simulator_form]
+            if choice.name in names
+            else [choice.simulator_form]
+        )
+        combinations = [(*forms, form) for forms in combinations for form in others]
+    return combinations
 
 
-def begun_from(question: Question, fitted: Fitted, other: Fitted, forms: tuple[str, ...]) -> Fitted:
-    """A fit begun also from the states of another hypothesis, with its own numbers and with those of that; with those
-    details that the other one has, and in these `forms`."""
+def refit_from(problem: DiagnosisProblem, fitted: EffectFit, other: EffectFit, forms: tuple[str, ...]) -> EffectFit:
+    """Refit a hypothesis from the start states of another one, with its own parameters and with those of the other.
+
+    It takes over the details of the other, and has the given `forms`.
+    """
     more = tuple(
         name
-        for name in details_of(question, frozenset(fitted.names))
+        for name in find_details(problem, frozenset(fitted.names))
         if name in other.names and name not in fitted.names
     )
-    names, begun = (*fitted.names, *more), fitted
-    if not more and forms == fitted.forms and fitted.cost <= _REFUTED * other.cost:
-        begun = begun_like(question, fitted, other.starts)
-    shared = np.where(question.mask((*question.scene.assumed, *names)), other.shared, question.neutral)
-    if not allowed(question, other, forms, shared):
-        return begun
-    found = fit(question, other.pieces, names, forms, shared, other.starts, GLANCE)
-    if found.cost >= begun.cost:
-        return begun
-    return fit(question, found.pieces, names, forms, found.shared, found.starts)
+    names, restarted = (*fitted.names, *more), fitted
+    if not more and forms == fitted.forms and fitted.cost <= _HOPELESS_COST_RATIO * other.cost:
+        restarted = adopt_better_starts(problem, fitted, other.starts)
+    shared = np.where(problem.mask((*problem.scene.simulator_effects, *names)), other.shared, problem.neutral)
+    if not can_simulate(problem, other, forms, shared):
+        return restarted
+    coarse = fit_effects(problem, other.segments, names, forms, shared, other.starts, COARSE_FIT)
+    if coarse.cost >= restarted.cost:
+        return restarted
+    return fit_effects(problem, coarse.segments, names, forms, coarse.shared, coarse.starts)

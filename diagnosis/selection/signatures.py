@@ -1,9 +1,9 @@
-"""What an effect would look like in these data once everything that a simulator can adjust has been adjusted.
+"""Signatures: how an effect would show in these data after everything that a simulator adjusts has been adjusted.
 
-A refit hides most of what a missing effect does: states and the parameters that the simulator has take it up. What is
-left of the derivative by a parameter, those projected out, is its signature: it gives the score test (Rao 1948), the
-smallest strength that could have been seen, and by canonical correlations (Hotelling 1936,
-doi:10.1093/biomet/28.3-4.321) which effects these data cannot tell apart.
+A refit hides most of a missing effect: start states and the simulator's parameters absorb it. The derivative by a
+parameter with those projected out is its signature. It gives the score test (Rao 1948,
+doi:10.1017/S0305004100023987), the smallest detectable strength and, by canonical correlations (Hotelling 1936,
+doi:10.1093/biomet/28.3-4.321), which effects these data cannot separate.
 """
 
 from __future__ import annotations
@@ -12,56 +12,71 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.fitting.hypothesis_fits import Question, Told
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, ShotInformation
 from models.core.typing import BoolArray, FloatArray
 
-TWINS = 0.9
-"""canonical correlation from which two effects cannot be told apart."""
-DETECTABLE = 3.0
-"""standard deviations from which a single parameter is seen."""
+INSEPARABLE_CORRELATION = 0.9
+"""Canonical correlation from which two effects cannot be separated."""
+DETECTION_SIGMAS = 3.0
+"""Standard deviations from which a single parameter is detected."""
 _TINY = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
 class Signatures:
-    """Information and score of all P parameters, those that are free projected out; 0 in their rows and columns."""
+    """Information and score of all P parameters, free ones projected out; their rows and columns are 0."""
 
     information: FloatArray
-    """(P, P), without what is known beforehand."""
+    """(P, P) information of the data, without priors."""
     score: FloatArray
     """(P,)"""
     raw: FloatArray
-    """(P,) information of each parameter before the free ones were projected out."""
+    """(P,) information on each parameter before the free ones were projected out."""
     prior: FloatArray
-    """(P,) 1/sigma^2 of what is known beforehand."""
+    """(P,) 1/sigma^2 of the priors."""
 
     def gain(self, mask: BoolArray) -> float:
-        """chi2 that freeing these parameters gains, to first order."""
+        """Return the chi2 gain of freeing the parameters in `mask`, to first order."""
         return float(self.score[mask] @ self.step(mask))
 
     def step(self, mask: BoolArray) -> FloatArray:
-        """How far these parameters then move."""
+        """Return the step of the parameters in `mask` when they are freed."""
         here = self.information[np.ix_(mask, mask)] + np.diag(self.prior[mask])
         return np.asarray(np.linalg.solve(here, self.score[mask]))
 
-    def surviving(self) -> FloatArray:
-        """(P,) share of each signature, as an amplitude, that the free parameters cannot mimic."""
+    def surviving_share(self) -> FloatArray:
+        """Return the share (P,) of the amplitude of each signature that the free parameters cannot absorb."""
         return np.asarray(np.sqrt(np.clip(np.diag(self.information), 0, None) / np.maximum(self.raw, _TINY)))
 
-    def detectable(self, effect: BoolArray) -> FloatArray:
-        """(P,) smallest strength of each parameter of an effect that the data could show; infinite where none."""
-        found = np.full(len(self.score), np.inf)
-        known = np.flatnonzero(effect & (np.diag(self.information) > 1e-6 * self.raw))
-        if len(known):
-            inverse = np.linalg.pinv(self.information[np.ix_(known, known)], hermitian=True)
-            found[known] = DETECTABLE * np.sqrt(np.diag(inverse))
-        return found
+    def detectable_strengths(self, effect: BoolArray) -> FloatArray:
+        """Return the smallest detectable strength (P,) of each parameter of an effect; infinite where there is none."""
+        strengths = np.full(len(self.score), np.inf)
+        identifiable = np.flatnonzero(effect & (np.diag(self.information) > 1e-6 * self.raw))
+        if len(identifiable):
+            inverse = np.linalg.pinv(self.information[np.ix_(identifiable, identifiable)], hermitian=True)
+            strengths[identifiable] = DETECTION_SIGMAS * np.sqrt(np.diag(inverse))
+        return strengths
 
 
-def signatures(question: Question, told: Told, free: BoolArray, lack: float = 1.0) -> Signatures:
-    """From what shots tell, all their variances larger by the factor `lack`."""
-    prior = np.array([1 / known.sigma**2 for known in question.priors])
-    information, score = told.information.sum(axis=0) / lack, told.score.sum(axis=0) / lack
+def compute_signatures(
+    problem: DiagnosisProblem, shot_information: ShotInformation, free: BoolArray, variance_factor: float = 1.0
+) -> Signatures:
+    """Compute the signatures of all parameters.
+
+    Args:
+        problem: Scene and priors.
+        shot_information: Information of each shot.
+        free: (P,) mask of the parameters that are projected out.
+        variance_factor: Factor by which the variance of the data exceeds that of the noise.
+
+    Returns:
+        The signatures.
+    """
+    prior = np.array([1 / one.sigma**2 for one in problem.priors])
+    information, score = (
+        shot_information.information.sum(axis=0) / variance_factor,
+        shot_information.score.sum(axis=0) / variance_factor,
+    )
     raw = np.diag(information).copy()
     inside = information[np.ix_(free, free)] + np.diag(prior[free])
     across = information[free]
@@ -73,30 +88,39 @@ def signatures(question: Question, told: Told, free: BoolArray, lack: float = 1.
     return Signatures((left + left.T) / 2, np.where(free, 0.0, score - across.T @ taken[:, -1]), raw, prior)
 
 
-def canonical_correlation(found: Signatures, one: BoolArray, other: BoolArray) -> float:
-    """The largest correlation of any strength of one effect with any of another, as signatures in these data."""
-    a, b = _whitener(found, one), _whitener(found, other)
+def canonical_correlation(effect_signatures: Signatures, one: BoolArray, other: BoolArray) -> float:
+    """Return the largest correlation of the signatures of two effects, over all their strengths."""
+    a, b = _whitening_directions(effect_signatures, one), _whitening_directions(effect_signatures, other)
     if a.size == 0 or b.size == 0:
         return 0.0
-    across = a.T @ found.information[np.ix_(one, other)] @ b
+    across = a.T @ effect_signatures.information[np.ix_(one, other)] @ b
     return min(float(np.linalg.norm(across, ord=2)), 1.0)
 
 
-def _whitener(found: Signatures, mask: BoolArray) -> FloatArray:
-    """(p, q) directions of an effect's parameters with signatures of size 1, those without any left out."""
-    here = found.information[np.ix_(mask, mask)]
-    scale = 1 / np.sqrt(np.maximum(found.raw[mask], _TINY))
+def _whitening_directions(effect_signatures: Signatures, mask: BoolArray) -> FloatArray:
+    """Return directions (p, q) of an effect's parameters with orthonormal signatures."""
+    here = effect_signatures.information[np.ix_(mask, mask)]
+    scale = 1 / np.sqrt(np.maximum(effect_signatures.raw[mask], _TINY))
     sizes, axes = np.linalg.eigh(here * scale * scale[:, None])
-    kept = sizes > 1e-8
-    return np.asarray(scale[:, None] * axes[:, kept] / np.sqrt(sizes[kept]))
+    significant = sizes > 1e-8
+    return np.asarray(scale[:, None] * axes[:, significant] / np.sqrt(sizes[significant]))
 
 
-def explained_direction(found: Signatures, one: BoolArray, other: BoolArray) -> float:
-    """Correlation of the signature that the data ask of effect `one` with the best that effect `other` can offer."""
-    step = found.step(one)
-    size = float(step @ found.information[np.ix_(one, one)] @ step)
-    b = _whitener(found, other)
+def direction_correlation(effect_signatures: Signatures, one: BoolArray, other: BoolArray) -> float:
+    """Return the correlation of the step that the data require of one effect with the best step of another.
+
+    Args:
+        effect_signatures: Signatures with everything else projected out.
+        one: (P,) mask of the parameters of the first effect.
+        other: (P,) mask of the parameters of the second effect.
+
+    Returns:
+        Correlation between 0 and 1.
+    """
+    step = effect_signatures.step(one)
+    size = float(step @ effect_signatures.information[np.ix_(one, one)] @ step)
+    b = _whitening_directions(effect_signatures, other)
     if size <= 0 or b.size == 0:
         return 0.0
-    across = float(np.linalg.norm(b.T @ found.information[np.ix_(other, one)] @ step))
+    across = float(np.linalg.norm(b.T @ effect_signatures.information[np.ix_(other, one)] @ step))
     return min(across / float(np.sqrt(size)), 1.0)

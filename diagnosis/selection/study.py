@@ -1,4 +1,4 @@
-"""What shots say that may be looked at before the verdict: search, best hypothesis, and what speaks against it."""
+"""The study of fitting and selection shots: search, best hypothesis, and the evidence for an unknown effect."""
 
 from __future__ import annotations
 
@@ -6,103 +6,171 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diagnosis.fitting.diagnosis_windows import fit_begun, lengthened, stretches
-from diagnosis.fitting.fit_residuals import Residuals, residuals
-from diagnosis.fitting.gap_closure import closed_ahead
-from diagnosis.fitting.hypothesis_fits import Fitted, Question, Seen, fit, follow, look, question_of
-from diagnosis.fitting.noise_estimation import Noise, estimate_noise, with_noise
-from diagnosis.fitting.residual_blocks import Structure, structure
-from diagnosis.fitting.shot_split import Split
-from diagnosis.fitting.window_growth import not_followed
-from diagnosis.selection.cross_shot_evidence import alone, confirmed, gain, of_shots
-from diagnosis.selection.effect_selection import search
-from diagnosis.selection.hypotheses import Hypothesis, Search, Watch
-from diagnosis.selection.unknown_effects import MOSTLY, Doubt, doubt, lawful, least_gain
-from models.estimation.gap_scenes.gap_scene import Eventful, GapScene, Recording
-from models.numerics.executor import ALONE, Crew
+from diagnosis.fitting.diagnosis_windows import fit_initial_windows, fit_longer_windows, split_into_segments
+from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals
+from diagnosis.fitting.gap_closure import measure_closure
+from diagnosis.fitting.hypothesis_fits import (
+    DiagnosisProblem,
+    EffectFit,
+    LinearizedFit,
+    build_diagnosis_problem,
+    fit_effects,
+    fit_start_states,
+    linearize_fit,
+)
+from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate, estimate_noise
+from diagnosis.fitting.residual_structure import ResidualStructure, find_structure
+from diagnosis.fitting.shot_split import ShotSplit
+from diagnosis.fitting.window_continuation import find_unreachable_shots
+from diagnosis.selection.cross_shot_evidence import (
+    confirm_effects,
+    cross_shot_gain,
+    refit_on_shots,
+    select_shot_windows,
+)
+from diagnosis.selection.effect_selection import search_effects
+from diagnosis.selection.hypotheses import EffectSearch, Hypothesis, ProgressCallback
+from diagnosis.selection.unknown_effects import (
+    MIN_EXPLAINED_SHARE,
+    UnknownEvidence,
+    assess_unknown,
+    measure_law_share,
+    min_selection_gain,
+)
+from models.estimation.gap_scenes.gap_scene import ContactRichScene, GapScene, Recording
+from models.numerics.executor import SERIAL, Executor
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What estimation and selection have found, on the shots that they may use."""
+    """Results of estimation and selection, without hold-out shots."""
 
-    question: Question
-    noise: Noise
-    state: Search
+    problem: DiagnosisProblem
+    noise: NoiseEstimate
+    search: EffectSearch
     best: Hypothesis
-    base: Fitted
-    """what the simulator has, on all shots but those that report."""
-    full: Fitted
-    """the best hypothesis, on the same."""
-    seen: Seen
-    """around `full`."""
-    chosen: tuple[int, ...]
-    """shots that might have been used."""
-    left_before: Residuals
-    left_after: Residuals
-    before: Structure
-    after: Structure
-    doubt: Doubt
+    base: EffectFit
+    """Fit of the simulator to fitting and selection shots."""
+    full: EffectFit
+    """Fit of the best hypothesis to the same."""
+    linearized: LinearizedFit
+    """Linearisation of `full`."""
+    usable_shots: tuple[int, ...]
+    """Indices of the shots that could be used."""
+    residuals_before: FitResiduals
+    """Residuals of `base`."""
+    residuals_after: FitResiduals
+    """Residuals of `full`."""
+    structure_before: ResidualStructure
+    """Systematic structure of `residuals_before`."""
+    structure_after: ResidualStructure
+    """Systematic structure of `residuals_after`."""
+    unknown_evidence: UnknownEvidence
+    """Evidence for an effect that the library lacks."""
 
 
-def studied(scene: GapScene, split: Split, rng: np.random.Generator, watch: Watch, crew: Crew = ALONE) -> Study:
-    """Search, adopt, and doubt, on all shots but those that report."""
-    noise = estimate_noise((*split.fit, *split.select))
-    question = question_of(scene, noise.correlation, crew)
-    first, second = with_noise(split.fit, noise), with_noise(split.select, noise)
-    state = _searched(question, (*first, *second), watch)
-    best = confirmed(question, state, first, second)
-    base, full = state.alone, best.fitted
-    seen, seen_full = look(question, base), look(question, full)
-    left_before = residuals(question, base, seen, rng)
-    left_after = residuals(question, full, seen_full, rng)
-    before, after = structure(left_before), structure(left_after)
-    doubts = _doubt(question, first, second, state, best, (base, full), after, seen_full, rng)
-    chosen = tuple(sorted(one.shot for one in (*first, *second) if len(stretches(question, (one,)))))
+def run_study(
+    scene: GapScene,
+    split: ShotSplit,
+    rng: np.random.Generator,
+    on_progress: ProgressCallback,
+    executor: Executor = SERIAL,
+) -> Study:
+    """Search for missing effects and assess the evidence for an unknown one, without hold-out shots.
+
+    Args:
+        scene: Scene with a catalogue of effects.
+        split: Recordings by use; `holdout` is not used.
+        rng: Random generator of the noise samples.
+        on_progress: Receives a description of each step and the names of its effects.
+        executor: Distributes the fits over processes; it does not change the results.
+
+    Returns:
+        The study.
+    """
+    noise = estimate_noise((*split.fitting, *split.selection))
+    problem = build_diagnosis_problem(scene, noise.correlation, executor)
+    first, second = apply_noise_estimate(split.fitting, noise), apply_noise_estimate(split.selection, noise)
+    search = _run_search(problem, (*first, *second), on_progress)
+    best = confirm_effects(problem, search, first, second)
+    base, full = search.simulator_fit, best.fitted
+    linearized_base, linearized_full = linearize_fit(problem, base), linearize_fit(problem, full)
+    residuals_before = compute_residuals(problem, base, linearized_base, rng)
+    residuals_after = compute_residuals(problem, full, linearized_full, rng)
+    structure_before, structure_after = find_structure(residuals_before), find_structure(residuals_after)
+    unknown_evidence = _assess_doubt(
+        problem, first, second, search, best, (base, full), structure_after, linearized_full, rng
+    )
+    usable_shots = tuple(sorted(one.shot for one in (*first, *second) if len(split_into_segments(problem, (one,)))))
     return Study(
-        question, noise, state, best, base, full, seen_full, chosen, left_before, left_after, before, after, doubts
+        problem,
+        noise,
+        search,
+        best,
+        base,
+        full,
+        linearized_full,
+        usable_shots,
+        residuals_before,
+        residuals_after,
+        structure_before,
+        structure_after,
+        unknown_evidence,
     )
 
 
-def _searched(question: Question, recordings: tuple[Recording, ...], watch: Watch) -> Search:
+def _run_search(
+    problem: DiagnosisProblem, recordings: tuple[Recording, ...], on_progress: ProgressCallback
+) -> EffectSearch:
     """Search on windows that need no hypothesis, and again on those that the best one allows."""
-    base = fit_begun(question, recordings)
-    odd = not_followed(question, base)
+    base = fit_initial_windows(problem, recordings)
+    odd = find_unreachable_shots(problem, base)
     if odd:
         recordings = tuple(one for one in recordings if one.shot not in odd)
-        base = fit_begun(question, recordings)
-    state = search(question, base, lambda fitted: lengthened(question, recordings, fitted), watch)
-    if state.alone is base and isinstance(question.scene, Eventful):
-        state.alone = lengthened(question, recordings, base)
-    return state
+        base = fit_initial_windows(problem, recordings)
+    search = search_effects(problem, base, lambda fitted: fit_longer_windows(problem, recordings, fitted), on_progress)
+    if search.simulator_fit is base and isinstance(problem.scene, ContactRichScene):
+        search.simulator_fit = fit_longer_windows(problem, recordings, base)
+    return search
 
 
-def _doubt(
-    question: Question,
+def _assess_doubt(
+    problem: DiagnosisProblem,
     first: tuple[Recording, ...],
     second: tuple[Recording, ...],
-    state: Search,
+    search: EffectSearch,
     best: Hypothesis,
-    fits: tuple[Fitted, Fitted],
-    left: Structure,
-    seen: Seen,
+    fits: tuple[EffectFit, EffectFit],
+    left: ResidualStructure,
+    linearized: LinearizedFit,
     rng: np.random.Generator,
-) -> Doubt:
-    """Whether something unknown is there: what `best` leaves, and whether `second` shots gain what `first` promise."""
+) -> UnknownEvidence:
+    """Assess the evidence for an unknown effect: residuals of `best`, and its gain on `second` shots."""
     base, full = fits
     if not best.names:
-        return doubt(left, seen.told, base, full, None, True)
-    before, after = alone(question, first, base), alone(question, first, full)
-    gains = not second or gain(question, full, second, before, after) > least_gain(len(first), len(second))
-    ahead = closed_ahead(question, second or first, before, after, rng)
-    found = doubt(left, seen.told, state.base.fitted, full, ahead, gains)
-    if not (found.something_left and found.explained > MOSTLY and second and question.probes):
-        return found
-    return replace(found, lawful=_lawful(question, full, second, after))
+        return assess_unknown(left, linearized.shot_information, base, full, None, True)
+    before, after = refit_on_shots(problem, first, base), refit_on_shots(problem, first, full)
+    gains = not second or cross_shot_gain(problem, full, second, before, after) > min_selection_gain(
+        len(first), len(second)
+    )
+    ahead = measure_closure(problem, second or first, before, after, rng)
+    evidence = assess_unknown(left, linearized.shot_information, search.base.fitted, full, ahead, gains)
+    if not (
+        evidence.has_systematic_residuals
+        and evidence.explained_share > MIN_EXPLAINED_SHARE
+        and second
+        and problem.probes
+    ):
+        return evidence
+    return replace(evidence, generic_law_share=_measure_generic_law_share(problem, full, second, after))
 
 
-def _lawful(question: Question, whole: Fitted, recordings: tuple[Recording, ...], best: Fitted) -> float:
-    """Share of what `best` leaves of these shots that a generic law, as other shots told it, explains."""
-    probed = fit(question, best.pieces, (*best.names, *question.probes), best.forms, best.shared, best.starts)
-    pieces, starts = of_shots(whole, recordings)
-    return lawful(follow(question, pieces, best, starts), follow(question, pieces, probed, starts))
+def _measure_generic_law_share(
+    problem: DiagnosisProblem, whole: EffectFit, recordings: tuple[Recording, ...], best: EffectFit
+) -> float:
+    """Measure the share of the misfit of these shots that a generic law, fitted to other shots, explains."""
+    probed = fit_effects(problem, best.segments, (*best.names, *problem.probes), best.forms, best.shared, best.starts)
+    segments, starts = select_shot_windows(whole, recordings)
+    return measure_law_share(
+        fit_start_states(problem, segments, best, starts), fit_start_states(problem, segments, probed, starts)
+    )

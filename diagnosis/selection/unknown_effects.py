@@ -1,7 +1,7 @@
-"""Whether something is there that the library does not hold.
+"""Evidence for an effect that the library lacks.
 
-Three signs: what the best hypothesis leaves is not noise; shots disagree about its parameters by more than their
-errors; other shots do not gain what the first ones promised.
+There are three signs: the residuals of the best hypothesis are not noise; shots disagree about its parameters by more
+than their errors; other shots do not gain as much as the first ones predict.
 """
 
 from __future__ import annotations
@@ -12,117 +12,145 @@ from math import e, log
 import numpy as np
 from scipy.stats import chi2, norm
 
-from diagnosis.fitting.gap_closure import Closing
-from diagnosis.fitting.hypothesis_fits import Fitted, Told
-from diagnosis.fitting.residual_blocks import Structure
+from diagnosis.fitting.gap_closure import GapClosure
+from diagnosis.fitting.hypothesis_fits import EffectFit, ShotInformation
+from diagnosis.fitting.residual_structure import ResidualStructure
 
-SUSPICIOUS = 0.005
-"""chance below which something is left."""
-EXPLAINED = 0.95
-"""share of what was systematic that data must allow effects to explain, for these to be named although something is
-left: films of real tables leave a few per cent that no law makes."""
-MOSTLY = 0.9
-"""share that they must be found to explain."""
-NEARLY = 0.995
-"""the same from which effects are named although a generic law would explain the rest: another form of the law."""
-LAWFUL = 0.3
-"""share of what is left on shots which chose nothing that a generic law must explain to be a law that is missing."""
+SUSPICIOUS_P_VALUE = 0.005
+"""p-value below which residuals are systematic."""
+MIN_EXPLAINED_LIMIT = 0.95
+"""Upper limit of the explained share from which effects are named despite systematic residuals.
+
+Videos of real tables keep some per cent that no law explains.
+"""
+MIN_EXPLAINED_SHARE = 0.9
+"""Explained share from which effects are named."""
+NEARLY_EXPLAINED_SHARE = 0.995
+"""The same where a generic law would explain the rest: another form of the law."""
+MIN_LAW_SHARE = 0.3
+"""Share of the misfit of selection shots that a generic law must explain for a law to be missing."""
 _PRIOR_ODDS = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
-    """How much speaks for something unknown."""
+class UnknownEvidence:
+    """Evidence for an unknown effect."""
 
-    left: float
-    """p-value of what is left."""
-    shots_agree: float
-    """p-value of the parameters being the same in all shots."""
-    explained: float
-    """share of the systematic part of the simulator's misfit that the effects named explain; 1 where there was none."""
-    at_most: float
-    """share that these data still allow."""
-    select_gains: bool
-    """shots that chose nothing gained from the effects."""
-    lawful: float
-    """share of what is left on shots that chose nothing that a generic law from the others explains; NaN where there
-    is none to try."""
-
-    @property
-    def something_left(self) -> bool:
-        return 2 * min(self.left, self.shots_agree) < SUSPICIOUS
+    residual_p_value: float
+    """p-value of the residuals."""
+    agreement_p_value: float
+    """p-value of equal parameters in all shots."""
+    explained_share: float
+    """Share of the simulator's systematic misfit that the named effects explain; 1 where there was none."""
+    explained_share_limit: float
+    """Largest share that the data allow."""
+    selection_gains: bool
+    """Whether selection shots gained from the effects."""
+    generic_law_share: float
+    """Share of the misfit of selection shots that a generic law, fitted to others, explains; NaN without such a law."""
 
     @property
-    def law_missing(self) -> bool:
-        """Of what is left."""
-        if np.isnan(self.lawful):
-            return self.explained < MOSTLY or self.at_most < EXPLAINED
-        return self.explained < MOSTLY or (self.lawful > LAWFUL and self.explained < NEARLY)
+    def has_systematic_residuals(self) -> bool:
+        """Whether residuals are systematic or shots disagree."""
+        return 2 * min(self.residual_p_value, self.agreement_p_value) < SUSPICIOUS_P_VALUE
 
     @property
-    def unknown(self) -> bool:
-        return (self.something_left and self.law_missing) or not self.select_gains
+    def is_law_missing(self) -> bool:
+        """Whether the systematic residuals need another law."""
+        if np.isnan(self.generic_law_share):
+            return self.explained_share < MIN_EXPLAINED_SHARE or self.explained_share_limit < MIN_EXPLAINED_LIMIT
+        return self.explained_share < MIN_EXPLAINED_SHARE or (
+            self.generic_law_share > MIN_LAW_SHARE and self.explained_share < NEARLY_EXPLAINED_SHARE
+        )
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether an unknown effect is present."""
+        return (self.has_systematic_residuals and self.is_law_missing) or not self.selection_gains
 
     @property
     def probability(self) -> float:
-        """Of something unknown, by the largest odds that a p-value can stand for (Sellke, Bayarri, Berger 2001,
-        doi:10.1198/000313001300339950)."""
-        p = min(max(2 * min(self.left, self.shots_agree), 1e-12), 1 / e)
+        """Probability of an unknown effect, by the largest odds that correspond to a p-value.
+
+        Sellke, Bayarri and Berger 2001, doi:10.1198/000313001300339950.
+        """
+        p = min(max(2 * min(self.residual_p_value, self.agreement_p_value), 1e-12), 1 / e)
         odds = _PRIOR_ODDS / (-e * p * log(p))
         chance = odds / (1 + odds)
-        if self.unknown:
+        if self.is_unknown:
             return max(chance, 0.6)
-        return chance * (1 - self.explained) if self.something_left else min(chance, 0.4)
+        return chance * (1 - self.explained_share) if self.has_systematic_residuals else min(chance, 0.4)
 
 
-def agreement(told: Told, fitted: Fitted) -> float:
-    """p-value of all shots having the fitted parameters."""
-    total, free = _disagreement(told, fitted)
+def agreement_p_value(shot_information: ShotInformation, fitted: EffectFit) -> float:
+    """Return the p-value of all shots having the fitted parameters."""
+    total, free = _disagreement_chi2(shot_information, fitted)
     return float(chi2.sf(total, free)) if free > 0 else 1.0
 
 
-def _disagreement(told: Told, fitted: Fitted) -> tuple[float, int]:
-    """chi2 that parameters of their own would gain shots, and how many more these are, from the slopes of their
-    likelihoods at the fit."""
+def _disagreement_chi2(shot_information: ShotInformation, fitted: EffectFit) -> tuple[float, int]:
+    """Return the chi2 that shots would gain from own parameters, and the number of additional parameters.
+
+    It follows from the gradients of their likelihoods at the fit.
+    """
     total, free = 0.0, 0
-    for information, score in zip(told.information, told.score, strict=True):
+    for information, score in zip(shot_information.information, shot_information.score, strict=True):
         here, slope = information[np.ix_(fitted.free, fitted.free)], score[fitted.free]
         scale = 1 / np.sqrt(np.maximum(np.diag(here), 1e-12))
         sizes, axes = np.linalg.eigh(here * scale * scale[:, None])
-        kept = sizes > 1e-6
-        total += float((np.square(axes[:, kept].T @ (slope * scale)) / sizes[kept]).sum())
-        free += int(kept.sum())
+        significant = sizes > 1e-6
+        total += float((np.square(axes[:, significant].T @ (slope * scale)) / sizes[significant]).sum())
+        free += int(significant.sum())
     return total, free - int(fitted.free.sum())
 
 
-def least_gain(first: int, second: int) -> float:
-    """chi2 that so many shots must gain from an effect whose strength the `first` ones told; less is a contradiction.
+def min_selection_gain(first: int, second: int) -> float:
+    """Return the chi2 that `second` shots must gain from an effect fitted to `first` shots; less is a contradiction.
 
-    A strength of b standard deviations of the second shots, itself told by the first ones, makes them gain b^2 give or
-    take 2 b sqrt(1 + second/first): whatever b, chance leaves less than this in half a SUSPICIOUS share of all cases.
+    A strength of b standard deviations of the second shots, itself estimated from the first ones, gives a gain of b^2
+    plus or minus 2 b sqrt(1 + second/first). For any b, chance leaves less than this in half of SUSPICIOUS_P_VALUE of
+    all cases.
     """
-    return -float((1 + second / first) * norm.isf(SUSPICIOUS / 2) ** 2)
+    return -float((1 + second / first) * norm.isf(SUSPICIOUS_P_VALUE / 2) ** 2)
 
 
-def explained(base: Fitted, best: Fitted, told: Told, ahead: Closing | None) -> tuple[float, float]:
-    """Share of what is systematic that the better model takes away, and the most that it may be: of the error of
-    predictions where that is more than noise, else of the cost of the fit. What it leaves is systematic as far as it is
-    more than noise, or as shots contradict each other: parameters hide in the noise what they do not explain."""
+def estimate_explained_share(
+    base: EffectFit, best: EffectFit, shot_information: ShotInformation, ahead: GapClosure | None
+) -> tuple[float, float]:
+    """Estimate the share of the systematic misfit that the better model explains, and its upper limit.
+
+    The misfit is the error of predictions where that exceeds noise, else the cost of the fit. Its remainder is
+    systematic
+    where it exceeds noise or shots contradict each other: parameters hide unexplained parts in the noise.
+    """
     if ahead is not None and ahead.resolved:
         return float(np.clip(ahead.closed, 0.0, 1.0)), ahead.interval[1]
-    total, free = _disagreement(told, best)
-    excess = base.cost - best.cost + max(best.unlike_noise, total - free)
+    total, free = _disagreement_chi2(shot_information, best)
+    excess = base.cost - best.cost + max(best.systematic_cost, total - free)
     share = 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))
     return share, share
 
 
-def doubt(left: Structure, told: Told, base: Fitted, best: Fitted, ahead: Closing | None, select_gains: bool) -> Doubt:
-    """All three signs together, of the best hypothesis on all shots that may be used."""
-    shares = explained(base, best, told, ahead) if best.names or best.forms != base.forms else (0.0, 0.0)
-    return Doubt(left.p_value, agreement(told, best), *shares, select_gains, float("nan"))
+def assess_unknown(
+    left: ResidualStructure,
+    shot_information: ShotInformation,
+    base: EffectFit,
+    best: EffectFit,
+    ahead: GapClosure | None,
+    selection_gains: bool,
+) -> UnknownEvidence:
+    """Assess all three signs for the best hypothesis on fitting and selection shots."""
+    shares = (
+        estimate_explained_share(base, best, shot_information, ahead)
+        if best.names or best.forms != base.forms
+        else (0.0, 0.0)
+    )
+    return UnknownEvidence(
+        left.p_value, agreement_p_value(shot_information, best), *shares, selection_gains, float("nan")
+    )
 
 
-def lawful(before: Fitted, after: Fitted) -> float:
-    """Share of what a model leaves of shots, beyond noise, that a generic law beside it explains."""
-    left = before.unlike_noise
+def measure_law_share(before: EffectFit, after: EffectFit) -> float:
+    """Measure the share of a model's misfit beyond noise that a generic law beside it explains."""
+    left = before.systematic_cost
     return float(np.clip((before.cost - after.cost) / left, -1.0, 1.0)) if left > 0 else 0.0

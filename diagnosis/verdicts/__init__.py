@@ -1,1 +1,1 @@
-"""The result of a diagnosis as values: verdict, candidates, localisation, experiment design."""
+"""The report of a diagnosis as values: verdict, probabilities, places of the gap, closure, recommended experiment."""

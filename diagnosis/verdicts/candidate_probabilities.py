@@ -1,90 +1,101 @@
-"""What may be missing, with probabilities that add to 1, and what these data cannot tell apart."""
+"""Candidate effects with probabilities that add to 1, and the effects that these data cannot separate."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.fitting.hypothesis_fits import Fitted, Question
-from diagnosis.selection.hypotheses import Hypothesis, Search
-from diagnosis.selection.signatures import TWINS, Signatures, explained_direction
-from diagnosis.selection.unknown_effects import Doubt
-from diagnosis.verdicts.verdict import Candidate, Strength
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit
+from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
+from diagnosis.selection.signatures import INSEPARABLE_CORRELATION, Signatures, direction_correlation
+from diagnosis.selection.unknown_effects import UnknownEvidence
+from diagnosis.verdicts.verdict import CandidateEffect, Strength
 
-_CLOSE = 3.0
-"""log evidence within which a rival is not refuted."""
-_LARGEST = 3
-"""names in a group."""
+_REFUTED_LOG_EVIDENCE = 3.0
+"""Difference of log evidence from which a rival is refuted."""
+_MAX_GROUP = 3
+"""Largest number of names in a group."""
 
 
-def probabilities(state: Search, best: Hypothesis, doubt: Doubt) -> dict[str, float]:
-    """Per effect, `none` and `unknown`: hypotheses share theirs among their effects; those that hold more than the
-    best one were rejected."""
-    tried = [one for one in state.tried.values() if not one.names > best.names]
-    weight = np.array([state.weigh(one) for one in tried])
+def compute_probabilities(search: EffectSearch, best: Hypothesis, evidence: UnknownEvidence) -> dict[str, float]:
+    """Compute the probability of each effect, of `none` and of `unknown`.
+
+    A hypothesis shares its probability among its effects; supersets of the best one were rejected and do not count.
+    """
+    compared = [one for one in search.hypotheses.values() if not one.names > best.names]
+    weight = np.array([search.log_evidence(one) for one in compared])
     weight = np.exp(weight - weight.max())
-    weight *= (1 - doubt.probability) / weight.sum()
-    found = dict.fromkeys((*state.choices, "none"), 0.0) | {"unknown": doubt.probability}
-    for one, share in zip(tried, weight, strict=True):
+    weight *= (1 - evidence.probability) / weight.sum()
+    probabilities = dict.fromkeys((*search.choices, "none"), 0.0) | {"unknown": evidence.probability}
+    for one, share in zip(compared, weight, strict=True):
         for name in one.names or {"none"}:
-            found[name] += float(share) / max(one.size, 1)
-    total = sum(found.values())
-    return {name: value / total for name, value in found.items()}
+            probabilities[name] += float(share) / max(one.size, 1)
+    total = sum(probabilities.values())
+    return {name: value / total for name, value in probabilities.items()}
 
 
-def leading(chances: dict[str, float], named: frozenset[str]) -> dict[str, float]:
-    """With the likeliest of what is named first: effects that look alike have spoken together for something missing,
-    each alone may be less likely than nothing."""
-    first, most = max(sorted(named), key=chances.__getitem__), max(chances, key=chances.__getitem__)
-    return chances | {first: chances[most], most: chances[first]}
+def put_effects_first(probabilities: dict[str, float], named: frozenset[str]) -> dict[str, float]:
+    """Exchange probabilities so that the most probable named effect comes first.
+
+    Similar effects together are evidence that something is missing, although each alone may be less likely than none.
+    """
+    first, most = max(sorted(named), key=probabilities.__getitem__), max(probabilities, key=probabilities.__getitem__)
+    return probabilities | {first: probabilities[most], most: probabilities[first]}
 
 
-def group_of(state: Search, best: Hypothesis, name: str, without: Signatures) -> tuple[str, ...]:
-    """An effect and its rivals: alike once `without` it everything else is adjusted, and not refuted."""
+def find_group(search: EffectSearch, best: Hypothesis, name: str, without: Signatures) -> tuple[str, ...]:
+    """Find an effect and the rivals that are neither refuted nor separable, given signatures `without` the effect."""
     alike = []
-    for other in state.choices:
-        swapped = state.tried.get(best.names - {name} | {other})
-        if other in best.names or swapped is None or state.weigh(best) - state.weigh(swapped) > _CLOSE:
+    for other in search.choices:
+        swapped = search.hypotheses.get(best.names - {name} | {other})
+        if (
+            other in best.names
+            or swapped is None
+            or search.log_evidence(best) - search.log_evidence(swapped) > _REFUTED_LOG_EVIDENCE
+        ):
             continue
-        if _alike(state.question, name, other, without):
-            alike.append((state.weigh(swapped), other))
-    return (name, *(other for _, other in sorted(alike, reverse=True)[: _LARGEST - 1]))
+        if _are_inseparable(search.problem, name, other, without):
+            alike.append((search.log_evidence(swapped), other))
+    return (name, *(other for _, other in sorted(alike, reverse=True)[: _MAX_GROUP - 1]))
 
 
-def _alike(question: Question, name: str, other: str, without: Signatures) -> bool:
-    """Whether two effects have the same signature, or one is a law that brings the other."""
-    brought = {choice.name: choice.brings for choice in question.scene.alternatives}
+def _are_inseparable(problem: DiagnosisProblem, name: str, other: str, without: Signatures) -> bool:
+    """Return whether two effects have the same signature, or one is a contact model that brings the other."""
+    brought = {choice.name: choice.companions for choice in problem.scene.alternatives}
     if name in brought or other in brought:
         return name in brought.get(other, ()) or other in brought.get(name, ())
-    return explained_direction(without, question.mask((name,)), question.mask((other,))) > TWINS
+    return direction_correlation(without, problem.mask((name,)), problem.mask((other,))) > INSEPARABLE_CORRELATION
 
 
-def strengths(
-    question: Question, fitted: Fitted, detectable: np.ndarray, names: tuple[str, ...]
+def summarize_strengths(
+    problem: DiagnosisProblem, fitted: EffectFit, detectable: np.ndarray, names: tuple[str, ...]
 ) -> tuple[Strength, ...]:
-    """The parameters of effects: as fitted where they were free, else what could have been seen of them."""
-    sigma = np.full(len(question.priors), np.inf)
+    """Summarize the parameters of effects: as fitted where they were free, else with their detectable strength."""
+    sigma = np.full(len(problem.priors), np.inf)
     sigma[fitted.free] = fitted.shooting.sigma
-    untold = np.zeros(len(question.priors), bool)
-    untold[fitted.free] = fitted.shooting.prior_only
-    chosen = np.flatnonzero(question.mask(names))
+    is_prior_only = np.zeros(len(problem.priors), bool)
+    is_prior_only[fitted.free] = fitted.shooting.prior_only
+    chosen = np.flatnonzero(problem.mask(names))
     return tuple(
         Strength(
-            question.priors[k].name.split(".", 1)[1],
-            question.priors[k].unit,
+            problem.priors[k].name.split(".", 1)[1],
+            problem.priors[k].unit,
             float(fitted.shared[k]),
             float(sigma[k]),
             float(detectable[k]),
-            bool(untold[k]),
+            bool(is_prior_only[k]),
         )
         for k in chosen
     )
 
 
-def ranked(
-    chances: dict[str, float],
+def rank_candidates(
+    probabilities: dict[str, float],
     groups: dict[str, tuple[str, ...]],
-    told: dict[str, tuple[Strength, ...]],
-) -> tuple[Candidate, ...]:
-    """Most probable first."""
-    order = sorted(chances, key=lambda name: chances[name], reverse=True)
-    return tuple(Candidate(name, chances[name], groups.get(name, (name,)), told.get(name, ())) for name in order)
+    parameter_strengths: dict[str, tuple[Strength, ...]],
+) -> tuple[CandidateEffect, ...]:
+    """Rank candidates, most probable first."""
+    order = sorted(probabilities, key=lambda name: probabilities[name], reverse=True)
+    return tuple(
+        CandidateEffect(name, probabilities[name], groups.get(name, (name,)), parameter_strengths.get(name, ()))
+        for name in order
+    )

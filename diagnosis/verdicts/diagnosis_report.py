@@ -1,4 +1,4 @@
-"""What a study says to people and programs: verdict, causes, how far the gap shrinks on shots that chose nothing."""
+"""The report of a study: verdict, causes, and how far the gap shrinks on hold-out shots."""
 
 from __future__ import annotations
 
@@ -6,222 +6,267 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.fitting.fit_residuals import residuals
-from diagnosis.fitting.gap_closure import (
-    HORIZON,
-    Closing,
-    Foreseen,
-    closing,
-    floor,
-    foreseeable,
-    predict,
-    shares,
-    windows_ahead,
+from diagnosis.fitting.fit_residuals import compute_residuals
+from diagnosis.fitting.gap_closure import GapClosure, estimate_closure, estimate_noise_floor, shapley_shares
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, linearize_fit
+from diagnosis.fitting.prediction_windows import (
+    HORIZON_S,
+    PredictableWindows,
+    build_prediction_windows,
+    predict_windows,
+    select_predictable,
 )
-from diagnosis.fitting.hypothesis_fits import Fitted, Question, look
-from diagnosis.selection.effect_selection import lacking
-from diagnosis.selection.signatures import signatures
+from diagnosis.selection.effect_selection import fit_without_effect
+from diagnosis.selection.signatures import compute_signatures
 from diagnosis.selection.study import Study
-from diagnosis.verdicts.candidate_probabilities import group_of, leading, probabilities, ranked, strengths
-from diagnosis.verdicts.experiment_design import film_next, film_to_see, film_what_is_left
-from diagnosis.verdicts.localisation import places, shape
-from diagnosis.verdicts.verdict import Candidate, EffectShare, Gap, Report, Strength, Verdict
+from diagnosis.verdicts.candidate_probabilities import (
+    compute_probabilities,
+    find_group,
+    put_effects_first,
+    rank_candidates,
+    summarize_strengths,
+)
+from diagnosis.verdicts.experiment_design import (
+    design_detecting_experiment,
+    design_separating_experiment,
+    design_unknown_experiment,
+)
+from diagnosis.verdicts.gap_localisation import describe_structure, localise_gap
+from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, EffectShare, Gap, Strength, Verdict
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene, Recording
 
-_MIDDLING = 0.674
-"""standard deviations that half of all strengths exceed."""
+_MEDIAN_SIGMAS = 0.674
+"""Standard deviations that half of all strengths exceed."""
 
 
-def reported(study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator) -> Report:
-    """The report, on `recordings` that nothing has looked at yet."""
-    scene, best = study.question.scene, study.best
-    verdict, groups, film = _verdict(study)
-    gap, per_effect = _gap(study, recordings, rng)
+def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator) -> DiagnosisReport:
+    """Build the report of a study.
+
+    Args:
+        study: Results on fitting and selection shots.
+        recordings: Hold-out shots, with the noise estimate applied.
+        rng: Random generator of sampled starts and bootstrap.
+
+    Returns:
+        The report.
+    """
+    scene, best = study.problem.scene, study.best
+    verdict, groups, film = _decide_verdict(study)
+    gap, per_effect = _measure_gap(study, recordings, rng)
     named = best.names if verdict in ("effects", "group") else ()
-    phases = frozenset(phase for name in named for phase in _phases(scene, name))
-    detectable = _detectable(study)
-    return Report(
+    phases = frozenset(phase for name in named for phase in _effect_phases(scene, name))
+    detectable = _detectable_strengths(study)
+    return DiagnosisReport(
         scene=scene.name,
-        model=scene.assumed,
+        model=scene.simulator_effects,
         verdict=verdict,
         effects=tuple(sorted(best.names)) if verdict == "effects" else (),
-        candidates=_candidates(study, groups, detectable, verdict in ("effects", "group")),
-        where=places(study.left_before, study.base.pieces, phases) if verdict != "none" else (),
-        shape=shape(study.after) if verdict == "unknown" else "",
+        candidates=_build_candidates(study, groups, detectable, verdict in ("effects", "group")),
+        where=localise_gap(study.residuals_before, study.base.segments, phases) if verdict != "none" else (),
+        shape=describe_structure(study.structure_after) if verdict == "unknown" else "",
         gap=gap,
         per_effect=per_effect,
-        fitted=_all_strengths(study, detectable),
+        fitted=_summarize_all_strengths(study, detectable),
         forms=study.full.forms,
-        unidentifiable=(*scene.gauges, *_hidden(study.question, detectable, frozenset(study.full.names))),
-        not_tested=(*scene.not_tested, *_left_out(study)),
-        film_next=_film(study, verdict, film),
-        p_value=study.before.p_value,
+        unidentifiable=(*scene.gauges, *_find_unidentifiable(study.problem, detectable, frozenset(study.full.names))),
+        not_tested=(*scene.not_tested, *_list_omitted_shots(study)),
+        film_next=_recommend_experiment(study, verdict, film),
+        p_value=study.structure_before.p_value,
         notes=(),
     )
 
 
-def _left_out(study: Study) -> tuple[str, ...]:
-    """Which shots were left out of the search."""
-    used = {piece.shot for piece in study.state.first.fitted.pieces}
+def _list_omitted_shots(study: Study) -> tuple[str, ...]:
+    """List the shots that were omitted from the search."""
+    used = {segment.shot for segment in study.search.initial.fitted.segments}
     return tuple(
-        f"shot {shot} was left out: no path of the simulator comes near what was seen there"
-        for shot in study.chosen
+        f"shot {shot} was left out: no simulated path comes near its observations"
+        for shot in study.usable_shots
         if shot not in used
     )
 
 
-def _verdict(study: Study) -> tuple[Verdict, dict[str, tuple[str, ...]], str]:
-    """The verdict, the group of every effect named, and what to film."""
-    question, best = study.question, study.best
+def _decide_verdict(study: Study) -> tuple[Verdict, dict[str, tuple[str, ...]], str]:
+    """Return the verdict, the group of every named effect, and the experiment that would separate a group."""
+    problem, best = study.problem, study.best
     groups, film = {}, ""
     for name in best.names:
-        without = lacking(study.state, best, name)
-        seen = look(question, without)
-        found = signatures(question, seen.told, without.free, best.fitted.lack)
-        groups[name] = group_of(study.state, best, name, found)
-        alike = tuple(one for one in groups[name] if one in question.candidates)
+        without = fit_without_effect(study.search, best, name)
+        linearized = linearize_fit(problem, without)
+        effect_signatures = compute_signatures(
+            problem, linearized.shot_information, without.free, best.fitted.lack_of_fit
+        )
+        groups[name] = find_group(study.search, best, name, effect_signatures)
+        alike = tuple(one for one in groups[name] if one in problem.candidates)
         if len(alike) > 1 and not film:
-            rest = residuals(question, without, seen, np.random.default_rng(0))
-            film = film_next(question, seen.told, rest, without.free, alike)
-    if study.doubt.unknown:
+            rest = compute_residuals(problem, without, linearized, np.random.default_rng(0))
+            film = design_separating_experiment(problem, linearized.shot_information, rest, without.free, alike)
+    if study.unknown_evidence.is_unknown:
         return "unknown", groups, film
     if not best.names:
-        return ("unknown" if study.doubt.something_left else "none"), groups, film
+        return ("unknown" if study.unknown_evidence.has_systematic_residuals else "none"), groups, film
     alone = len(best.names) == 1 and any(len(group) > 1 for group in groups.values())
     return ("group" if alone else "effects"), groups, film
 
 
-def _film(study: Study, verdict: Verdict, apart: str) -> str:
-    """What to film after this verdict: what separates a group (`apart`, if any), what is left, or what was missed."""
+def _recommend_experiment(study: Study, verdict: Verdict, apart: str) -> str:
+    """Recommend an experiment: it separates a group (`apart`), shows the residuals, or a weak effect."""
     if verdict == "unknown":
-        return film_what_is_left(study.question, study.left_after)
+        return design_unknown_experiment(study.problem, study.residuals_after)
     if apart:
         return apart
-    question = study.question
-    names = tuple(name for name in question.candidates if name not in study.full.names)
-    told, found, lack = study.seen.told, study.left_after, study.full.lack
-    return film_to_see(question, told, found, study.full.free, _usual(question), names, lack)
+    problem = study.problem
+    names = tuple(name for name in problem.candidates if name not in study.full.names)
+    information, residuals, lack = study.linearized.shot_information, study.residuals_after, study.full.lack_of_fit
+    return design_detecting_experiment(
+        problem, information, residuals, study.full.free, _typical_strengths(problem), names, lack
+    )
 
 
-def _usual(question: Question) -> FloatArray:
-    """(P,) strength that half of all tables exceed."""
-    return _MIDDLING * np.array([prior.sigma for prior in question.priors])
+def _typical_strengths(problem: DiagnosisProblem) -> FloatArray:
+    """Return the strength (P,) that half of all tables exceed."""
+    return _MEDIAN_SIGMAS * np.array([prior.sigma for prior in problem.priors])
 
 
-def _phases(scene: GapScene, name: str) -> tuple[str, ...]:
+def _effect_phases(scene: GapScene, name: str) -> tuple[str, ...]:
+    """Return the phases in which an effect or a contact model acts."""
     by_name = {effect.name: effect.phases for effect in scene.effects}
     return by_name.get(name, ()) or {choice.name: choice.phases for choice in scene.alternatives}.get(name, ())
 
 
-def _candidates(
+def _build_candidates(
     study: Study, groups: dict[str, tuple[str, ...]], detectable: FloatArray, named: bool
-) -> tuple[Candidate, ...]:
-    question = study.question
-    told = {name: strengths(question, _with(study, name), detectable, (name,)) for name in question.candidates}
-    chances = probabilities(study.state, study.best, study.doubt)
-    return ranked(leading(chances, study.best.names) if named else chances, groups, told)
-
-
-def _detectable(study: Study) -> FloatArray:
-    """(P,) smallest strength of every parameter that these data could have shown, all else as in the best model; of
-    what the simulator has, the smallest change."""
-    question, found = study.question, np.full(len(study.question.priors), np.inf)
-    for name in (*question.candidates, *question.scene.assumed):
-        mask = question.mask((name,))
-        here = signatures(question, study.seen.told, study.full.free & ~mask, study.full.lack)
-        found[mask] = here.detectable(mask)[mask]
-    return found
-
-
-def _with(study: Study, name: str) -> Fitted:
-    """The best fit in which an effect is free; the base where none was tried."""
-    if name in study.best.names:
-        return study.full
-    alone = study.state.tried.get(study.best.names | {name}) or study.state.tried.get(frozenset({name}))
-    return study.base if alone is None else alone.fitted
-
-
-def _all_strengths(study: Study, detectable: FloatArray) -> tuple[Strength, ...]:
-    """Of the improved simulator, by effect and parameter: several effects have a mu."""
-    names = tuple(effect.name for effect in study.question.scene.effects if effect.name in study.full.names)
-    return tuple(
-        replace(one, name=f"{name}.{one.name}")
-        for name in (*study.question.scene.assumed, *names)
-        for one in strengths(study.question, study.full, detectable, (name,))
+) -> tuple[CandidateEffect, ...]:
+    """Build the ranked candidates."""
+    problem = study.problem
+    parameter_strengths = {
+        name: summarize_strengths(problem, _select_fit_with(study, name), detectable, (name,))
+        for name in problem.candidates
+    }
+    probabilities = compute_probabilities(study.search, study.best, study.unknown_evidence)
+    return rank_candidates(
+        put_effects_first(probabilities, study.best.names) if named else probabilities, groups, parameter_strengths
     )
 
 
-def _hidden(question: Question, detectable: FloatArray, named: frozenset[str]) -> tuple[str, ...]:
-    """Effects not `named` that in some direction would more often than not be missed at usual strength: what the
-    simulator has takes them up."""
-    usual = _usual(question)
-    masks = {name: question.mask((name,)) for name in question.candidates if name not in named}
+def _detectable_strengths(study: Study) -> FloatArray:
+    """Return the smallest detectable strength (P,) of every parameter; of the simulator's, the smallest change."""
+    problem, strengths = study.problem, np.full(len(study.problem.priors), np.inf)
+    for name in (*problem.candidates, *problem.scene.simulator_effects):
+        mask = problem.mask((name,))
+        here = compute_signatures(
+            problem, study.linearized.shot_information, study.full.free & ~mask, study.full.lack_of_fit
+        )
+        strengths[mask] = here.detectable_strengths(mask)[mask]
+    return strengths
+
+
+def _select_fit_with(study: Study, name: str) -> EffectFit:
+    """Select the best fit in which an effect is free; the base where there is none."""
+    if name in study.best.names:
+        return study.full
+    alone = study.search.hypotheses.get(study.best.names | {name}) or study.search.hypotheses.get(frozenset({name}))
+    return study.base if alone is None else alone.fitted
+
+
+def _summarize_all_strengths(study: Study, detectable: FloatArray) -> tuple[Strength, ...]:
+    """Summarize the parameters of the improved simulator, named `effect.parameter`, as several effects have a mu."""
+    names = tuple(effect.name for effect in study.problem.scene.effects if effect.name in study.full.names)
+    return tuple(
+        replace(one, name=f"{name}.{one.name}")
+        for name in (*study.problem.scene.simulator_effects, *names)
+        for one in summarize_strengths(study.problem, study.full, detectable, (name,))
+    )
+
+
+def _find_unidentifiable(problem: DiagnosisProblem, detectable: FloatArray, named: frozenset[str]) -> tuple[str, ...]:
+    """Find effects not `named` that at typical strength would be missed in some direction more often than not."""
+    usual = _typical_strengths(problem)
+    masks = {name: problem.mask((name,)) for name in problem.candidates if name not in named}
     return tuple(name for name, mask in masks.items() if np.any(detectable[mask] > usual[mask]))
 
 
-def _gap(
+def _measure_gap(
     study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator
 ) -> tuple[Gap, tuple[EffectShare, ...]]:
-    question, full = study.question, study.full
-    foreseen = foreseeable(question, windows_ahead(question, recordings) if recordings else (), full, rng)
-    windows = foreseen.windows
-    before, after = (predict(question, windows, one, foreseen.starts) for one in (study.base, full))
-    least = floor(question, windows, full, after)
-    told = closing(windows, before.squares, after.squares, least, rng)
-    if not study.best.names and not study.doubt.something_left:
-        told = replace(told, closed=float("nan"), interval=(-1.0, 1.0), resolved=False)
-    shots = tuple(sorted({one.piece.shot for one in windows}))
-    horizon = max((float(one.piece.t[-1] - one.piece.t[one.known - 1]) for one in windows), default=HORIZON)
-    gap = Gap(f"rms_{question.scene.unit}", min(horizon, HORIZON), shots, told, windows, before.paths, after.paths)
-    return gap, _per_effect(study, foreseen, before.squares, after.squares, least, told, rng)
+    """Measure the gap on hold-out shots before and after, and the share of each effect."""
+    problem, full = study.problem, study.full
+    predictable = select_predictable(
+        problem, build_prediction_windows(problem, recordings) if recordings else (), full, rng
+    )
+    windows = predictable.windows
+    before, after = (predict_windows(problem, windows, one, predictable.starts) for one in (study.base, full))
+    least = estimate_noise_floor(problem, windows, full, after)
+    closure = estimate_closure(windows, before.squares, after.squares, least, rng)
+    if not study.best.names and not study.unknown_evidence.has_systematic_residuals:
+        closure = replace(closure, closed=float("nan"), interval=(-1.0, 1.0), resolved=False)
+    shots = tuple(sorted({one.segment.shot for one in windows}))
+    horizon = max((float(one.segment.t[-1] - one.segment.t[one.start_rows - 1]) for one in windows), default=HORIZON_S)
+    gap = Gap(f"rms_{problem.scene.unit}", min(horizon, HORIZON_S), shots, closure, windows, before.paths, after.paths)
+    return gap, _share_closure(study, predictable, before.squares, after.squares, least, closure, rng)
 
 
-def _per_effect(
+def _share_closure(
     study: Study,
-    foreseen: Foreseen,
+    predictable: PredictableWindows,
     before: FloatArray,
     after: FloatArray,
     least: FloatArray,
-    told: Closing,
+    closure: GapClosure,
     rng: np.random.Generator,
 ) -> tuple[EffectShare, ...]:
+    """Share the closure among several effects."""
     names = tuple(sorted(study.best.names))
-    if not names or not told.resolved:
+    if not names or not closure.resolved:
         return ()
     if len(names) == 1:
-        return (EffectShare(names[0], told.closed, told.interval),)
-    known, windows, starts = {frozenset[str](): before, frozenset(names): after}, foreseen.windows, foreseen.starts
+        return (EffectShare(names[0], closure.closed, closure.interval),)
+    squares, windows, starts = (
+        {frozenset[str](): before, frozenset(names): after},
+        predictable.windows,
+        predictable.starts,
+    )
 
     def squares_with(chosen: frozenset[str]) -> FloatArray:
-        if chosen not in known:
-            one = study.state.tried.get(chosen)
-            known[chosen] = before if one is None else predict(study.question, windows, one.fitted, starts).squares
-        return known[chosen]
+        if chosen not in squares:
+            one = study.search.hypotheses.get(chosen)
+            squares[chosen] = (
+                before if one is None else predict_windows(study.problem, windows, one.fitted, starts).squares
+            )
+        return squares[chosen]
 
-    found = []
-    for name, part in shares(names, squares_with).items():
-        one = closing(windows, before, before - part, least, rng, limit=float("inf"))
-        found.append(EffectShare(name, one.closed, one.interval))
-    return tuple(found)
+    effect_shares = []
+    for name, part in shapley_shares(names, squares_with).items():
+        one = estimate_closure(windows, before, before - part, least, rng, limit=float("inf"))
+        effect_shares.append(EffectShare(name, one.closed, one.interval))
+    return tuple(effect_shares)
 
 
-def undecidable(scene: GapScene, reason: str) -> Report:
-    """The report on shots that cannot be tested."""
+def build_undecidable_report(scene: GapScene, reason: str) -> DiagnosisReport:
+    """Build the report on shots that cannot be tested.
+
+    Args:
+        scene: The scene.
+        reason: Why nothing can be tested.
+
+    Returns:
+        A report with the verdict `undecidable`.
+    """
     unknown = float("nan")
-    nothing = Closing(unknown, unknown, unknown, unknown, (-1.0, 1.0), False)
-    return Report(
+    nothing = GapClosure(unknown, unknown, unknown, unknown, (-1.0, 1.0), False)
+    return DiagnosisReport(
         scene=scene.name,
-        model=scene.assumed,
+        model=scene.simulator_effects,
         verdict="undecidable",
         effects=(),
         candidates=(),
         where=(),
         shape="",
-        gap=Gap(f"rms_{scene.unit}", HORIZON, (), nothing, (), (), ()),
+        gap=Gap(f"rms_{scene.unit}", HORIZON_S, (), nothing, (), (), ()),
         per_effect=(),
         fitted=(),
-        forms=tuple(choice.assumed for choice in scene.alternatives),
+        forms=tuple(choice.simulator_form for choice in scene.alternatives),
         unidentifiable=scene.gauges,
         not_tested=scene.not_tested,
         film_next=f"Film more: {reason}.",

@@ -1,4 +1,4 @@
-"""What to film next: of the shots already filmed, the kind that tells most of what an answer leaves open."""
+"""Experiment design: the kind of shot, of those already filmed, that is most informative on an open question."""
 
 from __future__ import annotations
 
@@ -6,105 +6,140 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.fitting.fit_residuals import Residuals
-from diagnosis.fitting.hypothesis_fits import Question, Told
-from diagnosis.fitting.names import named, phase
-from diagnosis.selection.signatures import signatures
-from diagnosis.verdicts.localisation import excess
+from diagnosis.fitting.display_names import format_cause, format_phase
+from diagnosis.fitting.fit_residuals import FitResiduals
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, ShotInformation
+from diagnosis.selection.signatures import compute_signatures
+from diagnosis.verdicts.gap_localisation import excess_squares
 from models.core.typing import BoolArray, FloatArray
 
-_MORE = (1, 2, 3, 5, 8, 12, 20, 30, 50)
-"""further shots of one kind that are thought of."""
+_REPETITIONS = (1, 2, 3, 5, 8, 12, 20, 30, 50)
+"""Numbers of further shots of one kind that are considered."""
 
 
-def film_next(question: Question, told: Told, found: Residuals, free: np.ndarray, group: tuple[str, ...]) -> str:
-    """One sentence: which of the shots already filmed separates a group best, and how many more like it settle it."""
+def design_separating_experiment(
+    problem: DiagnosisProblem,
+    shot_information: ShotInformation,
+    residuals: FitResiduals,
+    free: np.ndarray,
+    group: tuple[str, ...],
+) -> str:
+    """Describe in one sentence which kind of shot separates a group best, and how many more are needed."""
     if len(group) < 2:
         return ""
-    one, other = question.mask(group[:1]), question.mask(group[1:2])
-    whole = signatures(question, told, free | other)
-    step = signatures(question, told, free).step(one)
-    apart = [_separation(question, told, free | other, one, step, k) for k in range(len(told.shots))]
+    one, other = problem.mask(group[:1]), problem.mask(group[1:2])
+    whole = compute_signatures(problem, shot_information, free | other)
+    step = compute_signatures(problem, shot_information, free).step(one)
+    apart = [
+        _separation_gain(problem, shot_information, free | other, one, step, k)
+        for k in range(len(shot_information.shots))
+    ]
     best = int(np.argmax(apart))
     now = float(step @ whole.information[np.ix_(one, one)] @ step)
     missing = max(16.0 - now, 0.0)
     more = int(np.ceil(missing / apart[best])) if apart[best] > 0 else 0
-    names = " from ".join(named(name) for name in group[:2])
+    names = " from ".join(format_cause(name) for name in group[:2])
     if apart[best] <= 0 or more > 50:
-        return f"No shot like these tells {names}: film other speeds and directions, also at right angles to these."
-    return f"To tell {names}, film {max(more, 1)} more like {_like(question, found, int(told.shots[best]))}."
+        return f"No shot like these separates {names}: film other speeds and directions, also at right angles to these."
+    shot = _describe_shot(problem, residuals, int(shot_information.shots[best]))
+    return f"To separate {names}, film {max(more, 1)} more like {shot}."
 
 
-def film_to_see(
-    question: Question,
-    told: Told,
-    found: Residuals,
+def design_detecting_experiment(
+    problem: DiagnosisProblem,
+    shot_information: ShotInformation,
+    residuals: FitResiduals,
     free: BoolArray,
     usual: FloatArray,
     names: tuple[str, ...],
-    lack: float,
+    variance_factor: float,
 ) -> str:
-    """One sentence for who has an answer: of the effects that these shots would miss at `usual` strength (P,), the one
-    nearest to be seen, and how many more shots of which kind would show it; empty where none would be missed, or where
-    no number of shots like these would show it."""
-    missed = {name: _weakness(question, told, free, usual, name, lack) for name in names}
+    """Describe in one sentence how many more shots of which kind would show an effect that these shots would miss.
+
+    The effect is the one nearest to detection at `usual` strength (P,). The sentence is empty where none would be
+    missed, or where no number of shots like these would show one.
+    """
+    missed = {
+        name: _detectable_over_typical(problem, shot_information, free, usual, name, variance_factor) for name in names
+    }
     missed = {name: times for name, times in missed.items() if times > 1}
     if not missed:
         return ""
     name = min(missed, key=lambda one: missed[one])
-    for more in _MORE:
-        left = [_weakness(question, _with_more(told, k, more), free, usual, name, lack) for k in range(len(told.shots))]
+    for more in _REPETITIONS:
+        left = [
+            _detectable_over_typical(
+                problem, _add_repetitions(shot_information, k, more), free, usual, name, variance_factor
+            )
+            for k in range(len(shot_information.shots))
+        ]
         if min(left) <= 1:
-            like = _like(question, found, int(told.shots[int(np.argmin(left))]))
+            like = _describe_shot(problem, residuals, int(shot_information.shots[int(np.argmin(left))]))
             return (
-                f"This answer needs no more film. What these shots would not have shown is {named(name)} of usual"
+                f"This answer needs no more film. These shots would not have shown {format_cause(name)} of usual"
                 f" strength; {more} more like {like} would."
             )
     return ""
 
 
-def film_what_is_left(question: Question, found: Residuals) -> str:
-    """One sentence: where most of what no effect explains is, and what of it a second film would tell apart."""
-    left = excess(found)
+def design_unknown_experiment(problem: DiagnosisProblem, residuals: FitResiduals) -> str:
+    """Describe in one sentence where most of the unexplained gap is, and which film would separate its causes."""
+    left = excess_squares(residuals)
     sums = {
-        (str(name), int(shot)): float(left[(found.phase == name) & (found.shot == shot)].sum())
-        for name in np.unique(found.phase)
-        for shot in np.unique(found.shot)
+        (str(name), int(shot)): float(left[(residuals.phase == name) & (residuals.shot == shot)].sum())
+        for name in np.unique(residuals.phase)
+        for shot in np.unique(residuals.shot)
     }
     most, shot = max(sums, key=lambda one: sums[one])
+    place = _describe_shot(problem, residuals, shot)
     return (
-        f"Most of what is left shows {phase(most)} in {_like(question, found, shot)}: film that shot again at half the"
-        " speed, and once in another place; what stays with the place is the table or the camera."
+        f"Most of the unexplained gap is {format_phase(most)}, in {place}: film that shot again at half the speed, and"
+        " once in another place; what stays with the place is the table or the camera."
     )
 
 
-def _weakness(question: Question, told: Told, free: BoolArray, usual: FloatArray, name: str, lack: float) -> float:
-    """How many times stronger than usual an effect would have to be to be seen, in its worst direction."""
-    mask = question.mask((name,))
-    seen_from = signatures(question, told, free & ~mask, lack).detectable(mask)
+def _detectable_over_typical(
+    problem: DiagnosisProblem,
+    shot_information: ShotInformation,
+    free: BoolArray,
+    usual: FloatArray,
+    name: str,
+    variance_factor: float,
+) -> float:
+    """Return the smallest detectable strength of an effect over its typical one, in its worst direction."""
+    mask = problem.mask((name,))
+    seen_from = compute_signatures(problem, shot_information, free & ~mask, variance_factor).detectable_strengths(mask)
     return float(np.max(seen_from[mask] / usual[mask], initial=0.0))
 
 
-def _with_more(told: Told, k: int, more: int) -> Told:
-    """What would be told if shot number k had been played `more` times more."""
-    times = 1.0 + more * (told.shots == told.shots[k])
-    return replace(told, information=told.information * times[:, None, None])
+def _add_repetitions(shot_information: ShotInformation, k: int, more: int) -> ShotInformation:
+    """Return the information if shot number k had been repeated `more` times."""
+    times = 1.0 + more * (shot_information.shots == shot_information.shots[k])
+    return replace(shot_information, information=shot_information.information * times[:, None, None])
 
 
-def _separation(
-    question: Question, told: Told, free: np.ndarray, one: np.ndarray, step: np.ndarray, shot: int
+def _separation_gain(
+    problem: DiagnosisProblem,
+    shot_information: ShotInformation,
+    free: np.ndarray,
+    one: np.ndarray,
+    step: np.ndarray,
+    shot: int,
 ) -> float:
-    """chi2 that a further shot like this one adds between the two."""
-    more, now = signatures(question, _with_more(told, shot, 1), free), signatures(question, told, free)
+    """Return the chi2 that one more shot like this one adds between two effects."""
+    more, now = (
+        compute_signatures(problem, _add_repetitions(shot_information, shot, 1), free),
+        compute_signatures(problem, shot_information, free),
+    )
     return float(step @ (more.information - now.information)[np.ix_(one, one)] @ step)
 
 
-def _like(question: Question, found: Residuals, shot: int) -> str:
-    """A shot by its number, how fast its fastest body is and where that goes then."""
-    here = np.flatnonzero(found.shot == shot)
-    top = here[int(np.argmax(found.speed[here]))]
-    fastest, velocity = f"up to {float(found.speed[top]):.1f} {question.scene.unit}/s", found.velocity[top]
-    if len(velocity) < 2 or question.scene.unit != "m":
+def _describe_shot(problem: DiagnosisProblem, residuals: FitResiduals, shot: int) -> str:
+    """Describe a shot by its number and by the speed and direction of its fastest body."""
+    here = np.flatnonzero(residuals.shot == shot)
+    top = here[int(np.argmax(residuals.speed[here]))]
+    fastest, velocity = f"up to {float(residuals.speed[top]):.1f} {problem.scene.unit}/s", residuals.velocity[top]
+    if len(velocity) < 2 or problem.scene.unit != "m":
         return f"shot {shot} ({fastest})"
     angle = np.degrees(np.arctan2(velocity[1], velocity[0]))
     return f"shot {shot} ({fastest}, there at {angle:.0f} degrees from x)"

@@ -1,11 +1,12 @@
-"""What a diagnosis says: where, which and how far, as values."""
+"""The values of a diagnosis report."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-from diagnosis.fitting.gap_closure import Ahead, Closing
+from diagnosis.fitting.gap_closure import GapClosure
+from diagnosis.fitting.prediction_windows import PredictionWindow
 from models.core.typing import FloatArray
 
 Verdict = Literal["effects", "group", "none", "unknown", "undecidable"]
@@ -13,33 +14,32 @@ Verdict = Literal["effects", "group", "none", "unknown", "undecidable"]
 
 @dataclass(frozen=True, slots=True)
 class Strength:
-    """A parameter as these data tell it."""
+    """Estimate of a parameter."""
 
     name: str
     unit: str
     value: float
     sigma: float
     detectable_from: float
-    """smallest strength, of what the simulator has the smallest change, that these data could have shown; infinite
-    where none."""
+    """Smallest detectable strength, or change of a simulator's parameter; infinite where there is none."""
     prior_only: bool = False
-    """True where these data did not determine it: value and sigma are mostly what was known beforehand."""
+    """True where the data did not determine the parameter: value and sigma come from the prior."""
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
-    """What may be missing, `none` and `unknown` included."""
+class CandidateEffect:
+    """An effect that may be missing, or `none` or `unknown`."""
 
     effect: str
     probability: float
     group: tuple[str, ...]
-    """itself, and what these data cannot tell from it."""
+    """The effect itself, and those that these data cannot separate from it."""
     strengths: tuple[Strength, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """A part of the gap, by the phase in which it shows."""
+class GapLocation:
+    """A part of the gap, by phase."""
 
     phase: str
     share: float
@@ -53,7 +53,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class EffectShare:
-    """What one of several effects closes of the gap."""
+    """Part of the gap that one of several effects closes."""
 
     effect: str
     closed: float
@@ -62,47 +62,48 @@ class EffectShare:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """How far the gap shrinks on shots that chose nothing."""
+    """How far the gap shrinks on hold-out shots."""
 
     metric: str
     horizon: float
-    """s"""
+    """Duration of predictions, s."""
     shots: tuple[int, ...]
-    closing: Closing
-    windows: tuple[Ahead, ...]
+    closure: GapClosure
+    windows: tuple[PredictionWindow, ...]
     before: tuple[FloatArray, ...]
-    """predicted paths per window, (T, N, D)."""
+    """Predicted positions (T, N, D) of each window, without the effects."""
     after: tuple[FloatArray, ...]
+    """The same with the effects."""
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """The whole diagnosis."""
+class DiagnosisReport:
+    """The result of a diagnosis."""
 
     scene: str
     model: tuple[str, ...]
-    """effects of the user's simulator."""
+    """Effects of the user's simulator."""
     verdict: Verdict
     effects: tuple[str, ...]
-    candidates: tuple[Candidate, ...]
-    where: tuple[Place, ...]
+    candidates: tuple[CandidateEffect, ...]
+    where: tuple[GapLocation, ...]
     shape: str
-    """what is left where something unknown is there, in words; empty otherwise."""
+    """Description of the residuals where an unknown effect is present; empty otherwise."""
     gap: Gap
     per_effect: tuple[EffectShare, ...]
     fitted: tuple[Strength, ...]
-    """all parameters of the improved simulator, as effect.parameter."""
+    """All parameters of the improved simulator, named `effect.parameter`."""
     forms: tuple[str, ...]
     unidentifiable: tuple[str, ...]
     not_tested: tuple[str, ...]
     film_next: str
     p_value: float
-    """chance that what the user's simulator leaves is noise."""
+    """Probability that the residuals of the user's simulator are noise."""
     notes: tuple[str, ...]
 
     @property
     def probability(self) -> float:
-        """Of the answer: effects that are named together share it; NaN where nothing could be tested."""
+        """Probability of the answer; named effects share it. NaN where nothing could be tested."""
         if self.effects:
             return sum(one.probability for one in self.candidates if one.effect in self.effects)
         return self.candidates[0].probability if self.candidates else float("nan")

@@ -9,7 +9,7 @@ import pytest
 from support.pucks import CATALOGUE, LENS, SCALE, Filming, Pucks, film
 
 from diagnosis.diagnose import diagnose
-from diagnosis.verdicts.verdict import Report
+from diagnosis.verdicts.verdict import DiagnosisReport
 from models.estimation.gap_scenes.gap_scene import Recording
 
 FRICTION = {"friction.mu": 0.02}
@@ -24,57 +24,59 @@ LACKING = {
 }
 
 
-def told(truth: dict, seed: int = 1, filming: Filming = SHORT, scene: Pucks = PUCKS, extra=None) -> Report:
+def diagnose_pucks(
+    truth: dict, seed: int = 1, filming: Filming = SHORT, scene: Pucks = PUCKS, extra=None
+) -> DiagnosisReport:
     return diagnose(scene, film(np.random.default_rng(seed), FRICTION | truth, filming, extra))
 
 
 @pytest.mark.parametrize("name", LACKING)
 def test_the_missing_effect_is_named_and_measured(name: str) -> None:
-    report = told(LACKING[name])
+    report = diagnose_pucks(LACKING[name])
     assert report.verdict == "effects"
     assert report.effects == (name,)
     assert report.candidates[0].effect == name
     for one in report.candidates[0].strengths:
         truth = LACKING[name].get(f"{name}.{one.name}", 0.0)
         assert abs(one.value - truth) < 5 * one.sigma
-    assert report.gap.closing.resolved
-    assert report.gap.closing.closed > 0.7
+    assert report.gap.closure.resolved
+    assert report.gap.closure.closed > 0.7
 
 
 def test_nothing_is_named_where_nothing_is_missing() -> None:
-    report = told({})
+    report = diagnose_pucks({})
     assert report.verdict == "none"
     assert report.effects == ()
-    assert np.isnan(report.gap.closing.closed)
+    assert np.isnan(report.gap.closure.closed)
 
 
 def test_two_missing_effects_are_both_named() -> None:
-    report = told(LACKING["slope"] | LACKING["air_drag"])
+    report = diagnose_pucks(LACKING["slope"] | LACKING["air_drag"])
     assert report.effects == ("air_drag", "slope")
     assert {one.effect for one in report.per_effect} == {"air_drag", "slope"}
     assert max(one.probability for one in report.candidates) < 0.5 < report.probability
-    assert abs(sum(one.closed for one in report.per_effect) - report.gap.closing.closed) < 0.02
+    assert abs(sum(one.closed for one in report.per_effect) - report.gap.closure.closed) < 0.02
 
 
 def test_a_force_that_the_library_lacks_is_unknown() -> None:
     def patch(place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         return -0.5 * velocity * np.exp(-np.square(place - [0.2, 0.1]).sum() / (2 * 0.2**2))
 
-    report = told({}, extra=patch, filming=replace(SHORT, shots=12))
+    report = diagnose_pucks({}, extra=patch, filming=replace(SHORT, shots=12))
     assert report.verdict == "unknown"
     assert report.effects == ()
     assert report.candidates[0].effect == "unknown"
     assert report.shape
-    assert report.film_next.startswith("Most of what is left")
+    assert report.film_next.startswith("Most of the unexplained gap is")
 
 
 def test_an_effect_taken_out_of_the_library_is_unknown() -> None:
     scene = Pucks(effects=tuple(effect for effect in CATALOGUE if effect.name != "sideways"))
-    assert told({"sideways.c": 0.2}, scene=scene).verdict == "unknown"
+    assert diagnose_pucks({"sideways.c": 0.2}, scene=scene).verdict == "unknown"
 
 
 def test_probabilities_add_up_and_hold_none_and_unknown() -> None:
-    report = told(LACKING["slope"])
+    report = diagnose_pucks(LACKING["slope"])
     chances = [one.probability for one in report.candidates]
     assert abs(sum(chances) - 1) < 1e-9
     assert chances == sorted(chances, reverse=True)
@@ -85,14 +87,14 @@ def test_probabilities_add_up_and_hold_none_and_unknown() -> None:
 def test_a_signature_that_states_absorb_is_named_unidentifiable() -> None:
     """Along one line of travel a slope is as good as friction, and a scale looks like other speeds."""
     scene = Pucks(effects=(CATALOGUE[0], CATALOGUE[1], SCALE))
-    report = told({}, scene=scene, filming=replace(SHORT, one_way=True))
+    report = diagnose_pucks({}, scene=scene, filming=replace(SHORT, one_way=True))
     assert "scale" in report.unidentifiable
 
 
 def test_two_effects_that_look_alike_are_a_group() -> None:
     """A twin of the lens under another name."""
     scene = Pucks(effects=(*CATALOGUE, replace(LENS, name="lens_twin")))
-    report = told(LACKING["lens_distortion"], scene=scene)
+    report = diagnose_pucks(LACKING["lens_distortion"], scene=scene)
     assert report.verdict == "group"
     assert set(report.candidates[0].group) == {"lens_distortion", "lens_twin"}
     assert "lens twin" in report.film_next
@@ -106,7 +108,7 @@ def test_shots_that_report_choose_nothing() -> None:
 
     def garbage(one: Recording) -> Recording:
         held_out = one.shot in honest.gap.shots
-        return replace(one, places=rng.normal(0, 1, one.places.shape)) if held_out else one
+        return replace(one, positions=rng.normal(0, 1, one.positions.shape)) if held_out else one
 
     poisoned = diagnose(Pucks(), tuple(garbage(one) for one in shots))
     assert honest.gap.shots
@@ -117,8 +119,10 @@ def test_shots_that_report_choose_nothing() -> None:
 
 def test_too_little_is_undecidable() -> None:
     one = film(np.random.default_rng(1), FRICTION, Filming(shots=1))[0]
-    assert diagnose(Pucks(), (one.rows(0, 6),)).verdict == "undecidable"
-    still = replace(one, places=one.places[:1] + 0.001 * np.random.default_rng(1).normal(size=one.places.shape))
+    assert diagnose(Pucks(), (one.select_rows(0, 6),)).verdict == "undecidable"
+    still = replace(
+        one, positions=one.positions[:1] + 0.001 * np.random.default_rng(1).normal(size=one.positions.shape)
+    )
     report = diagnose(Pucks(), (still,))
     assert report.verdict == "undecidable"
     assert "nothing moves" in report.film_next
@@ -135,10 +139,12 @@ def test_bodies_that_lie_still_never_seem_to_move() -> None:
 
 
 def test_who_watches_is_told_what_is_tried() -> None:
-    said: list[tuple[str, tuple[str, ...]]] = []
+    messages: list[tuple[str, tuple[str, ...]]] = []
     diagnose(
-        Pucks(), film(np.random.default_rng(0), FRICTION | LACKING["slope"], SHORT), watch=lambda *now: said.append(now)
+        Pucks(),
+        film(np.random.default_rng(0), FRICTION | LACKING["slope"], SHORT),
+        on_progress=lambda *now: messages.append(now),
     )
-    assert said[0] == ("fitting what the simulator has", ())
-    assert ("trying", ("slope",)) in said
-    assert said[-1][0] == "predicting shots that chose nothing"
+    assert messages[0] == ("fitting the simulator", ())
+    assert ("trying", ("slope",)) in messages
+    assert messages[-1][0] == "predicting hold-out shots"

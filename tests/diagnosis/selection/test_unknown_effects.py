@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnose import diagnose
-from diagnosis.selection.unknown_effects import SUSPICIOUS, Doubt, least_gain
-from diagnosis.verdicts.candidate_probabilities import leading
-from models.estimation.gap_scenes.flight_scene import flight_scene
+from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence, min_selection_gain
+from diagnosis.verdicts.candidate_probabilities import put_effects_first
+from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
 
 NOISE = 0.003
 """m"""
-FLIGHT = flight_scene(2)
+FLIGHT = build_flight_scene(2)
 NAMES = [f"{effect.name}.{prior.name}" for effect in FLIGHT.effects for prior in effect.parameters]
 ROWS = 40
-"""at 30 pictures a second"""
+"""rows, at 30 frames per second"""
 
 
 def throws(strength: str, values: np.ndarray, seed: int = 0) -> tuple[Recording, ...]:
-    """One throw per value of a parameter."""
+    """Simulate one throw per value of a parameter."""
     rng = np.random.default_rng(seed)
-    found = []
+    recordings = []
     for shot, value in enumerate(values):
         shared = neutral_values(FLIGHT)
         shared[NAMES.index(strength)] = value
@@ -32,9 +32,11 @@ def throws(strength: str, values: np.ndarray, seed: int = 0) -> tuple[Recording,
         blank = Recording(
             shot, np.arange(ROWS), np.arange(ROWS) / 30, ("ball",), np.zeros((ROWS, 1, 2)), np.full((ROWS, 1), NOISE)
         )
-        path = FLIGHT.predict(blank, np.array([0, 1, speed * np.cos(angle), speed * np.sin(angle)]), shared, ())
-        found.append(replace(blank, places=path + NOISE * rng.standard_normal(path.shape)))
-    return tuple(found)
+        path = FLIGHT.predict_positions(
+            blank, np.array([0, 1, speed * np.cos(angle), speed * np.sin(angle)]), shared, ()
+        )
+        recordings.append(replace(blank, positions=path + NOISE * rng.standard_normal(path.shape)))
+    return tuple(recordings)
 
 
 def test_a_drag_that_differs_from_shot_to_shot_is_still_named() -> None:
@@ -57,8 +59,8 @@ def test_a_weak_drag_is_named_or_grouped_with_its_twin() -> None:
 
 def test_what_is_named_comes_first_though_each_of_two_twins_is_less_likely_than_nothing() -> None:
     chances = {"none": 0.36, "air_drag": 0.34, "viscous_drag": 0.3}
-    assert leading(chances, frozenset({"air_drag"})) == {"none": 0.34, "air_drag": 0.36, "viscous_drag": 0.3}
-    assert leading(chances | {"none": 0.1}, frozenset({"air_drag"})) == chances | {"none": 0.1}
+    assert put_effects_first(chances, frozenset({"air_drag"})) == {"none": 0.34, "air_drag": 0.36, "viscous_drag": 0.3}
+    assert put_effects_first(chances | {"none": 0.1}, frozenset({"air_drag"})) == chances | {"none": 0.1}
 
 
 @pytest.mark.parametrize(
@@ -66,7 +68,7 @@ def test_what_is_named_comes_first_though_each_of_two_twins_is_less_likely_than_
     [(0.8, 0.0, True), (0.95, 0.0, False), (0.95, 0.6, True), (0.999, 0.6, False)],
 )
 def test_what_is_left_speaks_for_a_missing_law(explained: float, lawful: float, missing: bool) -> None:
-    assert Doubt(1e-9, 1.0, explained, explained, True, lawful).unknown is missing
+    assert UnknownEvidence(1e-9, 1.0, explained, explained, True, lawful).is_unknown is missing
 
 
 @pytest.mark.parametrize(
@@ -75,18 +77,18 @@ def test_what_is_left_speaks_for_a_missing_law(explained: float, lawful: float, 
 def test_without_generic_laws_the_data_must_allow_that_nearly_all_is_explained(
     explained: float, at_most: float, missing: bool
 ) -> None:
-    assert Doubt(1e-9, 1.0, explained, at_most, True, float("nan")).unknown is missing
+    assert UnknownEvidence(1e-9, 1.0, explained, at_most, True, float("nan")).is_unknown is missing
 
 
 @pytest.mark.parametrize("strength", [0.5, 2.0, 3.5, 8.0])
 def test_shots_that_confirm_contradict_no_oftener_than_chance_allows(strength: float) -> None:
-    """An effect of any strength, told by six shots and tried on three, all of them alike."""
+    """An effect of any strength, estimated from six shots and tested on three equal ones."""
     rng = np.random.default_rng(0)
-    told = strength + np.sqrt(3 / 6) * rng.standard_normal(400_000)
-    seen = strength + rng.standard_normal(400_000)
-    gains = seen**2 - (seen - told) ** 2
-    assert (gains < least_gain(6, 3)).mean() < SUSPICIOUS
+    estimates = strength + np.sqrt(3 / 6) * rng.standard_normal(400_000)
+    tests = strength + rng.standard_normal(400_000)
+    gains = tests**2 - (tests - estimates) ** 2
+    assert (gains < min_selection_gain(6, 3)).mean() < SUSPICIOUS_P_VALUE
 
 
 def test_shots_that_lose_by_much_contradict() -> None:
-    assert -20.0 < least_gain(6, 3) < least_gain(9, 3) < -4.0
+    assert -20.0 < min_selection_gain(6, 3) < min_selection_gain(9, 3) < -4.0

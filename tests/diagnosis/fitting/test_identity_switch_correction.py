@@ -1,4 +1,4 @@
-"""Names that a tracker exchanged are given back; contacts, mistakes and gaps are left as they are."""
+"""Identity switches of a tracker are undone; contacts, outliers and gaps are left unchanged."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from diagnosis.diagnose import diagnose
-from diagnosis.fitting.swapped_names import names_given_back
+from diagnosis.fitting.identity_switch_correction import undo_identity_switches
 from models.estimation.gap_scenes.gap_scene import Recording
-from models.estimation.gap_scenes.sliding_scene import slide_scene
+from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 
 NOISE = 1e-3
 """m"""
@@ -28,36 +28,38 @@ def line(x: float, y: float, vx: float, vy: float) -> np.ndarray:
     return np.stack([x + vx * T, y + vy * T], axis=1)
 
 
-def exchanged(recording: Recording, row: int, order: list[int]) -> Recording:
-    places = recording.places.copy()
+def switch_identities(recording: Recording, row: int, order: list[int]) -> Recording:
+    places = recording.positions.copy()
     places[row:] = places[row:, order]
-    return replace(recording, places=places)
+    return replace(recording, positions=places)
 
 
 def test_two_names_that_were_exchanged_are_given_back() -> None:
     true = of(line(0, 0, 1, 0), line(0, 0.5, -0.5, 0.2))
-    found, exchanges = names_given_back(exchanged(true, 30, [1, 0]))
-    np.testing.assert_array_equal(found.places, true.places)
-    assert str(exchanges[0]) == "in shot 0 bodies a and b exchanged names at 0.50 s, which was taken back"
+    restored, switches = undo_identity_switches(switch_identities(true, 30, [1, 0]))
+    np.testing.assert_array_equal(restored.positions, true.positions)
+    assert str(switches[0]) == "in shot 0 bodies a and b were exchanged at 0.50 s; the exchange was undone"
 
 
 def test_three_names_in_a_ring_and_an_exchange_that_is_undone_later_are_given_back() -> None:
     true = of(line(0, 0, 1, 0), line(0, 0.5, -0.5, 0.2), line(0.7, 0.7, 0, 0))
     for order in ([1, 2, 0], [2, 0, 1]):
-        np.testing.assert_array_equal(names_given_back(exchanged(true, 20, order))[0].places, true.places)
-    twice = exchanged(exchanged(true, 20, [1, 0, 2]), 40, [1, 0, 2])
-    found, exchanges = names_given_back(twice)
-    np.testing.assert_array_equal(found.places, true.places)
-    assert len(exchanges) == 2
+        np.testing.assert_array_equal(
+            undo_identity_switches(switch_identities(true, 20, order))[0].positions, true.positions
+        )
+    twice = switch_identities(switch_identities(true, 20, [1, 0, 2]), 40, [1, 0, 2])
+    restored, switches = undo_identity_switches(twice)
+    np.testing.assert_array_equal(restored.positions, true.positions)
+    assert len(switches) == 2
 
 
 def test_what_was_not_seen_around_an_exchange_does_not_hide_it() -> None:
     true = of(line(0, 0, 1, 0), line(0, 0.5, -0.5, 0.2))
-    places = exchanged(true, 30, [1, 0]).places.copy()
+    places = switch_identities(true, 30, [1, 0]).positions.copy()
     places[29:31, 1] = np.nan
-    found, exchanges = names_given_back(replace(true, places=places))
-    assert len(exchanges) == 1
-    np.testing.assert_array_equal(found.places[31:], true.places[31:])
+    restored, switches = undo_identity_switches(replace(true, positions=places))
+    assert len(switches) == 1
+    np.testing.assert_array_equal(restored.positions[31:], true.positions[31:])
 
 
 def test_a_ball_that_stops_dead_and_one_that_takes_its_speed_keep_their_names() -> None:
@@ -66,20 +68,20 @@ def test_a_ball_that_stops_dead_and_one_that_takes_its_speed_keep_their_names() 
     runs = np.where(hit > T, 2.0 * T, 2.0 * hit)
     goes = np.where(hit > T, 2.0 * hit + 0.05, 2.0 * T + 0.05)
     met = of(np.stack([runs, 0 * T], axis=1), np.stack([goes, 0 * T], axis=1))
-    assert names_given_back(met) == (met, ())
+    assert undo_identity_switches(met) == (met, ())
 
 
 def test_a_mistake_of_one_picture_and_a_body_put_elsewhere_are_no_exchange() -> None:
     still = of(line(0, 0, 1, 0), line(0, 0.5, -0.5, 0.2))
-    places = still.places.copy()
+    places = still.positions.copy()
     places[30] += 0.3
     places[45:, 0] += 0.4
-    strange = replace(still, places=places)
-    assert names_given_back(strange) == (strange, ())
+    strange = replace(still, positions=places)
+    assert undo_identity_switches(strange) == (strange, ())
 
 
 def test_an_effect_is_named_although_names_were_exchanged_in_every_shot() -> None:
-    scene, rng, shots = slide_scene(("sliding_friction",)), np.random.default_rng(3), []
+    scene, rng, shots = build_sliding_scene(("sliding_friction",)), np.random.default_rng(3), []
     strengths = [0.15, 0.0, 0.0, 6.0, -4.0]  # mu, drags, slope
     shared = np.array(strengths + [0.0] * (sum(len(e.parameters) for e in scene.effects) - len(strengths)))
     for shot in range(8):
@@ -87,8 +89,8 @@ def test_an_effect_is_named_although_names_were_exchanged_in_every_shot() -> Non
         blank = of(line(0, 0, 0, 0), line(0, 0, 0, 0), shot=shot)
         x = np.array([[0.0, 0.0], [0.7, 0.1]])
         start = np.column_stack([x, speed * np.cos(angle), speed * np.sin(angle)]).ravel()
-        path = scene.predict(blank, start, shared, ())
-        shots.append(exchanged(of(path[:, 0], path[:, 1], shot=shot, seed=shot), 30, [1, 0]))
+        path = scene.predict_positions(blank, start, shared, ())
+        shots.append(switch_identities(of(path[:, 0], path[:, 1], shot=shot, seed=shot), 30, [1, 0]))
     report = diagnose(scene, tuple(shots))
     assert report.effects == ("slope",)
     assert len(report.notes) == 8

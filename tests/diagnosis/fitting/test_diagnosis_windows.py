@@ -1,4 +1,4 @@
-"""Pieces of shots: cut only where every body can still be followed."""
+"""Shots are split only where every body has enough observations in each part."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from support.pucks import Pucks
 
 from diagnosis.fitting.diagnosis_windows import fit_adaptively
-from diagnosis.fitting.hypothesis_fits import question_of
+from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
 from models.estimation.gap_scenes.gap_scene import Recording
 
 
@@ -17,5 +17,5 @@ def test_a_body_that_was_seen_at_the_beginning_alone_is_no_stumbling_block() -> 
     places += rng.normal(0, 1e-3, places.shape)
     places[10:, 1] = np.nan
     recording = Recording(0, np.arange(90), t, ("a", "b"), places, np.full((90, 2), 1e-3))
-    found = fit_adaptively(question_of(Pucks(), 0.0), (recording,))
-    assert all((piece.seen.sum(axis=0) >= 2).all() for piece in found.pieces)
+    fitted = fit_adaptively(build_diagnosis_problem(Pucks(), 0.0), (recording,))
+    assert all((segment.is_observed.sum(axis=0) >= 2).all() for segment in fitted.segments)

@@ -1,0 +1,166 @@
+"""Names of effects, parameters, phases and groups of observations as reports print them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
+from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+
+CAUSES: Mapping[str, str] = {
+    "none": "nothing",
+    "unknown": "something unknown",
+    **{effect.name: effect.phrase for effect in BILLIARDS_EFFECTS if effect.phrase},
+    **{choice.name: choice.phrase for choice in BILLIARDS_MODEL_CHOICES},
+    "rods": "make of the rods",
+    "magnus": "lift by spin",
+    "gravity_tilt": "tilt of the camera against the plumb line",
+    "parallax_shift": "shift by parallax",
+}
+"""Effects, gauges and verdicts whose identifier is not a readable name."""
+LAWS: Mapping[str, str] = {"cushion_law": "the right law of cushions", "ball_law": "the right law of ball contacts"}
+"""Choices between published contact models, in the order of a report's forms: the missing effect if a form is wrong."""
+PARAMETERS: Mapping[str, str] = {
+    "mu": "\N{GREEK SMALL LETTER MU}",
+    "slope_x": "along x",
+    "slope_y": "along y",
+    "wind_x": "along x",
+    "wind_y": "along y",
+    "p_x": "along x",
+    "p_y": "along y",
+    "ratio": "more by",
+    "seen": "too large by",
+    "dry_2": "dry, second joint",
+    "viscous_2": "viscous, second joint",
+}
+PHASES: Mapping[str, str] = {
+    "free_roll": "in free roll",
+    "after_strike": "after a strike",
+    "ball_contact": "where balls touch",
+    "cushion_contact": "at cushions",
+    "rest": "at rest",
+    "image_region": "in parts of the image",
+    "time_jump": "at jumps in time",
+    "flight": "in flight",
+    "swing": "in the swing",
+    "slide": "while sliding",
+}
+"""Phases of motion, with a preposition."""
+GROWTH_VARIABLES: Mapping[str, str] = {
+    "time since contact": "the time since the last contact",
+    "radius": "the distance from the centre of the image",
+}
+"""Variables with which a gap grows, where the identifier is not a readable name."""
+_GROUPS: Mapping[str, str] = {
+    "all": "everywhere",
+    "shot": "in shot {}",
+    "body": "of body number {}",
+    "speed": "at speeds of {}",
+    "direction": "in the direction of {}",
+    "place": "around {}",
+    "time": "at {} s",
+    "since_contact": "{} s after a contact",
+    "radius": "at {} px from the centre of the image",
+    "row": "at {} px below the centre of the image",
+}
+_DIRECTIONS: Mapping[str, str] = {
+    "along": "along the motion",
+    "across": "across the motion",
+    "waves": "slowly in time",
+    "0": "along the first axis",
+    "1": "along the second axis",
+    "2": "along the third axis",
+}
+
+
+def format_cause(cause: str) -> str:
+    """Format an effect, a gauge or a verdict in words.
+
+    Args:
+        cause: Identifier, such as `air_drag`.
+
+    Returns:
+        Its entry in `CAUSES`, or the identifier with spaces for underscores.
+    """
+    return CAUSES.get(cause, _replace_underscores(cause))
+
+
+def format_parameter(name: str) -> str:
+    """Format a parameter in words.
+
+    Args:
+        name: Identifier, such as `mu`, or `effect.parameter`.
+
+    Returns:
+        The parameter in words, after its effect where `name` has one.
+    """
+    effect, _, own = name.rpartition(".")
+    word = PARAMETERS.get(own, _replace_underscores(own))
+    return f"{format_cause(effect)}, {word}" if effect else word
+
+
+def format_phase(name: str) -> str:
+    """Format a phase of motion with its preposition, such as "at cushions".
+
+    Args:
+        name: Identifier, such as `cushion_contact`.
+
+    Returns:
+        Words that continue a sentence after a verb.
+    """
+    return PHASES.get(name, f"in {_replace_underscores(name)}")
+
+
+def format_law(name: str) -> str:
+    """Format a published contact model by author and year.
+
+    Args:
+        name: Identifier, such as `han_2005`.
+
+    Returns:
+        The name with a capital letter, such as "Han 2005".
+    """
+    return _replace_underscores(name).capitalize()
+
+
+def format_growth_variable(name: str) -> str:
+    """Format the variable with which a gap grows.
+
+    Args:
+        name: Identifier, such as `radius`.
+
+    Returns:
+        The variable in words.
+    """
+    return GROWTH_VARIABLES.get(name, _replace_underscores(name))
+
+
+def format_group(family: str, label: str) -> str:
+    """Format a group of observations: a place, a time or a body.
+
+    Args:
+        family: Family of groups, such as `speed`.
+        label: Member of the family, such as "1 to 2".
+
+    Returns:
+        Words that continue a sentence after a verb.
+    """
+    if family == "phase":
+        return format_phase(label)
+    return _GROUPS.get(family, f"at {_replace_underscores(family)} {{}}").format(label)
+
+
+def format_direction(name: str) -> str:
+    """Format the direction in which residuals deviate.
+
+    Args:
+        name: `along`, `across`, `waves`, or the number of a coordinate.
+
+    Returns:
+        The direction in words.
+    """
+    return _DIRECTIONS.get(name, _replace_underscores(name))
+
+
+def _replace_underscores(name: str) -> str:
+    return name.replace("_", " ")

@@ -1,0 +1,215 @@
+"""Windows of hold-out shots, and open-loop predictions of them.
+
+A prediction starts from a fit of the first frames of a window and does not use later ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from diagnosis.fitting.diagnosis_windows import MIN_ROWS, split_into_segments
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states
+from models.core.typing import BoolArray, FloatArray
+from models.estimation.gap_scenes.gap_scene import ContactRichScene, Recording
+
+START_FRAMES = 15
+"""Frames from which the start state is fitted."""
+HORIZON_S = 0.85
+"""Duration of an open-loop prediction, s."""
+_MIN_START_FRAMES = 6
+"""Frames from which the start state is fitted in shots that are too short for START_FRAMES."""
+_START_SAMPLES = 24
+"""Number of sampled starts that decide what can be predicted."""
+_MAX_START_SPREAD = 4.0
+"""Largest spread of predictions due to their starts, relative to the error of the better model."""
+
+
+@dataclass(frozen=True, slots=True)
+class PredictionWindow:
+    """A segment to predict: the start is fitted to its first `start_rows` rows, the others are predicted."""
+
+    segment: Recording
+    start_rows: int
+
+
+@dataclass(frozen=True, slots=True)
+class PredictableWindows:
+    """Windows, and their start states, that can be predicted."""
+
+    windows: tuple[PredictionWindow, ...]
+    starts: tuple[FloatArray, ...]
+    """Start state (S,) of each window."""
+
+
+@dataclass(frozen=True, slots=True)
+class Predictions:
+    """Predictions of all windows of the hold-out shots by one model."""
+
+    starts: tuple[FloatArray, ...]
+    """Start state (S,) of each window, fitted to its first rows."""
+    covariances: tuple[FloatArray, ...]
+    """Covariance (S, S) of each start."""
+    paths: tuple[FloatArray, ...]
+    """Predicted positions (T, N, D) of each window."""
+    squares: FloatArray
+    """(W,) sum of squared errors over the predicted observations of a window."""
+
+
+def build_prediction_windows(
+    problem: DiagnosisProblem, recordings: tuple[Recording, ...]
+) -> tuple[PredictionWindow, ...]:
+    """Build prediction windows of hold-out shots, half a window apart.
+
+    Args:
+        problem: Scene and priors.
+        recordings: Hold-out shots, with the noise estimate applied.
+
+    Returns:
+        Windows in which every body is observed at the start and something moves.
+    """
+    windows = []
+    for segment in split_into_segments(problem, recordings):
+        start_rows = min(_count_start_rows(problem, segment), max(_MIN_START_FRAMES, len(segment.t) // 3))
+        first = 0
+        while first + start_rows + MIN_ROWS // 2 <= len(segment.t):
+            end = int(np.searchsorted(segment.t, segment.t[first + start_rows - 1] + HORIZON_S, side="right"))
+            if first and end == len(segment.t) and end - first - start_rows < start_rows:
+                break
+            windows.append(PredictionWindow(segment.select_rows(first, end), start_rows))
+            first += max((end - first) // 2, start_rows)
+    moving = [
+        one
+        for one in windows
+        if one.segment.is_observed[: one.start_rows].any(axis=0).all() and _has_motion(one.segment)
+    ]
+    return tuple(one for one in moving if _has_same_start_layout(problem, one))
+
+
+def _has_same_start_layout(problem: DiagnosisProblem, one: PredictionWindow) -> bool:
+    """Return whether the first rows and the whole window have start states of the same layout.
+
+    A body may be at rest in the first rows and move in later ones.
+    """
+    segments = (one.segment.select_rows(0, one.start_rows), one.segment)
+    first, whole = (
+        problem.scene.build_model((segment,), problem.simulator_forms).windows[0].start for segment in segments
+    )
+    return bool(first.shape == whole.shape)
+
+
+def _count_start_rows(problem: DiagnosisProblem, segment: Recording) -> int:
+    """Count the frames that determine a start state; more in a contact-rich scene, as hidden spin acts slowly."""
+    if not isinstance(problem.scene, ContactRichScene):
+        return START_FRAMES
+    return max(START_FRAMES, int(np.searchsorted(segment.t, segment.t[0] + problem.scene.initial_window_length)))
+
+
+def _has_motion(segment: Recording) -> bool:
+    """Return whether a body moves more than the noise."""
+    return bool(_find_displacements(segment).sum() >= MIN_ROWS)
+
+
+def _find_displacements(segment: Recording) -> BoolArray:
+    """Return a mask (T, N) of bodies that are away from their median position by more than the noise."""
+    middle = np.nanmedian(segment.positions, axis=0)
+    return np.asarray((np.abs(segment.positions - middle) > 5 * segment.sigma[:, :, None]).any(axis=2))
+
+
+def select_predictable(
+    problem: DiagnosisProblem, windows: tuple[PredictionWindow, ...], like: EffectFit, rng: np.random.Generator
+) -> PredictableWindows:
+    """Select the windows that the better model can predict from their first rows, and fit their start states.
+
+    In a contact-rich scene, a contact turns micrometres of start error into metres. Starts are sampled from their
+    covariance; a body is predicted as long as the samples agree about it, and only if it moves.
+
+    Args:
+        problem: Scene and priors.
+        windows: Prediction windows.
+        like: Fit of the better model.
+        rng: Random generator of the sampled starts.
+
+    Returns:
+        Windows, NaN where a body cannot be predicted, and their start states.
+    """
+    if not windows:
+        return PredictableWindows((), ())
+    states = _fit_window_starts(problem, windows, like, None)
+    if not isinstance(problem.scene, ContactRichScene):
+        return PredictableWindows(windows, states.starts)
+    predictable, starts, error = [], [], float(np.sqrt(like.lack_of_fit))
+    for one, start in zip(windows, states.starts, strict=True):
+        # separately: the misfit of one window must not widen the covariance of others
+        own = _fit_window_starts(problem, (one,), like, (start,))
+        spread = _estimate_prediction_spread(problem, one.segment, like, own, rng)
+        lost = np.logical_or.accumulate(spread > _MAX_START_SPREAD * error * np.median(one.segment.sigma), axis=0)
+        lost |= _find_displacements(one.segment).sum(axis=0) < MIN_ROWS
+        lost[: one.start_rows] = False
+        left = replace(
+            one, segment=replace(one.segment, positions=np.where(lost[..., None], np.nan, one.segment.positions))
+        )
+        if left.segment.is_observed[left.start_rows :].any():
+            predictable.append(left)
+            starts.append(own.starts[0])
+    return PredictableWindows(tuple(predictable), tuple(starts))
+
+
+def _fit_window_starts(
+    problem: DiagnosisProblem,
+    windows: tuple[PredictionWindow, ...],
+    like: EffectFit,
+    starts: tuple[FloatArray, ...] | None,
+) -> EffectFit:
+    """Fit the start states of windows to their first rows."""
+    return fit_start_states(problem, tuple(one.segment.select_rows(0, one.start_rows) for one in windows), like, starts)
+
+
+def _estimate_prediction_spread(
+    problem: DiagnosisProblem, segment: Recording, like: EffectFit, start_fit: EffectFit, rng: np.random.Generator
+) -> FloatArray:
+    """Estimate the rms spread (T, N) of predictions whose start is sampled from its covariance."""
+    start, covariance = start_fit.starts[0], start_fit.shooting.start_covariances[0]
+    middle = problem.scene.predict_positions(segment, start, like.shared, like.forms)
+    sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    drawn = start + (rng.standard_normal((_START_SAMPLES, len(start))) * np.sqrt(np.maximum(sizes, 0.0))) @ axes.T
+    off = [problem.scene.predict_positions(segment, one, like.shared, like.forms) - middle for one in drawn]
+    return np.asarray(np.sqrt(np.square(off).sum(axis=-1).mean(axis=0)))
+
+
+def predict_windows(
+    problem: DiagnosisProblem,
+    windows: tuple[PredictionWindow, ...],
+    like: EffectFit,
+    starts: tuple[FloatArray, ...] | None = None,
+) -> Predictions:
+    """Predict windows with the model and the parameters of a fit.
+
+    Args:
+        problem: Scene and priors.
+        windows: W prediction windows.
+        like: Fit of the model.
+        starts: Start state (S,) of each window from an earlier fit, as an initial guess.
+
+    Returns:
+        Predictions, from start states that were fitted to the first rows.
+    """
+    if not windows:
+        return Predictions((), (), (), np.zeros(0))
+    states = _fit_window_starts(problem, windows, like, starts)
+    paths = tuple(
+        problem.scene.predict_positions(one.segment, start, like.shared, like.forms)
+        for one, start in zip(windows, states.starts, strict=True)
+    )
+    squares = np.array(
+        [sum_squared_errors(one, path - one.segment.positions) for one, path in zip(windows, paths, strict=True)]
+    )
+    return Predictions(states.starts, states.shooting.start_covariances, paths, squares)
+
+
+def sum_squared_errors(one: PredictionWindow, miss: FloatArray) -> float:
+    """Sum squared errors (T, N, D) over the predicted observations of a window."""
+    later = one.segment.is_observed.copy()
+    later[: one.start_rows] = False
+    return float(np.square(miss[later]).sum())

@@ -1,0 +1,205 @@
+"""Systematic structure in residuals, by groups of observations: shot, body, phase, position, speed, time, image.
+
+Two statistics are computed: the mean residual of each group, along and across the motion and by coordinate; and the
+energy of slow variation within windows. Both are compared with noise that was projected through the same fit, which
+accounts for absorption by the fit and for overlap of groups; the largest deviation gives one p-value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from diagnosis.fitting.display_names import format_group
+from diagnosis.fitting.fit_residuals import NOISE_DRAWS, FitResiduals
+from models.core.typing import BoolArray, FloatArray
+
+_MIN_OBSERVATIONS = 8
+"""Least number of observations of a group."""
+_MIN_REMAINING_SHARE = 0.1
+"""Least share of a sum of noise that the fit must not absorb for the sum to be informative."""
+_BINS = 5
+"""Number of groups by a variable."""
+_GRID_CELLS = 3
+"""Number of groups by position, per axis."""
+_SLOW_WAVES = 5
+"""Number of cosine waves, up to which variation within a window is slow."""
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationGroup:
+    """A group of observations with a common property."""
+
+    family: str
+    """shot, body, phase, speed, direction, place, time, since_contact, radius, row, slow."""
+    label: str
+    """Member of the family; of `slow`, the group that varies slowly, in words."""
+    mask: BoolArray
+    """(K,) True for observations of the group."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroupFinding:
+    """The deviation of a group of observations."""
+
+    group: ObservationGroup
+    direction: str
+    """along, across, the number of a coordinate, or `waves` for slow variation."""
+    z: float
+    """Deviation in standard deviations of noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualStructure:
+    """Whether residuals are systematic, and in which groups."""
+
+    p_value: float
+    """Probability that the largest deviation of all groups is noise."""
+    findings: tuple[GroupFinding, ...]
+    """The largest deviation of each family, largest first."""
+
+
+def find_structure(residuals: FitResiduals) -> ResidualStructure:
+    """Find the groups of residuals with the largest deviation from noise.
+
+    Args:
+        residuals: Residuals of a fit, and noise projected through it.
+
+    Returns:
+        The p-value of the largest deviation, and the largest one of each family.
+    """
+    named, sums, drawn = [], [], []
+    groups = list(iterate_groups(residuals))
+    for block in groups:
+        for direction, unit in _iterate_directions(residuals):
+            weight = unit[block.mask]
+            chance = np.tensordot(weight, residuals.noise_draws[block.mask], axes=2)
+            if chance.std() < _MIN_REMAINING_SHARE * np.linalg.norm(weight):
+                continue
+            named.append((block, direction))
+            sums.append(float((weight * residuals.values[block.mask]).sum()))
+            drawn.append(chance)
+    for block, energy, chance in _sum_slow_waves(residuals, groups):
+        named.append((block, "waves"))
+        sums.append(energy)
+        drawn.append(chance)
+    return _compare_with_noise(named, np.array(sums), np.array(drawn))
+
+
+def _compare_with_noise(
+    named: list[tuple[ObservationGroup, str]], sums: FloatArray, drawn: FloatArray
+) -> ResidualStructure:
+    """Compare sums (G,) of groups with those of the noise samples (G, NOISE_DRAWS)."""
+    if not len(sums):
+        return ResidualStructure(1.0, ())
+    spread = np.maximum(drawn.std(axis=1), 1e-12)
+    middle = np.where([direction == "waves" for _, direction in named], drawn.mean(axis=1), 0.0)
+    z, chance = (sums - middle) / spread, (drawn - middle[:, None]) / spread[:, None]
+    one_sided = np.array([direction == "waves" for _, direction in named])
+    z = np.where(one_sided, z, np.abs(z))
+    largest = np.where(one_sided[:, None], chance, np.abs(chance)).max(axis=0)
+    best: dict[str, GroupFinding] = {}
+    for k in np.argsort(-z):
+        block, direction = named[k]
+        best.setdefault(block.family, GroupFinding(block, direction, float(z[k])))
+    return ResidualStructure(_largest_p_value(float(z.max()), largest), tuple(best.values()))
+
+
+def _largest_p_value(largest: float, chance: FloatArray) -> float:
+    """Return the p-value of the largest deviation: from the samples, or beyond them from a normal tail.
+
+    The tail is that of the number of independent groups that explains the median of the samples.
+    """
+    counted = (1 + int((chance >= largest).sum())) / (1 + len(chance))
+    alike = np.log(0.5) / np.log1p(-2 * norm.sf(float(np.median(chance))))
+    beyond = -np.expm1(alike * np.log1p(-min(2 * float(norm.sf(largest)), 1 - 1e-16)))
+    return float(counted if counted > 5 / len(chance) else min(counted, beyond))
+
+
+def _iterate_directions(residuals: FitResiduals) -> Iterator[tuple[str, FloatArray]]:
+    """Yield unit vectors (K, D) along and across the motion, and of each coordinate."""
+    count, coordinates = residuals.values.shape
+    speed = residuals.speed[:, None]
+    along = np.where(speed > 0, residuals.velocity / np.maximum(speed, 1e-12), 0.0)
+    yield "along", along
+    if coordinates == 2:
+        yield "across", np.stack([-along[:, 1], along[:, 0]], axis=1)
+    for axis in range(coordinates):
+        yield str(axis), np.broadcast_to(np.eye(coordinates)[axis], (count, coordinates))
+
+
+def iterate_groups(residuals: FitResiduals) -> Iterator[ObservationGroup]:
+    """Yield all groups with enough observations that do not hold all of them."""
+    count = len(residuals.values)
+    for block in _iterate_all_groups(residuals):
+        if block.mask.sum() >= _MIN_OBSERVATIONS and (block.family == "all" or block.mask.sum() < count):
+            yield block
+
+
+def _iterate_all_groups(residuals: FitResiduals) -> Iterator[ObservationGroup]:
+    """Yield all groups, including small ones."""
+    yield ObservationGroup("all", "all", np.ones(len(residuals.values), bool))
+    for family, values in (("shot", residuals.shot), ("body", residuals.body), ("phase", residuals.phase)):
+        yield from (ObservationGroup(family, str(value), values == value) for value in np.unique(values))
+    yield from _bin_by_value("time", residuals.t)
+    yield from _bin_by_value("speed", residuals.speed)
+    yield from _bin_by_value("since_contact", residuals.since_contact)
+    if residuals.values.shape[1] == 2:
+        heading = np.arctan2(residuals.velocity[:, 1], residuals.velocity[:, 0])
+        sector = np.round(heading / (np.pi / 4)).astype(int) % 8
+        yield from (ObservationGroup("direction", f"{45 * k} degrees", sector == k) for k in range(8))
+        yield from _bin_by_position(residuals.position)
+    if residuals.image is not None:
+        yield from _bin_by_value("radius", np.linalg.norm(residuals.image, axis=1))
+        yield from _bin_by_value("row", residuals.image[:, 1])
+
+
+def _bin_by_value(family: str, values: FloatArray) -> Iterator[ObservationGroup]:
+    """Yield groups of equal size, by a variable."""
+    is_valid = np.isfinite(values)
+    if is_valid.sum() < _BINS * _MIN_OBSERVATIONS or np.ptp(values[is_valid]) == 0:
+        return
+    edges = np.quantile(values[is_valid], np.linspace(0, 1, _BINS + 1))
+    for k in range(_BINS):
+        here = is_valid & (values >= edges[k]) & ((values < edges[k + 1]) | (k == _BINS - 1))
+        yield ObservationGroup(family, f"{edges[k]:.3g} to {edges[k + 1]:.3g}", here)
+
+
+def _bin_by_position(place: FloatArray) -> Iterator[ObservationGroup]:
+    """Yield groups by position, on a grid over the positions of all bodies."""
+    low, high = np.quantile(place, 0.01, axis=0), np.quantile(place, 0.99, axis=0)
+    cell = np.clip(((place - low) / np.maximum(high - low, 1e-12) * _GRID_CELLS).astype(int), 0, _GRID_CELLS - 1)
+    for i in range(_GRID_CELLS):
+        for j in range(_GRID_CELLS):
+            middle = low + (np.array([i, j]) + 0.5) / _GRID_CELLS * (high - low)
+            label = f"({middle[0]:.2f}, {middle[1]:.2f})"
+            yield ObservationGroup("place", label, (cell[:, 0] == i) & (cell[:, 1] == j))
+
+
+def _sum_slow_waves(
+    residuals: FitResiduals, groups: list[ObservationGroup]
+) -> Iterator[tuple[ObservationGroup, float, FloatArray]]:
+    """Yield the energy of slow waves in the residuals and in the noise (NOISE_DRAWS,) of each group.
+
+    Groups are shots, bodies, phases and everything. The cube root of the energy is returned: the energy of few waves is
+    far from normal, its cube root is nearly normal (Wilson and Hilferty 1931, doi:10.1073/pnas.17.12.684).
+    """
+    energy: dict[str, tuple[ObservationGroup, float, FloatArray]] = {}
+    wanted = [block for block in groups if block.family in ("all", "shot", "body", "phase")]
+    for window in np.unique(residuals.window):
+        for body in np.unique(residuals.body[residuals.window == window]):
+            own = np.flatnonzero((residuals.window == window) & (residuals.body == body))
+            if len(own) < 2 * _SLOW_WAVES:
+                continue
+            waves = np.cos(np.pi * np.outer(np.arange(_SLOW_WAVES), (np.arange(len(own)) + 0.5) / len(own)))
+            one = float(np.square(waves @ residuals.values[own]).sum()) / len(own)
+            chance = np.square(np.tensordot(waves, residuals.noise_draws[own], axes=1)).sum(axis=(0, 1)) / len(own)
+            for block in wanted:
+                if block.mask[own].mean() > 0.5:
+                    slow = ObservationGroup("slow", format_group(block.family, block.label), block.mask)
+                    before = energy.get(block.family + block.label, (slow, 0.0, np.zeros(NOISE_DRAWS)))
+                    energy[block.family + block.label] = (slow, before[1] + one, before[2] + chance)
+    yield from ((block, float(np.cbrt(one)), np.cbrt(chance)) for block, one, chance in energy.values())

@@ -1,0 +1,121 @@
+"""The recommended experiment is computed, and filming it has the announced result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.pucks import Filming, Pucks, film
+
+from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals
+from diagnosis.fitting.hypothesis_fits import (
+    DiagnosisProblem,
+    EffectFit,
+    LinearizedFit,
+    build_diagnosis_problem,
+    fit_effects,
+    linearize_fit,
+)
+from diagnosis.selection.signatures import compute_signatures
+from diagnosis.verdicts.experiment_design import design_detecting_experiment, design_unknown_experiment
+from diagnosis.verdicts.gap_localisation import localise_gap
+from models.estimation.gap_scenes.gap_scene import Recording
+
+FRICTION = {"friction.mu": 0.02}
+
+
+@pytest.fixture(scope="module")
+def shots() -> tuple[Recording, ...]:
+    return film(np.random.default_rng(3), FRICTION, Filming(shots=4, fps=30))
+
+
+@pytest.fixture(scope="module")
+def problem() -> DiagnosisProblem:
+    return build_diagnosis_problem(Pucks(), 0.0)
+
+
+@pytest.fixture(scope="module")
+def base_fit(problem: DiagnosisProblem, shots: tuple[Recording, ...]) -> tuple[EffectFit, LinearizedFit, FitResiduals]:
+    fit = fit_effects(problem, shots)
+    linearized = linearize_fit(problem, fit)
+    return fit, linearized, compute_residuals(problem, fit, linearized, np.random.default_rng(0))
+
+
+def test_what_would_be_seen_needs_no_more_film(
+    problem: DiagnosisProblem, base_fit: tuple[EffectFit, LinearizedFit, FitResiduals]
+) -> None:
+    fit, linearized, residuals = base_fit
+    plenty = np.full(len(problem.priors), 1e6)
+    assert (
+        design_detecting_experiment(
+            problem, linearized.shot_information, residuals, fit.free, plenty, ("slope", "air_drag"), 1.0
+        )
+        == ""
+    )
+
+
+def test_the_shots_that_are_asked_for_show_the_effect(
+    problem: DiagnosisProblem, base_fit: tuple[EffectFit, LinearizedFit, FitResiduals]
+) -> None:
+    fit, linearized, residuals = base_fit
+    usual = 0.7 * _smallest_strengths(problem, fit, linearized)
+    sentence = design_detecting_experiment(
+        problem, linearized.shot_information, residuals, fit.free, usual, ("air_drag",), 1.0
+    )
+    assert sentence.startswith("This answer needs no more film."), "the sentence states that this film is optional"
+    words = sentence.split()
+    more, shot = int(words[words.index("more", words.index("strength;")) - 1]), int(words[words.index("shot") + 1])
+    number = [segment.shot for segment in fit.segments].index(shot)
+    copies = tuple(replace(fit.segments[number], shot=100 + k) for k in range(more))
+    with_them = fit_effects(problem, (*fit.segments, *copies), guess=fit.shared)
+    mask = problem.mask(("air_drag",))
+    assert np.all(
+        _smallest_strengths(problem, with_them, linearize_fit(problem, with_them))[mask] <= 1.01 * usual[mask]
+    )
+
+
+def test_nothing_is_asked_for_that_no_number_of_shots_can_show(
+    problem: DiagnosisProblem, base_fit: tuple[EffectFit, LinearizedFit, FitResiduals]
+) -> None:
+    fit, linearized, residuals = base_fit
+    assert (
+        design_detecting_experiment(
+            problem,
+            linearized.shot_information,
+            residuals,
+            fit.free,
+            np.full(len(problem.priors), 1e-9),
+            ("air_drag",),
+            1.0,
+        )
+        == ""
+    )
+
+
+def test_what_is_left_is_sought_in_the_shot_that_has_it(
+    problem: DiagnosisProblem, shots: tuple[Recording, ...]
+) -> None:
+    bent = shots[2].positions.copy()
+    bent[:, 0] += 0.02 * np.sin(6 * shots[2].t)[:, None]
+    fit = fit_effects(problem, (*shots[:2], replace(shots[2], positions=bent), shots[3]))
+    residuals = compute_residuals(problem, fit, linearize_fit(problem, fit), np.random.default_rng(0))
+    assert f"in shot {shots[2].shot} " in design_unknown_experiment(problem, residuals)
+
+
+def test_a_ball_is_named_as_its_own_film_names_it(problem: DiagnosisProblem, shots: tuple[Recording, ...]) -> None:
+    many = tuple(replace(one, bodies=tuple(f"{one.shot}.{k}" for k in range(len(one.bodies)))) for one in shots)
+    fit = fit_effects(problem, many)
+    residuals = compute_residuals(problem, fit, linearize_fit(problem, fit), np.random.default_rng(0))
+    its_own = (residuals.shot == many[2].shot) & (residuals.body == 0)
+    odd = replace(residuals, values=np.where(its_own[:, None], 5.0 / residuals.scale, residuals.values))
+    assert {place.ball for place in localise_gap(odd, many, frozenset())} == {many[2].bodies[0]}
+
+
+def _smallest_strengths(problem: DiagnosisProblem, fit: EffectFit, linearized: LinearizedFit) -> np.ndarray:
+    """(P,) smallest strengths that show."""
+    mask = problem.mask(("air_drag",))
+    strengths = compute_signatures(problem, linearized.shot_information, fit.free & ~mask, 1.0).detectable_strengths(
+        mask
+    )
+    return np.where(np.isfinite(strengths), strengths, 1.0)
