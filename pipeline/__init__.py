@@ -1,1 +1,4 @@
-"""A clip goes in, files come out: stages, their graph, the cache and the command line."""
+"""The program: stages, their graph and cache, batches, reports and the command line.
+
+Estimation, detection, video and diagnosis are in the packages `models`, `detectors`, `video` and `diagnosis`.
+"""

@@ -1,4 +1,4 @@
-"""trueroll in a notebook or a script: `run(clip)` gives what the command writes, as values and tables.
+"""trueroll in a notebook or a script: `run(clip)` returns the results of `trueroll run` as values and tables.
 
 from pipeline.api import run
 
@@ -23,16 +23,16 @@ from pyarrow import csv
 from models.core.errors import OptionError
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
-from models.core.progress import Progress, silent
+from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
-from pipeline.chain import default_folder, run_clip
-from pipeline.engine.result_cache import Cache, default_root
-from pipeline.io.run_folder import TEXT
-from pipeline.options import collect, run_settings
-from pipeline.reporting.recording.rerun_viewer import Viewer, has_display, recordings_of, start_viewer
-from pipeline.reporting.text.run_trust import run_trust
+from pipeline.chain import default_run_folder, run_clip
+from pipeline.engine.result_cache import ResultCache, default_cache_root
+from pipeline.io.run_folder import TEXT_COLUMNS
+from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer
+from pipeline.reporting.text.run_trust import assess_run_trust
+from pipeline.run_options import build_options, list_settings
 from video.io.clip import Clip
 
 if TYPE_CHECKING:
@@ -43,21 +43,21 @@ Columns = Literal["tracks", "events", "trajectory"]
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One clip, run: the values behind its files, and the folder where these are."""
+    """A finished run of a clip: its values, and the folder of its files."""
 
     folder: Path
-    """With slow.mp4, report.html and the rest; docs/formats.md says what they hold."""
+    """Folder with slow.mp4, report.html and the other files, which docs/reference/file-formats.md describes."""
     clip: Clip
     scene: Scene
     """Table and camera."""
     tracks: Tracks
-    """Where each ball was seen: arrays of pictures by balls, NaN where it was not."""
+    """Observed positions of the balls: arrays of T frames by N balls, NaN where a ball was not detected."""
     fit: Fit
-    """Events, motion and parameters, each with its error."""
+    """Events, motion and parameters, each with its standard deviation."""
 
     @property
     def events(self) -> Events:
-        """What happened, in columns, in the order of time."""
+        """Strikes, contacts, pockets and rests as columns, in order of time."""
         return self.fit.events
 
     @property
@@ -67,18 +67,39 @@ class Run:
 
     @property
     def trust(self) -> Trust:
-        """green, amber or red, and why."""
-        return run_trust(self.clip, self.fit)
+        """Trust level of the run (green, amber or red) and its reasons."""
+        return assess_run_trust(self.clip, self.fit)
 
     def to_arrow(self, what: Columns = "tracks") -> pa.Table:
-        """The columns of tracks.csv, events.csv or trajectory.csv; SI units, null where a number is not known."""
+        """Read a table of the run.
+
+        Args:
+            what: Name of the table: "tracks", "events" or "trajectory".
+
+        Returns:
+            The columns of the csv file; SI units, null for missing numbers.
+
+        Raises:
+            ValueError: There is no such table.
+        """
         if what not in get_args(Columns):
             raise ValueError(f"a run has the tables {', '.join(get_args(Columns))}; got {what!r}")
-        text = {name: pa.string() for name in TEXT}
+        text = {name: pa.string() for name in TEXT_COLUMNS}
         return csv.read_csv(self.folder / f"{what}.csv", convert_options=csv.ConvertOptions(column_types=text))
 
     def to_pandas(self, what: Columns = "tracks") -> pd.DataFrame:
-        """The same as a data frame; it needs pandas, which trueroll does not install."""
+        """Read a table of the run as a data frame; this needs pandas, which trueroll does not install.
+
+        Args:
+            what: Name of the table: "tracks", "events" or "trajectory".
+
+        Returns:
+            The columns of the csv file; SI units, NaN for missing numbers.
+
+        Raises:
+            ValueError: There is no such table.
+            OptionError: pandas is not installed.
+        """
         table = self.to_arrow(what)
         try:
             return table.to_pandas()
@@ -86,11 +107,15 @@ class Run:
             raise OptionError("to_pandas needs pandas; install it with: pip install pandas") from error
 
     def show(self, *, web: bool | None = None) -> Viewer:
-        """Open the recording in the rerun viewer (in the browser with `web`, or where there is no display).
+        """Open the recording in the rerun viewer.
 
-        It stays open until it is closed, `.close()` is called, or Python ends.
+        Args:
+            web: Whether to use the browser instead of the native viewer; by default only where there is no display.
+
+        Returns:
+            The viewer. It stays open until the user closes it, `.close()` is called or Python ends.
         """
-        viewer = start_viewer(recordings_of(self.folder), web=not has_display() if web is None else web)
+        viewer = start_viewer(find_recordings(self.folder), web=not has_display() if web is None else web)
         atexit.register(viewer.close)
         return viewer
 
@@ -103,34 +128,46 @@ def run(
     progress: Callable[[str, float], None] | None = None,
     **settings: Any,
 ) -> Run:
-    """Run the chain on a clip; `settings` are the options of `trueroll run`, such as slow=4 or table="pool-9ft".
+    """Run the chain on a clip. Results of earlier runs come from the cache.
 
-    Files go to `out` (out/NAME where not given). `progress` hears the name of each stage and the share of it that is
-    done. What was run before comes from the cache. TruerollError, one sentence, where the clip cannot be used;
-    ValueError for a setting that does not exist.
+    Args:
+        clip: Path of a video, or of a folder of numbered images.
+        out: Folder of the results; out/<stem of the clip> by default.
+        cache: Folder of the cache; $TRUEROLL_CACHE or ~/.cache/trueroll by default.
+        progress: Called with the name of the running stage and its finished share, 0 to 1.
+        settings: Options of `trueroll run`, such as slow=4 or table="pool-9ft".
+
+    Returns:
+        The run with its values.
+
+    Raises:
+        TruerollError: The clip or a value cannot be used.
+        ValueError: There is no such setting.
     """
-    known = run_settings()
-    if unknown := sorted(settings.keys() - known.keys()):
-        raise ValueError(f"run takes the settings {', '.join(known)}; got {', '.join(unknown)}")
-    options = collect({name: settings.get(name, setting.default) for name, setting in known.items()})
+    defaults = list_settings()
+    if unknown := sorted(settings.keys() - defaults.keys()):
+        raise ValueError(f"run takes the settings {', '.join(defaults)}; got {', '.join(unknown)}")
+    options = build_options({name: settings.get(name, setting.default) for name, setting in defaults.items()})
     path = Path(clip)
-    folder = Path(out) if out is not None else default_folder(path)
-    made: dict[str, Any] = {}
-    store = Cache(Path(cache) if cache is not None else default_root())
-    run_clip(path, folder, options, store, _Told(progress), made.__setitem__)
-    return Run(folder, made["read"], made["calibrate"], made["track"], made["fit"])
+    folder = Path(out) if out is not None else default_run_folder(path)
+    values: dict[str, Any] = {}
+    store = ResultCache(Path(cache) if cache is not None else default_cache_root())
+    run_clip(path, folder, options, store, _CallbackWatcher(progress), values.__setitem__)
+    return Run(folder, values["read"], values["calibrate"], values["track"], values["fit"])
 
 
-class _Told:
-    """A watcher of a run that tells a function."""
+class _CallbackWatcher:
+    """A watcher that calls a function with the progress."""
 
-    def __init__(self, tell: Callable[[str, float], None] | None) -> None:
-        self._tell = tell
+    def __init__(self, callback: Callable[[str, float], None] | None) -> None:
+        self._callback = callback
 
-    def started(self, stage: str) -> Progress:
-        tell = self._tell
-        return silent if tell is None else lambda share: tell(stage, share)
+    def start_stage(self, stage: str) -> Progress:
+        """Return a function that forwards the progress of a stage."""
+        callback = self._callback
+        return ignore_progress if callback is None else lambda share: callback(stage, share)
 
-    def finished(self, stage: str, seconds: float, cached: bool) -> None:
-        if self._tell is not None:
-            self._tell(stage, 1.0)
+    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
+        """Report the stage as done."""
+        if self._callback is not None:
+            self._callback(stage, 1.0)

@@ -1,4 +1,4 @@
-"""The chain of a run: from a clip to the files of its folder."""
+"""The chain of stages of a run, from a clip to the files of its folder."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.scene import Scene
 from models.core.tracks import Tracks
-from pipeline.engine.atomic_write import aside
-from pipeline.engine.result_cache import Cache, Entry
-from pipeline.engine.source_fingerprint import Look
+from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.result_cache import CacheEntry, ResultCache
+from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
-from pipeline.engine.stage_graph import Graph, Watcher, stage_value
-from pipeline.options import RunOptions, told_apart
-from pipeline.reporting.text.run_trust import run_trust
-from pipeline.reporting.text.sentences import told
+from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
+from pipeline.reporting.text.run_trust import assess_run_trust
+from pipeline.reporting.text.text_formatting import escape_text
+from pipeline.run_options import RunOptions, format_changed_settings
 from pipeline.stages.calibrate_stage import calibrate_stage
 from pipeline.stages.detect_stage import detect_stage
 from pipeline.stages.export_stage import export_stage
@@ -35,54 +35,81 @@ from pipeline.stages.read_stage import read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage
 from pipeline.stages.render_stage import render_stage
 from pipeline.stages.report_stage import ReportOptions, report_stage
-from pipeline.stages.shot_stage import Shot, shot_stage
+from pipeline.stages.shot_stages import ClipShot, shot_stage
 from pipeline.stages.track_stage import track_stage
-from video.io.clip import Clip, check_file, clip_digest
+from video.io.clip import Clip, compute_clip_digest, require_readable_file
 
-FILES: Mapping[str, tuple[str, ...]] = {
+STAGE_FILES: Mapping[str, tuple[str, ...]] = {
     "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
     "render": ("slow.mp4", "poster.png"),
     "record": ("recording.rrd",),
     "report": ("report.html",),
 }
-"""Which stage makes which files of a run's folder."""
-SOURCE = "source.json"
-"""Where a run notes which clip it was."""
+"""Files of a run folder by the stage that writes them."""
+SOURCE_FILE = "source.json"
+"""File of a run folder that names the source clip."""
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
-    """A finished run."""
+class FinishedRun:
+    """Summary of a finished run."""
 
     folder: Path
     trust: Trust
     events: Events
     notes: tuple[str, ...] = ()
-    """Sentences on what was not as it should be with the clip."""
+    """Sentences about irregularities of the clip."""
 
 
-def run_graph(clip: Path, options: RunOptions, shot: Shot | None = None) -> Graph:
-    """The stages of a run of this clip, or of one shot of it; ClipError where there is no such file."""
-    digest = digest_of(clip) if shot is None else shot.whole.digest
-    settings, title = told_apart(options), told(clip.name if shot is None else f"{clip.name}, {shot.name}")
+def build_run_graph(clip: Path, options: RunOptions, shot: ClipShot | None = None) -> StageGraph:
+    """Build the graph of all stages of a run.
+
+    Args:
+        clip: Path of the clip.
+        options: Options of all stages.
+        shot: The shot of the clip to run; None for the whole clip.
+
+    Returns:
+        The graph.
+
+    Raises:
+        ClipError: The clip is no video or cannot be read.
+    """
+    digest = hash_clip(clip) if shot is None else shot.whole.digest
+    settings, title = (
+        format_changed_settings(options),
+        escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}"),
+    )
     stages = (
-        *_stages_to_fit(clip, digest, options, shot),
+        *_build_fit_stages(clip, digest, options, shot),
         export_stage(options.detect),
         render_stage(options.render),
         forecast_stage(options.forecast),
         record_stage(RecordOptions(title)),
         report_stage(ReportOptions(title, options.render.slow, settings, options.detect)),
     )
-    return Graph.of(stages, digest if shot is None else f"{shot.name}-{digest}")
+    return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
 
 
-def fit_graph(clip: Path, options: RunOptions) -> Graph:
-    """The stages of a run of this clip up to the fit."""
-    digest = digest_of(clip)
-    return Graph.of(_stages_to_fit(clip, digest, options), digest)
+def build_fit_graph(clip: Path, options: RunOptions) -> StageGraph:
+    """Build the graph of the stages up to the fit.
+
+    Args:
+        clip: Path of the clip.
+        options: Options of all stages.
+
+    Returns:
+        The graph.
+
+    Raises:
+        ClipError: The clip is no video or cannot be read.
+    """
+    digest = hash_clip(clip)
+    return StageGraph.from_stages(_build_fit_stages(clip, digest, options), digest)
 
 
-def _stages_to_fit(clip: Path, digest: str, options: RunOptions, shot: Shot | None = None) -> tuple[Stage, ...]:
+def _build_fit_stages(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None) -> tuple[Stage, ...]:
+    """Build the stages up to the fit, of a clip or of one shot."""
     return (
         read_stage(clip, digest, options.read) if shot is None else shot_stage(shot, digest, options.read.fps),
         calibrate_stage(options.calibrate),
@@ -92,19 +119,43 @@ def _stages_to_fit(clip: Path, digest: str, options: RunOptions, shot: Shot | No
     )
 
 
-def fitted(graph: Graph, clip: Path, cache: Cache, watcher: Watcher) -> tuple[Clip, Scene, Tracks, Fit]:
-    """The values of a graph's stages that pictures between pictures are made from."""
-    entries = graph.run(cache, watcher, {"read": partial(_at, clip)})
+def run_fit_graph(
+    graph: StageGraph, clip: Path, cache: ResultCache, watcher: RunWatcher
+) -> tuple[Clip, Scene, Tracks, Fit]:
+    """Run a graph up to the fit and load what frame interpolation needs.
+
+    Args:
+        graph: A graph with the stages up to the fit.
+        clip: Path of the clip.
+        cache: The cache.
+        watcher: Follows the run.
+
+    Returns:
+        Clip, scene, tracks and fit.
+    """
+    entries = graph.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
     stages = {stage.name: stage for stage in graph.stages}
-    seen, scene, tracks, fit = (stage_value(stages[n], entries[n]) for n in ("read", "calibrate", "track", "fit"))
-    return _at(clip, seen), scene, tracks, fit
+    cached_clip, scene, tracks, fit = (
+        load_stage_output(stages[n], entries[n]) for n in ("read", "calibrate", "track", "fit")
+    )
+    return _relocate_clip(clip, cached_clip), scene, tracks, fit
 
 
-def digest_of(path: Path) -> str:
-    """SHA-256 of the clip's bytes; ClipError where it is none or cannot be read."""
-    check_file(path)
+def hash_clip(path: Path) -> str:
+    """Hash the bytes of a clip.
+
+    Args:
+        path: A video, or a folder of numbered images.
+
+    Returns:
+        SHA-256 as hexadecimal digits.
+
+    Raises:
+        ClipError: It is no clip or cannot be read.
+    """
+    require_readable_file(path)
     try:
-        return clip_digest(path)
+        return compute_clip_digest(path)
     except OSError as error:
         raise ClipError(f"{path} cannot be read: {error.strerror}") from error
 
@@ -113,70 +164,90 @@ def run_clip(
     clip: Path,
     folder: Path,
     options: RunOptions,
-    cache: Cache,
-    watcher: Watcher,
-    onlooker: Callable[[str, Any], None] | None = None,
-    look: Look | None = None,
-    shot: Shot | None = None,
-) -> Run:
-    """Run the chain on one clip and publish its files in `folder`.
+    cache: ResultCache,
+    watcher: RunWatcher,
+    value_listener: Callable[[str, Any], None] | None = None,
+    snapshot: SourceSnapshot | None = None,
+    shot: ClipShot | None = None,
+) -> FinishedRun:
+    """Run the chain on one clip and publish its files in a folder.
 
-    An `onlooker` is shown what each stage made, by its name: as soon as the next one needs it, else at the end.
-    For `look` see Graph.run. Raises a TruerollError, one sentence, where the clip cannot be used; nothing is left
-    half-written then.
+    Args:
+        clip: Path of the clip.
+        folder: Folder of the results.
+        options: Options of all stages.
+        cache: The cache.
+        watcher: Follows the run.
+        value_listener: Called with the name and the output value of each stage: as soon as another stage needs it,
+            else at the end.
+        snapshot: The project's code when this process started; see `StageGraph.run`.
+        shot: The shot of the clip to run; None for the whole clip.
+
+    Returns:
+        Summary of the run.
+
+    Raises:
+        TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
-    unchanged = unchanging(clip) if shot is None else shot.unchanged
-    graph = run_graph(clip, options, shot)
-    refuse_closed(folder)
-    refuse_overwriting(clip, folder)
+    require_unchanged = make_change_check(clip) if shot is None else shot.require_unchanged
+    graph = build_run_graph(clip, options, shot)
+    require_writable_folder(folder)
+    require_clip_not_overwritten(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
-    bound: dict[str, Callable[[Any], Any]] = {"read": partial(_at, clip)}
+    adapters: dict[str, Callable[[Any], Any]] = {"read": partial(_relocate_clip, clip)}
     digest = graph.clip if shot is None else shot.whole.digest
     shown: set[str] = set()
-    if onlooker is not None:
-        bound = {
-            name: partial(_show, onlooker, shown, clip, name) for name in stages if stages[name].output is not None
+    if value_listener is not None:
+        adapters = {
+            name: partial(_forward_value, value_listener, shown, clip, name)
+            for name in stages
+            if stages[name].output is not None
         }
-    entries = graph.run(cache, watcher, bound, partial(unchanged, digest), look)
-    publish(entries, folder)
-    note_source(clip, folder, shot)
-    if onlooker is not None:
-        for name in [name for name in stages if name in bound and name not in shown]:
-            bound[name](stage_value(stages[name], entries[name]))
-    seen: Clip = stage_value(stages["read"], entries["read"])
-    fit: Fit = stage_value(stages["fit"], entries["fit"])
-    return Run(folder, run_trust(seen, fit), fit.events, seen.notes)
+    entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot)
+    publish_files(entries, folder)
+    write_source(clip, folder, shot)
+    if value_listener is not None:
+        for name in [name for name in stages if name in adapters and name not in shown]:
+            adapters[name](load_stage_output(stages[name], entries[name]))
+    cached_clip: Clip = load_stage_output(stages["read"], entries["read"])
+    fit: Fit = load_stage_output(stages["fit"], entries["fit"])
+    return FinishedRun(folder, assess_run_trust(cached_clip, fit), fit.events, cached_clip.notes)
 
 
-def _at(path: Path, clip: Clip) -> Clip:
-    """The clip where it lies today: the cache knows content, not places."""
+def _relocate_clip(path: Path, clip: Clip) -> Clip:
+    """Set the path of a cached clip: cache entries depend on content, not on paths."""
     return replace(clip, path=path)
 
 
-def _show(onlooker: Callable[[str, Any], None], shown: set[str], clip: Path, name: str, value: Any) -> Any:
-    """Show the onlooker what a stage made, and hand it on."""
-    value = _at(clip, value) if name == "read" else value
-    onlooker(name, value)
+def _forward_value(listener: Callable[[str, Any], None], shown: set[str], clip: Path, name: str, value: Any) -> Any:
+    """Call the listener with the output of a stage, and return it."""
+    value = _relocate_clip(clip, value) if name == "read" else value
+    listener(name, value)
     shown.add(name)
     return value
 
 
-def unchanging(clip: Path) -> Callable[[str], None]:
-    """A check to be made with the clip's digest once work on its pictures is done, before the result is kept.
+def make_change_check(clip: Path) -> Callable[[str], None]:
+    """Make a check that a clip has not changed since now.
 
-    It raises ClipError where they are no longer those of the digest. Only a file that was touched is read again.
+    Args:
+        clip: Path of the clip.
+
+    Returns:
+        A function of the clip's digest that raises ClipError if the clip no longer has this digest. It reads the clip
+        only if the size or a time of the file differs.
     """
-    before = _state(clip)
+    before = _read_file_state(clip)
 
     def check(digest: str) -> None:
-        if _state(clip) != before and digest_of(clip) != digest:
+        if _read_file_state(clip) != before and hash_clip(clip) != digest:
             raise ClipError(f"{clip.name} was changed while it was read; run again once it is whole")
 
     return check
 
 
-def _state(clip: Path) -> list[tuple[int, int, int, int]]:
-    """Size, number and times of the file, or of every file of a folder of pictures; a write cannot leave them alone."""
+def _read_file_state(clip: Path) -> list[tuple[int, int, int, int]]:
+    """Read size, inode and times (ns) of a file or of all files of a folder of images; every write changes them."""
     try:
         files = sorted(clip.iterdir()) if clip.is_dir() else [clip]
         facts = [path.stat() for path in files]
@@ -185,8 +256,15 @@ def _state(clip: Path) -> list[tuple[int, int, int, int]]:
     return [(one.st_size, one.st_ino, one.st_mtime_ns, one.st_ctime_ns) for one in facts]
 
 
-def refuse_closed(folder: Path) -> None:
-    """OptionError where no results can be written: known before the work, not after it."""
+def require_writable_folder(folder: Path) -> None:
+    """Require that results can be written, before any work starts.
+
+    Args:
+        folder: Folder of the results; it need not exist.
+
+    Raises:
+        OptionError: It is no folder, or cannot be written.
+    """
     place = folder.absolute()
     while not place.exists() and not place.is_symlink():
         place = place.parent
@@ -196,45 +274,71 @@ def refuse_closed(folder: Path) -> None:
         raise OptionError(f"The results need a folder that can be written; {place} cannot, name another with -o")
 
 
-def refuse_overwriting(clip: Path, folder: Path) -> None:
-    """OptionError where a result would take the place of the clip itself."""
-    for names in FILES.values():
+def require_clip_not_overwritten(clip: Path, folder: Path) -> None:
+    """Require that no result would overwrite the clip itself.
+
+    Args:
+        clip: Path of the clip.
+        folder: Folder of the results.
+
+    Raises:
+        OptionError: A file of the run would take the place of the clip.
+    """
+    for names in STAGE_FILES.values():
         for name in names:
             target = folder / name
             if target.exists() and target.samefile(clip):
                 raise OptionError(f"The results would overwrite the clip {clip} itself; name another folder with -o")
 
 
-def publish(entries: Mapping[str, Entry], folder: Path) -> None:
-    """Copy the files of a run out of the cache, each aside first and then under its name in one step."""
+def publish_files(entries: Mapping[str, CacheEntry], folder: Path) -> None:
+    """Copy the files of a run from the cache to a folder, each atomically.
+
+    Args:
+        entries: Cache entries of the stages by name.
+        folder: Folder of the results.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    for stage, names in FILES.items():
+    for stage, names in STAGE_FILES.items():
         for name in names:
-            made, target = entries[stage].folder / name, folder / name
-            if not _is_there(made, target):
-                with aside(target) as path:
-                    shutil.copyfile(made, path)
+            source, target = entries[stage].folder / name, folder / name
+            if not _is_published(source, target):
+                with replace_file(target) as path:
+                    shutil.copyfile(source, path)
 
 
-def _is_there(made: Path, target: Path) -> bool:
+def _is_published(source: Path, target: Path) -> bool:
     """Whether an earlier run has published the same bytes."""
     try:
-        return target.is_file() and not target.is_symlink() and filecmp.cmp(made, target, shallow=False)
+        return target.is_file() and not target.is_symlink() and filecmp.cmp(source, target, shallow=False)
     except OSError:
         return False
 
 
-def note_source(clip: Path, folder: Path, shot: Shot | None = None) -> None:
-    """Write where the clip of a run lies: the cache knows content, not places, and calls want its pictures again."""
-    part = {} if shot is None else {"first": shot.first, "stop": shot.stop, "begins": shot.clip.begins}
-    noted = json.dumps({"path": str(clip.absolute()), **part})
+def write_source(clip: Path, folder: Path, shot: ClipShot | None = None) -> None:
+    """Write the path of the clip into the run folder; `trueroll call` needs its frames.
+
+    Args:
+        clip: Path of the clip.
+        folder: Folder of the results.
+        shot: The shot of the clip; None for the whole clip.
+    """
+    part = {} if shot is None else {"first": shot.first, "stop": shot.stop, "begins": shot.clip.start_time}
+    text = json.dumps({"path": str(clip.absolute()), **part})
     with suppress(OSError):
-        if (folder / SOURCE).read_text(encoding="utf-8") == noted:
+        if (folder / SOURCE_FILE).read_text(encoding="utf-8") == text:
             return
-    with aside(folder / SOURCE) as path:
-        path.write_text(noted, encoding="utf-8")
+    with replace_file(folder / SOURCE_FILE) as path:
+        path.write_text(text, encoding="utf-8")
 
 
-def default_folder(clip: Path) -> Path:
-    """Where a run goes that was not told: out/<name of the clip>, also of one that is called `...mp4`."""
+def default_run_folder(clip: Path) -> Path:
+    """Return the default folder of a run.
+
+    Args:
+        clip: Path of the clip.
+
+    Returns:
+        out/<stem of the clip>; out/clip for a file such as `...mp4`, whose stem is dots.
+    """
     return Path("out") / (clip.stem if clip.stem.strip(".") else "clip")

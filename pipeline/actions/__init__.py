@@ -1,1 +1,4 @@
-"""What single commands do beyond the chain: calls, interpolation, prediction of particles."""
+"""Work of single commands beyond the chain: calls, interpolation, particles, diagnosis of batches.
+
+Command-line parsing is in `pipeline.cli`, file formats in `pipeline.io`.
+"""

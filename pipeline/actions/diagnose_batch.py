@@ -1,4 +1,4 @@
-"""The gap diagnosis over a batch: all shots of one table together, because they share its cloth, cushions and slope."""
+"""Diagnosis of a batch: all shots of a table are diagnosed together, as they share its cloth, cushions and slope."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ import numpy as np
 from rich.console import Console
 
 from diagnosis.diagnose import diagnose
-from diagnosis.verdicts.verdict import Report
+from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.typing import FloatArray
-from models.numerics.executor import Crew
-from pipeline.batch.clip_job import Row
-from pipeline.engine.helper_process import crew
-from pipeline.io.gap_files import write_gap
-from pipeline.io.profile_export import write_cure
+from models.numerics.executor import Executor
+from pipeline.batch.clip_job import ClipResult
+from pipeline.engine.helper_executor import open_executor
+from pipeline.io.gap_files import write_gap_files
+from pipeline.io.profile_export import write_profile_files
 from pipeline.io.track_folder import read_track_folders
-from pipeline.io.track_folder_scene import open_scene, table_of
+from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
 from pipeline.reporting.pages.gap_page import write_gap_page
-from pipeline.reporting.text.gap_sentences import gap_sentence
-from pipeline.reporting.text.sentences import one_sentence
-from pipeline.terminal.search_display import search_display
+from pipeline.reporting.text.gap_sentences import format_verdict
+from pipeline.reporting.text.text_formatting import format_error
+from pipeline.terminal.search_display import show_search_progress
 
-SAME_CLOTH = 15.0
-"""CIE 1976 colour difference below which two cloths are taken for one: half of what parts green from blue cloth, and
-more than a lamp and an afternoon change."""
+MAX_CLOTH_DISTANCE = 15.0
+"""CIE 1976 colour difference below which two cloths are regarded as the same: half the difference of a green and a blue
+cloth, and more than changes of the light cause."""
 
-Size = tuple[str, float, float, float]
+TableSize = tuple[str, float, float, float]
 """Name, length, width and ball radius (m) of a table."""
 
 
@@ -43,74 +43,88 @@ class TableShots:
     folders: tuple[Path, ...]
 
 
-def tables_of(rows: Iterable[Row]) -> list[TableShots]:
-    """The runs of a batch by table: of one size, and with a cloth of one colour; runs that are not to be trusted left
-    out."""
-    found: list[tuple[Size, FloatArray, list[Path]]] = []
-    for folder, light in _runs(rows):
-        size, colour = _table(folder)
-        for other, seen, folders in found:
-            if light != "red" and other == size and not np.linalg.norm(seen - colour) > SAME_CLOTH:
+def group_by_table(rows: Iterable[ClipResult]) -> list[TableShots]:
+    """Group the runs of a batch by table size and cloth colour.
+
+    Args:
+        rows: Results of the clips.
+
+    Returns:
+        The tables with their run folders; runs with a red trust level are left out.
+    """
+    groups: list[tuple[TableSize, FloatArray, list[Path]]] = []
+    for folder, light in _list_runs(rows):
+        size, colour = _read_table_key(folder)
+        for other, group_colour, folders in groups:
+            if light != "red" and other == size and not np.linalg.norm(group_colour - colour) > MAX_CLOTH_DISTANCE:
                 folders.append(folder)
                 break
         else:
             if light != "red":
-                found.append((size, colour, [folder]))
-    names = [re.sub(r"[^\w-]", "_", size[0]) or f"{size[1]:g}x{size[2]:g}".replace(".", "_") for size, _, _ in found]
+                groups.append((size, colour, [folder]))
+    names = [re.sub(r"[^\w-]", "_", size[0]) or f"{size[1]:g}x{size[2]:g}".replace(".", "_") for size, _, _ in groups]
     return [
         TableShots(f"table-{k + 1:02d}-{name}", tuple(folders))
-        for k, (name, (_, _, folders)) in enumerate(zip(names, found, strict=True))
+        for k, (name, (_, _, folders)) in enumerate(zip(names, groups, strict=True))
     ]
 
 
 def diagnose_tables(tables: Iterable[TableShots], out: Path, console: Console) -> Iterator[tuple[TableShots, str]]:
-    """Write OUT/gap/TABLE/gap.json, gap.html, gap_predictions.csv and the table's profile; what each says,
-    or why it says nothing. What is being tried shows on the console."""
-    found = list(tables)
-    if not found:
+    """Diagnose every table and write OUT/gap/TABLE/gap.json, gap.html, gap_predictions.csv and its profile.
+
+    Args:
+        tables: Tables with their run folders.
+        out: Folder of the batch.
+        console: Console that shows the progress of the search.
+
+    Yields:
+        Each table with its verdict, or with the error that prevented its diagnosis.
+    """
+    listed_tables = list(tables)
+    if not listed_tables:
         return
-    with crew() as workers:
-        for table in found:
+    with open_executor() as workers:
+        for table in listed_tables:
             try:
-                report = _diagnose(table, out / "gap" / table.name, console, workers)
-            except Exception as error:  # whatever is wrong with one table, the others are not to suffer
-                yield table, one_sentence(error)
+                report = _diagnose_table(table, out / "gap" / table.name, console, workers)
+            except Exception as error:  # an error of one table must not stop the others
+                yield table, format_error(error)
             else:
-                yield table, gap_sentence(report)
+                yield table, format_verdict(report)
 
 
-def _diagnose(table: TableShots, folder: Path, console: Console, workers: Crew) -> Report:
-    """Diagnose one table, and write all of its files."""
+def _diagnose_table(table: TableShots, folder: Path, console: Console, workers: Executor) -> DiagnosisReport:
+    """Diagnose one table and write its files."""
     read = read_track_folders(table.folders)
-    scene = open_scene(read)
-    with search_display(console, table.name) as watch:
-        report = diagnose(scene, read.recordings, watch=watch, crew=workers)
+    scene = build_gap_scene(read)
+    with show_search_progress(console, table.name) as watch:
+        report = diagnose(scene, read.recordings, on_progress=watch, executor=workers)
     report = replace(report, notes=(*report.notes, *read.notes))
-    write_gap(report, folder)
-    if (played_on := table_of(scene)) is not None:
-        write_cure(report, played_on, folder)
+    write_gap_files(report, folder)
+    if (played_on := billiards_table(scene)) is not None:
+        write_profile_files(report, played_on, folder)
     write_gap_page(report, table.name, folder / "gap.html", played_on, read.origins)
     return report
 
 
-def _runs(rows: Iterable[Row]) -> Iterator[tuple[Path, str]]:
-    """The folder of every shot, and its light."""
+def _list_runs(rows: Iterable[ClipResult]) -> Iterator[tuple[Path, str]]:
+    """List the folder of every shot with its trust level."""
     for row in rows:
         folder = Path(row.folder)
         if row.status == "done" and row.in_shots:
-            shots = _scene(folder).get("shots", [])
+            shots = _read_scene_json(folder).get("shots", [])
             yield from ((folder / shot["folder"], shot["trust"]) for shot in shots)
         elif row.status == "done":
             yield folder, row.trust
 
 
-def _table(folder: Path) -> tuple[Size, FloatArray]:
-    scene = _scene(folder)
+def _read_table_key(folder: Path) -> tuple[TableSize, FloatArray]:
+    scene = _read_scene_json(folder)
     table = scene.get("table") or {}
     size = (str(table.get("name") or ""), float(table["length"]), float(table["width"]), float(scene["ball_radius"]))
     return size, np.array(table.get("cloth_lab") or [np.nan] * 3, dtype=np.float64)
 
 
-def _scene(folder: Path) -> dict[str, Any]:
+def _read_scene_json(folder: Path) -> dict[str, Any]:
     scene: dict[str, Any] = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
     return scene

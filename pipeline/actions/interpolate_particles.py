@@ -1,4 +1,4 @@
-"""The motion of particles between their samples, as a file and a sentence."""
+"""Interpolation of particle tracks by a fitted motion."""
 
 from __future__ import annotations
 
@@ -9,53 +9,74 @@ from typing import Any
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.particles.particle_fit import Explained, explain
-from pipeline.chain import refuse_closed
-from pipeline.engine.atomic_write import aside
-from pipeline.io.particle_files import Shot, described, physics, read_particles, tracks_file, write_places
+from models.estimation.particles.particle_fit import ParticleMotion, fit_particles
+from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import replace_file
+from pipeline.io.particle_files import (
+    ParticleShot,
+    format_physics_lines,
+    read_particles,
+    require_tracks_file,
+    summarize_physics,
+    write_particle_positions,
+)
 
 
 def interpolate_particles(source: Path, factor: int, out: Path, fps: float | None, as_json: bool) -> None:
-    """Write the places of all shots of a tracks.csv, `factor` steps from sample to sample (shot, frame, t, id, x, y,
-    sigma, observed), to a .csv or to tracks.csv in a folder, and say what the motion was taken to be."""
+    """Write interpolated tracks of all shots of a tracks.csv, and print the fitted motion.
+
+    Args:
+        source: A tracks.csv or its folder.
+        factor: Steps from sample to sample.
+        out: File (.csv) to write, or folder of a tracks.csv; columns shot, frame, t, id, x, y, sigma, observed.
+        fps: Frame rate (1/s) for files without times; None for the one of scene.json.
+        as_json: Whether to print JSON.
+    """
     target = out if out.suffix.lower() == ".csv" else out / "tracks.csv"
-    refuse_closed(target.parent)
-    shots = list(read_particles(tracks_file(source), fps))
-    found = [explain(shot.particles) for shot in shots]
+    require_writable_folder(target.parent)
+    shots = list(read_particles(require_tracks_file(source), fps))
+    motions = [fit_particles(shot.particles) for shot in shots]
     target.parent.mkdir(parents=True, exist_ok=True)
-    with aside(target) as fresh:
-        write_places(fresh, shots, [finer(shot, one, factor) for shot, one in zip(shots, found, strict=True)])
-    told = [_told(shot, one) for shot, one in zip(shots, found, strict=True)]
+    with replace_file(target) as fresh:
+        write_particle_positions(
+            fresh, shots, [refine_positions(shot, one, factor) for shot, one in zip(shots, motions, strict=True)]
+        )
+    summaries = [_summarize_motion(shot, one) for shot, one in zip(shots, motions, strict=True)]
     if as_json:
-        print(json.dumps({"tracks": str(target), "factor": factor, "shots": told}, allow_nan=False))
+        print(json.dumps({"tracks": str(target), "factor": factor, "shots": summaries}, allow_nan=False))
         return
-    for shot in told:
+    for shot in summaries:
         print(f"shot {shot['shot']}: {shot['particles']} particles, {shot['samples']} samples: {shot['motion']}")
-        for line in described(shot):
+        for line in format_physics_lines(shot):
             print(line)
     print(f"Look at {target}")
 
 
-def finer(shot: Shot, found: Explained, factor: int) -> dict[str, FloatArray]:
-    """Samples as they were, and factor - 1 places between each two; nothing before a particle was first seen or after
-    it was last seen."""
-    seen = shot.particles.seen
-    coarse = np.arange(len(seen))
+def refine_positions(shot: ParticleShot, motion: ParticleMotion, factor: int) -> dict[str, FloatArray]:
+    """Keep the samples and add factor - 1 fitted positions between each two.
+
+    There are no rows before the first and after the last observation of a particle.
+    """
+    is_observed = shot.particles.is_observed
+    coarse = np.arange(len(is_observed))
     t = np.interp(np.arange((len(coarse) - 1) * factor + 1) / factor, coarse, shot.particles.t)
-    x = found.motion(t)
-    first, last = seen.argmax(axis=0) * factor, (len(seen) - 1 - seen[::-1].argmax(axis=0)) * factor
+    x = motion.motion(t)
+    first, last = (
+        is_observed.argmax(axis=0) * factor,
+        (len(is_observed) - 1 - is_observed[::-1].argmax(axis=0)) * factor,
+    )
     row = np.arange(len(t))[:, None]
     x[(row < first) | (row > last)] = np.nan
-    x[::factor][seen] = shot.particles.x[seen]
+    x[::factor][is_observed] = shot.particles.x[is_observed]
     observed = np.zeros(x.shape[:2])
-    observed[::factor] = seen
-    known = np.where(np.isfinite(found.sigma), found.sigma, np.nan)
-    return {"t": t, "x": x, "sigma": np.broadcast_to(known, observed.shape), "observed": observed}
+    observed[::factor] = is_observed
+    sigma = np.where(np.isfinite(motion.sigma), motion.sigma, np.nan)
+    return {"t": t, "x": x, "sigma": np.broadcast_to(sigma, observed.shape), "observed": observed}
 
 
-def _told(shot: Shot, found: Explained) -> dict[str, Any]:
-    sigma = float(np.sqrt(np.mean(found.sigma**2)))
+def _summarize_motion(shot: ParticleShot, motion: ParticleMotion) -> dict[str, Any]:
+    sigma = float(np.sqrt(np.mean(motion.sigma**2)))
     return {
-        "shot": shot.number, "particles": len(shot.ids), "samples": len(shot.particles.t), "motion": found.kind,
-        "sigma": sigma if np.isfinite(sigma) else None, **physics(found),
+        "shot": shot.number, "particles": len(shot.ids), "samples": len(shot.particles.t), "motion": motion.kind,
+        "sigma": sigma if np.isfinite(sigma) else None, **summarize_physics(motion),
     }  # fmt: skip

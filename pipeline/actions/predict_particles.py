@@ -1,4 +1,4 @@
-"""The future of particles that no scene is named for, as a file and a sentence."""
+"""Prediction of particle tracks without a named scene."""
 
 from __future__ import annotations
 
@@ -10,12 +10,19 @@ import numpy as np
 from models.core.errors import OptionError
 from models.core.typing import FloatArray
 from models.estimation.particles.particle_fit import Particles
-from models.estimation.particles.particle_prediction import Foretold, foretell
-from pipeline.chain import refuse_closed
-from pipeline.engine.atomic_write import aside
-from pipeline.io.particle_files import Shot, described, physics, read_particles, tracks_file, write_places
+from models.estimation.particles.particle_prediction import ParticlePrediction, forecast_particles
+from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import replace_file
+from pipeline.io.particle_files import (
+    ParticleShot,
+    format_physics_lines,
+    read_particles,
+    require_tracks_file,
+    summarize_physics,
+    write_particle_positions,
+)
 
-STEP = 0.02
+ROW_STEP = 0.02
 """s between rows of prediction.csv."""
 
 
@@ -28,53 +35,67 @@ def predict_particles(
     fps: float | None,
     as_json: bool,
 ) -> None:
-    """Write prediction.csv (shot, frame, t, id, x, y, sigma) and say what the motion was taken to be."""
-    path = tracks_file(source)
-    shot = _chosen(list(read_particles(path, fps)), number, path)
-    past = _until(shot.particles, at)
-    steps = max(round(seconds / STEP), 1)
-    found = foretell(past, past.t[-1] + np.arange(1, steps + 1) * (seconds / steps))
+    """Write prediction.csv (shot, frame, t, id, x, y, sigma) and print the fitted motion.
+
+    Args:
+        source: A tracks.csv or its folder.
+        seconds: Length of the prediction, s.
+        at: Time at which it starts, s; None for the last sample.
+        out: Folder of the file; None for the one of the source.
+        number: Shot to predict; None for the first.
+        fps: Frame rate (1/s) for files without times; None for the one of scene.json.
+        as_json: Whether to print JSON.
+    """
+    path = require_tracks_file(source)
+    shot = _select_shot(list(read_particles(path, fps)), number, path)
+    past = _truncate_at(shot.particles, at)
+    steps = max(round(seconds / ROW_STEP), 1)
+    prediction = forecast_particles(past, past.t[-1] + np.arange(1, steps + 1) * (seconds / steps))
     folder = out if out is not None else path.parent
-    refuse_closed(folder)
+    require_writable_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / "prediction.csv"
-    with aside(target) as fresh:
-        write_places(fresh, [shot], [_rows(found)])
+    with replace_file(target) as fresh:
+        write_particle_positions(fresh, [shot], [_build_rows(prediction)])
     if as_json:
-        told = {"prediction": str(target), "shot": shot.number, "from": float(past.t[-1]), "motion": found.kind,
-                "sigma_at_end": float(found.sigma[-1]), **physics(found)}  # fmt: skip
-        print(json.dumps(told, allow_nan=False))
+        document = {"prediction": str(target), "shot": shot.number, "from": float(past.t[-1]),
+                    "motion": prediction.kind,
+                "sigma_at_end": float(prediction.sigma[-1]), **summarize_physics(prediction)}  # fmt: skip
+        print(json.dumps(document, allow_nan=False))
         return
-    print(f"From {past.t[-1]:.3f} s, {found.kind}: after {seconds:g} s a coordinate is known to {found.sigma[-1]:.3g}.")
-    for line in described(physics(found)):
+    print(
+        f"From {past.t[-1]:.3f} s, {prediction.kind}: after {seconds:g} s the sigma of a coordinate"
+        f" is {prediction.sigma[-1]:.3g}."
+    )
+    for line in format_physics_lines(summarize_physics(prediction)):
         print(line)
     print(f"Look at {target}")
 
 
-def _chosen(shots: list[Shot], number: int | None, path: Path) -> Shot:
+def _select_shot(shots: list[ParticleShot], number: int | None, path: Path) -> ParticleShot:
     if number is None:
         return shots[0]
     for shot in shots:
         if shot.number == number:
             return shot
     there = ", ".join(str(shot.number) for shot in shots)
-    raise OptionError(f"{path} holds the shots {there}; shot {number} is not among them")
+    raise OptionError(f"{path} has the shots {there}; shot {number} is not among them")
 
 
-def _until(particles: Particles, at: float | None) -> Particles:
-    """What was seen up to a moment."""
+def _truncate_at(particles: Particles, at: float | None) -> Particles:
+    """Return the observations up to a time (s)."""
     first, last = float(particles.t[0]), float(particles.t[-1])
     if at is None:
         return particles
     if not first <= at <= last:
-        raise OptionError(f"--at lies within what was seen, {first:g} to {last:g} s; got {at:g}")
+        raise OptionError(f"--at must be within the observed times, {first:g} to {last:g} s; got {at:g}")
     rows = particles.t <= at + 1e-9
     try:
         return Particles(particles.t[rows], particles.x[rows], particles.body)
     except ValueError as error:
-        raise OptionError(f"Too little was seen until {at:g} s: {error}") from error
+        raise OptionError(f"There are too few observations until {at:g} s: {error}") from error
 
 
-def _rows(found: Foretold) -> dict[str, FloatArray]:
-    sigma = np.broadcast_to(found.sigma[:, None], found.x.shape[:2])
-    return {"t": found.t, "x": found.x, "sigma": sigma}
+def _build_rows(prediction: ParticlePrediction) -> dict[str, FloatArray]:
+    sigma = np.broadcast_to(prediction.sigma[:, None], prediction.x.shape[:2])
+    return {"t": prediction.t, "x": prediction.x, "sigma": sigma}

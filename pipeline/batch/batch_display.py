@@ -1,4 +1,4 @@
-"""Progress of a batch on a terminal: all clips in one line, and a line for each that is at work."""
+"""Shows the progress of a batch on a terminal: one line for the batch, and one for each running clip."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from pipeline.batch.clip_job import Row
+from pipeline.batch.clip_job import ClipResult
 
-WIDTH = 32
-"""Signs of a clip's name that are shown."""
-DRAWN_HZ = 4
-"""Pictures per second: words of clips come half as often, and each costs workers of the same machine time."""
+NAME_WIDTH = 32
+"""Most characters of a clip's name that are shown."""
+REFRESH_HZ = 4
+"""Redraws per second. Clips report half as often, and each redraw takes time from workers on the same machine."""
 
 
 class BatchDisplay:
-    """A follower of a batch; a context manager. Nothing is drawn where nobody watches."""
+    """A follower of a batch with progress bars, as a context manager. It draws nothing unless on a terminal."""
 
     def __init__(self, console: Console, expected: int | None) -> None:
         columns = (
             TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[note]}"),
             TimeElapsedColumn(),
         )  # fmt: skip
-        self._bars = Progress(*columns, console=console, disable=not console.is_terminal, refresh_per_second=DRAWN_HZ)
+        self._bars = Progress(*columns, console=console, disable=not console.is_terminal, refresh_per_second=REFRESH_HZ)
         self._all = self._bars.add_task("clips", total=expected, note="")
         self._clips: dict[str, TaskID] = {}
         self._count = [0, 0]
@@ -39,20 +39,20 @@ class BatchDisplay:
             self._bars.remove_task(task)
         self._bars.stop()
 
-    def heard(self, clip: str, word: dict[str, Any]) -> None:
-        """How far a clip is."""
+    def show_progress(self, clip: str, message: dict[str, Any]) -> None:
+        """Show the progress of a clip; see `clip_runner` for the messages."""
         if self._bars.disable:
             return
         if clip not in self._clips:
-            name = clip if len(clip) <= WIDTH else f"…{clip[1 - WIDTH :]}"
+            name = clip if len(clip) <= NAME_WIDTH else f"…{clip[1 - NAME_WIDTH :]}"
             self._clips[clip] = self._bars.add_task(f"  {escape(name)}", total=100, note="")
-        if "shot" in word:
-            self._bars.update(self._clips[clip], note="shot {} of {}".format(*word["shot"]))
-        elif "stage" in word:
-            self._bars.update(self._clips[clip], completed=round(100 * word["share"]), note=word["stage"])
+        if "shot" in message:
+            self._bars.update(self._clips[clip], note="shot {} of {}".format(*message["shot"]))
+        elif "stage" in message:
+            self._bars.update(self._clips[clip], completed=round(100 * message["share"]), note=message["stage"])
 
-    def done(self, row: Row, expected: int) -> None:
-        """A clip has ended."""
+    def show_result(self, row: ClipResult, expected: int) -> None:
+        """Count a clip that has ended, and remove its line."""
         task = self._clips.pop(row.clip, None)
         if task is not None:
             self._bars.remove_task(task)

@@ -1,4 +1,7 @@
-"""Who runs the clips of a batch: one process, or the workers of a Dask cluster, here or elsewhere."""
+"""Runs the clips of a batch in one process, or on the workers of a Dask cluster.
+
+Clips need time limits, memory limits and retries, which the executors of `models.numerics.executor` do not have.
+"""
 
 from __future__ import annotations
 
@@ -10,56 +13,72 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from models.core.errors import TruerollError
-from pipeline.batch.clip_job import Job, Row, failed
-from pipeline.batch.supervision import Supervised
+from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result
+from pipeline.batch.supervision import SupervisedProcess
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-Jobs = Iterator[Job | None]
-"""None: there may be more later."""
-Heard = Callable[[str, dict[str, Any]], None]
-"""Hears the name of a clip and how far it is."""
-Crew = Callable[[Jobs, Heard], Iterator[Row]]
-"""Runs clips; rows come as they are done."""
+JobStream = Iterator[ClipJob | None]
+"""Clips to run. None means that there is none now, but more may come."""
+ProgressListener = Callable[[str, dict[str, Any]], None]
+"""Called with the name of a clip and a progress message; see `clip_runner`."""
+ClipRunner = Callable[[JobStream, ProgressListener], Iterator[ClipResult]]
+"""Runs clips and yields each result when its clip is done."""
 IDLE_S = 0.5
-"""s to wait where nothing is to be done yet."""
-AHEAD = 2
-"""Clips per worker that are handed out: the next one lies there when one is done, and no more are held."""
-LOST_S = 30.0
-"""s without a word from the scheduler after which it is given up."""
+"""Waiting time while there is no clip to run, s."""
+CLIPS_PER_WORKER = 2
+"""Clips that are submitted per worker thread: the next one waits when one is done."""
 
 
 class SchedulerLost(TruerollError):
-    """The scheduler is gone, and with it the clips that were handed out."""
+    """The scheduler is gone, and with it the submitted clips."""
 
 
-def one_after_another(jobs: Jobs, heard: Heard) -> Iterator[Row]:
-    """Run clips in one process."""
-    with Supervised() as process:
+def run_serially(jobs: JobStream, listener: ProgressListener) -> Iterator[ClipResult]:
+    """Run clips one after another in one process.
+
+    Args:
+        jobs: Clips to run.
+        listener: Called with progress messages.
+
+    Yields:
+        The result of each clip.
+    """
+    with SupervisedProcess() as process:
         for job in jobs:
             if job is None:
                 time.sleep(IDLE_S)
             else:
-                yield process.run(job, partial(heard, job.name))
+                yield process.run(job, partial(listener, job.name))
 
 
-def by_workers(client: Client, jobs: Jobs, heard: Heard) -> Iterator[Row]:
-    """Run clips on the workers of a cluster, each a task; rows come as they are done.
+def run_on_workers(client: Client, jobs: JobStream, listener: ProgressListener) -> Iterator[ClipResult]:
+    """Run clips on the workers of a cluster, each as one task.
 
-    A worker that is lost loses no clip: the scheduler gives it to another, and gives up after its own number of
-    losses. SchedulerLost where there is none any more.
+    If a worker dies, the scheduler gives its clip to another worker, up to the scheduler's own number of retries.
+
+    Args:
+        client: Client of the cluster.
+        jobs: Clips to run.
+        listener: Called with progress messages.
+
+    Yields:
+        The result of each clip when it is done.
+
+    Raises:
+        SchedulerLost: The scheduler is gone.
     """
     topic = f"trueroll-{uuid4().hex}"
-    client.subscribe_topic(topic, lambda event: _hand_on(heard, event))
-    running: dict[Future, Job] = {}
+    client.subscribe_topic(topic, lambda event: _forward_message(listener, event))
+    running: dict[Future, ClipJob] = {}
     number, more = 0, True
     try:
         while more or running:
-            more = more and _hand_out(client, jobs, running, topic, number)
+            more = more and _submit_jobs(client, jobs, running, topic, number)
             number += 1
-            for future in _done(client, running):
-                yield _row(future, running.pop(future))
+            for future in _wait_for_finished(client, running):
+                yield _read_result(future, running.pop(future))
             if more and not running:
                 time.sleep(IDLE_S)
     except OSError as error:  # of a connection: no file is touched here
@@ -70,11 +89,13 @@ def by_workers(client: Client, jobs: Jobs, heard: Heard) -> Iterator[Row]:
             client.unsubscribe_topic(topic)
 
 
-def _hand_out(client: Client, jobs: Jobs, running: dict[Future, Job], topic: str, number: int) -> bool:
-    """Submit as many clips as the workers can take soon; False where there are no more."""
-    from pipeline.batch.dask_worker import run_here  # Dask is slow to import, and not needed where no workers are
+def _submit_jobs(client: Client, jobs: JobStream, running: dict[Future, ClipJob], topic: str, number: int) -> bool:
+    """Submit as many clips as the workers can start soon; return False when there are no more."""
+    from pipeline.batch.dask_worker import (
+        run_job_on_worker,  # Dask is slow to import
+    )
 
-    room = AHEAD * max(sum(client.nthreads().values()), 1) - len(running)
+    room = CLIPS_PER_WORKER * max(sum(client.nthreads().values()), 1) - len(running)
     for k in range(room):
         try:
             job = next(jobs)
@@ -83,12 +104,12 @@ def _hand_out(client: Client, jobs: Jobs, running: dict[Future, Job], topic: str
         if job is None:
             return True
         key = f"{topic}-{number}-{k}"
-        running[client.submit(run_here, job.as_text(), topic, key=key, pure=False)] = job
+        running[client.submit(run_job_on_worker, job.to_json(), topic, key=key, pure=False)] = job
     return True
 
 
-def _done(client: Client, running: dict[Future, Job]) -> list[Future]:
-    """Those that have ended, after a moment."""
+def _wait_for_finished(client: Client, running: dict[Future, ClipJob]) -> list[Future]:
+    """Wait briefly and return the finished futures."""
     from distributed import wait
 
     if running:
@@ -99,15 +120,17 @@ def _done(client: Client, running: dict[Future, Job]) -> list[Future]:
     return [future for future in running if future.done()]
 
 
-def _row(future: Future, job: Job) -> Row:
+def _read_result(future: Future, job: ClipJob) -> ClipResult:
+    """Read the result of a finished future; a failed one becomes a failed result."""
     if future.status == "finished":
-        return Row.from_text(future.result())
+        return ClipResult.from_json(future.result())
     if future.status in ("cancelled", "lost"):
         raise SchedulerLost("The Dask scheduler lost its clips; run again once it is back: what is done is kept")
     error = future.exception()
-    return failed(job.name, f"{job.name}: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
+    return build_failed_result(job.name, f"{job.name}: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
 
 
-def _hand_on(heard: Heard, event: tuple[float, dict[str, Any]]) -> None:
-    word = event[1]
-    heard(word["name"], word)
+def _forward_message(listener: ProgressListener, event: tuple[float, dict[str, Any]]) -> None:
+    """Pass a progress message of a worker on to the listener."""
+    message = event[1]
+    listener(message["name"], message)

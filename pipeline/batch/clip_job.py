@@ -1,4 +1,4 @@
-"""One clip of a batch as words and numbers that any machine can read, and how it went."""
+"""A clip of a batch and its result, as plain values that can be sent to another machine as JSON."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
-from pipeline.options import RunOptions, collect, run_settings
-from pipeline.reporting.text.sentences import told
+from pipeline.reporting.text.text_formatting import escape_text
+from pipeline.run_options import RunOptions, build_options, list_settings
 
-TRIES = 3
-"""How often a clip is begun whose process dies without having been told to: once is bad luck, thrice is the clip."""
+MAX_TRIES = 3
+"""Attempts for a clip whose process dies unexpectedly. Three deaths in a row are taken as a fault of the clip."""
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """What one clip may take; of a long recording, each of its shots."""
+class ClipLimits:
+    """Limits of one clip, or of each shot of a long recording."""
 
     seconds: float = 3600.0
-    """s of wall-clock time."""
+    """Wall-clock time, s."""
     megabytes: float = 4096.0
     """Resident memory of the process that runs it, MB."""
 
@@ -30,87 +30,94 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class ClipJob:
     """One clip to run."""
 
     clip: str
-    """Its path, absolute."""
+    """Absolute path."""
     name: str
-    """Its path below the folder of the batch, as it is told."""
+    """Path below the folder of the batch, as it is printed."""
     folder: str
-    """Where its results go."""
+    """Folder of the results."""
     cache: str
     """Folder of the cache."""
     mark: str
-    """What the cache is recognised by: a folder of the same name elsewhere is another one."""
+    """Mark of the cache: a folder of the same name on another machine may be another cache."""
     settings: Mapping[str, Any]
-    """The options of all stages, by the name of the setting."""
-    limits: Limits = Limits()
+    """Values of all settings by name."""
+    limits: ClipLimits = ClipLimits()
 
     @property
     def options(self) -> RunOptions:
-        """The options of all stages."""
-        return collect(dict(self.settings))
+        """The options of all stages, built from the settings."""
+        return build_options(dict(self.settings))
 
-    def as_text(self) -> str:
-        """JSON, in one line."""
+    def to_json(self) -> str:
+        """Format the job as one line of JSON."""
         return json.dumps(asdict(self))
 
     @classmethod
-    def from_text(cls, text: str) -> Job:
-        """Read back what `as_text` wrote."""
+    def from_json(cls, text: str) -> ClipJob:
+        """Parse a job that `to_json` formatted."""
         parts = json.loads(text)
-        return cls(**{**parts, "limits": Limits(**parts["limits"])})
+        return cls(**{**parts, "limits": ClipLimits(**parts["limits"])})
 
 
-def settings_of(options: RunOptions) -> dict[str, Any]:
-    """The values of all settings, JSON-able."""
-    return {name: getattr(getattr(options, one.parts[0]), name) for name, one in run_settings().items()}
+def list_setting_values(options: RunOptions) -> dict[str, Any]:
+    """List the values of all settings as JSON values.
+
+    Args:
+        options: Options of all stages.
+
+    Returns:
+        Values by the name of the setting.
+    """
+    return {name: getattr(getattr(options, one.stages[0]), name) for name, one in list_settings().items()}
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """How one clip of a batch went."""
+class ClipResult:
+    """Result of one clip of a batch: a row of summary.csv."""
 
     clip: str
-    """Path below the folder."""
+    """Path below the folder of the batch."""
     status: Literal["done", "failed"]
     trust: str
-    """green, amber or red; the worst of its shots."""
+    """Trust level: green, amber or red; the worst of its shots. Empty if it failed."""
     contacts: int
     seconds_in: float
-    """s of the clip with its last event; 0 where nothing happened"""
+    """Time of the last event in the clip, s; 0 without events."""
     folder: str
     sentence: str
-    """Why it failed, empty else."""
+    """Why the clip or some of its shots failed; else empty."""
     shots: int = 1
-    """How many could be used."""
+    """Number of usable shots."""
     in_shots: bool = False
-    """Whether it was cut into shots, with a folder each."""
+    """Whether the clip was split into shots, with a folder each."""
     seconds: float = 0.0
-    """s that it took this time"""
+    """Wall-clock time of this run, s."""
     peak_mb: float = 0.0
     """Largest resident memory of its process, MB."""
     tries: int = 1
-    """How often it was begun."""
+    """Number of attempts."""
     cached: bool = False
-    """Whether all of it was there already."""
+    """Whether all stages were cached."""
 
-    def as_text(self) -> str:
-        """JSON, in one line."""
+    def to_json(self) -> str:
+        """Format the result as one line of JSON."""
         return json.dumps(asdict(self))
 
     @classmethod
-    def from_text(cls, text: str) -> Row:
-        """Read back what `as_text` wrote."""
+    def from_json(cls, text: str) -> ClipResult:
+        """Parse a result that `to_json` formatted."""
         return cls(**json.loads(text))
 
 
-def failed(name: str, sentence: str, **facts: Any) -> Row:
-    """The row of a clip that could not be used."""
-    return replace(Row(name, "failed", "", 0, 0.0, "", told(sentence), shots=0), **facts)
+def build_failed_result(name: str, sentence: str, **facts: Any) -> ClipResult:
+    """Build the result of a clip that failed."""
+    return replace(ClipResult(name, "failed", "", 0, 0.0, "", escape_text(sentence), shots=0), **facts)
 
 
-def seconds_told(seconds: float) -> str:
-    """A stretch of time as one would say it."""
+def format_duration(seconds: float) -> str:
+    """Format a duration in seconds or minutes."""
     return f"{seconds:.3g} s" if seconds < 120 or math.isinf(seconds) else f"{seconds / 60:.3g} min"

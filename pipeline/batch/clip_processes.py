@@ -1,44 +1,48 @@
-"""The processes of this machine that run clips: one for each thread that asks, which stays for the next clip."""
+"""The processes of this machine that run clips: each thread that asks gets one, and keeps it for its next clip."""
 
 from __future__ import annotations
 
 import threading
 from contextlib import suppress
 
-from pipeline.batch.supervision import Supervised
+from pipeline.batch.supervision import SupervisedProcess
 
-_HERE = threading.local()
-_ALL: list[Supervised] = []
-_AHEAD: list[Supervised] = []
-"""Begun, and asked for by no thread yet."""
+_THREAD = threading.local()
+_PROCESSES: list[SupervisedProcess] = []
+_UNCLAIMED: list[SupervisedProcess] = []
+"""Started processes that no thread has asked for yet."""
 
 
-def begin(count: int) -> None:
-    """Start so many ahead of the threads that will ask for them: neither need wait for the other."""
+def start_processes(count: int) -> None:
+    """Start processes before the threads that will ask for them.
+
+    Args:
+        count: Number of processes.
+    """
     for _ in range(count):
-        process = Supervised()
+        process = SupervisedProcess()
         process.start()
-        _ALL.append(process)
-        _AHEAD.append(process)
+        _PROCESSES.append(process)
+        _UNCLAIMED.append(process)
 
 
-def mine() -> Supervised:
-    """The process of this thread."""
-    if getattr(_HERE, "process", None) not in _ALL:
-        _HERE.process = None
+def thread_process() -> SupervisedProcess:
+    """Return the process of the calling thread; start it if there is none."""
+    if getattr(_THREAD, "process", None) not in _PROCESSES:
+        _THREAD.process = None
         with suppress(IndexError):
-            _HERE.process = _AHEAD.pop()
-        if _HERE.process is None:
-            _HERE.process = Supervised()
-            _ALL.append(_HERE.process)
-    process: Supervised = _HERE.process
+            _THREAD.process = _UNCLAIMED.pop()
+        if _THREAD.process is None:
+            _THREAD.process = SupervisedProcess()
+            _PROCESSES.append(_THREAD.process)
+    process: SupervisedProcess = _THREAD.process
     return process
 
 
-def end_all() -> None:
-    """End the processes of all threads, together; a clip that runs is interrupted."""
-    _AHEAD.clear()
-    for process in _ALL:
-        process.dismiss()
-    while _ALL:
-        _ALL.pop().close()
+def end_processes() -> None:
+    """End the processes of all threads; running clips are interrupted."""
+    _UNCLAIMED.clear()
+    for process in _PROCESSES:
+        process.request_exit()
+    while _PROCESSES:
+        _PROCESSES.pop().close()

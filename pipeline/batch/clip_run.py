@@ -1,4 +1,4 @@
-"""One clip of a batch from its job to its row: whatever is wrong with it becomes a sentence."""
+"""Runs one clip of a batch from its job to its result; every error becomes a sentence."""
 
 from __future__ import annotations
 
@@ -7,72 +7,84 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.batch.clip_job import Job, Row, failed
-from pipeline.batch.long_clip import run_shots, shots_of
-from pipeline.chain import Run, run_clip
-from pipeline.engine.atomic_write import clear_left
-from pipeline.engine.result_cache import Cache
-from pipeline.engine.source_fingerprint import Look
-from pipeline.engine.stage_graph import Watcher
-from pipeline.reporting.text.sentences import one_sentence
+from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result
+from pipeline.batch.long_clip import find_recording_shots, run_shots
+from pipeline.chain import FinishedRun, run_clip
+from pipeline.engine.atomic_write import remove_leftovers
+from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.source_fingerprint import SourceSnapshot
+from pipeline.engine.stage_graph import RunWatcher
+from pipeline.reporting.text.text_formatting import format_error
 
-CODE = Look()
-"""The code that this process runs: what is edited while it runs counts for the next one."""
-LIGHTS = ("green", "amber", "red")
+SNAPSHOT = SourceSnapshot()
+"""The project's code that this process runs; a later edit counts for the next process."""
+TRUST_LEVELS = ("green", "amber", "red")
 
 
-class ShotWatcher(Watcher, Protocol):
-    """A watcher who is told of the shots of a long recording too."""
+class ShotWatcher(RunWatcher, Protocol):
+    """A watcher that also follows the shots of a long recording."""
 
-    def shot(self, number: int, count: int) -> None:
-        """A shot begins."""
+    def start_shot(self, number: int, count: int) -> None:
+        """Note that shot `number` of `count` begins."""
         ...
 
 
-class Counted:
-    """A watcher that hands on what it hears, and remembers whether anything had to be made."""
+class CacheUseWatcher:
+    """A watcher that forwards to another one and notes whether all stages were cached."""
 
-    def __init__(self, watcher: Watcher) -> None:
+    def __init__(self, watcher: RunWatcher) -> None:
         self._watcher = watcher
-        self.started = watcher.started
+        self.start_stage = watcher.start_stage
         self.cached = True
 
-    def finished(self, stage: str, seconds: float, cached: bool) -> None:
+    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
+        """Note whether the stage was cached, and forward."""
         self.cached &= cached
-        self._watcher.finished(stage, seconds, cached)
+        self._watcher.finish_stage(stage, seconds, cached)
 
 
-def run_job(job: Job, watcher: ShotWatcher) -> Row:
-    """Run the clip; never raises for what a clip, a disk or a cache can do to us."""
+def run_job(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
+    """Run a clip. Errors of the clip, the disk or the cache become a failed result.
+
+    Args:
+        job: The clip.
+        watcher: Follows the run.
+
+    Returns:
+        Its result.
+    """
     try:
-        return _run(job, watcher)
-    except Exception as error:  # whatever is wrong with one clip, the others are not to suffer
-        return failed(job.name, one_sentence(error))
+        return _run_clip_or_shots(job, watcher)
+    except Exception as error:  # no error of one clip may stop the batch
+        return build_failed_result(job.name, format_error(error))
 
 
-def _run(job: Job, watcher: ShotWatcher) -> Row:
-    cache, counted = Cache(Path(job.cache), mark=job.mark), Counted(watcher)
+def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
+    """Run a clip as a whole, or each of its shots if it is a long recording."""
+    cache, counted = ResultCache(Path(job.cache), mark=job.mark), CacheUseWatcher(watcher)
     clip, folder, options = Path(job.clip), Path(job.folder), job.options
-    clear_left(folder)
-    shots = shots_of(clip, options, cache, counted, CODE)
+    remove_leftovers(folder)
+    shots = find_recording_shots(clip, options, cache, counted, SNAPSHOT)
     if not shots:
-        run = run_clip(clip, folder, options, cache, counted, look=CODE)
-        return _row(job, [(0.0, run)], "", counted.cached)
-    ran = run_shots(clip, shots, folder, options, cache, counted, CODE, watcher.shot)
-    good = [(one.shot.clip.begins, one.run) for one in ran if one.run is not None]
+        run = run_clip(clip, folder, options, cache, counted, snapshot=SNAPSHOT)
+        return _summarize_runs(job, [(0.0, run)], "", counted.cached)
+    ran = run_shots(clip, shots, folder, options, cache, counted, SNAPSHOT, watcher.start_shot)
+    good = [(one.shot.clip.start_time, one.run) for one in ran if one.run is not None]
     bad = [one for one in ran if one.run is None]
     if not good:
-        return failed(job.name, f"none of {len(ran)} shots could be used; the first: {bad[0].sentence}")
-    told = f"{len(bad)} of {len(ran)} shots could not be used; {bad[0].shot.name}: {bad[0].sentence}" if bad else ""
-    return _row(job, good, told, counted.cached, in_shots=True)
+        return build_failed_result(job.name, f"none of {len(ran)} shots could be used; the first: {bad[0].sentence}")
+    sentence = f"{len(bad)} of {len(ran)} shots could not be used; {bad[0].shot.name}: {bad[0].sentence}" if bad else ""
+    return _summarize_runs(job, good, sentence, counted.cached, in_shots=True)
 
 
-def _row(job: Job, runs: list[tuple[float, Run]], sentence: str, cached: bool, *, in_shots: bool = False) -> Row:
-    """Of runs with the moment (s) at which each begins in the clip."""
-    light = max((run.trust.light for _, run in runs), key=LIGHTS.index)
+def _summarize_runs(
+    job: ClipJob, runs: list[tuple[float, FinishedRun]], sentence: str, cached: bool, *, in_shots: bool = False
+) -> ClipResult:
+    """Summarize runs, each with the time (s) at which it begins in the clip."""
+    light = max((run.trust.level for _, run in runs), key=TRUST_LEVELS.index)
     contacts = sum(kind in ("ball", "cushion") for _, run in runs for kind in run.events.kind)
     last = max(begins + float(np.max(run.events.t, initial=-begins)) for begins, run in runs)
-    return Row(
+    return ClipResult(
         job.name, "done", light, contacts, round(last, 3), job.folder, sentence, shots=len(runs), cached=cached,
         in_shots=in_shots,
     )  # fmt: skip

@@ -1,11 +1,12 @@
-"""The process that runs clips: jobs come in on standard input, a line each; what happens goes out the same way.
+"""The process that runs clips: it reads jobs from standard input and writes messages to standard output, a line each.
 
-    {"stage": "detect", "share": 0.4}        how far it is
+    {"ready": true}                          the process has started
+    {"stage": "detect", "share": 0.4}        progress of a stage
     {"shot": [3, 17]}                        the third of seventeen shots of a long recording begins
-    {"row": "..."}                           the clip is done
+    {"row": "..."}                           the result of the clip
 
-It may be killed at any moment, by a limit or by a fault of a decoder, without harm to whoever sent it. When its input
-ends, its parent is gone or done with it: it stops what it does and leaves.
+It may be killed at any moment, by a limit or by a fault of a decoder, without harm to its parent. When its input ends,
+its parent has died or needs it no more: it stops its work and exits.
 """
 
 from __future__ import annotations
@@ -20,97 +21,98 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
-from pipeline.engine.process_setup import spare_collections, spare_threads
+from pipeline.engine.process_setup import limit_garbage_collection, limit_library_threads
 
 if TYPE_CHECKING:
     from models.core.progress import Progress
 
-PAUSE_S = 0.2
-"""s between two words on how far a stage is."""
-LEAVE_S = 5.0
-"""s for clearing up once the parent is gone."""
-AT_WORK = threading.Event()
-"""Set while a clip is run, and something may have to be cleared up."""
+MESSAGE_INTERVAL_S = 0.2
+"""Least time between two messages about the progress of stages, s."""
+CLEANUP_S = 5.0
+"""Time to remove unfinished files once the parent has died, s."""
+IS_RUNNING = threading.Event()
+"""Set while a clip runs, when there may be unfinished files."""
 
 
-class Words:
-    """A watcher that writes what it hears to the parent."""
+class ProgressWriter:
+    """A watcher that writes messages to the parent."""
 
     def __init__(self, out: TextIO) -> None:
         self._out = out
         self._next = 0.0
 
-    def say(self, **word: Any) -> None:
-        """One line."""
-        self._out.write(json.dumps(word) + "\n")
+    def write_message(self, **message: Any) -> None:
+        """Write one message."""
+        self._out.write(json.dumps(message) + "\n")
         self._out.flush()
 
-    def started(self, stage: str) -> Progress:
-        """Who has heard of it lately hears of it again only after a while: a cached stage takes no time."""
-        self._share(stage, 0.0)
-        return lambda share: self._share(stage, share)
+    def start_stage(self, stage: str) -> Progress:
+        """Report a stage, unless the last message is too recent: a cached stage takes no time."""
+        self._write_share(stage, 0.0)
+        return lambda share: self._write_share(stage, share)
 
-    def finished(self, stage: str, seconds: float, cached: bool) -> None:
-        """The next stage says the same."""
+    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
+        """Write nothing: the next stage reports itself."""
 
-    def shot(self, number: int, count: int) -> None:
-        """A shot of a long recording begins."""
-        self.say(shot=[number, count])
+    def start_shot(self, number: int, count: int) -> None:
+        """Report that a shot of a long recording begins."""
+        self.write_message(shot=[number, count])
 
-    def _share(self, stage: str, share: float) -> None:
+    def _write_share(self, stage: str, share: float) -> None:
         if time.monotonic() >= self._next:
-            self._next = time.monotonic() + PAUSE_S
-            self.say(stage=stage, share=round(share, 3))
+            self._next = time.monotonic() + MESSAGE_INTERVAL_S
+            self.write_message(stage=stage, share=round(share, 3))
 
 
 def main() -> NoReturn:
-    """Run jobs until there are no more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keyboard interrupts the parent, which then ends us
-    signal.signal(signal.SIGTERM, _leave)
-    spare_threads()
-    spare_collections()
-    out = _own_output()
+    """Run jobs until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keyboard interrupts the parent, which ends this process
+    signal.signal(signal.SIGTERM, _exit_on_signal)
+    limit_library_threads()
+    limit_garbage_collection()
+    out = _reserve_output()
     jobs: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
-    from pipeline.batch.clip_job import Job
+    threading.Thread(target=_queue_jobs, args=(jobs,), daemon=True).start()
+    from pipeline.batch.clip_job import ClipJob
     from pipeline.batch.clip_run import run_job
 
-    words = Words(out)
-    words.say(ready=True)
+    writer = ProgressWriter(out)
+    writer.write_message(ready=True)
     while (line := jobs.get()) is not None:
-        AT_WORK.set()
-        row = run_job(Job.from_text(line), words)
-        AT_WORK.clear()
-        words.say(row=row.as_text())
-    os._exit(0)  # nothing is open; the libraries' own farewells take a second
+        IS_RUNNING.set()
+        row = run_job(ClipJob.from_json(line), writer)
+        IS_RUNNING.clear()
+        writer.write_message(row=row.to_json())
+    os._exit(0)  # nothing is open, and the exit handlers of the libraries take a second
 
 
-def _own_output() -> TextIO:
-    """Standard output for us alone: what a library prints there goes to standard error."""
+def _reserve_output() -> TextIO:
+    """Reserve standard output for messages; redirect the prints of libraries to standard error."""
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     sys.stdout = sys.stderr
     return out
 
 
-def _listen(jobs: queue.SimpleQueue[str | None]) -> None:
-    """Hand on lines; at their end leave by way of every clean-up, or without where that takes too long."""
+def _queue_jobs(jobs: queue.SimpleQueue[str | None]) -> None:
+    """Queue the lines of standard input; at their end exit with all clean-up, or without where that takes too long."""
     for line in sys.stdin:
         jobs.put(line)
     jobs.put(None)
     os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(LEAVE_S)
+    time.sleep(CLEANUP_S)
     os._exit(1)
 
 
-def _leave(number: int, frame: object) -> NoReturn:
-    if not AT_WORK.is_set():
+def _exit_on_signal(number: int, frame: object) -> NoReturn:
+    """Exit with all clean-up while a clip runs, else at once."""
+    if not IS_RUNNING.is_set():
         os._exit(128 + number)  # as at the end of `main`
     sys.exit(128 + number)
 
 
-def command() -> list[str]:
-    """The command line that starts this process: the same Python, the same place of the project."""
+def build_command() -> list[str]:
+    """Build the command line that starts this process, with the same Python and the same copy of the project."""
     root = str(Path(__file__).resolve().parents[2])
     return [sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r}); from {__name__} import main; main()"]
 

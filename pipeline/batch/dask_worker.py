@@ -1,4 +1,4 @@
-"""What a Dask worker does with a clip: it has it run by a process of its own, and tells how far it is."""
+"""Functions that run on a Dask worker: it runs a clip in a supervised process and reports the progress."""
 
 from __future__ import annotations
 
@@ -11,47 +11,62 @@ from typing import Any
 
 from distributed import get_worker
 
-from pipeline.batch.clip_job import Job
-from pipeline.batch.clip_processes import mine
+from pipeline.batch.clip_job import ClipJob
+from pipeline.batch.clip_processes import thread_process
 from pipeline.engine.result_cache import MARK
-from pipeline.engine.source_fingerprint import library_versions, source_hashes
+from pipeline.engine.source_fingerprint import hash_sources, library_versions
 
-PAUSE_S = 0.5
-"""s between two words about a clip that go through the scheduler."""
+MESSAGE_INTERVAL_S = 0.5
+"""Least time between two progress messages of a clip, which go through the scheduler, s."""
 
 
-def run_here(text: str, topic: str) -> str:
-    """A job to a row, both as text, on one of this worker's threads."""
-    job = Job.from_text(text)
+def run_job_on_worker(text: str, topic: str) -> str:
+    """Run a clip on a thread of this worker.
+
+    Args:
+        text: The job as JSON.
+        topic: Dask topic of the progress messages.
+
+    Returns:
+        The result as JSON.
+    """
+    job = ClipJob.from_json(text)
     worker, last = get_worker(), 0.0
 
-    def heard(word: dict[str, Any]) -> None:
+    def forward_message(message: dict[str, Any]) -> None:
         nonlocal last
-        if time.monotonic() - last >= PAUSE_S or "shot" in word:
+        if time.monotonic() - last >= MESSAGE_INTERVAL_S or "shot" in message:
             last = time.monotonic()
-            worker.log_event(topic, {"name": job.name, **word})
+            worker.log_event(topic, {"name": job.name, **message})
 
     worker.log_event(topic, {"name": job.name, "stage": "begins", "share": 0.0})
-    return mine().run(job, heard).as_text()
+    return thread_process().run(job, forward_message).to_json()
 
 
-def look_around(cache: str, ours: str, clip: str, probe: str) -> dict[str, Any]:
-    """What a worker sees of the folders that all must share, and which code it has.
+def probe_folders(cache: str, ours: str, clip: str, probe: str) -> dict[str, Any]:
+    """Report which of the shared folders this worker sees, and which code it has.
 
-    It leaves `probe` in the cache; `ours` is a file in the folder of the results.
+    Args:
+        cache: Folder of the cache.
+        ours: A file in the folder of the results.
+        clip: A clip, or the folder of the batch.
+        probe: Name of the file to leave in the cache.
+
+    Returns:
+        Hash of the code, mark of the cache, whether the results can be written, size of the clip (None if not seen).
     """
-    seen: dict[str, Any] = {"code": code(), "mark": None, "out": False, "clip": None}
+    answer: dict[str, Any] = {"code": hash_code(), "mark": None, "out": False, "clip": None}
     with suppress(OSError, ValueError):
-        seen["mark"] = (Path(cache) / MARK).read_text(encoding="ascii")
+        answer["mark"] = (Path(cache) / MARK).read_text(encoding="ascii")
         (Path(cache) / "building" / probe).touch()
     with suppress(OSError):
-        seen["out"] = Path(ours).exists() and os.access(Path(ours).parent, os.W_OK)
+        answer["out"] = Path(ours).exists() and os.access(Path(ours).parent, os.W_OK)
     with suppress(OSError):
-        seen["clip"] = Path(clip).stat().st_size
-    return seen
+        answer["clip"] = Path(clip).stat().st_size
+    return answer
 
 
-def code() -> str:
-    """One hash of all the code that runs a clip, and of the libraries that can change a result."""
-    facts = sorted(source_hashes("pipeline.batch.clip_run").items()), sorted(library_versions().items())
+def hash_code() -> str:
+    """Return one hash of all code that runs a clip and of the versions of the libraries."""
+    facts = sorted(hash_sources("pipeline.batch.clip_run").items()), sorted(library_versions().items())
     return hashlib.sha256(repr(facts).encode()).hexdigest()

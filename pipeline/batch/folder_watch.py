@@ -1,4 +1,4 @@
-"""A folder that fills: clips as they come to rest."""
+"""Watches a folder for new clips."""
 
 from __future__ import annotations
 
@@ -8,41 +8,48 @@ from pathlib import Path
 
 from pipeline.batch.clip_discovery import find_clips
 
-LOOK_S = 1.0
-"""s between two looks."""
-REST_S = 3.0
-"""s without a change after which a file is taken for whole; one that changes later is run again."""
+POLL_INTERVAL_S = 1.0
+"""Time between two searches of the folder, s."""
+SETTLE_S = 3.0
+"""Time without a change after which a file counts as complete, s. A file that changes later is run again."""
 
-State = tuple[tuple[int, int], ...]
-"""Sizes and times of the file, or of the files of a folder of pictures."""
+FileState = tuple[tuple[int, int], ...]
+"""Size and modification time (ns) of the file, or of all files of a folder of images."""
 
 
-def arriving(folder: Path, besides: Path, idle_s: float | None) -> Iterator[Path | None]:
-    """Clips below `folder` once they are at rest, and again where they have changed; None where there is none now.
+def watch_folder(folder: Path, excluded: Path, idle_s: float | None) -> Iterator[Path | None]:
+    """Yield the clips below a folder when they are complete, and again when they have changed.
 
-    Ends after `idle_s` in which none came, never without it.
+    Args:
+        folder: The folder.
+        excluded: A folder that is not searched.
+        idle_s: Time without a new clip after which to end, s; None never ends.
+
+    Yields:
+        A clip, or None when there is none now.
     """
-    seen: dict[Path, tuple[State, float]] = {}
-    done: dict[Path, State] = {}
+    observed: dict[Path, tuple[FileState, float]] = {}
+    delivered: dict[Path, FileState] = {}
     last = time.monotonic()
     while idle_s is None or time.monotonic() - last < idle_s:
         began = time.monotonic()
-        for clip in find_clips(folder, besides):
-            state = _state(clip)
-            if done.get(clip) == state:
+        for clip in find_clips(folder, excluded):
+            state = _read_file_state(clip)
+            if delivered.get(clip) == state:
                 continue
-            if seen.get(clip, (None, 0.0))[0] != state:
-                seen[clip] = (state, began)
+            if observed.get(clip, (None, 0.0))[0] != state:
+                observed[clip] = (state, began)
                 last = began
-            elif began - seen[clip][1] >= REST_S:
-                done[clip] = state
+            elif began - observed[clip][1] >= SETTLE_S:
+                delivered[clip] = state
                 yield clip
                 last = time.monotonic()
-        while time.monotonic() - began < LOOK_S:
+        while time.monotonic() - began < POLL_INTERVAL_S:
             yield None
 
 
-def _state(clip: Path) -> State:
+def _read_file_state(clip: Path) -> FileState:
+    """Read sizes and times; empty if the clip has disappeared."""
     try:
         files = sorted(clip.iterdir()) if clip.is_dir() else [clip]
         facts = [path.stat() for path in files]

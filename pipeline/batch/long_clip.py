@@ -1,4 +1,4 @@
-"""A long recording: each of its shots is run like a clip, and their tables are put together."""
+"""Runs each shot of a long recording like a clip, and merges their tables."""
 
 from __future__ import annotations
 
@@ -10,112 +10,143 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipeline.chain import Run, digest_of, note_source, refuse_closed, run_clip, unchanging
-from pipeline.engine.atomic_write import aside
-from pipeline.engine.result_cache import Cache
-from pipeline.engine.source_fingerprint import Look
-from pipeline.engine.stage_graph import Graph, Watcher, stage_value
-from pipeline.options import RunOptions
-from pipeline.reporting.text.sentences import one_sentence
+from pipeline.chain import FinishedRun, hash_clip, make_change_check, require_writable_folder, run_clip, write_source
+from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.source_fingerprint import SourceSnapshot
+from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
+from pipeline.reporting.text.text_formatting import format_error
+from pipeline.run_options import RunOptions
 from pipeline.stages.read_stage import read_stage
-from pipeline.stages.shot_stage import Shot, shots_stage
-from video.calibration.shot_cuts import LONG_S, Shots
+from pipeline.stages.shot_stages import ClipShot, shots_stage
+from video.calibration.shot_segmentation import LONG_RECORDING_S, ShotIntervals
 from video.io.clip import Clip
 
-TABLES = {"tracks.csv": ("frame", "t"), "events.csv": ("frame", "t"), "trajectory.csv": ("t",)}
-"""What is put together, and what of it counts from the beginning of a shot."""
+TIME_COLUMNS = {"tracks.csv": ("frame", "t"), "events.csv": ("frame", "t"), "trajectory.csv": ("t",)}
+"""Tables that are merged, with their columns that count from the start of a shot."""
 DECIMALS = 6
 
-Told = Callable[[int, int], None]
-"""Hears which shot of how many begins."""
+ShotListener = Callable[[int, int], None]
+"""Called with the number of the shot that begins, from 1, and the number of shots."""
 
 
 @dataclass(frozen=True, slots=True)
-class Ran:
-    """One shot that was run."""
+class ShotOutcome:
+    """A shot and its run."""
 
-    shot: Shot
-    run: Run | None
+    shot: ClipShot
+    run: FinishedRun | None
     sentence: str
-    """Why it could not be used, empty else."""
+    """Why the shot failed; empty if it did not."""
 
 
-def shots_of(clip: Path, options: RunOptions, cache: Cache, watcher: Watcher, look: Look) -> list[Shot]:
-    """The shots of a recording; empty where it is too short for several, or is one."""
-    unchanged, digest = unchanging(clip), digest_of(clip)
+def find_recording_shots(
+    clip: Path, options: RunOptions, cache: ResultCache, watcher: RunWatcher, snapshot: SourceSnapshot
+) -> list[ClipShot]:
+    """Find the shots of a recording; empty if it is too short for several, or is a single shot."""
+    unchanged, digest = make_change_check(clip), hash_clip(clip)
     check = partial(unchanged, digest)
     read = read_stage(clip, digest, options.read)
-    whole: Clip = _value(Graph.of([read], digest), "read", clip, cache, watcher, check, look)
-    if whole.t[-1] < LONG_S:
+    whole: Clip = _run_stage(StageGraph.from_stages([read], digest), "read", clip, cache, watcher, check, snapshot)
+    if whole.t[-1] < LONG_RECORDING_S:
         return []
-    found: Shots = _value(Graph.of([read, shots_stage()], digest), "shots", clip, cache, watcher, check, look)
-    if len(found) < 2 and not len(found.cuts):
+    intervals: ShotIntervals = _run_stage(
+        StageGraph.from_stages([read, shots_stage()], digest), "shots", clip, cache, watcher, check, snapshot
+    )
+    if len(intervals) < 2 and not len(intervals.cut_frames):
         return []
-    spans = zip(found.first.tolist(), found.stop.tolist(), strict=True)
-    return [Shot(whole, number, *span, unchanged) for number, span in enumerate(spans)]
+    spans = zip(intervals.first_frames.tolist(), intervals.stop_frames.tolist(), strict=True)
+    return [ClipShot(whole, number, *span, unchanged) for number, span in enumerate(spans)]
 
 
-def _value(
-    graph: Graph, name: str, clip: Path, cache: Cache, watcher: Watcher, check: Callable[[], None], look: Look
+def _run_stage(
+    graph: StageGraph,
+    name: str,
+    clip: Path,
+    cache: ResultCache,
+    watcher: RunWatcher,
+    check: Callable[[], None],
+    snapshot: SourceSnapshot,
 ) -> Any:
-    """What one stage makes of the file that lies at `clip` today."""
+    """Run a graph and load the output of one stage, with the present path of the clip."""
 
     def at(value: Clip) -> Clip:
         return replace(value, path=clip)
 
-    entry = graph.run(cache, watcher, {"read": at}, check, look)[name]
-    value = stage_value(next(stage for stage in graph.stages if stage.name == name), entry)
+    entry = graph.run(cache, watcher, {"read": at}, check, snapshot)[name]
+    value = load_stage_output(next(stage for stage in graph.stages if stage.name == name), entry)
     return at(value) if isinstance(value, Clip) else value
 
 
 def run_shots(
-    clip: Path, shots: Sequence[Shot], folder: Path, options: RunOptions, cache: Cache, watcher: Watcher, look: Look,
-    told: Told,
-) -> list[Ran]:  # fmt: skip
-    """Run every shot into a folder of its own, then put their tables together in `folder`.
+    clip: Path,
+    shots: Sequence[ClipShot],
+    folder: Path,
+    options: RunOptions,
+    cache: ResultCache,
+    watcher: RunWatcher,
+    snapshot: SourceSnapshot,
+    listener: ShotListener,
+) -> list[ShotOutcome]:
+    """Run every shot into a folder of its own, then merge their tables in `folder`.
 
-    A shot that cannot be used stops no other.
+    A shot that fails does not stop the others.
+
+    Args:
+        clip: The recording.
+        shots: Its shots.
+        folder: Folder of the results.
+        options: Options of all stages.
+        cache: The cache.
+        watcher: Follows each run.
+        snapshot: The project's code when this process started.
+        listener: Called when a shot begins.
+
+    Returns:
+        The outcome of every shot.
     """
-    refuse_closed(folder)
+    require_writable_folder(folder)
     ran = []
     for shot in shots:
-        told(shot.number + 1, len(shots))
+        listener(shot.number + 1, len(shots))
         try:
-            made = run_clip(clip, folder / shot.name, options, cache, watcher, look=look, shot=shot)
-            ran.append(Ran(shot, made, ""))
-        except Exception as error:  # whatever is wrong with one shot, the others are not to suffer
-            ran.append(Ran(shot, None, one_sentence(error)))
+            run = run_clip(clip, folder / shot.name, options, cache, watcher, snapshot=snapshot, shot=shot)
+            ran.append(ShotOutcome(shot, run, ""))
+        except Exception as error:  # no error of one shot may stop the others
+            ran.append(ShotOutcome(shot, None, format_error(error)))
     good = [one for one in ran if one.run is not None]
     if good:
-        _put_together(clip, good, folder)
+        _merge_tables(clip, good, folder)
     return ran
 
 
-def _put_together(clip: Path, ran: Sequence[Ran], folder: Path) -> None:
-    """The tables of all shots with pictures and times of the recording, and where each shot is."""
-    for name, offset in TABLES.items():
-        with aside(folder / name) as path, path.open("w", encoding="utf-8", newline="") as file:
+def _merge_tables(clip: Path, ran: Sequence[ShotOutcome], folder: Path) -> None:
+    """Write the merged tables, with frames and times of the recording, and a scene.json that lists the shots."""
+    for name, offset in TIME_COLUMNS.items():
+        with replace_file(folder / name) as path, path.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
-            for k, line in enumerate(_lines(ran, folder, name, offset)):
+            for k, line in enumerate(_read_shifted_lines(ran, folder, name, offset)):
                 if k == 0 or line[0] != "shot":
                     writer.writerow(line)
     scene = json.loads((folder / ran[0].shot.name / "scene.json").read_text(encoding="utf-8"))
     scene["shots"] = [
         {
             "shot": one.shot.number, "folder": one.shot.name, "first": one.shot.first, "stop": one.shot.stop,
-            "begins": one.shot.clip.begins, "trust": one.run.trust.light if one.run else "",
+            "begins": one.shot.clip.start_time, "trust": one.run.trust.level if one.run else "",
         }
         for one in ran
     ]  # fmt: skip
-    with aside(folder / "scene.json") as path:
+    with replace_file(folder / "scene.json") as path:
         path.write_text(json.dumps(scene, indent=1, allow_nan=False), encoding="utf-8")
-    note_source(clip, folder)
+    write_source(clip, folder)
 
 
-def _lines(ran: Sequence[Ran], folder: Path, name: str, offset: tuple[str, ...]) -> Iterator[list[str]]:
-    """The lines of one table of all shots, the head of each among them."""
+def _read_shifted_lines(
+    ran: Sequence[ShotOutcome], folder: Path, name: str, offset: tuple[str, ...]
+) -> Iterator[list[str]]:
+    """Yield the lines of one table of all shots, headers included, with shifted frames and times."""
     for one in ran:
-        shift = {"frame": one.shot.first, "t": one.shot.clip.begins}
+        shift = {"frame": one.shot.first, "t": one.shot.clip.start_time}
         with (folder / one.shot.name / name).open(encoding="utf-8", newline="") as file:
             lines = csv.reader(file)
             head = next(lines)
@@ -124,13 +155,13 @@ def _lines(ran: Sequence[Ran], folder: Path, name: str, offset: tuple[str, ...])
             at = head.index("shot")
             for line in lines:
                 for column, begin in columns.items():
-                    line[column] = _later(line[column], begin)
+                    line[column] = _shift_cell(line[column], begin)
                 line[at] = str(one.shot.number)
                 yield line
 
 
-def _later(text: str, begin: float) -> str:
-    """A number of a table, counted from the beginning of the recording; an empty cell stays one."""
+def _shift_cell(text: str, begin: float) -> str:
+    """Shift a number of a table by the start of its shot; an empty cell stays empty."""
     if not text:
         return text
     if isinstance(begin, int) and text.isdecimal():

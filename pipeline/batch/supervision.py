@@ -1,6 +1,6 @@
-"""Runs clips in a process of its own, and ends it where a clip takes too long or too much memory.
+"""Runs clips in a separate process, and kills it when a clip takes too much time or memory.
 
-A decoder that hangs in foreign code, or a picture that eats all memory, can be stopped in no other way.
+A decoder that hangs in foreign code, or a frame that takes all memory, can be stopped in no other way.
 """
 
 from __future__ import annotations
@@ -23,88 +23,88 @@ import psutil
 
 from models.core.errors import TruerollError
 from pipeline.batch import clip_runner
-from pipeline.batch.clip_job import TRIES, Job, Limits, Row, failed, seconds_told
-from pipeline.engine.atomic_write import clear_left
-from pipeline.engine.result_cache import Cache
+from pipeline.batch.clip_job import MAX_TRIES, ClipJob, ClipLimits, ClipResult, build_failed_result, format_duration
+from pipeline.engine.atomic_write import remove_leftovers
+from pipeline.engine.result_cache import ResultCache
 
-LOOK_S = 0.1
-"""s between two looks at the memory of a process: at 2 GB/s it grows by 200 MB meanwhile."""
-START_S = 120.0
-"""s for a process to start; imports from a cold network disk take many."""
-END_S = 3.0
-"""s for a process to clear up when told to leave."""
-RENEW_MB = 1500.0
-"""MB of resident memory after a clip from which on the next one gets a fresh process."""
-LAST_WORDS = 2000
-"""bytes of what a process said before it died."""
+POLL_INTERVAL_S = 0.1
+"""Time between two checks of the memory of a process, s. At 2 GB/s it grows by 200 MB in between."""
+START_TIMEOUT_S = 120.0
+"""Time for a process to start, s. Imports from a network disk are slow the first time."""
+EXIT_TIMEOUT_S = 3.0
+"""Time for a process to remove unfinished files and exit, s."""
+RENEWAL_MEMORY_MB = 1500.0
+"""Resident memory after a clip above which the next clip gets a new process, MB."""
+ERROR_TAIL_BYTES = 2000
+"""Length of the end of a dead process's error output that is read, bytes."""
 
-Heard = Callable[[dict[str, Any]], None]
-"""Hears how far a clip is: see `runner`."""
-
-
-class Stopped(Exception):
-    """The process was ended by us: a limit of the clip."""
+MessageListener = Callable[[dict[str, Any]], None]
+"""Called with the progress messages of a clip; see `clip_runner`."""
 
 
-class Died(Exception):
-    """The process ended without having been told to."""
+class ClipLimitExceeded(Exception):
+    """A clip exceeded a limit, and its process was killed."""
+
+
+class ProcessDied(Exception):
+    """The process ended unexpectedly."""
 
 
 @dataclass(slots=True)
-class _Child:
-    """A process at work, and what it has said and not been heard yet."""
+class _ChildProcess:
+    """A running process and its unread output."""
 
     process: subprocess.Popen[bytes]
     errors: IO[bytes]
-    ready: bool = False
-    said: bytes = b""
+    is_ready: bool = False
+    unread: bytes = b""
     peak_mb: float = 0.0
-    begun: float = field(default_factory=time.monotonic)
-    told: bool = False
-    """Whether it was told to leave."""
+    started_at: float = field(default_factory=time.monotonic)
+    is_terminating: bool = False
+    """Whether it was asked to exit."""
 
-    def lines(self) -> list[dict[str, Any]]:
-        """What has been said since; waits for a moment. Died at its end."""
+    def read_messages(self) -> list[dict[str, Any]]:
+        """Read the messages since the last call, waiting briefly; raises ProcessDied at the end of the output."""
         assert self.process.stdout is not None
-        if not select.select([self.process.stdout], [], [], LOOK_S)[0]:
+        if not select.select([self.process.stdout], [], [], POLL_INTERVAL_S)[0]:
             return []
         part = os.read(self.process.stdout.fileno(), 1 << 16)
         if not part:
-            raise Died(self.why())
-        *whole, self.said = (self.said + part).split(b"\n")
-        return [json.loads(line) for line in whole]
+            raise ProcessDied(self.describe_exit())
+        *lines, self.unread = (self.unread + part).split(b"\n")
+        return [json.loads(line) for line in lines]
 
-    def memory_mb(self) -> float:
-        """Resident now."""
+    def measure_memory_mb(self) -> float:
+        """Return the resident memory now, MB; 0 if the process has ended."""
         with suppress(psutil.Error):
             now = float(psutil.Process(self.process.pid).memory_info().rss) / 1e6
             self.peak_mb = max(self.peak_mb, now)
             return now
         return 0.0
 
-    def why(self) -> str:
-        """How it ended, in words."""
+    def describe_exit(self) -> str:
+        """Describe how the process ended."""
         with suppress(subprocess.TimeoutExpired):
-            self.process.wait(END_S)
+            self.process.wait(EXIT_TIMEOUT_S)
         code = self.process.returncode
         if code is not None and code < 0:
             return f"it was ended by {signal.Signals(-code).name}"
-        self.errors.seek(max(self.errors.seek(0, os.SEEK_END) - LAST_WORDS, 0))
+        self.errors.seek(max(self.errors.seek(0, os.SEEK_END) - ERROR_TAIL_BYTES, 0))
         last = self.errors.read().decode("utf-8", "replace").strip().rpartition("\n")[2]
-        return f"it left with status {code}" + (f": {last}" if last else "")
+        return f"it exited with status {code}" + (f": {last}" if last else "")
 
-    def tell(self) -> None:
-        """Tell it to clear up and leave, once: a second word would break into the clearing up."""
-        if not self.told:
-            self.told = True
+    def terminate_once(self) -> None:
+        """Ask the process to clean up and exit, once: a second signal would interrupt the clean-up."""
+        if not self.is_terminating:
+            self.is_terminating = True
             self.process.terminate()
 
     def end(self, *, at_once: bool = False) -> None:
-        """Let it clear up and leave, or kill it."""
+        """Let the process clean up and exit, or kill it `at_once`."""
         if not at_once:
-            self.tell()
+            self.terminate_once()
             with suppress(subprocess.TimeoutExpired):
-                self.process.wait(END_S)
+                self.process.wait(EXIT_TIMEOUT_S)
         self.process.kill()
         self.process.wait()
         for pipe in (self.process.stdin, self.process.stdout, self.errors):
@@ -113,11 +113,11 @@ class _Child:
                     pipe.close()
 
 
-class Supervised:
-    """A process that runs one clip after another; a context manager, which ends it."""
+class SupervisedProcess:
+    """A process that runs one clip after another, as a context manager that ends it."""
 
     def __init__(self) -> None:
-        self._child: _Child | None = None
+        self._child: _ChildProcess | None = None
         self._closed = False
 
     def __enter__(self) -> Self:
@@ -126,15 +126,15 @@ class Supervised:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
-    def dismiss(self) -> None:
-        """Tell it to end for good, without waiting for that: a clip that it is at is not tried again."""
+    def request_exit(self) -> None:
+        """Ask the process to exit for good, without waiting; a running clip is not retried."""
         self._closed = True
         if (child := self._child) is not None:
-            child.tell()
+            child.terminate_once()
 
     def close(self) -> None:
-        """End it for good, also from another thread: a clip that it was at is not tried again."""
-        self.dismiss()
+        """End the process for good, also from another thread; a running clip is not retried."""
+        self.request_exit()
         self.end()
 
     def end(self, *, at_once: bool = False) -> None:
@@ -143,83 +143,93 @@ class Supervised:
         if child is not None:
             child.end(at_once=at_once)
 
-    def run(self, job: Job, heard: Heard) -> Row:
-        """Run a clip; a process that dies is tried again, one that is stopped at a limit is not."""
+    def run(self, job: ClipJob, listener: MessageListener) -> ClipResult:
+        """Run a clip, again in a new process if the process dies, but not after a limit was exceeded.
+
+        Args:
+            job: The clip.
+            listener: Called with progress messages.
+
+        Returns:
+            Its result.
+        """
         began, sentence = time.monotonic(), ""
-        for tries in range(1, TRIES + 1):
+        for tries in range(1, MAX_TRIES + 1):
             try:
-                row = self._try(job, heard)
+                row = self._attempt_job(job, listener)
                 return replace(row, seconds=round(time.monotonic() - began, 3), tries=tries)
-            except Stopped as stop:
+            except ClipLimitExceeded as stop:
                 sentence = str(stop)
                 break
-            except Died as death:
+            except ProcessDied as death:
                 if self._closed:
                     sentence = f"{job.name} was interrupted; run again"
                     break
                 sentence = f"{job.name}: the process that ran it died {tries} times; the last time {death}"
                 self.end(at_once=True)
-        _clear_up(job)
-        return failed(job.name, sentence, seconds=round(time.monotonic() - began, 3), tries=tries)
+        _remove_leftovers(job)
+        return build_failed_result(job.name, sentence, seconds=round(time.monotonic() - began, 3), tries=tries)
 
-    def _try(self, job: Job, heard: Heard) -> Row:
-        child = self._ready()
-        child.begun, child.peak_mb = time.monotonic(), 0.0
+    def _attempt_job(self, job: ClipJob, listener: MessageListener) -> ClipResult:
+        """Run a clip once; raises ProcessDied or ClipLimitExceeded."""
+        child = self._ready_process()
+        child.started_at, child.peak_mb = time.monotonic(), 0.0
         try:
             assert child.process.stdin is not None
-            child.process.stdin.write(job.as_text().encode() + b"\n")
+            child.process.stdin.write(job.to_json().encode() + b"\n")
             child.process.stdin.flush()
         except OSError as error:
-            raise Died(child.why()) from error
+            raise ProcessDied(child.describe_exit()) from error
         while True:
-            for word in child.lines():
-                if "row" in word:
-                    return self._done(child, Row.from_text(word["row"]))
-                if "shot" in word:
-                    child.begun = time.monotonic()
-                heard(word)
-            self._enforce(job.name, job.limits, child)
+            for message in child.read_messages():
+                if "row" in message:
+                    return self._finish_job(child, ClipResult.from_json(message["row"]))
+                if "shot" in message:
+                    child.started_at = time.monotonic()
+                listener(message)
+            self._enforce_limits(job.name, job.limits, child)
 
     def start(self) -> None:
         """Start the process if there is none, without waiting until it is ready."""
         if self._child is None:
-            errors = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
+            errors = tempfile.TemporaryFile()  # noqa: SIM115  it is closed with the process
             process = subprocess.Popen(
-                clip_runner.command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, bufsize=0
+                clip_runner.build_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, bufsize=0
             )
-            self._child = _Child(process, errors)
+            self._child = _ChildProcess(process, errors)
 
-    def _ready(self) -> _Child:
-        """The process, started if need be."""
+    def _ready_process(self) -> _ChildProcess:
+        """Return the process when it is ready; start it if there is none."""
         self.start()
         child = self._child
-        if child is None:  # closed meanwhile
-            raise Died("it was interrupted")
-        while not child.ready:
-            child.ready = any("ready" in word for word in child.lines())
-            if time.monotonic() - child.begun > START_S:
-                raise Died(f"it did not start within {START_S:.0f} s")
+        if child is None:  # closed by another thread
+            raise ProcessDied("it was interrupted")
+        while not child.is_ready:
+            child.is_ready = any("ready" in message for message in child.read_messages())
+            if time.monotonic() - child.started_at > START_TIMEOUT_S:
+                raise ProcessDied(f"it did not start within {START_TIMEOUT_S:.0f} s")
         return child
 
-    def _done(self, child: _Child, row: Row) -> Row:
-        if child.memory_mb() > RENEW_MB:
+    def _finish_job(self, child: _ChildProcess, row: ClipResult) -> ClipResult:
+        """Add the peak memory to a result; end a process that has grown too large."""
+        if child.measure_memory_mb() > RENEWAL_MEMORY_MB:
             self.end()
         return replace(row, peak_mb=round(child.peak_mb))
 
-    def _enforce(self, name: str, limits: Limits, child: _Child) -> None:
-        """Stopped where the clip is beyond a limit; its process is gone then."""
+    def _enforce_limits(self, name: str, limits: ClipLimits, child: _ChildProcess) -> None:
+        """Kill the process and raise ClipLimitExceeded if the clip exceeds a limit."""
         sentence = ""
-        if time.monotonic() - child.begun > limits.seconds:
-            sentence = f"{name} took more than {seconds_told(limits.seconds)}; --time-limit allows more"
-        elif child.memory_mb() > limits.megabytes:
+        if time.monotonic() - child.started_at > limits.seconds:
+            sentence = f"{name} took more than {format_duration(limits.seconds)}; --time-limit allows more"
+        elif child.measure_memory_mb() > limits.megabytes:
             sentence = f"{name} took more than {limits.megabytes:.0f} MB of memory; --memory-limit allows more"
         if sentence:
             self.end(at_once=True)
-            raise Stopped(sentence)
+            raise ClipLimitExceeded(sentence)
 
 
-def _clear_up(job: Job) -> None:
-    """Remove what the killed process left."""
+def _remove_leftovers(job: ClipJob) -> None:
+    """Remove the unfinished files of a killed process."""
     with suppress(OSError, TruerollError):
-        clear_left(Path(job.folder))
-        Cache(Path(job.cache), mark=job.mark).clear_rubbish()
+        remove_leftovers(Path(job.folder))
+        ResultCache(Path(job.cache), mark=job.mark).remove_leftovers()

@@ -1,4 +1,4 @@
-"""One command line from its words to its exit status."""
+"""Runs one command line and reports its errors."""
 
 from __future__ import annotations
 
@@ -9,37 +9,45 @@ from typing import Any
 import typer
 
 from models.core.errors import OptionError
-from pipeline.cli.commands import load
+from pipeline.cli.commands import load_command
 from pipeline.terminal.command_line import app
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
-"""Of the click that this typer uses: its own or the package."""
+"""Base class of usage errors in the click that this typer uses: its own copy or the package."""
 
 
-def execute(arguments: list[str]) -> int:
-    """Run one command line; the exit status: 0 all went well, 1 some of it failed, 2 wrong usage."""
+def execute_command_line(arguments: list[str]) -> int:
+    """Run one command line.
+
+    Args:
+        arguments: The words after the name of the program.
+
+    Returns:
+        The exit status: 0 success, 1 some of it failed, 2 wrong usage.
+    """
     try:
-        load(arguments[0] if arguments else "")
+        load_command(arguments[0] if arguments else "")
         status = app(arguments or ["--help"], standalone_mode=False) or 0
         sys.stdout.flush()
     except Exception as error:
-        status = _fail(error, "--debug" in arguments)
+        status = _report_error(error, "--debug" in arguments)
     return int(status)
 
 
-def _fail(error: Exception, debug: bool) -> int:
-    """Say in one line what went wrong; the exit status."""
+def _report_error(error: Exception, debug: bool) -> int:
+    """Print an error as one line and return the exit status."""
     if debug:
         traceback.print_exception(error)
     if isinstance(error, UsageError):
-        print(f"trueroll: {_usage(error)}", file=sys.stderr)
+        print(f"trueroll: {_format_usage_error(error)}", file=sys.stderr)
         return 2
-    from pipeline.reporting.text.sentences import one_sentence
+    from pipeline.reporting.text.text_formatting import format_error
 
-    print(f"trueroll: {one_sentence(error)}", file=sys.stderr)
+    print(f"trueroll: {format_error(error)}", file=sys.stderr)
     return 2 if isinstance(error, OptionError) else 1
 
 
-def _usage(error: Any) -> str:
+def _format_usage_error(error: Any) -> str:
+    """Format a usage error of click as one line that names the help."""
     context = error.ctx.command_path if error.ctx else "trueroll"
     return f"{' '.join(error.format_message().split()).rstrip('.')}; see {context} --help"

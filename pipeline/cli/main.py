@@ -1,4 +1,4 @@
-"""The program: it can be interrupted from its first moment on, and imports what is heavy only after that."""
+"""Entry point of the program: it handles interrupts first, and imports slow modules only after that."""
 
 from __future__ import annotations
 
@@ -8,58 +8,60 @@ import signal
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from pipeline.engine.process_setup import spare_collections, spare_threads
+from pipeline.engine.process_setup import limit_garbage_collection, limit_library_threads
 
 if TYPE_CHECKING:
     from types import FrameType
 
 INTERRUPTED = 130
-FAREWELL = "trueroll: interrupted; nothing half-written is left\n"
-AGAIN_S = 0.05
-"""s after which an interrupt that was swallowed is raised again."""
+INTERRUPT_MESSAGE = "trueroll: interrupted; nothing half-written is left\n"
+RERAISE_S = 0.05
+"""Delay after which a lost interrupt is raised again, s."""
 
 
 def main() -> NoReturn:
-    """The program: 0 all went well, 1 some of it failed, 2 wrong usage, 130 interrupted."""
-    signal.signal(signal.SIGINT, _drop)
-    spare_threads()
-    spare_collections()
+    """Run the program and exit: 0 success, 1 some of it failed, 2 wrong usage, 130 interrupted."""
+    signal.signal(signal.SIGINT, _exit_at_once)
+    limit_library_threads()
+    limit_garbage_collection()
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a file's name may be no text
-    from pipeline.cli.execute import execute  # heavy: a second or more
+        sys.stdout.reconfigure(errors="replace")  # a file name may not be valid text
+    from pipeline.cli.execute import execute_command_line  # slow to import: a second or more
 
-    signal.signal(signal.SIGTERM, _leave)
+    signal.signal(signal.SIGTERM, _exit_cleanly)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    hook, sys.unraisablehook = sys.unraisablehook, _insist
+    hook, sys.unraisablehook = sys.unraisablehook, _raise_interrupt_again
     try:
-        status = execute(sys.argv[1:])
+        status = execute_command_line(sys.argv[1:])
     except KeyboardInterrupt:
         status = INTERRUPTED
     finally:
         sys.unraisablehook = hook
-        signal.signal(signal.SIGINT, _drop)
+        signal.signal(signal.SIGINT, _exit_at_once)
     if status == INTERRUPTED:
-        sys.stderr.write(FAREWELL)
+        sys.stderr.write(INTERRUPT_MESSAGE)
     sys.exit(status)
 
 
-def _drop(number: int, frame: FrameType | None) -> NoReturn:
-    """Interrupted while importing or while leaving: nothing needs cleaning up, and the interpreter would swallow or
-    dress up an exception."""
-    os.write(2, FAREWELL.encode())
+def _exit_at_once(number: int, frame: FrameType | None) -> NoReturn:
+    """Exit on an interrupt during the imports or the exit, without an exception.
+
+    Nothing needs a clean-up then, and the interpreter would lose the exception or print a traceback.
+    """
+    os.write(2, INTERRUPT_MESSAGE.encode())
     os._exit(INTERRUPTED)
 
 
-def _leave(number: int, frame: FrameType | None) -> NoReturn:
-    """Asked to stop: leave by way of every clean-up."""
+def _exit_cleanly(number: int, frame: FrameType | None) -> NoReturn:
+    """Exit with all clean-up after SIGTERM."""
     sys.exit(128 + number)
 
 
-def _insist(unraisable: sys.UnraisableHookArgs) -> None:
-    """An interrupt that came within a finaliser is lost to Python: raise it once more, where it counts."""
+def _raise_interrupt_again(unraisable: sys.UnraisableHookArgs) -> None:
+    """Raise an interrupt again that came within a finaliser, where Python ignores it."""
     if unraisable.exc_type is KeyboardInterrupt and hasattr(signal, "setitimer"):
         signal.signal(signal.SIGALRM, signal.default_int_handler)
-        signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+        signal.setitimer(signal.ITIMER_REAL, RERAISE_S)
     else:
         sys.__unraisablehook__(unraisable)
 

@@ -1,1 +1,4 @@
-"""The DAG runner: stages, their graph, the cache of results, and atomic writing."""
+"""The runner of stage graphs: stages, their order, the cache of results, executors and atomic writing of files.
+
+The stages themselves are in `pipeline.stages`.
+"""

@@ -1,4 +1,4 @@
-"""Files and folders appear under their final name in one step, or not at all."""
+"""Atomic writing: files and folders appear under their final name in one step, or not at all."""
 
 from __future__ import annotations
 
@@ -14,18 +14,25 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 
-LEFT_S = 3600.0
-"""s without a write after which what lies aside on another machine's behalf was left by a process that was killed."""
+LEFTOVER_AGE_S = 3600.0
+"""Age after which an unfinished file of another machine counts as left by a killed process, s since its last write."""
 
 
 @contextmanager
-def aside(target: Path) -> Iterator[Path]:
-    """A hidden path beside `target` to write to; it takes the target's name at the end, or is gone after an error.
+def replace_file(target: Path) -> Iterator[Path]:
+    """Write a file under a hidden name and rename it at the end; after an exception nothing remains.
 
-    What the system says against the hidden path is said of the target: its name is the one that a user knows.
+    Args:
+        target: Final path of the file; an existing file is replaced.
+
+    Yields:
+        The hidden path beside `target` to write to.
+
+    Raises:
+        OSError: The file cannot be written. The error names `target`, the path that the user knows.
     """
-    path = target.with_name(f".{target.name}{own_end()}")
-    clear_left(target.parent, target.name)
+    path = target.with_name(f".{target.name}{part_suffix()}")
+    remove_leftovers(target.parent, target.name)
     try:
         yield path
         os.replace(path, target)
@@ -37,42 +44,52 @@ def aside(target: Path) -> Iterator[Path]:
         path.unlink(missing_ok=True)
 
 
-def clear_left(folder: Path, name: str | None = None) -> None:
-    """Remove what killed processes left in `folder`, of the file `name` or of all.
+def remove_leftovers(folder: Path, name: str | None = None) -> None:
+    """Remove unfinished files and folders of processes that were killed.
 
-    A process of this machine is asked for by its number; of another machine's nothing is known but its last write.
+    A process of this machine is looked up by its number. For one of another machine the age of the last write decides.
+
+    Args:
+        folder: Folder that is searched, without its subfolders.
+        name: Final name of the file or folder whose leftovers are removed; None for all.
     """
     for left in folder.glob(".*.part" if name is None else f".{glob.escape(name)}.*.part"):
-        with suppress(OSError):  # another may be quicker
-            if _is_dead(left.name) or time.time() - left.stat().st_mtime > LEFT_S:
+        with suppress(OSError):  # another process may remove it first
+            if _is_from_dead_process(left.name) or time.time() - left.stat().st_mtime > LEFTOVER_AGE_S:
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
-def own_end() -> str:
-    """How the hidden names end of what this process has not finished."""
-    return f".{machine()}-{os.getpid()}.part"
+def part_suffix() -> str:
+    """Return the suffix of hidden names that this process has not finished.
+
+    Returns:
+        `.MACHINE-PROCESS.part`
+    """
+    return f".{machine_id()}-{os.getpid()}.part"
 
 
-def _is_dead(name: str) -> bool:
-    """Whether .NAME.MACHINE-PROCESS.part was written by a process of this machine that is gone."""
+def _is_from_dead_process(name: str) -> bool:
+    """Whether `.NAME.MACHINE-PROCESS.part` belongs to a process of this machine that no longer runs."""
     where, _, number = name.removesuffix(".part").rpartition(".")[2].rpartition("-")
-    return where == machine() and number.isdecimal() and int(number) != os.getpid() and not _runs(int(number))
+    return where == machine_id() and number.isdecimal() and int(number) != os.getpid() and not _is_running(int(number))
 
 
-def _runs(number: int) -> bool:
+def _is_running(number: int) -> bool:
     try:
         os.kill(number, 0)
     except ProcessLookupError:
         return False
-    except OSError:  # it is another user's
+    except OSError:  # it belongs to another user
         return True
     return True
 
 
 @lru_cache(maxsize=1)
-def machine() -> str:
-    """Eight letters for the place where process numbers mean what they mean here: the machine since its last start, or
-    the container, of which several may bear one name."""
+def machine_id() -> str:
+    """Return eight hexadecimal digits that identify the scope of process numbers.
+
+    The scope is a machine since its last start, or a container; several containers may share a host name.
+    """
     facts = [platform.node()]
     with suppress(OSError):  # Linux alone has these
         facts.append(Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii"))
@@ -81,11 +98,17 @@ def machine() -> str:
 
 
 @contextmanager
-def new_folder(target: Path) -> Iterator[Path]:
-    """A fresh folder beside `target` to fill, named as `aside` names files; at the end it takes the place of `target`,
-    which is not there or is empty."""
-    path = target.with_name(f".{target.name}{own_end()}")
-    clear_left(target.parent, target.name)
+def create_folder(target: Path) -> Iterator[Path]:
+    """Fill a hidden folder and rename it to `target` at the end; after an exception nothing remains.
+
+    Args:
+        target: Final path, which must not exist or must be an empty folder.
+
+    Yields:
+        The hidden folder beside `target`.
+    """
+    path = target.with_name(f".{target.name}{part_suffix()}")
+    remove_leftovers(target.parent, target.name)
     path.mkdir()
     try:
         yield path
@@ -95,11 +118,18 @@ def new_folder(target: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def folder_aside(target: Path, within: Path, prefix: str) -> Iterator[Path]:
-    """A fresh folder below `within` to fill; it takes the place of `target` at the end, or is gone after an error.
+def replace_folder(target: Path, within: Path, prefix: str) -> Iterator[Path]:
+    """Fill a temporary folder and let it take the place of `target`; after an exception nothing remains.
 
-    `within` lies on the file system of `target`; the folder's name begins with `prefix`. Who fills the same target at
-    the same time is kept away by the caller.
+    The caller keeps other processes from filling the same target at the same time.
+
+    Args:
+        target: Final path; an existing folder is replaced.
+        within: Parent of the temporary folder, on the file system of `target`.
+        prefix: Start of the temporary folder's name.
+
+    Yields:
+        The temporary folder.
     """
     folder = Path(tempfile.mkdtemp(prefix=prefix, dir=within))
     try:

@@ -1,29 +1,45 @@
-"""Settings of a process that computes: threads of the libraries, and garbage collection. Imports nothing heavy."""
+"""Settings of a computing process: cores, threads of the libraries, garbage collection; imports nothing heavy."""
 
 from __future__ import annotations
 
 import gc
 import os
+import sys
 
-ALGEBRA = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""What numpy's libraries ask for their number of threads."""
-WAITING = ("OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER", "OPENCV_THREAD_POOL_ACTIVE_WAIT_MAIN")
-"""For how many turns OpenCV's threads wait for each other without letting anybody else run."""
-COLLECT_EVERY = 20_000
-"""Objects made beyond those freed, between two looks for garbage in cycles: Python's own 700 are for small programs."""
+THREAD_COUNT_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables with the number of threads of the linear algebra libraries behind numpy."""
+ACTIVE_WAIT_VARIABLES = ("OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER", "OPENCV_THREAD_POOL_ACTIVE_WAIT_MAIN")
+"""Environment variables with the number of iterations for which OpenCV's threads wait busily for each other."""
+COLLECTION_THRESHOLD = 20_000
+"""Net number of new objects that starts a garbage collection. Python's default is 700, which suits small programs."""
 
 
-def spare_threads() -> None:
-    """Let linear algebra run on one thread, unless the user says otherwise, before numpy is imported: its matrices are
-    small here, and threads that wait for each other on a busy machine cost ten times what they bring. Those of OpenCV
-    sleep where they would wait: a fourteenth of what a clip costs."""
-    for name in ALGEBRA:
+def available_cores() -> int:
+    """Count the processor cores that this process may use.
+
+    Returns:
+        The size of the CPU affinity mask where the system has one, which containers and job schedulers restrict; else
+        the number of cores of the machine.
+    """
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
+def limit_library_threads() -> None:
+    """Run linear algebra on one thread and let waiting threads of OpenCV sleep; call it before numpy is imported.
+
+    The matrices here are small, and on a busy machine threads that wait for each other cost ten times what they save.
+    Sleeping threads of OpenCV save a fourteenth of the CPU time of a clip (measured). Variables that the user has set
+    are left as they are.
+    """
+    for name in THREAD_COUNT_VARIABLES:
         os.environ.setdefault(name, "1")
-    for name in WAITING:
+    for name in ACTIVE_WAIT_VARIABLES:
         os.environ.setdefault(name, "0")
 
 
-def spare_collections() -> None:
-    """Look for garbage seldom: pictures and arrays are freed without it, and each look goes over all that imports left
-    behind. A thirtieth of what a clip costs."""
-    gc.set_threshold(COLLECT_EVERY)
+def limit_garbage_collection() -> None:
+    """Collect garbage rarely: arrays are freed without it, and each collection visits every object of every import.
+
+    It saves a thirtieth of the CPU time of a clip (measured).
+    """
+    gc.set_threshold(COLLECTION_THRESHOLD)

@@ -1,10 +1,10 @@
-"""Content-addressed entries of plain files: built aside, published by one rename, locked per key, checked when read.
+"""The cache of results: entries of plain files, published by one rename, locked per key, checked when they are read.
 
 ROOT/entries/ab/abcd.../          the files of an entry and its manifest.json
-ROOT/building/                    entries that are being built; what a killed process leaves is pruned, told by its lock
+ROOT/building/                    entries that are being built; a free lock shows that a process was killed
 ROOT/locks/abcd....lock           one per key
-ROOT/latest/STAGE-CLIP.json       the parts of the last key, to say why a stage is stale
-ROOT/mark                         by which this folder is told from another one in its place
+ROOT/latest/STAGE-CLIP.json       the parts of the last key, from which `trueroll graph` derives why a stage is stale
+ROOT/mark                         identifies this folder, should another one be mounted in its place
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import shutil
 import stat
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,114 +25,112 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from models.core.errors import TruerollError
-from pipeline.engine.atomic_write import aside, clear_left, folder_aside
+from pipeline.engine.atomic_write import remove_leftovers, replace_file, replace_folder
+from pipeline.engine.cache_key import CacheKey
 
 MANIFEST = "manifest.json"
 MARK = "mark"
-LEFT_S = 60.0
-"""s after which a lone file among what is built, by which workers try a folder, is no longer looked for."""
-ROOMS = ("entries", "building", "locks", "latest")
+PROBE_AGE_S = 60.0
+"""Age after which a file in building/, written by a worker to test the folder, is removed, s."""
+SUBFOLDERS = ("entries", "building", "locks", "latest")
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
-    """What an entry depends on, and the address that follows from it."""
-
-    stage: str
-    parts: Mapping[str, Any]
-    """JSON-able: options, inputs (content hashes), source (hash per file), libraries."""
-
-    @property
-    def plain(self) -> dict[str, Any]:
-        """The parts as they are remembered: a list where there was a tuple."""
-        parts: dict[str, Any] = json.loads(json.dumps(self.parts))
-        return parts
-
-    @property
-    def digest(self) -> str:
-        text = json.dumps({"stage": self.stage, **self.parts}, sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """A finished entry."""
+class CacheEntry:
+    """A finished entry of the cache."""
 
     folder: Path
     key: str
     stage: str
     content: str
-    """SHA-256 over the names and hashes of its files: equal results have equal content, whatever made them."""
+    """SHA-256 over the names and hashes of its files: equal results have equal content, whatever their key."""
     seconds: float
-    """Time that it took to make."""
+    """Time that the stage took, s."""
     size: int
-    """bytes"""
+    """Size of all files, bytes."""
     used: float
     """Last use, s since the epoch."""
 
 
-class CacheLost(TruerollError):
-    """The folder of the cache is gone, or another one stands in its place."""
+class CacheMissing(TruerollError):
+    """The folder of the cache is gone, or another folder is in its place."""
 
     def __init__(self, root: Path) -> None:
         super().__init__(
-            f"The cache {root} is gone, or another folder stands in its place; bring it back (a mount?) and run again"
+            f"The cache {root} is gone, or another folder is in its place; bring it back (a mount?) and run again"
         )
 
 
-class Cache:
+class ResultCache:
     """Entries below one root folder; safe for many processes on one file system.
 
-    With a `mark` the folder must be there and bear it, and nothing is made in its place: CacheLost otherwise.
+    With a `mark`, the folder must exist and have this mark, and no folder is created in its place; otherwise
+    CacheMissing is raised.
     """
 
     def __init__(self, root: Path, *, mark: str | None = None) -> None:
         self.root = root
         if mark is None:
-            for name in ROOMS:
+            for name in SUBFOLDERS:
                 (root / name).mkdir(parents=True, exist_ok=True)
-            mark = _marked(root)
+            mark = _read_or_create_mark(root)
         self.mark = mark
-        self._stand()
+        self._require_mark()
 
-    def _stand(self) -> None:
-        """Nothing is ever written to a folder that has taken this one's place, such as the bare mount point."""
+    def _require_mark(self) -> None:
+        """Raise CacheMissing if another folder, such as a bare mount point, has taken the place of this one."""
         try:
             if (self.root / MARK).read_text(encoding="ascii") == self.mark:
                 return
         except (OSError, ValueError) as error:
-            raise CacheLost(self.root) from error
-        raise CacheLost(self.root)
+            raise CacheMissing(self.root) from error
+        raise CacheMissing(self.root)
 
-    def folder(self, key: str) -> Path:
+    def entry_folder(self, key: str) -> Path:
+        """Return the folder of the entry with this digest, whether it exists or not."""
         return self.root / "entries" / key[:2] / key
 
-    def find(self, key: Key) -> Entry | None:
-        """The entry of this key, or None where it is missing, torn or altered."""
-        entry = _read_entry(self.folder(key.digest))
+    def find(self, key: CacheKey) -> CacheEntry | None:
+        """Find the entry of a key and note its use; None where it is missing, incomplete or altered."""
+        entry = _read_entry(self.entry_folder(key.digest))
         if entry is not None:
-            with suppress(OSError):  # it can be read and not written: only pruning asks for the time
+            with suppress(OSError):  # the cache may be read-only; only pruning uses this time
                 os.utime(entry.folder / MANIFEST)
         return entry
 
-    def is_damaged(self, key: Key) -> bool:
-        """Whether an entry is there that cannot be trusted."""
-        folder = self.folder(key.digest)
+    def is_damaged(self, key: CacheKey) -> bool:
+        """Whether an entry of this key exists but is incomplete or altered."""
+        folder = self.entry_folder(key.digest)
         return folder.exists() and _read_entry(folder) is None
 
-    def make(self, key: Key, build: Callable[[Path], None]) -> Entry:
-        """The entry of this key, built by `build(folder)` unless another process has done it meanwhile."""
-        self._stand()
-        with FileLock(self._lock(key.digest)):
-            entry = self.find(key)
-            return entry if entry is not None else self._publish(key, build)
+    def find_or_build(self, key: CacheKey, build: Callable[[Path], None]) -> CacheEntry:
+        """Find the entry of a key, or build it unless another process does so first.
 
-    def _publish(self, key: Key, build: Callable[[Path], None]) -> Entry:
-        """With the lock of the key held: what lies in building/ for it was left by a process that was killed."""
-        prefix, final = f"{key.stage}-{key.digest}-", self.folder(key.digest)
+        Args:
+            key: Key of the entry.
+            build: Writes the files of the entry into the folder that it is given.
+
+        Returns:
+            The finished entry.
+
+        Raises:
+            CacheMissing: The folder of the cache is gone.
+            OSError: The entry cannot be written, or cannot be read back.
+        """
+        self._require_mark()
+        with FileLock(self._lock_file(key.digest)):
+            entry = self.find(key)
+            return entry if entry is not None else self._build_entry(key, build)
+
+    def _build_entry(self, key: CacheKey, build: Callable[[Path], None]) -> CacheEntry:
+        """Build an entry while holding the lock of its key.
+
+        What building/ holds for this key was left by a process that was killed.
+        """
+        prefix, final = f"{key.stage}-{key.digest}-", self.entry_folder(key.digest)
         for left in (self.root / "building").glob(f"{prefix}*"):
             shutil.rmtree(left, ignore_errors=True)
-        with folder_aside(final, self.root / "building", prefix) as fresh:
+        with replace_folder(final, self.root / "building", prefix) as fresh:
             start = time.monotonic()
             build(fresh)
             _write_manifest(fresh, key, time.monotonic() - start)
@@ -141,88 +139,101 @@ class Cache:
             raise OSError(f"the entry that was just written to {final} cannot be read back; is the disk full?")
         return entry
 
-    def remember(self, key: Key, clip: str) -> None:
-        """Note the parts of the key that a stage last had for a clip."""
-        self._stand()
-        with aside(self._latest(key.stage, clip)) as fresh:
+    def remember(self, key: CacheKey, clip: str) -> None:
+        """Store the parts of the latest key of a stage for a clip."""
+        self._require_mark()
+        with replace_file(self._latest_file(key.stage, clip)) as fresh:
             fresh.write_text(json.dumps(key.parts, sort_keys=True), encoding="utf-8")
 
     def recall(self, stage: str, clip: str) -> dict[str, Any] | None:
-        """The parts that `remember` noted, None if never."""
+        """Return the parts that `remember` stored; None if there are none."""
         try:
-            parts: dict[str, Any] = json.loads(self._latest(stage, clip).read_text(encoding="utf-8"))
+            parts: dict[str, Any] = json.loads(self._latest_file(stage, clip).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return None
         return parts
 
-    def _latest(self, stage: str, clip: str) -> Path:
+    def _latest_file(self, stage: str, clip: str) -> Path:
         return self.root / "latest" / f"{stage}-{clip[:32]}.json"
 
-    def entries(self) -> Iterator[Entry]:
-        """All whole entries, the least recently used first."""
-        found = [_read_entry(path.parent, check=False) for path in (self.root / "entries").glob(f"*/*/{MANIFEST}")]
-        yield from sorted((entry for entry in found if entry is not None), key=lambda entry: (entry.used, entry.key))
+    def entries(self) -> Iterator[CacheEntry]:
+        """Yield all complete entries, the least recently used first, without checking their hashes."""
+        read_entries = [
+            _read_entry(path.parent, check=False) for path in (self.root / "entries").glob(f"*/*/{MANIFEST}")
+        ]
+        yield from sorted(
+            (entry for entry in read_entries if entry is not None), key=lambda entry: (entry.used, entry.key)
+        )
 
-    def prune(self, *, older_than_s: float | None = None, largest_bytes: int | None = None) -> list[Entry]:
-        """Remove old entries, then the least recently used until the rest fits; also what dead processes left."""
+    def prune(self, *, older_than_s: float | None = None, largest_bytes: int | None = None) -> list[CacheEntry]:
+        """Remove old entries, then the least recently used ones until the rest fits, and leftovers of killed processes.
+
+        Args:
+            older_than_s: Remove entries whose last use is longer ago, s; None keeps all ages.
+            largest_bytes: Largest total size to keep, bytes; None keeps all sizes.
+
+        Returns:
+            The removed entries.
+        """
         now = time.time()
-        self.clear_rubbish()
-        kept = list(self.entries())
-        total = sum(entry.size for entry in kept)
+        self.remove_leftovers()
+        entries = list(self.entries())
+        total = sum(entry.size for entry in entries)
         removed = []
-        for entry in kept:
+        for entry in entries:
             old = older_than_s is not None and now - entry.used > older_than_s
             if old or (largest_bytes is not None and total > largest_bytes):
-                self._remove(entry)
+                self._remove_entry(entry)
                 removed.append(entry)
                 total -= entry.size
-        self._drop_unused_locks()
+        self._remove_unused_locks()
         return removed
 
-    def clear_rubbish(self) -> None:
-        """What dead processes left: a lock dies with its process, so that what nobody locks nobody builds."""
-        clear_left(self.root / "building")
+    def remove_leftovers(self) -> None:
+        """Remove what killed processes left: a lock ends with its process, so nobody builds where the lock is free."""
+        remove_leftovers(self.root / "building")
         for path in (self.root / "building").iterdir():
-            with suppress(Timeout, FileNotFoundError), FileLock(self._lock(_key_of(path)), timeout=0):
+            with suppress(Timeout, FileNotFoundError), FileLock(self._lock_file(_key_of_build_folder(path)), timeout=0):
                 if path.is_dir():
                     shutil.rmtree(path, ignore_errors=True)
-                elif time.time() - path.stat().st_mtime > LEFT_S:
+                elif time.time() - path.stat().st_mtime > PROBE_AGE_S:
                     path.unlink()
 
-    def _drop_unused_locks(self) -> None:
-        """Lock files without an entry that nobody holds; whoever waits for one notices that it is gone."""
+    def _remove_unused_locks(self) -> None:
+        """Remove free lock files without an entry; filelock notices if another process waits for one of them."""
         for path in (self.root / "locks").glob("*.lock"):
-            if not self.folder(path.stem).exists():
+            if not self.entry_folder(path.stem).exists():
                 with suppress(Timeout), FileLock(path, timeout=0):
                     path.unlink(missing_ok=True)
 
-    def _lock(self, key: str) -> Path:
+    def _lock_file(self, key: str) -> Path:
         return self.root / "locks" / f"{key}.lock"
 
-    def _remove(self, entry: Entry) -> None:
-        with FileLock(self._lock(entry.key)):
+    def _remove_entry(self, entry: CacheEntry) -> None:
+        with FileLock(self._lock_file(entry.key)):
             shutil.rmtree(entry.folder, ignore_errors=True)
 
 
-def _marked(root: Path) -> str:
-    """The mark of a cache, made where there is none; of processes that come at once, the first one makes it for all."""
+def _read_or_create_mark(root: Path) -> str:
+    """Read the mark of a cache; create it first if there is none, once for all processes that start together."""
     mark = root / MARK
     if not mark.exists():
         with FileLock(root / "locks" / f"{MARK}.lock"):
             if not mark.exists():
-                with aside(mark) as fresh:
+                with replace_file(mark) as fresh:
                     fresh.write_text(uuid.uuid4().hex, encoding="ascii")
     return mark.read_text(encoding="ascii")
 
 
-def _key_of(building: Path) -> str:
-    """The key that a folder under building/ is for: STAGE-KEY-CHANCE."""
+def _key_of_build_folder(building: Path) -> str:
+    """Return the key of a folder under building/, which is named STAGE-KEY-RANDOM."""
     return building.name.rpartition("-")[0].rpartition("-")[2] or building.name
 
 
-def _write_manifest(folder: Path, key: Key, seconds: float) -> None:
+def _write_manifest(folder: Path, key: CacheKey, seconds: float) -> None:
+    """Write the manifest: key, time and the hash and size of every file."""
     files = {
-        str(path.relative_to(folder)): {"sha256": _file_hash(path), "size": path.stat().st_size}
+        str(path.relative_to(folder)): {"sha256": _hash_file_content(path), "size": path.stat().st_size}
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
@@ -230,8 +241,8 @@ def _write_manifest(folder: Path, key: Key, seconds: float) -> None:
     (folder / MANIFEST).write_text(json.dumps(document, indent=1), encoding="utf-8")
 
 
-def _read_entry(folder: Path, *, check: bool = True) -> Entry | None:
-    """The entry in `folder`; None where a file is missing, torn or altered."""
+def _read_entry(folder: Path, *, check: bool = True) -> CacheEntry | None:
+    """Read the entry in `folder`; None where a file is missing, incomplete or altered."""
     try:
         document = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         used = (folder / MANIFEST).stat().st_mtime
@@ -239,18 +250,24 @@ def _read_entry(folder: Path, *, check: bool = True) -> Entry | None:
         if document["key"] != folder.name:
             return None
         for name, facts in files.items():
-            if _size_within(folder, name) != facts["size"] or (check and _file_hash(folder / name) != facts["sha256"]):
+            if _size_within(folder, name) != facts["size"]:
+                return None
+            if check and _hash_file_content(folder / name) != facts["sha256"]:
                 return None
         content = hashlib.sha256(json.dumps({n: f["sha256"] for n, f in files.items()}, sort_keys=True).encode())
         size = sum(int(facts["size"]) for facts in files.values())
-        return Entry(folder, document["key"], document["stage"], content.hexdigest(), document["seconds"], size, used)
+        return CacheEntry(
+            folder, document["key"], document["stage"], content.hexdigest(), document["seconds"], size, used
+        )
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
 def _size_within(folder: Path, name: str) -> int | None:
-    """bytes of an ordinary file of the entry, None of anything else: a manifest that others wrote may name a device, or
-    a file of the user's by way of a link, of dots or of the root."""
+    """Return the size of a regular file within an entry, bytes; None of anything else.
+
+    A manifest that others wrote may name a device, or a file outside the entry by a link, by dots or by the root.
+    """
     place, size = str(folder), None
     for part in Path(name).parts:
         place = f"{place}/{part}"
@@ -261,14 +278,18 @@ def _size_within(folder: Path, name: str) -> int | None:
     return size
 
 
-def _file_hash(path: Path) -> str:
+def _hash_file_content(path: Path) -> str:
+    """Return the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def default_root() -> Path:
-    """$TRUEROLL_CACHE, else trueroll below the user's cache folder."""
-    named = os.environ.get("TRUEROLL_CACHE")
-    if named:
-        return Path(named)
+def default_cache_root() -> Path:
+    """Return the default folder of the cache.
+
+    Returns:
+        $TRUEROLL_CACHE, else `trueroll` in $XDG_CACHE_HOME or ~/.cache.
+    """
+    if folder := os.environ.get("TRUEROLL_CACHE"):
+        return Path(folder)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "trueroll"

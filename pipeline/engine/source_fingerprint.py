@@ -1,4 +1,7 @@
-"""What code stands behind a stage: its module, all of the project that it imports, and the libraries' versions."""
+"""Hashes the code behind a stage: its module, all project modules that it imports, and the versions of the libraries.
+
+It works in a checkout and in an installed wheel, where modules of other projects lie beside the packages of this one.
+"""
 
 from __future__ import annotations
 
@@ -12,98 +15,123 @@ from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
-from models.core.source_imports import Import, imports_of
+from models.core.source_imports import Import, find_discovered_packages, find_imports
 
 ROOT = Path(__file__).resolve().parents[2]
-LEAVES = (ast.Name, ast.expr_context)
-"""Of a syntax tree: what says nothing here and has nothing below it, more than half of all."""
-LIBRARIES = ("torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
+"""Folder of the project's packages: the checkout, or site-packages."""
+PACKAGES = ("trueroll", "pipeline", "detectors", "diagnosis", "video", "models")
+"""The project's packages. Nothing else below `ROOT` is hashed."""
+IGNORED_NODES = (ast.Name, ast.expr_context)
+"""Nodes of a syntax tree that are no strings and hold none: more than half of all nodes."""
+LIBRARIES = ("torch", "opencv-python-headless", "onnxruntime", "numpy", "av", "scipy", "numba", "scikit-image")
+"""Distributions whose version is part of the cache key: they can change a result."""
 
 
 @lru_cache(maxsize=1)
 def library_versions() -> dict[str, str]:
-    """Versions of the libraries that can change a result."""
+    """Read the versions of the libraries that can change a result.
+
+    Returns:
+        Versions by the name of the distribution.
+    """
     return {name: version(name) for name in LIBRARIES}
 
 
 @dataclass(frozen=True, slots=True)
-class _Text:
-    """What a module says that matters here."""
+class _ModuleSource:
+    """The source of a module, its imports, and the packages that it discovers."""
 
     imports: tuple[Import, ...]
+    discovered_packages: tuple[str, ...]
     source: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """What was read of the project at one time, each file and folder once however many stages stand on it."""
+class SourceSnapshot:
+    """The project's code at one time. Each file and folder is read once, however many stages depend on it."""
 
-    texts: dict[Path, _Text] = field(default_factory=dict)
+    modules: dict[Path, _ModuleSource] = field(default_factory=dict)
     hashes: dict[Path, str] = field(default_factory=dict)
-    data: dict[Path, set[Path]] = field(default_factory=dict)
-    behind: dict[tuple[str, Path], dict[str, str]] = field(default_factory=dict)
-    """By module and root: what `source_hashes` found."""
+    data_files: dict[Path, set[Path]] = field(default_factory=dict)
+    hashes_by_module: dict[tuple[str, Path], dict[str, str]] = field(default_factory=dict)
+    """Results of `hash_sources` by module and root."""
 
-    def text(self, path: Path) -> _Text:
-        """What a module says."""
-        if path not in self.texts:
+    def read_module(self, path: Path) -> _ModuleSource:
+        """Read a module and its imports."""
+        if path not in self.modules:
             source = path.read_bytes()
-            self.texts[path] = _Text(_imports_of(source), source)
+            self.modules[path] = _ModuleSource(_find_imports_cached(source), find_discovered_packages(source), source)
             self.hashes[path] = hashlib.sha256(source).hexdigest()
-        return self.texts[path]
+        return self.modules[path]
 
-    def hash(self, path: Path) -> str:
-        """SHA-256 of a file."""
+    def hash_file(self, path: Path) -> str:
+        """Return the SHA-256 of a file."""
         if path not in self.hashes:
             self.hashes[path] = hashlib.sha256(path.read_bytes()).hexdigest()
         return self.hashes[path]
 
-    def data_of(self, package: Path) -> set[Path]:
-        """Files of a package that are not Python."""
-        if package not in self.data:
-            self.data[package] = _package_data(package)
-        return self.data[package]
+    def list_data_files(self, package: Path) -> set[Path]:
+        """List the files of a package that are not Python."""
+        if package not in self.data_files:
+            self.data_files[package] = _list_package_data(package)
+        return self.data_files[package]
 
 
-def source_hashes(module: str, root: Path = ROOT, look: Look | None = None) -> dict[str, str]:
-    """SHA-256 of every project file behind `module`, by path below `root`.
+def hash_sources(module: str, root: Path = ROOT, snapshot: SourceSnapshot | None = None) -> dict[str, str]:
+    """Hash every project file that a module depends on.
 
-    Follows imports by reading the source, so that an edit of a helper any number of imports away counts. Files that
-    are not Python (fonts, weights, templates) count for the modules of their package that name them or their folder
-    in a string. Importing a package called `effects` counts all its modules: a new effect is a change. Calls that
-    share a `look` read every file once, and see the project as it was then.
+    Imports are followed by reading the source, so that an edit counts any number of imports away. Files that are not
+    Python (fonts, weights, templates) count for the modules of their package that name them or their folder in a
+    string. `discover_modules("PACKAGE")` counts all modules below a package, so that a new effect is a change.
+
+    Args:
+        module: Dotted name of the module.
+        root: Folder of the project's packages.
+        snapshot: The project's code as read before. Calls that share a snapshot read every file once; None reads all
+            files now.
+
+    Returns:
+        SHA-256 by path below `root`.
     """
-    look = Look() if look is None else look
-    if (module, root) not in look.behind:
-        files = sorted(_files_behind(module, root, look))
-        look.behind[module, root] = {str(path.relative_to(root)): look.hash(path) for path in files}
-    return look.behind[module, root]
+    snapshot = SourceSnapshot() if snapshot is None else snapshot
+    if (module, root) not in snapshot.hashes_by_module:
+        files = sorted(_find_source_files(module, root, snapshot))
+        snapshot.hashes_by_module[module, root] = {
+            str(path.relative_to(root)): snapshot.hash_file(path) for path in files
+        }
+    return snapshot.hashes_by_module[module, root]
 
 
-def _files_behind(module: str, root: Path, look: Look) -> set[Path]:
-    found: set[Path] = set()
+def _find_source_files(module: str, root: Path, snapshot: SourceSnapshot) -> set[Path]:
+    """Collect the files behind a module: sources by their imports, and data files by their names."""
+    files: set[Path] = set()
     waiting = [module]
-    seen: set[str] = set()
-    ours = {path.stem for path in root.iterdir()}
+    visited: set[str] = set()
     while waiting:
         name = waiting.pop()
-        if name in seen or name.split(".", 1)[0] not in ours:
+        if name in visited or name.split(".", 1)[0] not in PACKAGES:
             continue
-        seen.add(name)
-        path = _module_file(name, root)
+        visited.add(name)
+        path = _find_module_file(name, root)
         if path is None:
             continue
-        text = look.text(path)
-        found.add(path)
-        found.update(_named_data(path, text.source, look))
-        if path.name == "__init__.py" and path.parent.name == "effects":
-            modules = (below.relative_to(path.parent).with_suffix("") for below in path.parent.rglob("*.py"))
-            waiting.extend(".".join([name, *module.parts]) for module in modules)
-        waiting.extend(_resolved(text.imports, name))
-    return found
+        text = snapshot.read_module(path)
+        files.add(path)
+        files.update(_find_named_data(path, text.source, snapshot))
+        for package in text.discovered_packages:
+            waiting.extend(_list_modules(package, root))
+        waiting.extend(_list_possible_modules(text.imports, name))
+    return files
 
 
-def _module_file(name: str, root: Path) -> Path | None:
+def _list_modules(package: str, root: Path) -> Iterator[str]:
+    """Yield the names of all modules below a package, at any depth."""
+    for path in root.joinpath(*package.split(".")).rglob("*.py"):
+        yield ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__")
+
+
+def _find_module_file(name: str, root: Path) -> Path | None:
+    """Return the file of a module or package; None if there is no such file."""
     base = root.joinpath(*name.split("."))
     for path in (base.with_suffix(".py"), base / "__init__.py"):
         if path.is_file():
@@ -111,22 +139,22 @@ def _module_file(name: str, root: Path) -> Path | None:
     return None
 
 
-_imports_of = lru_cache(maxsize=2048)(imports_of)
-"""By content: an edit within the same tick of the clock counts too."""
+_find_imports_cached = lru_cache(maxsize=2048)(find_imports)
+"""Cached by content, so that an edit within one tick of the clock counts too."""
 
 
 @lru_cache(maxsize=2048)
-def _words(source: bytes) -> str:
-    """All strings of a module but docstrings, which speak of files and open none."""
-    with _nothing_collected():
-        nodes = list(_nodes(ast.parse(source)))
-    said = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
-    strings = (node for node in nodes if isinstance(node, ast.Constant) and id(node) not in said)
+def _join_strings(source: bytes) -> str:
+    """Join all strings of a module except docstrings, which may mention files but open none."""
+    with _pause_garbage_collection():
+        nodes = list(_walk_nodes(ast.parse(source)))
+    bare_strings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    strings = (node for node in nodes if isinstance(node, ast.Constant) and id(node) not in bare_strings)
     return " ".join(node.value for node in strings if isinstance(node.value, str))
 
 
-def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
-    """All nodes of a syntax tree but `LEAVES`."""
+def _walk_nodes(tree: ast.AST) -> Iterator[ast.AST]:
+    """Yield all nodes of a syntax tree except `IGNORED_NODES`."""
     waiting = [tree]
     while waiting:
         node = waiting.pop()
@@ -134,12 +162,12 @@ def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
         for field_name in node._fields:
             value = getattr(node, field_name, None)
             below = value if isinstance(value, list) else (value,)
-            waiting.extend(one for one in below if isinstance(one, ast.AST) and not isinstance(one, LEAVES))
+            waiting.extend(one for one in below if isinstance(one, ast.AST) and not isinstance(one, IGNORED_NODES))
 
 
 @contextmanager
-def _nothing_collected() -> Iterator[None]:
-    """Syntax trees are many objects without cycles; looking for garbage among them takes as long as making them."""
+def _pause_garbage_collection() -> Iterator[None]:
+    """Pause garbage collection: for a syntax tree, many objects without cycles, it takes as long as parsing."""
     collects = gc.isenabled()
     gc.disable()
     try:
@@ -149,8 +177,8 @@ def _nothing_collected() -> Iterator[None]:
             gc.enable()
 
 
-def _resolved(imports: Iterable[Import], name: str) -> Iterator[str]:
-    """Names that may be modules, of the imports of module `name`, with the packages above them."""
+def _list_possible_modules(imports: Iterable[Import], name: str) -> Iterator[str]:
+    """List names that may be modules from the imports of module `name`, with the packages above them."""
     for level, module, names in imports:
         package = name.split(".")[:-level] if level else []
         base = ".".join([*package, *([module] if module else [])])
@@ -159,20 +187,20 @@ def _resolved(imports: Iterable[Import], name: str) -> Iterator[str]:
             yield from (".".join(parts[: k + 1]) for k in range(len(parts)))
 
 
-def _named_data(module: Path, source: bytes, look: Look) -> set[Path]:
-    """Files beside a module that are not Python and that it names, or the folder they are in.
+def _find_named_data(module: Path, source: bytes, snapshot: SourceSnapshot) -> set[Path]:
+    """Find the data files beside a module that one of its strings names, by themselves or by their folder.
 
-    Only a source in which such a name stands at all is parsed for its strings.
+    A source is parsed only if such a name occurs in it.
     """
-    parts = {path: path.relative_to(module.parent).parts for path in look.data_of(module.parent)}
+    parts = {path: path.relative_to(module.parent).parts for path in snapshot.list_data_files(module.parent)}
     if not any(part.encode() in source for part in {part for own in parts.values() for part in own}):
         return set()
-    words = _words(source)
+    words = _join_strings(source)
     return {path for path, own in parts.items() if any(part in words for part in own)}
 
 
-def _package_data(package: Path) -> set[Path]:
-    """Files of a package that are not Python, also in its folders that are no packages themselves."""
+def _list_package_data(package: Path) -> set[Path]:
+    """List the files of a package that are not Python, also in folders that are no packages themselves."""
     data: set[Path] = set()
     for path in package.iterdir():
         if path.is_dir() and path.name != "__pycache__" and not (path / "__init__.py").exists():

@@ -10,29 +10,29 @@ from typing import Any
 from models.core.progress import Progress
 
 Inputs = Mapping[str, Any]
-"""By stage name: the value that the stage made, or the folder of its files."""
+"""By stage name: the output value of the stage, or the folder of its files."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
     """One step of the chain.
 
-    `run(inputs, options, folder, progress)` returns a value of type `output`, which is saved for it, or writes its
-    files into `folder` and returns None where `output` is None. It must depend on nothing else.
+    `run(inputs, options, folder, progress)` returns a value of type `output`, which the graph saves. Where `output` is
+    None, it writes files into `folder` and returns None. Its result must depend only on these arguments and `facts`.
     """
 
     name: str
     module: str
-    """Where its code begins: everything of the project imported from there is part of its key."""
+    """Module of its code. The sources of all project modules that it imports are part of the cache key."""
     needs: tuple[str, ...]
     output: type | None
     run: Callable[[Inputs, Any, Path, Progress], Any]
     options: Any
     """A frozen dataclass of plain values."""
     facts: Mapping[str, Any] = field(default_factory=dict)
-    """What else the result depends on, such as the digest of the clip; JSON-able."""
+    """What else the result depends on, such as the digest of the clip, as JSON values."""
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """Options as JSON-able values."""
+    def json_options(self) -> dict[str, Any]:
+        """The options as JSON values, by name."""
         return {name: str(value) if isinstance(value, Path) else value for name, value in asdict(self.options).items()}

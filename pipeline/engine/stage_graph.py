@@ -1,4 +1,4 @@
-"""The graph of stages: their order, what is cached, what is stale and why, and running them."""
+"""The graph of stages: orders them, lists which are cached or stale and why, and runs them."""
 
 from __future__ import annotations
 
@@ -10,52 +10,74 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from models.core.progress import Progress
-from pipeline.engine.result_cache import Cache, Entry, Key
-from pipeline.engine.source_fingerprint import Look, library_versions, source_hashes
+from pipeline.engine.cache_key import CacheKey, build_stage_key
+from pipeline.engine.result_cache import CacheEntry, ResultCache
+from pipeline.engine.source_fingerprint import SourceSnapshot, hash_sources
 from pipeline.engine.stage import Stage
-from pipeline.engine.value_files import FORMAT, load_value, save_value
+from pipeline.engine.value_files import load_value, save_value
 
 State = Literal["cached", "stale", "waiting"]
 
 
 @dataclass(frozen=True, slots=True)
-class Outlook:
-    """How a stage stands before a run."""
+class StageStatus:
+    """State of a stage before a run."""
 
     stage: str
     needs: tuple[str, ...]
     state: State
     why: str
-    """Why it would run; empty where it is cached."""
+    """Why the stage would run; empty where it is cached."""
 
 
-def nothing() -> None:
-    """A check that nobody asked for."""
+def accept_result() -> None:
+    """Accept the result of a stage: the check of runs that need none."""
 
 
-class Watcher(Protocol):
-    """Who follows a run: a display, a log, a test."""
+class RunWatcher(Protocol):
+    """Follows a run: a display, a log or a test."""
 
-    def started(self, stage: str) -> Progress:
-        """A stage begins; the returned function hears its progress."""
+    def start_stage(self, stage: str) -> Progress:
+        """Note that a stage begins.
+
+        Args:
+            stage: Name of the stage.
+
+        Returns:
+            A function that is called with the finished share of the stage, 0 to 1.
+        """
         ...
 
-    def finished(self, stage: str, seconds: float, cached: bool) -> None:
-        """A stage is done."""
+    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
+        """Note that a stage is done.
+
+        Args:
+            stage: Name of the stage.
+            seconds: Time that it took when it ran, s.
+            cached: Whether its result came from the cache.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class Graph:
-    """Stages by name, in an order in which each comes after what it needs."""
+class StageGraph:
+    """Stages in an order in which each comes after its inputs."""
 
     stages: tuple[Stage, ...]
     clip: str
-    """Digest of the clip, under which the last keys are remembered."""
+    """Digest of the clip, under which the cache remembers the latest keys."""
 
     @classmethod
-    def of(cls, stages: Iterable[Stage], clip: str) -> Graph:
-        """Put stages in order; ValueError for a missing input or a cycle."""
+    def from_stages(cls, stages: Iterable[Stage], clip: str) -> StageGraph:
+        """Order stages by their inputs.
+
+        Args:
+            stages: The stages in any order.
+            clip: Digest of the clip.
+
+        Raises:
+            ValueError: An input is missing, or inputs form a cycle.
+        """
         by_name = {stage.name: stage for stage in stages}
         for stage in by_name.values():
             if missing := set(stage.needs) - by_name.keys():
@@ -63,100 +85,103 @@ class Graph:
         order = TopologicalSorter({name: stage.needs for name, stage in by_name.items()}).static_order()
         return cls(tuple(by_name[name] for name in order), clip)
 
-    def outlook(self, cache: Cache) -> list[Outlook]:
-        """What a run would do, without doing it."""
-        sources = self._sources()
+    def list_statuses(self, cache: ResultCache) -> list[StageStatus]:
+        """List the state of every stage in the order of a run, without running any."""
+        sources = self._hash_all_sources()
         contents: dict[str, str] = {}
-        behind: dict[str, set[str]] = {}
-        views = []
+        ancestors: dict[str, set[str]] = {}
+        statuses = []
         for stage in self.stages:
-            behind[stage.name] = set(stage.needs).union(*(behind[name] for name in stage.needs))
+            ancestors[stage.name] = set(stage.needs).union(*(ancestors[name] for name in stage.needs))
             waits = [name for name in stage.needs if name not in contents]
             if waits:
-                nearest = [name for name in waits if not any(name in behind[other] for other in waits)]
-                views.append(Outlook(stage.name, stage.needs, "waiting", f"waits for {', '.join(nearest)}"))
+                nearest = [name for name in waits if not any(name in ancestors[other] for other in waits)]
+                statuses.append(StageStatus(stage.name, stage.needs, "waiting", f"waits for {', '.join(nearest)}"))
                 continue
-            key = stage_key(stage, contents, sources[stage.name])
+            key = build_stage_key(stage, contents, sources[stage.name])
             entry = cache.find(key)
             if entry is not None:
                 contents[stage.name] = entry.content
-                views.append(Outlook(stage.name, stage.needs, "cached", ""))
+                statuses.append(StageStatus(stage.name, stage.needs, "cached", ""))
             else:
-                why = "its entry is damaged" if cache.is_damaged(key) else _difference(key, cache, self.clip)
-                views.append(Outlook(stage.name, stage.needs, "stale", why))
-        return views
+                why = "its entry is damaged" if cache.is_damaged(key) else _describe_difference(key, cache, self.clip)
+                statuses.append(StageStatus(stage.name, stage.needs, "stale", why))
+        return statuses
 
     def run(
         self,
-        cache: Cache,
-        watcher: Watcher,
-        bound: Mapping[str, Callable[[Any], Any]] | None = None,
-        check: Callable[[], None] = nothing,
-        look: Look | None = None,
-    ) -> dict[str, Entry]:
-        """Run what is not cached; `bound` adapts the values of the stages it names before they are handed on.
+        cache: ResultCache,
+        watcher: RunWatcher,
+        adapters: Mapping[str, Callable[[Any], Any]] | None = None,
+        check: Callable[[], None] = accept_result,
+        snapshot: SourceSnapshot | None = None,
+    ) -> dict[str, CacheEntry]:
+        """Run the stages that are not cached.
 
-        `check` raises where what a stage has made since is not to be kept. `look` is the code as it was when this
-        process began, which is what it runs; without it the code is read now.
+        Args:
+            cache: Where results are looked up and stored.
+            watcher: Follows the run.
+            adapters: By stage name, a function that converts the output of the stage before other stages get it.
+            check: Called after every stage that ran; raises if its result must not be stored.
+            snapshot: The project's code when this process started, which is the code that it runs; None reads it now.
+
+        Returns:
+            The cache entries of all stages by name.
         """
-        sources = self._sources(look)
-        entries: dict[str, Entry] = {}
+        sources = self._hash_all_sources(snapshot)
+        entries: dict[str, CacheEntry] = {}
         values: dict[str, Any] = {}
         for stage in self.stages:
-            key = stage_key(stage, {name: entry.content for name, entry in entries.items()}, sources[stage.name])
-            progress = watcher.started(stage.name)
+            key = build_stage_key(stage, {name: entry.content for name, entry in entries.items()}, sources[stage.name])
+            progress = watcher.start_stage(stage.name)
             entry = cache.find(key)
             cached = entry is not None
             if entry is None:
-                inputs = {name: self._value(name, entries, values, bound or {}) for name in stage.needs}
-                entry = cache.make(key, partial(_build, stage, inputs, progress, check))
-            if cache.recall(stage.name, self.clip) != key.plain:
+                inputs = {name: self._load_output(name, entries, values, adapters or {}) for name in stage.needs}
+                entry = cache.find_or_build(key, partial(_run_and_save, stage, inputs, progress, check))
+            if cache.recall(stage.name, self.clip) != key.json_parts:
                 cache.remember(key, self.clip)
             entries[stage.name] = entry
-            watcher.finished(stage.name, entry.seconds, cached)
+            watcher.finish_stage(stage.name, entry.seconds, cached)
         return entries
 
-    def _sources(self, look: Look | None = None) -> dict[str, dict[str, str]]:
-        """By stage, the code behind it as it is now: what is edited during a long run counts for the next one."""
-        look = Look() if look is None else look
-        return {stage.name: source_hashes(stage.module, look=look) for stage in self.stages}
+    def _hash_all_sources(self, snapshot: SourceSnapshot | None = None) -> dict[str, dict[str, str]]:
+        """Hash the code behind every stage once, so that an edit during a long run counts for the next run."""
+        snapshot = SourceSnapshot() if snapshot is None else snapshot
+        return {stage.name: hash_sources(stage.module, snapshot=snapshot) for stage in self.stages}
 
-    def _value(
+    def _load_output(
         self,
         name: str,
-        entries: Mapping[str, Entry],
+        entries: Mapping[str, CacheEntry],
         values: dict[str, Any],
-        bound: Mapping[str, Callable[[Any], Any]],
+        adapters: Mapping[str, Callable[[Any], Any]],
     ) -> Any:
-        """The output of a finished stage, loaded once."""
+        """Load the output of a finished stage once, and adapt it."""
         if name not in values:
             stage = next(stage for stage in self.stages if stage.name == name)
-            value = stage_value(stage, entries[name])
-            values[name] = bound[name](value) if name in bound else value
+            value = load_stage_output(stage, entries[name])
+            values[name] = adapters[name](value) if name in adapters else value
         return values[name]
 
 
-def stage_key(stage: Stage, contents: Mapping[str, str], source: Mapping[str, str]) -> Key:
-    """The key of a stage whose inputs have these contents and whose code is `source` (hashes by file)."""
-    parts = {
-        "options": stage.settings,
-        "facts": dict(stage.facts),
-        "inputs": {name: contents[name] for name in sorted(stage.needs)},
-        "source": dict(source),
-        "libraries": library_versions(),
-        "format": FORMAT,
-    }
-    return Key(stage.name, parts)
+def load_stage_output(stage: Stage, entry: CacheEntry) -> Any:
+    """Load the output of a finished stage.
 
+    Args:
+        stage: The stage.
+        entry: Its cache entry.
 
-def stage_value(stage: Stage, entry: Entry) -> Any:
-    """What a finished stage made: its value, or the folder of its files."""
+    Returns:
+        The output value, or the folder of its files where the stage has no output type.
+    """
     return entry.folder if stage.output is None else load_value(stage.output, entry.folder)
 
 
-def _build(
+def _run_and_save(
     stage: Stage, inputs: Mapping[str, Any], progress: Progress, check: Callable[[], None], folder: Path
 ) -> None:
+    """Run a stage, check the result and save its value into the folder of the cache entry."""
     value = stage.run(inputs, stage.options, folder, progress)
     check()
     if stage.output is None:
@@ -166,18 +191,18 @@ def _build(
     save_value(value, folder)
 
 
-def _difference(key: Key, cache: Cache, clip: str) -> str:
-    """In words: what changed since this stage last ran for this clip."""
+def _describe_difference(key: CacheKey, cache: ResultCache, clip: str) -> str:
+    """Describe what changed since the stage last ran for this clip."""
     before = cache.recall(key.stage, clip)
     if before is None:
         return "it never ran for this clip"
-    now = key.plain
-    words = []
+    now = key.json_parts
+    changes = []
     for part, noun in (("options", "option"), ("facts", "input"), ("inputs", "input"), ("source", "file")):
         old, new = before.get(part, {}), now[part]
         changed = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
         if changed:
-            words.append(f"{noun} {', '.join(changed[:3])}{' and more' if len(changed) > 3 else ''} changed")
+            changes.append(f"{noun} {', '.join(changed[:3])}{' and more' if len(changed) > 3 else ''} changed")
     if before.get("libraries") != now["libraries"]:
-        words.append("a library has another version")
-    return "; ".join(words) or "its entry was pruned"
+        changes.append("a library has another version")
+    return "; ".join(changes) or "its entry was pruned"

@@ -1,4 +1,4 @@
-"""Values on disk: frozen dataclasses of arrays as one npz and one json, exactly and without pickle."""
+"""Stores frozen dataclasses of arrays as one npz and one json file, exactly and without pickle."""
 
 from __future__ import annotations
 
@@ -17,25 +17,45 @@ V = TypeVar("V")
 
 
 def save_value(value: object, folder: Path) -> None:
-    """Write a frozen dataclass into `folder`: arrays to arrays.npz, everything else to value.json."""
+    """Write a frozen dataclass into a folder: arrays to arrays.npz, everything else to value.json.
+
+    Args:
+        value: A dataclass of arrays, numbers, strings, fractions, paths, None, tuples and further dataclasses.
+        folder: An existing folder.
+
+    Raises:
+        TypeError: A field holds something else.
+    """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
-    tree = _encode(value, "", arrays)
+    tree = _encode_value(value, "", arrays)
     (folder / "value.json").write_text(json.dumps({"format": FORMAT, "value": tree}, indent=1), encoding="utf-8")
     with (folder / "arrays.npz").open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def load_value(kind: type[V], folder: Path) -> V:
-    """Read back what `save_value` wrote; the annotations of `kind` say what to expect."""
+    """Read a value that `save_value` wrote.
+
+    Args:
+        kind: The dataclass; its annotations decide how fields are decoded.
+        folder: The folder of the two files.
+
+    Returns:
+        A value equal to the saved one.
+
+    Raises:
+        ValueError: The files have another format.
+    """
     document = json.loads((folder / "value.json").read_text(encoding="utf-8"))
     if document["format"] != FORMAT:
         raise ValueError(f"values of format {FORMAT} are read; {folder} holds format {document['format']}")
     with np.load(folder / "arrays.npz", allow_pickle=False) as arrays:
-        value: V = _decode(kind, document["value"], dict(arrays))
+        value: V = _decode_value(kind, document["value"], dict(arrays))
     return value
 
 
-def _encode(value: Any, path: str, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+def _encode_value(value: Any, path: str, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+    """Convert a value to a JSON tree; its arrays are added to `arrays` under their paths."""
     if isinstance(value, np.ndarray):
         if value.dtype.hasobject:
             raise TypeError(f"{path} holds objects; only plain arrays are saved")
@@ -43,9 +63,9 @@ def _encode(value: Any, path: str, arrays: dict[str, np.ndarray[Any, Any]]) -> A
         return {"array": path or "value"}
     if dataclasses.is_dataclass(value):
         names = [field.name for field in dataclasses.fields(value)]
-        return {name: _encode(getattr(value, name), f"{path}.{name}".lstrip("."), arrays) for name in names}
+        return {name: _encode_value(getattr(value, name), f"{path}.{name}".lstrip("."), arrays) for name in names}
     if isinstance(value, tuple):
-        return [_encode(part, f"{path}.{k}", arrays) for k, part in enumerate(value)]
+        return [_encode_value(part, f"{path}.{k}", arrays) for k, part in enumerate(value)]
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, Fraction | Path):
@@ -56,26 +76,27 @@ def _encode(value: Any, path: str, arrays: dict[str, np.ndarray[Any, Any]]) -> A
 
 
 @lru_cache(maxsize=256)
-def _hints(kind: Any) -> dict[str, Any]:
-    """By name, what the fields of a dataclass hold."""
+def _field_types(kind: Any) -> dict[str, Any]:
+    """Return the types of the fields of a dataclass by name."""
     hints = get_type_hints(kind)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
-def _decode(kind: Any, data: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+def _decode_value(kind: Any, data: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+    """Convert a JSON tree back to a value of type `kind`."""
     origin = get_origin(kind)
     if origin is np.ndarray or kind is np.ndarray:
         return arrays[data["array"]]
     if dataclasses.is_dataclass(kind):
-        hints = _hints(kind).items()  # type: ignore[arg-type]
-        return kind(**{name: _decode(hint, data[name], arrays) for name, hint in hints})  # type: ignore[operator]
+        hints = _field_types(kind).items()  # type: ignore[arg-type]
+        return kind(**{name: _decode_value(hint, data[name], arrays) for name, hint in hints})  # type: ignore[operator]
     if origin in (Union, types.UnionType):
         choices = [choice for choice in get_args(kind) if choice is not type(None)]
-        return None if data is None else _decode(choices[0], data, arrays)
+        return None if data is None else _decode_value(choices[0], data, arrays)
     if origin is tuple:
         parts = get_args(kind)
-        of = [parts[0]] * len(data) if parts[1:] == (Ellipsis,) else list(parts)
-        return tuple(_decode(k, d, arrays) for k, d in zip(of, data, strict=True))
+        kinds = [parts[0]] * len(data) if parts[1:] == (Ellipsis,) else list(parts)
+        return tuple(_decode_value(k, d, arrays) for k, d in zip(kinds, data, strict=True))
     if origin is Literal:
         return data
     return kind(data)

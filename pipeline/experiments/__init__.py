@@ -1,1 +1,1 @@
-"""Experiments that check the program itself: the thesis reproduced, the diagnosis tested blind."""
+"""Experiments that check the program itself: the experiments of Chen 2022, and the blind check of the diagnosis."""

@@ -1,1 +1,4 @@
-"""The files that a user reads and writes: run folders, track folders, shots, profiles, predictions."""
+"""Readers and writers of the users' files: run folders, track folders, shots, table profiles, predictions, gaps.
+
+Videos are read and written in `video.io`, pages and recordings in `pipeline.reporting`.
+"""

@@ -1,4 +1,4 @@
-"""The files of a diagnosis: gap.json and gap_predictions.csv, as the contract has them."""
+"""Files of a diagnosis: gap.json and gap_predictions.csv."""
 
 from __future__ import annotations
 
@@ -11,33 +11,45 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from diagnosis.verdicts.verdict import Candidate, Gap, Report, Strength
-from pipeline.engine.atomic_write import aside
+from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, Strength
+from pipeline.engine.atomic_write import replace_file
 
 SCHEMA = "trueroll.gap/1"
 _DECIMALS = 7
 AXES = ("x", "y", "z")
 
 
-def write_gap(report: Report, folder: Path) -> None:
-    """Both files, each in one step."""
+def write_gap_files(report: DiagnosisReport, folder: Path) -> None:
+    """Write gap.json and gap_predictions.csv; each file is replaced in one step.
+
+    Args:
+        report: Result of a diagnosis.
+        folder: Folder of the files; created if it does not exist.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    with aside(folder / "gap_predictions.csv") as path:
-        csv.write_csv(predictions(report.gap), path, csv.WriteOptions(quoting_style="needed"))
-    with aside(folder / "gap.json") as path:
-        path.write_text(json.dumps(as_json(report), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    with replace_file(folder / "gap_predictions.csv") as path:
+        csv.write_csv(tabulate_predictions(report.gap), path, csv.WriteOptions(quoting_style="needed"))
+    with replace_file(folder / "gap.json") as path:
+        path.write_text(json.dumps(build_gap_document(report), indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def as_json(report: Report) -> dict[str, Any]:
-    """gap.json."""
-    told = report.gap.closing
+def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
+    """Build the content of gap.json.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        A tree of strict JSON values with the schema `trueroll.gap/1`.
+    """
+    closing = report.gap.closure
     return {
         "schema": SCHEMA,
         "scene": report.scene,
         "model": list(report.model),
         "verdict": report.verdict,
         "effects": list(report.effects),
-        "candidates": [_candidate(one) for one in report.candidates],
+        "candidates": [_format_candidate(one) for one in report.candidates],
         "where": [
             {
                 "phase": one.phase,
@@ -55,18 +67,18 @@ def as_json(report: Report) -> dict[str, Any]:
             "metric": report.gap.metric,
             "horizon_s": report.gap.horizon,
             "held_out_shots": list(report.gap.shots),
-            "before": _finite(told.before),
-            "after": _finite(told.after),
-            "floor": _finite(told.floor),
-            "closed": _finite(told.closed) if told.resolved else None,
-            "closed_interval": list(told.interval) if told.resolved else None,
-            "resolved": told.resolved,
+            "before": _finite_or_none(closing.before),
+            "after": _finite_or_none(closing.after),
+            "floor": _finite_or_none(closing.floor),
+            "closed": _finite_or_none(closing.closed) if closing.resolved else None,
+            "closed_interval": list(closing.interval) if closing.resolved else None,
+            "resolved": closing.resolved,
         },
         "per_effect": [
-            {"effect": one.effect, "closed": _finite(one.closed), "interval": list(one.interval)}
+            {"effect": one.effect, "closed": _finite_or_none(one.closed), "interval": list(one.interval)}
             for one in report.per_effect
         ],
-        "fitted": {one.name: _strength(one) for one in report.fitted},
+        "fitted": {one.name: _format_strength(one) for one in report.fitted},
         "forms": list(report.forms),
         "unidentifiable": list(report.unidentifiable),
         "not_tested": list(report.not_tested),
@@ -76,40 +88,43 @@ def as_json(report: Report) -> dict[str, Any]:
     }
 
 
-def _candidate(one: Candidate) -> dict[str, Any]:
+def _format_candidate(one: CandidateEffect) -> dict[str, Any]:
     return {
         "effect": one.effect,
         "probability": one.probability,
         "group": list(one.group),
-        "parameters": {s.name: _strength(s) for s in one.strengths},
-        "detectable_from": {s.name: _finite(s.detectable_from) for s in one.strengths},
+        "parameters": {s.name: _format_strength(s) for s in one.strengths},
+        "detectable_from": {s.name: _finite_or_none(s.detectable_from) for s in one.strengths},
     }
 
 
-def _strength(one: Strength) -> dict[str, Any]:
-    return {"value": one.value, "sigma": _finite(one.sigma), "unit": one.unit, "prior_only": one.prior_only}
+def _format_strength(one: Strength) -> dict[str, Any]:
+    return {"value": one.value, "sigma": _finite_or_none(one.sigma), "unit": one.unit, "prior_only": one.prior_only}
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def predictions(gap: Gap) -> pa.Table:
-    """Rows of the predicted part of every window; a scene of one coordinate has y = 0, one of three has z too."""
+def tabulate_predictions(gap: Gap) -> pa.Table:
+    """Tabulate the observed and predicted positions of all hold-out windows.
+
+    A scene with one coordinate has y = 0, a scene with three also has z.
+    """
     coordinates = gap.before[0].shape[2] if gap.before else 2
     axes = AXES[: max(coordinates, 2)]
     names = [f"{axis}{kind}" for kind in ("", "_before", "_after") for axis in axes]
     rows: dict[str, list[Any]] = {name: [] for name in ("shot", "window", "frame", "t", "id", *names)}
     for number, (one, before, after) in enumerate(zip(gap.windows, gap.before, gap.after, strict=True)):
-        seen = one.piece.seen.copy()
-        seen[: one.known] = False
-        for row, body in zip(*np.nonzero(seen), strict=True):
-            rows["shot"].append(one.piece.shot)
+        is_predicted = one.segment.is_observed.copy()
+        is_predicted[: one.start_rows] = False
+        for row, body in zip(*np.nonzero(is_predicted), strict=True):
+            rows["shot"].append(one.segment.shot)
             rows["window"].append(number)
-            rows["frame"].append(int(one.piece.frame[row]))
-            rows["t"].append(round(float(one.piece.t[row]), _DECIMALS))
-            rows["id"].append(one.piece.bodies[body])
-            for kind, values in (("", one.piece.places), ("_before", before), ("_after", after)):
+            rows["frame"].append(int(one.segment.frame[row]))
+            rows["t"].append(round(float(one.segment.t[row]), _DECIMALS))
+            rows["id"].append(one.segment.bodies[body])
+            for kind, values in (("", one.segment.positions), ("_before", before), ("_after", after)):
                 for k, axis in enumerate(axes):
                     value = float(values[row, body, k]) if k < coordinates else 0.0
                     rows[f"{axis}{kind}"].append(round(value, _DECIMALS))

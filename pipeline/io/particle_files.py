@@ -1,4 +1,4 @@
-"""Particles from a tracks.csv that says no more than where they were, and motions of them as files."""
+"""Tracks of particles without a known scene, read from a tracks.csv, and files of their fitted motion."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ import numpy as np
 
 from models.core.errors import OptionError
 from models.core.typing import FloatArray
-from models.estimation.particles.body_names import named_bodies
-from models.estimation.particles.particle_fit import Explained, Particles
-from models.estimation.particles.particle_prediction import Foretold
-from pipeline.io.run_folder import Columns, read_table
+from models.estimation.particles.body_names import group_by_name
+from models.estimation.particles.particle_fit import ParticleMotion, Particles
+from models.estimation.particles.particle_prediction import ParticlePrediction
+from pipeline.io.run_folder import Columns, read_csv_columns
 from pipeline.io.run_tables import write_columns
 
 AXES = ("x", "y", "z")
-SCENES = ("billiards", "flight", "pendulum", "slide")
-"""Of track folders: what else stands in scene.json, or nothing, is particles."""
+NAMED_SCENES = ("billiards", "flight", "pendulum", "slide")
+"""Scenes of track folders; tracks with any other scene, or none, are particles."""
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
-    """Particles of one shot of a file, by name."""
+class ParticleShot:
+    """Particles of one shot of a file, with names and coordinate axes."""
 
     number: int
     ids: tuple[str, ...]
@@ -33,104 +33,151 @@ class Shot:
     particles: Particles
 
 
-def tracks_file(source: Path) -> Path:
-    """The tracks.csv of a folder, or the file itself. OptionError where it is missing."""
+def require_tracks_file(source: Path) -> Path:
+    """Return the tracks.csv of a source.
+
+    Args:
+        source: A folder or the file itself.
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        OptionError: There is no such file.
+    """
     path = source / "tracks.csv" if source.is_dir() else source
     if not path.is_file():
         raise OptionError(f"A tracks.csv or a folder with one was expected; there is no {path}")
     return path
 
 
-def is_particles(source: Path) -> bool:
-    """Whether nothing beside a tracks.csv says that it is one of the scenes that are known by name."""
+def is_particle_source(source: Path) -> bool:
+    """Return whether a source is a tracks.csv without a named scene.
+
+    Args:
+        source: A folder or a file.
+
+    Returns:
+        True if there is no scene.json beside the tracks.csv, or it has another scene than `NAMED_SCENES`.
+    """
     path = source / "tracks.csv" if source.is_dir() else source
     if path.suffix.lower() != ".csv" or not path.is_file():
         return False
     alone = not (path.parent / "scene.json").is_file()
-    return alone or _told(path).get("scene", SCENES[0]) not in SCENES
+    return alone or _read_scene_document(path).get("scene", NAMED_SCENES[0]) not in NAMED_SCENES
 
 
-def _told(path: Path) -> dict[str, Any]:
-    """What scene.json beside a file says, nothing where there is none."""
+def _read_scene_document(path: Path) -> dict[str, Any]:
+    """Read the scene.json beside a file; empty if there is none."""
     beside = path.parent / "scene.json"
     if not beside.is_file():
         return {}
     try:
-        told = json.loads(beside.read_text(encoding="utf-8"))
+        document = json.loads(beside.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise OptionError(f"{beside} is no JSON: {error}") from error
-    if not isinstance(told, dict):
+        raise OptionError(f"{beside} is not JSON: {error}") from error
+    if not isinstance(document, dict):
         raise OptionError(f"{beside} describes no scene")
-    return told
+    return document
 
 
-def read_particles(path: Path, fps: float | None = None) -> Iterator[Shot]:
-    """The shots of a file with the columns id, x, y (z), and t or frame; rows may be missing."""
-    columns = read_table(path, ("id", "x", "y"))
+def read_particles(path: Path, fps: float | None = None) -> Iterator[ParticleShot]:
+    """Read the shots of a file with the columns id, x, y (z), and t or frame; rows may be missing.
+
+    Args:
+        path: A tracks.csv.
+        fps: Frame rate (1/s) for files without the column t; None for the rate of scene.json.
+
+    Yields:
+        One shot after the other.
+
+    Raises:
+        OptionError: The file cannot be used.
+    """
+    columns = read_csv_columns(path, ("id", "x", "y"))
     axes = tuple(axis for axis in AXES if axis in columns)
-    columns["t"] = _times(columns, path, fps)
+    columns["t"] = _parse_times(columns, path, fps)
     columns["shot"] = np.nan_to_num(columns.get("shot", np.zeros(len(columns["id"])))).astype(np.int64)
-    there = np.isfinite(columns["t"]) & (columns.get("observed", np.ones(len(columns["t"]))) > 0)
+    is_usable = np.isfinite(columns["t"]) & (columns.get("observed", np.ones(len(columns["t"]))) > 0)
     for axis in axes:
-        there &= np.isfinite(columns[axis])
-    if not there.any():
-        raise OptionError(f"{path} holds no place of a particle")
-    for number in dict.fromkeys(columns["shot"][there].tolist()):
-        rows = there & (columns["shot"] == number)
-        yield _shot(number, axes, {name: values[rows] for name, values in columns.items()}, path)
+        is_usable &= np.isfinite(columns[axis])
+    if not is_usable.any():
+        raise OptionError(f"{path} has no position of a particle")
+    for number in dict.fromkeys(columns["shot"][is_usable].tolist()):
+        rows = is_usable & (columns["shot"] == number)
+        yield _build_particle_shot(number, axes, {name: values[rows] for name, values in columns.items()}, path)
 
 
-def _times(columns: Columns, path: Path, fps: float | None) -> FloatArray:
-    """s of every row; t wins over fps."""
+def _parse_times(columns: Columns, path: Path, fps: float | None) -> FloatArray:
+    """Return the time of every row, s; the column t takes precedence over fps."""
     if "t" in columns:
         return np.asarray(columns["t"], np.float64)
-    told = fps if fps is not None else _told(path).get("fps")
-    if "frame" not in columns or not isinstance(told, int | float) or told <= 0:
-        raise OptionError(f"{path} says no time: it needs the column t, or frame and --fps")
-    return np.asarray(columns["frame"] / told, np.float64)
+    rate = fps if fps is not None else _read_scene_document(path).get("fps")
+    if "frame" not in columns or not isinstance(rate, int | float) or rate <= 0:
+        raise OptionError(f"{path} has no times: it needs the column t, or frame and --fps")
+    return np.asarray(columns["frame"] / rate, np.float64)
 
 
-def _shot(number: int, axes: tuple[str, ...], columns: Columns, path: Path) -> Shot:
+def _build_particle_shot(number: int, axes: tuple[str, ...], columns: Columns, path: Path) -> ParticleShot:
     t, row = np.unique(columns["t"], return_inverse=True)
     ids = tuple(dict.fromkeys(columns["id"].tolist()))
     index = {name: k for k, name in enumerate(ids)}
     x = np.full((len(t), len(ids), len(axes)), np.nan)
     x[row, [index[name] for name in columns["id"].tolist()]] = np.stack([columns[axis] for axis in axes], axis=1)
     try:
-        particles = Particles(t, x, named_bodies(ids, x))
+        particles = Particles(t, x, group_by_name(ids, x))
     except ValueError as error:
         raise OptionError(f"{path}, shot {number}: {error}") from error
-    return Shot(number, ids, axes, particles)
+    return ParticleShot(number, ids, axes, particles)
 
 
-def physics(found: Explained | Foretold) -> dict[str, Any]:
-    """What was found of the physics behind particles, for --json: a sigma that is not finite is None."""
-    known = {name: sigma if np.isfinite(sigma) else None for name, sigma in found.errors.items()}
-    return {"numbers": found.numbers, "numbers_sigma": known, "not_told": list(found.untold)}
+def summarize_physics(result: ParticleMotion | ParticlePrediction) -> dict[str, Any]:
+    """Summarize the fitted physics of particles for --json.
+
+    Args:
+        result: Fitted motion or prediction.
+
+    Returns:
+        Parameters, their standard deviations (None if not finite), and sentences on what is not identifiable.
+    """
+    sigmas = {name: sigma if np.isfinite(sigma) else None for name, sigma in result.parameter_sigma.items()}
+    return {"numbers": result.parameters, "numbers_sigma": sigmas, "not_told": list(result.not_identifiable)}
 
 
-def described(told: dict[str, Any]) -> Iterator[str]:
-    """Lines that say what `physics` holds."""
-    for name, value in told["numbers"].items():
-        sigma = told["numbers_sigma"].get(name)
+def format_physics_lines(summary: dict[str, Any]) -> Iterator[str]:
+    """Format a summary of the fitted physics for the terminal.
+
+    Args:
+        summary: Result of `summarize_physics`.
+
+    Yields:
+        One line per parameter and per sentence.
+    """
+    for name, value in summary["numbers"].items():
+        sigma = summary["numbers_sigma"].get(name)
         yield f"  {name} {value:.5g}{'' if sigma is None else f' ± {sigma:.2g}'}"
-    yield from (f"  {sentence}" for sentence in told["not_told"])
+    yield from (f"  {sentence}" for sentence in summary["not_told"])
 
 
-def write_places(path: Path, shots: list[Shot], rows: list[dict[str, FloatArray]]) -> None:
-    """One table of several shots: rows of each are t (M,), x (M, N, D), sigma (M, N) and more of (M, N); a place that
-    is not finite has no row."""
-    parts = [_columns(shot, values) for shot, values in zip(shots, rows, strict=True)]
+def write_particle_positions(path: Path, shots: list[ParticleShot], rows: list[dict[str, FloatArray]]) -> None:
+    """Write positions of particles of several shots as one table; positions that are not finite have no row.
+
+    Args:
+        path: File to write.
+        shots: The shots.
+        rows: Per shot: t (M,) s, x (M, N, D), sigma (M, N) and further columns (M, N).
+    """
+    parts = [_build_columns(shot, values) for shot, values in zip(shots, rows, strict=True)]
     write_columns({name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, path)
 
 
-def _columns(shot: Shot, values: dict[str, FloatArray]) -> Columns:
+def _build_columns(shot: ParticleShot, values: dict[str, FloatArray]) -> Columns:
     x = values["x"]
     row, k = np.nonzero(np.isfinite(x).all(axis=2))
     columns: Columns = {"shot": np.full(len(row), shot.number), "frame": row, "t": values["t"][row],
                         "id": np.array(shot.ids)[k]}  # fmt: skip
     columns |= {axis: x[row, k, number] for number, axis in enumerate(shot.axes)}
-    columns |= {name: given[row, k] for name, given in values.items() if name not in ("t", "x")}
+    columns |= {name: column[row, k] for name, column in values.items() if name not in ("t", "x")}
     if "observed" in columns:
         columns["observed"] = columns["observed"].astype(np.int64)
     return columns

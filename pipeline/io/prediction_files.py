@@ -1,4 +1,4 @@
-"""A prediction as files and sentences: prediction.csv, prediction.json, and what it says of each ball."""
+"""Files and sentences of a prediction: prediction.csv, prediction.json, and a sentence per ball."""
 
 from __future__ import annotations
 
@@ -9,104 +9,127 @@ from typing import Any
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.forecast.ensemble_prediction import Foretold, Meeting, Prediction
-from models.estimation.forecast.forecast_check import Hindsight
+from models.estimation.forecast.ensemble_prediction import EventKey, PredictedEvent, ShotPrediction
+from models.estimation.forecast.forecast_check import PredictionCheck
 from pipeline.io.run_tables import Columns, write_columns
-from pipeline.reporting.text.run_trust import trust_facts
+from pipeline.reporting.text.run_trust import summarize_trust
 
 QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
-NORMAL = {"05": -1.6448536, "25": -0.6744898, "50": 0.0, "75": 0.6744898, "95": 1.6448536}
-"""The same of a standard normal distribution."""
-LYING = 0.005
-"""m: a ball that no course moves farther lies."""
-SURE = 0.995
-LIKELY = 0.1
-"""Probability from which a sentence mentions something."""
+NORMAL_QUANTILES = {"05": -1.6448536, "25": -0.6744898, "50": 0.0, "75": 0.6744898, "95": 1.6448536}
+"""The same quantiles of the standard normal distribution."""
+MAX_REST_SHIFT = 0.005
+"""m, largest displacement of a ball that is described as staying at rest."""
+CERTAIN_PROBABILITY = 0.995
+MIN_REPORTED_PROBABILITY = 0.1
+"""Least probability of an event that a sentence mentions."""
 
 
-def write_prediction(found: Prediction, shot: int, path: Path) -> None:
-    """One row per moment and ball that may be on the table; m, m/s, covariance in m^2, quantiles in m."""
-    row, ball = np.nonzero(np.isfinite(found.path[..., 0]))
-    cov = found.covariance[row, ball]
+def write_prediction(prediction: ShotPrediction, shot: int, path: Path) -> None:
+    """Write prediction.csv: one row per time and ball that may be on the table.
+
+    Args:
+        prediction: Predicted motion of N balls.
+        shot: Number of the shot.
+        path: File to write; m, m/s, covariance in m^2, quantiles in m.
+    """
+    row, ball = np.nonzero(np.isfinite(prediction.path[..., 0]))
+    cov = prediction.covariance[row, ball]
     columns: Columns = {
-        "shot": np.full(len(row), shot), "t": found.t[row], "id": [found.outlook.ids[k] for k in ball],
-        "x": found.path[row, ball, 0], "y": found.path[row, ball, 1],
-        "vx": found.velocity[row, ball, 0], "vy": found.velocity[row, ball, 1], "sigma": found.sigma[row, ball],
+        "shot": np.full(len(row), shot), "t": prediction.t[row], "id": [prediction.state.ids[k] for k in ball],
+        "x": prediction.path[row, ball, 0], "y": prediction.path[row, ball, 1],
+        "vx": prediction.velocity[row, ball, 0], "vy": prediction.velocity[row, ball, 1],
+        "sigma": prediction.sigma[row, ball],
         "xx": cov[:, 0, 0], "xy": cov[:, 0, 1], "yy": cov[:, 1, 1],
     }  # fmt: skip
     for axis, letter in enumerate("xy"):
-        for name, values in _quantiles(found, axis).items():
+        for name, values in _compute_quantiles(prediction, axis).items():
             columns[f"{letter}{name}"] = values[row, ball]
-    columns["on_table"] = found.on_table[row, ball]
-    columns["ensemble"] = found.ensemble[row].astype(np.int64)
+    columns["on_table"] = prediction.on_table[row, ball]
+    columns["ensemble"] = prediction.is_ensemble[row].astype(np.int64)
     write_columns(columns, path)
 
 
-def _quantiles(found: Prediction, axis: int) -> dict[str, FloatArray]:
-    """(T, N) each: of the normal distribution, then of the courses that have the ball on the table."""
-    middle, spread = found.path[..., axis], np.sqrt(found.covariance[..., axis, axis])
-    drawn = np.ma.masked_invalid(found.courses[..., axis]).filled(np.nan)
+def _compute_quantiles(prediction: ShotPrediction, axis: int) -> dict[str, FloatArray]:
+    """Compute quantiles (T, N): normal at first, later those of the ensemble members with the ball on the table."""
+    middle, spread = prediction.path[..., axis], np.sqrt(prediction.covariance[..., axis, axis])
+    drawn = np.ma.masked_invalid(prediction.members[..., axis]).filled(np.nan)
     gone = np.isnan(drawn).all(axis=0)
     drawn[:, gone] = 0.0
     shares = np.nanquantile(drawn, list(QUANTILES.values()), axis=0)
     shares[:, gone] = np.nan
-    chosen = found.ensemble[:, None]
+    chosen = prediction.is_ensemble[:, None]
     return {
-        name: np.where(chosen, share, middle + NORMAL[name] * spread)
+        name: np.where(chosen, share, middle + NORMAL_QUANTILES[name] * spread)
         for name, share in zip(QUANTILES, shares, strict=True)
     }
 
 
-def summary(found: Prediction, shot: int, after: Hindsight | None) -> dict[str, Any]:
-    """prediction.json: what may happen, where every ball ends, and how right it was where that was seen."""
-    look = found.outlook
-    linear = found.t[~found.ensemble]
+def summarize_prediction(prediction: ShotPrediction, shot: int, check: PredictionCheck | None) -> dict[str, Any]:
+    """Build the content of prediction.json: possible events, final positions, and a comparison with observations.
+
+    Args:
+        prediction: Predicted motion of N balls.
+        shot: Number of the shot.
+        check: Comparison with later observations; None without any.
+
+    Returns:
+        A tree of JSON values with the schema `trueroll.prediction/1`.
+    """
+    state = prediction.state
+    linear = prediction.t[~prediction.is_ensemble]
     return {
-        "schema": "trueroll.prediction/1", "shot": shot, "t": look.t, "until": float(found.t[-1]),
-        "linear_until": float(linear[-1]) if len(linear) else look.t, "draws": len(found.courses),
-        "trust": trust_facts(look.trust),
-        "balls": [_ball(found, k) for k in range(len(look.ids))],
-        "events": [_event(one) for one in found.foretold],
-        "compared": None if after is None else _compared(found, after),
+        "schema": "trueroll.prediction/1", "shot": shot, "t": state.t, "until": float(prediction.t[-1]),
+        "linear_until": float(linear[-1]) if len(linear) else state.t, "draws": len(prediction.members),
+        "trust": summarize_trust(state.trust),
+        "balls": [_summarize_ball(prediction, k) for k in range(len(state.ids))],
+        "events": [_summarize_event(one) for one in prediction.events],
+        "compared": None if check is None else _compare_with_observations(prediction, check),
     }  # fmt: skip
 
 
-def _ball(found: Prediction, k: int) -> dict[str, Any]:
-    on_table = float(found.on_table[-1, k])
+def _summarize_ball(prediction: ShotPrediction, k: int) -> dict[str, Any]:
+    on_table = float(prediction.on_table[-1, k])
     end = None
     if on_table > 0:
-        place, sigma = found.path[-1, k], float(found.sigma[-1, k])
+        place, sigma = prediction.path[-1, k], float(prediction.sigma[-1, k])
         end = {"x": float(place[0]), "y": float(place[1]), "sigma": sigma, "on_table": on_table}
-    first = [{"kind": what[0], "b": what[2], "probability": p} for what, p in found.first[k]]
-    return {"id": found.outlook.ids[k], "sentence": sentence(found, k), "first": first, "end": end}
+    first = [{"kind": what[0], "b": what[2], "probability": p} for what, p in prediction.first_contacts[k]]
+    return {"id": prediction.state.ids[k], "sentence": format_ball_sentence(prediction, k), "first": first, "end": end}
 
 
-def _event(one: Foretold) -> dict[str, Any]:
-    kind, a, b = one.meeting
+def _summarize_event(one: PredictedEvent) -> dict[str, Any]:
+    kind, a, b = one.event
     return {"kind": kind, "a": a, "b": b, "probability": one.probability, "t": one.t, "t05": one.t_low,
             "t95": one.t_high}  # fmt: skip
 
 
-def _compared(found: Prediction, after: Hindsight) -> list[dict[str, Any]]:
-    """Per ball that was seen afterwards: its error beside the promised one, and how much of it lay in the regions."""
+def _compare_with_observations(prediction: ShotPrediction, check: PredictionCheck) -> list[dict[str, Any]]:
+    """Compare errors with predicted standard deviations and regions, for each ball that was observed later."""
     rows = []
-    for k, name in enumerate(found.outlook.ids):
-        own = after.ball == k
+    for k, name in enumerate(prediction.state.ids):
+        own = check.ball == k
         if own.any():
-            level = after.level[own & np.isfinite(after.level)]
+            level = check.level[own & np.isfinite(check.level)]
             rows.append({
-                "id": name, "t": float(after.t[own][-1]), "error_mm": 1e3 * float(after.error[own][-1]),
-                "sigma_mm": 1e3 * float(after.sigma[own][-1]),
-                "rms_error_mm": 1e3 * float(np.sqrt(np.mean(after.error[own] ** 2))),
-                "rms_sigma_mm": 1e3 * float(np.sqrt(np.mean(after.sigma[own] ** 2))),
+                "id": name, "t": float(check.t[own][-1]), "error_mm": 1e3 * float(check.error[own][-1]),
+                "sigma_mm": 1e3 * float(check.sigma[own][-1]),
+                "rms_error_mm": 1e3 * float(np.sqrt(np.mean(check.error[own] ** 2))),
+                "rms_sigma_mm": 1e3 * float(np.sqrt(np.mean(check.sigma[own] ** 2))),
                 "within_50": float(np.mean(level <= 0.5)) if len(level) else None,
                 "within_90": float(np.mean(level <= 0.9)) if len(level) else None,
             })  # fmt: skip
     return rows
 
 
-def as_text(document: dict[str, Any]) -> str:
-    """Strict JSON; numbers that are not known are null."""
+def format_strict_json(document: dict[str, Any]) -> str:
+    """Format a tree as strict JSON.
+
+    Args:
+        document: JSON values.
+
+    Returns:
+        Text in which numbers that are not finite are null.
+    """
 
     def strict(value: Any) -> Any:
         if isinstance(value, dict):
@@ -118,43 +141,48 @@ def as_text(document: dict[str, Any]) -> str:
     return json.dumps(strict(document), indent=1, allow_nan=False)
 
 
-def sentence(found: Prediction, k: int) -> str:
-    """What is to come for ball k, in one sentence."""
-    name, look = found.outlook.ids[k], found.outlook
-    parts = [f"{_verb(what)}{_surely(p)}" for what, p in found.first[k][:2] if p >= LIKELY]
-    here = found.path[0, k]
-    moved = np.hypot(*(np.nan_to_num(found.courses[:, -1, k], nan=9.0) - here).T)
-    met = " or ".join(parts)
-    if not look.moving[k] and not met:
-        return f"{name} lies at {_place(here)} and stays there{_surely(float(np.mean(moved < LYING)))}."
-    begin = f"{name} {'moves on' if look.moving[k] else 'lies'}"
-    if met:
-        begin += f", {met}"
-        left = 1 - sum(p for _, p in found.first[k])
-        begin += f", or meets nothing ({left:.0%})" if left >= LIKELY else ""
-    potted = 1 - float(found.on_table[-1, k])
-    if potted >= SURE:
+def format_ball_sentence(prediction: ShotPrediction, k: int) -> str:
+    """Format the prediction of ball k as one sentence."""
+    name, state = prediction.state.ids[k], prediction.state
+    parts = [
+        f"{_format_contact(what)}{_format_probability(p)}"
+        for what, p in prediction.first_contacts[k][:2]
+        if p >= MIN_REPORTED_PROBABILITY
+    ]
+    here = prediction.path[0, k]
+    moved = np.hypot(*(np.nan_to_num(prediction.members[:, -1, k], nan=9.0) - here).T)
+    contacts = " or ".join(parts)
+    if not state.moving[k] and not contacts:
+        stays = _format_probability(float(np.mean(moved < MAX_REST_SHIFT)))
+        return f"{name} is at rest at {_format_position(here)} and stays there{stays}."
+    begin = f"{name} {'keeps moving' if state.moving[k] else 'is at rest'}"
+    if contacts:
+        begin += f", {contacts}"
+        left = 1 - sum(p for _, p in prediction.first_contacts[k])
+        begin += f", or touches nothing ({left:.0%})" if left >= MIN_REPORTED_PROBABILITY else ""
+    potted = 1 - float(prediction.on_table[-1, k])
+    if potted >= CERTAIN_PROBABILITY:
         return f"{begin}, and is potted."
-    rest = next((one for one in found.foretold if one.meeting == ("rest", name, "")), None)
-    when = f"at {found.t[-1]:.2f} s it is at"
+    rest = next((one for one in prediction.events if one.event == ("rest", name, "")), None)
+    when = f"at {prediction.t[-1]:.2f} s it is at"
     if rest is not None and rest.probability >= 0.5:
-        when = f"it rests from {rest.t:.2f} s on{_surely(rest.probability)} at"
-    end = f"; {when} {_place(found.path[-1, k])} ± {1e3 * found.sigma[-1, k]:.0f} mm"
+        when = f"it comes to rest at {rest.t:.2f} s{_format_probability(rest.probability)} at"
+    end = f"; {when} {_format_position(prediction.path[-1, k])} ± {1e3 * prediction.sigma[-1, k]:.0f} mm"
     return begin + end + (f" unless it is potted ({potted:.0%})." if potted >= 0.02 else ".")
 
 
-def _verb(what: Meeting) -> str:
+def _format_contact(what: EventKey) -> str:
     kind, _, other = what
     return {
-        "ball": f"meets {other} first",
+        "ball": f"touches {other} first",
         "cushion": f"hits the {other} cushion first",
         "pocket": f"falls into the {other} pocket",
     }[kind]
 
 
-def _surely(probability: float) -> str:
-    return "" if probability >= SURE else f" ({probability:.0%})"
+def _format_probability(probability: float) -> str:
+    return "" if probability >= CERTAIN_PROBABILITY else f" ({probability:.0%})"
 
 
-def _place(xy: FloatArray) -> str:
+def _format_position(xy: FloatArray) -> str:
     return f"({xy[0]:.3f}, {xy[1]:.3f}) m"

@@ -1,9 +1,9 @@
-"""The cure of a billiards gap, as files: a table profile, and the same numbers as pooltool counts them.
+"""Files of an improved billiards simulator: a table profile, and its parameters in the conventions of pooltool.
 
 pooltool (Kiefl 2024, doi:10.21105/joss.07301; names and formulae as in version 0.6.0) has a ball (`BallParams`) with
 sliding friction u_s, rolling friction u_r, spinning friction u_sp = u_sp_proportionality R, ball friction u_b, ball
-restitution e_b, cushion restitution e_c and cushion friction f_c; side spin decays at 5 u_sp g / (2 R). u_b counts only
-where the friction of the ball's law is `average`. What it cannot hold is named, not dropped.
+restitution e_b, cushion restitution e_c and cushion friction f_c; side spin decays at 5 u_sp g / (2 R). u_b is used
+only by the ball friction model `average`. Effects that pooltool does not have are listed under `not_held`.
 """
 
 from __future__ import annotations
@@ -14,65 +14,88 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from diagnosis.verdicts.verdict import Report
+from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.scene import Table
 from models.physics.billiards.ball_cushion.cushion_contact import NOSE_HEIGHT
-from models.physics.billiards.ball_cushion.stronge import RATIO
-from models.physics.billiards.parameters import GRAVITY
-from pipeline.engine.atomic_write import aside
+from models.physics.billiards.ball_cushion.stronge import FREQUENCY_RATIO
+from models.physics.billiards.parameter_vector import GRAVITY
+from pipeline.engine.atomic_write import replace_file
 
 SCHEMA = "trueroll.profile/1"
-PROFILE, POOLTOOL = "profile.json", "pooltool.json"
-_NAMES: Mapping[str, tuple[str, float]] = {
+PROFILE_FILE, POOLTOOL_FILE = "profile.json", "pooltool.json"
+_POOLTOOL_NAMES: Mapping[str, tuple[str, float]] = {
     "sliding_friction.mu": ("u_s", 1.0),
     "rolling_resistance.mu": ("u_r", 1.0),
     "spin_decay.rate": ("u_sp_proportionality", 2 / (5 * GRAVITY)),
-    "ball_friction.mu": ("u_b", 1.0),  # times (1 + e_b) / (2 e_b): its impulse is mu e v, ours mu (1 + e) v / 2
+    "ball_friction.mu": ("u_b", 1.0),  # times (1 + e_b) / (2 e_b): its impulse: mu e v; here: mu (1 + e) v / 2
     "ball_restitution.e": ("e_b", 1.0),
     "cushion_friction.mu": ("f_c", 1.0),
     "cushion_restitution.e": ("e_c", 1.0),
 }
-"""By parameter of ours: pooltool's name, and the factor from ours to it."""
-_HARDLY = 1e-6
-"""for a friction that is absent: pooltool refuses zero, and this takes 10 um/s from a ball in a second."""
-_ABSENT = dict.fromkeys(("u_s", "u_r", "u_sp_proportionality", "u_b", "f_c"), _HARDLY) | {"e_b": 1.0, "e_c": 1.0}
-_CUSHIONS: Mapping[str, tuple[str, dict[str, bool | float]]] = {
+"""pooltool's name of each parameter, and the factor from our value to its value."""
+_NEGLIGIBLE_FRICTION = 1e-6
+"""Friction coefficient of an absent effect: pooltool rejects zero; this value slows a ball by 10 um/s in 1 s."""
+_ABSENT_PARAMETERS = dict.fromkeys(("u_s", "u_r", "u_sp_proportionality", "u_b", "f_c"), _NEGLIGIBLE_FRICTION) | {
+    "e_b": 1.0,
+    "e_c": 1.0,
+}
+_CUSHION_MODELS: Mapping[str, tuple[str, dict[str, bool | float]]] = {
     "mirror": ("unrealistic", {"restitution": True}),
     "han_2005": ("han_2005", {}),
     "mathavan_2010": ("mathavan_2010", {}),
-    "stronge": ("stronge_compliant", {"omega_ratio": RATIO}),
+    "stronge": ("stronge_compliant", {"omega_ratio": FREQUENCY_RATIO}),
 }
-"""By law of ours: pooltool's name of it, and its options. A mirror with friction has none there: what comes nearest,
-`impulse_frictional_inelastic`, takes roll from a ball that meets the cushion head-on."""
-_BALLS = {
+"""pooltool's name and options of each cushion model. It has no mirror with friction: the most similar model,
+`impulse_frictional_inelastic`, reduces the roll of a ball that hits the cushion head-on."""
+_BALL_MODELS = {
     "elastic": ("frictionless_elastic", None),
     "inelastic": ("frictional_inelastic", "average"),
     "alciatore": ("frictional_inelastic", "alciatore"),
 }
-"""By law of ours: pooltool's name of it, and of its friction."""
+"""pooltool's names of each ball contact model and of its friction model."""
 
 
-def has_cure(report: Report) -> bool:
-    """Whether there is anything to write: nothing is fitted where there is too little to test."""
+def has_fitted_model(report: DiagnosisReport) -> bool:
+    """Return whether a diagnosis has fitted parameters to write.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        False if the shots were too few to test anything.
+    """
     return bool(report.fitted)
 
 
-def write_cure(report: Report, table: Table, folder: Path) -> None:
-    """Both files, each in one step, where something was fitted."""
-    if not has_cure(report):
+def write_profile_files(report: DiagnosisReport, table: Table, folder: Path) -> None:
+    """Write profile.json and pooltool.json, each in one step, if parameters were fitted.
+
+    Args:
+        report: Result of a diagnosis of billiards.
+        table: The table.
+        folder: Folder of the files.
+    """
+    if not has_fitted_model(report):
         return
-    for name, content in ((PROFILE, profile(report, table)), (POOLTOOL, pooltool(report, table))):
-        with aside(folder / name) as path:
+    for name, content in (
+        (PROFILE_FILE, build_profile(report, table)),
+        (POOLTOOL_FILE, build_pooltool_parameters(report, table)),
+    ):
+        with replace_file(folder / name) as path:
             path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def profile(report: Report, table: Table) -> dict[str, Any]:
-    """The improved simulator: effects with values and sigmas, and laws."""
+def build_profile(report: DiagnosisReport, table: Table) -> dict[str, Any]:
+    """Build the content of profile.json: effects with values and standard deviations, and contact models."""
     cushion, ball = report.forms
     effects: dict[str, dict[str, Any]] = {}
     for one in report.fitted:
         effect, parameter = one.name.split(".")
-        effects.setdefault(effect, {})[parameter] = {"value": one.value, "sigma": _finite(one.sigma), "unit": one.unit}
+        effects.setdefault(effect, {})[parameter] = {
+            "value": one.value,
+            "sigma": _finite_or_none(one.sigma),
+            "unit": one.unit,
+        }
     return {
         "schema": SCHEMA,
         "scene": report.scene,
@@ -83,31 +106,31 @@ def profile(report: Report, table: Table) -> dict[str, Any]:
     }
 
 
-def pooltool(report: Report, table: Table) -> dict[str, Any]:
-    """Parameters of a ball, names of laws, and what pooltool cannot hold."""
+def build_pooltool_parameters(report: DiagnosisReport, table: Table) -> dict[str, Any]:
+    """Build the content of pooltool.json: ball parameters, contact models, and effects that pooltool does not have."""
     cushion, ball = report.forms
-    known = [one for one in report.fitted if one.name in _NAMES]
-    factors = {one.name: _NAMES[one.name][1] for one in known}
-    restitution = next((one.value for one in known if one.name == "ball_restitution.e"), 1.0)
+    exported = [one for one in report.fitted if one.name in _POOLTOOL_NAMES]
+    factors = {one.name: _POOLTOOL_NAMES[one.name][1] for one in exported}
+    restitution = next((one.value for one in exported if one.name == "ball_restitution.e"), 1.0)
     if "ball_friction.mu" in factors:
         factors["ball_friction.mu"] = (1 + restitution) / (2 * restitution)
-    law, law_options = _CUSHIONS[cushion]
-    met, friction = _BALLS[ball]
-    missing = {one.name.split(".")[0] for one in report.fitted if one.name not in _NAMES}
+    cushion_model, cushion_options = _CUSHION_MODELS[cushion]
+    ball_model, friction = _BALL_MODELS[ball]
+    missing = {one.name.split(".")[0] for one in report.fitted if one.name not in _POOLTOOL_NAMES}
     if cushion == "mirror" and "cushion_friction.mu" in factors:
         missing |= {"cushion_friction of a mirror"}
     return {
-        "ball_params": {"m": table.ball_mass, "R": table.ball_radius, "g": GRAVITY, **_ABSENT}
-        | {_NAMES[one.name][0]: max(one.value * factors[one.name], _HARDLY) for one in known},
-        "sigma": {_NAMES[one.name][0]: _finite(one.sigma * factors[one.name]) for one in known},
+        "ball_params": {"m": table.ball_mass, "R": table.ball_radius, "g": GRAVITY, **_ABSENT_PARAMETERS}
+        | {_POOLTOOL_NAMES[one.name][0]: max(one.value * factors[one.name], _NEGLIGIBLE_FRICTION) for one in exported},
+        "sigma": {_POOLTOOL_NAMES[one.name][0]: _finite_or_none(one.sigma * factors[one.name]) for one in exported},
         "table_specs": {"l": table.length, "w": table.width, "cushion_height": NOSE_HEIGHT * table.ball_radius},
-        "ball_cushion": law,
-        "ball_cushion_options": law_options,
-        "ball_ball": met,
+        "ball_cushion": cushion_model,
+        "ball_cushion_options": cushion_options,
+        "ball_ball": ball_model,
         "ball_ball_friction": friction,
         "not_held": sorted(missing),
     }
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None

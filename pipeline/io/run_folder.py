@@ -1,4 +1,4 @@
-"""The folder of a run read back, ours or anyone's: tracks, events, motion and scene, as contract and header say."""
+"""Reading of run folders: tracks, events, motion and scene."""
 
 from __future__ import annotations
 
@@ -15,24 +15,35 @@ from models.core.errors import OptionError
 from models.core.events import EVENT_KINDS, Events
 from models.core.scene import Camera, Table
 from models.core.typing import FloatArray
-from models.estimation.contact_test.shot_record import Record
-from models.physics.billiards.tables import nearest_preset
+from models.estimation.contact_test.shot_record import ShotRecord
+from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 
 Columns = dict[str, NDArray[Any]]
 
-TEXT = ("id", "kind", "a", "b")
-USUAL_SIGMA = 1e-3
-"""m, of places whose error a folder does not state."""
+TEXT_COLUMNS = ("id", "kind", "a", "b")
+DEFAULT_SIGMA = 1e-3
+"""m, standard deviation of positions without a sigma."""
 GRID_HZ = 1000.0
 
 
-def read_record(folder: Path, shot: int = 0) -> Record:
-    """One shot of a run's folder; OptionError, one sentence, where it is not there or not whole."""
+def read_shot_record(folder: Path, shot: int = 0) -> ShotRecord:
+    """Read one shot of a run folder.
+
+    Args:
+        folder: Run folder.
+        shot: Number of the shot.
+
+    Returns:
+        Observations and fitted motion of the N balls.
+
+    Raises:
+        OptionError: The folder is missing or incomplete.
+    """
     if not folder.is_dir():
-        raise OptionError(f"A run's folder was expected; {folder} is none. Run the clip first: trueroll run CLIP")
-    scene = read_scene(folder / "scene.json")
+        raise OptionError(f"A run folder was expected; {folder} is none. Run the clip first: trueroll run CLIP")
+    scene = read_scene_document(folder / "scene.json")
     tracks, events, motion = (
-        _shot(read_table(folder / f"{name}.csv", wanted), shot)
+        _select_shot_rows(read_csv_columns(folder / f"{name}.csv", wanted), shot)
         for name, wanted in (
             ("tracks", ("frame", "t", "id", "x", "y")),
             ("events", ("kind", "t", "a", "b")),
@@ -40,97 +51,130 @@ def read_record(folder: Path, shot: int = 0) -> Record:
         )
     )
     if not len(tracks["t"]) or not len(motion["t"]):
-        raise OptionError(f"{folder} holds no motion of shot {shot}")
-    table = table_of(scene)
+        raise OptionError(f"{folder} has no motion of shot {shot}")
+    table = parse_table(scene)
     ids = tuple(dict.fromkeys(tracks["id"].tolist()))
     kinds = dict(zip(tracks["id"].tolist(), tracks.get("kind", tracks["id"]).tolist(), strict=True))
-    seen = tracks.get("observed", np.ones(len(tracks["t"]))) > 0
+    observed = tracks.get("observed", np.ones(len(tracks["t"]))) > 0
     ball = np.array([ids.index(name) for name in tracks["id"]])
     order = np.lexsort((tracks["t"], ball))
-    order = order[seen[order]]
-    sigma = np.nan_to_num(tracks.get("sigma", np.full(len(seen), USUAL_SIGMA)), nan=USUAL_SIGMA)
-    blank = np.full(len(seen), np.nan)
+    order = order[observed[order]]
+    sigma = np.nan_to_num(tracks.get("sigma", np.full(len(observed), DEFAULT_SIGMA)), nan=DEFAULT_SIGMA)
+    blank = np.full(len(observed), np.nan)
     frame, at = np.unique(tracks["frame"], return_index=True)
-    return Record(
+    return ShotRecord(
         ids, tuple(kinds[name] for name in ids), frame.astype(np.int64), tracks["t"][at],
         ball[order], tracks["t"][order], np.stack([tracks["x"], tracks["y"]], axis=1)[order],
         np.stack([tracks.get("x_px", blank), tracks.get("y_px", blank)], axis=1)[order],
-        np.maximum(sigma, 1e-6)[order], _events(events), *_grid(motion, ids, table.ball_radius), table,
-        camera_of(scene),
+        np.maximum(sigma, 1e-6)[order], _parse_events(events), *_resample_motion(motion, ids, table.ball_radius), table,
+        parse_camera(scene),
     )  # fmt: skip
 
 
-def read_scene(path: Path) -> dict[str, Any]:
-    """scene.json; OptionError where there is none."""
+def read_scene_document(path: Path) -> dict[str, Any]:
+    """Read the scene.json of a billiards scene.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Its content.
+
+    Raises:
+        OptionError: The file is missing, is not JSON, or describes another scene.
+    """
     try:
         scene = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise OptionError(f"A run's folder holds {path.name}; {path}: {error.strerror}") from error
+        raise OptionError(f"A run folder has a {path.name}; {path}: {error.strerror}") from error
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise OptionError(f"{path} is no JSON: {error}") from error
+        raise OptionError(f"{path} is not JSON: {error}") from error
     if not isinstance(scene, dict) or scene.get("scene") != "billiards":
         raise OptionError(f"{path} describes no billiards scene")
     return scene
 
 
-def read_table(path: Path, wanted: tuple[str, ...]) -> Columns:
-    """A csv as columns: text as text, numbers with NaN where a cell is empty."""
-    text = {name: pa.string() for name in TEXT}
+def read_csv_columns(path: Path, wanted: tuple[str, ...]) -> Columns:
+    """Read a CSV file as columns.
+
+    Args:
+        path: The file.
+        wanted: Names of required columns.
+
+    Returns:
+        Columns (K,): strings for `TEXT_COLUMNS`, otherwise numbers, NaN for empty cells.
+
+    Raises:
+        OptionError: The file cannot be read, or a column is missing or not numeric.
+    """
+    text = {name: pa.string() for name in TEXT_COLUMNS}
     try:
         table = csv.read_csv(path, convert_options=csv.ConvertOptions(column_types=text, strings_can_be_null=False))
     except (OSError, pa.ArrowException) as error:
-        raise OptionError(f"A run's folder holds {path.name}; {path} cannot be read: {error}") from error
+        raise OptionError(f"A run folder has a {path.name}; {path} cannot be read: {error}") from error
     if missing := [name for name in wanted if name not in table.column_names]:
         raise OptionError(f"{path} lacks the columns {', '.join(missing)}")
     columns: Columns = {}
     for name in table.column_names:
         values = table[name].to_pylist()
         try:
-            columns[name] = np.array(values if name in TEXT else [np.nan if v is None else float(v) for v in values])
+            columns[name] = np.array(
+                values if name in TEXT_COLUMNS else [np.nan if v is None else float(v) for v in values]
+            )
         except ValueError as error:
-            raise OptionError(f"{path}: column {name} holds something that is no number: {error}") from error
+            raise OptionError(f"{path}: column {name} has a value that is not a number: {error}") from error
     return columns
 
 
-def table_of(scene: dict[str, Any]) -> Table:
-    """The table of a scene.json; what it does not say is taken from the nearest table that is sold."""
+def parse_table(scene: dict[str, Any]) -> Table:
+    """Build the table of a scene.json.
+
+    Args:
+        scene: Content of the scene.json.
+
+    Returns:
+        The table; missing values are those of the preset of the most similar length.
+
+    Raises:
+        OptionError: The size is missing or not numeric.
+    """
     try:
-        told = scene["table"]
-        length, width = float(told["length"]), float(told["width"])
-        sold = nearest_preset(length)
-        radius = float(scene.get("ball_radius", sold.ball_radius))
-        mass = float(scene.get("ball_mass", sold.ball_mass * (radius / sold.ball_radius) ** 3))
-        pockets = bool(told.get("pockets", sold.pockets))
-        return Table(told.get("name", f"{length:g}x{width:g}"), told.get("game", sold.game), length, width, radius,
+        entry = scene["table"]
+        length, width = float(entry["length"]), float(entry["width"])
+        preset = find_nearest_preset(length)
+        radius = float(scene.get("ball_radius", preset.ball_radius))
+        mass = float(scene.get("ball_mass", scale_ball_mass(preset, radius)))
+        pockets = bool(entry.get("pockets", preset.pockets))
+        return Table(entry.get("name", f"{length:g}x{width:g}"), entry.get("game", preset.game), length, width, radius,
                      mass, pockets)  # fmt: skip
     except (KeyError, TypeError, ValueError) as error:
-        raise OptionError(f"scene.json says no table of length and width in metres: {error}") from error
+        raise OptionError(f"scene.json has no table with length and width in metres: {error}") from error
 
 
-def camera_of(scene: dict[str, Any]) -> Camera | None:
-    """The camera of a scene.json; None where it has none, or one that stands nowhere."""
-    told, image = scene.get("calibration"), scene.get("image")
-    if not isinstance(told, dict) or not isinstance(image, dict):
+def parse_camera(scene: dict[str, Any]) -> Camera | None:
+    """Build the camera of a scene.json; None if it has no calibration, or one with a singular matrix."""
+    entry, image = scene.get("calibration"), scene.get("image")
+    if not isinstance(entry, dict) or not isinstance(image, dict):
         return None
     try:
         camera = Camera(
-            np.array(told["matrix"], float), int(image["width_px"]), int(image["height_px"]),
-            np.array(told["corners_px"], float), np.array(told["corner_covariance_px2"], float),
-            told["plane"], float(told["camera_height"]), float(told["camera_height_sigma"]),
+            np.array(entry["matrix"], float), int(image["width_px"]), int(image["height_px"]),
+            np.array(entry["corners_px"], float), np.array(entry["corner_covariance_px2"], float),
+            entry["plane"], float(entry["camera_height"]), float(entry["camera_height_sigma"]),
         )  # fmt: skip
         return camera if np.linalg.matrix_rank(camera.matrix[:, :3]) == 3 else None
     except (KeyError, TypeError, ValueError) as error:
         raise OptionError(f"scene.json has a calibration that cannot be used: {error}") from error
 
 
-def _shot(columns: Columns, shot: int) -> Columns:
+def _select_shot_rows(columns: Columns, shot: int) -> Columns:
     if "shot" not in columns:
         return columns
     rows = columns["shot"] == shot
     return {name: values[rows] for name, values in columns.items()}
 
 
-def _events(columns: Columns) -> Events:
+def _parse_events(columns: Columns) -> Events:
     rows = np.argsort(columns["t"], kind="stable")
     rows = rows[[columns["kind"][k] in EVENT_KINDS for k in rows]] if len(rows) else rows
     t = columns["t"][rows]
@@ -146,17 +190,21 @@ def _events(columns: Columns) -> Events:
     )  # fmt: skip
 
 
-def _grid(
+def _resample_motion(
     motion: Columns, ids: tuple[str, ...], radius: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Moments (M,), places, velocities and slips (M, N, 2), sigmas (M, N) on one even grid; NaN where a ball is not."""
+    """Resample the motion on one regular grid.
+
+    Returns times (M,), positions, velocities and contact-point velocities (M, N, 2), and sigmas (M, N); NaN where a
+    ball has no motion.
+    """
     first, last = float(motion["t"].min()), float(motion["t"].max())
     t = first + np.arange(round((last - first) * GRID_HZ) + 1) / GRID_HZ
     blank = np.full(len(motion["t"]), np.nan)
     spin_x, spin_y = (motion.get(name, blank) for name in ("wx", "wy"))
     columns = np.stack(
         [motion["x"], motion["y"], motion["vx"], motion["vy"], motion["vx"] - radius * spin_y,
-         motion["vy"] + radius * spin_x, motion.get("sigma", np.full(len(blank), USUAL_SIGMA))], axis=1,
+         motion["vy"] + radius * spin_x, motion.get("sigma", np.full(len(blank), DEFAULT_SIGMA))], axis=1,
     )  # fmt: skip
     grid = np.full((len(t), len(ids), columns.shape[1]), np.nan)
     for k, name in enumerate(ids):

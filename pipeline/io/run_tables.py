@@ -1,4 +1,4 @@
-"""The tables of a run: tracks.csv, events.csv, trajectory.csv and scene.json."""
+"""Writing of the tables of a run: tracks.csv, events.csv, trajectory.csv and scene.json."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from models.core.scene import Camera, Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import State, Trajectory
 from models.core.typing import FloatArray
-from pipeline.reporting.text.run_trust import run_trust, trust_facts
+from pipeline.reporting.text.run_trust import assess_run_trust, summarize_trust
 from video.io.clip import Clip
 
 Columns = dict[str, Sequence[str] | NDArray[Any]]
@@ -41,25 +41,32 @@ DECIMALS = {
     "xy": 12,
     "yy": 12,
 }
-"""Places kept of each column (m, s, px); others get six."""
-SHOT = 0
-OF_TABLE = ("collision_radius", "nose")
-"""What a fit tells that is no effect of the catalogue."""
+"""Decimals of each column (m, s, px); other columns have six."""
+SHOT_NUMBER = 0
+TABLE_PARAMETERS = ("collision_radius", "nose")
+"""Fitted groups of parameters that are no effects of the catalogue."""
 
 
 def write_tracks(scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
-    """One row per ball and distinct picture: as seen, or where the physics puts it (`observed` 0)."""
+    """Write tracks.csv: one row per ball and distinct frame, observed or filled in by the physics (`observed` 0).
+
+    Args:
+        scene: Table and camera.
+        tracks: Tracks of T frames and N balls.
+        fit: The fit of the shot.
+        path: File to write.
+    """
     filled = fit.trajectory.at(tracks.t)
-    seen = tracks.observed
-    row, ball = np.nonzero(seen | (np.isfinite(filled.xy[..., 0]) & ~filled.measured))
-    observed = seen[row, ball]
+    is_observed = tracks.is_observed
+    row, ball = np.nonzero(is_observed | (np.isfinite(filled.xy[..., 0]) & ~filled.measured))
+    observed = is_observed[row, ball]
     frame = tracks.frame[row]
     xy = np.where(observed[:, None], tracks.xy[row, ball], filled.xy[row, ball])
     computed = scene.camera.to_pixels(filled.xy[row, ball], scene.table.ball_radius, frame)
     px = np.where(observed[:, None], tracks.px[row, ball], computed)
     radius = np.where(observed, tracks.radius_px[row, ball], scene.camera.radius_px(xy, scene.table.ball_radius))
     columns: Columns = {
-        "shot": np.full(len(row), SHOT), "frame": frame, "t": tracks.t[row],
+        "shot": np.full(len(row), SHOT_NUMBER), "frame": frame, "t": tracks.t[row],
         "id": [tracks.ids[k] for k in ball], "kind": [tracks.kinds[k] for k in ball],
         "x_px": px[:, 0], "y_px": px[:, 1], "x": xy[:, 0], "y": xy[:, 1],
         "sigma": np.where(observed, tracks.sigma[row, ball], filled.sigma[row, ball]),
@@ -69,9 +76,14 @@ def write_tracks(scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
 
 
 def write_events(events: Events, path: Path) -> None:
-    """One row per event; gaps in mm."""
+    """Write events.csv: one row per event, gaps in mm.
+
+    Args:
+        events: Events of the shot.
+        path: File to write.
+    """
     columns: Columns = {
-        "shot": np.full(len(events), SHOT), "kind": list(events.kind), "t": events.t, "t_sigma": events.t_sigma,
+        "shot": np.full(len(events), SHOT_NUMBER), "kind": list(events.kind), "t": events.t, "t_sigma": events.t_sigma,
         "frame": events.frame, "a": list(events.a), "b": list(events.b), "x": events.xy[:, 0], "y": events.xy[:, 1],
         "probability": events.probability, "gap_mm": 1000 * events.gap, "gap_mm_sigma": 1000 * events.gap_sigma,
         "speed": events.speed,
@@ -80,7 +92,12 @@ def write_events(events: Events, path: Path) -> None:
 
 
 def write_trajectory(motion: Trajectory, path: Path) -> None:
-    """The fitted motion at `TRAJECTORY_HZ`, ball by ball."""
+    """Write trajectory.csv: the fitted motion at `TRAJECTORY_HZ`, ball by ball.
+
+    Args:
+        motion: Fitted motion of N balls.
+        path: File to write.
+    """
     first = float(motion.start.min()) if len(motion.start) else 0.0
     last = float(motion.end.max()) if len(motion.end) else 0.0
     t = np.arange(math.ceil(first * TRAJECTORY_HZ), math.floor(last * TRAJECTORY_HZ) + 1) / TRAJECTORY_HZ
@@ -88,9 +105,16 @@ def write_trajectory(motion: Trajectory, path: Path) -> None:
 
 
 def write_states(ids: tuple[str, ...], t: FloatArray, state: State, path: Path) -> None:
-    """Balls `ids` (N,) at times t (T,), ball by ball; no row where a ball is not."""
+    """Write the states of balls, ball by ball; unknown positions have no row.
+
+    Args:
+        ids: Names of the N balls.
+        t: Times (T,) s.
+        state: States (T, N).
+        path: File to write.
+    """
     ball, row = np.nonzero(np.isfinite(state.xy[..., 0]).T) if len(ids) else (np.empty(0, int),) * 2
-    columns: Columns = {"shot": np.full(len(row), SHOT), "t": t[row], "id": [ids[k] for k in ball]}
+    columns: Columns = {"shot": np.full(len(row), SHOT_NUMBER), "t": t[row], "id": [ids[k] for k in ball]}
     for name, values in (
         ("x", state.xy[..., 0]), ("y", state.xy[..., 1]), ("vx", state.v[..., 0]), ("vy", state.v[..., 1]),
         ("wx", state.w[..., 0]), ("wy", state.w[..., 1]), ("wz", state.w[..., 2]),
@@ -101,44 +125,52 @@ def write_states(ids: tuple[str, ...], t: FloatArray, state: State, path: Path) 
 
 
 def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
-    """Table, calibration, the fitted model and how far to trust it."""
-    table, trust = scene.table, run_trust(clip, fit)
+    """Write scene.json: table, calibration, fitted model and trust level.
+
+    Args:
+        clip: The clip.
+        scene: Table and camera.
+        tracks: Tracks of T frames and N balls.
+        fit: The fit of the shot.
+        path: File to write.
+    """
+    table, trust = scene.table, assess_run_trust(clip, fit)
     document = {
         "scene": "billiards",
         "units": "m",
-        "fps": float(clip.rate),
+        "fps": float(clip.fps),
         "table": {"name": table.name, "game": table.game, "length": table.length, "width": table.width,
                   "pockets": table.pockets, "cloth_lab": scene.cloth_lab.tolist()},
         "ball_radius": table.ball_radius,
         "ball_mass": table.ball_mass,
-        "image": _image(scene.camera, table.ball_radius, scene),
-        "calibration": _calibration(scene),
-        "model": sorted(_effects(fit)) or list(DEFAULT_MODEL),
-        "effects": _effects(fit),
-        "laws": _laws(fit, table.ball_radius),
-        "balls": _balls(tracks, fit),
-        "fit": _quality(tracks, fit),
-        "trust": trust_facts(trust),
+        "image": _describe_image(scene.camera, table.ball_radius, scene),
+        "calibration": _describe_calibration(scene),
+        "model": sorted(_describe_effects(fit)) or list(DEFAULT_MODEL),
+        "effects": _describe_effects(fit),
+        "laws": _describe_laws(fit, table.ball_radius),
+        "balls": _describe_balls(tracks, fit),
+        "fit": _describe_fit_quality(tracks, fit),
+        "trust": summarize_trust(trust),
         "notes": [*clip.notes, *scene.notes],
-        "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct),
-                 "repeats": np.flatnonzero(clip.repeat).tolist(), "seconds": float(clip.t[-1])},
+        "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct_frames),
+                 "repeats": np.flatnonzero(clip.is_duplicate).tolist(), "seconds": float(clip.t[-1])},
     }  # fmt: skip
-    path.write_text(json.dumps(_strict(document), indent=1, allow_nan=False), encoding="utf-8")
+    path.write_text(json.dumps(_replace_nonfinite(document), indent=1, allow_nan=False), encoding="utf-8")
 
 
-def _image(camera: Camera, radius: float, scene: Scene) -> dict[str, Any]:
+def _describe_image(camera: Camera, radius: float, scene: Scene) -> dict[str, Any]:
     centre = np.array([scene.table.length / 2, scene.table.width / 2])
     scale = 1 / math.sqrt(abs(float(np.linalg.det(camera.metres_per_pixel(centre, radius)))))
     origin = camera.to_pixels(np.zeros(2), radius)
     return {"px_per_m": scale, "origin_px": origin.tolist(), "width_px": camera.width_px, "height_px": camera.height_px}
 
 
-def _calibration(scene: Scene) -> dict[str, Any]:
+def _describe_calibration(scene: Scene) -> dict[str, Any]:
     camera = scene.camera
     return {
         "plane": camera.plane,
         "matrix": camera.matrix.tolist(),
-        "matrix_about": "(x, y, z above the cloth, 1) in m to homogeneous px of the reference picture",
+        "matrix_about": "(x, y, z above the cloth, 1) in m to homogeneous px of the reference frame",
         "corners_px": camera.corners_px.tolist(),
         "corner_covariance_px2": camera.corner_covariance.tolist(),
         "camera_height": camera.height,
@@ -147,62 +179,66 @@ def _calibration(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _effects(fit: Fit) -> dict[str, dict[str, Any]]:
-    """Numbers of the effects of the catalogue; what else a fit of whole shots tells stands with its laws."""
+def _describe_effects(fit: Fit) -> dict[str, dict[str, Any]]:
+    """Describe the parameters of the effects of the catalogue; those of `TABLE_PARAMETERS` are in `laws`."""
     effects: dict[str, dict[str, Any]] = {}
-    for p in fit.parameters if fit.laws is None else fit.laws.parameters:
+    for p in fit.parameters if fit.whole_shot is None else fit.whole_shot.parameters:
         effect, _, name = p.name.partition(".")
-        if effect not in OF_TABLE:
-            effects.setdefault(effect, {})[name] = _number(p)
+        if effect not in TABLE_PARAMETERS:
+            effects.setdefault(effect, {})[name] = _describe_parameter(p)
     return effects
 
 
-def _number(p: Parameter) -> dict[str, Any]:
+def _describe_parameter(p: Parameter) -> dict[str, Any]:
     return {"value": p.value, "sigma": p.sigma, "unit": p.unit, "prior_only": p.prior_only}
 
 
-def _laws(fit: Fit, radius: float) -> dict[str, Any]:
-    """By which laws balls and cushions touch, the radius at which they do, and where the noses are beyond the table."""
-    if fit.laws is None:
-        return {"cushion": None, "ball": None, "why": fit.lawless}
-    told = {p.name: p for p in fit.laws.parameters}
-    factor = told["collision_radius.factor"]
+def _describe_laws(fit: Fit, radius: float) -> dict[str, Any]:
+    """Describe the contact models, the radius of contact, and the offsets of the cushion noses."""
+    if fit.whole_shot is None:
+        return {"cushion": None, "ball": None, "why": fit.whole_shot_refusal}
+    parameters = {p.name: p for p in fit.whole_shot.parameters}
+    factor = parameters["collision_radius.factor"]
     size = replace(factor, value=factor.value * radius, sigma=factor.sigma * radius, unit="m")
-    noses = {name.partition(".")[2]: _number(p) for name, p in told.items() if name.startswith("nose.")}
+    noses = {
+        name.partition(".")[2]: _describe_parameter(p) for name, p in parameters.items() if name.startswith("nose.")
+    }
     return {
-        "cushion": fit.laws.cushion,
-        "ball": fit.laws.ball,
-        "chi2_per_dof": fit.laws.chi2_per_dof,
-        "collision_radius": _number(size),
+        "cushion": fit.whole_shot.cushion_model,
+        "ball": fit.whole_shot.ball_model,
+        "chi2_per_dof": fit.whole_shot.chi2_per_dof,
+        "collision_radius": _describe_parameter(size),
         "noses": noses,
     }
 
 
-def _balls(tracks: Tracks, fit: Fit) -> list[dict[str, Any]]:
-    """Each ball with its state where its motion begins; where laws explain the whole shot, with its spin at the strike
-    and the covariance of all seven numbers."""
+def _describe_balls(tracks: Tracks, fit: Fit) -> list[dict[str, Any]]:
+    """Describe each ball with its initial state and covariance.
+
+    If contact models explain the whole shot, this is the state at the strike with its spin (7 values).
+    """
     balls, motion = [], fit.trajectory
     for k, ball in enumerate(motion.ids):
         rows = np.flatnonzero(motion.ball == k)
         facts: dict[str, Any] = {"id": ball, "kind": tracks.kinds[tracks.ids.index(ball)]}
-        if fit.laws is not None and ball in fit.laws.ids:
-            at = fit.laws.ids.index(ball)
-            facts |= _state(fit.laws.t, fit.laws.state[at], fit.laws.covariance[at])
+        if fit.whole_shot is not None and ball in fit.whole_shot.ids:
+            at = fit.whole_shot.ids.index(ball)
+            facts |= _describe_state(fit.whole_shot.t, fit.whole_shot.state[at], fit.whole_shot.covariance[at])
         elif len(rows):
             first = rows[0]
             state = [*motion.position[first, 0], *motion.position[first, 1], *motion.spin[first, 0]]
-            facts |= _state(motion.start[first], state, motion.covariance[first])
+            facts |= _describe_state(motion.start[first], state, motion.covariance[first])
         balls.append(facts)
     return balls
 
 
-def _state(t: float, state: Sequence[float] | FloatArray, covariance: FloatArray) -> dict[str, Any]:
+def _describe_state(t: float, state: Sequence[float] | FloatArray, covariance: FloatArray) -> dict[str, Any]:
     names = ("x", "y", "vx", "vy", "wx", "wy", "wz")
     return {"t": t, **dict(zip(names, state, strict=True)), "covariance": covariance.tolist()}
 
 
-def _quality(tracks: Tracks, fit: Fit) -> dict[str, float]:
-    """Noise, misfit, and how many ball-seconds of motion an accepted fit explains."""
+def _describe_fit_quality(tracks: Tracks, fit: Fit) -> dict[str, float]:
+    """Describe noise, misfit, and the ball-seconds of motion that accepted fits explain."""
     step = np.gradient(tracks.t)[:, None] if len(tracks.t) > 1 else np.zeros((len(tracks.t), 1))
     return {
         "noise_m": fit.noise,
@@ -212,19 +248,24 @@ def _quality(tracks: Tracks, fit: Fit) -> dict[str, float]:
     }
 
 
-def _strict(data: Any) -> Any:
-    """The same tree with NaN and infinity as null, which strict JSON wants."""
+def _replace_nonfinite(data: Any) -> Any:
+    """Replace NaN and infinity by None and numpy scalars by Python numbers, for strict JSON."""
     if isinstance(data, Mapping):
-        return {key: _strict(value) for key, value in data.items()}
+        return {key: _replace_nonfinite(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
-        return [_strict(value) for value in data]
+        return [_replace_nonfinite(value) for value in data]
     if isinstance(data, float | np.floating):
         return float(data) if math.isfinite(data) else None
     return data.item() if isinstance(data, np.generic) else data
 
 
 def write_columns(columns: Columns, path: Path) -> None:
-    """A csv with rounded numbers and empty cells for NaN."""
+    """Write columns (K,) as CSV, with rounded numbers and empty cells for NaN.
+
+    Args:
+        columns: Values by name.
+        path: File to write.
+    """
     arrays = {}
     for name, values in columns.items():
         if isinstance(values, np.ndarray) and values.dtype.kind == "f":

@@ -1,4 +1,4 @@
-"""A table profile, as `trueroll diagnose` writes it: what the next run starts from."""
+"""Reading of a table profile, which `trueroll diagnose` writes, as the prior of the next run."""
 
 from __future__ import annotations
 
@@ -6,39 +6,64 @@ import json
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, field_validator
 
 from models.core.errors import OptionError
-from models.estimation.whole_shot.table_prior import KnownTable, known_table
-from models.physics.billiards.parameters import NAMES
+from models.estimation.whole_shot.known_table import TablePrior, build_table_prior
+from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
+from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES
+from models.physics.effect import ModelChoice
+from models.physics.effects.catalogue import BILLIARDS_EFFECTS
 
 
-class NumberEntry(BaseModel):
-    """A parameter of an effect."""
+class ProfileNumberEntry(BaseModel):
+    """A parameter of an effect with its standard deviation."""
 
     model_config = ConfigDict(extra="allow")
     value: FiniteFloat
     sigma: FiniteFloat | None = Field(default=None, gt=0)
 
 
-class LawsEntry(BaseModel):
-    cushion: Literal["mirror", "han_2005", "mathavan_2010", "stronge"] = "mirror"
-    ball: Literal["elastic", "inelastic", "alciatore"] = "inelastic"
+class ProfileLawsEntry(BaseModel):
+    """Contact models of the table."""
+
+    cushion: str = "mirror"
+    ball: str = "inelastic"
+
+    @field_validator("cushion")
+    @classmethod
+    def _require_cushion_model(cls, name: str) -> str:
+        return _require_form(name, CUSHION_MODEL_CHOICE)
+
+    @field_validator("ball")
+    @classmethod
+    def _require_ball_model(cls, name: str) -> str:
+        return _require_form(name, BALL_MODEL_CHOICE)
 
 
 class ProfileEntry(BaseModel):
-    """The file."""
+    """Content of a profile.json."""
 
     model_config = ConfigDict(extra="allow")
     scene: Literal["billiards"] = "billiards"
-    effects: dict[str, dict[str, NumberEntry]]
-    laws: LawsEntry = LawsEntry()
+    effects: dict[str, dict[str, ProfileNumberEntry]]
+    laws: ProfileLawsEntry = ProfileLawsEntry()
 
 
-def profile_text(path: Path) -> str:
-    """The content of a profile, one that can be used; OptionError with a sentence where it cannot.
+def read_profile_text(path: Path) -> str:
+    """Read and validate a table profile.
 
-    Options hold the content, not the name of the file: what was made from another content is then out of date.
+    Options hold the content instead of the file name, so that cached results of another content are out of date.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Its content as canonical JSON.
+
+    Raises:
+        OptionError: The file cannot be used.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -46,29 +71,42 @@ def profile_text(path: Path) -> str:
         raise OptionError(f"--profile wants a file that trueroll diagnose wrote; {path}: {error}") from error
     try:
         entry = json.loads(text)
-        table_of(text)
+        parse_table_prior(text)
     except (json.JSONDecodeError, ValidationError, ValueError) as error:
         words = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
         raise OptionError(f"--profile wants a file that trueroll diagnose wrote; {path}: {words}") from error
     return json.dumps(entry, sort_keys=True)
 
 
-def table_of(text: str) -> KnownTable:
-    """The table that a profile stands for; what is seen of it, such as a lens, belongs to a camera and is left out."""
+def parse_table_prior(text: str) -> TablePrior:
+    """Build the prior of a table from a profile.
+
+    Args:
+        text: Content of the profile, JSON.
+
+    Returns:
+        Priors of the table parameters; effects of camera and balls are left out.
+
+    Raises:
+        ValueError: A parameter is unknown or out of range.
+    """
     entry = ProfileEntry.model_validate(json.loads(text))
     effects = {
         f"{effect}.{name}": (one.value, one.sigma)
         for effect, numbers in entry.effects.items()
         for name, one in numbers.items()
     }
-    unseen = {name: told for name, told in effects.items() if not name.startswith(_OF_CAMERA)}
-    if unknown := set(unseen) - set(NAMES):
-        raise ValueError(f"a table has {', '.join(NAMES)}; it has no {', '.join(sorted(unknown))}")
-    return known_table(entry.laws.cushion, entry.laws.ball, unseen)
+    table_effects = {name: value for name, value in effects.items() if not name.startswith(_CAMERA_EFFECTS)}
+    if unknown := set(table_effects) - set(PARAMETER_NAMES):
+        raise ValueError(f"a table has {', '.join(PARAMETER_NAMES)}; it has no {', '.join(sorted(unknown))}")
+    return build_table_prior(entry.laws.cushion, entry.laws.ball, table_effects)
 
 
-_OF_CAMERA = (
-    "lens_distortion", "lens_second_term", "perspective", "scale", "rolling_shutter", "dropped_frames", "unequal_mass",
-    "unequal_radius",
-)  # fmt: skip
-"""Effects of the film and of the balls, which the next clip need not share."""
+def _require_form(name: str, choice: ModelChoice) -> str:
+    if name not in choice.forms:
+        raise ValueError(f"{choice.name} is one of {', '.join(choice.forms)}; got {name!r}")
+    return name
+
+
+_CAMERA_EFFECTS = tuple(effect.name for effect in BILLIARDS_EFFECTS if not effect.is_in_engine)
+"""Effects of the camera and of the balls, which may differ in the next clip."""

@@ -1,4 +1,4 @@
-"""A track folder: tracks.csv and scene.json of any scene, and run folders among them, as recordings for a diagnosis."""
+"""Reading of track folders (tracks.csv and scene.json of any scene) and run folders as recordings for a diagnosis."""
 
 from __future__ import annotations
 
@@ -17,88 +17,105 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from models.core.errors import OptionError
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import Recording
-from pipeline.io.track_folder_faults import off_the_table, refuse_what_is_missing
+from pipeline.io.track_folder_checks import find_positions_off_table, require_track_files
 
-Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
-NOISE_PX = 0.3
-"""px: what a position is taken to be good for where nothing says it; the diagnosis measures it anyway."""
-NOISE = 1e-3
-"""m or rad, the same without a picture."""
-_SAME = 0.05
-"""by which two findings of the size of one table may differ."""
-COLUMNS = {"billiards": ("x", "y"), "slide": ("x", "y"), "flight": ("x", "y", "z"), "pendulum": ("theta1", "theta2")}
-"""What places are made of; of flight and pendulum what there is of it."""
+DEFAULT_NOISE_PX = 0.3
+"""px, initial standard deviation of positions without a sigma; the diagnosis re-estimates it."""
+DEFAULT_NOISE = 1e-3
+"""m or rad, the same for scenes without an image."""
+_SIZE_TOLERANCE = 0.05
+"""Largest relative difference of two measured sizes of the same table."""
+COORDINATE_COLUMNS = {
+    "billiards": ("x", "y"),
+    "slide": ("x", "y"),
+    "flight": ("x", "y", "z"),
+    "pendulum": ("theta1", "theta2"),
+}
+"""Coordinates of each scene; flight and pendulum may lack some."""
 
 
-class TableEntry(BaseModel):
-    """The surface between the noses, m."""
+class SceneTableEntry(BaseModel):
+    """Playing surface between the cushion noses, m."""
 
     model_config = ConfigDict(extra="allow")
-    length: Size
-    width: Size
+    length: PositiveNumber
+    width: PositiveNumber
 
 
 class ImageEntry(BaseModel):
-    """How the scene lies in the picture."""
+    """Position and scale of the scene in the image."""
 
     model_config = ConfigDict(extra="allow")
-    px_per_m: Size
+    px_per_m: PositiveNumber
     origin_px: tuple[float, float] = (0.0, 0.0)
-    width_px: Size
-    height_px: Size
+    width_px: PositiveNumber
+    height_px: PositiveNumber
 
 
 class SceneEntry(BaseModel):
-    """scene.json, as far as a diagnosis reads it."""
+    """Part of a scene.json that a diagnosis uses."""
 
     model_config = ConfigDict(extra="allow")
     scene: Literal["billiards", "flight", "pendulum", "slide"] = "billiards"
     units: Literal["m", "px", "rad"] = "m"
-    px_per_m: Size | None = None
-    fps: Size | None = None
-    table: TableEntry | None = None
-    ball_radius: Size | None = None
+    px_per_m: PositiveNumber | None = None
+    fps: PositiveNumber | None = None
+    table: SceneTableEntry | None = None
+    ball_radius: PositiveNumber | None = None
     image: ImageEntry | None = None
-    gravity: Size = 9.81
+    gravity: PositiveNumber = 9.81
     model: list[str] | dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class TrackFolder:
-    """What was seen, and of what."""
+    """Recordings of one or several track folders, with their scene."""
 
     entry: SceneEntry
     recordings: tuple[Recording, ...]
     coordinates: tuple[str, ...]
-    """of a place, as the columns name them."""
+    """Column names of the coordinates."""
     notes: tuple[str, ...] = ()
-    """What is odd about the tracks, as sentences."""
+    """Sentences on anomalies of the tracks."""
     origins: Mapping[int, str] = field(default_factory=dict)
-    """By shot: the name of its folder, where there are several, and its number there."""
+    """Folder and number there by shot, if there are several folders."""
 
 
 def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
-    """All shots of all folders, numbered through; OptionError where they are not of one kind, or one comes twice."""
+    """Read all shots of several folders and number them consecutively.
+
+    Args:
+        folders: Run folders or track folders.
+
+    Returns:
+        The recordings with their common scene.
+
+    Raises:
+        OptionError: A folder cannot be used, is given twice, or has another scene or table than the others.
+    """
     places = [folder.resolve() for folder in folders]
-    twice = next((folder for k, folder in enumerate(folders) if places[k] in places[:k]), None)
-    if twice is not None:
-        raise OptionError(f"{twice} was given twice; its shots would confirm themselves: name every folder once")
-    read = [_read(folder) for folder in folders]
+    repeated = next((folder for k, folder in enumerate(folders) if places[k] in places[:k]), None)
+    if repeated is not None:
+        raise OptionError(f"{repeated} was given twice, so its shots would confirm themselves; name every folder once")
+    read = [_read_track_folder(folder) for folder in folders]
     first = read[0]
     for folder, other in zip(folders, read, strict=True):
         if (other.entry.scene, other.coordinates) != (first.entry.scene, first.coordinates):
             raise OptionError(
-                f"{folder} holds {other.entry.scene}, {folders[0]} {first.entry.scene}; diagnose them apart"
+                f"{folder} has the scene {other.entry.scene}, {folders[0]} has {first.entry.scene};"
+                " diagnose them separately"
             )
-        if _elsewhere(first.entry, other.entry):
+        if _is_other_table(first.entry, other.entry):
             raise OptionError(
-                f"{folder} is of {_told(other.entry)}, {folders[0]} of {_told(first.entry)}; diagnose tables apart"
+                f"{folder} has {_describe_table(other.entry)}, {folders[0]} has"
+                f" {_describe_table(first.entry)}; diagnose each table separately"
             )
     if len(read) == 1:
         return first
     shots = [
-        (one, _called(one, folder, place))
+        (one, _format_shot_origin(one, folder, place))
         for folder, place in zip(read, places, strict=True)
         for one in folder.recordings
     ]
@@ -108,51 +125,53 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
     return replace(first, recordings=numbered, notes=notes, origins=origins)
 
 
-def _called(shot: Recording, folder: TrackFolder, place: Path) -> str:
-    """A shot by its folder, and by its number there where it is not the only one."""
+def _format_shot_origin(shot: Recording, folder: TrackFolder, place: Path) -> str:
+    """Format the origin of a shot: its folder, and its number there if the folder has several."""
     return place.name if len(folder.recordings) == 1 else f"{place.name}, shot {shot.shot}"
 
 
-def _elsewhere(one: SceneEntry, other: SceneEntry) -> bool:
-    """Whether two folders are of different tables, as far as they say."""
+def _is_other_table(one: SceneEntry, other: SceneEntry) -> bool:
+    """Return whether two folders state different table sizes or ball radii."""
     sizes = [(entry.table.length, entry.table.width) for entry in (one, other) if entry.table is not None]
     balls = [(entry.ball_radius,) for entry in (one, other) if entry.ball_radius is not None]
-    return any(len(said) == 2 and not np.allclose(said[0], said[1], rtol=_SAME) for said in (sizes, balls))
+    return any(len(pair) == 2 and not np.allclose(pair[0], pair[1], rtol=_SIZE_TOLERANCE) for pair in (sizes, balls))
 
 
-def _told(entry: SceneEntry) -> str:
-    """Of which table, in words."""
-    size = f"a table of {entry.table.length:.3g} x {entry.table.width:.3g} m" if entry.table else "a table of no size"
+def _describe_table(entry: SceneEntry) -> str:
+    """Format the size of the table and of the balls."""
+    size = (
+        f"a table of {entry.table.length:.3g} x {entry.table.width:.3g} m" if entry.table else "a table of unknown size"
+    )
     return f"{size} with balls of {2e3 * entry.ball_radius:.3g} mm" if entry.ball_radius else size
 
 
-def _read(folder: Path) -> TrackFolder:
-    refuse_what_is_missing(folder)
-    entry = _entry(folder / "scene.json")
+def _read_track_folder(folder: Path) -> TrackFolder:
+    require_track_files(folder)
+    entry = _read_scene_entry(folder / "scene.json")
     path = folder / "tracks.csv"
     try:
         table = csv.read_csv(path)
     except OSError as error:
         raise OptionError(f"{path} cannot be read: {error}") from error
     except pa.ArrowInvalid as error:
-        raise OptionError(f"{path} is not a table: {' '.join(str(error).split())}") from error
-    names = tuple(name for name in COLUMNS[entry.scene] if name in table.column_names)
-    fewest = 1 if entry.scene in ("flight", "pendulum") else len(COLUMNS[entry.scene])
+        raise OptionError(f"{path} is not a CSV table: {' '.join(str(error).split())}") from error
+    names = tuple(name for name in COORDINATE_COLUMNS[entry.scene] if name in table.column_names)
+    fewest = 1 if entry.scene in ("flight", "pendulum") else len(COORDINATE_COLUMNS[entry.scene])
     if len(names) < fewest or "id" not in table.column_names:
-        raise OptionError(f"{path} needs the columns id and {', '.join(COLUMNS[entry.scene])}")
-    columns = {name: _numbers(table, name, path) for name in table.column_names if name in _NUMERIC}
+        raise OptionError(f"{path} needs the columns id and {', '.join(COORDINATE_COLUMNS[entry.scene])}")
+    columns = {name: _parse_numbers(table, name, path) for name in table.column_names if name in _NUMERIC_COLUMNS}
     ids = np.array([str(value) for value in table.column("id").to_pylist()])
-    recordings = _recordings(entry, columns, ids, names, path)
+    recordings = _split_recordings(entry, columns, ids, names, path)
     if not recordings:
-        raise OptionError(f"{path} holds no positions")
-    notes = off_the_table(recordings, (entry.table.length, entry.table.width), path) if entry.table else ()
+        raise OptionError(f"{path} has no positions")
+    notes = find_positions_off_table(recordings, (entry.table.length, entry.table.width), path) if entry.table else ()
     return TrackFolder(entry, recordings, names, notes)
 
 
-_NUMERIC = {"shot", "frame", "t", "x", "y", "z", "theta1", "theta2", "sigma", "observed"}
+_NUMERIC_COLUMNS = {"shot", "frame", "t", "x", "y", "z", "theta1", "theta2", "sigma", "observed"}
 
 
-def _entry(path: Path) -> SceneEntry:
+def _read_scene_entry(path: Path) -> SceneEntry:
     try:
         return SceneEntry.model_validate(json.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
@@ -160,24 +179,24 @@ def _entry(path: Path) -> SceneEntry:
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise OptionError(f"{path} is not JSON: {error}") from error
     except ValidationError as error:
-        found = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in found["loc"])
-        raise OptionError(f"{path}: {place}: {found['msg'][:1].lower()}{found['msg'][1:]}") from error
+        mistake = error.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in mistake["loc"])
+        raise OptionError(f"{path}: {place}: {mistake['msg'][:1].lower()}{mistake['msg'][1:]}") from error
 
 
-def _numbers(table: pa.Table, name: str, path: Path) -> FloatArray:
+def _parse_numbers(table: pa.Table, name: str, path: Path) -> FloatArray:
     try:
         return np.asarray(table.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
     except pa.ArrowInvalid as error:
-        raise OptionError(f"{path}: the column {name} holds something that is no number") from error
+        raise OptionError(f"{path}: the column {name} has a value that is not a number") from error
 
 
-def _recordings(
+def _split_recordings(
     entry: SceneEntry, columns: dict[str, FloatArray], ids: NDArray[np.str_], names: tuple[str, ...], path: Path
 ) -> tuple[Recording, ...]:
     count = len(ids)
     shot = np.nan_to_num(columns.get("shot", np.zeros(count)))
-    kept = np.isfinite(np.stack([columns[name] for name in names])).all(axis=0) & (
+    is_usable = np.isfinite(np.stack([columns[name] for name in names])).all(axis=0) & (
         columns.get("observed", shot + 1) > 0
     )
     if "frame" not in columns or ("t" not in columns and entry.fps is None):
@@ -188,18 +207,20 @@ def _recordings(
         raise OptionError(f"{path}: positions in px need px_per_m in scene.json")
     places = np.stack([columns[name] for name in names], axis=1) * metres
     sigma = columns.get("sigma", np.full(count, np.nan)) * metres
-    sigma = np.where(sigma > 0, sigma, _usual_noise(entry))
-    found = []
+    sigma = np.where(sigma > 0, sigma, _default_noise(entry))
+    recordings = []
     for number in np.unique(shot):
-        here = np.flatnonzero(kept & (shot == number))
+        here = np.flatnonzero(is_usable & (shot == number))
         if len(here):
-            found.append(
-                _recording(int(number), columns["frame"][here], t[here], ids[here], places[here], sigma[here], path)
+            recordings.append(
+                _build_recording(
+                    int(number), columns["frame"][here], t[here], ids[here], places[here], sigma[here], path
+                )
             )
-    return tuple(found)
+    return tuple(recordings)
 
 
-def _recording(
+def _build_recording(
     shot: int,
     frame: FloatArray,
     t: FloatArray,
@@ -211,15 +232,15 @@ def _recording(
     frames, first, row = np.unique(frame.astype(np.int64), return_index=True, return_inverse=True)
     bodies, body = np.unique(ids, return_inverse=True)
     if np.any(np.diff(t[first]) <= 0):
-        raise OptionError(f"{path}: t must grow with frame; in shot {shot} it does not")
-    seen = np.full((len(frames), len(bodies), places.shape[1]), np.nan)
+        raise OptionError(f"{path}: t must increase with frame; in shot {shot} it does not")
+    positions = np.full((len(frames), len(bodies), places.shape[1]), np.nan)
     error = np.full((len(frames), len(bodies)), float(np.median(sigma)))
-    # of a body that is there twice in a picture, the first row counts
-    seen[row[::-1], body[::-1]], error[row[::-1], body[::-1]] = places[::-1], sigma[::-1]
-    return Recording(shot, frames, t[first], tuple(str(name) for name in bodies), seen, error)
+    # Of several rows of a body in a frame, the first counts.
+    positions[row[::-1], body[::-1]], error[row[::-1], body[::-1]] = places[::-1], sigma[::-1]
+    return Recording(shot, frames, t[first], tuple(str(name) for name in bodies), positions, error)
 
 
-def _usual_noise(entry: SceneEntry) -> float:
+def _default_noise(entry: SceneEntry) -> float:
     if entry.image is not None:
-        return NOISE_PX / entry.image.px_per_m
-    return NOISE_PX / entry.px_per_m if entry.px_per_m else NOISE
+        return DEFAULT_NOISE_PX / entry.image.px_per_m
+    return DEFAULT_NOISE_PX / entry.px_per_m if entry.px_per_m else DEFAULT_NOISE

@@ -1,4 +1,4 @@
-"""The scene of a track folder, as the diagnosis asks for it."""
+"""Construction of the scene of a diagnosis from a track folder."""
 
 from __future__ import annotations
 
@@ -6,68 +6,90 @@ import numpy as np
 
 from models.core.errors import OptionError
 from models.core.scene import Table
-from models.estimation.gap_scenes.billiards_scene import USUAL_MODEL, BilliardsScene, Picture, billiards_scene
-from models.estimation.gap_scenes.flight_scene import flight_scene
+from models.estimation.gap_scenes.billiards_scene import (
+    DEFAULT_EFFECTS,
+    BilliardsScene,
+    ImageGeometry,
+    build_billiards_scene,
+)
+from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import GapScene
-from models.estimation.gap_scenes.pendulum_scene import pendulum_scene
-from models.estimation.gap_scenes.sliding_scene import slide_scene
-from models.physics.billiards.tables import nearest_preset
+from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
+from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
+from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 from pipeline.io.track_folder import SceneEntry, TrackFolder
 
 
-def open_scene(folder: TrackFolder) -> GapScene:
-    """OptionError for a scene that cannot be diagnosed, or for effects that it does not hold."""
+def build_gap_scene(folder: TrackFolder) -> GapScene:
+    """Build the scene of a diagnosis.
+
+    Args:
+        folder: Recordings with their scene.json.
+
+    Returns:
+        The scene with its candidate effects.
+
+    Raises:
+        OptionError: The scene cannot be diagnosed, or its model names an unknown effect.
+    """
     entry = folder.entry
     assumed = tuple(name for name in entry.model or () if name != "gravity")
-    scene = _scene(folder, assumed)
-    held = [effect.name for effect in scene.effects if effect.kind != "probe"]
-    foreign = [name for name in assumed if name not in held]
+    scene = _build_scene(folder, assumed)
+    available = [effect.name for effect in scene.effects if effect.kind != "probe"]
+    foreign = [name for name in assumed if name not in available]
     if foreign:
-        raise OptionError(f"{entry.scene} has the effects {', '.join(held)}; its model names {', '.join(foreign)}")
+        raise OptionError(f"{entry.scene} has the effects {', '.join(available)}; its model names {', '.join(foreign)}")
     return scene
 
 
-def table_of(scene: GapScene) -> Table | None:
-    """The table that is played on; None elsewhere."""
+def billiards_table(scene: GapScene) -> Table | None:
+    """Return the table of a billiards scene.
+
+    Args:
+        scene: Any scene of a diagnosis.
+
+    Returns:
+        The table; None for other scenes.
+    """
     return scene.table if isinstance(scene, BilliardsScene) else None
 
 
-def _scene(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:
+def _build_scene(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:
     count = len(folder.coordinates)
     if folder.entry.scene == "slide":
-        return slide_scene(assumed)
+        return build_sliding_scene(assumed)
     if folder.entry.scene == "flight":
-        return flight_scene(count, folder.entry.gravity, assumed)
+        return build_flight_scene(count, folder.entry.gravity, assumed)
     if folder.entry.scene == "pendulum":
-        return pendulum_scene(count, assumed)
-    return _billiards(folder)
+        return build_pendulum_scene(count, assumed)
+    return _build_billiards(folder)
 
 
-def _billiards(folder: TrackFolder) -> GapScene:
-    """Whole shots; the table from scene.json, the balls of the nearest table that is sold where it does not say."""
+def _build_billiards(folder: TrackFolder) -> GapScene:
+    """Build a billiards scene; balls without a radius are those of the preset of the most similar length."""
     entry = folder.entry
     if entry.table is None or entry.table.length < entry.table.width:
         raise OptionError("billiards needs table.length and table.width in scene.json, the length being the longer")
     length, width = entry.table.length, entry.table.width
-    sold = nearest_preset(length)
-    radius = entry.ball_radius or sold.ball_radius
-    mass = sold.ball_mass * (radius / sold.ball_radius) ** 3
-    table = Table(f"{length:g}x{width:g}", sold.game, length, width, radius, mass, False)
-    return billiards_scene(table, folder.recordings, _picture(entry), _assumed(entry))
+    preset = find_nearest_preset(length)
+    radius = entry.ball_radius or preset.ball_radius
+    mass = scale_ball_mass(preset, radius)
+    table = Table(f"{length:g}x{width:g}", preset.game, length, width, radius, mass, False)
+    return build_billiards_scene(table, folder.recordings, _image_geometry(entry), _list_assumed_effects(entry))
 
 
-def _assumed(entry: SceneEntry) -> tuple[str, ...]:
-    """What the simulator has: of a run, whose fit of single paths asks for no law of contacts, the usual at least."""
+def _list_assumed_effects(entry: SceneEntry) -> tuple[str, ...]:
+    """List the effects of the user's simulator; for a run folder, whose fit may lack contacts, the default ones too."""
     if entry.model is None:
-        return USUAL_MODEL
+        return DEFAULT_EFFECTS
     ran = "calibration" in (entry.model_extra or {})
-    return tuple(dict.fromkeys((*USUAL_MODEL, *entry.model) if ran else entry.model))
+    return tuple(dict.fromkeys((*DEFAULT_EFFECTS, *entry.model) if ran else entry.model))
 
 
-def _picture(entry: SceneEntry) -> Picture | None:
-    """How the table lies in the picture; None where nothing is said."""
+def _image_geometry(entry: SceneEntry) -> ImageGeometry | None:
+    """Return position and scale of the table in the image; None if they are unknown."""
     image = entry.image
     if image is None:
         return None
     size, origin = np.array([image.width_px, image.height_px]), np.array(image.origin_px)
-    return Picture((size / 2 - origin) / image.px_per_m, image.height_px / image.px_per_m, image.px_per_m)
+    return ImageGeometry((size / 2 - origin) / image.px_per_m, image.height_px / image.px_per_m, image.px_per_m)

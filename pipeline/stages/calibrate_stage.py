@@ -1,4 +1,4 @@
-"""Calibrate: the table in the picture."""
+"""The calibrate stage: locates the table in the image."""
 
 from __future__ import annotations
 
@@ -7,14 +7,23 @@ from pathlib import Path
 from models.core.progress import Progress
 from models.core.scene import Scene
 from pipeline.engine.stage import Inputs, Stage
-from video.io.options import CalibrateOptions
+from video.io.video_options import CalibrateOptions
 
 
 def calibrate_stage(options: CalibrateOptions) -> Stage:
-    return Stage("calibrate", __name__, ("read",), Scene, _run, options)
+    """Build the stage that calibrates the camera.
+
+    Args:
+        options: Options of the stage.
+
+    Returns:
+        The stage `calibrate`, whose output is a `WithheldScene`.
+    """
+    return Stage("calibrate", __name__, ("read",), Scene, _locate_table, options)
 
 
-def _run(inputs: Inputs, options: CalibrateOptions, folder: Path, progress: Progress) -> Scene:
-    from video.calibration.table_finder import find_scene  # slow to import, and not needed while cached
+def _locate_table(inputs: Inputs, options: CalibrateOptions, folder: Path, progress: Progress) -> Scene:
+    """Locate the table and calibrate the camera."""
+    from video.calibration.table_finder import calibrate_clip  # slow to import
 
-    return find_scene(inputs["read"], options, progress)
+    return calibrate_clip(inputs["read"], options, progress)

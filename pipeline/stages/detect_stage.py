@@ -1,11 +1,11 @@
-"""Detect: balls in every picture."""
+"""The detect stage: finds the balls in every frame."""
 
 from __future__ import annotations
 
 import hashlib
 from pathlib import Path
 
-from detectors.options import DetectOptions
+from detectors.detect_options import DetectOptions
 from models.core.detections import Detections
 from models.core.errors import OptionError
 from models.core.progress import Progress
@@ -13,12 +13,23 @@ from pipeline.engine.stage import Inputs, Stage
 
 
 def detect_stage(options: DetectOptions) -> Stage:
-    facts = {} if options.model is None else {"model": _digest(Path(options.model))}
-    return Stage("detect", __name__, ("read", "calibrate"), Detections, _run, options, facts)
+    """Build the stage that detects balls.
+
+    Args:
+        options: Options of the stage.
+
+    Returns:
+        The stage `detect`, whose output is `Detections`.
+
+    Raises:
+        OptionError: The file of the network cannot be read.
+    """
+    facts = {} if options.model is None else {"model": _hash_model(Path(options.model))}
+    return Stage("detect", __name__, ("read", "calibrate"), Detections, _detect_balls, options, facts)
 
 
-def _digest(model: Path) -> str:
-    """SHA-256 of the file: another network under the same name is another detector."""
+def _hash_model(model: Path) -> str:
+    """Return the SHA-256 of the file: another network under the same name is another detector."""
     try:
         with model.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -26,7 +37,8 @@ def _digest(model: Path) -> str:
         raise OptionError(f"--model is the file of an ONNX ball detector; {model}: {error.strerror}") from error
 
 
-def _run(inputs: Inputs, options: DetectOptions, folder: Path, progress: Progress) -> Detections:
-    from detectors.detect import detect_balls  # slow to import, and not needed while cached
+def _detect_balls(inputs: Inputs, options: DetectOptions, folder: Path, progress: Progress) -> Detections:
+    """Detect the balls in every frame."""
+    from detectors.detect import detect_balls  # slow to import
 
     return detect_balls(inputs["read"], inputs["calibrate"], options, progress)

@@ -1,12 +1,12 @@
-"""Export: the tables of a run as csv and json."""
+"""The export stage: writes the tables of a run as csv and json."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from detectors.options import DetectOptions
-from detectors.select_detector import with_choice_noted
+from detectors.detect_options import DetectOptions
+from detectors.select_detector import note_selection
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
 from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
@@ -14,17 +14,27 @@ from pipeline.io.run_tables import write_events, write_scene, write_tracks, writ
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """What the files say of how the balls were found."""
+    """Options of the tables."""
 
     detect: DetectOptions
+    """Options of the detection, which scene.json notes."""
 
 
 def export_stage(detect: DetectOptions) -> Stage:
-    return Stage("export", __name__, ("read", "calibrate", "track", "fit"), None, _run, ExportOptions(detect))
+    """Build the stage that writes the tables.
+
+    Args:
+        detect: Options of the detection, which scene.json notes.
+
+    Returns:
+        The stage `export`, whose output is a folder of files.
+    """
+    return Stage("export", __name__, ("read", "calibrate", "track", "fit"), None, _write_tables, ExportOptions(detect))
 
 
-def _run(inputs: Inputs, options: ExportOptions, folder: Path, progress: Progress) -> None:
-    scene, tracks, fit = with_choice_noted(inputs["calibrate"], options.detect), inputs["track"], inputs["fit"]
+def _write_tables(inputs: Inputs, options: ExportOptions, folder: Path, progress: Progress) -> None:
+    """Write tracks.csv, events.csv, scene.json and trajectory.csv."""
+    scene, tracks, fit = note_selection(inputs["calibrate"], options.detect), inputs["track"], inputs["fit"]
     write_tracks(scene, tracks, fit, folder / "tracks.csv")
     write_events(fit.events, folder / "events.csv")
     write_scene(inputs["read"], scene, tracks, fit, folder / "scene.json")

@@ -1,4 +1,4 @@
-"""Fit: events and motion from tracks."""
+"""The fit stage: estimates events and motion from tracks."""
 
 from __future__ import annotations
 
@@ -12,17 +12,28 @@ from pipeline.engine.stage import Inputs, Stage
 
 
 def fit_stage(options: FitOptions) -> Stage:
-    return Stage("fit", __name__, ("calibrate", "track"), Fit, _run, options)
+    """Build the stage that fits the motion.
+
+    Args:
+        options: Options of the stage.
+
+    Returns:
+        The stage `fit`, whose output is a `Fit`.
+    """
+    return Stage("fit", __name__, ("calibrate", "track"), Fit, _fit_motion, options)
 
 
-def _run(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
-    from models.estimation.reconstruction.fit_shot import fit_shot  # slow to import, and not needed while cached
+def _fit_motion(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
+    """Fit the contacts and the motion; on request also published contact models."""
+    from models.estimation.reconstruction.fit_shot import fit_shot  # slow to import
 
     tracks, scene = inputs["track"], inputs["calibrate"]
     fit = fit_shot(tracks, scene, options, progress)
     if not (options.laws or options.profile):
-        return replace(fit, lawless="It was not asked for: --laws.")
-    from models.estimation.whole_shot.whole_shot_fit import with_laws
-    from pipeline.io.table_profile import table_of
+        return replace(fit, whole_shot_refusal="It was not requested: give --laws.")
+    from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
+    from pipeline.io.table_profile import parse_table_prior
 
-    return with_laws(fit, tracks, scene.table, options, table_of(options.profile) if options.profile else None)
+    return fit_shot_laws(
+        fit, tracks, scene.table, options, parse_table_prior(options.profile) if options.profile else None
+    )

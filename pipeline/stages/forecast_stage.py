@@ -1,4 +1,4 @@
-"""Forecast: what was to be expected at a few moments of the shot."""
+"""The forecast stage: predicts the motion from a few moments of the shot."""
 
 from __future__ import annotations
 
@@ -6,17 +6,26 @@ from pathlib import Path
 
 from models.core.options import ForecastOptions
 from models.core.progress import Progress
-from models.estimation.forecast.forecast_values import Foresights
+from models.estimation.forecast.forecast_values import ForecastFans
 from pipeline.engine.stage import Inputs, Stage
 
 
 def forecast_stage(options: ForecastOptions) -> Stage:
-    return Stage("forecast", __name__, ("calibrate", "track", "fit"), Foresights, _run, options)
+    """Build the stage that forecasts the motion.
+
+    Args:
+        options: Options of the stage.
+
+    Returns:
+        The stage `forecast`, whose output is `ForecastFans`.
+    """
+    return Stage("forecast", __name__, ("calibrate", "track", "fit"), ForecastFans, _forecast_moments, options)
 
 
-def _run(inputs: Inputs, options: ForecastOptions, folder: Path, progress: Progress) -> Foresights:
+def _forecast_moments(inputs: Inputs, options: ForecastOptions, folder: Path, progress: Progress) -> ForecastFans:
+    """Predict where balls could have gone; no forecast unless requested."""
     if not options.fans:
-        return Foresights(())
-    from models.estimation.forecast.forecast_fans import foresee  # slow to import, and not needed while cached
+        return ForecastFans(())
+    from models.estimation.forecast.forecast_fans import predict_fans  # slow to import
 
-    return foresee(inputs["track"], inputs["calibrate"], inputs["fit"].events)
+    return predict_fans(inputs["track"], inputs["calibrate"], inputs["fit"].events)

@@ -1,4 +1,4 @@
-"""Record: everything on one timeline for the rerun viewer."""
+"""The record stage: writes the recording for the rerun viewer."""
 
 from __future__ import annotations
 
@@ -12,21 +12,30 @@ from pipeline.engine.stage import Inputs, Stage
 
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
-    """What the recording says of itself."""
+    """Options of the recording."""
 
     title: str
-    """Name of the clip, as shown in the viewer."""
+    """Name of the clip in the viewer."""
 
 
 def record_stage(options: RecordOptions) -> Stage:
-    return Stage("record", __name__, ("read", "calibrate", "detect", "track", "fit", "forecast"), None, _run, options)
+    """Build the stage that writes the recording.
 
+    Args:
+        options: Options of the stage.
 
-def _run(inputs: Inputs, options: RecordOptions, folder: Path, progress: Progress) -> None:
-    os.environ.setdefault("RUST_LOG", "off")  # rerun would print what it raises; it reads this when it is imported
-    from pipeline.reporting.recording.recording_file import (
-        write_recording,  # slow to import, and not needed while cached
+    Returns:
+        The stage `record`, whose output is a folder with recording.rrd.
+    """
+    return Stage(
+        "record", __name__, ("read", "calibrate", "detect", "track", "fit", "forecast"), None, _record_layers, options
     )
+
+
+def _record_layers(inputs: Inputs, options: RecordOptions, folder: Path, progress: Progress) -> None:
+    """Write recording.rrd."""
+    os.environ.setdefault("RUST_LOG", "off")  # read at import: rerun would print what it raises
+    from pipeline.reporting.recording.recording_file import write_recording  # slow to import
 
     write_recording(
         inputs["read"], inputs["calibrate"], inputs["detect"], inputs["track"], inputs["fit"], inputs["forecast"],

@@ -1,4 +1,4 @@
-"""Report: one page to keep and send."""
+"""The report stage: writes the page of a run."""
 
 from __future__ import annotations
 
@@ -6,40 +6,49 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from detectors.options import DetectOptions
-from detectors.select_detector import with_choice_noted
+from detectors.detect_options import DetectOptions
+from detectors.select_detector import note_selection
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
-from pipeline.stages.render_stage import START
+from pipeline.stages.render_stage import START_FILE
 
 
 @dataclass(frozen=True, slots=True)
 class ReportOptions:
-    """What the page says of the run."""
+    """Options of the report."""
 
     title: str
     """Name of the clip."""
     slow: float
-    """How many times slower the slow motion is."""
+    """Slow-down factor of the slow motion."""
     settings: tuple[str, ...]
-    """The options that reproduce the run."""
+    """Options of the command line that reproduce the run."""
     detect: DetectOptions
-    """How the balls were found."""
+    """Options of the detection."""
 
 
 def report_stage(options: ReportOptions) -> Stage:
-    return Stage("report", __name__, ("read", "calibrate", "track", "fit", "render"), None, _run, options)
+    """Build the stage that writes the report.
+
+    Args:
+        options: Options of the stage.
+
+    Returns:
+        The stage `report`, whose output is a folder with report.html.
+    """
+    return Stage("report", __name__, ("read", "calibrate", "track", "fit", "render"), None, _write_page, options)
 
 
-def _run(inputs: Inputs, options: ReportOptions, folder: Path, progress: Progress) -> None:
-    from pipeline.reporting.pages.run_report import (  # slow to import, and not needed while cached
+def _write_page(inputs: Inputs, options: ReportOptions, folder: Path, progress: Progress) -> None:
+    """Write report.html."""
+    from pipeline.reporting.pages.run_report import (  # slow to import
         ReportFiles,
         write_report,
     )
 
-    made = inputs["render"]
-    start = float(json.loads((made / START).read_text(encoding="utf-8")))
-    files = ReportFiles(made / "slow.mp4", made / "poster.png", options.slow, start)
+    rendered = inputs["render"]
+    start = float(json.loads((rendered / START_FILE).read_text(encoding="utf-8")))
+    files = ReportFiles(rendered / "slow.mp4", rendered / "poster.png", options.slow, start)
     clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
-    scene = with_choice_noted(scene, options.detect)
+    scene = note_selection(scene, options.detect)
     write_report(clip, scene, tracks, fit, files, options.title, options.settings, folder / "report.html")

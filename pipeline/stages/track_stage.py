@@ -1,4 +1,4 @@
-"""Track: which detection is which ball."""
+"""The track stage: links detections to tracks."""
 
 from __future__ import annotations
 
@@ -11,13 +11,22 @@ from pipeline.engine.stage import Inputs, Stage
 
 
 def track_stage(options: TrackOptions) -> Stage:
-    return Stage("track", __name__, ("read", "calibrate", "detect"), Tracks, _run, options)
+    """Build the stage that tracks balls.
+
+    Args:
+        options: Options of the stage.
+
+    Returns:
+        The stage `track`, whose output is `Tracks`.
+    """
+    return Stage("track", __name__, ("read", "calibrate", "detect"), Tracks, _build_tracks, options)
 
 
-def _run(inputs: Inputs, options: TrackOptions, folder: Path, progress: Progress) -> Tracks:
-    from models.tracking.build_tracks import associate  # slow to import, and not needed while cached
+def _build_tracks(inputs: Inputs, options: TrackOptions, folder: Path, progress: Progress) -> Tracks:
+    """Link the detections of all distinct frames to tracks."""
+    from models.tracking.build_tracks import build_tracks  # slow to import
 
     clip = inputs["read"]
-    return associate(
-        inputs["detect"], clip.distinct, clip.t[clip.distinct], inputs["calibrate"], options, progress
+    return build_tracks(
+        inputs["detect"], clip.distinct_frames, clip.t[clip.distinct_frames], inputs["calibrate"], options, progress
     )  # fmt: skip

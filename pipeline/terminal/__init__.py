@@ -1,1 +1,1 @@
-"""Parts that commands share on a terminal: common options and progress displays."""
+"""What the commands share: common options, consoles and progress displays. The commands are in `pipeline.cli`."""

@@ -1,4 +1,4 @@
-"""What the commands share: the program's name, and options that several of them take."""
+"""The typer application, its consoles, and the options that several commands take."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 
 from models.core.errors import OptionError
-from pipeline.engine.result_cache import Cache, default_root
+from pipeline.engine.result_cache import ResultCache, default_cache_root
 
 app = typer.Typer(
     help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
@@ -20,21 +20,35 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 console = Console(stderr=True, highlight=False)
-_UNBROKEN = 10_000
-"""columns of what is no terminal: no path is broken in two."""
+_FILE_WIDTH = 10_000
+"""Line width where the output is no terminal, in characters: wide enough not to break a path."""
 
 
-def standard_output() -> Console:
-    """Where answers go; lines are as long as they need to be where nobody reads them on a terminal."""
-    own = Console(highlight=False)
-    return own if own.is_terminal else Console(highlight=False, width=_UNBROKEN)
+def make_output_console() -> Console:
+    """Make the console for results on standard output.
+
+    Returns:
+        A console that breaks lines only on a terminal.
+    """
+    output = Console(highlight=False)
+    return output if output.is_terminal else Console(highlight=False, width=_FILE_WIDTH)
 
 
 ClipArgument = Annotated[Path, typer.Argument(help="A clip of a shot: mp4, mov, mkv, avi, webm.")]
 
 
-def named(text: str | Path) -> Path:
-    """A path that is not empty: an empty one would mean the folder one is in."""
+def parse_output_path(text: str | Path) -> Path:
+    """Parse the value of -o, which must not be empty: an empty path would mean the current folder.
+
+    Args:
+        text: The value.
+
+    Returns:
+        The path.
+
+    Raises:
+        OptionError: The value is empty.
+    """
     if not str(text).strip():
         raise OptionError("-o, --out needs a name; an empty one was given")
     return Path(text)
@@ -43,26 +57,42 @@ def named(text: str | Path) -> Path:
 OutOption = Annotated[
     Path | None,
     typer.Option(
-        "-o", "--out", parser=named, metavar="PATH", help="Folder of the results; out/<clip> where not given."
+        "-o",
+        "--out",
+        parser=parse_output_path,
+        metavar="PATH",
+        help="Folder of the results. Default: out/<clip>.",
     ),
 ]
 CacheOption = Annotated[
-    Path | None, typer.Option("--cache", help="Cache folder; $TRUEROLL_CACHE, else ~/.cache/trueroll where not given.")
+    Path | None, typer.Option("--cache", help="Folder of the cache. Default: $TRUEROLL_CACHE, else ~/.cache/trueroll.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-DebugOption = Annotated[bool, typer.Option("--debug", help="Show where an error comes from.")]
+DebugOption = Annotated[bool, typer.Option("--debug", help="Print the traceback of an error.")]
 
 
-def open_cache(folder: Path | None) -> Cache:
-    root = folder if folder is not None else default_root()
+def open_cache(folder: Path | None) -> ResultCache:
+    """Open the cache of a command.
+
+    Args:
+        folder: Folder of the cache; None for the default.
+
+    Returns:
+        The cache.
+
+    Raises:
+        OptionError: The folder cannot be written.
+    """
+    root = folder if folder is not None else default_cache_root()
     try:
-        return Cache(root)
+        return ResultCache(root)
     except OSError as error:
         raise OptionError(f"The cache needs a folder that can be written; {root}: {error.strerror}") from error
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_requested: bool) -> None:
+    """Print the version and exit if it is requested."""
+    if is_requested:
         from importlib.metadata import version
 
         print(f"trueroll {version('trueroll')}")
@@ -70,37 +100,55 @@ def _version(wanted: bool) -> None:
 
 
 @app.callback()
-def _common(
+def _add_common_options(
     show_version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    return None
+    """Take the options that come before a command."""
 
 
-def with_settings(function: Callable[..., None]) -> Callable[..., None]:
-    """The command with the option of every stage appended, as one `options` argument."""
-    return with_settings_but(())(function)
+def add_settings(function: Callable[..., None]) -> Callable[..., None]:
+    """Decorate a command that takes the options of all stages as one `options` argument.
+
+    Args:
+        function: The command.
+
+    Returns:
+        The command with one option per setting on the command line.
+    """
+    return add_settings_except(())(function)
 
 
-def with_settings_but(without: Collection[str]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """The same for a command that some options, by their names, mean nothing to."""
+def add_settings_except(excluded: Collection[str]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorate a command that takes the options of all stages except some.
 
-    def decorated(function: Callable[..., None]) -> Callable[..., None]:
-        return _with_settings(function, without)
+    Args:
+        excluded: Names of the settings that do not apply to the command.
 
-    return decorated
+    Returns:
+        A decorator like `add_settings`.
+    """
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        return _append_settings(function, excluded)
+
+    return decorate
 
 
-def _with_settings(function: Callable[..., None], without: Collection[str]) -> Callable[..., None]:
-    from pipeline.options import collect, parameters  # what the stages need is heavy, and not every command takes it
+def _append_settings(function: Callable[..., None], excluded: Collection[str]) -> Callable[..., None]:
+    """Replace the `options` parameter of a command by one parameter per setting."""
+    from pipeline.run_options import (  # the stages are slow to import
+        build_options,
+        build_parameters,
+    )
 
     own = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "options"]
     names = {p.name for p in own}
-    extra = parameters(without)
+    extra = build_parameters(excluded)
 
     def command(**values: Any) -> None:
-        options = collect({p.name: values[p.name] for p in extra})
+        options = build_options({p.name: values[p.name] for p in extra})
         function(**{name: values[name] for name in names}, options=options)
 
     command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Progress on the terminal: one line per stage; nothing where nobody watches."""
+"""Shows the progress of a run on a terminal, one line per stage; it shows nothing elsewhere."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from models.core.progress import Progress
 
 
 class StageDisplay:
-    """A watcher of a run that draws a bar per stage on a terminal; a context manager."""
+    """A watcher that draws a progress bar per stage on a terminal, as a context manager."""
 
     def __init__(self, console: Console, title: str = "") -> None:
         columns = (
@@ -28,30 +28,24 @@ class StageDisplay:
     def __enter__(self) -> StageDisplay:
         self._bars.start()
         if self._title:
-            self._say(self._title)
+            self._print_title(self._title)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self._bars.stop()
 
-    def of(self, title: str) -> StageDisplay:
-        """The same display for the next clip of a batch: its name, then its stages."""
-        for task in self._tasks.values():
-            self._bars.remove_task(task)
-        self._tasks.clear()
-        self._say(title)
-        return self
-
-    def _say(self, title: str) -> None:
+    def _print_title(self, title: str) -> None:
         if self._bars.console.is_terminal:
             self._bars.console.print(title, highlight=False, markup=False)
 
-    def started(self, stage: str) -> Progress:
+    def start_stage(self, stage: str) -> Progress:
+        """Add the bar of a stage; the result moves it."""
         task = self._bars.add_task(stage, total=1.0, note="")
         self._tasks[stage] = task
         return lambda share: self._bars.update(task, completed=share)
 
-    def finished(self, stage: str, seconds: float, cached: bool) -> None:
+    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
+        """Complete the bar of a stage with its time."""
         note = "cached" if cached else f"{seconds:.1f} s"
         self._bars.update(self._tasks[stage], completed=1.0, note=note)
         self._bars.stop_task(self._tasks[stage])

@@ -1,4 +1,4 @@
-"""The program as a library: what docs/notebook.md shows runs, and its values are those of the files."""
+"""The code of docs/tutorials/python.md runs, and its values equal those of the files."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from pipeline import api
 from pipeline.api import Run, run
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-PAGE = (ROOT / "docs" / "notebook.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "tutorials" / "python.md").read_text(encoding="utf-8")
 
 
-class Shown:
-    """A viewer that nobody sees."""
+class FakeViewer:
+    """A viewer that opens no window."""
 
     address = ""
 
@@ -35,17 +35,17 @@ class Shown:
 
 @pytest.fixture(scope="module")
 def names(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
-    """What the code of the page leaves behind."""
+    """Run the code of the page; return the names that it defines."""
     folder = tmp_path_factory.mktemp("notebook")
     (folder / "sample_videos").symlink_to(ROOT / "sample_videos")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setenv("TRUEROLL_CACHE", str(folder / "cache"))
-        patch.setattr(api, "start_viewer", lambda recordings, web: Shown(recordings, web))
-        left: dict[str, Any] = {}
+        patch.setattr(api, "start_viewer", lambda recordings, web: FakeViewer(recordings, web))
+        names: dict[str, Any] = {}
         code = "\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
-        exec(compile(code, "docs/notebook.md", "exec"), left)  # what a reader would type
-        yield left | {"folder": folder}
+        exec(compile(code, "docs/tutorials/python.md", "exec"), names)  # what a reader would type
+        yield names | {"folder": folder}
 
 
 def test_the_page_shows_the_recording_of_the_run_and_closes_the_viewer(names: dict[str, Any]) -> None:
@@ -69,7 +69,7 @@ def test_values_are_those_of_the_files(names: dict[str, Any]) -> None:
     assert shot.to_arrow().num_rows == written.num_rows
 
 
-def test_any_moment_can_be_asked_for(names: dict[str, Any]) -> None:
+def test_the_motion_can_be_evaluated_at_any_time(names: dict[str, Any]) -> None:
     shot: Run = names["shot"]
     assert shot.trajectory.at(1.25).xy.shape == (len(shot.trajectory.ids), 2)
 
@@ -89,17 +89,17 @@ def test_without_pandas_a_frame_is_one_sentence(names: dict[str, Any]) -> None:
         assert names["shot"].to_pandas("events")["kind"].tolist() == list(names["shot"].events.kind)
 
 
-def test_what_was_run_before_comes_from_the_cache_and_progress_is_told(names: dict[str, Any]) -> None:
-    told: list[tuple[str, float]] = []
+def test_a_second_run_uses_the_cache_and_reports_progress(names: dict[str, Any]) -> None:
+    progress: list[tuple[str, float]] = []
     again = run(
         names["folder"] / "sample_videos" / "carom_match.mp4",
         names["folder"] / "again",
         cache=names["folder"] / "cache",
-        progress=lambda stage, share: told.append((stage, share)),
+        progress=lambda stage, share: progress.append((stage, share)),
         slow=8,
     )
-    assert [share for _, share in told] == [1.0] * len(told)
-    assert {"read", "calibrate", "detect", "track", "fit", "record", "report"} <= {stage for stage, _ in told}
+    assert [share for _, share in progress] == [1.0] * len(progress)
+    assert {"read", "calibrate", "detect", "track", "fit", "record", "report"} <= {stage for stage, _ in progress}
     assert again.tracks.ids == names["shot"].tracks.ids
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.shooting_windows import Flow, Window
+from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
 from models.physics.effect import Prior
 
 GRAVITY = Prior("gravity", "m/s^2", 9.0, 0.3, True, (1.0, 30.0))
@@ -29,7 +29,7 @@ class Bounces:
     sigma: float
     unknowns: tuple[Prior, ...] = (GRAVITY, RESTITUTION)
 
-    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
+    def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
         t, inputs = self.windows[window].t, np.concatenate([start, shared])
         heights, ends = np.empty((len(inputs), len(t))), np.empty((len(inputs), 2))
         for k in range(len(inputs)):
@@ -37,7 +37,7 @@ class Bounces:
             stepped[k] += 1j * STEP
             path, last, order = flight(stepped[:2], stepped[2], stepped[3], t, self.ends[window])
             heights[k], ends[k] = path.imag / STEP, last.imag / STEP
-        return Flow(
+        return LinearizedWindow(
             ((path.real - self.heights[window]) / self.sigma)[:, None],
             heights[:2].T[:, None] / self.sigma, heights[2:].T[:, None] / self.sigma,
             last.real, ends[:2].T, ends[2:].T, order,

@@ -1,4 +1,4 @@
-"""Debian's Chromium without a window, for tests of pages."""
+"""Headless Chromium for tests of pages."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from selenium import webdriver
 
 DRIVER = "chromedriver"
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]}
-"""What a page is checked for: WCAG 2.1, level AA."""
+"""Rules of axe-core: WCAG 2.1, level AA."""
 
 
 @contextmanager
-def chromium(width: int = 1280, *, draws: bool = False) -> Iterator[webdriver.Chrome]:
-    """A browser with a window of this width, px; below 600 it is a phone. One that `draws` has WebGL, in software."""
+def open_chromium(width: int = 1280, *, draws: bool = False) -> Iterator[webdriver.Chrome]:
+    """Open a browser with a window of this width (px), below 600 emulating a phone; with `draws`, WebGL in software."""
     driver = shutil.which(DRIVER)
     if driver is None:
         pytest.skip("chromedriver is not installed; apt-get install chromium-driver")
@@ -37,18 +37,18 @@ def chromium(width: int = 1280, *, draws: bool = False) -> Iterator[webdriver.Ch
         browser.quit()
 
 
-def complaints(browser: webdriver.Chrome) -> list[str]:
-    """What the browser's console was told that is not mere information."""
+def console_messages(browser: webdriver.Chrome) -> list[str]:
+    """Return the warnings and errors of the browser console."""
     return [line["message"] for line in browser.get_log("browser") if line["level"] in ("WARNING", "SEVERE")]
 
 
-def barriers(browser: webdriver.Chrome) -> list[str]:
-    """Where the page that is shown keeps people out, as axe-core finds it."""
-    found = Axe().run(browser, options=RULES)
-    return [f"{one['id']}: {node['html'][:200]}" for one in found["violations"] for node in one["nodes"]]
+def accessibility_violations(browser: webdriver.Chrome) -> list[str]:
+    """Return the accessibility violations of the page that axe-core finds."""
+    results = Axe().run(browser, options=RULES)
+    return [f"{one['id']}: {node['html'][:200]}" for one in results["violations"] for node in one["nodes"]]
 
 
-def page_of(path: Path, browser: webdriver.Chrome) -> webdriver.Chrome:
-    """The browser, showing the page."""
+def open_page(path: Path, browser: webdriver.Chrome) -> webdriver.Chrome:
+    """Open a page in the browser."""
     browser.get(path.resolve().as_uri())
     return browser

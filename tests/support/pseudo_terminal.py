@@ -1,4 +1,4 @@
-"""The program as someone at a terminal meets it, in this process."""
+"""The command-line program, run in this process with captured output."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from pipeline.cli.main import main
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """What the program printed and how it left."""
+class ProgramOutput:
+    """Exit status and output of the program."""
 
     status: int
     out: str
     err: str
 
 
-Terminal = Callable[..., Said]
+Terminal = Callable[..., ProgramOutput]
 
 
-def terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Terminal:
-    """A function that runs `trueroll ARGUMENTS...`."""
+def make_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Terminal:
+    """Return a function that runs `trueroll ARGUMENTS...`."""
 
-    def trueroll(*arguments: object) -> Said:
+    def trueroll(*arguments: object) -> ProgramOutput:
         monkeypatch.setattr(sys, "argv", ["trueroll", *map(str, arguments)])
         capsys.readouterr()
-        with pytest.raises(SystemExit) as left:
+        with pytest.raises(SystemExit) as exit_info:
             main()
         out, err = capsys.readouterr()
-        return Said(int(left.value.code or 0), out, err)
+        return ProgramOutput(int(exit_info.value.code or 0), out, err)
 
     return trueroll

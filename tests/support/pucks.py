@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Recording
-from models.estimation.multiple_shooting.shooting_windows import Flow, Window
+from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
 from models.physics.effect import EffectKind, Prior
 
 Force = Callable[[FloatArray, FloatArray], FloatArray]
@@ -106,7 +106,7 @@ class Pucks:
     """The scene, with a catalogue and what the simulator has of it."""
 
     effects: tuple[Effect, ...] = CATALOGUE
-    assumed: tuple[str, ...] = ("friction",)
+    simulator_effects: tuple[str, ...] = ("friction",)
     name: str = "pucks"
     unit: str = "m"
     alternatives: tuple[Alternatives, ...] = ()
@@ -117,40 +117,46 @@ class Pucks:
     def names(self) -> list[str]:
         return [f"{effect.name}.{prior.name}" for effect in self.effects for prior in effect.parameters]
 
-    def stretches(self, recording: Recording) -> tuple[Recording, ...]:
+    def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
         return (recording,)
 
-    def model(self, pieces: tuple[Recording, ...], forms: tuple[str, ...], wanted: BoolArray | None = None) -> Gliding:
-        return Gliding(self, pieces, np.ones(len(self.names), bool) if wanted is None else wanted)
+    def build_model(
+        self, segments: tuple[Recording, ...], forms: tuple[str, ...], jacobian_mask: BoolArray | None = None
+    ) -> Gliding:
+        return Gliding(self, segments, np.ones(len(self.names), bool) if jacobian_mask is None else jacobian_mask)
 
-    def covariates(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> Covariates:
-        rows, bodies = np.nonzero(piece.seen)
-        states = path(start.reshape(-1, 4).T, dict(zip(self.names, shared, strict=True)), piece.t)
+    def observation_covariates(
+        self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
+    ) -> Covariates:
+        rows, bodies = np.nonzero(segment.is_observed)
+        states = path(start.reshape(-1, 4).T, dict(zip(self.names, shared, strict=True)), segment.t)
         place, velocity = states[rows, :2, bodies], states[rows, 2:, bodies]
         return Covariates(("slide",) * len(rows), place, velocity, np.full(len(rows), np.nan), place * 300)
 
-    def predict(self, piece: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]) -> FloatArray:
+    def predict_positions(
+        self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
+    ) -> FloatArray:
         p = dict(zip(self.names, shared, strict=True))
-        states = path(start.reshape(-1, 4).T, p, piece.t)
+        states = path(start.reshape(-1, 4).T, p, segment.t)
         return np.stack(shown(states[:, 0], states[:, 1], p), axis=-1)
 
 
 @dataclass(frozen=True)
 class Gliding:
     scene: Pucks
-    pieces: tuple[Recording, ...]
+    segments: tuple[Recording, ...]
     wanted: BoolArray
     windows: tuple[Window, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "windows", tuple(window_of(piece) for piece in self.pieces))
+        object.__setattr__(self, "windows", tuple(window_of(segment) for segment in self.segments))
 
     @property
     def unknowns(self) -> tuple[Prior, ...]:
         return tuple(prior for effect in self.scene.effects for prior in effect.parameters)
 
-    def flow(self, window: int, start: FloatArray, shared: FloatArray) -> Flow:
-        piece, bodies, names = self.pieces[window], len(start) // 4, self.scene.names
+    def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
+        segment, bodies, names = self.segments[window], len(start) // 4, self.scene.names
         asked = np.flatnonzero(self.wanted)
         # the bodies do not touch: one column per number that a body's path hangs on
         state = np.repeat(start.reshape(bodies, 4).T[:, :, None], 4 + len(asked), axis=2).astype(np.complex128)
@@ -159,31 +165,31 @@ class Gliding:
         p = {name: np.full(4 + len(asked), value, np.complex128) for name, value in zip(names, shared, strict=True)}
         for k, number in enumerate(asked):
             p[names[number]][4 + k] += 1j * STEP
-        states = path(state, p, piece.t)
+        states = path(state, p, segment.t)
         seen = np.stack(shown(states[:, 0], states[:, 1], p), axis=2)  # (T, N, 2, inputs)
-        rows, who = np.nonzero(piece.seen)
-        sigma = piece.sigma[rows, who][:, None]
+        rows, who = np.nonzero(segment.is_observed)
+        sigma = segment.sigma[rows, who][:, None]
         slopes = seen[rows, who].imag / STEP / sigma[:, :, None]
         by_start = np.zeros((len(rows), 2, len(start)))
         for body in range(bodies):
             by_start[who == body, :, 4 * body : 4 * body + 4] = slopes[who == body, :, :4]
         by_shared = np.zeros((len(rows), 2, len(shared)))
         by_shared[:, :, asked] = slopes[:, :, 4:]
-        misfit = (seen[rows, who, :, 0].real - piece.places[rows, who]) / sigma
+        misfit = (seen[rows, who, :, 0].real - segment.positions[rows, who]) / sigma
         nothing = np.zeros(0)
-        return Flow(misfit, by_start, by_shared, nothing, nothing.reshape(0, len(start)),
+        return LinearizedWindow(misfit, by_start, by_shared, nothing, nothing.reshape(0, len(start)),
                     nothing.reshape(0, len(shared)))  # fmt: skip
 
 
-def window_of(piece: Recording) -> Window:
-    rows, who = np.nonzero(piece.seen)
+def window_of(segment: Recording) -> Window:
+    rows, who = np.nonzero(segment.is_observed)
     starts = []
-    for body in range(len(piece.bodies)):
-        own = np.flatnonzero(piece.seen[:, body])[:10]
-        line = np.polynomial.polynomial.polyfit(piece.t[own] - piece.t[0], piece.places[own, body], 1)
+    for body in range(len(segment.bodies)):
+        own = np.flatnonzero(segment.is_observed[:, body])[:10]
+        line = np.polynomial.polynomial.polyfit(segment.t[own] - segment.t[0], segment.positions[own, body], 1)
         starts.append(np.concatenate([line[0], line[1]]))
     start = np.concatenate(starts)
-    return Window(piece.shot, piece.t[rows], who, start, np.full(len(start), np.inf))
+    return Window(segment.shot, segment.t[rows], who, start, np.full(len(start), np.inf))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Drawn tables with known ball centres: shaded discs, shadows, motion blur, noise, on unevenly lit cloth."""
+"""Rendered tables with known ball centres: shaded discs, shadows, motion blur, noise, on unevenly lit cloth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WIDTH, HEIGHT = 640, 360
 PX_PER_M = 220.0
 CORNER = (40.0, 40.0)
 RADIUS = 0.0365
-"""m: 8 px in the picture."""
+"""m: 8 px in the image."""
 CLOTH = (40.0, 120.0, 170.0)
 
 
@@ -30,7 +30,7 @@ class Ball:
     streak: tuple[float, float] = (0.0, 0.0)
 
 
-def drawn_scene() -> Scene:
+def build_test_scene() -> Scene:
     """A 2.54 m x 1.27 m table seen from straight above, far away, 220 px/m."""
     table = Table("drawn", "pool", 2.54, 1.27, RADIUS, 0.17, pockets=False)
     x0, y0 = CORNER
@@ -51,21 +51,19 @@ def drawn_scene() -> Scene:
     return Scene(table, Camera(matrix, WIDTH, HEIGHT, corners, np.eye(8), "cloth", eye, 1.0), lab, ())
 
 
-def draw(balls: list[Ball], rng: np.random.Generator, noise: float = 2.0) -> ByteArray:
-    """A picture (H, W, 3) of balls on the table."""
+def render_balls(balls: list[Ball], rng: np.random.Generator, noise: float = 2.0) -> ByteArray:
+    """Render an image (H, W, 3) of balls on the table."""
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
     light = 1.0 + 0.15 * np.cos((x - 250) / 260) * np.cos((y - 150) / 200)
-    picture = np.full((HEIGHT, WIDTH, 3), (70.0, 45.0, 30.0))
+    image = np.full((HEIGHT, WIDTH, 3), (70.0, 45.0, 30.0))
     on_cloth = (np.abs(x - 319.4) < 279.4 + 8) & (np.abs(y - 179.7) < 139.7 + 8)
-    picture[on_cloth] = (np.array(CLOTH) * light[..., None])[on_cloth]
+    image[on_cloth] = (np.array(CLOTH) * light[..., None])[on_cloth]
     for ball in balls:
-        _lay(picture, ball, x, y)
-    return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.6) + rng.normal(0, noise, picture.shape), 0, 255).astype(
-        np.uint8
-    )
+        _add_ball(image, ball, x, y)
+    return np.clip(cv2.GaussianBlur(image, (0, 0), 0.6) + rng.normal(0, noise, image.shape), 0, 255).astype(np.uint8)
 
 
-def _lay(picture: FloatArray, ball: Ball, x: FloatArray, y: FloatArray) -> None:
+def _add_ball(image: FloatArray, ball: Ball, x: FloatArray, y: FloatArray) -> None:
     radius = RADIUS * PX_PER_M
     steps = np.linspace(-0.5, 0.5, 1 if ball.streak == (0.0, 0.0) else 41)
     shares, colours = np.zeros(x.shape), np.zeros((*x.shape, 3))
@@ -77,9 +75,9 @@ def _lay(picture: FloatArray, ball: Ball, x: FloatArray, y: FloatArray) -> None:
         shares += share / len(steps)
         colours += (share * bright / len(steps))[..., None] * np.array(ball.colour)
         shade += 0.3 * np.exp(-((dx - 3) ** 2 + (dy - 4) ** 2) / (2 * (0.8 * radius) ** 2)) / len(steps)
-    picture *= (1 - shade * (1 - shares))[..., None]
-    picture *= (1 - shares)[..., None]
-    picture += colours
+    image *= (1 - shade * (1 - shares))[..., None]
+    image *= (1 - shares)[..., None]
+    image += colours
 
 
 def spread_balls(
@@ -93,9 +91,9 @@ def spread_balls(
     ]
 
 
-def misses(found: Detections, balls: list[Ball]) -> np.ndarray:
+def nearest_errors(detections: Detections, balls: list[Ball]) -> np.ndarray:
     """Offset (n, 2) px of the nearest detection from every ball."""
     truth = np.array([[ball.x, ball.y] for ball in balls])
-    nearest = np.argmin(np.linalg.norm(found.centre[None] - truth[:, None], axis=-1), axis=1)
-    offset: np.ndarray = found.centre[nearest] - truth
+    nearest = np.argmin(np.linalg.norm(detections.centre[None] - truth[:, None], axis=-1), axis=1)
+    offset: np.ndarray = detections.centre[nearest] - truth
     return offset

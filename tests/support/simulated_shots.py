@@ -5,28 +5,33 @@ from __future__ import annotations
 import numpy as np
 
 from models.core.scene import Table
-from models.estimation.whole_shot.shot_segments import Stretch
-from models.estimation.whole_shot.shot_windows import Shots
-from models.physics.billiards.calibration_errors import View
-from models.physics.billiards.simulation.parametrised_shot import ABSENT, NUMBERS, Laws, played
+from models.estimation.whole_shot.shot_segments import ShotSegment
+from models.estimation.whole_shot.shot_windows import ShotWindows
+from models.physics.billiards.image_distortion import ImagePlacement
+from models.physics.billiards.simulation.parametrised_shot import (
+    NEUTRAL_SHOT_PARAMETERS,
+    SHOT_PARAMETERS,
+    ContactModels,
+    simulate_start,
+)
 from models.physics.effect import Prior
 
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
-VIEW = View(np.array([1.27, 0.635]), 1.27)
+VIEW = ImagePlacement(np.array([1.27, 0.635]), 1.27)
 USUAL = {
     "sliding_friction.mu": 0.2, "rolling_resistance.mu": 0.01, "spin_decay.rate": 10.0, "cushion_restitution.e": 0.85,
     "cushion_friction.mu": 0.17, "ball_restitution.e": 0.95, "ball_friction.mu": 0.05,
 }  # fmt: skip
-LAWS = Laws()
+LAWS = ContactModels()
 SIGMA = 0.001
 """m"""
 
 
 def numbers(**changed: float) -> np.ndarray:
     """All numbers (Q,): the usual physics, and what differs; dots of names are double underscores."""
-    found = ABSENT.copy()
+    found = NEUTRAL_SHOT_PARAMETERS.copy()
     for name, value in {**USUAL, **{key.replace("__", "."): value for key, value in changed.items()}}.items():
-        found[NUMBERS.index(name)] = value
+        found[SHOT_PARAMETERS.index(name)] = value
     return found
 
 
@@ -50,20 +55,22 @@ def opening(rng: np.random.Generator, balls: int = 3) -> tuple[np.ndarray, np.nd
 
 
 def filmed(
-    rng: np.random.Generator, values: np.ndarray, shot: int = 0, seconds: float = 1.5, laws: Laws = LAWS
-) -> Stretch:  # fmt: skip
+    rng: np.random.Generator, values: np.ndarray, shot: int = 0, seconds: float = 1.5, laws: ContactModels = LAWS
+) -> ShotSegment:  # fmt: skip
     """A stretch of the engine's own motion at 60 pictures a second, with noise."""
     start, moving = opening(rng)
     t = np.arange(round(60 * seconds)) / 60
     flat = np.concatenate([row[: 7 if moves else 2] for row, moves in zip(start, moving, strict=True)])
-    xy = played(flat, moving, TABLE, values, laws, seconds).at(t)[..., :2]
+    xy = simulate_start(flat, moving, TABLE, values, laws, seconds).states_at(t)[..., :2]
     xy += SIGMA * rng.normal(size=xy.shape)
     whiten = np.broadcast_to(np.eye(2) / SIGMA, (*xy.shape[:2], 2, 2))
     row = (xy[..., 1] - 0.635) / 1.27
     late = np.where(t > seconds / 2, 1 / 60, 0.0)
-    return Stretch(shot, 0.0, t, xy, whiten, start, moving, False, row, late)
+    return ShotSegment(shot, 0.0, t, xy, whiten, start, moving, False, row, late)
 
 
-def shots(stretches: tuple[Stretch, ...], unknowns: tuple[Prior, ...], values: np.ndarray, **options: object) -> Shots:
+def shots(
+    stretches: tuple[ShotSegment, ...], unknowns: tuple[Prior, ...], values: np.ndarray, **options: object
+) -> ShotWindows:
     """The model of a fit."""
-    return Shots(stretches, TABLE, unknowns, LAWS, values, VIEW, **options)  # type: ignore[arg-type]
+    return ShotWindows(stretches, TABLE, unknowns, LAWS, values, VIEW, **options)  # type: ignore[arg-type]

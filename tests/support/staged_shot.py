@@ -1,4 +1,4 @@
-"""A filmed shot whose every pixel is known: lit balls with soft shadows on a mottled cloth, seen from above."""
+"""A staged shot with known pixels: lit balls with soft shadows on a mottled cloth, filmed from above."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def cloth() -> ImageArray:
 
 
 def film(t: float, shown: tuple[int, ...] = (0, 1), rng: np.random.Generator | None = None) -> ImageArray:
-    """The picture at time t."""
+    """The frame at time t."""
     picture = cloth().astype(float)
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(float)
     for ball in shown:
@@ -77,7 +77,7 @@ def film(t: float, shown: tuple[int, ...] = (0, 1), rng: np.random.Generator | N
 
 
 def tracks(times: FloatArray) -> Tracks:
-    """What a faultless tracker sees."""
+    """The tracks of a perfect tracker."""
     xy = np.array([place(float(t)) for t in times])
     shape = xy.shape[:2]
     small = np.full(shape, 1e-4)
@@ -89,7 +89,7 @@ def tracks(times: FloatArray) -> Tracks:
 
 
 def fit(times: FloatArray) -> Fit:
-    """What a faultless fit finds: the strike."""
+    """The result of a perfect fit, with the strike as its event."""
     one = np.ones(1)
     events = Events(
         ("strike",), 0.1 * one, 4e-4 * one, 0.1 * RATE * one, ("cue",), ("",), place(0.1)[:1], one, np.nan * one,

@@ -1,4 +1,4 @@
-"""A made-up clip of two discs on cloth with the fit that belongs to it: small, exact, and known everywhere."""
+"""A synthetic clip of two discs on cloth with the exact tracks and fit of its motion."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from models.core.fit_result import Fit, Parameter, Trust
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
+from models.estimation.forecast.forecast_values import ForecastFan, ForecastFans
 from video.io.clip import Clip, open_clip
 from video.io.video_writer import VideoWriter
 
@@ -21,10 +22,10 @@ RATE = 30
 FRAMES = 24
 PX_PER_M = 100.0
 SPEED = 1.0
-"""m/s of the white ball along x; the red one rests."""
+"""m/s of the white ball along x; the red ball is at rest."""
 
 
-def made_up_scene() -> Scene:
+def make_scene() -> Scene:
     table = Table("carom-small", "carom", 2.0, 1.0, 0.03, 0.21, False)
     matrix = np.array([[PX_PER_M, 0, 0, 20.0], [0, PX_PER_M, 0, 20.0], [0, 0, 0, 1.0]])
     corners = PX_PER_M * table.corners + 20.0
@@ -32,24 +33,24 @@ def made_up_scene() -> Scene:
     return Scene(table, camera, np.array([40.0, -20.0, 10.0]), ("The table is made up.",))
 
 
-def made_up_paths(t: np.ndarray) -> np.ndarray:
+def make_paths(t: np.ndarray) -> np.ndarray:
     """(T, 2, 2) m of white and red."""
     white = np.stack([0.2 + SPEED * t, np.full_like(t, 0.5)], axis=-1)
     return np.stack([white, np.broadcast_to([1.5, 0.3], white.shape)], axis=1)
 
 
-def made_up_clip(path: Path) -> Clip:
+def write_clip(path: Path) -> Clip:
     t = np.arange(FRAMES) / RATE
     with VideoWriter(path, 240, 140, Fraction(RATE)) as writer:
-        for places in made_up_paths(t):
-            picture = np.full((140, 240, 3), (30, 110, 70), np.uint8)
+        for places in make_paths(t):
+            image = np.full((140, 240, 3), (30, 110, 70), np.uint8)
             for (x, y), colour in zip(20 + PX_PER_M * places, ((240, 240, 235), (200, 30, 30)), strict=True):
-                cv2.circle(picture, (round(16 * x), round(16 * y)), 48, colour, -1, cv2.LINE_AA, 4)
-            writer.write(picture)
+                cv2.circle(image, (round(16 * x), round(16 * y)), 48, colour, -1, cv2.LINE_AA, 4)
+            writer.write(image)
     return open_clip(path)
 
 
-def made_up_fit(t: np.ndarray) -> Fit:
+def make_fit(t: np.ndarray) -> Fit:
     end = float(t[-1])
     trajectory = Trajectory(
         ids=("white", "red"),
@@ -81,17 +82,19 @@ def made_up_fit(t: np.ndarray) -> Fit:
     )
 
 
-def made_up_tracks(clip: Clip, scene: Scene) -> Tracks:
-    t = clip.t[clip.distinct]
-    xy = made_up_paths(t)
+def make_tracks(clip: Clip, scene: Scene) -> Tracks:
+    t = clip.t[clip.distinct_frames]
+    xy = make_paths(t)
     px = scene.camera.to_pixels(xy, scene.table.ball_radius)
     one = np.ones(xy.shape[:2])
     colour = np.array([[95.0, 0.0, 3.0], [45.0, 60.0, 40.0]])
     names = ("white", "red")
-    return Tracks(clip.distinct, t, names, names, xy, px, 0.002 * one, 0.002 * one, np.zeros_like(xy), 3 * one, colour)
+    return Tracks(
+        clip.distinct_frames, t, names, names, xy, px, 0.002 * one, 0.002 * one, np.zeros_like(xy), 3 * one, colour
+    )
 
 
-def made_up_detections(tracks: Tracks) -> Detections:
+def make_detections(tracks: Tracks) -> Detections:
     times, balls = tracks.px.shape[:2]
     one = np.ones(times * balls)
     return Detections(
@@ -100,3 +103,14 @@ def made_up_detections(tracks: Tracks) -> Detections:
         white_rim=0 * one, value=0.5 * one,
         score=one, sigma=0.2 * one, sigma_along=0.2 * one,
     )  # fmt: skip
+
+
+def make_fans() -> ForecastFans:
+    """Make one fan at 0.2 s: white continues in five directions, red stays."""
+    times = 0.2 + 0.1 * np.arange(5)
+    white = np.array([[0.4, 0.5]]) + np.linspace(0, 0.4, 5)[:, None] * [1.0, 0.0]
+    turns = np.linspace(-0.1, 0.1, 5)[:, None] * (times - 0.2)
+    members = np.full((5, 5, 2, 2), [1.5, 0.3])
+    members[:, :, 0] = white
+    members[:, :, 0, 1] += turns
+    return ForecastFans((ForecastFan(0.2, ("white", "red"), times, members),))

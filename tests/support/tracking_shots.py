@@ -46,7 +46,7 @@ def overhead(table: Table = POOL, px_per_m: float = 400.0, height: float = 4.0) 
 
 
 def play(cue: FloatArray, velocity: FloatArray, others: FloatArray, seconds: float, table: Table = POOL) -> FloatArray:
-    """Samples (S, N, 5) at `HZ` of x, y, vx, vy and whether the ball is on the table, the cue ball first."""
+    """Samples (S, N, 5) at `PATH_RATE` of x, y, vx, vy and whether the ball is on the table, the cue ball first."""
     x = np.concatenate([cue[None], others])
     v = np.zeros_like(x)
     v[0] = velocity
@@ -125,8 +125,8 @@ def observe(
 
 def owners(tracks: Tracks, px: FloatArray) -> NDArray[np.int64]:
     """Which true ball (T, N tracks) each sighting of a track is: -1 not seen, -2 no ball within 8 px."""
-    result = np.full(tracks.observed.shape, -1)
-    for k, j in np.argwhere(tracks.observed):
+    result = np.full(tracks.is_observed.shape, -1)
+    for k, j in np.argwhere(tracks.is_observed):
         gap = np.nan_to_num(np.hypot(*(px[k] - tracks.px[k, j]).T), nan=np.inf)
         result[k, j] = int(np.argmin(gap)) if gap.min() < 8 else -2
     return result

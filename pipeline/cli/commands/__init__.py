@@ -1,4 +1,4 @@
-"""The commands of the program, a file each; importing one adds it to the command line."""
+"""The commands of the program, one file each; importing a file adds its command to the command line."""
 
 from __future__ import annotations
 
@@ -7,53 +7,53 @@ from pathlib import Path
 
 from pipeline.terminal.command_line import app
 
-ORDER = (
+COMMAND_NAMES = (
     "run", "batch", "view", "call", "predict", "interpolate", "diagnose", "gapcheck", "simulate", "detect",
     "train-detector", "reproduce", "graph", "cache",
 )  # fmt: skip
-"""As a new user needs them, in the list of `--help`."""
+"""Names of the commands in the order of `--help`: as a new user needs them."""
 
 
-def load(wanted: str) -> None:
-    """Add the command of this name to `app`: one need not wait for what others need.
+def load_command(name: str) -> None:
+    """Add one command to `app`, so that it need not wait for the imports of the others.
 
-    For any other word, the names of all with their first sentences, which is what `--help` shows.
+    Args:
+        name: Name of the command. For any other word all commands are added with their summaries only, which is enough
+            for `trueroll --help`.
     """
-    loaded = [command for command in app.registered_commands if command.callback is not _not_loaded]
+    loaded = [command for command in app.registered_commands if command.callback is not _raise_not_loaded]
     app.registered_commands[:] = loaded
-    if wanted in ORDER:
-        _import(wanted)
+    if name in COMMAND_NAMES:
+        _import_command(name)
         return
-    for name in ORDER:
-        if name not in {command.name for command in loaded}:
-            app.command(name, help=first_sentence(name))(_not_loaded)
-    app.registered_commands.sort(key=lambda command: ORDER.index(str(command.name)))
+    for other in COMMAND_NAMES:
+        if other not in {command.name for command in loaded}:
+            app.command(other, help=read_summary(other))(_raise_not_loaded)
+    app.registered_commands.sort(key=lambda command: COMMAND_NAMES.index(str(command.name)))
 
 
-def first_sentence(name: str) -> str:
-    """The docstring of the function behind a command, read from its source: importing it would take a second."""
+def read_summary(name: str) -> str:
+    """Read the summary of a command from its source, because importing it may take a second.
+
+    Args:
+        name: Name of the command.
+
+    Returns:
+        First paragraph of the docstring of the first public function in its file, which is the command.
+    """
     source = Path(__file__).with_name(f"{name.replace('-', '_')}_command.py").read_text(encoding="utf-8")
-    for node in ast.parse(source).body:
-        if isinstance(node, ast.FunctionDef) and any(_adds(decorator, name) for decorator in node.decorator_list):
-            return (ast.get_docstring(node) or "").partition("\n\n")[0]
-    raise ValueError(f"pipeline/commands/ has no function that adds the command {name}")
+    functions = (node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
+    command = next(function for function in functions if not function.name.startswith("_"))
+    return (ast.get_docstring(command) or "").partition("\n\n")[0]
 
 
-def _adds(decorator: ast.expr, name: str) -> bool:
-    """Whether this is @app.command(name)."""
-    return (
-        isinstance(decorator, ast.Call)
-        and ast.unparse(decorator.func) == "app.command"
-        and [argument.value for argument in decorator.args if isinstance(argument, ast.Constant)] == [name]
-    )
-
-
-def _not_loaded() -> None:
+def _raise_not_loaded() -> None:
+    """Stand in for a command that is listed but not loaded."""
     raise AssertionError("a command is loaded by its name before it is called")
 
 
-def _import(name: str) -> None:
-    """Each in a statement of its own: there are no dynamic imports here."""
+def _import_command(name: str) -> None:
+    """Import the file of a command. Imports are static here, so that tools see them."""
     match name:
         case "run":
             from pipeline.cli.commands import run_command as run_command

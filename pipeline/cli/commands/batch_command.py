@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -16,60 +15,71 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
-from pipeline.chain import refuse_closed
-from pipeline.engine.atomic_write import clear_left
-from pipeline.options import RunOptions
-from pipeline.reporting.text.sentences import told
+from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import remove_leftovers
+from pipeline.engine.process_setup import available_cores
+from pipeline.reporting.text.text_formatting import escape_text
+from pipeline.run_options import RunOptions
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
     JsonOption,
+    add_settings,
     app,
     console,
-    named,
+    make_output_console,
     open_cache,
-    standard_output,
-    with_settings,
+    parse_output_path,
 )
 
 if TYPE_CHECKING:
-    from pipeline.batch.batch_workers import Crew
-    from pipeline.batch.clip_job import Row
+    from pipeline.batch.batch_workers import ClipRunner
+    from pipeline.batch.clip_job import ClipResult
     from pipeline.batch.run_batch import Batch
 
-MOST_SHOWN = 100
-"""Rows of the final table; of a larger batch those that failed."""
+MAX_TABLE_ROWS = 100
+"""Most rows of the final table; for a larger batch it lists only failed clips."""
 
 
 @app.command("batch")
-@with_settings
+@add_settings
 def batch(
     folder: Annotated[Path, typer.Argument(help="Folder with clips, at any depth.")],
     options: RunOptions,
     out: Annotated[
-        Path, typer.Option("-o", "--out", parser=named, metavar="PATH", help="Folder of the results.")
+        Path, typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results.")
     ] = Path("out"),
-    jobs: Annotated[int, typer.Option("--jobs", help="Clips at a time; 0: one per core.", min=0)] = 1,
+    jobs: Annotated[
+        int, typer.Option("--jobs", help="Number of clips that run at a time; 0: one per core.", min=0)
+    ] = 1,
     cluster: Annotated[
         str | None,
-        typer.Option("--cluster", metavar="tcp://HOST:PORT", help="A Dask scheduler to use."),
+        typer.Option(
+            "--cluster", metavar="tcp://HOST:PORT", help="Address of a Dask scheduler whose workers run the clips."
+        ),
     ] = None,
-    time_limit: Annotated[float, typer.Option("--time-limit", help="s that a clip or a shot of it may take.")] = 3600.0,
-    memory_limit: Annotated[float, typer.Option("--memory-limit", help="MB of memory that a clip may take.")] = 4096.0,
-    watch: Annotated[bool, typer.Option("--watch", help="Go on with clips that come; Ctrl-C ends it.")] = False,
+    time_limit: Annotated[
+        float, typer.Option("--time-limit", help="Longest time for a clip, or for each shot of a long recording, in s.")
+    ] = 3600.0,
+    memory_limit: Annotated[float, typer.Option("--memory-limit", help="Most memory for a clip, in MB.")] = 4096.0,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Keep running, and run new clips when they appear; Ctrl-C ends it.")
+    ] = False,
     idle: Annotated[
-        float | None, typer.Option("--idle", help="With --watch: s without a new clip after which to end.")
+        float | None, typer.Option("--idle", help="With --watch: time without a new clip after which to end, in s.")
     ] = None,
-    gaps: Annotated[bool, typer.Option("--diagnose", help="Then diagnose all shots of one table together.")] = False,
+    gaps: Annotated[
+        bool, typer.Option("--diagnose", help="Finally diagnose all shots of each table together.")
+    ] = False,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Every clip below a folder; one bad clip stops nothing; run again, it resumes."""
+    """Run every clip below a folder; a bad clip does not stop the others, and a second call resumes."""
     from pipeline.batch.batch_display import BatchDisplay
-    from pipeline.batch.clip_discovery import find_clips, largest_first
-    from pipeline.batch.clip_job import Limits, settings_of
-    from pipeline.batch.folder_watch import arriving
+    from pipeline.batch.clip_discovery import find_clips, order_largest_first
+    from pipeline.batch.clip_job import ClipLimits, list_setting_values
+    from pipeline.batch.folder_watch import watch_folder
     from pipeline.batch.run_batch import Batch, run_batch
 
     if not folder.is_dir():
@@ -78,80 +88,80 @@ def batch(
         raise OptionError("--jobs is for this machine and --cluster for others; give one of them")
     if not (time_limit > 0 and memory_limit > 0 and (idle is None or idle > 0)):
         raise OptionError("--time-limit, --memory-limit and --idle are more than 0")
-    clips = list(find_clips(folder, besides=out))
+    clips = list(find_clips(folder, excluded=out))
     if not clips and not watch:
         raise OptionError(f"A folder with clips was expected; {folder} holds none")
-    refuse_closed(out)
-    clear_left(out)
+    require_writable_folder(out)
+    remove_leftovers(out)
     store = open_cache(cache)
-    store.clear_rubbish()
-    work = Batch(folder, out, store, settings_of(options), Limits(time_limit, memory_limit))
-    work.know(clips)
-    queue = clips if jobs == 1 and cluster is None else largest_first(clips)
+    store.remove_leftovers()
+    work = Batch(folder, out, store, list_setting_values(options), ClipLimits(time_limit, memory_limit))
+    work.assign_folders(clips)
+    queue = clips if jobs == 1 and cluster is None else order_largest_first(clips)
     try:
         with (
-            _crew(work, jobs, cluster, clips) as crew,
+            _open_runner(work, jobs, cluster, clips) as runner,
             BatchDisplay(console, None if watch else len(clips)) as display,
         ):
-            run_batch(work, arriving(folder, out, idle) if watch else queue, crew, display)
+            run_batch(work, watch_folder(folder, out, idle) if watch else queue, runner, display)
     except KeyboardInterrupt:
         if not watch:
             raise
-    rows = work.ended
-    _tell(rows, out, as_json)
+    rows = work.results
+    _print_results(rows, out, as_json)
     if gaps:
-        _diagnose(rows, out)
+        _print_diagnosis(rows, out)
     if any(row.status == "failed" for row in rows):
         raise typer.Exit(1)
 
 
 @contextmanager
-def _crew(work: Batch, jobs: int, cluster: str | None, clips: list[Path]) -> Iterator[Crew]:
-    """Who runs the clips: one process, a cluster of this machine, or one that exists."""
-    from pipeline.batch.batch_workers import by_workers, one_after_another
+def _open_runner(work: Batch, jobs: int, cluster: str | None, clips: list[Path]) -> Iterator[ClipRunner]:
+    """Open what runs the clips: one process, a cluster on this machine, or an existing cluster."""
+    from pipeline.batch.batch_workers import run_on_workers, run_serially
 
     if cluster is None and jobs == 1:
-        yield one_after_another
+        yield run_serially
         return
     if cluster is None:
         from pipeline.batch import clip_processes
 
-        count = jobs or os.cpu_count() or 1
+        count = jobs or available_cores()
         try:
-            clip_processes.begin(min(count, len(clips)))  # before Dask, which is slow to import
-            from pipeline.batch.dask_cluster import local_client
+            clip_processes.start_processes(min(count, len(clips)))  # before Dask, which is slow to import
+            from pipeline.batch.dask_cluster import start_local_client
 
-            with local_client(count) as client:
-                yield partial(by_workers, client)
+            with start_local_client(count) as client:
+                yield partial(run_on_workers, client)
         finally:
-            clip_processes.end_all()
+            clip_processes.end_processes()
         return
-    from pipeline.batch.dask_cluster import check_workers, remote_client
+    from pipeline.batch.dask_cluster import connect_client, require_usable_workers
 
-    with remote_client(cluster) as client:
-        check_workers(client, work.cache, work.out, clips[0] if clips else work.root)
-        yield partial(by_workers, client)
+    with connect_client(cluster) as client:
+        require_usable_workers(client, work.cache, work.out, clips[0] if clips else work.root)
+        yield partial(run_on_workers, client)
 
 
-def _diagnose(rows: list[Row], out: Path) -> None:
-    """Say of each table what its shots together say."""
-    from pipeline.actions.diagnose_batch import diagnose_tables, tables_of
+def _print_diagnosis(rows: list[ClipResult], out: Path) -> None:
+    """Diagnose the shots of each table and print the results."""
+    from pipeline.actions.diagnose_batch import diagnose_tables, group_by_table
 
-    for table, sentence in diagnose_tables(tables_of(rows), out, console):
+    for table, sentence in diagnose_tables(group_by_table(rows), out, console):
         shots = f"{len(table.folders)} shot{'s' * (len(table.folders) != 1)}"
         console.print(f"{table.name} ({shots}): {sentence}", markup=False, soft_wrap=True)
 
 
-def _tell(rows: list[Row], out: Path, as_json: bool) -> None:
-    """A line per clip, and what there is to look at."""
+def _print_results(rows: list[ClipResult], out: Path, as_json: bool) -> None:
+    """Print a line per clip and the paths of the results."""
     if as_json:
         print(json.dumps([asdict(row) for row in rows]))
         return
-    shown = rows if len(rows) <= MOST_SHOWN else [row for row in rows if row.status == "failed"]
+    shown = rows if len(rows) <= MAX_TABLE_ROWS else [row for row in rows if row.status == "failed"]
     grid = Grid("clip", "trust", "contacts", "look at", box=None, pad_edge=False)
     for row in shown:
-        look = row.sentence or told(f"{row.folder}/{'shot-*/' if row.in_shots else ''}report.html")
-        grid.add_row(escape(row.clip), row.trust or row.status, str(row.contacts), escape(look))
-    standard_output().print(grid)
+        remark = row.sentence or escape_text(f"{row.folder}/{'shot-*/' if row.in_shots else ''}report.html")
+        grid.add_row(escape(row.clip), row.trust or row.status, str(row.contacts), escape(remark))
+    make_output_console().print(grid)
     done = sum(row.status == "done" for row in rows)
     print(f"{done} of {len(rows)} clips done; {out / 'summary.csv'} lists them, {out / 'summary.html'} shows them.")

@@ -1,4 +1,4 @@
-"""trueroll cache: list, size and prune."""
+"""`trueroll cache`: list, measure and prune the cache."""
 
 from __future__ import annotations
 
@@ -10,19 +10,24 @@ import typer
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
-from pipeline.terminal.command_line import CacheOption, DebugOption, JsonOption, app, open_cache, standard_output
+from pipeline.terminal.command_line import CacheOption, DebugOption, JsonOption, app, make_output_console, open_cache
 
 
 @app.command("cache")
 def show_cache(
-    prune: Annotated[bool, typer.Option("--prune", help="Remove entries by age or until the rest fits.")] = False,
-    older_than: Annotated[float | None, typer.Option("--older-than", help="Age in days since the last use.")] = None,
-    max_size: Annotated[float | None, typer.Option("--max-size", help="Largest size to keep, in MB.")] = None,
+    prune: Annotated[bool, typer.Option("--prune", help="Remove entries by age, or until the rest fits.")] = False,
+    older_than: Annotated[
+        float | None, typer.Option("--older-than", help="Remove entries whose last use is longer ago, in days.")
+    ] = None,
+    max_size: Annotated[
+        float | None,
+        typer.Option("--max-size", help="Remove the least recently used entries until this size is left, in MB."),
+    ] = None,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """List, size and prune the cache."""
+    """List the entries of the cache by stage, measure it, or prune it."""
     store = open_cache(cache)
     if prune:
         if older_than is None and max_size is None:
@@ -44,5 +49,5 @@ def show_cache(
         rows = [entry for entry in entries if entry.stage == stage]
         size, seconds = sum(e.size for e in rows) / 1e6, sum(e.seconds for e in rows)
         grid.add_row(stage, str(len(rows)), f"{size:.1f}", f"{seconds:.1f}")
-    standard_output().print(grid)
+    make_output_console().print(grid)
     print(f"{len(entries)} entries, {sum(entry.size for entry in entries) / 1e6:.1f} MB in {store.root}")

@@ -1,4 +1,4 @@
-"""trueroll call: an umpire's question about a shot."""
+"""`trueroll call`: answer an umpire's question about a shot."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Annotated, Any
 
 import typer
 
-from models.estimation.contact_test.call_answers import Call
-from pipeline.actions.answer_call import ask, picture_call
-from pipeline.chain import refuse_closed
-from pipeline.io.run_folder import read_record
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, named
+from models.estimation.contact_test.call_answers import CallAnswer
+from pipeline.actions.answer_call import answer_question, write_call_images
+from pipeline.chain import require_writable_folder
+from pipeline.io.run_folder import read_shot_record
+from pipeline.terminal.command_line import DebugOption, JsonOption, app, parse_output_path
 
 
 @app.command("call")
@@ -25,31 +25,36 @@ def call(
             help="contact A B | first A | cushion-first A | pocket A top-left | line x=0.635 A",
         ),
     ],
-    edge: Annotated[bool, typer.Option("--edge", help="line: ask for the ball's edge instead of its centre.")] = False,
+    edge: Annotated[
+        bool, typer.Option("--edge", help="For line: whether the edge of the ball crosses, instead of its centre.")
+    ] = False,
     clip: Annotated[
-        Path | None, typer.Option("--clip", help="The video of the shot; found by itself where the run noted it.")
+        Path | None, typer.Option("--clip", help="Clip of the shot. Default: the path that the run noted.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", parser=named, metavar="PATH", help="Folder of the pictures; DIR.")
+        Path | None,
+        typer.Option(
+            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the images. Default: DIR."
+        ),
     ] = None,
-    shot: Annotated[int, typer.Option("--shot", help="Which shot of the folder.")] = 0,
+    shot: Annotated[int, typer.Option("--shot", help="Number of the shot in the folder.")] = 0,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """An umpire's question: a probability, a time, a margin in mm, and a close-up of the moment."""
-    record = read_record(folder, shot)
+    """Answer an umpire's question: a probability, a time, a margin in mm, and a close-up of the moment."""
+    record = read_shot_record(folder, shot)
     target = folder if out is None else out
-    refuse_closed(target)
-    answer = ask(record, question, edge)
-    pictures, why_not = picture_call(record, answer, folder, clip, target, question)
+    require_writable_folder(target)
+    answer = answer_question(record, question, edge)
+    pictures, why_not = write_call_images(record, answer, folder, clip, target, question)
     if as_json:
-        print(json.dumps(_as_json(answer, question, pictures, why_not), allow_nan=False))
+        print(json.dumps(_answer_to_json(answer, question, pictures, why_not), allow_nan=False))
         return
     print(answer.sentence)
     print(f"Look at {' and '.join(str(path) for path in pictures)}" if pictures else f"No picture: {why_not}")
 
 
-def _as_json(answer: Call, question: list[str], pictures: list[Path], why_not: str) -> dict[str, Any]:
+def _answer_to_json(answer: CallAnswer, question: list[str], pictures: list[Path], why_not: str) -> dict[str, Any]:
     numbers = {
         "probability": answer.probability, "t": answer.t, "t_sigma": answer.t_sigma, "frame": answer.frame,
         "margin_mm": 1e3 * answer.margin, "margin_mm_sigma": 1e3 * answer.margin_sigma,

@@ -1,4 +1,4 @@
-"""trueroll detect: the balls in still pictures."""
+"""`trueroll detect`: find the balls in still images."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from detectors.detect import model_file
-from detectors.options import DetectOptions
-from detectors.still_images import StillBalls, balls_in_still
+from detectors.detect import select_model_file
+from detectors.detect_options import DetectOptions
+from detectors.still_images import StillDetections, detect_in_still
 from models.core.errors import OptionError, TableNotFound
-from pipeline.chain import refuse_closed
-from pipeline.engine.atomic_write import aside
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, named
-from video.io.options import CalibrateOptions
+from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import replace_file
+from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, parse_output_path
+from video.io.video_options import CalibrateOptions
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """A line of the table."""
+class DetectedBallRow:
+    """A row of the table: one detected ball."""
 
     image: str
-    """Path below the folder that was given."""
+    """Path of the image below the given folder."""
     x_px: float
     y_px: float
     radius_px: float
@@ -39,15 +39,18 @@ class Row:
     sigma: float
 
 
-COLUMNS = tuple(Row.__dataclass_fields__)
+COLUMNS = tuple(DetectedBallRow.__dataclass_fields__)
 
 
 @app.command("detect")
 def detect(
-    images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER", help="A still picture, or a folder of them.")],
-    out: Annotated[Path, typer.Option("-o", "--out", parser=named, metavar="FILE.csv", help="The table of balls.")],
+    images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER", help="A still image, or a folder of images.")],
+    out: Annotated[
+        Path,
+        typer.Option("-o", "--out", parser=parse_output_path, metavar="FILE.csv", help="File of the table of balls."),
+    ],
     detector: Annotated[
-        Literal["auto", "hough", "onnx"], typer.Option(help="Which detector: auto takes the network in still pictures.")
+        Literal["auto", "hough", "onnx"], typer.Option(help="Ball detector; auto chooses the network for still images.")
     ] = "auto",
     model: Annotated[Path | None, typer.Option(help="File of an ONNX ball detector.")] = None,
     corners: Annotated[str | None, typer.Option(help="Corners of the playing surface: x,y,x,y,x,y,x,y in px.")] = None,
@@ -56,79 +59,83 @@ def detect(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Balls in still pictures: centre, radius, kind, score and error of each, in px."""
+    """Find the balls in still images: centre, radius, standard deviation (px), kind and score of each."""
     options = DetectOptions(detector, None if model is None else str(model))
     if model is not None and detector == "hough":
         raise OptionError("--detector hough runs no network, but one was named with --model; leave out one of them")
-    if model is not None and not model_file(options).is_file():
+    if model is not None and not select_model_file(options).is_file():
         raise OptionError(f"--model is the file of an ONNX ball detector; {model} is not there")
     if out.is_dir():
         raise OptionError(f"-o is the table that is written, such as balls.csv; {out} is a folder")
-    pictures = _pictures(images)
-    refuse_closed(out.parent)
+    paths = _list_images(images)
+    require_writable_folder(out.parent)
     calibrate = CalibrateOptions(corners, table, ball_radius)
     rows, failed, makers = [], [], set()
-    for name, path in pictures:
+    for name, path in paths:
         try:
-            found = balls_in_still(_read(path), name, options, calibrate)
-        except (TableNotFound, UnreadablePicture) as error:
+            balls = detect_in_still(_read_image(path), name, options, calibrate)
+        except (TableNotFound, UnreadableImage) as error:
             failed.append(str(error))
             console.print(f"trueroll: {error}", markup=False, soft_wrap=True)
             continue
-        if found.note:
-            console.print(f"Note: {found.note}", markup=False, soft_wrap=True)
-        rows.extend(_rows(name, found))
-        makers.add(found.made_by)
+        if balls.note:
+            console.print(f"Note: {balls.note}", markup=False, soft_wrap=True)
+        rows.extend(_build_rows(name, balls))
+        makers.add(balls.detector)
     out.parent.mkdir(parents=True, exist_ok=True)
-    if len(failed) < len(pictures):
-        with aside(out) as target:
-            _write(rows, target)
+    if len(failed) < len(paths):
+        with replace_file(out) as target:
+            _write_rows(rows, target)
     if as_json:
         print(json.dumps({"file": str(out), "failed": failed, "balls": [asdict(row) for row in rows]}))
-    elif len(failed) < len(pictures):
-        good = len(pictures) - len(failed)
-        print(f"{len(rows)} balls in {good} of {len(pictures)} pictures: {out} ({'; '.join(sorted(makers))})")
+    elif len(failed) < len(paths):
+        good = len(paths) - len(failed)
+        print(f"{len(rows)} balls in {good} of {len(paths)} images: {out} ({'; '.join(sorted(makers))})")
     if failed:
         raise typer.Exit(1)
 
 
-class UnreadablePicture(OptionError):
-    """A file that is no picture."""
+class UnreadableImage(OptionError):
+    """The file is no readable image."""
 
 
-def _pictures(images: Path) -> list[tuple[str, Path]]:
-    """Names for the table, and files."""
+def _list_images(images: Path) -> list[tuple[str, Path]]:
+    """List the images as (name in the table, path)."""
     if images.is_file():
         return [(images.name, images)]
     if not images.exists():
-        raise OptionError(f"{images} is not there; a picture or a folder of pictures was expected")
-    found = (
-        sorted(p for p in images.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file()) if images.is_dir() else []
+        raise OptionError(f"{images} is not there; an image or a folder of images was expected")
+    paths = (
+        sorted(p for p in images.rglob("*") if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
+        if images.is_dir()
+        else []
     )
-    if not found:
+    if not paths:
         raise OptionError(
-            f"A picture or a folder of pictures ({', '.join(SUFFIXES)}) was expected; {images} holds none"
+            f"An image or a folder of images ({', '.join(IMAGE_SUFFIXES)}) was expected; {images} holds none"
         )
-    return [(path.relative_to(images).as_posix(), path) for path in found]
+    return [(path.relative_to(images).as_posix(), path) for path in paths]
 
 
-def _read(path: Path) -> NDArray[np.uint8]:
-    """The upright picture (H, W, 3) RGB."""
+def _read_image(path: Path) -> NDArray[np.uint8]:
+    """Read an upright image, (H, W, 3) RGB."""
     read = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR) if path.stat().st_size else None
     if read is None:
-        raise UnreadablePicture(f"{path.name} is no picture that can be read ({', '.join(SUFFIXES)} are)")
+        raise UnreadableImage(f"{path.name} is no readable image ({', '.join(IMAGE_SUFFIXES)} are)")
     return np.asarray(cv2.cvtColor(read, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-def _rows(name: str, found: StillBalls) -> list[Row]:
-    columns = zip(found.centre.tolist(), found.radius, found.kind, found.score, found.sigma, strict=True)
+def _build_rows(name: str, balls: StillDetections) -> list[DetectedBallRow]:
+    columns = zip(balls.centre.tolist(), balls.radius, balls.kind, balls.score, balls.sigma, strict=True)
     return [
-        Row(name, round(x, 3), round(y, 3), round(float(r), 3), kind, round(float(score), 4), round(float(sigma), 4))
+        DetectedBallRow(
+            name, round(x, 3), round(y, 3), round(float(r), 3), kind, round(float(score), 4), round(float(sigma), 4)
+        )
         for (x, y), r, kind, score, sigma in columns
     ]
 
 
-def _write(rows: list[Row], path: Path) -> None:
+def _write_rows(rows: list[DetectedBallRow], path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)

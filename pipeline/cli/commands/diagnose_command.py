@@ -1,4 +1,4 @@
-"""trueroll diagnose: the sim-to-real gap of run folders or track folders."""
+"""`trueroll diagnose`: diagnose the sim-to-real gap of run folders or track folders."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from diagnosis.diagnose import diagnose
-from diagnosis.verdicts.verdict import Report
-from pipeline.chain import refuse_closed
-from pipeline.engine.helper_process import crew
-from pipeline.io.gap_files import as_json, write_gap
-from pipeline.io.profile_export import PROFILE, write_cure
+from diagnosis.verdicts.verdict import DiagnosisReport
+from pipeline.chain import require_writable_folder
+from pipeline.engine.helper_executor import open_executor
+from pipeline.io.gap_files import build_gap_document, write_gap_files
+from pipeline.io.profile_export import PROFILE_FILE, write_profile_files
 from pipeline.io.track_folder import read_track_folders
-from pipeline.io.track_folder_scene import open_scene, table_of
+from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
 from pipeline.reporting.pages.gap_page import write_gap_page
-from pipeline.reporting.text.gap_sentences import causes, closed_sentence, folders_of_shots, gap_sentence
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, named, standard_output
-from pipeline.terminal.search_display import search_display
+from pipeline.reporting.text.gap_sentences import format_gap_closure, format_shot_folders, format_verdict, list_causes
+from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
+from pipeline.terminal.search_display import show_search_progress
 
-_SHOWN = 5
+_MAX_CAUSES = 5
 
 
 @app.command("diagnose")
@@ -36,46 +36,48 @@ def diagnose_folders(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", parser=named, metavar="PATH", help="Folder; INPUT/gap if not given."),
+        typer.Option(
+            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: INPUT/gap."
+        ),
     ] = None,
     as_json_: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Where simulator and world part, which effect is missing, and how far the gap shrinks with it."""
+    """Find where a simulator differs from recorded motion, which effect it lacks, and how far that closes the gap."""
     folder = out if out is not None else inputs[0] / "gap"
     read = read_track_folders(inputs)
-    refuse_closed(folder)
-    scene = open_scene(read)
-    with crew() as workers, search_display(console) as watch:
-        report = diagnose(scene, read.recordings, watch=watch, crew=workers)
+    require_writable_folder(folder)
+    scene = build_gap_scene(read)
+    with open_executor() as executor, show_search_progress(console) as watch:
+        report = diagnose(scene, read.recordings, on_progress=watch, executor=executor)
     report = replace(report, notes=(*report.notes, *read.notes))
-    write_gap(report, folder)
-    if (table := table_of(scene)) is not None:
-        write_cure(report, table, folder)
-    write_gap_page(report, _title(inputs), folder / "gap.html", table, read.origins)
-    os.environ.setdefault("RUST_LOG", "off")  # rerun would print what it raises; it reads this when it is imported
-    from pipeline.reporting.recording.gap_layer import write_gap_recording  # slow to import
+    write_gap_files(report, folder)
+    if (table := billiards_table(scene)) is not None:
+        write_profile_files(report, table, folder)
+    write_gap_page(report, _format_title(inputs), folder / "gap.html", table, read.origins)
+    os.environ.setdefault("RUST_LOG", "off")  # read at import: rerun would print what it raises
+    from pipeline.reporting.recording.gap_recording import write_gap_recording  # slow to import
 
     write_gap_recording(report, inputs, folder / "gap.rrd")
     if as_json_:
-        print(json.dumps({"folder": str(folder), **as_json(report)}, allow_nan=False))
+        print(json.dumps({"folder": str(folder), **build_gap_document(report)}, allow_nan=False))
     else:
-        _tell(report, folder, read.origins)
+        _print_report(report, folder, read.origins)
 
 
-def _title(inputs: list[Path]) -> str:
-    """The first folder's name, and how many more there are."""
+def _format_title(inputs: list[Path]) -> str:
+    """Return the name of the first folder and the number of the others."""
     first, more = inputs[0].resolve().name, len(inputs) - 1
     return f"{first} and {more} more" if more else first
 
 
-def _tell(report: Report, folder: Path, origins: Mapping[int, str]) -> None:
-    screen = standard_output()
-    screen.print(f"[bold]{escape(gap_sentence(report))}[/]")
-    screen.print(escape(closed_sentence(report)))
+def _print_report(report: DiagnosisReport, folder: Path, origins: Mapping[int, str]) -> None:
+    screen = make_output_console()
+    screen.print(f"[bold]{escape(format_verdict(report))}[/]")
+    screen.print(escape(format_gap_closure(report)))
     if report.candidates:
-        grid = Grid("cause", "probability", "strength", box=None, pad_edge=False)
-        for one in causes(report)[:_SHOWN]:
+        grid = Grid("effect", "probability", "strength", box=None, pad_edge=False)
+        for one in list_causes(report)[:_MAX_CAUSES]:
             grid.add_row(one.name, f"{one.probability:.1%}", one.strength)
         screen.print(grid)
     for note in report.notes if report.candidates else ():
@@ -83,8 +85,8 @@ def _tell(report: Report, folder: Path, origins: Mapping[int, str]) -> None:
     if report.film_next:
         screen.print(escape(report.film_next))
     if origins and report.candidates:
-        screen.print(escape(folders_of_shots(origins)))
+        screen.print(escape(format_shot_folders(origins)))
     print(f"Look at {folder / 'gap.html'}; trueroll view {folder} draws where it shows")
-    if (folder / PROFILE).is_file():
-        found = "what comes nearest, which is not enough" if report.verdict == "unknown" else "what was found"
-        print(f"The next run of this table can start from {found}: --profile {folder / PROFILE}")
+    if (folder / PROFILE_FILE).is_file():
+        origin = "what comes nearest, which is not enough" if report.verdict == "unknown" else "what was found"
+        print(f"The next run of this table can start from {origin}: --profile {folder / PROFILE_FILE}")

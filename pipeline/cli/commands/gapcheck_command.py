@@ -1,4 +1,4 @@
-"""trueroll gapcheck: the blind check of the diagnosis."""
+"""`trueroll gapcheck`: check the diagnosis blindly."""
 
 from __future__ import annotations
 
@@ -16,45 +16,55 @@ from rich.progress import track
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
-from models.numerics.executor import Crew
-from pipeline.engine.helper_process import crew
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, standard_output
+from models.numerics.executor import Executor
+from pipeline.engine.helper_executor import open_executor
+from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console
 
 
 @app.command("gapcheck")
 def gapcheck(
-    only: Annotated[str, typer.Option("--only", help="Only kinds of case whose name holds this word.")] = "",
-    every: Annotated[bool, typer.Option("--all", help="All kinds of billiards, not one of each question.")] = False,
-    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Cases of each kind.")] = 1,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the first case of each kind.")] = 0,
-    shots: Annotated[int, typer.Option("--shots", min=5, help="Shots of a case.")] = 12,
-    fps: Annotated[float, typer.Option("--fps", min=5, help="Pictures a second.")] = 60.0,
+    only: Annotated[str, typer.Option("--only", help="Check only kinds of case whose name contains this word.")] = "",
+    every: Annotated[
+        bool, typer.Option("--all", help="Check all kinds of billiards cases instead of one per question.")
+    ] = False,
+    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Number of cases of each kind.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the first case of each kind.")] = 0,
+    shots: Annotated[int, typer.Option("--shots", min=5, help="Number of shots of a case.")] = 12,
+    fps: Annotated[float, typer.Option("--fps", min=5, help="Frame rate of the cases, in frames per second.")] = 60.0,
     real: Annotated[
-        Path | None, typer.Option("--real", metavar="DIR", help="Folder of measurements to check as well.")
+        Path | None,
+        typer.Option(
+            "--real",
+            metavar="DIR",
+            help="Folder of real measurements (track folders) to check in addition to the simulated cases.",
+        ),
     ] = None,
-    keep: Annotated[Path | None, typer.Option("--keep", help="Folder for the track folders and their reports.")] = None,
+    keep: Annotated[
+        Path | None, typer.Option("--keep", help="Folder in which to keep the track folders and their reports.")
+    ] = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """The blind check of `diagnose`: worlds that withhold an effect, and measurements whose effect is known.
+    """Check `diagnose` blindly on simulators that withhold an effect, and on measurements with a known effect.
 
-    A world plays as a process of its own and writes a track folder; which effect it withheld is sealed until the report
-    is written. Prints who was found, false alarms, unknowns, the closed part of the gap, and calibration.
+    Each simulator runs in a separate process and writes a track folder. Which effect it withheld is sealed until the
+    report is written. The command prints how often the effect was named, false alarms, unknown effects, the closed part
+    of the gap, and the calibration of the probabilities.
 
-    On two idle cores this takes some six minutes; `--all` about twenty, for a table takes half a minute. Bodies that
-    slide, fly and swing take three together (`--only slide`, `flight` or `pendulum`).
+    On two idle cores it takes about six minutes, with `--all` about twenty, half a minute per table. Sliding, flying
+    and swinging bodies take three minutes together (`--only slide`, `flight` or `pendulum`).
     """
-    from pipeline.experiments.gapcheck.blind_case import judge, play
-    from pipeline.experiments.gapcheck.case_catalogue import KINDS, USUAL
-    from pipeline.experiments.gapcheck.case_scores import marks_of
+    from pipeline.experiments.gapcheck.blind_case import diagnose_case, simulate_case
+    from pipeline.experiments.gapcheck.case_catalogue import DEFAULT_KINDS, KINDS
+    from pipeline.experiments.gapcheck.case_scores import score_cases
 
-    asked = [kind for kind in (KINDS if only or every else USUAL) if only in kind.name]
-    if not asked and real is None:
+    selected = [kind for kind in (KINDS if only or every else DEFAULT_KINDS) if only in kind.name]
+    if not selected and real is None:
         raise OptionError(f"--only {only!r} fits no kind of case; there are {'; '.join(kind.name for kind in KINDS)}")
-    kinds = [kind for kind in asked if not kind.engine or find_spec(kind.engine)]
-    if lacking := sorted({kind.engine for kind in asked} - {kind.engine for kind in kinds}):
+    kinds = [kind for kind in selected if not kind.engine or find_spec(kind.engine)]
+    if lacking := sorted({kind.engine for kind in selected} - {kind.engine for kind in kinds}):
         console.print(
-            f"{len(asked) - len(kinds)} kinds are left out, for their worlds need {', '.join(lacking)}; install"
+            f"{len(selected) - len(kinds)} kinds are left out: their simulators need {', '.join(lacking)}; install"
             " trueroll with the extra check: .[check]",
             markup=False,
         )
@@ -63,19 +73,19 @@ def gapcheck(
         place.mkdir(parents=True, exist_ok=True)
         cases = [(kind, seed + k) for kind in kinds for k in range(seeds)]
         for number, (kind, own) in enumerate(track(cases, "worlds", console=console)):
-            play(kind, own, shots, fps, Path(scratch) / f"sealed-{number:04d}.json", place / f"{number:04d}")
-        with crew() as workers:
+            simulate_case(kind, own, shots, fps, Path(scratch) / f"sealed-{number:04d}.json", place / f"{number:04d}")
+        with open_executor() as executor:
             opened = [
-                judge(kind, own, place / f"{number:04d}", workers)
+                diagnose_case(kind, own, place / f"{number:04d}", executor)
                 for number, (kind, own) in enumerate(track(cases, "diagnosis", console=console))
             ]
-            measured = list(_measured(real, place, workers)) if real is not None else []
+            measured = list(_diagnose_measurements(real, place, executor)) if real is not None else []
     if as_json:
-        print(json.dumps({"cases": [_row(one) for one in opened], "measured": measured}, allow_nan=False))
+        print(json.dumps({"cases": [_case_to_json(one) for one in opened], "measured": measured}, allow_nan=False))
         return
-    screen = standard_output()
+    screen = make_output_console()
     if opened:
-        _tell(screen, opened, marks_of(opened))
+        _print_scores(screen, opened, score_cases(opened))
     if measured:
         grid = Grid("measured", "shots", "answer", "right", "error before", "after", "floor", box=None, pad_edge=False)
         for row in measured:
@@ -84,35 +94,36 @@ def gapcheck(
         screen.print(grid)
 
 
-def _tell(screen: Console, cases: list[Any], marks: Any) -> None:
-    from pipeline.experiments.gapcheck.case_scores import calibration, confusion
+def _print_scores(screen: Console, cases: list[Any], marks: Any) -> None:
+    from pipeline.experiments.gapcheck.case_scores import compute_calibration, count_confusions
 
-    grid = Grid("withheld", "said", "times", box=None, pad_edge=False)
-    for kind, said, times in confusion(cases):
-        grid.add_row(kind, said, str(times))
+    grid = Grid("withheld", "answer", "times", box=None, pad_edge=False)
+    for kind, answer, times in count_confusions(cases):
+        grid.add_row(kind, answer, str(times))
     screen.print(grid)
     rows = (
         ("one effect missing: named", marks.named),
         ("named, or in its group", marks.grouped),
         ("two effects missing: both named", marks.pairs),
         ("nothing missing: false alarms", marks.alarms),
-        ("in no library: said to be unknown", marks.unknowns),
-        ("shots that cannot tell: no guess", marks.traps),
+        ("in no library: reported as unknown", marks.unknowns),
+        ("undecidable shots: no guess", marks.traps),
         ("closed part of the gap over an oracle's: median, tenth percentile", "{:.3f}, {:.3f}".format(*marks.closed)),
         ("its interval holds the oracle's", marks.covered),
     )
-    grid = Grid("asked", "found", box=None, pad_edge=False)
-    for asked, found in rows:
-        grid.add_row(asked, str(found))
+    grid = Grid("question", "result", box=None, pad_edge=False)
+    for question, score in rows:
+        grid.add_row(question, str(score))
     screen.print(grid)
-    grid = Grid("probability said", "right", box=None, pad_edge=False)
-    for low, high, rate in calibration(cases):
+    grid = Grid("stated probability", "right", box=None, pad_edge=False)
+    for low, high, rate in compute_calibration(cases):
         if rate.of:
             grid.add_row(f"{low:.2f} to {high:.2f}", str(rate))
     screen.print(grid)
 
 
-def _row(one: Any) -> dict[str, Any]:
+def _case_to_json(one: Any) -> dict[str, Any]:
+    """Return a scored case as JSON values."""
     closed, oracle = (None if math.isnan(value) else value for value in (one.closed, one.oracle))
     return {
         "kind": one.kind.name, "seed": one.seed, "withheld": sorted(one.kind.withheld), "foreign": one.kind.foreign,
@@ -121,29 +132,29 @@ def _row(one: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _measured(real: Path, place: Path, workers: Crew) -> Iterator[dict[str, Any]]:
-    """A row for each set of measurements that lies in `real`."""
+def _diagnose_measurements(real: Path, place: Path, executor: Executor) -> Iterator[dict[str, Any]]:
+    """Diagnose each set of measurements in a folder and yield one row per set."""
     from diagnosis.diagnose import diagnose
-    from pipeline.experiments.gapcheck.measured_cases import SETS, write_measured
-    from pipeline.io.gap_files import write_gap
+    from pipeline.experiments.gapcheck.measured_cases import MEASURED_SETS, write_measured_set
+    from pipeline.io.gap_files import write_gap_files
     from pipeline.io.track_folder import read_track_folders
-    from pipeline.io.track_folder_scene import open_scene
+    from pipeline.io.track_folder_scene import build_gap_scene
 
-    for one in SETS:
+    for one in MEASURED_SETS:
         folder = place / one.name.replace(" ", "-")
         try:
-            shots = write_measured(one, real, folder)
+            shots = write_measured_set(one, real, folder)
         except FileNotFoundError as missing:
             console.print(f"{one.name}: {missing.filename} is not there; left out", markup=False)
             continue
         read = read_track_folders([folder])
-        report = diagnose(open_scene(read), read.recordings, crew=workers)
-        write_gap(report, folder / "gap")
-        told = report.gap.closing
-        said = report.effects or (report.verdict,)
+        report = diagnose(build_gap_scene(read), read.recordings, executor=executor)
+        write_gap_files(report, folder / "gap")
+        closing = report.gap.closure
+        answer = report.effects or (report.verdict,)
         right = bool(set(report.effects) & set(one.missing)) if one.missing else not report.effects
         errors = {
             name: None if math.isnan(value) else value
-            for name, value in (("before", told.before), ("after", told.after), ("floor", told.floor))
+            for name, value in (("before", closing.before), ("after", closing.after), ("floor", closing.floor))
         }
-        yield {"set": one.name, "shots": shots, "answer": " + ".join(said), "right": right, **errors}
+        yield {"set": one.name, "shots": shots, "answer": " + ".join(answer), "right": right, **errors}

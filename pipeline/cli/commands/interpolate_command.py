@@ -1,4 +1,4 @@
-"""trueroll interpolate: the frames between the frames, without any drawing on them; places between places."""
+"""`trueroll interpolate`: in-between frames of a clip with nothing drawn on them, or positions of particles."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from models.core.errors import OptionError
-from pipeline.options import RunOptions
+from pipeline.run_options import RunOptions
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
     JsonOption,
+    add_settings_except,
     app,
     console,
-    named,
+    make_output_console,
     open_cache,
-    standard_output,
-    with_settings_but,
+    parse_output_path,
 )
 
 if TYPE_CHECKING:
     from pipeline.actions.interpolate_clip import InterpolateOptions
 
-MOST = 100
-VIDEOS = (".mp4", ".m4v", ".mov")
-DRAWN = ("slow", "trim_still", "style")
-"""Settings of the annotated slow motion."""
+MAX_FACTOR = 100
+VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov")
+OVERLAY_SETTINGS = ("slow", "trim_still", "style")
+"""Settings of the annotated slow motion, which do not apply here."""
 
 
 @app.command("interpolate")
-@with_settings_but(DRAWN)
+@add_settings_except(OVERLAY_SETTINGS)
 def interpolate(
     source: Annotated[
         Path, typer.Argument(metavar="CLIP|tracks.csv", help="A clip of a shot, or particles: columns id, x, y (z), t.")
@@ -41,57 +41,65 @@ def interpolate(
     options: RunOptions,
     out: Annotated[
         Path,
-        typer.Option("-o", "--out", parser=named, metavar="PATH", help="The video or .csv, or a folder for it."),
+        typer.Option(
+            "-o", "--out", parser=parse_output_path, metavar="PATH", help="The video or .csv file, or a folder for it."
+        ),
     ],
     factor: Annotated[
-        int | None, typer.Option("--factor", min=1, max=MOST, help="Steps from picture to picture.")
+        int | None, typer.Option("--factor", min=1, max=MAX_FACTOR, help="Number of steps from frame to frame.")
     ] = None,
     rate: Annotated[
         str | None,
         typer.Option(
-            "--rate", help="Pictures per second of the video, 24 to 240, such as 60 or 60000/1001; no factor."
+            "--rate",
+            help="Frame rate of the video instead of --factor, 24 to 240 frames per second, such as 60 or 60000/1001.",
         ),
     ] = None,
     slow: Annotated[
-        float, typer.Option("--slow", min=1, max=MOST, help="Times slower than the clip; 1: in its own time.")
+        float,
+        typer.Option("--slow", min=1, max=MAX_FACTOR, help="Slow-down factor relative to the clip; 1: original speed."),
     ] = 1.0,
     shutter: Annotated[
         float | None,
         typer.Option(
-            "--shutter", help="Motion blur: degrees, 0 to 360, of the step between pictures. Default: as it was filmed."
+            "--shutter",
+            help="Shutter angle of the motion blur, 0 to 360 degrees of the time between frames. Default: as filmed.",
         ),
     ] = None,
-    upright: Annotated[bool, typer.Option("--upright", help="A window of 9:16 that follows the action.")] = False,
+    upright: Annotated[bool, typer.Option("--upright", help="Write a 9:16 window that follows the action.")] = False,
     elsewhere: Annotated[
         str,
-        typer.Option("--elsewhere", help="Where no ball is: flow, blend, or an ONNX network for frame interpolation."),
+        typer.Option(
+            "--elsewhere",
+            help="Method where there is no ball: flow, blend, or the file of an ONNX frame interpolation network.",
+        ),
     ] = "flow",
     frames: Annotated[
-        Path | None, typer.Option("--frames", help="A new folder for every picture as 000000.png and so on.")
+        Path | None, typer.Option("--frames", help="New folder for all frames as 000000.png and so on.")
     ] = None,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """The frames between the frames, balls where the physics puts them; the originals stay as they are.
+    """Compute in-between frames, with balls where the fitted motion puts them; original frames are unchanged.
 
-    Given a tracks.csv of any particles: their motion between their samples.
+    For a tracks.csv of any particles, compute positions between the samples.
     """
     if source.suffix.lower() == ".csv" or (source / "tracks.csv").is_file():
         from pipeline.actions.interpolate_particles import interpolate_particles
 
         if factor is None:
-            raise OptionError("--factor says how many steps lie between two samples; give it")
+            raise OptionError("--factor is missing: the number of steps from sample to sample")
         fps = options.read.fps
         interpolate_particles(source, factor, out, None if fps is None else float(Fraction(fps)), as_json)
         return
     from pipeline.actions.interpolate_clip import InterpolateOptions
 
-    wanted = InterpolateOptions(factor, None if rate is None else _rate(rate), slow, shutter, upright, elsewhere)
-    _interpolate_clip(source, _video(source, out, wanted), frames, wanted, options, cache, as_json)
+    wanted = InterpolateOptions(factor, None if rate is None else _parse_rate(rate), slow, shutter, upright, elsewhere)
+    _interpolate_clip(source, _choose_video_path(source, out, wanted), frames, wanted, options, cache, as_json)
 
 
-def _rate(text: str) -> Fraction:
+def _parse_rate(text: str) -> Fraction:
     try:
         return Fraction(text)
     except (ValueError, ZeroDivisionError) as error:
@@ -108,27 +116,34 @@ def _interpolate_clip(
     as_json: bool,
 ) -> None:
     from pipeline.actions.interpolate_clip import interpolate_clip
-    from pipeline.reporting.text.run_trust import trust_facts, trust_line
+    from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
     from pipeline.terminal.progress_display import StageDisplay
 
     with StageDisplay(console, str(clip)) as display:
-        made = interpolate_clip(clip, video, frames, wanted, options, open_cache(cache), display)
-    for note in made.notes:
+        result = interpolate_clip(clip, video, frames, wanted, options, open_cache(cache), display)
+    for note in result.notes:
         console.print(f"Note: {note}", markup=False, soft_wrap=True)
     if as_json:
-        trust = trust_facts(made.trust)
-        facts = {"pictures": made.pictures, "originals": made.originals, "rate": made.rate, "trust": trust}
+        trust = summarize_trust(result.trust)
+        facts = {
+            "pictures": result.frame_count,
+            "originals": result.original_count,
+            "rate": result.rate,
+            "trust": trust,
+        }
         print(json.dumps({"file": str(video), "frames": str(frames) if frames else None, **facts}, allow_nan=False))
         return
-    standard_output().print(trust_line(made.trust))
-    print(f"{made.pictures} pictures, {made.originals} of them original, {made.rate:.3f} a second: {video}")
+    make_output_console().print(format_trust_line(result.trust))
+    print(
+        f"{result.frame_count} frames, {result.original_count} of them original, {result.rate:.3f} per second: {video}"
+    )
 
 
-def _video(clip: Path, out: Path, wanted: InterpolateOptions) -> Path:
-    """Where the video goes; OptionError for a name of another kind."""
+def _choose_video_path(clip: Path, out: Path, wanted: InterpolateOptions) -> Path:
+    """Return the path of the video; raises OptionError for another kind of file."""
     if out.is_dir() or not out.suffix:
         ending = f"x{wanted.factor}" if wanted.factor is not None else f"{float(wanted.rate or 0):g}fps"
         return out / f"{clip.stem}-{ending}.mp4"
-    if out.suffix.lower() not in VIDEOS:
-        raise OptionError(f"-o is a video ({', '.join(VIDEOS)}) or a folder; got {out}")
+    if out.suffix.lower() not in VIDEO_SUFFIXES:
+        raise OptionError(f"-o is a video ({', '.join(VIDEO_SUFFIXES)}) or a folder; got {out}")
     return out

@@ -1,9 +1,8 @@
-"""trueroll reproduce: the experiments of the thesis, every method side by side."""
+"""`trueroll reproduce`: repeat the experiments of the thesis with all methods side by side."""
 
 from __future__ import annotations
 
 import json
-import os
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,33 +12,34 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from models.core.errors import OptionError
-from pipeline.chain import refuse_closed
+from pipeline.chain import require_writable_folder
+from pipeline.engine.process_setup import available_cores
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
     JsonOption,
     app,
     console,
-    named,
+    make_output_console,
     open_cache,
-    standard_output,
+    parse_output_path,
 )
 
 if TYPE_CHECKING:
-    from pipeline.experiments.thesis.experiment_plan import Plan
+    from pipeline.experiments.thesis.experiment_plan import ExperimentPlan
     from pipeline.experiments.thesis.trials import Trial
 
 
-BAR = (
+PROGRESS_COLUMNS = (
     TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
     TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
 )  # fmt: skip
-USUAL_DATA = Path("../shared/data/physics")
-"""Where the recorded pendulum is looked for if nothing is said."""
+DEFAULT_DATA = Path("../shared/data/physics")
+"""Default folder of the recorded pendulum."""
 
 
-class Scene(StrEnum):
-    """What can be asked for."""
+class ThesisScene(StrEnum):
+    """Scenes of the experiments."""
 
     DOUBLE_PENDULUM = "double-pendulum"
     REAL = "real"
@@ -49,62 +49,68 @@ class Scene(StrEnum):
 
 @app.command("reproduce")
 def reproduce(
-    scene: Annotated[Scene | None, typer.Argument(help="One scene; all of them where not given.")] = None,
+    scene: Annotated[ThesisScene | None, typer.Argument(help="One scene. Default: all of them.")] = None,
     out: Annotated[
-        Path, typer.Option("-o", "--out", parser=named, metavar="PATH", help="Folder of the results.")
+        Path, typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results.")
     ] = Path("out/reproduce"),
     quick: Annotated[
-        bool, typer.Option("--quick", help="The settings of the thesis, one seed, one method of each kind.")
+        bool,
+        typer.Option("--quick", help="Run the settings of the thesis only, with one seed and one method of each kind."),
     ] = False,
     whole: Annotated[
-        bool, typer.Option("--whole", help="All settings crossed with all methods, trained to the end: hours.")
+        bool, typer.Option("--whole", help="Run all settings with all methods, trained to the end; this takes hours.")
     ] = False,
-    seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="How many; 3, one with --quick.")] = None,
-    first_seed: Annotated[int, typer.Option("--first-seed", min=0, help="The number of the first.")] = 0,
+    seeds: Annotated[
+        int | None, typer.Option("--seeds", min=1, help="Number of seeds. Default: 3, or 1 with --quick.")
+    ] = None,
+    first_seed: Annotated[int, typer.Option("--first-seed", min=0, help="First seed.")] = 0,
     data: Annotated[
-        Path | None, typer.Option("--data", metavar="DIR", help="Folder at or below which the recorded pendulum lies.")
+        Path | None,
+        typer.Option("--data", metavar="DIR", help="Folder that holds the recorded pendulum, at any depth."),
     ] = None,
     run: Annotated[
-        Path | None, typer.Option("--run", metavar="DIR", help="Folder of `trueroll run`: the pool scene.")
+        Path | None, typer.Option("--run", metavar="DIR", help="Folder of a run, for the pool scene.")
     ] = None,
     jobs: Annotated[
-        int | None, typer.Option("--jobs", min=1, help="Processes at a time; as many as there are cores.")
+        int | None, typer.Option("--jobs", min=1, help="Number of processes. Default: one per core.")
     ] = None,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """The thesis' experiments with every method side by side: a table, plots, a page; run again, it resumes."""
-    from pipeline.experiments.thesis.experiment_plan import SCENES, Depth, Plan
-    from pipeline.experiments.thesis.scenes.double_pendulum_scene import recording_in
+    """Repeat the experiments of the thesis with all methods: a table, plots, a page; a second call resumes."""
+    from pipeline.experiments.thesis.experiment_plan import SCENES, Depth, ExperimentPlan
+    from pipeline.experiments.thesis.scenes.double_pendulum_scene import find_recording
 
     if quick and whole:
         raise OptionError("--quick and --whole ask for opposite things; give one of them")
-    refuse_closed(out)
+    require_writable_folder(out)
     depth = Depth.QUICK if quick else Depth.WHOLE if whole else Depth.USUAL
     count = seeds if seeds is not None else 1 if quick else 3
-    recorded = recording_in(data if data is not None else USUAL_DATA)
-    plan = Plan((scene.value,) if scene else SCENES, tuple(range(first_seed, first_seed + count)), depth, recorded, run)
-    trials = _carry_out(plan, open_cache(cache).root, out, jobs or len(os.sched_getaffinity(0)))
+    recorded = find_recording(data if data is not None else DEFAULT_DATA)
+    plan = ExperimentPlan(
+        (scene.value,) if scene else SCENES, tuple(range(first_seed, first_seed + count)), depth, recorded, run
+    )
+    trials = _run_trials(plan, open_cache(cache).root, out, jobs or available_cores())
     if as_json:
         print(json.dumps([trial.row for trial in trials], allow_nan=False))
     else:
-        _tell(plan, trials, out)
+        _print_experiments(plan, trials, out)
 
 
-def _carry_out(plan: Plan, cache: Path, out: Path, jobs: int) -> list[Trial]:
-    from pipeline.experiments.thesis.experiment_plan import left_out, tasks
+def _run_trials(plan: ExperimentPlan, cache: Path, out: Path, jobs: int) -> list[Trial]:
+    from pipeline.experiments.thesis.experiment_plan import explain_omissions, list_tasks
     from pipeline.experiments.thesis.thesis_page import write_results
-    from pipeline.experiments.thesis.trial_processes import carried_out
+    from pipeline.experiments.thesis.trial_processes import run_trials
 
-    planned = tasks(plan)
+    planned = list_tasks(plan)
     if not planned:
-        raise OptionError(" ".join(left_out(plan)))
+        raise OptionError(" ".join(explain_omissions(plan)))
     out.mkdir(parents=True, exist_ok=True)
     trials: list[Trial] = []
-    with Progress(*BAR, console=console, disable=not console.is_terminal) as bars:
+    with Progress(*PROGRESS_COLUMNS, console=console, disable=not console.is_terminal) as bars:
         bar = bars.add_task("trials", total=len(planned), note="")
-        for trial in carried_out(plan, planned, cache, jobs):
+        for trial in run_trials(plan, planned, cache, jobs):
             trials.append(trial)
             bars.update(bar, advance=1, note=f"{trial.case.scene} {trial.case.variant}, {trial.method}")
             if trial.case.seed != trials[0].case.seed and trial.case.seed != trials[-2].case.seed:
@@ -113,23 +119,23 @@ def _carry_out(plan: Plan, cache: Path, out: Path, jobs: int) -> list[Trial]:
     return trials
 
 
-def _tell(plan: Plan, trials: list[Trial], out: Path) -> None:
-    from pipeline.experiments.thesis.compared_methods import given
-    from pipeline.experiments.thesis.experiment_plan import left_out, trained
-    from pipeline.experiments.thesis.terminal_tables import grids
+def _print_experiments(plan: ExperimentPlan, trials: list[Trial], out: Path) -> None:
+    from pipeline.experiments.thesis.compared_methods import describe_extra_inputs
+    from pipeline.experiments.thesis.experiment_plan import describe_training, explain_omissions
+    from pipeline.experiments.thesis.terminal_tables import build_grids
     from pipeline.experiments.thesis.thesis_page import TITLES
-    from pipeline.experiments.thesis.thesis_sentences import cells, sentences
+    from pipeline.experiments.thesis.thesis_sentences import describe_scene_results, summarize_settings
 
-    screen = standard_output()
-    found = cells(trials)
-    for scene in dict.fromkeys(cell.scene for cell in found):
+    screen = make_output_console()
+    summary = summarize_settings(trials)
+    for scene in dict.fromkeys(cell.scene for cell in summary):
         screen.print(f"\n[bold]{escape(TITLES[scene])}[/]")
-        for sentence in sentences(scene, found, plan.budget(scene).effort):
+        for sentence in describe_scene_results(scene, summary, plan.budget(scene).effort):
             screen.print(escape(sentence), soft_wrap=True)
-        for grid in grids(scene, found):
+        for grid in build_grids(scene, summary):
             screen.print(grid)
-        screen.print(escape(given(scene, {trial.method for trial in trials})), soft_wrap=True)
-    screen.print(f"\n{trained(plan)}", soft_wrap=True)
-    for sentence in left_out(plan):
+        screen.print(escape(describe_extra_inputs(scene, {trial.method for trial in trials})), soft_wrap=True)
+    screen.print(f"\n{describe_training(plan)}", soft_wrap=True)
+    for sentence in explain_omissions(plan):
         screen.print(escape(sentence), soft_wrap=True)
     print(f"Look at {out / 'reproduce.html'}; {out / 'trials.csv'} has every number.")

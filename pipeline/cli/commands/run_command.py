@@ -1,4 +1,4 @@
-"""trueroll run: one clip to the folder of its results."""
+"""`trueroll run`: run one clip and write the folder of its results."""
 
 from __future__ import annotations
 
@@ -9,94 +9,100 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table as Grid
 
-from pipeline.chain import Run, default_folder, run_clip
-from pipeline.engine.result_cache import Cache
-from pipeline.options import RunOptions
-from pipeline.reporting.text.run_trust import trust_facts, trust_line
-from pipeline.reporting.text.sentences import event_sentence, event_time
+from pipeline.chain import FinishedRun, default_run_folder, run_clip
+from pipeline.engine.result_cache import ResultCache
+from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
+from pipeline.reporting.text.text_formatting import format_event, format_event_time
+from pipeline.run_options import RunOptions
 from pipeline.terminal.command_line import (
     CacheOption,
     ClipArgument,
     DebugOption,
     JsonOption,
     OutOption,
+    add_settings,
     app,
     console,
+    make_output_console,
     open_cache,
-    standard_output,
-    with_settings,
 )
 from pipeline.terminal.progress_display import StageDisplay
 
 
 @app.command("run")
-@with_settings
+@add_settings
 def run(
     clip: ClipArgument,
     options: RunOptions,
     out: OutOption = None,
     live: Annotated[
         bool,
-        typer.Option("--live", help="Watch it come in: in the rerun viewer, or the browser where there is no display."),
+        typer.Option(
+            "--live", help="Show results as they come in the rerun viewer, or in the browser where there is no display."
+        ),
     ] = False,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """A clip to annotated slow motion, tracks, contacts and a fitted model."""
-    folder = out if out is not None else default_folder(clip)
+    """Turn a clip into annotated slow motion, tracks, contacts and a fitted model."""
+    folder = out if out is not None else default_run_folder(clip)
     store = open_cache(cache)
     if live:
         _run_live(clip, folder, options, store, as_json)
         return
     with StageDisplay(console, str(clip)) as display:
-        made = run_clip(clip, folder, options, store, display)
-    _say(made, as_json)
+        finished = run_clip(clip, folder, options, store, display)
+    _print_run(finished, as_json)
 
 
-def _run_live(clip: Path, folder: Path, options: RunOptions, cache: Cache, as_json: bool) -> None:
-    """Run in front of a viewer, and wait until it is closed."""
+def _run_live(clip: Path, folder: Path, options: RunOptions, cache: ResultCache, as_json: bool) -> None:
+    """Run while a viewer shows the results, and wait until it is closed."""
     from pipeline.reporting.recording.live_recording import LiveRecording, LiveWatcher
     from pipeline.reporting.recording.rerun_viewer import has_display, open_viewer
 
     with open_viewer([], web=not has_display()) as viewer:
-        if viewer.address:
-            console.print(f"Look at {viewer.address} (end with Ctrl-C)", markup=False, soft_wrap=True)
-        recording = LiveRecording(viewer.listens, clip.name)
+        if viewer.page_url:
+            console.print(f"Look at {viewer.page_url} (end with Ctrl-C)", markup=False, soft_wrap=True)
+        recording = LiveRecording(viewer.recording_url, clip.name)
         with StageDisplay(console, str(clip)) as display:
-            made = run_clip(clip, folder, options, cache, LiveWatcher(display, recording), recording.made)
+            finished = run_clip(clip, folder, options, cache, LiveWatcher(display, recording), recording.record_value)
         recording.close()
-        _say(made, as_json)
+        _print_run(finished, as_json)
         viewer.process.wait()
 
 
-def _say(made: Run, as_json: bool) -> None:
-    for note in made.notes:
+def _print_run(finished: FinishedRun, as_json: bool) -> None:
+    """Print the notes and the result of a run."""
+    for note in finished.notes:
         console.print(f"Note: {note}", markup=False, soft_wrap=True)
     if as_json:
-        print(json.dumps(_as_json(made), allow_nan=False))
+        print(json.dumps(_run_to_json(finished), allow_nan=False))
     else:
-        _tell(made)
+        _print_events(finished)
 
 
-def _as_json(made: Run) -> dict[str, Any]:
-    events = made.events
+def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
+    """Return folder, trust and events as JSON values."""
+    events = finished.events
     names = ("kind", "t", "t_sigma", "a", "b", "probability")
     rows = [{name: getattr(events, name)[k] for name in names} for k in range(len(events))]
-    return {"folder": str(made.folder), "trust": trust_facts(made.trust), "events": rows}
+    return {"folder": str(finished.folder), "trust": summarize_trust(finished.trust), "events": rows}
 
 
-def _tell(made: Run) -> None:
-    """What happened, how far to trust it, and where to look."""
-    screen = standard_output()
-    if len(made.events):
+def _print_events(finished: FinishedRun) -> None:
+    """Print the events, the trust level and the paths of the results."""
+    screen = make_output_console()
+    if len(finished.events):
         grid = Grid("time", "what", "probability", box=None, pad_edge=False)
-        for k in range(len(made.events)):
+        for k in range(len(finished.events)):
             grid.add_row(
-                event_time(made.events, k), event_sentence(made.events, k), f"{made.events.probability[k]:.0%}"
+                format_event_time(finished.events, k),
+                format_event(finished.events, k),
+                f"{finished.events.probability[k]:.0%}",
             )
         screen.print(grid)
     else:
         screen.print("Nothing moves in this clip.")
-    screen.print(trust_line(made.trust))
-    print(f"Look at {made.folder / 'slow.mp4'} and {made.folder / 'report.html'}")
+    screen.print(format_trust_line(finished.trust))
+    print(f"Look at {finished.folder / 'slow.mp4'} and {finished.folder / 'report.html'}")

@@ -1,4 +1,4 @@
-"""trueroll simulate: a shot from its initial state."""
+"""`trueroll simulate`: simulate a shot from its initial state."""
 
 from __future__ import annotations
 
@@ -14,63 +14,67 @@ from rich.table import Table as Grid
 from models.core.events import Events
 from models.core.trajectory import State
 from models.physics.billiards.simulation.simulate_shot import simulate
-from pipeline.chain import refuse_closed
-from pipeline.engine.atomic_write import aside
+from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import replace_file
 from pipeline.io.run_tables import write_events, write_states
-from pipeline.io.shot_file import Shot, read_shot
-from pipeline.reporting.text.sentences import event_sentence
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, named, standard_output
-from video.drawing.table_plan import draw_plan
+from pipeline.io.shot_file import ShotSetup, read_shot
+from pipeline.reporting.text.text_formatting import format_event
+from pipeline.terminal.command_line import DebugOption, JsonOption, app, make_output_console, parse_output_path
+from video.drawing.table_plan import draw_table_plan
 
 
 @app.command("simulate")
 def simulate_shot(
-    shot: Annotated[Path, typer.Argument(metavar="SHOT.json", help="Table, balls, effects and laws of a shot.")],
+    shot: Annotated[Path, typer.Argument(metavar="SHOT.json", help="Table, balls, effects and laws of the shot.")],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", parser=named, metavar="PATH", help="Folder; out/<shot> if not given."),
+        typer.Option(
+            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: out/<shot>."
+        ),
     ] = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """A shot from its initial state: trajectory.csv (m, m/s, rad/s), events.csv and a plan of the table."""
+    """Simulate a shot from its initial state: trajectory.csv (m, m/s, rad/s), events.csv and a plan of the table."""
     wanted = read_shot(shot)
     folder = out if out is not None else Path("out") / shot.stem
-    refuse_closed(folder)
-    made = simulate(wanted.balls, wanted.table, wanted.physics, wanted.seconds)
-    events, state = made.listed(wanted.hz), made.state(wanted.times)
+    require_writable_folder(folder)
+    simulation = simulate(wanted.balls, wanted.table, wanted.physics, wanted.seconds)
+    events, state = simulation.list_events(wanted.hz), simulation.to_state(wanted.times)
     folder.mkdir(parents=True, exist_ok=True)
-    with aside(folder / "trajectory.csv") as path:
+    with replace_file(folder / "trajectory.csv") as path:
         write_states(wanted.balls.ids, wanted.times, state, path)
-    with aside(folder / "events.csv") as path:
+    with replace_file(folder / "events.csv") as path:
         write_events(events, path)
-    with aside(folder / "plan.png") as path:
-        Image.fromarray(_picture(wanted, state, events)).save(path, format="PNG")
+    with replace_file(folder / "plan.png") as path:
+        Image.fromarray(_draw_shot(wanted, state, events)).save(path, format="PNG")
     if as_json:
-        print(json.dumps({"folder": str(folder), "events": _rows(events)}, allow_nan=False))
+        print(json.dumps({"folder": str(folder), "events": _events_to_json(events)}, allow_nan=False))
     else:
-        _tell(events, folder)
+        _print_events(events, folder)
 
 
-def _picture(shot: Shot, state: State, events: Events) -> np.ndarray:
+def _draw_shot(shot: ShotSetup, state: State, events: Events) -> np.ndarray:
     met = np.array([kind in ("ball", "cushion") for kind in events.kind], dtype=bool)
     paths = [state.xy[:, k] for k in range(len(shot.balls.ids))]
-    return draw_plan(shot.table, shot.balls.ids, paths, events.xy[met], f"{shot.seconds:g} s, {met.sum()} contacts")
+    return draw_table_plan(
+        shot.table, shot.balls.ids, paths, events.xy[met], f"{shot.seconds:g} s, {met.sum()} contacts"
+    )
 
 
-def _rows(events: Events) -> list[dict[str, str | float]]:
+def _events_to_json(events: Events) -> list[dict[str, str | float]]:
     return [
         {"kind": events.kind[k], "t": float(events.t[k]), "a": events.a[k], "b": events.b[k]}
         for k in range(len(events))
     ]
 
 
-def _tell(events: Events, folder: Path) -> None:
+def _print_events(events: Events, folder: Path) -> None:
     grid = Grid("time", "what", box=None, pad_edge=False)
     for k in range(len(events)):
-        grid.add_row(f"{events.t[k]:.6f} s", event_sentence(events, k))
+        grid.add_row(f"{events.t[k]:.6f} s", format_event(events, k))
     if len(events):
-        standard_output().print(grid)
+        make_output_console().print(grid)
     else:
         print("Nothing moves in this shot.")
     print(f"Look at {folder / 'plan.png'} and {folder / 'trajectory.csv'}")

@@ -1,4 +1,4 @@
-"""trueroll train-detector: train the networks of the detector on drawn halls and write them as ONNX."""
+"""`trueroll train-detector`: train a network of the detector on rendered images and write it as ONNX."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from models.core.errors import ModelError, OptionError
-from pipeline.chain import refuse_closed
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, named
+from pipeline.chain import require_writable_folder
+from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, parse_output_path
 
-NEEDED = ("onnx", "onnxscript")
+REQUIRED_PACKAGES = ("onnx", "onnxscript")
 """Packages of the extra `train`."""
-TOLD_EVERY_S = 30.0
-"""How often a file or a pipe is told how far the training is."""
+PRINT_INTERVAL_S = 30.0
+"""Time between progress lines where the output is no terminal, s."""
 
 
-class Part(StrEnum):
+class NetworkPart(StrEnum):
     """Which network is trained."""
 
     BALLS = "balls"
@@ -30,153 +30,180 @@ class Part(StrEnum):
     DISCS = "discs"
 
 
-AT_ONCE = {Part.BALLS: 16, Part.STREAKS: 128, Part.DISCS: 128}
-"""Pictures per step, where none are asked for."""
+DEFAULT_BATCH = {NetworkPart.BALLS: 16, NetworkPart.STREAKS: 128, NetworkPart.DISCS: 128}
+"""Default number of training samples per step."""
 
 
 @app.command("train-detector")
 def train_detector(
     part: Annotated[
-        Part,
-        typer.Option("--part", help="What finds balls, or what measures closer the streaks or balls at rest it finds."),
-    ] = Part.BALLS,
+        NetworkPart,
+        typer.Option(
+            "--part",
+            help="Network to train: balls detects balls; streaks and discs refine moving balls and balls at rest.",
+        ),
+    ] = NetworkPart.BALLS,
     out: Annotated[
         Path | None,
         typer.Option(
             "-o",
             "--out",
-            parser=named,
+            parser=parse_output_path,
             metavar="FILE.onnx",
-            help="The trained network.",
+            help="File of the trained network.",
             show_default="PART.onnx",
         ),
     ] = None,
     work: Annotated[
-        Path, typer.Option("--work", help="Folder of drawn pictures and checkpoints; run again, it goes on from there.")
+        Path,
+        typer.Option("--work", help="Folder of training images and checkpoints; a second call continues the training."),
     ] = Path("training"),
-    hours: Annotated[float, typer.Option(min=0.001, help="Longest time to train, interruptions not counted.")] = 3.0,
-    steps: Annotated[int, typer.Option(min=1, help="Most steps to train.")] = 12000,
+    hours: Annotated[float, typer.Option(min=0.001, help="Longest training time without interruptions, in h.")] = 3.0,
+    steps: Annotated[int, typer.Option(min=1, help="Largest number of training steps.")] = 12000,
     batch: Annotated[
-        int | None, typer.Option(min=1, help="Pictures per step.", show_default="16, or 128 streaks or discs")
+        int | None,
+        typer.Option(min=1, help="Training samples per step.", show_default="16, or 128 for streaks and discs"),
     ] = None,
-    files: Annotated[int, typer.Option(min=1, help="Files of 240 drawn pictures to train on.")] = 100,
-    threads: Annotated[int, typer.Option(min=1, help="Threads of the processor to use.")] = 2,
+    files: Annotated[int, typer.Option(min=1, help="Number of files of 240 training images each.")] = 100,
+    threads: Annotated[int, typer.Option(min=1, help="Number of processor threads.")] = 2,
     start: Annotated[
         Path | None,
-        typer.Option("--from", parser=named, metavar="FILE.onnx", help="Ball network of trueroll's own to go on from."),
+        typer.Option(
+            "--from",
+            parser=parse_output_path,
+            metavar="FILE.onnx",
+            help="Ball network of trueroll to start from.",
+        ),
     ] = None,
     seer: Annotated[
         Path | None,
         typer.Option(
-            "--seen-by", parser=named, metavar="FILE.onnx", help="Of --part streaks: what sees them, else the shipped."
+            "--seen-by",
+            parser=parse_output_path,
+            metavar="FILE.onnx",
+            help="For --part streaks: ball network that detects the streaks. Default: the shipped one.",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the first weights and the order of pictures.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Random seed of the initial weights and of the order of samples.")
+    ] = 0,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Train a network of the detector on drawn halls, check it on halls it never saw, and write it as ONNX."""
-    missing = [name for name in NEEDED if find_spec(name) is None]
+    """Train a network of the detector on rendered images, evaluate it on held-out ones, and write it as ONNX."""
+    missing = [name for name in REQUIRED_PACKAGES if find_spec(name) is None]
     if missing:
         raise OptionError(
             f"Writing ONNX needs {' and '.join(missing)}; install trueroll with the extra train: "
             "python -m pip install -e .[train]"
         )
-    if part is not Part.BALLS and start is not None:
-        raise OptionError(f"--from goes with --part balls; {part.value} are learnt from nothing")
-    if part is not Part.STREAKS and seer is not None:
-        raise OptionError("--seen-by goes with --part streaks; it names the ball network that sees them")
+    if part is not NetworkPart.BALLS and start is not None:
+        raise OptionError(f"--from goes with --part balls; {part.value} are trained from random weights")
+    if part is not NetworkPart.STREAKS and seer is not None:
+        raise OptionError("--seen-by goes with --part streaks; it names the ball network that detects them")
     if out is None:
         out = Path(f"{part.value}.onnx")
     if out.is_dir():
         raise OptionError(f"-o is the file that is written, such as {part.value}.onnx; {out} is a folder")
-    refuse_closed(out.parent)
-    refuse_closed(work)
-    from detectors.network.network_file import SHIPPED
+    require_writable_folder(out.parent)
+    require_writable_folder(work)
+    from detectors.network.ball_model import SHIPPED_BALL_MODEL
     from detectors.training.train_detector import (  # torch: seconds to import
         CHECKPOINTS,
-        make_detector,
-        make_discs,
-        make_streaks,
+        train_ball_detector,
+        train_disc_regressor,
+        train_streak_regressor,
     )
-    from detectors.training.training_loop import TrainOptions, steps_done
+    from detectors.training.training_loop import TrainOptions, read_step_count
 
-    seer = SHIPPED if seer is None else _own_network(seer, "--seen-by")
-    start = None if start is None else _own_network(start, "--from")
-    options = TrainOptions(steps, hours, batch or AT_ONCE[part], files, threads, seed, start)
-    kept = work / CHECKPOINTS[part.value]
-    if kept.exists() and (done_before := steps_done(kept)):
-        console.print(f"{work} holds a training: it goes on from step {done_before}")
+    seer = SHIPPED_BALL_MODEL if seer is None else _require_own_network(seer, "--seen-by")
+    start = None if start is None else _require_own_network(start, "--from")
+    options = TrainOptions(steps, hours, batch or DEFAULT_BATCH[part], files, threads, seed, start)
+    checkpoint = work / CHECKPOINTS[part.value]
+    if checkpoint.exists() and (done_before := read_step_count(checkpoint)):
+        console.print(f"{work} holds a training, which continues from step {done_before}")
     elif not console.is_terminal:
-        console.print(f"Drawing pictures into {work}, then training for {hours:g} h or {steps} steps", soft_wrap=True)
+        console.print(f"Rendering images into {work}, then training for {hours:g} h or {steps} steps", soft_wrap=True)
     out.parent.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bars:
-        bar = bars.add_task("drawing the first pictures to train on", total=1.0)
-        told = time.monotonic()
+        bar = bars.add_task("rendering the first training images", total=1.0)
+        last_printed = time.monotonic()
 
         def watch(step: int, done: float, parts: dict[str, float]) -> None:
-            nonlocal told
-            at = f"step {step}, loss {sum(parts.values()):.2f}" if done < 1 else f"step {step}; checking on other halls"
+            nonlocal last_printed
+            at = (
+                f"step {step}, loss {sum(parts.values()):.2f}"
+                if done < 1
+                else f"step {step}; evaluating on held-out images"
+            )
             bars.update(bar, completed=done, description=at)
-            if not console.is_terminal and time.monotonic() - told > TOLD_EVERY_S:
-                told = time.monotonic()
+            if not console.is_terminal and time.monotonic() - last_printed > PRINT_INTERVAL_S:
+                last_printed = time.monotonic()
                 console.print(f"{done:.0%}: {at}")
 
         try:
-            if part is Part.STREAKS:
-                figures = make_streaks(work, seer, options, out, watch)
+            if part is NetworkPart.STREAKS:
+                figures = train_streak_regressor(work, seer, options, out, watch)
             else:
-                figures = (make_detector if part is Part.BALLS else make_discs)(work, options, out, watch)
+                figures = (train_ball_detector if part is NetworkPart.BALLS else train_disc_regressor)(
+                    work, options, out, watch
+                )
         except KeyboardInterrupt:
-            console.print(f"{work} keeps pictures and the training so far; the same command goes on from there")
+            console.print(f"{work} keeps the images and the training so far; the same command continues")
             raise
     if as_json:
         print(json.dumps({"file": str(out), **figures}))
         return
-    print(f"{out}: {TOLD[part](figures)}")
+    print(f"{out}: {SUMMARIES[part](figures)}")
 
 
-def _own_network(path: Path, option: str) -> Path:
-    """A file that holds a ball network of the project's own; OptionError for any other, before anything is drawn."""
-    from detectors.network.network_file import CentreModel, open_model
+def _require_own_network(path: Path, option: str) -> Path:
+    """Require a file with a ball network of trueroll, before any image is rendered."""
+    from detectors.network.ball_model import CentreModel, open_ball_model
 
     wanted = f"{option} {path} should be a file with a ball network of trueroll's own"
     if not path.is_file():
         raise OptionError(f"{wanted}; it is {'a folder' if path.is_dir() else 'not there'}")
     try:
-        own = isinstance(open_model(path), CentreModel)
+        own = isinstance(open_ball_model(path), CentreModel)
     except ModelError as error:
         raise OptionError(f"{wanted}; it cannot be opened as one") from error
     if not own:
-        raise OptionError(f"{wanted}; it is a YOLO export, which sees no streaks and cannot be trained on")
+        raise OptionError(f"{wanted}; it is a YOLO export, which detects no streaks and cannot be trained further")
     return path
 
 
-def _balls_told(figures: dict[str, float]) -> str:
+def _summarize_balls(figures: dict[str, float]) -> str:
     if "sharp_rms_px" not in figures:
-        return "a network that finds no ball yet; train it longer, the same command with more --hours goes on"
+        return "a network that finds no ball yet; train it longer, the same command with more --hours continues"
     return (
         f"recall {figures['recall']:.1%}, precision {figures['precision']:.1%}, centres "
-        f"{figures['sharp_rms_px']:.2f} px RMS per axis on drawn halls that it never saw"
+        f"{figures['sharp_rms_px']:.2f} px RMS per axis on held-out rendered images"
     )
 
 
-def _streaks_told(figures: dict[str, float]) -> str:
-    along, across, told = figures["along"], figures["across"], (figures["shown_along"], figures["shown_across"])
-    before = f"by the ball network's word alone {told[0]:.2f} and {told[1]:.2f}"
-    longer = "; it is worse than that word: train it longer" if along > told[0] or across > told[1] else ""
+def _summarize_streaks(figures: dict[str, float]) -> str:
+    along, across, reference = figures["along"], figures["across"], (figures["shown_along"], figures["shown_across"])
+    before = f"by the ball network alone {reference[0]:.2f} and {reference[1]:.2f}"
+    longer = (
+        "; it is worse than the ball network: train it longer" if along > reference[0] or across > reference[1] else ""
+    )
     return (
-        f"middles of {figures['streaks']:.0f} streaks in drawn halls that it never saw miss by {along:.2f} ball radii "
+        f"middles of {figures['streaks']:.0f} streaks in held-out rendered images miss by {along:.2f} ball radii "
         f"RMS along them and {across:.2f} across, {before}{longer}"
     )
 
 
-def _discs_told(figures: dict[str, float]) -> str:
+def _summarize_discs(figures: dict[str, float]) -> str:
     return (
-        f"centres of {figures['discs']:.0f} balls at rest in drawn halls that it never saw miss by "
+        f"centres of {figures['discs']:.0f} balls at rest in held-out rendered images miss by "
         f"{figures['right']:.3f} ball radii RMS across and {figures['down']:.3f} down"
     )
 
 
-TOLD = {Part.BALLS: _balls_told, Part.STREAKS: _streaks_told, Part.DISCS: _discs_told}
+SUMMARIES = {
+    NetworkPart.BALLS: _summarize_balls,
+    NetworkPart.STREAKS: _summarize_streaks,
+    NetworkPart.DISCS: _summarize_discs,
+}

@@ -1,4 +1,4 @@
-"""trueroll view: the recording of a run in the rerun viewer."""
+"""`trueroll view`: show the recording of a run in the rerun viewer."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from pipeline.chain import default_folder, run_clip
-from pipeline.options import RunOptions
+from pipeline.chain import default_run_folder, run_clip
+from pipeline.run_options import RunOptions
 from pipeline.terminal.command_line import CacheOption, DebugOption, app, console, open_cache
 from pipeline.terminal.progress_display import StageDisplay
 
@@ -16,18 +16,19 @@ from pipeline.terminal.progress_display import StageDisplay
 @app.command("view")
 def view(
     target: Annotated[
-        Path, typer.Argument(metavar="CLIP|DIR", help="A run's folder, a batch's, an .rrd, or a clip to run first.")
+        Path,
+        typer.Argument(metavar="CLIP|DIR", help="Folder of a run or of a batch, an .rrd file, or a clip to run first."),
     ],
-    web: Annotated[bool, typer.Option("--web", help="In the browser instead of the native viewer.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="Use the browser instead of the native viewer.")] = False,
     cache: CacheOption = None,
     debug: DebugOption = False,
 ) -> None:
-    """The recording of a run, or of every run of a batch, in the rerun viewer."""
-    from pipeline.reporting.recording.rerun_viewer import recordings_of, show_recordings
+    """Show the recording of a run, or of every run of a batch, in the rerun viewer."""
+    from pipeline.reporting.recording.rerun_viewer import find_recordings, show_recordings
 
     shown = target
     if not target.is_dir() and target.suffix != ".rrd":
-        shown = default_folder(target)
+        shown = default_run_folder(target)
         with StageDisplay(console, str(target)) as display:
             run_clip(target, shown, RunOptions(), open_cache(cache), display)
-    raise typer.Exit(show_recordings(recordings_of(shown), web=web))
+    raise typer.Exit(show_recordings(find_recordings(shown), web=web))

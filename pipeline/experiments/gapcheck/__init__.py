@@ -1,1 +1,1 @@
-"""The blind check of the diagnosis: worlds with a withheld effect, measurements with a known one."""
+"""The blind check of the diagnosis: simulators with a withheld effect, and measurements with a known one."""

@@ -1,4 +1,4 @@
-"""A case from end to end: a world plays behind a seal, the diagnosis sees its track folder, then the seal is opened."""
+"""A case from end to end: a sealed simulation, the diagnosis of its track folder, and the comparison with the seal."""
 
 from __future__ import annotations
 
@@ -13,76 +13,98 @@ from typing import Any, Literal
 import numpy as np
 
 from diagnosis.diagnose import diagnose
-from diagnosis.verdicts.verdict import Report
+from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.errors import TruerollError
 from models.estimation.gap_scenes.gap_scene import GapScene, Recording
-from models.numerics.executor import ALONE, Crew
-from pipeline.experiments.gapcheck.case_kind import Kind
-from pipeline.experiments.gapcheck.gap_oracle import oracle_of
-from pipeline.io.gap_files import write_gap
+from models.numerics.executor import SERIAL, Executor
+from pipeline.experiments.gapcheck.case_kind import CaseKind
+from pipeline.experiments.gapcheck.gap_oracle import build_oracle
+from pipeline.io.gap_files import write_gap_files
 from pipeline.io.track_folder import read_track_folders
-from pipeline.io.track_folder_scene import open_scene
+from pipeline.io.track_folder_scene import build_gap_scene
 
 WORLDS = Path(__file__).resolve().parents[3] / "worlds"
 Answer = Literal["right", "group", "unknown", "none", "undecidable", "wrong"]
 
 
-class WorldFailed(TruerollError):
-    """A world that did not play."""
+class WorldError(TruerollError):
+    """A simulated world failed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
+class OpenedCase:
     """A case whose seal was opened after its report was written."""
 
-    kind: Kind
+    kind: CaseKind
     seed: int
     answer: Answer
     named: tuple[str, ...]
-    """what the report names; none or unknown where that is its verdict."""
+    """Effects that the report names, or its verdict where it names none."""
     probability: float
-    """of the answer."""
+    """Probability of the answer."""
     closed: float
-    """of the gap; NaN where that is not resolved."""
+    """Closed part of the gap; NaN where it is not resolved."""
     interval: tuple[float, float]
     oracle: float
-    """what a simulator closes that has the withheld effects from the start; NaN where it is not resolved or foreign."""
+    """Closed part for a simulator that has the withheld effects; NaN where it is not resolved or foreign."""
 
 
-def play(kind: Kind, seed: int, shots: int, fps: float, sealed: Path, folder: Path) -> None:
-    """Let the world of a kind write a track folder; what acts is written to `sealed` alone."""
-    play_drawn(kind, kind.drawn(seed, shots, fps), sealed, folder)
+def simulate_case(kind: CaseKind, seed: int, shots: int, fps: float, sealed: Path, folder: Path) -> None:
+    """Simulate a case and write its track folder; the effects that act are written to `sealed` alone.
+
+    Args:
+        kind: Kind of case.
+        seed: Seed of all random values.
+        shots: Number of shots.
+        fps: Frame rate, Hz.
+        sealed: JSON file of the experiment.
+        folder: Track folder.
+
+    Raises:
+        WorldError: The simulation failed.
+    """
+    simulate_experiment(kind, kind.draw_experiment(seed, shots, fps), sealed, folder)
 
 
-def play_drawn(kind: Kind, drawn: Mapping[str, Any], sealed: Path, folder: Path) -> None:
-    """The same, of an experiment that was drawn already."""
+def simulate_experiment(kind: CaseKind, drawn: Mapping[str, Any], sealed: Path, folder: Path) -> None:
+    """Simulate an experiment that was already drawn."""
     sealed.write_text(json.dumps(drawn), encoding="utf-8")
     command = [sys.executable, str(WORLDS / f"{kind.world}.py"), str(sealed), str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        said = done.stderr.strip().splitlines()
-        raise WorldFailed(f"the world of {kind.name!r} did not play: {said[-1] if said else 'no reason given'}")
+        errors = done.stderr.strip().splitlines()
+        raise WorldError(f"the world of {kind.name!r} failed: {errors[-1] if errors else 'no reason given'}")
 
 
-def judge(kind: Kind, seed: int, folder: Path, workers: Crew = ALONE) -> Opened:
-    """Diagnose a track folder, write its report, and only then look at what was withheld."""
+def diagnose_case(kind: CaseKind, seed: int, folder: Path, executor: Executor = SERIAL) -> OpenedCase:
+    """Diagnose a track folder, write its report, and only then compare it with the withheld effects.
+
+    Args:
+        kind: Kind of case.
+        seed: Seed of the case and of the diagnosis.
+        folder: Track folder; the report is written to `gap` in it.
+        executor: Distributes the fits over processes; it does not change the report.
+
+    Returns:
+        The opened case.
+    """
     read = read_track_folders([folder])
-    scene = kind.simulator(open_scene(read))
-    report = diagnose(scene, read.recordings, seed, crew=workers)
-    write_gap(report, folder / "gap")
-    told = report.gap.closing
+    scene = kind.simulator(build_gap_scene(read))
+    report = diagnose(scene, read.recordings, seed, executor=executor)
+    write_gap_files(report, folder / "gap")
+    closure = report.gap.closure
     names = report.effects or (report.verdict,)
-    said = answer(kind, report)
-    if kind.trap and report.effects and said == "right" and not told_apart(kind, scene, read.recordings):
-        said = "wrong"
-    return Opened(
-        kind, seed, said, names, report.probability, told.closed if told.resolved else np.nan, told.interval,
-        _oracle(kind, scene, read.recordings, report),
+    grade = grade_report(kind, report)
+    if kind.trap and report.effects and grade == "right" and not is_separable(kind, scene, read.recordings):
+        grade = "wrong"
+    return OpenedCase(
+        kind, seed, grade, names, report.probability, closure.closed if closure.resolved else np.nan, closure.interval,
+        _measure_oracle_closure(kind, scene, read.recordings, report),
     )  # fmt: skip
 
 
-def answer(kind: Kind, report: Report) -> Answer:
-    """How a report does against what was withheld; of a trap, as if its name were no guess."""
+def grade_report(kind: CaseKind, report: DiagnosisReport) -> Answer:
+    """Grade a report against the withheld effects; in a trap, a right name counts even if it is a guess."""
     if kind.trap and kind.withheld and not report.effects:
         return "right"
     if report.verdict == "undecidable":
@@ -97,19 +119,23 @@ def answer(kind: Kind, report: Report) -> Answer:
     return "right" if kind.is_named_by(frozenset(report.effects)) and not kind.foreign else "wrong"
 
 
-def told_apart(kind: Kind, scene: GapScene, recordings: tuple[Recording, ...]) -> bool:
-    """Whether somebody who knows what is missing can tell it from what is taken for it."""
+def is_separable(kind: CaseKind, scene: GapScene, recordings: tuple[Recording, ...]) -> bool:
+    """Return whether an oracle that knows the missing effect can separate it from its partners."""
     partners = {name for one in scene.effects if one.name in kind.withheld for name in one.partners}
-    oracle = oracle_of(scene, recordings)
-    truth = oracle.knowing(kind.withheld)
-    return all(oracle.tells(truth, frozenset({name})) for name in sorted(partners - set(scene.assumed)))
+    oracle = build_oracle(scene, recordings)
+    truth = oracle.fit_with_effects(kind.withheld)
+    return all(
+        oracle.can_separate(truth, frozenset({name})) for name in sorted(partners - set(scene.simulator_effects))
+    )
 
 
-def _oracle(kind: Kind, scene: GapScene, recordings: tuple[Recording, ...], report: Report) -> float:
-    """The closed part of the gap for whoever knows what is missing."""
-    if not kind.withheld or kind.foreign or not report.gap.closing.resolved:
+def _measure_oracle_closure(
+    kind: CaseKind, scene: GapScene, recordings: tuple[Recording, ...], report: DiagnosisReport
+) -> float:
+    """Measure the closed part of the gap for an oracle that knows the missing effects."""
+    if not kind.withheld or kind.foreign or not report.gap.closure.resolved:
         return np.nan
-    oracle = oracle_of(scene, recordings)
-    names = frozenset(oracle.question.candidates) & (kind.withheld | kind.family)
-    told = oracle.closes(oracle.knowing(names, kind.forms), oracle.held_out)
-    return told.closed if told.resolved else np.nan
+    oracle = build_oracle(scene, recordings)
+    names = frozenset(oracle.problem.candidates) & (kind.withheld | kind.family)
+    closure = oracle.measure_closure(oracle.fit_with_effects(names, kind.forms), oracle.holdout_shots)
+    return closure.closed if closure.resolved else np.nan

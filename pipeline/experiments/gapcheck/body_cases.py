@@ -1,9 +1,9 @@
-"""The kinds of case of bodies that slide, fly and swing.
+"""Kinds of cases with sliding, flying and swinging bodies.
 
-Strengths are natural ones, drawn evenly between two values: mu of plastic, wood and metal on smooth floors 0.1 to 0.4;
-drag of balls and shuttles in air by g / (terminal speed)^2, 0.22 1/m for a shuttle, 0.02 for a tennis ball; bearings of
-swinging rods as recorded pendulums show them, 0.02 to 0.2 1/s; floors and walls that are off by 2 to 10 mm/m; a draught
-of 1 to 4 m/s; lift by spin of balls that are sliced. Noise is 0.3 px of a camera that sees the scene whole.
+Strengths are natural ones, drawn uniformly from a range: mu of plastic, wood and metal on smooth floors 0.1 to 0.4;
+drag of balls and shuttlecocks in air by g / (terminal speed)^2, 0.22 1/m for a shuttlecock, 0.02 for a tennis ball;
+bearings of swinging rods as in recorded pendulums, 0.02 to 0.2 1/s; floors and walls that are off by 2 to 10 mm/m; a
+draught of 1 to 4 m/s; lift by spin of sliced balls. Noise is 0.3 px of a camera that shows the whole scene.
 """
 
 from __future__ import annotations
@@ -19,71 +19,77 @@ from models.estimation.gap_scenes.gap_scene import GapScene
 Ranges = Mapping[str, Mapping[str, tuple[float, float]]]
 
 NOISE = {"slide": 0.9e-3, "flight": 3e-3, "pendulum": 2e-3}
-"""m or rad, one standard deviation."""
+"""Standard deviation of a coordinate, m or rad."""
 SECONDS = {"slide": 1.5, "flight": 1.3, "pendulum": 2.5}
-BOTH_SIGNS = ("slope_x", "slope_y", "wind_x", "s", "angle", "c")
-"""Parameters that may be of either sign."""
+"""Duration of a shot, s."""
+SIGNED_PARAMETERS = ("slope_x", "slope_y", "wind_x", "s", "angle", "c")
+"""Parameters of either sign."""
 
 
 @dataclass(frozen=True, slots=True)
 class BodyKind:
-    """A world of a body, what acts there, and what of it the simulator has."""
+    """A simulated body, the effects that act on it, and those that the simulator has."""
 
     name: str
     scene: str
     acts: Ranges
-    """Effects that act, with the least and the largest natural value of each parameter."""
+    """Effects that act, with the range of each parameter."""
     model: tuple[str, ...] = ()
-    """Effects of them that the simulator has."""
+    """Those of them that the simulator has."""
     foreign: bool = False
-    """Whether what it lacks is in no library: the right answer is `unknown`."""
+    """Whether the missing effect is in no library: the right answer is `unknown`."""
     camera: Mapping[str, float] = field(default_factory=dict)
     """correlation, outliers, missing."""
     throw: Mapping[str, float] = field(default_factory=dict)
-    """speed, angle: what is the same in all shots."""
+    """speed, angle: equal in all shots."""
     engine: str = ""
-    """The package that plays it; our own small integrators where there is none."""
+    """The package that simulates it; empty for integrators of this project."""
     family: frozenset[str] = frozenset()
-    """Effects of the library any of which, and nothing else, is a right name for what acts in another form."""
+    """Effects of the library, any of which alone is a right name for an effect of another form."""
 
     @property
     def withheld(self) -> frozenset[str]:
-        """What the simulator lacks."""
+        """Effects that the simulator lacks."""
         return frozenset(self.acts) - set(self.model)
 
     @property
     def world(self) -> str:
+        """The script in worlds/ that simulates it."""
         return f"{self.scene}_{self.engine}" if self.engine else self.scene
 
     @property
     def trap(self) -> bool:
+        """Whether all shots have the same throw."""
         return bool(self.throw)
 
     @property
     def forms(self) -> tuple[str, ...]:
-        """None: bodies have no choice of laws."""
+        """Empty: bodies have no choice of contact models."""
         return ()
 
     def simulator(self, scene: GapScene) -> GapScene:
-        """The scene as it is: track folders of bodies say all of it."""
+        """Return the scene unchanged: track folders of bodies state it completely."""
         return scene
 
     def is_named_by(self, names: frozenset[str]) -> bool:
-        """Whether these names, and no others, are a right answer."""
+        """Return whether these names, and no others, are a right answer."""
         return names <= self.family if self.family else names == self.withheld
 
-    def drawn(self, seed: int, shots: int, fps: float) -> dict[str, Any]:
-        """An experiment of this kind, as the worlds read it."""
+    def draw_experiment(self, seed: int, shots: int, fps: float) -> dict[str, Any]:
+        """Draw an experiment of this kind in the format of its world."""
         rng = np.random.default_rng([seed, *self.name.encode()])
-        effects = {name: {p: _value(rng, p, span) for p, span in ranges.items()} for name, ranges in self.acts.items()}
+        effects = {
+            name: {p: _draw_value(rng, p, span) for p, span in ranges.items()} for name, ranges in self.acts.items()
+        }
         return {
             "effects": effects, "model": list(self.model), "seed": int(rng.integers(2**31)), "shots": shots, "fps": fps,
             "seconds": SECONDS[self.scene], "noise": NOISE[self.scene], "throw": dict(self.throw), **self.camera,
         }  # fmt: skip
 
 
-def _value(rng: np.random.Generator, name: str, span: tuple[float, float]) -> float:
-    sign = rng.choice([-1.0, 1.0]) if name in BOTH_SIGNS else 1.0
+def _draw_value(rng: np.random.Generator, name: str, span: tuple[float, float]) -> float:
+    """Draw a parameter from its range."""
+    sign = rng.choice([-1.0, 1.0]) if name in SIGNED_PARAMETERS else 1.0
     return float(sign * rng.uniform(*span))
 
 
@@ -97,7 +103,7 @@ DRAGS = frozenset({"air_drag", "viscous_drag"})
 ROUGH = {"correlation": 0.5}
 SLOPPY = {"outliers": 0.01, "missing": 0.03}
 
-BODIES = (
+BODY_KINDS = (
     BodyKind("slide, nothing missing", "slide", FRICTION, ("sliding_friction",)),
     BodyKind("slide, nothing missing, correlated noise", "slide", FRICTION, ("sliding_friction",), camera=ROUGH),
     BodyKind("slide, nothing missing, outliers and gaps", "slide", FRICTION, ("sliding_friction",), camera=SLOPPY),
@@ -141,18 +147,18 @@ BODIES = (
          foreign=True),
     BodyKind("pendulum, magnet", "pendulum", {**JOINT, "magnet": {"m": (1.0, 4.0)}}, ("joint_friction",), foreign=True),
 )  # fmt: skip
-"""What acts, and what is seen of it, as cameras usually see it."""
+"""Kinds with the cameras and effects of everyday recordings."""
 
-BY_MUJOCO = (
+MUJOCO_KINDS = (
     BodyKind("pendulum by MuJoCo, nothing missing", "pendulum", JOINT, ("joint_friction",), engine="mujoco"),
     BodyKind("pendulum by MuJoCo, joint friction", "pendulum", JOINT, engine="mujoco"),
     BodyKind(
         "pendulum by MuJoCo, crooked camera", "pendulum", {**JOINT, **CROOKED}, ("joint_friction",), engine="mujoco"
     ),
 )
-"""The same rod by an engine that others wrote."""
+"""The same pendulum, simulated by an independent engine."""
 
-TRAPS = (
+TRAP_KINDS = (
     BodyKind(
         "slide, slope along the one way of all bodies",
         "slide",
@@ -162,4 +168,4 @@ TRAPS = (
     ),
     BodyKind("flight, air drag at one speed and angle", "flight", DRAG, throw={"speed": 9.0, "angle": 1.2}),
 )
-"""Shots of which no two differ in what would tell the cause: a group, or what is named as unidentifiable."""
+"""Kinds whose shots are alike in everything that would show the cause: the right answer names none, or a group."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from pipeline.experiments.gapcheck.billiards_cases import BILLIARDS
-from pipeline.experiments.gapcheck.body_cases import BODIES, BY_MUJOCO
-from pipeline.experiments.gapcheck.case_kind import Kind
+from pipeline.experiments.gapcheck.billiards_cases import BILLIARDS_KINDS
+from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, MUJOCO_KINDS
+from pipeline.experiments.gapcheck.case_kind import CaseKind
 
-KINDS: tuple[Kind, ...] = (*BODIES, *BY_MUJOCO, *BILLIARDS)
+KINDS: tuple[CaseKind, ...] = (*BODY_KINDS, *MUJOCO_KINDS, *BILLIARDS_KINDS)
 
-_OF_TABLES = ("nothing missing", "slope", "cushion law", "slope and lens distortion", "sticky patch")
-USUAL: tuple[Kind, ...] = tuple(
-    kind for kind in KINDS if kind not in BILLIARDS or kind.name in [f"billiards, {one}" for one in _OF_TABLES]
+_DEFAULT_TABLES = ("nothing missing", "slope", "cushion law", "slope and lens distortion", "sticky patch")
+DEFAULT_KINDS: tuple[CaseKind, ...] = tuple(
+    kind
+    for kind in KINDS
+    if kind not in BILLIARDS_KINDS or kind.name in [f"billiards, {one}" for one in _DEFAULT_TABLES]
 )
-"""Those that are checked where nobody says which: of tables one of each question, for a table takes a minute."""
+"""Kinds that are checked by default; one table for each kind of question, as a table takes a minute."""

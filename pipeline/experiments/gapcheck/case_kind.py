@@ -1,4 +1,4 @@
-"""What the blind check asks of a kind of case, whatever moves in it."""
+"""The interface of a kind of case in the blind check."""
 
 from __future__ import annotations
 
@@ -7,55 +7,57 @@ from typing import Any, Protocol
 from models.estimation.gap_scenes.gap_scene import GapScene
 
 
-class Kind(Protocol):
-    """A world, what acts there, and what of it the simulator has."""
+class CaseKind(Protocol):
+    """A simulated world, the effects that act there, and those that the user's simulator has."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Unique name."""
+        ...
 
     @property
     def world(self) -> str:
-        """The script in worlds/ that plays it."""
+        """The script in worlds/ that simulates it."""
         ...
 
     @property
     def engine(self) -> str:
-        """The package beyond our own that its world needs; empty where there is none."""
+        """Package that the world needs beyond those of this project; empty where there is none."""
         ...
 
     @property
     def withheld(self) -> frozenset[str]:
-        """What the simulator lacks."""
+        """Effects that the simulator lacks."""
         ...
 
     @property
     def foreign(self) -> bool:
-        """Whether what it lacks is in no library: the right answer is `unknown`."""
+        """Whether the missing effect is in no library: the right answer is `unknown`."""
         ...
 
     @property
     def family(self) -> frozenset[str]:
-        """Effects of the library that come nearest to what acts in another form."""
+        """Effects of the library that are nearest to an effect of another form."""
         ...
 
     @property
     def trap(self) -> bool:
-        """Whether these shots cannot tell what is missing, so that a name needs more than luck."""
+        """Whether the shots cannot show the missing effect, so that a name would be a guess."""
         ...
 
     @property
     def forms(self) -> tuple[str, ...]:
-        """One for each of the scene's alternatives, as they act; empty where the simulator has them."""
+        """The true form of each choice between contact models; empty where the simulator has them."""
         ...
 
-    def drawn(self, seed: int, shots: int, fps: float) -> dict[str, Any]:
-        """An experiment of this kind, as its world reads it."""
+    def draw_experiment(self, seed: int, shots: int, fps: float) -> dict[str, Any]:
+        """Draw an experiment of this kind in the format of its world."""
         ...
 
     def simulator(self, scene: GapScene) -> GapScene:
-        """The scene with the laws of its simulator and what the library holds, which a track folder cannot say."""
+        """Return the scene with the simulator's contact models and library, which a track folder does not state."""
         ...
 
     def is_named_by(self, names: frozenset[str]) -> bool:
-        """Whether these names, and no others, are a right answer."""
+        """Return whether these names, and no others, are a right answer."""
         ...

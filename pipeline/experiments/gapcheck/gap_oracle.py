@@ -1,4 +1,4 @@
-"""Whoever knows what is missing: how far the gap shrinks for them, and what not even they could tell apart."""
+"""An oracle that knows the missing effects: how far it closes the gap, and which effects it cannot separate."""
 
 from __future__ import annotations
 
@@ -7,55 +7,79 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.fitting.diagnosis_windows import fit_adaptively
-from diagnosis.fitting.gap_closure import Closing, closed_ahead
-from diagnosis.fitting.hypothesis_fits import Fitted, Question, fit, look, question_of
-from diagnosis.fitting.noise_estimation import Noise, estimate_noise, with_noise
+from diagnosis.fitting.gap_closure import GapClosure, measure_closure
+from diagnosis.fitting.hypothesis_fits import (
+    DiagnosisProblem,
+    EffectFit,
+    build_diagnosis_problem,
+    fit_effects,
+    linearize_fit,
+)
+from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate, estimate_noise
 from diagnosis.fitting.shot_split import split_shots
-from diagnosis.selection.signatures import signatures
+from diagnosis.selection.signatures import compute_signatures
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene, Recording
 
-APART = 9.0
-"""chi2 from which somebody who compares only two causes can tell them: three standard deviations."""
+SEPARATION_CHI2 = 9.0
+"""chi2 from which two causes are separable when only they are compared: three standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
 class Oracle:
-    """The shots of a case as the diagnosis splits them, and what the simulator makes of them."""
+    """The shots of a case as the diagnosis splits them, and the fit of the simulator."""
 
-    question: Question
-    noise: Noise
-    open: tuple[Recording, ...]
-    """Shots that a cause may be sought in."""
-    held_out: tuple[Recording, ...]
-    base: Fitted
+    problem: DiagnosisProblem
+    noise: NoiseEstimate
+    fitting_shots: tuple[Recording, ...]
+    """Fitting and selection shots."""
+    holdout_shots: tuple[Recording, ...]
+    """Hold-out shots."""
+    base: EffectFit
+    """Fit of the simulator."""
 
-    def knowing(self, names: frozenset[str], forms: tuple[str, ...] = ()) -> Fitted:
-        """The fit of a simulator that has these effects as well, and laws of these forms where any are given."""
-        return fit_adaptively(self.question, self.open, tuple(sorted(names)), forms or None)
+    def fit_with_effects(self, names: frozenset[str], forms: tuple[str, ...] = ()) -> EffectFit:
+        """Fit a simulator that also has these effects, and contact models of these forms where given."""
+        return fit_adaptively(self.problem, self.fitting_shots, tuple(sorted(names)), forms or None)
 
-    def closes(self, better: Fitted, shots: tuple[Recording, ...]) -> Closing:
-        """How much of the gap a better simulator closes on shots that chose nothing."""
-        told = with_noise(shots, self.noise)
-        return closed_ahead(self.question, told, self.base, better, np.random.default_rng(0))
+    def measure_closure(self, better: EffectFit, shots: tuple[Recording, ...]) -> GapClosure:
+        """Measure which share of the prediction error the true simulator removes on hold-out shots."""
+        with_sigmas = apply_noise_estimate(shots, self.noise)
+        return measure_closure(self.problem, with_sigmas, self.base, better, np.random.default_rng(0))
 
-    def tells(self, truth: Fitted, other: frozenset[str]) -> bool:
-        """Whether other effects explain the same shots worse than the true ones do."""
-        rival = fit(self.question, truth.pieces, tuple(sorted(other)))
-        return (rival.cost - truth.cost) / truth.lack > APART
+    def can_separate(self, truth: EffectFit, other: frozenset[str]) -> bool:
+        """Return whether other effects explain the same shots worse than the true ones."""
+        rival = fit_effects(self.problem, truth.segments, tuple(sorted(other)))
+        return (rival.cost - truth.cost) / truth.lack_of_fit > SEPARATION_CHI2
 
-    def sigmas(self, names: frozenset[str], strengths: FloatArray) -> float:
-        """How many standard deviations strengths (p,) of missing effects are, all else adjusted."""
-        mask = self.question.mask(tuple(names))
-        found = signatures(self.question, look(self.question, self.base).told, self.base.free, self.base.lack)
-        size: float = float(strengths @ found.information[np.ix_(mask, mask)] @ strengths)
+    def strength_sigmas(self, names: frozenset[str], strengths: FloatArray) -> float:
+        """Return how many standard deviations the strengths (p,) of missing effects are, all else adjusted."""
+        mask = self.problem.mask(tuple(names))
+        effect_signatures = compute_signatures(
+            self.problem,
+            linearize_fit(self.problem, self.base).shot_information,
+            self.base.free,
+            self.base.lack_of_fit,
+        )
+        size: float = float(strengths @ effect_signatures.information[np.ix_(mask, mask)] @ strengths)
         return float(np.sqrt(max(size, 0.0)))
 
 
-def oracle_of(scene: GapScene, recordings: tuple[Recording, ...]) -> Oracle:
-    """ValueError where there is nothing to fit."""
+def build_oracle(scene: GapScene, recordings: tuple[Recording, ...]) -> Oracle:
+    """Split recordings and fit the simulator.
+
+    Args:
+        scene: Scene with a catalogue of effects.
+        recordings: One recording per shot.
+
+    Returns:
+        The oracle.
+
+    Raises:
+        ValueError: There is nothing to fit.
+    """
     split = split_shots(recordings)
-    noise = estimate_noise((*split.fit, *split.select))
-    question = question_of(scene, noise.correlation)
-    opened = with_noise((*split.fit, *split.select), noise)
-    return Oracle(question, noise, opened, split.report, fit_adaptively(question, opened))
+    noise = estimate_noise((*split.fitting, *split.selection))
+    question = build_diagnosis_problem(scene, noise.correlation)
+    opened = apply_noise_estimate((*split.fitting, *split.selection), noise)
+    return Oracle(question, noise, opened, split.holdout, fit_adaptively(question, opened))

@@ -1,9 +1,8 @@
-"""Track folders from measurements of which the missing effect is known from outside.
+"""Track folders from public measurements whose missing effect is known.
 
-Small readers for five public sets in a folder that lies on the machine (`--real DIR`): tosses of a cube that slides
-(DAIRLab/contact-nets), shuttlecocks in flight (morishitamakoto0330/ShuttlecockSimulation), a single and a double
-pendulum (dynamicslab/MultiArm-Pendulum), balls dropped from a bridge
-(briandesilva/discovery-of-physics-from-data).
+Readers for five sets in a local folder (`--real DIR`): tosses of a cube that slides (DAIRLab/contact-nets),
+shuttlecocks in flight (morishitamakoto0330/ShuttlecockSimulation), a single and a double pendulum
+(dynamicslab/MultiArm-Pendulum), balls dropped from a bridge (briandesilva/discovery-of-physics-from-data).
 """
 
 from __future__ import annotations
@@ -24,30 +23,32 @@ Shot = tuple[NDArray[np.int64], FloatArray, FloatArray]
 """Frames (T,), times (T,) s, coordinates (T, D)."""
 
 CUBE_HALF, CUBE_HZ = 0.0524, 148.0
-"""m, 1/s."""
+"""Half of the edge, m; sampling rate, Hz."""
 FLAT, CLIMBING, TURNING, MOVING = 0.002, 0.05, 1.0, 0.08
-"""m, m/s, rad/s, m/s: the cube lies flat, neither climbs nor turns, and moves."""
+"""Limits where the cube slides: height m, vertical speed m/s, spin rad/s; it moves from the last one on, m/s."""
 SHUTTLE_HZ, SHUTTLE_PX_PER_M = 60.0, 159.0
+"""Frame rate, Hz; resolution, px/m."""
 PENDULUM_EVERY, PENDULUM_SECONDS = 4, 2.5
-"""Every so manieth picture of 200 a second, in swings of so many seconds."""
-FEWEST, MOST = 20, 24
-"""Pictures of a shot, at least, and shots of a set, at most."""
+"""Every so many of 200 samples per second are used; duration of a swing, s."""
+MIN_FRAMES, MAX_SHOTS = 20, 24
+"""Least number of frames of a shot; largest number of shots of a set."""
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
-    """A set of shots, and what a simulator without anything lacks there."""
+class MeasuredSet:
+    """A set of shots, and the effects that a simulator without any effect lacks there."""
 
     name: str
     scene: str
     columns: tuple[str, ...]
     missing: tuple[str, ...]
-    """any of these is a right name; empty: nothing may be named."""
+    """Any of these is a right name; empty: nothing may be named."""
     read: Callable[[Path], list[Shot]]
     facts: Mapping[str, object]
 
 
-def _cube(folder: Path) -> list[Shot]:
+def _read_cube(folder: Path) -> list[Shot]:
+    """Read the sliding part of each toss of a cube."""
     shots = []
     with np.load(folder / "contactnets_cube" / "cube_tosses_SI_64.npz", allow_pickle=False) as tosses:
         for name in tosses.files:
@@ -59,13 +60,14 @@ def _cube(folder: Path) -> list[Shot]:
             rows = np.flatnonzero(sliding)
             runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
             longest = max(runs, key=len)
-            if len(longest) >= FEWEST:
+            if len(longest) >= MIN_FRAMES:
                 frames = np.arange(len(longest))
                 shots.append((frames, frames / CUBE_HZ, toss[longest, :2].astype(np.float64)))
     return shots
 
 
-def _shuttle(folder: Path) -> list[Shot]:
+def _read_shuttlecocks(folder: Path) -> list[Shot]:
+    """Read the flights of shuttlecocks."""
     table = csv.read_csv(folder / "badminton_morishita" / "shuttle_tracks_px.csv")
     session = np.array([str(value) for value in table.column("session").to_pylist()])
     shot, frame, x, y = (table.column(name).to_numpy().astype(np.float64) for name in ("shot", "frame", "x_px", "y_px"))
@@ -76,12 +78,13 @@ def _shuttle(folder: Path) -> list[Shot]:
         places = np.stack([x[rows], -y[rows]], axis=1) / SHUTTLE_PX_PER_M
         if places[-1, 0] < places[0, 0]:
             places[:, 0] *= -1
-        if len(rows) >= FEWEST:
+        if len(rows) >= MIN_FRAMES:
             shots.append((frame[rows].astype(np.int64), frame[rows] / SHUTTLE_HZ, places))
     return shots
 
 
-def _pendulum(folder: Path, file: str, columns: tuple[str, ...]) -> list[Shot]:
+def _read_pendulum(folder: Path, file: str, columns: tuple[str, ...]) -> list[Shot]:
+    """Read a recorded swing, split into shots."""
     with np.load(folder / "multiarm_pendulum" / file, allow_pickle=False) as swing:
         t = np.ravel(swing["t"])[::PENDULUM_EVERY]
         angles = np.stack([np.ravel(swing[name])[::PENDULUM_EVERY] for name in columns], axis=1) - np.pi
@@ -90,7 +93,8 @@ def _pendulum(folder: Path, file: str, columns: tuple[str, ...]) -> list[Shot]:
     return [(np.arange(long), t[s : s + long] - t[s], angles[s : s + long]) for s in starts]
 
 
-def _drops(folder: Path, wanted: Callable[[str], bool]) -> list[Shot]:
+def _read_drops(folder: Path, wanted: Callable[[str], bool]) -> list[Shot]:
+    """Read the drops of the balls whose name is `wanted`."""
     table = csv.read_csv(folder / "falling_balls" / "ball_drops.csv")
     ball = np.array([str(value) for value in table.column("ball").to_pylist()])
     drop, t, height = (table.column(name).to_numpy().astype(np.float64) for name in ("drop", "t", "h"))
@@ -102,32 +106,44 @@ def _drops(folder: Path, wanted: Callable[[str], bool]) -> list[Shot]:
     return shots
 
 
-SETS = (
-    Measured("sliding cube", "slide", ("x", "y"), ("sliding_friction",), _cube, {}),
-    Measured("shuttlecock", "flight", ("x", "y"), ("air_drag",), _shuttle, {}),
-    Measured(
+MEASURED_SETS = (
+    MeasuredSet("sliding cube", "slide", ("x", "y"), ("sliding_friction",), _read_cube, {}),
+    MeasuredSet("shuttlecock", "flight", ("x", "y"), ("air_drag",), _read_shuttlecocks, {}),
+    MeasuredSet(
         "single pendulum", "pendulum", ("theta1",), ("joint_friction",),
-        lambda d: _pendulum(d, "single_freeswing_200Hz.npz", ("theta",)), {"units": "rad"},
+        lambda d: _read_pendulum(d, "single_freeswing_200Hz.npz", ("theta",)), {"units": "rad"},
     ),
-    Measured(
+    MeasuredSet(
         "double pendulum", "pendulum", ("theta1", "theta2"), ("joint_friction",),
-        lambda d: _pendulum(d, "double_freeswing_200Hz.npz", ("theta1", "theta2")), {"units": "rad"},
+        lambda d: _read_pendulum(d, "double_freeswing_200Hz.npz", ("theta1", "theta2")), {"units": "rad"},
     ),
-    # a drag for sure; which law is not: v v is expected, yet v fits each of the eight drops twice as well
-    Measured(
+    # a drag, of either law: v v is expected, yet v fits each of the eight drops twice as well
+    MeasuredSet(
         "whiffle balls", "flight", ("x",), ("air_drag", "viscous_drag"),
-        lambda d: _drops(d, lambda n: "whiffle" in n), {},
+        lambda d: _read_drops(d, lambda n: "whiffle" in n), {},
     ),
-    Measured("bowling ball", "flight", ("x",), (), lambda d: _drops(d, lambda n: "bowling" in n), {}),
+    MeasuredSet("bowling ball", "flight", ("x",), (), lambda d: _read_drops(d, lambda n: "bowling" in n), {}),
 )  # fmt: skip
 
 
-def write_measured(measured: Measured, source: Path, folder: Path) -> int:
-    """Write a set as a track folder; how many shots. FileNotFoundError where the set is not in `source`."""
+def write_measured_set(measured: MeasuredSet, source: Path, folder: Path) -> int:
+    """Write a set as a track folder.
+
+    Args:
+        measured: The set.
+        source: Folder of the public sets.
+        folder: Track folder to write.
+
+    Returns:
+        Number of shots.
+
+    Raises:
+        FileNotFoundError: The set is not in `source`.
+    """
     shots = measured.read(source)
-    shots = shots[:: -(-len(shots) // MOST)]
+    shots = shots[:: -(-len(shots) // MAX_SHOTS)]
     count = np.array([len(frames) for frames, _, _ in shots])
-    places = np.concatenate([found for _, _, found in shots])
+    places = np.concatenate([coordinates for _, _, coordinates in shots])
     columns: dict[str, object] = {
         "shot": np.repeat(np.arange(len(shots)), count),
         "frame": np.concatenate([frames for frames, _, _ in shots]),

@@ -1,1 +1,1 @@
-"""The experiments of Chen 2022, run again: every method side by side, tables, plots and a page."""
+"""The experiments of Chen 2022: every method on the same withheld frames, with tables, figures and a page."""

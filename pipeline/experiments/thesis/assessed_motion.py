@@ -1,15 +1,15 @@
-"""A motion that says what is wrong with it."""
+"""A fitted motion with warnings."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.neural.common.method_interface import Fitted
+from models.neural.common.method_interface import FittedMotion
 
 
 @dataclass(frozen=True, slots=True)
-class Judged(Fitted):
-    """A motion that says what is wrong with it."""
+class AssessedMotion(FittedMotion):
+    """A fitted motion with warnings."""
 
-    doubts: tuple[str, ...]
-    """Why it should not be believed; empty where it may be."""
+    warnings: tuple[str, ...]
+    """Reasons not to trust it; empty where there are none."""

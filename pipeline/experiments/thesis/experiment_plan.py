@@ -1,4 +1,4 @@
-"""Which experiments are run, and in which order: every seed of everything before the next seed."""
+"""The experiments to run and their order: every setting with one seed before the next seed."""
 
 from __future__ import annotations
 
@@ -8,94 +8,102 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TypeVar
 
-from models.neural.common.method_interface import Budget, Method
-from pipeline.experiments.thesis.compared_methods import EACH_KIND, SLOW_NETS, methods_for
-from pipeline.experiments.thesis.scenes.boxes_scene import SPEEDS, boxes
+from models.neural.common.method_interface import MotionMethod, TrainingBudget
+from pipeline.experiments.thesis.compared_methods import REPRESENTATIVES, SLOW_NETS, build_methods
+from pipeline.experiments.thesis.scenes.boxes_scene import SPEEDS, build_boxes_series
 from pipeline.experiments.thesis.scenes.double_pendulum_scene import (
-    KINDS,
     RECORDING,
+    SPRING_KINDS,
     STARTS,
-    double_pendulum,
-    real_pendulum,
+    build_pendulum_series,
+    read_recorded_series,
 )
-from pipeline.experiments.thesis.scenes.pool_scene import pool, shots_of
-from pipeline.experiments.thesis.scenes.withheld_series import Case, Series
+from pipeline.experiments.thesis.scenes.pool_scene import build_pool_series, list_shots
+from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries
 
 SCENES = ("double-pendulum", "real", "boxes", "pool")
 RATES, NOISES = (60.0, 30.0, 15.0), (0.0, 0.1, 0.5)
-"""Hz; px."""
+"""Frame rates, Hz; noise, px."""
 REAL_RATES = (200 / 13, 200 / 26)
-"""Hz: 13 and 26 samples apart; above them every spline is good enough."""
+"""Frame rates, Hz: 13 and 26 samples apart; at higher rates every spline is good enough."""
 SECONDS = 2.5
-"""of the simulated scenes."""
+"""Duration of the simulated scenes, s."""
 
 
 Value = TypeVar("Value", str, float)
 
 
 class Depth(StrEnum):
-    """How much is run."""
+    """Extent of the experiments."""
 
     QUICK = "quick"
-    """the settings of the thesis, one method of each kind, networks barely trained."""
+    """The settings of the thesis, one method of each kind, networks barely trained."""
     USUAL = "usual"
-    """one change of setting at a time; all methods in the thesis' own setting, one of each kind in the others, where
-    slow networks have the first seed alone."""
+    """One setting changed at a time.
+
+    All methods run in the setting of the thesis. Elsewhere one of each kind runs, and slow networks with one seed.
+    """
     WHOLE = "whole"
-    """every setting crossed with every method, networks trained to the end."""
+    """Every setting with every method, networks trained to the end."""
 
 
-BUDGETS = {Depth.QUICK: Budget(0.06, 4.0), Depth.USUAL: Budget(0.25, 20.0), Depth.WHOLE: Budget(1.0, 120.0)}
-"""Share of their steps that networks get, and CPU s after which they learn no more."""
-SHORTER = {(Depth.USUAL, "boxes"): 5.0}
-"""CPU s where that is less: 402 coordinates make a step ten times as long, and the claim there is a small one."""
-BASE = (30.0, 0.0)
-"""Hz and px of the thesis."""
+BUDGETS = {
+    Depth.QUICK: TrainingBudget(0.06, 4.0),
+    Depth.USUAL: TrainingBudget(0.25, 20.0),
+    Depth.WHOLE: TrainingBudget(1.0, 120.0),
+}
+"""Share of their training steps that networks get, and CPU time after which they stop, s."""
+SHORTER_TRAINING_S = {(Depth.USUAL, "boxes"): 5.0}
+"""CPU time where it is less, s: with 402 coordinates a step takes ten times as long."""
+BASE_SETTING = (30.0, 0.0)
+"""Frame rate (Hz) and noise (px) of the thesis."""
 FIRST_VARIANT = {"double-pendulum": "stiff", "boxes": "800", "real": "0 s"}
-"""Of the thesis, or the first."""
+"""The variant of the thesis, or the first."""
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What is asked for."""
+class ExperimentPlan:
+    """The requested experiments."""
 
     scenes: tuple[str, ...] = SCENES
     seeds: tuple[int, ...] = (0, 1, 2)
     depth: Depth = Depth.USUAL
     data: Path | None = None
-    """Folder of the recorded pendulum, None where there is none."""
+    """Folder of the recorded pendulum; None without one."""
     run: Path | None = None
-    """Folder of a run whose shots are the pool scene."""
+    """Run folder whose shots are the pool scene."""
 
-    def budget(self, scene: str) -> Budget:
-        """How long a network may learn on a scene."""
+    def budget(self, scene: str) -> TrainingBudget:
+        """Return the training budget of a network on a scene."""
         usual = BUDGETS[self.depth]
-        return Budget(usual.effort, SHORTER.get((self.depth, scene), usual.seconds))
+        return TrainingBudget(usual.effort, SHORTER_TRAINING_S.get((self.depth, scene), usual.seconds))
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class TrialTask:
     """One method on one case."""
 
-    case: Case
+    case: ExperimentCase
     method: str
 
 
-def cases(plan: Plan) -> list[Case]:
-    """Every case of the plan."""
+def list_cases(plan: ExperimentPlan) -> list[ExperimentCase]:
+    """List every case of the plan."""
     return [
-        Case(scene, variant, fps, noise, seed)
+        ExperimentCase(scene, variant, fps, noise, seed)
         for seed in plan.seeds
         for scene in plan.scenes
-        if scene != "real" or seed == plan.seeds[0] or plan.depth is Depth.WHOLE  # three starts are three tries
-        for variant, fps, noise in _settings(scene, plan)
+        if scene != "real"
+        or seed == plan.seeds[0]
+        or plan.depth is Depth.WHOLE  # three start times replace three seeds
+        for variant, fps, noise in _iterate_settings(scene, plan)
     ]
 
 
-def _settings(scene: str, plan: Plan) -> Iterator[tuple[str, float, float]]:
-    """Variants, rates and noises of a scene, the thesis' own setting first."""
+def _iterate_settings(scene: str, plan: ExperimentPlan) -> Iterator[tuple[str, float, float]]:
+    """Yield variants, frame rates and noises of a scene, the setting of the thesis first."""
     if scene in ("double-pendulum", "boxes"):
-        yield from _grid(scene, tuple(KINDS) if scene == "double-pendulum" else SPEEDS, plan.depth)
+        yield from _iterate_grid(scene, tuple(SPRING_KINDS) if scene == "double-pendulum" else SPEEDS, plan.depth)
     elif scene == "real" and plan.data is not None:
         slow = REAL_RATES[-1]
         starts = tuple(STARTS)[: 1 if plan.depth is Depth.QUICK else None]
@@ -103,88 +111,113 @@ def _settings(scene: str, plan: Plan) -> Iterator[tuple[str, float, float]]:
         if plan.depth is not Depth.QUICK:
             yield from ((start, fps, 0.0) for start in starts for fps in REAL_RATES if fps != slow)
     elif scene == "pool" and plan.run is not None:
-        yield from ((shot, fps, 0.0) for shot, fps in shots_of(plan.run))
+        yield from ((shot, fps, 0.0) for shot, fps in list_shots(plan.run))
 
 
-def _grid(scene: str, variants: tuple[str, ...], depth: Depth) -> Iterator[tuple[str, float, float]]:
-    """All settings crossed; else rate or noise changed from the thesis' own, and other variants with little noise."""
+def _iterate_grid(scene: str, variants: tuple[str, ...], depth: Depth) -> Iterator[tuple[str, float, float]]:
+    """Yield all settings; else those with one change from the thesis, and other variants with little noise."""
     own = FIRST_VARIANT[scene]
-    for variant in _led_by(own, variants):
-        for fps in _led_by(BASE[0], RATES):
-            for noise in _led_by(BASE[1], NOISES):
-                changed = (fps != BASE[0]) + (noise != BASE[1])
+    for variant in _put_first(own, variants):
+        for fps in _put_first(BASE_SETTING[0], RATES):
+            for noise in _put_first(BASE_SETTING[1], NOISES):
+                changed = (fps != BASE_SETTING[0]) + (noise != BASE_SETTING[1])
                 if depth is Depth.QUICK and (variant != own or changed):
                     continue
-                near = changed < 2 if variant == own else (fps, noise) == (BASE[0], NOISES[1])
+                near = changed < 2 if variant == own else (fps, noise) == (BASE_SETTING[0], NOISES[1])
                 if depth is Depth.USUAL and not near:
                     continue
                 yield variant, fps, noise
 
 
-def _led_by(first: Value, values: tuple[Value, ...]) -> tuple[Value, ...]:
-    """The values, one of them before all others."""
+def _put_first(first: Value, values: tuple[Value, ...]) -> tuple[Value, ...]:
+    """Return the values with one of them first."""
     return tuple(sorted(values, key=lambda value: value != first))
 
 
-def tasks(plan: Plan) -> list[Task]:
-    """Every method on every case, or what stands for it."""
+def list_tasks(plan: ExperimentPlan) -> list[TrialTask]:
+    """List the methods to run on every case.
+
+    Args:
+        plan: The requested experiments.
+
+    Returns:
+        Tasks in the order in which they run.
+    """
     return [
-        Task(case, method.name)
-        for case in cases(plan)
-        for method in methods_for(case.scene, case.variant, plan.run)
-        if plan.depth is Depth.WHOLE or _is_own(case, plan.depth) or _is_told(case, method.name, plan)
+        TrialTask(case, method.name)
+        for case in list_cases(plan)
+        for method in build_methods(case.scene, case.variant, plan.run)
+        if plan.depth is Depth.WHOLE
+        or _has_all_methods(case, plan.depth)
+        or _is_representative(case, method.name, plan)
     ]
 
 
-def _is_told(case: Case, method: str, plan: Plan) -> bool:
-    """Whether a method stands for its kind in a setting, with the seed of the case."""
+def _is_representative(case: ExperimentCase, method: str, plan: ExperimentPlan) -> bool:
+    """Return whether a method represents its kind in a setting, with the seed of the case."""
     first = case.seed == plan.seeds[0] or method not in SLOW_NETS.get(case.scene, ())
-    return method in EACH_KIND and (first or plan.depth is Depth.QUICK)
+    return method in REPRESENTATIVES and (first or plan.depth is Depth.QUICK)
 
 
-def _is_own(case: Case, depth: Depth) -> bool:
-    """Whether all methods are run: in the thesis' own setting, if there is time."""
-    own = FIRST_VARIANT.get(case.scene) == case.variant and (case.fps, case.noise) == BASE
+def _has_all_methods(case: ExperimentCase, depth: Depth) -> bool:
+    """Return whether all methods run on a case: in the setting of the thesis, unless the plan is quick."""
+    own = FIRST_VARIANT.get(case.scene) == case.variant and (case.fps, case.noise) == BASE_SETTING
     return depth is not Depth.QUICK and (own or case.scene == "pool")
 
 
-def series_of(case: Case, plan: Plan) -> Series:
-    """The series of a case. OptionError where its material is missing."""
+def build_case_series(case: ExperimentCase, plan: ExperimentPlan) -> WithheldSeries:
+    """Build the series of a case. OptionError where its data are missing."""
     if case.scene == "double-pendulum":
-        return double_pendulum(case, SECONDS)
+        return build_pendulum_series(case, SECONDS)
     if case.scene == "boxes":
-        return boxes(case, SECONDS)
+        return build_boxes_series(case, SECONDS)
     if case.scene == "real":
         assert plan.data is not None
-        return real_pendulum(case, plan.data)
+        return read_recorded_series(case, plan.data)
     assert plan.run is not None
-    return pool(case, plan.run)
+    return build_pool_series(case, plan.run)
 
 
-def method_of(task: Task, plan: Plan) -> Method:
-    """The method of a task."""
-    there = methods_for(task.case.scene, task.case.variant, plan.run)
+def find_method(task: TrialTask, plan: ExperimentPlan) -> MotionMethod:
+    """Find the method of a task."""
+    there = build_methods(task.case.scene, task.case.variant, plan.run)
     return next(method for method in there if method.name == task.method)
 
 
-def left_out(plan: Plan) -> list[str]:
-    """A sentence for every scene of the plan that cannot be run."""
-    said = []
+def explain_omissions(plan: ExperimentPlan) -> list[str]:
+    """Explain which scenes of a plan cannot run.
+
+    Args:
+        plan: The requested experiments.
+
+    Returns:
+        One sentence for every scene that is left out.
+    """
+    omissions = []
     if "real" in plan.scenes and plan.data is None:
-        said.append(f"The real pendulum is left out: give --data a folder with {RECORDING}.")
+        omissions.append(f"The real pendulum is left out: give --data a folder with {RECORDING}.")
     if "pool" in plan.scenes and plan.run is None:
-        said.append("The pool scene is left out: give --run the folder of a run of `trueroll run`.")
-    return said
+        omissions.append("The pool scene is left out: give --run the folder of a run of `trueroll run`.")
+    return omissions
 
 
-def trained(plan: Plan) -> str:
-    """A sentence on how long networks learnt, and which of them learnt with one seed."""
+def describe_training(plan: ExperimentPlan) -> str:
+    """Describe how long networks trained, and which of them with one seed.
+
+    Args:
+        plan: The requested experiments.
+
+    Returns:
+        One or two sentences.
+    """
     usual = BUDGETS[plan.depth]
-    shorter = [f"{seconds:.0f} s on {scene}" for (depth, scene), seconds in SHORTER.items() if depth is plan.depth]
+    shorter = [
+        f"{seconds:.0f} s on {scene}" for (depth, scene), seconds in SHORTER_TRAINING_S.items() if depth is plan.depth
+    ]
     within = "; ".join([f"{usual.seconds:.0f} CPU s", *shorter])
     if usual.effort == 1:
-        return f"Networks learnt to the end of their training or for {within}."
-    said = f"Networks had {usual.effort:.0%} of their training, at most {within}, and can be better than this."
+        return f"Networks were trained to the end or for {within}."
+    sentence = f"Networks had {usual.effort:.0%} of their training, at most {within}, and can be better than this."
     if plan.depth is Depth.USUAL and len(plan.seeds) > 1:
-        said += " Outside the thesis' own setting the slow ones learnt with the first seed alone."
-    return said
+        sentence += " Outside the thesis' own setting the slow ones ran with the first seed alone."
+    return sentence

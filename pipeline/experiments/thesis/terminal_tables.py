@@ -1,20 +1,29 @@
-"""The tables of a terminal."""
+"""Tables of results in the terminal."""
 
 from __future__ import annotations
 
 from rich.markup import escape
 from rich.table import Table as Grid
 
-from pipeline.experiments.thesis.thesis_page import sheets
-from pipeline.experiments.thesis.thesis_sentences import Cell
+from pipeline.experiments.thesis.thesis_page import build_tables
+from pipeline.experiments.thesis.thesis_sentences import SettingResult
 
 LOOKS = {"best": "bold green", "worse": "dim"}
+"""Text styles of cells."""
 
 
-def grids(scene: str, found: list[Cell]) -> list[Grid]:
-    """A table for each variant of a scene: methods down, rates and noises across."""
-    made = []
-    for sheet in sheets(scene, found):
+def build_grids(scene: str, results: list[SettingResult]) -> list[Grid]:
+    """Build a table for each variant of a scene: methods down, frame rates and noises across.
+
+    Args:
+        scene: Name of the scene.
+        results: Results of all settings.
+
+    Returns:
+        One table per variant.
+    """
+    grids = []
+    for sheet in build_tables(scene, results):
         grid = Grid(title=escape(sheet.caption), box=None, pad_edge=False, title_justify="left")
         grid.add_column("method", no_wrap=True)
         for head in sheet.heads:
@@ -24,5 +33,5 @@ def grids(scene: str, found: list[Cell]) -> list[Grid]:
             texts = [f"[{look}]{number.text}[/]" if look else number.text
                      for look, number in zip(looks, line.cells, strict=True)]  # fmt: skip
             grid.add_row(escape(line.method), *texts)
-        made.append(grid)
-    return made
+        grids.append(grid)
+    return grids

@@ -1,4 +1,4 @@
-"""The results as files: trials.csv, a PNG for each figure, and one self-contained page."""
+"""The results as files: trials.csv, one PNG per figure, and one self-contained page."""
 
 from __future__ import annotations
 
@@ -13,21 +13,34 @@ from statistics import median
 
 import numpy as np
 
-from pipeline.engine.atomic_write import aside
-from pipeline.experiments.thesis.compared_methods import given
-from pipeline.experiments.thesis.experiment_plan import SCENES, Plan, left_out, series_of, trained
-from pipeline.experiments.thesis.scenes.boxes_scene import bodies
-from pipeline.experiments.thesis.thesis_figures import (
-    Drawn,
-    boxes_series,
-    error_over_time,
-    errors_by_method,
-    loss_curves,
-    pendulum_series,
+from pipeline.engine.atomic_write import replace_file
+from pipeline.experiments.thesis.compared_methods import describe_extra_inputs
+from pipeline.experiments.thesis.experiment_plan import (
+    SCENES,
+    ExperimentPlan,
+    build_case_series,
+    describe_training,
+    explain_omissions,
 )
-from pipeline.experiments.thesis.thesis_sentences import Cell, best, cells, sentences, setting_of, times
+from pipeline.experiments.thesis.scenes.boxes_scene import body_indices
+from pipeline.experiments.thesis.thesis_figures import (
+    ThesisFigure,
+    plot_boxes_series,
+    plot_error_over_time,
+    plot_errors_by_method,
+    plot_loss_curves,
+    plot_pendulum_series,
+)
+from pipeline.experiments.thesis.thesis_sentences import (
+    SettingResult,
+    describe_scene_results,
+    find_best_method,
+    format_times,
+    summarize_settings,
+    trial_setting,
+)
 from pipeline.experiments.thesis.trials import Trial
-from pipeline.reporting.pages.page_template import render
+from pipeline.reporting.pages.page_template import render_template
 
 TITLES = {
     "double-pendulum": "Scene I: the double pendulum",
@@ -36,52 +49,59 @@ TITLES = {
     "pool": "Scene III: pool, from a real clip",
 }
 UNITS = {"double-pendulum": "{} springs", "real": "From {} on", "boxes": "A ball of {} px/s", "pool": "{}"}
-"""What a variant of a scene is."""
-MOST_PANELS = 9
-"""of a figure."""
+"""Name of a variant of a scene."""
+MAX_PANELS = 9
+"""Largest number of panels of a figure."""
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
-    """One number of a table."""
+class TableCell:
+    """One cell of a table."""
 
     text: str
     look: str
-    """best, worse than linear, or nothing."""
+    """Style: best, worse (than linear), or empty."""
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
-    """One method of a table."""
+class MethodRow:
+    """The cells of one method."""
 
     method: str
-    cells: list[Number]
+    cells: list[TableCell]
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
-    """How many times lower than linear every method is, a column for each rate and noise."""
+class ResultTable:
+    """Error of every method relative to linear interpolation; one column per frame rate and noise."""
 
     caption: str
     heads: list[str]
-    rows: list[Line]
+    rows: list[MethodRow]
 
 
-def write_results(plan: Plan, trials: Sequence[Trial], planned: int, folder: Path) -> None:
-    """Write all files to `folder`; each appears whole or not at all."""
-    found = cells(trials)
-    figures = {scene: _figures(scene, found, trials, plan) for scene in SCENES}
-    with aside(folder / "trials.csv") as path:
-        path.write_text(as_csv(trials), encoding="utf-8")
+def write_results(plan: ExperimentPlan, trials: Sequence[Trial], planned: int, folder: Path) -> None:
+    """Write tables, figures and the page; each file appears whole or not at all.
+
+    Args:
+        plan: The requested experiments.
+        trials: The finished trials.
+        planned: Number of planned trials.
+        folder: Output folder.
+    """
+    results = summarize_settings(trials)
+    figures = {scene: _plot_scene(scene, results, trials, plan) for scene in SCENES}
+    with replace_file(folder / "trials.csv") as path:
+        path.write_text(format_csv(trials), encoding="utf-8")
     for drawn in [one for some in figures.values() for one in some]:
-        with aside(folder / f"{drawn.name}.png") as path:
+        with replace_file(folder / f"{drawn.name}.png") as path:
             path.write_bytes(drawn.png)
-    with aside(folder / "reproduce.html") as path:
-        path.write_text(_page(plan, trials, planned, found, figures), encoding="utf-8")
+    with replace_file(folder / "reproduce.html") as path:
+        path.write_text(_render_page(plan, trials, planned, results, figures), encoding="utf-8")
 
 
-def as_csv(trials: Sequence[Trial]) -> str:
-    """One row per trial, the columns of the contract first."""
+def format_csv(trials: Sequence[Trial]) -> str:
+    """Format one row per trial, with the columns of the contract first."""
     text = io.StringIO()
     rows = [trial.row for trial in trials]
     writer = csv.DictWriter(text, list(rows[0]) if rows else ["scene"], lineterminator="\n")
@@ -90,46 +110,49 @@ def as_csv(trials: Sequence[Trial]) -> str:
     return text.getvalue()
 
 
-def sheets(scene: str, found: list[Cell]) -> list[Sheet]:
-    """A table for each variant of a scene."""
-    here = [cell for cell in found if cell.scene == scene]
+def build_tables(scene: str, results: list[SettingResult]) -> list[ResultTable]:
+    """Build a table for each variant of a scene."""
+    here = [cell for cell in results if cell.scene == scene]
     variants = dict.fromkeys(cell.variant for cell in here)
-    return [_sheet(variant, [cell for cell in here if cell.variant == variant]) for variant in variants]
+    return [_build_table(variant, [cell for cell in here if cell.variant == variant]) for variant in variants]
 
 
-def _sheet(variant: str, here: list[Cell]) -> Sheet:
+def _build_table(variant: str, here: list[SettingResult]) -> ResultTable:
     methods = list(dict.fromkeys(name for cell in here for name in cell.mse))
     heads = [f"{cell.fps:.3g} Hz, {cell.noise:g} px" for cell in here]
-    first = Line("linear: mse, px²", [Number(f"{cell.mse['linear']:.3g}", "worse") for cell in here])
-    rest = [Line(name, [_number(cell, name) for cell in here]) for name in methods if name != "linear"]
+    first = MethodRow("linear: mse, px²", [TableCell(f"{cell.mse['linear']:.3g}", "worse") for cell in here])
+    rest = [MethodRow(name, [_format_cell(cell, name) for cell in here]) for name in methods if name != "linear"]
     name = UNITS[here[0].scene].format(variant)
-    return Sheet(f"{name[0].upper()}{name[1:]}: how many times lower than linear", heads, [first, *rest])
+    return ResultTable(f"{name[0].upper()}{name[1:]}: how many times lower than linear", heads, [first, *rest])
 
 
-def _number(cell: Cell, name: str) -> Number:
+def _format_cell(cell: SettingResult, name: str) -> TableCell:
     if name not in cell.mse:
-        return Number("-", "worse")
+        return TableCell("-", "worse")
     gain = cell.mse["linear"] / max(cell.mse[name], 1e-300)
-    leader = best(cell, cell.mse)
+    leader = find_best_method(cell, cell.mse)
     look = "best" if leader is not None and leader[0] == name else "worse" if gain < 1 else ""
-    return Number(times(gain) if gain >= 1e-3 else "lost", look)
+    return TableCell(format_times(gain) if gain >= 1e-3 else "lost", look)
 
 
-def learning(scene: str, trials: Sequence[Trial]) -> Sheet | None:
-    """What methods took in the first setting of a scene, where all of them are run: medians over the seeds."""
+def build_learning_table(scene: str, trials: Sequence[Trial]) -> ResultTable | None:
+    """Build the table of training costs in the first setting of a scene, where all methods run: medians over seeds."""
     here = [trial for trial in trials if trial.case.scene == scene]
-    setting = setting_of(here[0]) if here else None
+    setting = trial_setting(here[0]) if here else None
     by_method: dict[str, list[Trial]] = {}
     for trial in here:
-        if setting_of(trial) == setting and trial.parameters:
+        if trial_setting(trial) == setting and trial.parameters:
             by_method.setdefault(trial.method, []).append(trial)
     if not by_method:
         return None
-    rows = [Line(method, [Number(text, "") for text in _cost(some)]) for method, some in by_method.items()]
-    return Sheet("What methods took to learn, in the first setting", ["numbers learnt", "steps", "CPU s"], rows)
+    rows = [
+        MethodRow(method, [TableCell(text, "") for text in _format_learning_cost(some)])
+        for method, some in by_method.items()
+    ]
+    return ResultTable("Training cost of the methods, in the first setting", ["parameters", "steps", "CPU s"], rows)
 
 
-def _cost(trials: list[Trial]) -> tuple[str, str, str]:
+def _format_learning_cost(trials: list[Trial]) -> tuple[str, str, str]:
     numbers, steps = (int(median(values)) for values in (
         [trial.parameters for trial in trials], [len(trial.loss) for trial in trials]
     ))  # fmt: skip
@@ -137,64 +160,72 @@ def _cost(trials: list[Trial]) -> tuple[str, str, str]:
     return f"{numbers:,}", f"{steps:,}" if steps else "-", f"{seconds:.1f}"
 
 
-def _figures(scene: str, found: list[Cell], trials: Sequence[Trial], plan: Plan) -> list[Drawn]:
+def _plot_scene(
+    scene: str, results: list[SettingResult], trials: Sequence[Trial], plan: ExperimentPlan
+) -> list[ThesisFigure]:
     here = [trial for trial in trials if trial.case.scene == scene]
     if not here:
         return []
-    settings = [cell for cell in found if cell.scene == scene][:MOST_PANELS]
+    settings = [cell for cell in results if cell.scene == scene][:MAX_PANELS]
     number = {"double-pendulum": "6", "boxes": "8"}.get(scene)
     name = f"figure-{number}-{scene}-errors" if number else f"{scene}-errors"
     kind = f"Figure {number}: error" if number else "Error"
     title = f"{kind} of every method; bars are medians over seeds, dots are seeds"
     middle = settings[len(settings) // 2]
     return [
-        *_series(here[0], plan),
-        errors_by_method(settings, here, name, title),
-        error_over_time(here, middle, f"{scene}-error-over-time", "Error over time"),
-        *_losses(scene, here),
+        *_plot_series(here[0], plan),
+        plot_errors_by_method(settings, here, name, title),
+        plot_error_over_time(here, middle, f"{scene}-error-over-time", "Error over time"),
+        *_plot_losses(scene, here),
     ]
 
 
-def _losses(scene: str, here: Sequence[Trial]) -> list[Drawn]:
+def _plot_losses(scene: str, here: Sequence[Trial]) -> list[ThesisFigure]:
     case = here[0].case
-    taught = [trial for trial in here if trial.case == case and len(trial.loss) > 1]
+    trained = [trial for trial in here if trial.case == case and len(trial.loss) > 1]
     title = (
         f"Loss of every network while it learns, the first seed ({case.variant}, {case.fps:.3g} Hz, {case.noise:g} px)"
     )
-    return [loss_curves(taught, f"{scene}-loss", title)] if taught else []
+    return [plot_loss_curves(trained, f"{scene}-loss", title)] if trained else []
 
 
-def _series(trial: Trial, plan: Plan) -> list[Drawn]:
+def _plot_series(trial: Trial, plan: ExperimentPlan) -> list[ThesisFigure]:
     if trial.case.scene == "double-pendulum":
-        return [pendulum_series(series_of(trial.case, plan))]
+        return [plot_pendulum_series(build_case_series(trial.case, plan))]
     if trial.case.scene == "boxes":
-        return [boxes_series(series_of(trial.case, plan), np.asarray(bodies()))]
+        return [plot_boxes_series(build_case_series(trial.case, plan), np.asarray(body_indices()))]
     return []
 
 
-def _page(plan: Plan, trials: Sequence[Trial], planned: int, found: list[Cell], figures: dict[str, list[Drawn]]) -> str:
+def _render_page(
+    plan: ExperimentPlan,
+    trials: Sequence[Trial],
+    planned: int,
+    results: list[SettingResult],
+    figures: dict[str, list[ThesisFigure]],
+) -> str:
     scenes = [
         {
             "title": TITLES[scene],
-            "said": sentences(scene, found, plan.budget(scene).effort),
-            "given": given(scene, {trial.method for trial in trials if trial.case.scene == scene}),
-            "tables": [*sheets(scene, found), *filter(None, [learning(scene, trials)])],
+            "said": describe_scene_results(scene, results, plan.budget(scene).effort),
+            "given": describe_extra_inputs(scene, {trial.method for trial in trials if trial.case.scene == scene}),
+            "tables": [*build_tables(scene, results), *filter(None, [build_learning_table(scene, trials)])],
             "figures": [{"title": one.title, "data": b64encode(one.png).decode()} for one in figures[scene]],
         }
         for scene in SCENES
-        if any(cell.scene == scene for cell in found)
+        if any(cell.scene == scene for cell in results)
     ]
-    return render(
+    return render_template(
         "reproduce.html",
-        seeds=len({trial.case.seed for trial in trials}), trained=trained(plan),
-        done=len(trials), planned=planned, left_out=left_out(plan), scenes=scenes, notes=_notes(trials),
+        seeds=len({trial.case.seed for trial in trials}), trained=describe_training(plan),
+        done=len(trials), planned=planned, left_out=explain_omissions(plan), scenes=scenes, notes=_count_notes(trials),
     )  # fmt: skip
 
 
-def _notes(trials: Sequence[Trial]) -> list[str]:
-    """What methods said of their own motions, counted."""
-    said = Counter((trial.case.scene, trial.case.variant, trial.method, trial.note) for trial in trials if trial.note)
+def _count_notes(trials: Sequence[Trial]) -> list[str]:
+    """Count the warnings of methods about their own motions."""
+    counts = Counter((trial.case.scene, trial.case.variant, trial.method, trial.note) for trial in trials if trial.note)
     return [
         f"{scene}, {variant}, {method}: {note}{f' ({count} times)' if count > 1 else ''}"
-        for (scene, variant, method, note), count in said.items()
+        for (scene, variant, method, note), count in counts.items()
     ]

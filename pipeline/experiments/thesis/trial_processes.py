@@ -1,4 +1,8 @@
-"""Trials in several processes; what the cache has is only read."""
+"""Trials in several processes, which share the cache.
+
+They use a process pool of their own: the executors of fits have two processes and return all results at once, whereas
+`--jobs` sets the number of processes here, and each trial is reported when it is finished.
+"""
 
 from __future__ import annotations
 
@@ -7,38 +11,51 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from pipeline.engine.result_cache import Cache
-from pipeline.experiments.thesis.experiment_plan import Plan, Task, method_of, series_of
-from pipeline.experiments.thesis.trials import Trial, is_known, tried
+from pipeline.engine.result_cache import ResultCache
+from pipeline.experiments.thesis.experiment_plan import ExperimentPlan, TrialTask, build_case_series, find_method
+from pipeline.experiments.thesis.trials import Trial, is_cached, run_trial
 
 
-def carried_out(plan: Plan, tasks: Sequence[Task], root: Path, jobs: int) -> Iterator[Trial]:
-    """Every trial of `tasks`, in their order."""
-    cache = Cache(root)
+def run_trials(plan: ExperimentPlan, tasks: Sequence[TrialTask], root: Path, jobs: int) -> Iterator[Trial]:
+    """Run trials, in this process or in several.
+
+    Args:
+        plan: The requested experiments.
+        tasks: Tasks to run.
+        root: Folder of the cache.
+        jobs: Number of processes.
+
+    Yields:
+        The trial of each task, in their order.
+    """
+    cache = ResultCache(root)
     missing = [
         task
         for task in tasks
-        if not is_known(method_of(task, plan), series_of(task.case, plan), plan.budget(task.case.scene), cache)
+        if not is_cached(
+            find_method(task, plan), build_case_series(task.case, plan), plan.budget(task.case.scene), cache
+        )
     ]
     if jobs == 1 or len(missing) <= 1:
-        yield from (_trial(plan, task, cache) for task in tasks)
+        yield from (_run_task(plan, task, cache) for task in tasks)
         return
     # fresh processes: a forked one would inherit threads of the libraries
     with ProcessPoolExecutor(min(jobs, len(missing)), multiprocessing.get_context("spawn")) as pool:
-        pending = {task: pool.submit(_prepare, plan, task, root) for task in missing}
+        pending = {task: pool.submit(_fill_cache, plan, task, root) for task in missing}
         try:
             for task in tasks:
                 if task in pending:
                     pending[task].result()
-                yield _trial(plan, task, cache)
+                yield _run_task(plan, task, cache)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _prepare(plan: Plan, task: Task, root: Path) -> None:
-    """See to it that the cache has a trial."""
-    _trial(plan, task, Cache(root))
+def _fill_cache(plan: ExperimentPlan, task: TrialTask, root: Path) -> None:
+    """Run a trial so that the cache holds it."""
+    _run_task(plan, task, ResultCache(root))
 
 
-def _trial(plan: Plan, task: Task, cache: Cache) -> Trial:
-    return tried(method_of(task, plan), series_of(task.case, plan), plan.budget(task.case.scene), cache)
+def _run_task(plan: ExperimentPlan, task: TrialTask, cache: ResultCache) -> Trial:
+    """Run the trial of a task, or read it from the cache."""
+    return run_trial(find_method(task, plan), build_case_series(task.case, plan), plan.budget(task.case.scene), cache)

@@ -1,4 +1,4 @@
-"""One method on one series, kept in the cache: what was once worked out is not worked out again."""
+"""One method on one series, cached by its inputs and its code."""
 
 from __future__ import annotations
 
@@ -13,46 +13,47 @@ from typing import Any
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import Budget, Fitted, Method
+from models.neural.common.method_interface import FittedMotion, MotionMethod, TrainingBudget
 from models.neural.common.spline_methods import CUBIC, LINEAR
-from pipeline.engine.result_cache import Cache, Key
-from pipeline.engine.source_fingerprint import library_versions, source_hashes
-from pipeline.experiments.thesis.assessed_motion import Judged
-from pipeline.experiments.thesis.scenes.withheld_series import Case, Series, mean_square
+from pipeline.engine.cache_key import CacheKey
+from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.source_fingerprint import hash_sources, library_versions
+from pipeline.experiments.thesis.assessed_motion import AssessedMotion
+from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, mean_squared_error
 
 STAGE = "reproduce"
-LOST = 1e6
-"""px: a motion that is farther off at any midpoint is lost, and its error is that."""
+MAX_ERROR_PX = 1e6
+"""Largest counted error at a midpoint, px; larger and undefined errors are counted as this."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """How one method did on one series of H withheld midpoints."""
+    """Result of one method on one series of H withheld midpoints."""
 
-    case: Case
+    case: ExperimentCase
     method: str
     mse: float
     """px^2 over the withheld midpoints: mean over points and coordinates."""
     x_linear: float
-    """How many times lower than that of the polygon through the visible samples."""
+    """Ratio of the mse of linear interpolation to this one."""
     x_cubic: float
-    """... than that of the cubic spline through them."""
+    """Ratio of the mse of the cubic spline to this one."""
     seconds: float
-    """CPU s of learning."""
+    """CPU time of the fit, s."""
     parameters: int
-    """Numbers that were learnt."""
+    """Number of learned parameters."""
     note: str
-    """What is wrong with the motion; empty where nothing is known to be."""
+    """Warning about the motion; empty where there is none."""
     t: FloatArray
     """(H,) s of the midpoints."""
     error: FloatArray
     """(H,) px: root mean square over points and coordinates at each."""
     loss: FloatArray
-    """(L,) of the network on what it saw."""
+    """(L,) training loss of a network."""
 
     @property
     def row(self) -> dict[str, Any]:
-        """As in the contract: numbers that are not finite are None."""
+        """The trial as a row of the contract; numbers that are not finite are None."""
         numbers = {name: getattr(self, name) for name in ("mse", "x_linear", "x_cubic", "seconds")}
         finite = {name: value if np.isfinite(value) else None for name, value in numbers.items()}
         case = self.case
@@ -61,69 +62,87 @@ class Trial:
                 "note": self.note}  # fmt: skip
 
 
-def tried(method: Method, series: Series, budget: Budget, cache: Cache) -> Trial:
-    """The trial, from the cache where the same was tried with the same code."""
-    key = Key(STAGE, _parts(method, series, budget))
-    return _read(series.case, method.name, cache.make(key, lambda folder: _try(method, series, budget, folder)).folder)
+def run_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget, cache: ResultCache) -> Trial:
+    """Run a trial, or read it from the cache if the same was run with the same code."""
+    key = CacheKey(STAGE, _list_key_parts(method, series, budget))
+    return _read_trial(
+        series.case,
+        method.name,
+        cache.find_or_build(key, lambda folder: _write_trial(method, series, budget, folder)).folder,
+    )
 
 
-def is_known(method: Method, series: Series, budget: Budget, cache: Cache) -> bool:
-    """Whether the cache has the trial."""
-    return cache.find(Key(STAGE, _parts(method, series, budget))) is not None
+def is_cached(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget, cache: ResultCache) -> bool:
+    """Return whether the cache has the trial."""
+    return cache.find(CacheKey(STAGE, _list_key_parts(method, series, budget))) is not None
 
 
-def _parts(method: Method, series: Series, budget: Budget) -> dict[str, Any]:
+def _list_key_parts(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget) -> dict[str, Any]:
+    """List what the result depends on, for the cache key."""
     return {
-        "case": asdict(series.case), "content": _content(series), "method": [type(method).__qualname__, method.name],
-        "budget": [budget.effort, budget.seconds], "source": _sources(type(method).__module__),
+        "case": asdict(series.case), "content": _hash_series(series),
+        "method": [type(method).__qualname__, method.name],
+        "budget": [budget.effort, budget.seconds], "source": _hash_method_sources(type(method).__module__),
         "libraries": library_versions(),
     }  # fmt: skip
 
 
 @lru_cache(maxsize=64)
-def _sources(module: str) -> dict[str, str]:
-    return {**source_hashes(module), **source_hashes(__name__)}
+def _hash_method_sources(module: str) -> dict[str, str]:
+    """Hash the sources of a method and of this module."""
+    return {**hash_sources(module), **hash_sources(__name__)}
 
 
-def _content(series: Series) -> str:
-    """Digest of the numbers of a series."""
+def _hash_series(series: WithheldSeries) -> str:
+    """Hash the values of a series."""
     digest = hashlib.sha256()
-    for part in (series.t, series.seen, series.truth):
+    for part in (series.t, series.observed, series.truth):
         digest.update(np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
 
 
-def _try(method: Method, series: Series, budget: Budget, folder: Path) -> None:
-    t, truth = series.hidden
-    fitted, note = _learnt(lambda: method.fit(*series.shown, series.case.seed, budget))
+def _write_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget, folder: Path) -> None:
+    """Run a method and write its result to a folder."""
+    t, truth = series.withheld_samples
+    fitted, note = _fit_or_explain(lambda: method.fit(*series.visible_samples, series.case.seed, budget))
     guess = np.full_like(truth, np.nan) if fitted is None else fitted.at(t)
-    off = np.nan_to_num(guess - truth, nan=LOST, posinf=LOST, neginf=-LOST).clip(-LOST, LOST)
+    off = np.nan_to_num(guess - truth, nan=MAX_ERROR_PX, posinf=MAX_ERROR_PX, neginf=-MAX_ERROR_PX).clip(
+        -MAX_ERROR_PX, MAX_ERROR_PX
+    )
     error = np.sqrt(np.mean(off**2, axis=(1, 2)))
     loss = np.empty(0) if fitted is None else fitted.loss_curve
     np.savez(folder / "trial.npz", t=t, error=error, loss=loss)
     mse = float(np.mean(off**2))
-    rivals = {name: mean_square(curve.fit(*series.shown, 0, budget).at(t), truth) / mse if mse > 0 else np.inf
-              for name, curve in (("x_linear", LINEAR), ("x_cubic", CUBIC))}  # fmt: skip
-    told = {"mse": mse, **rivals, "seconds": fitted.seconds if fitted else np.nan,
-            "parameters": fitted.parameters if fitted else 0, "note": note or _lost(guess, fitted)}  # fmt: skip
-    (folder / "trial.json").write_text(json.dumps(told), encoding="utf-8")
+    rivals = {
+        name: mean_squared_error(curve.fit(*series.visible_samples, 0, budget).at(t), truth) / mse
+        if mse > 0
+        else np.inf
+        for name, curve in (("x_linear", LINEAR), ("x_cubic", CUBIC))
+    }
+    values = {
+        "mse": mse, **rivals, "seconds": fitted.seconds if fitted else np.nan,
+        "parameters": fitted.parameter_count if fitted else 0, "note": note or _describe_defects(guess, fitted),
+    }  # fmt: skip
+    (folder / "trial.json").write_text(json.dumps(values), encoding="utf-8")
 
 
-def _learnt(fit: Callable[[], Fitted]) -> tuple[Fitted | None, str]:
-    """The motion, or the sentence with which a method refused the series."""
+def _fit_or_explain(fit: Callable[[], FittedMotion]) -> tuple[FittedMotion | None, str]:
+    """Fit a method; None and the reason where it rejects the series."""
     try:
         return fit(), ""
     except ValueError as error:
         return None, str(error)
 
 
-def _lost(guess: FloatArray, fitted: Fitted | None) -> str:
+def _describe_defects(guess: FloatArray, fitted: FittedMotion | None) -> str:
+    """Describe the defects of a motion."""
     if not np.isfinite(guess).all():
         return "the motion is lost"
-    return "; ".join(fitted.doubts) if isinstance(fitted, Judged) else ""
+    return "; ".join(fitted.warnings) if isinstance(fitted, AssessedMotion) else ""
 
 
-def _read(case: Case, name: str, folder: Path) -> Trial:
-    told = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
+def _read_trial(case: ExperimentCase, name: str, folder: Path) -> Trial:
+    """Read a trial from a folder."""
+    values = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
     with np.load(folder / "trial.npz") as arrays:
-        return Trial(case, name, **told, **{key: arrays[key] for key in ("t", "error", "loss")})
+        return Trial(case, name, **values, **{key: arrays[key] for key in ("t", "error", "loss")})

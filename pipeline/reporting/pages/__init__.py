@@ -1,1 +1,1 @@
-"""Self-contained HTML pages, and their templates."""
+"""Self-contained HTML pages and their templates; the sentences are in `reporting.text`, the plots in `figures`."""

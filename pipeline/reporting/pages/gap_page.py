@@ -1,4 +1,4 @@
-"""gap.html: the diagnosis on one self-contained page that a coach can read."""
+"""gap.html: a diagnosis on one self-contained page."""
 
 from __future__ import annotations
 
@@ -8,91 +8,104 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from diagnosis.fitting.names import growing, law, named, parameter, phase
-from diagnosis.verdicts.verdict import Place, Report, Strength
-from models.core.scene import Table
-from pipeline.engine.atomic_write import aside
-from pipeline.io.profile_export import PROFILE, has_cure
-from pipeline.reporting.figures.gap_figures import figures
-from pipeline.reporting.pages.page_template import embedded, plotly_source, render
-from pipeline.reporting.text.gap_sentences import (
-    causes,
-    closed_sentence,
-    folders_of_shots,
-    gap_sentence,
-    shot_named,
-    undecided,
-    untold,
+from diagnosis.fitting.display_names import (
+    format_cause,
+    format_growth_variable,
+    format_law,
+    format_parameter,
+    format_phase,
 )
-from pipeline.reporting.text.sentences import told
+from diagnosis.verdicts.verdict import DiagnosisReport, GapLocation, Strength
+from models.core.scene import Table
+from pipeline.engine.atomic_write import replace_file
+from pipeline.io.profile_export import PROFILE_FILE, has_fitted_model
+from pipeline.reporting.figures.gap_figures import build_gap_figures
+from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.text.gap_sentences import (
+    format_gap_closure,
+    format_shot_folders,
+    format_shot_name,
+    format_undecided,
+    format_unidentified,
+    format_verdict,
+    list_causes,
+)
+from pipeline.reporting.text.text_formatting import escape_text
 
-SHOWN = 8
-"""candidates in the list"""
-_HEIGHT = 420
-"""px of a figure."""
+MAX_CANDIDATES = 8
+"""Candidates in the list."""
+_FIGURE_HEIGHT = 420
+"""Height of a figure, px."""
 
 
 def write_gap_page(
-    report: Report,
+    report: DiagnosisReport,
     title: str,
     path: Path,
     table: Table | None = None,
     origins: Mapping[int, str] = MappingProxyType({}),
 ) -> None:
-    """Write the page to `path`; plans show the table, where there is one, and its profile lies beside the page. Shots
-    are named by their folders, where `origins` has them."""
-    # a simulator to which nothing was added, fitted twice, is still one
+    """Write the page of a diagnosis.
+
+    Args:
+        report: Result of the diagnosis.
+        title: Heading of the page.
+        path: File to write; for a table, profile.json is in the same folder.
+        table: The table, drawn in the plans; None for other scenes.
+        origins: Folder names of the shots; empty if all are in one folder.
+    """
+    # With the verdict "none" nothing was added to the simulator: draw its prediction once.
     gap = replace(report.gap, after=report.gap.before) if report.verdict == "none" else report.gap
-    html = render(
+    html = render_template(
         "gap.html",
         name=title,
         report=report,
-        sentence=gap_sentence(report),
-        closed=closed_sentence(report),
-        candidates=causes(report)[:SHOWN],
+        sentence=format_verdict(report),
+        closed=format_gap_closure(report),
+        candidates=list_causes(report)[:MAX_CANDIDATES],
         where=[
             {
-                "phase": phase(one.phase),
+                "phase": format_phase(one.phase),
                 "share": one.share,
-                "mostly": ", ".join(_whom(one, origins)),
-                "grows_with": growing(one.grows_with or ""),
+                "mostly": ", ".join(_format_subjects(one, origins)),
+                "grows_with": format_growth_variable(one.grows_with or ""),
             }
             for one in report.where
         ],
-        per_effect=[(named(one.effect), one) for one in report.per_effect],
+        per_effect=[(format_cause(one.effect), one) for one in report.per_effect],
         plots=[
-            (caption, embedded(figure, f"plot-{k}", _HEIGHT))
-            for k, (caption, figure) in enumerate(figures(gap, table, origins))
+            (caption, embed_figure(figure, f"plot-{k}", _FIGURE_HEIGHT))
+            for k, (caption, figure) in enumerate(build_gap_figures(gap, table, origins))
         ],
-        fitted=[_fitted(one) for one in report.fitted if _told_of(one, report)],
-        numbered=folders_of_shots(origins),
-        laws=" and ".join(law(name) for name in report.forms),
-        model=", ".join(named(name) for name in report.model) or "no effect",
-        undecided=undecided(report),
-        profile=told(path.parent / PROFILE) if table is not None and has_cure(report) else "",
-        plotly=plotly_source(),
+        fitted=[_format_parameter(one) for one in report.fitted if _is_listed(one, report)],
+        numbered=format_shot_folders(origins),
+        laws=" and ".join(format_law(name) for name in report.forms),
+        model=", ".join(format_cause(name) for name in report.model) or "no effect",
+        undecided=format_undecided(report),
+        profile=escape_text(path.parent / PROFILE_FILE) if table is not None and has_fitted_model(report) else "",
+        plotly=read_plotly_source(),
     )
-    with aside(path) as target:
+    with replace_file(path) as target:
         target.write_text(html, encoding="utf-8")
 
 
-def _whom(one: Place, origins: Mapping[int, str]) -> list[str]:
-    """Whom most of a phase's share concerns, in words."""
+def _format_subjects(one: GapLocation, origins: Mapping[int, str]) -> list[str]:
+    """Format the ball, shot and image region that contribute most to a phase."""
     ball = None if one.ball is None else f"ball {one.ball}"
-    shot = None if one.shot is None else shot_named(one.shot, origins)
+    shot = None if one.shot is None else format_shot_name(one.shot, origins)
     return [word for word in (ball, shot, one.region) if word is not None]
 
 
-def _told_of(one: Strength, report: Report) -> bool:
-    """Whether a parameter belongs into the list: what the laws in use leave out is no part of the simulator."""
+def _is_listed(one: Strength, report: DiagnosisReport) -> bool:
+    """Return whether a parameter is listed; a parameter that the contact models do not use is not."""
     effect = one.name.partition(".")[0]
     unused = one.prior_only and not math.isfinite(one.detectable_from)
     return not unused or effect in (*report.model, *report.effects)
 
 
-def _fitted(one: Strength) -> dict[str, str]:
-    """A line of the improved simulator; of what these shots do not tell no value is shown."""
-    name, unit = parameter(one.name), one.unit if one.unit != "1" else ""
+def _format_parameter(one: Strength) -> dict[str, str]:
+    """Format a parameter as a table row; a parameter that is not identifiable has no value."""
+    name, unit = format_parameter(one.name), one.unit if one.unit != "1" else ""
     if one.prior_only:
-        return {"name": name, "untold": untold(one)}
-    return {"name": name, "untold": "", "value": f"{one.value:.4g}", "sigma": f"{one.sigma:.2g}", "unit": unit}
+        return {"name": name, "unidentified": format_unidentified(one)}
+    return {"name": name, "unidentified": "", "value": f"{one.value:.4g}", "sigma": f"{one.sigma:.2g}", "unit": unit}

@@ -1,4 +1,4 @@
-"""What all pages have in common: one look, templates that escape everything, figures that embed offline."""
+"""Rendering of HTML templates with escaped values, and of plotly figures that need no network."""
 
 from __future__ import annotations
 
@@ -11,8 +11,16 @@ from plotly.io import templates, to_html
 from plotly.offline import get_plotlyjs
 
 
-def render(template: str, **values: object) -> str:
-    """A page from a template of `pipeline/templates`; every value is escaped but what the template calls safe."""
+def render_template(template: str, **values: object) -> str:
+    """Render a template of `pipeline/reporting/pages/templates`.
+
+    Args:
+        template: File name of the template.
+        values: Values of the template; all are escaped unless the template marks them as safe.
+
+    Returns:
+        The HTML page.
+    """
     page = Environment(
         loader=PackageLoader("pipeline.reporting.pages", "templates"),
         autoescape=True,
@@ -22,26 +30,32 @@ def render(template: str, **values: object) -> str:
     return page.render(**values)
 
 
-def plotly_source() -> str:
-    """The library that draws figures, to be carried in a page."""
+def read_plotly_source() -> str:
+    """Return the source of plotly.js, to be embedded in a page."""
     source: str = get_plotlyjs()
     return source
 
 
-def embedded(figure: go.Figure, name: str, height: int) -> str:
-    """A figure as HTML that `plotly_source` draws, in an element called `name`."""
+def embed_figure(figure: go.Figure, name: str, height: int) -> str:
+    """Format a figure as HTML that plotly.js draws, in an element with the id `name`; height in px."""
     drawn = figure.to_plotly_json()
-    margin = {"l": 60, "r": 14, "t": 14, "b": 48}
+    margin = {"l": 60, "r": 14, "t": 14, "b": 48} | drawn["layout"].get("margin", {})
     legend = {"orientation": "h", "y": -0.24}
-    # as plain words: given to the figure, the look is checked word by word, which takes longer than all the rest
-    drawn["layout"] |= {"template": _look(), "height": height, "margin": margin, "legend": legend, "font": {"size": 13}}
-    config = {"displayModeBar": False, "responsive": True}  # the bar of buttons would cover what is drawn
+    # Set in the dictionary: plotly validates every property set on a figure, which takes longer than everything else.
+    drawn["layout"] |= {
+        "template": _load_figure_template(),
+        "height": height,
+        "margin": margin,
+        "legend": legend,
+        "font": {"size": 13},
+    }
+    config = {"displayModeBar": False, "responsive": True}  # the tool bar would cover the plot
     html: str = to_html(drawn, config, full_html=False, include_plotlyjs=False, div_id=name, validate=False)
     return html
 
 
 @lru_cache(maxsize=1)
-def _look() -> dict[str, Any]:
-    """What all figures have in common."""
-    look: dict[str, Any] = templates["plotly_white"].to_plotly_json()
-    return look
+def _load_figure_template() -> dict[str, Any]:
+    """Return the plotly template that all figures share."""
+    template: dict[str, Any] = templates["plotly_white"].to_plotly_json()
+    return template

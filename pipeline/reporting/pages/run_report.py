@@ -1,4 +1,4 @@
-"""The page of a run: one self-contained HTML file to keep and send."""
+"""report.html: a run on one self-contained page."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from models.core.fit_result import Fit
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.estimation.contact_test import call_answers
-from models.estimation.contact_test.call_answers import Call
-from models.estimation.contact_test.shot_record import Record, record_of
-from pipeline.engine.atomic_write import aside
-from pipeline.reporting.figures.run_figures import ROW_PX as PARAMETER_PX
+from models.estimation.contact_test.call_answers import CallAnswer
+from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
+from pipeline.engine.atomic_write import replace_file
+from pipeline.reporting.figures.run_figures import PARAMETER_ROW_PX as PARAMETER_PX
 from pipeline.reporting.figures.run_figures import (
-    energy_figure,
-    page_colour,
-    parameter_figure,
-    plan_figure,
-    speed_figure,
+    build_energy_figure,
+    build_parameter_figure,
+    build_plan_figure,
+    build_speed_figure,
+    darken_for_page,
 )
-from pipeline.reporting.pages.page_embedding import data_uri, write_page
-from pipeline.reporting.pages.page_template import embedded, plotly_source, render
-from pipeline.reporting.text.run_trust import run_trust
-from pipeline.reporting.text.sentences import event_sentence, parameter_range, parameter_words
-from pipeline.reporting.text.shot_summary import tell
-from video.calibration.table_classifier import COULD_BE
+from pipeline.reporting.pages.page_embedding import build_data_uri, write_page
+from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.text.run_trust import assess_run_trust
+from pipeline.reporting.text.shot_summary import summarize_shots
+from pipeline.reporting.text.text_formatting import format_event, format_parameter_name, format_textbook_range
+from video.calibration.table_classifier import ALTERNATIVES_PREFIX
 from video.drawing.palette import ball_colour
 from video.io.clip import Clip
 
 EMBED_LIMIT_BYTES = 48_000_000
-"""A larger slow.mp4 is linked beside the page instead of carried in it."""
-SLOW_MARK = "slow-motion/carried-here"
-"""No clip can bear this name. Where the video goes in the page."""
-LEAD_IN = 0.15
-"""s of the clip before a moment, from which the video plays."""
+"""Largest slow.mp4 that is embedded in the page; a larger one is linked."""
+VIDEO_PLACEHOLDER = "slow-motion/carried-here"
+"""Placeholder of the video in the page; no clip can have this name."""
+LEAD_IN_SECONDS = 0.15
+"""s of the clip before an event, from which the video plays."""
 PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
-CLOSE = 0.02
-"""m between two balls that did not touch, up to which they are called."""
-MOST_CLOSE = 6
-"""Calls of balls that came near each other."""
-GOOD_SHARE, GOOD_CHI2, GOOD_PX = 0.9, 3.0, 1.0
-"""What is explained of the motion, what is left of it, and how noisy a place may be, before a flag is raised."""
+NEAR_MISS_GAP = 0.02
+"""m, largest gap of two balls without contact for which the page answers whether they touched."""
+MAX_NEAR_MISSES = 6
+"""Answers on balls that came near each other."""
+MIN_EXPLAINED_SHARE, MAX_CHI2, MAX_NOISE_PX = 0.9, 3.0, 1.0
+"""Limits of good quality: explained share of the motion, chi-square per degree of freedom, noise of a position (px)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReportFiles:
-    """What the page shows: the slow motion and the still, already written."""
+    """Files of a run that the page embeds, already written."""
 
     slow: Path
     poster: Path
@@ -61,8 +61,8 @@ class ReportFiles:
 
 
 @dataclass(frozen=True, slots=True)
-class Flag:
-    """One thing that makes a run good or doubtful."""
+class QualityFlag:
+    """One property of a run, good or doubtful."""
 
     what: str
     value: str
@@ -79,65 +79,83 @@ def write_report(
     settings: Sequence[str],
     path: Path,
 ) -> None:
-    """Write the page to `path`; `settings` are the options that reproduce the run, for its last section."""
-    colours = [page_colour(ball_colour(*seen)) for seen in zip(tracks.kinds, tracks.colour, strict=True)]
-    carried = {SLOW_MARK: (files.slow, "video/mp4")} if files.slow.stat().st_size <= EMBED_LIMIT_BYTES else {}
-    parameters = [*fit.parameters, *(fit.laws.parameters if fit.laws is not None else ())]
-    html = render(
+    """Write the page of a run.
+
+    Args:
+        clip: The clip.
+        scene: Table and camera.
+        tracks: Tracks of T frames and N balls.
+        fit: The fit of the shot.
+        files: Slow motion and still image.
+        title: Heading of the page.
+        settings: Options that reproduce the run.
+        path: File to write.
+    """
+    colours = [darken_for_page(ball_colour(*ball)) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
+    carried = {VIDEO_PLACEHOLDER: (files.slow, "video/mp4")} if files.slow.stat().st_size <= EMBED_LIMIT_BYTES else {}
+    parameters = [*fit.parameters, *(fit.whole_shot.parameters if fit.whole_shot is not None else ())]
+    html = render_template(
         "report.html",
         name=title,
-        trust=run_trust(clip, fit),
-        stories=tell(tracks, fit, [doubt for doubt in scene.doubts if doubt.startswith(COULD_BE)]),
-        balls=balls_of(tracks),
+        trust=assess_run_trust(clip, fit),
+        summaries=summarize_shots(
+            tracks, fit, [doubt for doubt in scene.warnings if doubt.startswith(ALTERNATIVES_PREFIX)]
+        ),
+        balls=list_ball_colours(tracks),
         numbered=any(ball[-1:].isdigit() for ball in tracks.ids),
-        poster=data_uri(files.poster, "image/png"),
-        video=SLOW_MARK if carried else files.slow.name,
+        poster=build_data_uri(files.poster, "image/png"),
+        video=VIDEO_PLACEHOLDER if carried else files.slow.name,
         slow=files.slow_factor,
         start=files.start,
-        events=event_rows(fit, files),
-        plan=embedded(plan_figure(scene, fit, colours), "plan", 440),
+        events=build_event_rows(fit, files),
+        plan=embed_figure(build_plan_figure(scene, fit, colours), "plan", 440),
         plan_ratio=round(scene.table.width / scene.table.length, 4),
-        speeds=embedded(speed_figure(scene, fit, colours), "speeds", 330),
-        energies=embedded(energy_figure(scene, fit, colours), "energies", 330),
-        calls=calls_of(record_of(tracks, fit.events, fit.trajectory, scene.table, scene.camera)),
-        plotly=plotly_source(),
-        parameter_plot=_parameter_plot(fit),
-        parameters=[(p, parameter_words(p.name), parameter_range(p.name)) for p in parameters],
-        lawless=fit.lawless,
-        flags=flags_of(clip, scene, tracks, fit),
+        speeds=embed_figure(build_speed_figure(scene, fit, colours), "speeds", 330),
+        energies=embed_figure(build_energy_figure(scene, fit, colours), "energies", 330),
+        calls=answer_calls(make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera)),
+        plotly=read_plotly_source(),
+        parameter_plot=_embed_parameter_plot(fit),
+        parameters=[(p, format_parameter_name(p.name), format_textbook_range(p.name)) for p in parameters],
+        refusal=fit.whole_shot_refusal,
+        flags=assess_quality(clip, scene, tracks, fit),
         notes=[*scene.notes, *clip.notes],
         settings=list(settings),
         versions={name: version(name) for name in PACKAGES},
         digest=clip.digest,
     )
-    with aside(path) as fresh:
+    with replace_file(path) as fresh:
         write_page(html, carried, fresh)
 
 
-def balls_of(tracks: Tracks) -> list[tuple[str, str]]:
-    """Every ball and its colour: a name such as stripe-4 is the program's, and no number that is printed on a ball."""
-    seen = zip(tracks.ids, tracks.kinds, tracks.colour, strict=True)
-    return [(ball, "rgb({},{},{})".format(*ball_colour(kind, colour))) for ball, kind, colour in seen]
+def list_ball_colours(tracks: Tracks) -> list[tuple[str, str]]:
+    """List the balls with their CSS colours."""
+    balls = zip(tracks.ids, tracks.kinds, tracks.colour, strict=True)
+    return [(ball, "rgb({},{},{})".format(*ball_colour(kind, colour))) for ball, kind, colour in balls]
 
 
-def _parameter_plot(fit: Fit) -> str:
-    told = [p for p in fit.parameters if np.isfinite(p.sigma)]
-    return embedded(parameter_figure(told), "parameters", 50 + PARAMETER_PX * len(told)) if told else ""
+def _embed_parameter_plot(fit: Fit) -> str:
+    """Embed the figure of the fitted parameters; empty if there are none."""
+    parameters = [p for p in fit.parameters if np.isfinite(p.sigma)]
+    return (
+        embed_figure(build_parameter_figure(parameters), "parameters", 50 + PARAMETER_PX * len(parameters))
+        if parameters
+        else ""
+    )
 
 
-def event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float]]:
-    """The contact list: each row seeks the video to a little before the moment."""
+def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float]]:
+    """Build the rows of the event list; each seeks the video to shortly before its event."""
     events = fit.events
     rows: list[dict[str, str | float]] = []
     for k in range(len(events)):
         gap = f"{1000 * events.gap[k]:+.1f} ± {1000 * events.gap_sigma[k]:.1f}" if np.isfinite(events.gap[k]) else ""
         rows.append(
             {
-                "seek": round(max(float(events.t[k]) - LEAD_IN - files.start, 0.0) * files.slow_factor, 3),
+                "seek": round(max(float(events.t[k]) - LEAD_IN_SECONDS - files.start, 0.0) * files.slow_factor, 3),
                 "at": round(max(float(events.t[k]) - files.start, 0.0) * files.slow_factor, 3),
                 "time": f"{events.t[k]:.4f}",
                 "sigma": f"{1000 * events.t_sigma[k]:.1f}",
-                "sentence": event_sentence(events, k),
+                "sentence": format_event(events, k),
                 "speed": f"{events.speed[k]:.2f}" if np.isfinite(events.speed[k]) else "",
                 "gap": gap,
                 "probability": f"{events.probability[k]:.0%}",
@@ -146,61 +164,71 @@ def event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float]]:
     return rows
 
 
-def calls_of(record: Record) -> list[tuple[str, Call]]:
-    """Questions and answers: what each struck ball met first, and which balls all but touched."""
+def answer_calls(record: ShotRecord) -> list[tuple[str, CallAnswer]]:
+    """Answer standard questions: first contact of each struck ball, pockets, and near misses."""
     struck = list(
         dict.fromkeys(record.events.a[k] for k in range(len(record.events)) if record.events.kind[k] == "strike")
     )
-    calls = [(f"first {a}", call_answers.first(record, a)) for a in struck if a in record.ids]
-    calls += [(f"cushion-first {a}", call_answers.cushion_first(record, a)) for a in struck if a in record.ids]
+    calls = [(f"first {a}", call_answers.answer_first_contact(record, a)) for a in struck if a in record.ids]
+    calls += [(f"cushion-first {a}", call_answers.answer_cushion_first(record, a)) for a in struck if a in record.ids]
     for k in range(len(record.events)):
         if record.events.kind[k] == "pocket" and record.events.a[k] in record.ids:
             a, pocket = record.events.a[k], record.events.b[k]
-            calls.append((f"pocket {a} {pocket}", call_answers.pocket(record, a, pocket)))
-    return calls + _close_calls(record)
+            calls.append((f"pocket {a} {pocket}", call_answers.answer_pocket(record, a, pocket)))
+    return calls + _answer_near_misses(record)
 
 
-def _close_calls(record: Record) -> list[tuple[str, Call]]:
-    """Pairs of balls that came near each other without a contact that is sure, the nearest first."""
+def _answer_near_misses(record: ShotRecord) -> list[tuple[str, CallAnswer]]:
+    """Answer whether balls touched that came near each other without a contact, the nearest pairs first."""
     events = record.events
-    met = {frozenset((events.a[k], events.b[k])) for k in range(len(events)) if events.kind[k] == "ball"}
-    reach = 2 * record.table.ball_radius + CLOSE
+    touching = {frozenset((events.a[k], events.b[k])) for k in range(len(events)) if events.kind[k] == "ball"}
+    reach = 2 * record.table.ball_radius + NEAR_MISS_GAP
     near = []
     for a, b in combinations(range(len(record.ids)), 2):
-        apart = np.linalg.norm(record.path[:, a] - record.path[:, b], axis=1)
-        known = apart[np.isfinite(apart)]
+        separation = np.linalg.norm(record.path[:, a] - record.path[:, b], axis=1)
+        distances = separation[np.isfinite(separation)]
         pair = (record.ids[a], record.ids[b])
-        if len(known) and known.min() < reach and np.ptp(known) > CLOSE and frozenset(pair) not in met:
-            near.append((float(known.min()), pair))
-    called = [pair for _, pair in sorted(near)[:MOST_CLOSE]]
-    return [(f"contact {a} {b}", call_answers.contact(record, a, b)) for a, b in called]
+        if (
+            len(distances)
+            and distances.min() < reach
+            and np.ptp(distances) > NEAR_MISS_GAP
+            and frozenset(pair) not in touching
+        ):
+            near.append((float(distances.min()), pair))
+    pairs = [pair for _, pair in sorted(near)[:MAX_NEAR_MISSES]]
+    return [(f"contact {a} {b}", call_answers.answer_contact(record, a, b)) for a, b in pairs]
 
 
-def flags_of(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Flag]:
-    """What the light came from, and what else may matter, each good or doubtful."""
-    moving, held = int(fit.moving.sum()), int((fit.moving & fit.accepted).sum())
-    share = held / moving if moving else 1.0
-    px = float(np.nanmedian(tracks.sigma[tracks.observed])) if tracks.observed.any() else float("nan")
-    scale = float(np.sqrt(abs(np.linalg.det(scene.camera.metres_per_pixel(_middle(scene), scene.table.ball_radius)))))
-    pictures = f"{len(clip.distinct)} distinct of {clip.frame_count}, {float(clip.rate):.3f} per second"
-    explained = f"{share:.0%} of their time" if moving else "nothing moves"
+def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[QualityFlag]:
+    """Assess the properties that the trust level depends on, and others, as good or doubtful."""
+    moving, explained_count = int(fit.moving.sum()), int((fit.moving & fit.accepted).sum())
+    share = explained_count / moving if moving else 1.0
+    px = float(np.nanmedian(tracks.sigma[tracks.is_observed])) if tracks.is_observed.any() else float("nan")
+    scale = float(
+        np.sqrt(abs(np.linalg.det(scene.camera.metres_per_pixel(_table_centre(scene), scene.table.ball_radius))))
+    )
+    frames = f"{len(clip.distinct_frames)} distinct of {clip.frame_count}, {float(clip.fps):.3f} fps"
+    explained = f"{share:.0%} of their time" if moving else "no ball moves"
     noise = f"{1000 * fit.noise:.2f} mm ({fit.noise / scale:.2f} px)"
     return [
-        Flag("Clip", "whole" if not clip.notes else " ".join(clip.notes), not clip.notes),
-        Flag("Pictures", pictures, True),
-        Flag("Table", f"{scene.table.name}, {scene.table.length:g} x {scene.table.width:g} m", not scene.doubts),
-        Flag("Camera", "moves" if scene.camera.motion is not None else "stands still", scene.camera.motion is None),
-        Flag("Moving balls explained by physics", explained, share >= GOOD_SHARE),
-        Flag("Noise of a measured position", noise, fit.noise / scale <= GOOD_PX),
-        Flag("Promised noise of a detection", f"{px / scale:.2f} px (median)", True),
-        Flag("Chi-square per degree of freedom", f"{fit.chi2_per_dof:.2f}", fit.chi2_per_dof <= GOOD_CHI2),
-        Flag(
-            "Shutter clock",
+        QualityFlag("Clip", "complete" if not clip.notes else " ".join(clip.notes), not clip.notes),
+        QualityFlag("Frames", frames, True),
+        QualityFlag(
+            "Table", f"{scene.table.name}, {scene.table.length:g} x {scene.table.width:g} m", not scene.warnings
+        ),
+        QualityFlag("Camera", "moves" if scene.camera.motion is not None else "static", scene.camera.motion is None),
+        QualityFlag("Moving balls explained by physics", explained, share >= MIN_EXPLAINED_SHARE),
+        QualityFlag("Noise of a measured position", noise, fit.noise / scale <= MAX_NOISE_PX),
+        QualityFlag("Stated noise of a detection", f"{px / scale:.2f} px (median)", True),
+        QualityFlag("Chi-square per degree of freedom", f"{fit.chi2_per_dof:.2f}", fit.chi2_per_dof <= MAX_CHI2),
+        QualityFlag(
+            "Capture times",
             "irregular" if fit.trajectory.clock is not None else "regular",
             fit.trajectory.clock is None,
         ),
     ]
 
 
-def _middle(scene: Scene) -> np.ndarray:
+def _table_centre(scene: Scene) -> np.ndarray:
+    """Return the centre (2,) of the table, m."""
     return np.array([scene.table.length / 2, scene.table.width / 2])

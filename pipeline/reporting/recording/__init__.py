@@ -1,1 +1,1 @@
-"""The recording of a run for the rerun viewer: layers, blueprint, live stream."""
+"""Recordings for the rerun viewer: layers, blueprint, live stream, and the viewer process."""

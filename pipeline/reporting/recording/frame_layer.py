@@ -1,4 +1,4 @@
-"""Layers over the clip, in px of its upright picture."""
+"""Layers over the clip in a recording, in px of its upright frames."""
 
 from __future__ import annotations
 
@@ -11,99 +11,110 @@ from numpy.typing import NDArray
 
 from models.core.detections import Detections
 from models.core.tracks import Tracks
-from models.core.typing import FloatArray
-from pipeline.reporting.recording.recorded_shot import Shot
-from pipeline.reporting.recording.recording_stream import timeline
+from models.core.typing import ByteArray, FloatArray
+from pipeline.reporting.recording.recorded_shot import RecordedShot
+from pipeline.reporting.recording.recording_stream import build_time_columns
 from video.io.clip import Clip
-from video.io.embedded_clip import playable, re_encoded
+from video.io.playback_copy import ensure_playable, re_encode_clip
 
-SIGMAS = 3.0
-"""Standard deviations that the dot of a detection covers."""
-LEAST_DOT = 0.75
-"""px, below which a dot is not seen."""
-RING = 1.15
-"""Ball radii: a track's ring stands clear of its ball."""
+DOT_SIGMAS = 3.0
+"""Radius of the disc of a detection, standard deviations."""
+MIN_DOT_RADIUS = 0.75
+"""Least radius of a disc that is visible, px."""
+RING_RADII = 1.15
+"""Radius of the ring of a track, ball radii; more than one, so that it does not cover the ball."""
 
 
 def log_video(stream: rr.RecordingStream, clip: Clip, folder: Path) -> None:
-    """The clip, or a copy that the viewer plays, made in `folder`; the recording holds its bytes."""
+    """Log the clip, or a re-encoded copy that the viewer can play, made in `folder`; the recording embeds it."""
     with TemporaryDirectory(prefix=".", dir=folder) as aside:
-        asset, stamps = _asset(clip, Path(aside) / "copy.mp4")
+        asset, stamps = _load_video_asset(clip, Path(aside) / "copy.mp4")
     stream.log("picture/video", asset, static=True)
     stamps = np.sort(stamps)[: clip.frame_count]
-    times = timeline(clip.t[: len(stamps)], clip.t)
+    times = build_time_columns(clip.t[: len(stamps)], clip.t)
     stream.send_columns("picture/video", times, rr.VideoFrameReference.columns_nanos(stamps))
 
 
-def _asset(clip: Clip, copy: Path) -> tuple[rr.AssetVideo, NDArray[np.int64]]:
-    """The video and the times of its pictures, ns; a file that FFmpeg forgives and the viewer does not is copied."""
-    asset = rr.AssetVideo(path=playable(clip, copy))
+def _load_video_asset(clip: Clip, copy: Path) -> tuple[rr.AssetVideo, NDArray[np.int64]]:
+    """Load the video and the times of its frames, ns; re-encode a file that the viewer cannot parse."""
+    asset = rr.AssetVideo(path=ensure_playable(clip, copy))
     try:
         return asset, asset.read_frame_timestamps_nanos()
     except RuntimeError:
-        asset = rr.AssetVideo(path=re_encoded(clip, copy))
+        asset = rr.AssetVideo(path=re_encode_clip(clip, copy))
         return asset, asset.read_frame_timestamps_nanos()
 
 
 def log_detections(stream: rr.RecordingStream, clip: Clip, detections: Detections) -> None:
-    """A dot as large as three standard deviations; sigma (px) and score stand beside it."""
+    """Log each detection as a disc of three standard deviations, with sigma (px) and score."""
     frames, counts = np.unique(detections.frame, return_counts=True)
     if len(frames):
-        radii = np.maximum(SIGMAS * detections.sigma, LEAST_DOT)
+        radii = np.maximum(DOT_SIGMAS * detections.sigma, MIN_DOT_RADIUS)
         points = rr.Points2D.columns(positions=detections.centre, radii=radii).partition(counts)
         facts = rr.AnyValues.columns(sigma_px=detections.sigma, score=detections.score).partition(counts)
-        stream.send_columns("picture/detections", timeline(clip.t[frames], clip.t), [*points, *facts])
+        stream.send_columns("picture/detections", build_time_columns(clip.t[frames], clip.t), [*points, *facts])
     stream.log("picture/detections", rr.Points2D.from_fields(colors=[255, 255, 255, 160]), static=True)
 
 
 def log_tracks(stream: rr.RecordingStream, clip: Clip, tracks: Tracks, colours: ByteArray) -> None:
-    """A ring about each ball where it was seen."""
-    seen = tracks.observed
+    """Log a ring around each ball in the frames where it was observed; colours (N, 3)."""
+    is_observed = tracks.is_observed
     angle = np.linspace(0, 2 * np.pi, 33)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     for k, ball in enumerate(tracks.ids):
-        rows = np.flatnonzero(seen[:, k])
-        rings = tracks.px[rows, k, None, :] + RING * tracks.radius_px[rows, k, None, None] * circle
+        rows = np.flatnonzero(is_observed[:, k])
+        rings = tracks.px[rows, k, None, :] + RING_RADII * tracks.radius_px[rows, k, None, None] * circle
         entity = f"picture/tracks/{ball}"
         if len(rows):
             strips = rr.LineStrips2D.columns(strips=list(rings.astype(np.float32)))
-            stream.send_columns(entity, timeline(tracks.t, clip.t), strips.partition(seen[:, k].astype(np.int64)))
+            stream.send_columns(
+                entity, build_time_columns(tracks.t, clip.t), strips.partition(is_observed[:, k].astype(np.int64))
+            )
         look = {"colors": colours[k], "radii": rr.Radius.ui_points(1.0), "labels": [ball]}
         stream.log(entity, rr.LineStrips2D.from_fields(**look), static=True)
 
 
-def log_paths(stream: rr.RecordingStream, shot: Shot) -> None:
-    """The whole fitted path of each ball that moves, faint; over it what lies before now, bright."""
-    for k in np.flatnonzero(shot.moves):
-        t, xy = shot.way(int(k))
-        px = shot.in_pictures(xy)
+def log_paths(stream: rr.RecordingStream, shot: RecordedShot) -> None:
+    """Log the whole fitted path of each moving ball, faint, and its path up to the current time, bright."""
+    for k in np.flatnonzero(shot.is_moving):
+        t, xy = shot.path_points(int(k))
+        px = shot.to_frame_pixels(xy)
         stream.send_columns(
-            f"picture/paths/{shot.ids[k]}", _pictures(shot.clip, len(px)), rr.LineStrips2D.columns(strips=list(px))
+            f"picture/paths/{shot.ids[k]}",
+            _frame_time_columns(shot.clip, len(px)),
+            rr.LineStrips2D.columns(strips=list(px)),
         )
-        faint = {"colors": [*shot.lines[k], 90], "radii": rr.Radius.ui_points(0.75)}
+        faint = {"colors": [*shot.frame_colours[k], 90], "radii": rr.Radius.ui_points(0.75)}
         stream.log(f"picture/paths/{shot.ids[k]}", rr.LineStrips2D.from_fields(**faint), static=True)
-        log_past(stream, f"picture/past/{shot.ids[k]}", shot, t, xy, int(k), in_picture=True)
+        log_path_so_far(stream, f"picture/past/{shot.ids[k]}", shot, t, xy, int(k), in_image=True)
 
 
-def log_past(
-    stream: rr.RecordingStream, entity: str, shot: Shot, t: FloatArray, xy: FloatArray, ball: int, *, in_picture: bool
+def log_path_so_far(
+    stream: rr.RecordingStream,
+    entity: str,
+    shot: RecordedShot,
+    t: FloatArray,
+    xy: FloatArray,
+    ball: int,
+    *,
+    in_image: bool,
 ) -> None:
-    """At every picture the way of a ball until then, of its points (n, 2) m at t (n,) s."""
+    """Log the path of a ball up to each frame, from its points (n, 2) m at t (n,) s."""
     shown = shot.clip.t
     now = shot.fit.trajectory.at(shown).xy[:, ball]
     there = np.flatnonzero(np.isfinite(now[:, 0]) & (shown > t[0]))
-    ways = [np.vstack([xy[t < shown[k]], now[k]]) for k in there]
-    if in_picture:
+    lines = [np.vstack([xy[t < shown[k]], now[k]]) for k in there]
+    if in_image:
         camera, radius = shot.scene.camera, shot.scene.table.ball_radius
-        ways = [camera.to_pixels(way, radius, int(k)) for k, way in zip(there, ways, strict=True)]
-    colour = (shot.lines if in_picture else shot.plotted)[ball]
+        lines = [camera.to_pixels(line, radius, int(k)) for k, line in zip(there, lines, strict=True)]
+    colour = (shot.frame_colours if in_image else shot.plan_colours)[ball]
     look = {"colors": colour, "radii": rr.Radius.ui_points(1.5)}
     stream.log(entity, rr.LineStrips2D.from_fields(**look), static=True)
     if len(there):
-        strips = rr.LineStrips2D.columns(strips=[way.astype(np.float32) for way in ways])
-        stream.send_columns(entity, timeline(shown[there], shown), strips)
+        strips = rr.LineStrips2D.columns(strips=[line.astype(np.float32) for line in lines])
+        stream.send_columns(entity, build_time_columns(shown[there], shown), strips)
 
 
-def _pictures(clip: Clip, count: int) -> list[rr.TimeColumn]:
-    """The times of the first `count` pictures."""
-    return timeline(clip.t[:count], clip.t)
+def _frame_time_columns(clip: Clip, count: int) -> list[rr.TimeColumn]:
+    """Return the time columns of the first `count` frames."""
+    return build_time_columns(clip.t[:count], clip.t)

@@ -1,4 +1,4 @@
-"""A recording that grows in the viewer while the chain runs."""
+"""Live recording: results of the stages are sent to the viewer while the chain runs."""
 
 from __future__ import annotations
 
@@ -9,83 +9,91 @@ from typing import Any
 import rerun as rr
 
 from models.core.progress import Progress
-from pipeline.engine.stage_graph import Watcher
+from pipeline.engine.stage_graph import RunWatcher
 from pipeline.reporting.recording import text_layer
-from pipeline.reporting.recording.forecast_layer import log_fans
-from pipeline.reporting.recording.recorded_shot import Shot, shot_of
+from pipeline.reporting.recording.forecast_layer import log_forecast_fans
+from pipeline.reporting.recording.recorded_shot import RecordedShot, build_recorded_shot
 from pipeline.reporting.recording.recording_stream import open_stream
-from pipeline.reporting.recording.stage_layers import log_detected, log_fitted, log_found_table, log_read, log_tracked
-from pipeline.reporting.recording.viewer_blueprint import blueprint
+from pipeline.reporting.recording.stage_layers import (
+    log_calibrate_stage,
+    log_detect_stage,
+    log_fit_stage,
+    log_read_stage,
+    log_track_stage,
+)
+from pipeline.reporting.recording.viewer_blueprint import build_blueprint
 
-TOLD_EVERY = 0.1
-"""Share of a stage between two lines of its progress."""
+PROGRESS_STEP = 0.1
+"""Share of a stage between two progress lines of the log."""
 
 
 class LiveRecording:
-    """Hears what stages make and sends it to a viewer at once."""
+    """Recording that sends the value of every stage to a viewer as soon as it exists."""
 
-    def __init__(self, listens: str, title: str) -> None:
-        self._listens, self._title = listens, title
+    def __init__(self, address: str, title: str) -> None:
+        self._address, self._title = address, title
         self._stream: rr.RecordingStream | None = None
-        self._made: dict[str, Any] = {}
-        self._shot: Shot | None = None
+        self._values: dict[str, Any] = {}
+        self._shot: RecordedShot | None = None
 
-    def made(self, stage: str, value: Any) -> None:
-        """A stage has made its value."""
-        self._made[stage] = value
+    def record_value(self, stage: str, value: Any) -> None:
+        """Send the value of a finished stage."""
+        self._values[stage] = value
         if stage == "read":
             self._stream = open_stream(value.digest, self._title)
-            self._stream.connect_grpc(self._listens, default_blueprint=blueprint(value, None))
-            log_read(self._stream, value, Path(tempfile.gettempdir()))
+            self._stream.connect_grpc(self._address, default_blueprint=build_blueprint(value, None))
+            log_read_stage(self._stream, value, Path(tempfile.gettempdir()))
         elif self._stream is not None:
-            self._show(self._stream, stage, value)
+            self._log_value(self._stream, stage, value)
 
-    def _show(self, stream: rr.RecordingStream, stage: str, value: Any) -> None:
-        clip = self._made["read"]
+    def _log_value(self, stream: rr.RecordingStream, stage: str, value: Any) -> None:
+        clip = self._values["read"]
         if stage == "calibrate":
-            stream.send_blueprint(blueprint(clip, value.table))
-            log_found_table(stream, clip, value)
+            stream.send_blueprint(build_blueprint(clip, value.table))
+            log_calibrate_stage(stream, clip, value)
         elif stage == "detect":
-            log_detected(stream, clip, value)
+            log_detect_stage(stream, clip, value)
         elif stage == "track":
-            log_tracked(stream, clip, value)
+            log_track_stage(stream, clip, value)
         elif stage == "fit":
-            self._shot = shot_of(clip, self._made["calibrate"], self._made["track"], value)
-            log_fitted(stream, self._shot)
+            self._shot = build_recorded_shot(clip, self._values["calibrate"], self._values["track"], value)
+            log_fit_stage(stream, self._shot)
         elif stage == "forecast" and self._shot is not None:
-            log_fans(stream, self._shot, value)
+            log_forecast_fans(stream, self._shot, value)
 
-    def say(self, stage: str, sentence: str) -> None:
-        """A line in the log of the chain."""
+    def log_progress(self, stage: str, sentence: str) -> None:
+        """Log a line of progress of a stage."""
         if self._stream is not None:
-            text_layer.log_chain(self._stream, self._made["read"], f"progress/{stage}", [("INFO", sentence)])
+            text_layer.log_stage_lines(self._stream, self._values["read"], f"progress/{stage}", [("INFO", sentence)])
 
     def close(self) -> None:
-        """Send what is left."""
+        """Send everything that is buffered and disconnect."""
         if self._stream is not None:
             self._stream.flush()
             self._stream.disconnect()
 
 
 class LiveWatcher:
-    """A watcher that tells the viewer too what it tells another."""
+    """Run watcher that passes everything on to another one and logs it in the recording."""
 
-    def __init__(self, watcher: Watcher, recording: LiveRecording) -> None:
+    def __init__(self, watcher: RunWatcher, recording: LiveRecording) -> None:
         self._watcher, self._recording = watcher, recording
 
-    def started(self, stage: str) -> Progress:
-        hear = self._watcher.started(stage)
-        told = 0.0
+    def start_stage(self, stage: str) -> Progress:
+        """Start a stage in both places."""
+        report_share = self._watcher.start_stage(stage)
+        logged_share = 0.0
 
         def progress(share: float) -> None:
-            nonlocal told
-            hear(share)
-            if share >= told + TOLD_EVERY:  # never where a stage cannot tell how far it is
-                told = share
-                self._recording.say(stage, f"{share:.0%}")
+            nonlocal logged_share
+            report_share(share)
+            if share >= logged_share + PROGRESS_STEP:  # never true for NaN, the share of a stage of unknown length
+                logged_share = share
+                self._recording.log_progress(stage, f"{share:.0%}")
 
         return progress
 
-    def finished(self, stage: str, seconds: float, cached: bool) -> None:
-        self._watcher.finished(stage, seconds, cached)
-        self._recording.say(stage, "taken from the cache" if cached else f"done in {seconds:.1f} s")
+    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
+        """Report the end of a stage in both places."""
+        self._watcher.finish_stage(stage, seconds, cached)
+        self._recording.log_progress(stage, "read from the cache" if cached else f"done in {seconds:.1f} s")

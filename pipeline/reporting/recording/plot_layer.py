@@ -1,4 +1,4 @@
-"""Plots over time: speed, energy and what the fit leaves, a line per ball that moves."""
+"""Plots over time in a recording: speed, energy and residual, one line per moving ball."""
 
 from __future__ import annotations
 
@@ -7,32 +7,32 @@ import rerun as rr
 
 from models.core.typing import FloatArray
 from pipeline.reporting.figures.motion_samples import kinetic_energy
-from pipeline.reporting.recording.recorded_shot import Shot
-from pipeline.reporting.recording.recording_stream import timeline
+from pipeline.reporting.recording.recorded_shot import RecordedShot
+from pipeline.reporting.recording.recording_stream import build_time_columns
 
-TOGETHER = (120, 170, 255)
-"""Colour of what belongs to all balls."""
+ALL_BALLS_COLOUR = (120, 170, 255)
+"""Colour of the sum over all balls."""
 
 
-def log_plots(stream: rr.RecordingStream, shot: Shot) -> None:
-    """`plots/speed` m/s, `plots/energy` mJ (of all balls together too), `plots/residual` mm."""
+def log_plots(stream: rr.RecordingStream, shot: RecordedShot) -> None:
+    """Log `plots/speed` (m/s), `plots/energy` (mJ, also the sum of all balls) and `plots/residual` (mm)."""
     speed = np.linalg.norm(shot.state.v, axis=-1)
     energy = 1000 * kinetic_energy(shot.state, shot.scene.table)
     residual = 1000 * np.linalg.norm(shot.fit.residual, axis=-1)
-    for k in np.flatnonzero(shot.moves):
-        ball, colour = shot.ids[k], tuple(int(part) for part in shot.plotted[k])
+    for k in np.flatnonzero(shot.is_moving):
+        ball, colour = shot.ids[k], tuple(int(part) for part in shot.plan_colours[k])
         _log_line(stream, shot, f"plots/speed/{ball}", ball, colour, shot.t, speed[:, k])
         _log_line(stream, shot, f"plots/energy/{ball}", ball, colour, shot.t, energy[:, k])
         left = np.where(shot.fit.moving[:, k], residual[:, k], np.nan)
         _log_line(stream, shot, f"plots/residual/{ball}", ball, colour, shot.tracks.t, left)
-    if shot.moves.sum() > 1:
-        whole = np.nansum(energy[:, shot.moves], axis=1)
-        _log_line(stream, shot, "plots/energy/all", "all balls", TOGETHER, shot.t, whole)
+    if shot.is_moving.sum() > 1:
+        whole = np.nansum(energy[:, shot.is_moving], axis=1)
+        _log_line(stream, shot, "plots/energy/all", "all balls", ALL_BALLS_COLOUR, shot.t, whole)
 
 
 def _log_line(
     stream: rr.RecordingStream,
-    shot: Shot,
+    shot: RecordedShot,
     entity: str,
     name: str,
     colour: tuple[int, ...],
@@ -40,6 +40,8 @@ def _log_line(
     values: FloatArray,
 ) -> None:
     stream.log(entity, rr.SeriesLines(colors=colour, names=name, widths=1.5), static=True)
-    known = np.isfinite(values)
-    if known.any():
-        stream.send_columns(entity, timeline(t[known], shot.clip.t), rr.Scalars.columns(scalars=values[known]))
+    finite = np.isfinite(values)
+    if finite.any():
+        stream.send_columns(
+            entity, build_time_columns(t[finite], shot.clip.t), rr.Scalars.columns(scalars=values[finite])
+        )

@@ -1,4 +1,4 @@
-"""A shot as it is drawn in a recording: what was found, the motion sampled once, and colours."""
+"""A shot prepared for a recording: results of the chain, sampled motion and colours."""
 
 from __future__ import annotations
 
@@ -12,59 +12,62 @@ from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import State
 from models.core.typing import ByteArray, FloatArray
-from pipeline.reporting.figures.motion_samples import ever_moves, few_points, moments
-from video.drawing.palette import INK, apart_from, ball_colour, on_any_ground
+from pipeline.reporting.figures.motion_samples import find_moving_balls, sample_times, simplify_line
+from video.drawing.palette import INK, adapt_to_any_background, ball_colour, ensure_contrast
 from video.io.clip import Clip
 
 PATH_HZ = 100.0
 """Samples per second of the fitted paths and plots."""
-WAY_OFF = 0.05
-"""Ball radii that a drawn line may leave the path: no eye sees it, and few points make a light recording."""
+PATH_TOLERANCE_RADII = 0.05
+"""Largest distance of a drawn line from the path, ball radii: invisible, and few points keep the recording small."""
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
-    """N balls of one clip."""
+class RecordedShot:
+    """Results of a clip with N balls, prepared for the layers of a recording."""
 
     clip: Clip
     scene: Scene
     tracks: Tracks
     fit: Fit
     t: FloatArray
-    """(K,) s, evenly over the motion."""
+    """(K,) s, evenly spaced over the motion."""
     state: State
-    """of all balls at t."""
-    moves: NDArray[np.bool_]
-    """(N,) which balls get somewhere."""
-    lines: ByteArray
-    """(N, 3) of what is drawn over the picture."""
-    plotted: ByteArray
-    """(N, 3) of what is drawn on the viewer's own ground, which is dark or light as its user has it."""
+    """State of all balls at t."""
+    is_moving: NDArray[np.bool_]
+    """(N,) whether each ball leaves its initial position."""
+    frame_colours: ByteArray
+    """(N, 3) RGB of the balls on the frames."""
+    plan_colours: ByteArray
+    """(N, 3) RGB of the balls on the background of the viewer, which is dark or light."""
 
     @property
     def ids(self) -> tuple[str, ...]:
+        """Names of the balls."""
         return self.fit.trajectory.ids
 
-    def way(self, ball: int) -> tuple[FloatArray, FloatArray]:
-        """Moments (n,) s and places (n, 2) m of a ball's path, as few as its line needs."""
+    def path_points(self, ball: int) -> tuple[FloatArray, FloatArray]:
+        """Return times (n,) s and positions (n, 2) m of the simplified path of a ball."""
         there = np.isfinite(self.state.xy[:, ball, 0])
         t, xy = self.t[there], self.state.xy[there, ball]
-        kept = few_points(xy, WAY_OFF * self.scene.table.ball_radius)
-        return t[kept], xy[kept]
+        indices = simplify_line(xy, PATH_TOLERANCE_RADII * self.scene.table.ball_radius)
+        return t[indices], xy[indices]
 
-    def in_pictures(self, xy: FloatArray) -> NDArray[np.float32]:
-        """Places (n, 2) m in px: (F, n, 2) of every picture where the camera drifts, (1, n, 2) of all else."""
+    def to_frame_pixels(self, xy: FloatArray) -> NDArray[np.float32]:
+        """Project positions (n, 2) m to px: (T, n, 2) for every frame if the camera moves, otherwise (1, n, 2)."""
         radius, camera = self.scene.table.ball_radius, self.scene.camera
         if camera.motion is None:
             return camera.to_pixels(xy, radius)[None].astype(np.float32)
         return np.array([camera.to_pixels(xy, radius, k) for k in range(self.clip.frame_count)], dtype=np.float32)
 
 
-def shot_of(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> Shot:
-    """What the layers of a recording are drawn from."""
-    seen = [ball_colour(*ball) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
-    lines = np.array([apart_from(colour, INK) for colour in seen], dtype=np.uint8).reshape(-1, 3)
-    plotted = np.array([on_any_ground(colour) for colour in seen], dtype=np.uint8).reshape(-1, 3)
-    t = moments(fit.trajectory, PATH_HZ)
+def build_recorded_shot(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> RecordedShot:
+    """Prepare the results of a clip for the layers of a recording."""
+    colours = [ball_colour(*ball) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
+    lines = np.array([ensure_contrast(colour, INK) for colour in colours], dtype=np.uint8).reshape(-1, 3)
+    plotted = np.array([adapt_to_any_background(colour) for colour in colours], dtype=np.uint8).reshape(-1, 3)
+    t = sample_times(fit.trajectory, PATH_HZ)
     state = fit.trajectory.at(t)
-    return Shot(clip, scene, tracks, fit, t, state, ever_moves(state.xy, scene.table.ball_radius), lines, plotted)
+    return RecordedShot(
+        clip, scene, tracks, fit, t, state, find_moving_balls(state.xy, scene.table.ball_radius), lines, plotted
+    )

@@ -1,4 +1,4 @@
-"""A stream of the rerun SDK: its name, its timelines, and its end."""
+"""Streams of the rerun SDK: identity, timelines, and closing with error reporting."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from models.core.typing import FloatArray
 
 VIDEO_TIME = "video_time"
-"""s of the source clip."""
+"""Name of the timeline in s of the source clip."""
 FRAME = "frame"
-"""Pictures of the source clip; what lies between two stands at the one that is shown."""
+"""Name of the timeline of the frame index; a time between two frames belongs to the frame that is shown."""
 
 
 def open_stream(digest: str, title: str) -> rr.RecordingStream:
-    """A recording of the clip with this SHA-256, under its own time alone.
+    """Open the recording of the clip with this SHA-256, without rerun's own timelines.
 
-    The same clip always has the same names, so that layers written apart come together in the viewer; every clip has
-    an application of its own, so that each of several keeps the blueprint that fits its picture.
+    The identifiers depend on the clip alone, so that the viewer merges layers from several files. Every clip is a
+    separate application, so that it keeps its own blueprint.
     """
     os.environ.setdefault("RERUN_ANALYTICS", "0")
     stream = rr.RecordingStream(f"trueroll-{digest[:12]}", recording_id=uuid.uuid5(uuid.NAMESPACE_OID, digest))
@@ -33,8 +33,16 @@ def open_stream(digest: str, title: str) -> rr.RecordingStream:
     return stream
 
 
-def finish(stream: rr.RecordingStream, path: Path) -> None:
-    """Write what is still in memory; rerun writes behind our back, and tells of a failure only now."""
+def finish_stream(stream: rr.RecordingStream, path: Path) -> None:
+    """Flush and close a recording.
+
+    Args:
+        stream: Recording.
+        path: Its file, for the error message.
+
+    Raises:
+        OSError: The file could not be written; rerun writes in the background and reports a failure only here.
+    """
     try:
         stream.flush()
     except RuntimeError as error:
@@ -43,14 +51,14 @@ def finish(stream: rr.RecordingStream, path: Path) -> None:
         stream.disconnect()
 
 
-def timeline(t: FloatArray, shown: FloatArray) -> list[rr.TimeColumn]:
-    """Moments t (K,) s on both timelines, of a clip that shows its pictures at `shown` (F,) s."""
+def build_time_columns(t: FloatArray, shown: FloatArray) -> list[rr.TimeColumn]:
+    """Build both time columns for times t (K,) s of a clip with frames at `shown` (T,) s."""
     return [
         rr.TimeColumn(VIDEO_TIME, duration=np.asarray(t, dtype=np.float64)),
-        rr.TimeColumn(FRAME, sequence=frame_at(t, shown)),
+        rr.TimeColumn(FRAME, sequence=frame_shown_at(t, shown)),
     ]
 
 
-def frame_at(t: FloatArray, shown: FloatArray) -> NDArray[np.int64]:
-    """The picture (K,) that is on the screen at t (K,) s; the first before anything is."""
+def frame_shown_at(t: FloatArray, shown: FloatArray) -> NDArray[np.int64]:
+    """Return the frame (K,) shown at t (K,) s; before the first frame, the first."""
     return np.maximum(np.searchsorted(shown, np.asarray(t) + 1e-9, side="right") - 1, 0).astype(np.int64)

@@ -1,4 +1,4 @@
-"""The rerun viewer, beside us or in the browser: opened on recordings, or waiting for one that is being made."""
+"""The rerun viewer as a process, native or in the browser, with recordings or waiting for a live one."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from urllib.parse import quote
 
 from models.core.errors import OptionError, TruerollError
 
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
 PORT = 9876
-"""Where rerun listens for recordings."""
+"""Preferred port on which rerun receives recordings."""
 WEB_PORT = 9090
-"""Where it serves its page."""
-HERE = "127.0.0.1"
-"""Both viewers listen: on this machine only."""
-LAYERS = ("recording.rrd", "gap.rrd", "gap/gap.rrd")
-"""What a run's folder may hold for the viewer: the run, and what a diagnosis adds to it."""
+"""Preferred port of its web page."""
+HOST = "127.0.0.1"
+"""Address on which both viewers listen: this machine only."""
+RECORDING_FILES = ("recording.rrd", "gap.rrd", "gap/gap.rrd")
+"""Recordings of a run folder: the run, and the layers of a diagnosis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,38 +31,60 @@ class Viewer:
     """A running viewer."""
 
     process: subprocess.Popen[bytes]
-    address: str
-    """of its page, dark as recordings are coloured for; empty where it is no page."""
-    listens: str
-    """where it takes recordings from."""
+    page_url: str
+    """URL of its page, with the dark theme that the colours of recordings suit; empty for a native viewer."""
+    recording_url: str
+    """URL to which recordings are sent."""
 
     def close(self) -> None:
-        """End it, with the child that shows the window."""
+        """Terminate it and its child process, which shows the window."""
         if self.process.poll() is None:
             os.killpg(self.process.pid, signal.SIGTERM)
             self.process.wait()
 
 
-def recordings_of(target: Path) -> list[Path]:
-    """The .rrd files of a file, a run's folder, or every run below a folder; OptionError where there are none."""
+def find_recordings(target: Path) -> list[Path]:
+    """Find the recordings of a file, a run folder, or all run folders below a folder.
+
+    Args:
+        target: File or folder.
+
+    Returns:
+        The .rrd files.
+
+    Raises:
+        OptionError: There are none.
+    """
     if target.is_file():
         return [target]
-    own = [target / name for name in LAYERS if (target / name).is_file()]
+    own = [target / name for name in RECORDING_FILES if (target / name).is_file()]
     below = sorted(path for name in ("recording.rrd", "gap.rrd") for path in target.rglob(name))
-    found = own or below
-    if not found:
-        raise OptionError(f"A recording was expected; {target} holds none. Run the clip first: trueroll run CLIP")
-    return found
+    recordings = own or below
+    if not recordings:
+        raise OptionError(f"A recording was expected; {target} contains none. Run the clip first: trueroll run CLIP")
+    return recordings
 
 
 def has_display() -> bool:
-    """Whether a window can be opened."""
-    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in DISPLAYS)
+    """Return whether a window can be opened.
+
+    Returns:
+        False on Linux without a display.
+    """
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in DISPLAY_VARIABLES)
 
 
 @contextmanager
 def open_viewer(recordings: Sequence[Path], *, web: bool) -> Iterator[Viewer]:
-    """A viewer that is ended with the context."""
+    """Open a viewer that is closed with the context.
+
+    Args:
+        recordings: Recordings to show.
+        web: Whether to serve a web page instead of opening a window.
+
+    Yields:
+        The running viewer.
+    """
     viewer = start_viewer(recordings, web=web)
     try:
         yield viewer
@@ -71,34 +93,45 @@ def open_viewer(recordings: Sequence[Path], *, web: bool) -> Iterator[Viewer]:
 
 
 def start_viewer(recordings: Sequence[Path], *, web: bool) -> Viewer:
-    """A viewer on these recordings, which also listens for more.
+    """Start a viewer on recordings; it also receives live recordings.
 
-    The `rerun` script starts the viewer as a child that would outlive it: both run in a group of their own. The
-    viewer's analytics stay off.
+    The `rerun` script starts the viewer as a child process that would outlive it, so both run in their own process
+    group. The analytics of the viewer are switched off.
+
+    Args:
+        recordings: Recordings to show.
+        web: Whether to serve a web page instead of opening a window.
+
+    Returns:
+        The running viewer.
+
+    Raises:
+        OptionError: rerun is not installed.
+        TruerollError: There is no display or no free port.
     """
     program = Path(sys.executable).with_name("rerun")
     if not program.exists():
         raise OptionError(f"The rerun viewer was expected at {program}; install it with: pip install rerun-sdk")
     if not web and not has_display():
         raise TruerollError("The viewer needs a display and there is none; use --web")
-    port = free_port(PORT)
-    listens = f"rerun+http://{HERE}:{port}/proxy"
-    page, address = free_port(WEB_PORT), ""
-    command = [str(program), *map(str, recordings), "--bind", HERE, "--port", str(port)]
+    port = find_free_port(PORT)
+    listens = f"rerun+http://{HOST}:{port}/proxy"
+    page, address = find_free_port(WEB_PORT), ""
+    command = [str(program), *map(str, recordings), "--bind", HOST, "--port", str(port)]
     if web:
         command += ["--web-viewer", "--web-viewer-port", str(page)]
-        address = f"http://{HERE}:{page}?theme=dark&url={quote(listens, safe='')}"
+        address = f"http://{HOST}:{page}?theme=dark&url={quote(listens, safe='')}"
     process = subprocess.Popen(command, env=os.environ | {"RERUN_ANALYTICS": "0"}, start_new_session=True)
     return Viewer(process, address, listens)
 
 
-def free_port(wanted: int) -> int:
-    """The port that is wanted, or, where something listens on it already, any other."""
+def find_free_port(wanted: int) -> int:
+    """Return the wanted port if it is free, otherwise any free port."""
     for port in (wanted, 0):
         with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # one that was left a moment ago is free
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port that was closed recently is free
             try:
-                probe.bind((HERE, port))
+                probe.bind((HOST, port))
             except OSError:
                 continue
             return int(probe.getsockname()[1])
@@ -106,10 +139,18 @@ def free_port(wanted: int) -> int:
 
 
 def show_recordings(recordings: Sequence[Path], *, web: bool) -> int:
-    """Run the viewer on recordings until it is closed; its exit status."""
+    """Run the viewer on recordings until it is closed.
+
+    Args:
+        recordings: Recordings to show.
+        web: Whether to serve a web page instead of opening a window.
+
+    Returns:
+        Exit status of the viewer.
+    """
     with open_viewer(recordings, web=web) as viewer:
         if len(recordings) > 1:
-            print(f"{len(recordings)} recordings: the panel on the left (top right button) lists them", flush=True)
-        if viewer.address:
-            print(f"Look at {viewer.address} (end with Ctrl-C)", flush=True)
+            print(f"{len(recordings)} recordings: the left panel lists them (button at the top right)", flush=True)
+        if viewer.page_url:
+            print(f"Look at {viewer.page_url} (end with Ctrl-C)", flush=True)
         return viewer.process.wait()

@@ -1,4 +1,4 @@
-"""What the chain says of itself: its log, the fitted parameters with their errors, how far to trust it."""
+"""Text of a recording: log of the stages, fitted parameters with their errors, trust level."""
 
 from __future__ import annotations
 
@@ -9,87 +9,94 @@ from models.core.detections import Detections
 from models.core.fit_result import Fit, Parameter
 from models.core.scene import Scene
 from models.core.tracks import Tracks
-from pipeline.reporting.recording.plan_layer import magnification
-from pipeline.reporting.recording.recorded_shot import Shot
-from pipeline.reporting.recording.recording_stream import timeline
-from pipeline.reporting.text.run_trust import run_trust
-from pipeline.reporting.text.sentences import parameter_range
+from pipeline.reporting.recording.plan_layer import residual_magnification
+from pipeline.reporting.recording.recorded_shot import RecordedShot
+from pipeline.reporting.recording.recording_stream import build_time_columns
+from pipeline.reporting.text.run_trust import assess_run_trust
+from pipeline.reporting.text.text_formatting import format_textbook_range
 from video.io.clip import Clip
 
-Line = tuple[str, str]
-"""A level of rerun's text log, and a sentence."""
+LogLine = tuple[str, str]
+"""Level of rerun's text log, and a sentence."""
 
 
-def log_chain(stream: rr.RecordingStream, clip: Clip, stage: str, lines: list[Line]) -> None:
-    """What a stage found, in `log/chain` at the first picture."""
+def log_stage_lines(stream: rr.RecordingStream, clip: Clip, stage: str, lines: list[LogLine]) -> None:
+    """Log lines of a stage in `log/chain` at the first frame."""
     levels, texts = zip(*lines, strict=True) if lines else ((), ())
-    told = rr.TextLog.columns(text=[f"{stage}: {text}" for text in texts], level=list(levels))
+    columns = rr.TextLog.columns(text=[f"{stage}: {text}" for text in texts], level=list(levels))
     if lines:
-        stream.send_columns(f"log/chain/{stage}", timeline(np.full(len(lines), clip.t[0]), clip.t), told)
+        stream.send_columns(f"log/chain/{stage}", build_time_columns(np.full(len(lines), clip.t[0]), clip.t), columns)
 
 
-def of_clip(clip: Clip) -> list[Line]:
-    """Pictures, rate, and what was not as it should be."""
-    counted = f"{clip.frame_count} pictures, {len(clip.distinct)} distinct, {float(clip.rate):.3f} per second"
+def describe_clip(clip: Clip) -> list[LogLine]:
+    """Describe frame count, frame rate, size and faults of a clip."""
+    counted = f"{clip.frame_count} frames, {len(clip.distinct_frames)} distinct, {float(clip.fps):.3f} fps"
     return [("INFO", f"{counted}, {clip.width} x {clip.height}"), *(("WARN", note) for note in clip.notes)]
 
 
-def of_scene(scene: Scene) -> list[Line]:
-    """How the table was found and what was assumed."""
-    return [("WARN" if note in scene.doubts else "INFO", note) for note in scene.notes]
+def describe_scene(scene: Scene) -> list[LogLine]:
+    """Describe how the table was located and which assumptions were made."""
+    return [("WARN" if note in scene.warnings else "INFO", note) for note in scene.notes]
 
 
-def of_detections(detections: Detections) -> list[Line]:
-    """How many, and how well placed."""
+def describe_detections(detections: Detections) -> list[LogLine]:
+    """Describe number and position noise of the detections."""
     if not len(detections):
-        return [("WARN", "no ball was seen")]
+        return [("WARN", "no ball was detected")]
     sigma = float(np.median(detections.sigma))
-    pictures = len(np.unique(detections.frame))
-    return [("INFO", f"{len(detections)} balls in {pictures} pictures, each placed to {sigma:.2f} px (median sigma)")]
+    frames = len(np.unique(detections.frame))
+    return [("INFO", f"{len(detections)} detections in {frames} frames, median position sigma {sigma:.2f} px")]
 
 
-def of_tracks(tracks: Tracks) -> list[Line]:
-    """Which balls, and how often each was seen."""
-    shares = tracks.observed.mean(axis=0)
+def describe_tracks(tracks: Tracks) -> list[LogLine]:
+    """Describe the share of frames in which each ball was observed."""
+    shares = tracks.is_observed.mean(axis=0)
     return [
-        ("INFO", f"{ball} seen in {share:.0%} of the pictures") for ball, share in zip(tracks.ids, shares, strict=True)
+        ("INFO", f"{ball} observed in {share:.0%} of the frames")
+        for ball, share in zip(tracks.ids, shares, strict=True)
     ]
 
 
-def of_fit(clip: Clip, fit: Fit) -> list[Line]:
-    """How well the physics holds, and how far to trust it."""
-    trust = run_trust(clip, fit)
-    level = {"green": "INFO", "amber": "WARN", "red": "ERROR"}[trust.light]
+def describe_fit(clip: Clip, fit: Fit) -> list[LogLine]:
+    """Describe noise, misfit and trust level of a fit."""
+    trust = assess_run_trust(clip, fit)
+    level = {"green": "INFO", "amber": "WARN", "red": "ERROR"}[trust.level]
     quality = f"noise {1000 * fit.noise:.2f} mm, chi2 per degree of freedom {fit.chi2_per_dof:.2f}"
-    laws = [("INFO", fit.lawless)] if fit.lawless else []
-    return [("INFO", quality), *laws, *((level, f"trust {trust.light}: {reason}") for reason in trust.reasons)]
+    laws = [("INFO", fit.whole_shot_refusal)] if fit.whole_shot_refusal else []
+    return [("INFO", quality), *laws, *((level, f"trust {trust.level}: {reason}") for reason in trust.reasons)]
 
 
 def log_parameters(stream: rr.RecordingStream, fit: Fit) -> None:
-    """`parameters/NAME`: value, sigma, unit and whether the clip told it."""
-    for p in (*fit.parameters, *(fit.laws.parameters if fit.laws is not None else ())):
+    """Log `parameters/NAME`: value, sigma, unit and whether the prior alone determined it."""
+    for p in (*fit.parameters, *(fit.whole_shot.parameters if fit.whole_shot is not None else ())):
         facts = rr.AnyValues(value=p.value, sigma=p.sigma, unit=p.unit, prior_only=p.prior_only)
         stream.log(f"parameters/{p.name}", facts, static=True)
 
 
-def log_about(stream: rr.RecordingStream, shot: Shot) -> None:
-    """`about`: trust, parameters and how to read the plan, as one text."""
-    text = rr.TextDocument(about(shot), media_type=rr.MediaType.MARKDOWN)
+def log_about(stream: rr.RecordingStream, shot: RecordedShot) -> None:
+    """Log `about`: trust level, parameters and a legend of the plan."""
+    text = rr.TextDocument(format_about(shot), media_type=rr.MediaType.MARKDOWN)
     stream.log("about", text, static=True)
 
 
-def about(shot: Shot) -> str:
-    """Markdown."""
-    trust = run_trust(shot.clip, shot.fit)
-    lines = [f"# Trust: {trust.light}", *(f"- {reason}" for reason in trust.reasons), "", "## Fitted"]
-    lines += ["| parameter | value | sigma | unit | usual |", "|---|---|---|---|---|"]
-    lines += [_row(p) for p in shot.fit.parameters]
+def format_about(shot: RecordedShot) -> str:
+    """Format trust level, parameters and the legend of the plan as Markdown."""
+    trust = assess_run_trust(shot.clip, shot.fit)
+    lines = [f"# Trust: {trust.level}", *(f"- {reason}" for reason in trust.reasons), "", "## Fitted"]
+    lines += ["| parameter | value | sigma | unit | textbook range |", "|---|---|---|---|---|"]
+    lines += [_format_parameter_row(p) for p in shot.fit.parameters]
     lines += ["", f"Noise {1000 * shot.fit.noise:.2f} mm, chi2 per degree of freedom {shot.fit.chi2_per_dof:.2f}."]
-    lines += ["", "## To read the plan", f"- pink arrows: measured minus fitted, {magnification(shot):g} times as long"]
-    lines += ["- faint line: the whole path; bright: until now; thin bundle: what was foretold then"]
+    lines += [
+        "",
+        "## Legend of the plan",
+        f"- pink arrows: measured minus fitted, {residual_magnification(shot):g} times as long",
+    ]
+    lines += ["- faint line: whole path; bright line: path up to the current time; thin bundle: forecast"]
     return "\n".join([*lines, "", "## Table", *(f"- {note}" for note in shot.scene.notes)])
 
 
-def _row(p: Parameter) -> str:
-    told = f"{p.sigma:.2g}{' (prior)' if p.prior_only else ''}"
-    return f"| {p.name} | {p.value:.4g} | {told} | {p.unit if p.unit != '1' else ''} | {parameter_range(p.name)} |"
+def _format_parameter_row(p: Parameter) -> str:
+    sigma = f"{p.sigma:.2g}{' (prior)' if p.prior_only else ''}"
+    return (
+        f"| {p.name} | {p.value:.4g} | {sigma} | {p.unit if p.unit != '1' else ''} | {format_textbook_range(p.name)} |"
+    )

@@ -1,4 +1,4 @@
-"""How the viewer lies when a recording is opened: picture beside plan, plots and words below."""
+"""Layout of the viewer for a recording: video beside plan and text, plots below."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from pipeline.reporting.recording.recording_stream import VIDEO_TIME
 from video.io.clip import Clip
 
 MARGIN_RADII = 4.0
-"""Ball radii about the table."""
+"""Margin of the plan around the table, ball radii."""
 
 
-def blueprint(clip: Clip, table: Table | None) -> rrb.Blueprint:
-    """Of a clip on this table; before the table is known, the plan shows what there is."""
+def build_blueprint(clip: Clip, table: Table | None) -> rrb.Blueprint:
+    """Build the layout for a clip; without a table, the plan has no fixed bounds."""
     whole = rrb.VisualBounds2D(x_range=[-0.5, clip.width - 0.5], y_range=[-0.5, clip.height - 0.5])
     return rrb.Blueprint(
         rrb.Vertical(
             rrb.Horizontal(
-                rrb.Spatial2DView(origin="picture", name="Picture", visual_bounds=whole),
-                rrb.Vertical(plan_view(table), _words(), row_shares=[3, 2]),
+                rrb.Spatial2DView(origin="picture", name="Video", visual_bounds=whole),
+                rrb.Vertical(build_plan_view(table), _build_text_views(), row_shares=[3, 2]),
                 column_shares=[3, 2],
             ),
             rrb.Horizontal(
-                _plot(clip, "speed", "Speed (m/s)"),
-                _plot(clip, "energy", "Energy (mJ)"),
-                _plot(clip, "residual", "Measured minus fitted (mm)"),
+                _build_plot_view(clip, "speed", "Speed (m/s)"),
+                _build_plot_view(clip, "energy", "Energy (mJ)"),
+                _build_plot_view(clip, "residual", "Measured minus fitted (mm)"),
             ),
             row_shares=[5, 2],
         ),
@@ -36,8 +36,8 @@ def blueprint(clip: Clip, table: Table | None) -> rrb.Blueprint:
     )
 
 
-def plan_view(table: Table | None) -> rrb.Spatial2DView:
-    """The table from above."""
+def build_plan_view(table: Table | None) -> rrb.Spatial2DView:
+    """Build the view of the table from above."""
     if table is None:
         return rrb.Spatial2DView(origin="plan", name="Plan (m)")
     margin = MARGIN_RADII * table.ball_radius
@@ -46,21 +46,23 @@ def plan_view(table: Table | None) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(origin="plan", name="Plan (m)", visual_bounds=bounds)
 
 
-def _words() -> rrb.Tabs:
+def _build_text_views() -> rrb.Tabs:
     body, level = TextLogColumn("Body"), TextLogColumn("LogLevel")
     events = rrb.TextLogView(
         origin="log/events", name="Events", columns=rrb.TextLogColumns(timeline_columns=[], text_log_columns=[body])
     )
     chain = rrb.TextLogView(
         origin="log/chain",
-        name="How it was found",
+        name="Processing log",
         columns=rrb.TextLogColumns(timeline_columns=[], text_log_columns=[level, body]),
     )
-    return rrb.Tabs(events, rrb.TextDocumentView(origin="about", name="What was fitted"), chain, active_tab=0)
+    return rrb.Tabs(events, rrb.TextDocumentView(origin="about", name="Fitted model"), chain, active_tab=0)
 
 
-def _plot(clip: Clip, what: str, name: str) -> rrb.TimeSeriesView:
-    legend = rrb.PlotLegend(rrb.Corner2D.RightTop)  # most is fast and uncertain at the beginning
+def _build_plot_view(clip: Clip, what: str, name: str) -> rrb.TimeSeriesView:
+    legend = rrb.PlotLegend(rrb.Corner2D.RightTop)  # the upper right is empty: balls are fast at the beginning
     first, last = (rrb.TimeRangeBoundary.absolute(seconds=float(clip.t[k])) for k in (0, -1))
-    whole = rrb.TimeAxis(view_range=rrb.TimeRange(start=first, end=last))  # alike in all: moments stand over each other
+    whole = rrb.TimeAxis(
+        view_range=rrb.TimeRange(start=first, end=last)
+    )  # same range in all plots, so that times align
     return rrb.TimeSeriesView(origin=f"plots/{what}", name=name, plot_legend=legend, axis_x=whole)

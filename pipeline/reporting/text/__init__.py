@@ -1,1 +1,1 @@
-"""Sentences about shots, fits and diagnoses."""
+"""Sentences about shots, fits and diagnoses; their HTML pages are in `reporting.pages`."""

@@ -1,4 +1,4 @@
-"""A diagnosis in words."""
+"""Sentences about a diagnosis of the sim-to-real gap."""
 
 from __future__ import annotations
 
@@ -6,102 +6,158 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from diagnosis.fitting.names import LAWS, growing, law, named, parameter, phase
-from diagnosis.verdicts.verdict import Candidate, Report, Strength
+from diagnosis.fitting.display_names import (
+    LAWS,
+    format_cause,
+    format_growth_variable,
+    format_law,
+    format_parameter,
+    format_phase,
+)
+from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Strength
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """What may be missing, in words: a line of the list."""
+    """One line of the list of candidate effects, as text."""
 
     name: str
     probability: float
     strength: str
-    """with its error, or that it is not told; empty where none was sought."""
+    """Fitted parameters with their standard deviations; empty if none were fitted."""
     detectable: str
-    """what could have been seen of it; empty where nothing could."""
+    """Smallest detectable parameter values; empty if none."""
     rivals: str
-    """what these shots cannot tell from it."""
+    """Effects that these shots cannot distinguish from it."""
 
 
-def gap_sentence(report: Report) -> str:
-    """What the simulator lacks."""
+def format_verdict(report: DiagnosisReport) -> str:
+    """Format the verdict: which effects the simulator lacks.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        One sentence.
+    """
     if report.verdict == "effects":
-        return f"Your simulator lacks {' and '.join(_missing(name, report.forms) for name in report.effects)}."
+        missing = " and ".join(_format_missing_effect(name, report.forms) for name in report.effects)
+        return f"Your simulator lacks {missing}."
     if report.verdict == "group":
-        rivals = " or ".join(named(name) for name in report.candidates[0].group)
-        return f"Your simulator lacks {rivals}; these shots cannot tell which."
+        rivals = " or ".join(format_cause(name) for name in report.candidates[0].group)
+        return f"Your simulator lacks {rivals}; these shots cannot distinguish between them."
     if report.verdict == "none":
-        return "These shots show nothing that your simulator lacks."
+        return "These shots show no effect that your simulator lacks."
     if report.verdict == "unknown":
-        return f"Something is there that the library does not hold{_mostly_at(report)}."
-    return f"These shots decide nothing: {'; '.join(report.notes)}."
+        return f"Your simulator lacks an effect that is not in the library{_format_main_place(report)}."
+    return f"These shots do not allow a verdict: {'; '.join(report.notes)}."
 
 
-def _missing(effect: str, forms: tuple[str, ...]) -> str:
-    """What is lacked; of published laws which one fits best."""
+def _format_missing_effect(effect: str, forms: tuple[str, ...]) -> str:
+    """Format a missing effect; for a contact model, name the published model that fits best."""
     fits = dict(zip(LAWS, forms, strict=False)).get(effect)
-    return named(effect) if fits is None else f"{LAWS[effect]} ({law(fits)} fits best)"
+    return format_cause(effect) if fits is None else f"{LAWS[effect]} ({format_law(fits)} fits best)"
 
 
-def shot_named(shot: int, origins: Mapping[int, str]) -> str:
-    """A shot by its number, and by its folder where there are several."""
+def format_shot_name(shot: int, origins: Mapping[int, str]) -> str:
+    """Format the name of a shot.
+
+    Args:
+        shot: Its number.
+        origins: Folder names of the shots; empty if all are in one folder.
+
+    Returns:
+        The number, with the folder if it is known.
+    """
     return f"shot {shot} ({origins[shot]})" if shot in origins else f"shot {shot}"
 
 
-def folders_of_shots(origins: Mapping[int, str]) -> str:
-    """Which shot lies in which folder, a sentence; empty where all lie in one."""
+def format_shot_folders(origins: Mapping[int, str]) -> str:
+    """Format which shot comes from which folder.
+
+    Args:
+        origins: Folder names of the shots.
+
+    Returns:
+        One sentence; empty if all shots are in one folder.
+    """
     if not origins:
         return ""
-    return f"Shots by their numbers: {'; '.join(f'{shot} is {name}' for shot, name in sorted(origins.items()))}."
+    return f"Shot numbers: {'; '.join(f'{shot} is {name}' for shot, name in sorted(origins.items()))}."
 
 
-def _mostly_at(report: Report) -> str:
-    """Where most of it shows; empty where nothing says it."""
+def _format_main_place(report: DiagnosisReport) -> str:
+    """Format where most of the gap is; empty if it is not localised."""
     if not report.where:
         return ""
     most = report.where[0]
-    grows = f", growing with {growing(most.grows_with)}" if most.grows_with else ""
-    return f": {most.share:.0%} of it shows {phase(most.phase)}{grows}"
+    grows = f", growing with {format_growth_variable(most.grows_with)}" if most.grows_with else ""
+    return f": {most.share:.0%} of the gap appears {format_phase(most.phase)}{grows}"
 
 
-def closed_sentence(report: Report) -> str:
-    """How far the gap shrinks; empty where nothing was held out."""
-    gap, told = report.gap, report.gap.closing
+def format_gap_closure(report: DiagnosisReport) -> str:
+    """Format how much of the prediction error on hold-out shots the missing effects explain.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        One sentence with the errors before and after, and the share of the gap that is closed.
+    """
+    gap, closing = report.gap, report.gap.closure
     if not gap.windows:
-        return "No shot that can be predicted was left over to measure how far the gap shrinks."
-    if not math.isfinite(told.before):
-        return "Nothing could be predicted on the shots that were left over: they begin too uncertainly, or lie still."
-    before, after, floor = (length(value, gap.metric) for value in (told.before, told.after, told.floor))
-    if report.verdict == "unknown" and not told.after < told.before:
+        return "No hold-out shot that can be predicted is left to measure how much the gap shrinks."
+    if not math.isfinite(closing.before):
+        return "No hold-out shot could be predicted: its initial state is too uncertain, or no ball moves."
+    before, after, floor = (
+        format_error_size(value, gap.metric) for value in (closing.before, closing.after, closing.floor)
+    )
+    if report.verdict == "unknown" and not closing.after < closing.before:
         return (
-            f"Predicted {gap.horizon:.2f} s ahead on shots that chose nothing, the simulator is off by {before}, where"
-            f" {floor} could be reached; no effect of the library takes that error away."
+            f"On hold-out shots, predicted {gap.horizon:.2f} s ahead, the simulator has an error of {before}"
+            f" (attainable: {floor}); no effect of the library reduces it."
         )
-    if not told.floor < told.before:
-        return f"Predicted {gap.horizon:.2f} s ahead, the simulator is off by {before}, which is noise."
-    if not told.resolved:
-        return f"Predicted {gap.horizon:.2f} s ahead, the simulator is off by {before}; of that, {floor} is noise."
-    it = "adding them" if len(report.effects) > 1 else "adding it"
-    it = "what comes nearest" if report.verdict == "unknown" else it
+    if not closing.floor < closing.before:
+        return f"Predicted {gap.horizon:.2f} s ahead, the simulator has an error of {before}, which is noise."
+    if not closing.resolved:
+        return (
+            f"Predicted {gap.horizon:.2f} s ahead, the simulator has an error of {before}, of which {floor} is noise."
+        )
+    change = "adding them" if len(report.effects) > 1 else "adding it"
+    change = "the most similar effect" if report.verdict == "unknown" else change
     return (
-        f"Predicted {gap.horizon:.2f} s ahead on shots that chose nothing, {it} takes the error from {before} "
-        f"to {after} of a possible {floor}: {told.closed:.0%} of the gap closed "
-        f"({told.interval[0]:.0%} to {told.interval[1]:.0%})."
+        f"On hold-out shots, predicted {gap.horizon:.2f} s ahead, {change} reduces the error from {before} "
+        f"to {after} (attainable: {floor}): {closing.closed:.0%} of the gap closed "
+        f"(95 % interval: {closing.interval[0]:.0%} to {closing.interval[1]:.0%})."
     )
 
 
-def length(value: float, metric: str) -> str:
-    """A distance in mm or an angle in mrad."""
+def format_error_size(value: float, metric: str) -> str:
+    """Format a prediction error with its unit.
+
+    Args:
+        value: Error in m or rad.
+        metric: Name of the metric; it ends in "rad" for angles.
+
+    Returns:
+        A distance in mm or an angle in mrad.
+    """
     return f"{1000 * value:.3g} {'mrad' if metric.endswith('rad') else 'mm'}"
 
 
-def causes(report: Report) -> tuple[Cause, ...]:
-    """The list of causes, likeliest first; effects that are missing together are one, and share its probability."""
+def list_causes(report: DiagnosisReport) -> tuple[Cause, ...]:
+    """List the candidate effects by decreasing probability.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        The candidates; effects that are missing together form one candidate with their joint probability.
+    """
     together = [one for one in report.candidates if one.effect in report.effects]
     if len(together) < 2:
-        return tuple(_cause(one) for one in report.candidates)
-    parts = [_cause(one) for one in together]
+        return tuple(_build_cause(one) for one in report.candidates)
+    parts = [_build_cause(one) for one in together]
     whole = Cause(
         name=" and ".join(one.name for one in parts),
         probability=report.probability,
@@ -109,47 +165,71 @@ def causes(report: Report) -> tuple[Cause, ...]:
         detectable="; ".join(f"{one.name} {one.detectable}" for one in parts if one.detectable),
         rivals=", ".join(one.rivals for one in parts if one.rivals),
     )
-    rest = (_cause(one) for one in report.candidates if one not in together)
+    rest = (_build_cause(one) for one in report.candidates if one not in together)
     return tuple(sorted((whole, *rest), key=lambda one: one.probability, reverse=True))
 
 
-def _cause(one: Candidate) -> Cause:
-    told = (strength(s) for s in one.strengths)
-    seen = (f"{parameter(s.name)} {_detectable(s)}" for s in one.strengths if math.isfinite(s.detectable_from))
-    rivals = (named(name) for name in one.group[1:])
-    return Cause(named(one.effect), one.probability, "; ".join(filter(None, told)), "; ".join(seen), ", ".join(rivals))
+def _build_cause(one: CandidateEffect) -> Cause:
+    strengths = (format_strength(s) for s in one.strengths)
+    detectable = (
+        f"{format_parameter(s.name)} {_format_detectable(s)}" for s in one.strengths if math.isfinite(s.detectable_from)
+    )
+    rivals = (format_cause(name) for name in one.group[1:])
+    return Cause(
+        format_cause(one.effect),
+        one.probability,
+        "; ".join(filter(None, strengths)),
+        "; ".join(detectable),
+        ", ".join(rivals),
+    )
 
 
-def strength(one: Strength) -> str:
-    """A parameter with its error, or that these shots do not tell it; empty where it was not fitted."""
+def format_strength(one: Strength) -> str:
+    """Format a parameter with its standard deviation, or that it is not identifiable; empty if it was not fitted."""
     if not (math.isfinite(one.sigma) and one.sigma > 0):
         return ""
     if one.prior_only:
-        return f"{parameter(one.name)}: {untold(one)}"
-    return f"{parameter(one.name)} = {with_unit(f'{one.value:.3g} ± {one.sigma:.2g}', one.unit)}"
+        return f"{format_parameter(one.name)}: {format_unidentified(one)}"
+    return f"{format_parameter(one.name)} = {format_with_unit(f'{one.value:.3g} ± {one.sigma:.2g}', one.unit)}"
 
 
-def untold(one: Strength) -> str:
-    """What can be said of a parameter that is only what was known beforehand."""
+def format_unidentified(one: Strength) -> str:
+    """Format that a parameter was determined by its prior alone.
+
+    Args:
+        one: The parameter.
+
+    Returns:
+        A phrase with the smallest detectable value, if there is one.
+    """
     if not math.isfinite(one.detectable_from):
-        return "these shots do not tell it"
-    return f"these shots do not tell it, they would show {_detectable(one)} or more"
+        return "not identifiable from these shots"
+    return f"not identifiable from these shots, which would reveal {_format_detectable(one)} or more"
 
 
-def _detectable(one: Strength) -> str:
-    return with_unit(f"{one.detectable_from:.2g}", one.unit)
+def _format_detectable(one: Strength) -> str:
+    """Format the smallest detectable value."""
+    return format_with_unit(f"{one.detectable_from:.2g}", one.unit)
 
 
-def undecided(report: Report) -> str:
-    """What no shot can tell, what these shots would have missed, and what they gave no way to test, as sentences."""
+def format_undecided(report: DiagnosisReport) -> str:
+    """Format which effects were not decided.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        Sentences on effects that no shot identifies, that these shots are too few to detect, and that they do not test;
+        empty if there are none.
+    """
     weighed = {one.effect for one in report.candidates}
-    never = [named(name) for name in report.unidentifiable if name not in weighed]
-    missed = [named(name) for name in report.unidentifiable if name in weighed]
-    untested = [named(name) for name in report.not_tested]
-    lists = ("No shot can tell", never), ("These shots would have missed at usual strength", missed)
+    never = [format_cause(name) for name in report.unidentifiable if name not in weighed]
+    missed = [format_cause(name) for name in report.unidentifiable if name in weighed]
+    untested = [format_cause(name) for name in report.not_tested]
+    lists = ("Not identifiable from any shot", never), ("Not detectable in these shots at usual strength", missed)
     return " ".join(f"{what}: {', '.join(which)}." for what, which in (*lists, ("Not tested", untested)) if which)
 
 
-def with_unit(number: str, unit: str) -> str:
-    """A number with its unit, that of a pure number left out."""
+def format_with_unit(number: str, unit: str) -> str:
+    """Format a number with its unit; a dimensionless number has none."""
     return number if unit == "1" else f"{number} {unit}"

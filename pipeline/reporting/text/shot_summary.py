@@ -1,4 +1,4 @@
-"""A shot in five answers: who hit whom first, when, how fast, what the ball did then, and how sure that is."""
+"""Summary of a stroke in sentences: first contact, time, speeds, later motion, confidence."""
 
 from __future__ import annotations
 
@@ -11,87 +11,100 @@ from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from pipeline.reporting.text.sentences import event_sentence, event_time
+from pipeline.reporting.text.text_formatting import format_event, format_event_time
 
-JUST = 1e-3
-"""s before and after a contact, beyond twice its error, at which a ball's velocity is told."""
-SETTLED = 0.4
-"""s after a contact at which most balls roll again, and the eye has seen where they go."""
-STANDS = 0.03
-"""m/s below which one says that a ball stands."""
-ON, BACK = 25.0, 140.0
-"""Degrees of a turn up to which a ball goes on, and from which it comes back."""
-LIKELY = 0.5
-"""Probability from which an event is told."""
+CONTACT_MARGIN = 1e-3
+"""s, added to twice the standard deviation of a contact time: where the velocities before and after are sampled."""
+SETTLING_TIME = 0.4
+"""s after a contact by which most balls roll again, so that their direction is visible."""
+REST_SPEED = 0.03
+"""m/s below which a ball is described as at rest."""
+MAX_STRAIGHT_ANGLE, MIN_RETURN_ANGLE = 25.0, 140.0
+"""Degrees: a ball that turns by less continues in its direction, one that turns by more comes back."""
+MIN_PROBABILITY = 0.5
+"""Probability from which an event is mentioned."""
 CUE_KINDS = ("cue", "white", "yellow")
-UNSEEN = "No stroke is seen in this clip: what came before it is not told."
-AFTERWARDS = 6
-"""Events of the ball after the contact that are told one by one; balls before cushions."""
-SURE = 0.9985
-"""Probability from which a fit's word is "at least 99.9 %": no fit knows more."""
-UNTOLD = "-"
-"""An answer where there is none."""
+STROKE_NOT_VISIBLE = "The clip shows no stroke; the motion before it is unknown."
+MAX_LATER_CONTACTS = 6
+"""Later contacts of the ball that are listed one by one; balls take precedence over cushions."""
+MAX_STATED_PROBABILITY = 0.9985
+"""Probability above which "at least 99.9 %" is written: no fit justifies more."""
+NO_ANSWER = "-"
+"""Text of an answer that does not exist."""
 
 
 @dataclass(frozen=True, slots=True)
-class Story:
-    """One stroke; each answer is one or two sentences."""
+class ShotSummary:
+    """Summary of one stroke; each field is one or two sentences."""
 
     start: float
-    """s"""
+    """Time of the stroke, s."""
     first: str
     when: str
     speed: str
     after: str
-    sure: str
+    confidence: str
     potted: str = ""
-    """What fell, and where; empty where nothing did."""
+    """Potted balls and their pockets; empty if there are none."""
 
 
-def tell(tracks: Tracks, fit: Fit, scale_doubts: Sequence[str] = ()) -> list[Story]:
-    """A story for every stroke; of a clip that begins after it, for the ball that moves first.
+def summarize_shots(tracks: Tracks, fit: Fit, scale_doubts: Sequence[str] = ()) -> list[ShotSummary]:
+    """Summarize every stroke of a clip.
 
-    `scale_doubts`: sentences that say by how much all speeds may be wrong; told beside them.
+    Args:
+        tracks: Tracks of T frames and N balls.
+        fit: The fit of the shot.
+        scale_doubts: Sentences on the possible error of all lengths; appended to the speeds.
+
+    Returns:
+        One summary per stroke; if the clip begins after the stroke, one for the ball that moves first.
     """
     events = fit.events
-    likely = [k for k in range(len(events)) if events.probability[k] >= LIKELY]
+    likely = [k for k in range(len(events)) if events.probability[k] >= MIN_PROBABILITY]
     strikes = [k for k in likely if events.kind[k] == "strike" and events.a[k] in fit.trajectory.ids]
     if strikes:
         ends = [*(float(events.t[k]) for k in strikes[1:]), np.inf]
-        told = [
-            (_story(fit, tracks, events.a[k], float(events.t[k]), end, likely, k), end)
+        summaries = [
+            (_summarize_stroke(fit, tracks, events.a[k], float(events.t[k]), end, likely, k), end)
             for k, end in zip(strikes, ends, strict=True)
         ]
     else:
-        begins = _first_mover(tracks, fit, likely)
+        first_ball = _find_first_mover(tracks, fit, likely)
         first = float(tracks.t[0])
-        told = [] if begins is None else [(_story(fit, tracks, begins, first, np.inf, likely, None), np.inf)]
+        summaries = (
+            []
+            if first_ball is None
+            else [(_summarize_stroke(fit, tracks, first_ball, first, np.inf, likely, None), np.inf)]
+        )
     return [
         replace(
-            story,
-            potted=_potted(events, likely, story.start, end),
-            speed=" ".join([story.speed, *(scale_doubts if story.speed != UNTOLD else ())]),
+            summary,
+            potted=_format_potted(events, likely, summary.start, end),
+            speed=" ".join([summary.speed, *(scale_doubts if summary.speed != NO_ANSWER else ())]),
         )
-        for story, end in told
+        for summary, end in summaries
     ]
 
 
-def _potted(events: Events, likely: list[int], start: float, end: float) -> str:
-    fallen = [k for k in likely if events.kind[k] == "pocket" and start <= events.t[k] < end]
-    told = _list([f"{events.a[k]} into the {events.b[k]} pocket at {event_time(events, k)}" for k in fallen])
-    return told + "." if told else ""
+def _format_potted(events: Events, likely: list[int], start: float, end: float) -> str:
+    """Format the balls potted between `start` and `end` (s)."""
+    potted = [k for k in likely if events.kind[k] == "pocket" and start <= events.t[k] < end]
+    text = _join_names(
+        [f"{events.a[k]} into the {events.b[k]} pocket at {format_event_time(events, k)}" for k in potted]
+    )
+    return text + "." if text else ""
 
 
-def _first_mover(tracks: Tracks, fit: Fit, likely: list[int]) -> str | None:
-    """Who came, at the first contact of balls: the faster one, or the one that was too fast to be seen before.
+def _find_first_mover(tracks: Tracks, fit: Fit, likely: list[int]) -> str | None:
+    """Return the incoming ball of the first contact: the faster one, or one whose velocity is unknown.
 
-    Without a contact the ball that moves first, of several a cue ball before others.
+    Without a contact, return the ball that moves first; among several, a cue ball takes precedence.
     """
     events, ids = fit.events, fit.trajectory.ids
     for k in likely:
         if events.kind[k] == "ball" and {events.a[k], events.b[k]} <= set(ids):
             pair = [events.a[k], events.b[k]]
-            v = fit.trajectory.at(float(events.t[k] + _beside(events, k)[0])).v
+            v = fit.trajectory.at(float(events.t[k] + _contact_margins(events, k)[0])).v
             speed = [float(np.nan_to_num(np.linalg.norm(v[ids.index(ball)]), nan=np.inf)) for ball in pair]
             return pair[int(np.argmax(speed))]
     moving = np.flatnonzero(fit.moving.any(axis=0))
@@ -101,180 +114,198 @@ def _first_mover(tracks: Tracks, fit: Fit, likely: list[int]) -> str | None:
     return tracks.ids[(cue or first)[0]] if first else None
 
 
-def _story(
+def _summarize_stroke(
     fit: Fit, tracks: Tracks, ball: str, start: float, end: float, likely: list[int], strike: int | None
-) -> Story:
+) -> ShotSummary:
+    """Summarize the motion of `ball` from its stroke, event `strike`, at `start` to `end` (s)."""
     events = fit.events
     own = [k for k in likely if start <= events.t[k] < end and ball in (events.a[k], events.b[k]) and k != strike]
     touch = next((k for k in own if events.kind[k] == "ball"), None)
     struck = (
-        f" {UNSEEN}" if strike is None else f" It was struck at {event_time(events, strike)}{_left_at(events, strike)}."
+        f" {STROKE_NOT_VISIBLE}"
+        if strike is None
+        else f" It was struck at {format_event_time(events, strike)}{_format_stroke_departure(events, strike)}."
     )
     if touch is None:
-        then = _told_after(fit, tracks, ball, own, start, end)
-        when = UNTOLD if strike is None else f"{event_time(events, strike)} (the stroke)"
+        then = _format_later_contacts(fit, tracks, ball, own, start, end)
+        when = NO_ANSWER if strike is None else f"{format_event_time(events, strike)} (the stroke)"
         first = f"{ball} touched no other ball.{struck}"
-        return Story(start, first, when, _stroke_speed(events, strike), then, _sure(fit, own, strike))
+        return ShotSummary(
+            start, first, when, _format_stroke_speed(events, strike), then, _format_confidence(fit, own, strike)
+        )
     t = float(events.t[touch])
     other = events.b[touch] if events.a[touch] == ball else events.a[touch]
-    then = _told_after(fit, tracks, ball, [k for k in own if events.t[k] > t], t, end)
-    return Story(
+    then = _format_later_contacts(fit, tracks, ball, [k for k in own if events.t[k] > t], t, end)
+    return ShotSummary(
         start,
-        f"{ball} hit {other} first{_by_way_of(events, own, t)}.{struck}",
-        f"{event_time(events, touch)} (picture {events.frame[touch]:.2f}){_since(events, strike, t)}",
-        _speeds(fit, ball, other, touch),
-        f"{_way_on(fit, ball, touch, own, end)} {then}",
-        _sure(fit, own, touch),
+        f"{ball} hit {other} first{_format_cushions_before(events, own, t)}.{struck}",
+        f"{format_event_time(events, touch)} (frame {events.frame[touch]:.2f}){_format_delay(events, strike, t)}",
+        _format_speeds(fit, ball, other, touch),
+        f"{_format_direction_after(fit, ball, touch, own, end)} {then}",
+        _format_confidence(fit, own, touch),
     )
 
 
-def _by_way_of(events: Events, own: list[int], t: float) -> str:
+def _format_cushions_before(events: Events, own: list[int], t: float) -> str:
+    """Format the cushions that the ball touched before t (s); empty if there are none."""
     cushions = [events.b[k] for k in own if events.kind[k] == "cushion" and events.t[k] < t]
-    return f", by way of the {_list(cushions)} cushion{'s' if len(cushions) > 1 else ''}" if cushions else ""
+    return f", after the {_join_names(cushions)} cushion{'s' if len(cushions) > 1 else ''}" if cushions else ""
 
 
-def _since(events: Events, strike: int | None, t: float) -> str:
+def _format_delay(events: Events, strike: int | None, t: float) -> str:
+    """Format the time (s) from the stroke to t; empty without a stroke."""
     return "" if strike is None else f", {t - events.t[strike]:.3f} s after the stroke"
 
 
-def _left_at(events: Events, k: int) -> str:
+def _format_stroke_departure(events: Events, k: int) -> str:
+    """Format the speed after a stroke as a clause; empty if it is unknown."""
     return f" and left at {events.speed[k]:.2f} m/s" if np.isfinite(events.speed[k]) else ""
 
 
-def _stroke_speed(events: Events, k: int | None) -> str:
+def _format_stroke_speed(events: Events, k: int | None) -> str:
+    """Format the speed after a stroke as an answer."""
     if k is None or not np.isfinite(events.speed[k]):
-        return UNTOLD
+        return NO_ANSWER
     return f"{events.speed[k]:.2f} m/s after the stroke"
 
 
-def _speeds(fit: Fit, ball: str, other: str, touch: int) -> str:
-    """How fast they closed, and how fast the ball came and the other left."""
+def _format_speeds(fit: Fit, ball: str, other: str, touch: int) -> str:
+    """Format the closing speed of a contact, the speed of the ball before it and of the other ball after it."""
     events, ids = fit.events, fit.trajectory.ids
-    before, after = (fit.trajectory.at(float(t)) for t in events.t[touch] + _beside(events, touch))
-    came = float(np.linalg.norm(before.v[ids.index(ball)]))
+    before, after = (fit.trajectory.at(float(t)) for t in events.t[touch] + _contact_margins(events, touch))
+    speed_before = float(np.linalg.norm(before.v[ids.index(ball)]))
     sigma = float(before.sigma_v[ids.index(ball)])
-    left = float(np.linalg.norm(after.v[ids.index(other)])) if other in ids else float("nan")
+    speed_after = float(np.linalg.norm(after.v[ids.index(other)])) if other in ids else float("nan")
     parts = []
     if np.isfinite(events.speed[touch]):
-        parts.append(f"They closed at {events.speed[touch]:.2f} m/s along the line of their centres")
-    if np.isfinite(came):
-        parts.append(f"{ball} came at {came:.2f} ± {sigma:.3f} m/s")
+        parts.append(f"The closing speed along the line of centres was {events.speed[touch]:.2f} m/s")
+    if np.isfinite(speed_before):
+        parts.append(f"{ball} arrived at {speed_before:.2f} ± {sigma:.3f} m/s")
     elif parts:
-        parts.append(f"how fast {ball} came was not seen")
-    if np.isfinite(left):
-        parts.append(f"{other} left at {left:.2f} m/s")
-    return "; ".join(parts) + "." if parts else "not known"
+        parts.append(f"the speed of {ball} before the contact was not observed")
+    if np.isfinite(speed_after):
+        parts.append(f"{other} left at {speed_after:.2f} m/s")
+    return "; ".join(parts) + "." if parts else "unknown"
 
 
-def _beside(events: Events, k: int) -> FloatArray:
-    """s before and after event k at which it is sure that it is still to come, and over."""
-    return np.asarray(np.array([-1.0, 1.0]) * (JUST + 2 * events.t_sigma[k]), np.float64)
+def _contact_margins(events: Events, k: int) -> FloatArray:
+    """Return offsets (2,) s from the time of event k at which it is certainly still to come, and certainly over."""
+    return np.asarray(np.array([-1.0, 1.0]) * (CONTACT_MARGIN + 2 * events.t_sigma[k]), np.float64)
 
 
-def _way_on(fit: Fit, ball: str, touch: int, own: list[int], end: float) -> str:
-    """Where the ball went, once it rolled or met the next thing."""
+def _format_direction_after(fit: Fit, ball: str, touch: int, own: list[int], end: float) -> str:
+    """Format the direction of the ball once it rolls again, or just before its next contact."""
     events, ids = fit.events, fit.trajectory.ids
     t, k = float(events.t[touch]), ids.index(ball)
-    ahead = [float(events.t[j] + _beside(events, j)[0]) for j in own if events.t[j] > t + JUST]
-    before_and_after = t + _beside(events, touch)
-    look = max(min(t + SETTLED, *(ahead[:1] or [np.inf]), end - JUST), float(before_and_after[1]))
-    known = fit.trajectory.at(np.append(before_and_after, look)).v[:, k]
-    before, later = known[0], known[2]
-    speeds = np.linalg.norm(known, axis=1)
+    ahead = [float(events.t[j] + _contact_margins(events, j)[0]) for j in own if events.t[j] > t + CONTACT_MARGIN]
+    before_and_after = t + _contact_margins(events, touch)
+    sample_time = max(
+        min(t + SETTLING_TIME, *(ahead[:1] or [np.inf]), end - CONTACT_MARGIN), float(before_and_after[1])
+    )
+    velocities = fit.trajectory.at(np.append(before_and_after, sample_time)).v[:, k]
+    before, later = velocities[0], velocities[2]
+    speeds = np.linalg.norm(velocities, axis=1)
     if not np.isfinite(speeds[2]):
-        return f"Where {ball} went is not known."
-    if not speeds[0] > STANDS:
-        return f"{ball} went at {speeds[2]:.2f} m/s {look - t:.2f} s later; from where it came was not seen."
-    if speeds[2] < STANDS:
-        return f"{ball} stopped where it was ({speeds[2]:.2f} m/s {look - t:.2f} s later)."
-    slow = f"all but stopped ({speeds[1]:.2f} m/s), then " if speeds[1] < 0.5 * speeds[2] else ""
-    return f"{ball} {slow}{_course(before, later)}, at {speeds[2]:.2f} m/s {look - t:.2f} s later."
+        return f"The direction of {ball} after the contact is unknown."
+    if not speeds[0] > REST_SPEED:
+        return (
+            f"{ball} moved at {speeds[2]:.2f} m/s {sample_time - t:.2f} s later;"
+            " its direction before the contact was not observed."
+        )
+    if speeds[2] < REST_SPEED:
+        return f"{ball} stopped at the place of contact ({speeds[2]:.2f} m/s {sample_time - t:.2f} s later)."
+    slow = f"almost stopped ({speeds[1]:.2f} m/s), then " if speeds[1] < 0.5 * speeds[2] else ""
+    return f"{ball} {slow}{_format_turn(before, later)}, at {speeds[2]:.2f} m/s {sample_time - t:.2f} s later."
 
 
-def _course(before: FloatArray, later: FloatArray) -> str:
-    """How a ball turned from one velocity (2,) to another, as a player says it."""
-    angle = _turn(before, later)
+def _format_turn(before: FloatArray, later: FloatArray) -> str:
+    """Format the change of direction between two velocities (2,)."""
+    angle = _turn_angle(before, later)
     side = "right" if angle > 0 else "left"  # y runs down: a positive angle turns clockwise as seen from above
-    if abs(angle) < ON:
-        return f"went on in its old direction ({abs(angle):.0f}° to the {side})"
-    if abs(angle) > BACK:
+    if abs(angle) < MAX_STRAIGHT_ANGLE:
+        return f"continued in its direction ({abs(angle):.0f}° to the {side})"
+    if abs(angle) > MIN_RETURN_ANGLE:
         return "came back"
-    return f"went off {abs(angle):.0f}° to the {side} of its old way"
+    return f"turned {abs(angle):.0f}° to the {side}"
 
 
-def _turn(before: FloatArray, later: FloatArray) -> float:
-    """Degrees from one velocity (2,) to another; clockwise, as seen from above, above 0."""
+def _turn_angle(before: FloatArray, later: FloatArray) -> float:
+    """Compute the angle between two velocities (2,) in degrees; positive is clockwise as seen from above."""
     cross = before[0] * later[1] - before[1] * later[0]
     return float(np.degrees(np.arctan2(cross, before @ later)))
 
 
-def _told_after(fit: Fit, tracks: Tracks, ball: str, later: list[int], start: float, end: float) -> str:
-    """What the ball met then, and where it ended."""
+def _format_later_contacts(fit: Fit, tracks: Tracks, ball: str, later: list[int], start: float, end: float) -> str:
+    """Format the later contacts of the ball and its final state."""
     events = fit.events
-    met = [k for k in later if events.kind[k] in ("ball", "cushion")]
-    told = _chosen(events, met)
-    more = f" and {len(met) - len(told)} more" if len(met) > len(told) else ""
-    words = [f"{_met(events, k, ball)} at {events.t[k]:.3f} s" for k in told]
-    then = f"Then it met {_list(words)}{more}. " if words else "It met nothing more. " if start > 0 else ""
+    contacts = [k for k in later if events.kind[k] in ("ball", "cushion")]
+    selected = _select_later_contacts(events, contacts)
+    more = f" and {len(contacts) - len(selected)} more" if len(contacts) > len(selected) else ""
+    words = [f"{_contact_partner(events, k, ball)} at {events.t[k]:.3f} s" for k in selected]
+    none = "It had no further contact. " if start > 0 else ""
+    then = f"Then it touched {_join_names(words)}{more}. " if words else none
     for k in later:
         if events.kind[k] == "pocket":
-            return then + f"It fell into the {events.b[k]} pocket at {event_time(events, k)}."
-    return then + _end(fit, tracks, ball, min(end, float(tracks.t[-1])), later)
+            return then + f"It fell into the {events.b[k]} pocket at {format_event_time(events, k)}."
+    return then + _format_final_state(fit, tracks, ball, min(end, float(tracks.t[-1])), later)
 
 
-def _chosen(events: Events, met: list[int]) -> list[int]:
-    """As many as are told, in their order: balls first, for they decide a stroke, then the first cushions."""
-    wanted = sorted(met, key=lambda k: (events.kind[k] != "ball", events.t[k]))[:AFTERWARDS]
-    return sorted(wanted, key=lambda k: float(events.t[k]))
+def _select_later_contacts(events: Events, contacts: list[int]) -> list[int]:
+    """Select the contacts to list, ordered by time: balls first, because they decide a stroke, then early cushions."""
+    selected = sorted(contacts, key=lambda k: (events.kind[k] != "ball", events.t[k]))[:MAX_LATER_CONTACTS]
+    return sorted(selected, key=lambda k: float(events.t[k]))
 
 
-def _end(fit: Fit, tracks: Tracks, ball: str, t: float, later: list[int]) -> str:
+def _format_final_state(fit: Fit, tracks: Tracks, ball: str, t: float, later: list[int]) -> str:
+    """Format the state of the ball at t (s), or its rest before it."""
     events = fit.events
-    state = fit.trajectory.at(t - JUST)
+    state = fit.trajectory.at(t - CONTACT_MARGIN)
     k = fit.trajectory.ids.index(ball)
     if not np.isfinite(state.xy[k]).all():
-        return "How it ended is not known."
+        return "Its final state is unknown."
     place = f"({state.xy[k, 0]:.3f}, {state.xy[k, 1]:.3f}) m"
     speed = float(np.linalg.norm(state.v[k]))
     rests = [j for j in later if events.kind[j] == "rest"]
     if rests:
         return f"It came to rest at {events.t[rests[-1]]:.2f} s at {place}."
-    if speed < STANDS:
-        return f"At {t:.2f} s it lay at {place}."
-    return f"When the clip ends, at {t:.2f} s, it still rolls at {speed:.2f} m/s, at {place}."
+    if speed < REST_SPEED:
+        return f"At {t:.2f} s it was at rest at {place}."
+    return f"When the clip ends, at {t:.2f} s, it still moves at {speed:.2f} m/s at {place}."
 
 
-def _met(events: Events, k: int, ball: str) -> str:
+def _contact_partner(events: Events, k: int, ball: str) -> str:
+    """Return the name of what `ball` touched in event k."""
     if events.kind[k] == "cushion":
         return f"the {events.b[k]} cushion"
     return events.b[k] if events.a[k] == ball else events.a[k]
 
 
-def _sure(fit: Fit, own: list[int], main: int | None) -> str:
-    """Of the contact that was told, of the others, and of the whole clip."""
+def _format_confidence(fit: Fit, own: list[int], main: int | None) -> str:
+    """Format the probability of the main event and of the others, and the trust level of the clip."""
     events = fit.events
     parts = []
     if main is not None:
         what = "first contact" if events.kind[main] == "ball" else "stroke"
-        parts.append(f"The {what} is {_probably(float(events.probability[main]))}")
+        parts.append(f"The {what} has a probability of {_format_certainty(float(events.probability[main]))}")
     others = [k for k in own if k != main]
     worst = min(others, key=lambda k: events.probability[k], default=None)
-    if worst is not None and events.probability[worst] > SURE:
-        parts.append("all that this ball met besides is at least 99.9 % sure")
+    if worst is not None and events.probability[worst] > MAX_STATED_PROBABILITY:
+        parts.append("every other contact of this ball has a probability of at least 99.9 %")
     elif worst is not None:
         parts.append(
-            f"of what this ball met besides, the least sure is {_probably(float(events.probability[worst]))} "
-            f"({event_sentence(events, worst)})"
+            "the least certain other contact of this ball has a probability of"
+            f" {_format_certainty(float(events.probability[worst]))} ({format_event(events, worst)})"
         )
-    parts.append(f"the clip's trust light is {fit.trust.light}")
+    parts.append(f"the trust level of the clip is {fit.trust.level}")
     text = "; ".join(parts) + "."
     return text[0].upper() + text[1:]
 
 
-def _probably(probability: float) -> str:
-    """A probability in words; no fit knows more than that something is more than 99.9 % sure."""
-    return "at least 99.9 % sure" if probability > SURE else f"{100 * probability:.1f} % sure"
+def _format_certainty(probability: float) -> str:
+    """Format a probability; no fit justifies more than "at least 99.9 %"."""
+    return "at least 99.9 %" if probability > MAX_STATED_PROBABILITY else f"{100 * probability:.1f} %"
 
 
-def _list(names: list[str]) -> str:
+def _join_names(names: list[str]) -> str:
+    """Join names by commas and "and"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""

@@ -1,4 +1,4 @@
-"""Scene III: the balls of a real clip, in px, as a run of the chain saw them."""
+"""Scene III: the balls of a real clip, in px, as tracked in a run."""
 
 from __future__ import annotations
 
@@ -9,67 +9,112 @@ import numpy as np
 
 from models.core.errors import OptionError
 from models.core.typing import FloatArray
-from pipeline.experiments.thesis.scenes.withheld_series import Case, Series, filmed
-from pipeline.io.run_folder import Columns, read_table
+from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, build_series
+from pipeline.io.run_folder import Columns, read_csv_columns
 
-LEAST_FRAMES = 15
-"""of a stretch in which every ball was seen."""
-MOVED = 1.0
-"""px between first and last: a stretch in which nothing moves shows nothing."""
+MIN_FRAMES = 15
+"""Least number of frames of a segment in which every ball was observed."""
+MIN_MOTION_PX = 1.0
+"""Least displacement between its first and last frame, px."""
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
-    """Pictures in which every ball was seen."""
+class CompleteSegment:
+    """Consecutive frames in which every ball was observed."""
 
     ids: tuple[str, ...]
-    """(N,)"""
+    """(N,) balls."""
     t: FloatArray
     """(T,) s of the clip."""
-    places: FloatArray
+    positions: FloatArray
     """(T, N, 2) px."""
 
 
-def shots_of(run: Path) -> list[tuple[str, float]]:
-    """The shots of a run folder, and their frames per second."""
-    columns = _seen(run)
+def list_shots(run: Path) -> list[tuple[str, float]]:
+    """List the shots of a run folder that can be used, with their frame rate.
+
+    Args:
+        run: Run folder.
+
+    Returns:
+        Variant name and frame rate, Hz, of each shot.
+    """
+    columns = _read_observations(run)
     shots = dict.fromkeys(columns["shot"].astype(int).tolist())
-    return [(f"shot {shot}", _rate(columns, shot)) for shot in shots if _stretch(columns, shot) is not None]
+    return [
+        (f"shot {shot}", _frame_rate(columns, shot))
+        for shot in shots
+        if _find_longest_segment(columns, shot) is not None
+    ]
 
 
-def pool(case: Case, run: Path) -> Series:
-    """The longest stretch of a shot in which every ball was seen in every frame; withheld are measured places too,
-    so that no method can be better than their noise. OptionError where there is no such stretch."""
-    found = stretch_of(run, number_of(case.variant))
-    return filmed(case, found.t - found.t[0], found.places)
+def build_pool_series(case: ExperimentCase, run: Path) -> WithheldSeries:
+    """Build the series of the longest segment of a shot in which every ball was observed.
+
+    Withheld positions are measured as well, so that no method can be better than their noise.
+
+    Args:
+        case: The experiment.
+        run: Run folder.
+
+    Returns:
+        Series of all balls.
+
+    Raises:
+        OptionError: There is no such segment.
+    """
+    segment = read_complete_segment(run, parse_shot_number(case.variant))
+    return build_series(case, segment.t - segment.t[0], segment.positions)
 
 
-def number_of(variant: str) -> int:
-    """The number of a shot by its name."""
+def parse_shot_number(variant: str) -> int:
+    """Parse the number of a shot.
+
+    Args:
+        variant: Variant name, such as "shot 2".
+
+    Returns:
+        Index of the shot.
+    """
     return int(variant.removeprefix("shot "))
 
 
-def stretch_of(run: Path, shot: int) -> Stretch:
-    """What a shot has of pictures with every ball."""
-    found = _stretch(_seen(run), shot)
-    if found is None:
-        raise OptionError(f"Shot {shot} of {run} has no {LEAST_FRAMES} frames on end in which every ball was seen")
-    return found
+def read_complete_segment(run: Path, shot: int) -> CompleteSegment:
+    """Read the longest segment of a shot in which every ball was observed.
+
+    Args:
+        run: Run folder.
+        shot: Index of the shot.
+
+    Returns:
+        The segment.
+
+    Raises:
+        OptionError: There is no such segment.
+    """
+    segment = _find_longest_segment(_read_observations(run), shot)
+    if segment is None:
+        raise OptionError(
+            f"Shot {shot} of {run} has no {MIN_FRAMES} consecutive frames in which every ball was observed"
+        )
+    return segment
 
 
-def _seen(run: Path) -> Columns:
-    columns = read_table(run / "tracks.csv", ("shot", "frame", "t", "id", "x_px", "y_px", "observed"))
+def _read_observations(run: Path) -> Columns:
+    """Read the observed rows of tracks.csv."""
+    columns = read_csv_columns(run / "tracks.csv", ("shot", "frame", "t", "id", "x_px", "y_px", "observed"))
     rows = (columns["observed"] > 0) & np.isfinite(columns["x_px"])
     return {name: values[rows] for name, values in columns.items()}
 
 
-def _rate(columns: Columns, shot: int) -> float:
+def _frame_rate(columns: Columns, shot: int) -> float:
+    """Return the frame rate of a shot, Hz."""
     rows = columns["shot"] == shot
     return round(float(1 / np.median(np.diff(np.unique(columns["t"][rows])))), 2)
 
 
-def _stretch(columns: Columns, shot: int) -> Stretch | None:
-    """The longest run of even frames with all balls, None where too short."""
+def _find_longest_segment(columns: Columns, shot: int) -> CompleteSegment | None:
+    """Find the longest run of evenly spaced frames with all balls; None where it is too short."""
     rows = columns["shot"] == shot
     t, row = np.unique(columns["t"][rows], return_inverse=True)
     ids = sorted(set(columns["id"][rows].tolist()))
@@ -85,6 +130,6 @@ def _stretch(columns: Columns, shot: int) -> Stretch | None:
     starts, stops = ends[::2], ends[1::2]
     longest = int(np.argmax(stops - starts))
     part = slice(int(starts[longest]), int(stops[longest]) + 1)
-    if len(t[part]) < LEAST_FRAMES or np.abs(np.diff(places[part][[0, -1]], axis=0)).max() < MOVED:
+    if len(t[part]) < MIN_FRAMES or np.abs(np.diff(places[part][[0, -1]], axis=0)).max() < MIN_MOTION_PX:
         return None
-    return Stretch(tuple(ids), t[part], places[part])
+    return CompleteSegment(tuple(ids), t[part], places[part])

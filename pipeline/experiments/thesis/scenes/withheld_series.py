@@ -1,4 +1,4 @@
-"""A series of coordinates of which every other frame is withheld: what all methods are compared on."""
+"""A series of coordinates with every other frame withheld: the input of all compared methods."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from models.core.typing import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class ExperimentCase:
     """One experiment."""
 
     scene: str
@@ -18,47 +18,55 @@ class Case:
     variant: str
     """soft, medium, stiff; the speed of the ball; the start of a recording; a shot."""
     fps: float
-    """Frames per second, those that are withheld counted."""
+    """Frame rate including withheld frames, Hz."""
     noise: float
-    """px: standard deviation of what is added to every visible coordinate."""
+    """px: standard deviation of the noise that is added to every visible coordinate."""
     seed: int
-    """Of the noise, of the networks, and of the throw into the boxes."""
+    """Seed of the noise, of the networks, and of the throw into the boxes."""
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class WithheldSeries:
     """N points at T frames, px."""
 
-    case: Case
+    case: ExperimentCase
     t: FloatArray
     """(T,) s"""
     truth: FloatArray
     """(T, N, 2)"""
-    seen: FloatArray
-    """(T, N, 2) with noise; a method is shown every other row of it."""
+    observed: FloatArray
+    """(T, N, 2) with noise; methods get every other row."""
 
     def __post_init__(self) -> None:
-        if self.truth.shape != self.seen.shape or len(self.t) != len(self.truth) or len(self.t) % 2 == 0:
+        if self.truth.shape != self.observed.shape or len(self.t) != len(self.truth) or len(self.t) % 2 == 0:
             raise ValueError(f"a series has an odd number of frames; got {self.truth.shape} at {self.t.shape}")
 
     @property
-    def shown(self) -> tuple[FloatArray, FloatArray]:
-        """Times and coordinates that a method may learn from."""
-        return self.t[::2], self.seen[::2]
+    def visible_samples(self) -> tuple[FloatArray, FloatArray]:
+        """Times and coordinates that a method may use."""
+        return self.t[::2], self.observed[::2]
 
     @property
-    def hidden(self) -> tuple[FloatArray, FloatArray]:
+    def withheld_samples(self) -> tuple[FloatArray, FloatArray]:
         """Times and true coordinates of the withheld midpoints."""
         return self.t[1::2], self.truth[1::2]
 
 
-def filmed(case: Case, t: FloatArray, truth: FloatArray) -> Series:
-    """The series of a case with its noise; an even number of frames loses the last one."""
-    kept = len(t) - 1 + len(t) % 2
+def build_series(case: ExperimentCase, t: FloatArray, truth: FloatArray) -> WithheldSeries:
+    """Build the series of a case with its noise; of an even number of frames, the last is dropped."""
+    count = len(t) - 1 + len(t) % 2
     noise = np.random.default_rng([case.seed, 1]).standard_normal(truth.shape)
-    return Series(case, t[:kept], truth[:kept], (truth + case.noise * noise)[:kept])
+    return WithheldSeries(case, t[:count], truth[:count], (truth + case.noise * noise)[:count])
 
 
-def mean_square(guess: FloatArray, truth: FloatArray) -> float:
-    """px^2: mean over frames, points and coordinates."""
+def mean_squared_error(guess: FloatArray, truth: FloatArray) -> float:
+    """Return the mean squared error.
+
+    Args:
+        guess: (H, N, 2) px.
+        truth: (H, N, 2) px.
+
+    Returns:
+        px^2, mean over frames, points and coordinates.
+    """
     return float(np.mean((guess - truth) ** 2))

@@ -1,0 +1,103 @@
+"""Simulation, diagnosis and detection in a notebook or a script, without files of results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+
+from detectors.detect_options import DetectOptions
+from detectors.still_images import StillDetections, detect_in_still
+from diagnosis.diagnose import diagnose as diagnose_recordings
+from diagnosis.verdicts.verdict import DiagnosisReport
+from models.core.errors import OptionError
+from models.core.typing import ImageArray
+from models.physics.billiards.simulation.simulate_shot import SimulatedShot
+from models.physics.billiards.simulation.simulate_shot import simulate as simulate_balls
+from pipeline.engine.helper_executor import open_executor
+from pipeline.io.shot_file import parse_shot, read_shot
+from pipeline.io.track_folder import read_track_folders
+from pipeline.io.track_folder_scene import build_gap_scene
+from video.io.video_options import CalibrateOptions
+
+
+def simulate(shot: Mapping[str, Any] | str | Path) -> SimulatedShot:
+    """Simulate a shot from its initial state.
+
+    Args:
+        shot: A dict with the keys of SHOT.json, or the path of such a file: table (m), balls (m, m/s, rad/s),
+            effects, laws and seconds (s).
+
+    Returns:
+        The shot: its contacts, and `.states_at(times)` for the state of every ball at any times (T,) in s.
+
+    Raises:
+        OptionError: The shot has a mistake; the message names the first one.
+    """
+    parsed = parse_shot(dict(shot)) if isinstance(shot, Mapping) else read_shot(Path(shot))
+    return simulate_balls(parsed.balls, parsed.table, parsed.physics, parsed.seconds)
+
+
+def diagnose(*inputs: str | Path, seed: int = 0) -> DiagnosisReport:
+    """Diagnose the sim-to-real gap of shots of one table or scene.
+
+    Args:
+        inputs: Run folders or track folders; all of one scene.
+        seed: Random seed of the bootstraps.
+
+    Returns:
+        Verdict, candidates with probabilities, localisation, and the gap on held-out shots before and after.
+
+    Raises:
+        TruerollError: A folder cannot be used; the message states what was expected.
+    """
+    folder = read_track_folders([Path(one) for one in inputs])
+    with open_executor() as executor:
+        return diagnose_recordings(build_gap_scene(folder), folder.recordings, seed, executor=executor)
+
+
+def detect(
+    image: ImageArray | str | Path,
+    *,
+    detector: Literal["auto", "hough", "onnx"] = "auto",
+    model: str | Path | None = None,
+    corners: str | None = None,
+    table: str | None = None,
+    ball_radius: float | None = None,
+) -> StillDetections:
+    """Detect the balls in one still image.
+
+    Args:
+        image: RGB, (height, width, 3), or the path of an image file.
+        detector: auto, hough or onnx.
+        model: An ONNX ball detector to use instead of the shipped one.
+        corners: Corners of the playing surface, "x,y,x,y,x,y,x,y" in px; located in the image if not given.
+        table: Playing surface, such as "2.54x1.27" (m) or "pool-9ft".
+        ball_radius: Radius of the balls in m.
+
+    Returns:
+        The K balls from left to right: centre (K, 2), radius (K,) and sigma (K,) in px, class and score.
+
+    Raises:
+        TableNotFound: There is no table in the image, and the detector needs one.
+        OptionError: The image cannot be read, or an option cannot be used.
+    """
+    pixels, name = (image, "the image") if isinstance(image, np.ndarray) else (read_image(Path(image)), str(image))
+    options = DetectOptions(detector, None if model is None else str(model))
+    return detect_in_still(pixels, name, options, CalibrateOptions(corners, table, ball_radius))
+
+
+def read_image(path: Path) -> ImageArray:
+    """Read an image file as upright RGB (height, width, 3).
+
+    Raises:
+        OptionError: The file is missing or is no image.
+    """
+    data = np.fromfile(path, dtype=np.uint8) if path.is_file() else np.empty(0, np.uint8)
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if decoded is None:
+        raise OptionError(f"{path} is no image that can be read; expected png, jpg, bmp, tif or webp")
+    return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)

@@ -1,0 +1,124 @@
+"""Text for events, fitted parameters, file names and errors."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from models.core.errors import TruerollError
+from models.core.events import Events
+
+TEXTBOOK_RANGES = {
+    "rolling_resistance.mu": (0.005, 0.015),
+    "sliding_friction.mu": (0.15, 0.25),
+    "spin_decay.rate": (5.0, 15.0),
+    "cushion_restitution.e": (0.75, 0.98),
+    "ball_restitution.e": (0.92, 0.98),
+}
+"""Textbook ranges of parameters: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket
+Billiards, 1995."""
+
+MIN_REPORTED_SPEED = 0.005
+"""m/s below which an event is described without its speed, which would be printed as 0.00."""
+
+
+def format_event(events: Events, k: int) -> str:
+    """Format an event as a sentence without a full stop.
+
+    Args:
+        events: Events of a shot.
+        k: Index of the event.
+
+    Returns:
+        Balls, kind of event and, if it is large enough, speed.
+    """
+    what = {
+        "strike": f"{events.a[k]} is struck",
+        "ball": f"{events.a[k]} and {events.b[k]} touch",
+        "cushion": f"{events.a[k]} hits the {events.b[k]} cushion",
+        "pocket": f"{events.a[k]} falls into the {events.b[k]} pocket",
+        "rest": f"{events.a[k]} comes to rest",
+    }[events.kind[k]]
+    return what + (f" at {events.speed[k]:.2f} m/s" if events.speed[k] >= MIN_REPORTED_SPEED else "")
+
+
+def format_event_time(events: Events, k: int) -> str:
+    """Format the time of an event with its standard deviation.
+
+    Args:
+        events: Events of a shot.
+        k: Index of the event.
+
+    Returns:
+        The time in s, the standard deviation in ms.
+    """
+    return f"{events.t[k]:.4f} s ± {1000 * events.t_sigma[k]:.1f} ms"
+
+
+def find_textbook_range(name: str) -> tuple[float, float] | None:
+    """Find the textbook range of a fitted parameter.
+
+    Args:
+        name: Name of the parameter, `effect.parameter`.
+
+    Returns:
+        Lower and upper end; None if there is none.
+    """
+    return TEXTBOOK_RANGES.get(name)
+
+
+def format_textbook_range(name: str) -> str:
+    """Format the textbook range of a fitted parameter.
+
+    Args:
+        name: Name of the parameter, `effect.parameter`.
+
+    Returns:
+        The range; empty if there is none.
+    """
+    usual = TEXTBOOK_RANGES.get(name)
+    return "" if usual is None else f"{usual[0]:g} to {usual[1]:g}"
+
+
+def format_parameter_name(name: str) -> str:
+    """Format the name of a parameter for readers.
+
+    Args:
+        name: Name of the parameter, `effect.parameter`.
+
+    Returns:
+        Effect and parameter, separated by a comma.
+    """
+    effect, _, letter = name.partition(".")
+    return f"{effect.replace('_', ' ')}, {letter.replace('_', ' ')}"
+
+
+def escape_text(path: Path | str) -> str:
+    """Make a file name safe to print and to write.
+
+    Args:
+        path: File name, which may hold bytes that are no UTF-8 and control characters.
+
+    Returns:
+        The name with every unprintable character replaced by U+FFFD.
+    """
+    text = os.fsencode(path).decode("utf-8", "replace")
+    return "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text)
+
+
+def format_error(error: Exception) -> str:
+    """Format an exception as one line for the user.
+
+    Args:
+        error: Any exception; the messages of a TruerollError are written for users.
+
+    Returns:
+        One sentence; an unexpected exception is marked as such.
+    """
+    if isinstance(error, TruerollError):
+        return " ".join(str(error).split())
+    if isinstance(error, OSError):
+        place = f" ({error.filename})" if error.filename else ""
+        return f"A file could not be read or written: {error.strerror or error}{place}"
+    words = " ".join(str(error).split())
+    return f"An unexpected error occurred: {type(error).__name__}: {words}. Please report it with --debug"

@@ -1,0 +1,81 @@
+"""The stages of long recordings: one finds the shots, the other reads one shot as a clip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from models.core.progress import Progress
+from pipeline.engine.stage import Inputs, Stage
+from video.io.clip import Clip
+
+
+@dataclass(frozen=True, slots=True)
+class ClipShot:
+    """One shot of a recording."""
+
+    whole: Clip
+    """The recording."""
+    number: int
+    """Number of the shot, from 0."""
+    first: int
+    """Index of its first frame in the recording."""
+    stop: int
+    """Index of the frame after its last."""
+    require_unchanged: Callable[[str], None]
+    """Raises ClipError if the file no longer has this digest."""
+
+    @property
+    def name(self) -> str:
+        """Name of its folder, which its pages show too."""
+        return f"shot-{self.number + 1:03d}"
+
+    @property
+    def clip(self) -> Clip:
+        """Its frames as a clip, with indices and times from its first frame."""
+        return self.whole.extract_subclip(self.first, self.stop)
+
+
+@dataclass(frozen=True, slots=True)
+class NoOptions:
+    """Options of a stage without options."""
+
+
+def shots_stage() -> Stage:
+    """Build the stage that finds the shots of a recording.
+
+    Returns:
+        The stage `shots`, whose output is `ShotIntervals`.
+    """
+    from video.calibration.shot_segmentation import ShotIntervals  # slow to import, and only long recordings need it
+
+    return Stage("shots", __name__, ("read",), ShotIntervals, _find_shots, NoOptions())
+
+
+def _find_shots(inputs: Inputs, options: NoOptions, folder: Path, progress: Progress) -> object:
+    """Find the shots of a recording."""
+    from video.calibration.shot_segmentation import segment_shots
+
+    return segment_shots(inputs["read"], progress)
+
+
+def shot_stage(shot: ClipShot, digest: str, fps: str | None) -> Stage:
+    """Build the stage that reads one shot, in place of the stage that reads a whole clip.
+
+    Args:
+        shot: The shot.
+        digest: SHA-256 of the recording.
+        fps: Frame rate that the user gave.
+
+    Returns:
+        The stage `read`, whose output is a `CaromClip`.
+    """
+    facts = {"clip": digest, "first": shot.first, "stop": shot.stop, "fps": fps}
+    return Stage("read", __name__, (), Clip, partial(_extract_shot, shot), NoOptions(), facts)
+
+
+def _extract_shot(shot: ClipShot, inputs: Inputs, options: NoOptions, folder: Path, progress: Progress) -> Clip:
+    """Return the frames of the shot as a clip."""
+    return shot.clip

@@ -1,0 +1,501 @@
+"""Batches find clips by content, run them in processes that may die, summarize and resume."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import psutil
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from models.core.errors import ClipError, OptionError
+from pipeline.batch import clip_processes, clip_runner
+from pipeline.batch.batch_display import BatchDisplay
+from pipeline.batch.batch_summary import format_csv, render_summary_page, write_summary
+from pipeline.batch.clip_discovery import assign_folders, find_clips, order_largest_first
+from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult, list_setting_values
+from pipeline.batch.dask_cluster import require_usable_answer, start_local_client
+from pipeline.batch.dask_worker import hash_code
+from pipeline.batch.folder_watch import watch_folder
+from pipeline.batch.supervision import SupervisedProcess
+from pipeline.chain import default_run_folder, make_change_check
+from pipeline.engine.atomic_write import machine_id, remove_leftovers, replace_file
+from pipeline.engine.cache_key import CacheKey
+from pipeline.engine.result_cache import CacheMissing, ResultCache
+from pipeline.run_options import RunOptions
+from video.io.clip import compute_clip_digest, open_clip, read_frames
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def write_video(path: Path, count: int = 12, suffix: str = "") -> Path:
+    """Write a grey video without a table; `suffix` decides the container, whatever the name."""
+    form = {".mkv": "matroska", ".avi": "avi", ".mov": "mov", ".webm": "webm"}.get(suffix, "mp4")
+    codec = {"webm": "libvpx", "avi": "mpeg4"}.get(form, "libx264")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(path), "w", format=form) as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        for k in range(count):
+            frame = av.VideoFrame.from_ndarray(np.full((64, 96, 3), 10 * k % 251, np.uint8))
+            frame.pts, frame.time_base = k, Fraction(1, 25)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def write_images(folder: Path, numbers: list[int]) -> Path:
+    folder.mkdir(parents=True)
+    for k in numbers:
+        Image.fromarray(np.full((64, 96, 3), 7 * k % 251, np.uint8)).save(folder / f"shot {k}.png")
+    return folder
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> ClipJob:
+    cache = ResultCache(tmp_path / "cache")
+    clip, out = write_video(tmp_path / "in" / "a.mp4"), tmp_path / "out" / "a"
+    return ClipJob(str(clip), "a.mp4", str(out), str(cache.root), cache.mark, list_setting_values(RunOptions()))
+
+
+def test_clips_are_found_by_content_at_any_depth_whatever_their_names(tmp_path: Path) -> None:
+    names = ["a.mp4", "-r.mkv", "Über den Tisch.mov", "🎱.webm", "x" * 240 + ".avi", "deep/er/film", "picture.png"]
+    for name in names:
+        write_video(tmp_path / name, suffix=Path(name).suffix)
+    write_images(tmp_path / "row", list(range(20)))
+    for name, content in (("notes.txt", b"no film"), ("sound.m4a", b"\0\0\0\x18ftypM4A "), (".hidden.mp4", b"x")):
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "link.mp4").symlink_to(tmp_path / "a.mp4")
+    (tmp_path / "loop").symlink_to(tmp_path, target_is_directory=True)
+    os.mkfifo(tmp_path / "pipe.mp4")
+    paths = {str(path.relative_to(tmp_path)) for path in find_clips(tmp_path)}
+    assert paths == {*names, "row"}
+
+
+def test_folders_of_results_never_meet_and_never_leave_the_output(tmp_path: Path) -> None:
+    names = ["a.mp4", "a.mov", "a_mp4.mp4", "A.mkv", "summary.csv.mp4", "sub/tracks.csv.mp4", "sub/a.mp4"]
+    clips = [tmp_path / name for name in names]
+    places = assign_folders(clips, tmp_path, Path("out"))
+    lowered = [str(place).lower() for place in places.values()]
+    assert len(set(lowered)) == len(clips)
+    assert not {"out/summary.csv", "out/sub/tracks.csv"} & set(lowered)
+    assert all(Path(os.path.normpath(place)).is_relative_to("out") for place in places.values())
+    assert default_run_folder(Path("...mp4")) == Path("out/clip")
+
+
+def test_numbered_images_are_a_clip_whose_times_are_the_numbers(tmp_path: Path) -> None:
+    row = write_images(tmp_path / "row", [3, 4, 5, 7, 8, 9, 10])
+    clip = open_clip(row)
+    assert clip.t == pytest.approx([0, 0.04, 0.08, 0.16, 0.2, 0.24, 0.28])
+    shades = [int(image[0, 0, 0]) for _, image in read_frames(clip, indices=np.arange(7))]
+    assert shades == [7 * k for k in (3, 4, 5, 7, 8, 9, 10)]
+    before = compute_clip_digest(row)
+    (row / "shot 4.png").write_bytes((row / "shot 5.png").read_bytes())
+    assert compute_clip_digest(row) != before
+    with pytest.raises(ClipError, match="is a folder"):
+        open_clip(tmp_path)
+
+
+def test_a_job_and_a_row_are_one_line_of_text_and_back(job: ClipJob) -> None:
+    assert ClipJob.from_json(job.to_json()) == job
+    assert "\n" not in job.to_json()
+    assert job.options == RunOptions()
+    row = ClipResult("a\udcff.mp4", "done", "green", 3, 1.5, "out/a", "", seconds=2.0)
+    assert ClipResult.from_json(row.to_json()) == row
+
+
+def test_a_bad_clip_is_a_failed_row_and_the_process_takes_the_next(job: ClipJob) -> None:
+    with SupervisedProcess() as process:
+        first = process.run(job, lambda message: None)
+        again = process.run(replace(job, clip=job.clip + ".gone"), lambda message: None)
+    assert (first.status, first.tries) == ("failed", 1)
+    assert "no cloth" in first.sentence
+    assert first.peak_mb > 20
+    assert "does not exist" in again.sentence
+    assert not Path(job.folder).exists()
+
+
+@pytest.mark.parametrize(
+    ("limits", "wanted"),
+    [(ClipLimits(seconds=1e-3), "--time-limit"), (ClipLimits(megabytes=1.0), "--memory-limit")],
+)
+def test_a_clip_beyond_a_limit_is_stopped_with_a_sentence(job: ClipJob, limits: ClipLimits, wanted: str) -> None:
+    with SupervisedProcess() as process:
+        row = process.run(replace(job, limits=limits), lambda message: None)
+    assert (row.status, row.tries) == ("failed", 1)
+    assert wanted in row.sentence
+
+
+def test_a_process_that_is_killed_is_tried_again_and_not_for_ever(job: ClipJob) -> None:
+    process = SupervisedProcess()
+
+    def kill(_: Any) -> None:
+        """Kill the process of the clip, and no other child of this one, such as a tracker of shared memory."""
+        assert process._child is not None
+        process._child.process.send_signal(signal.SIGKILL)
+
+    with process:
+        row = process.run(job, kill)
+    assert (row.status, row.tries) == ("failed", 3)
+    assert "SIGKILL" in row.sentence
+
+
+def test_a_process_whose_parent_is_gone_leaves(job: ClipJob) -> None:
+    with SupervisedProcess() as process:
+        process.run(job, lambda message: None)
+        assert process._child is not None
+        child = psutil.Process(process._child.process.pid)
+        process._child.process.stdin.close()  # type: ignore[union-attr]
+        child.wait(10)
+
+
+LATE = """
+import atexit
+atexit.register(lambda: open("farewell", "w").close())
+"""
+"""An exit handler, as libraries register them."""
+
+
+def test_a_process_without_a_clip_leaves_without_farewells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "sitecustomize.py").write_text(LATE)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    with subprocess.Popen(clip_runner.build_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert b"ready" in process.stdout.readline()
+        process.terminate()
+        assert process.wait(20) == 128 + signal.SIGTERM
+    assert not (tmp_path / "farewell").exists()
+
+
+SLOW_TO_LEAVE = """
+import pathlib, signal, sys, time
+
+def leave(number, frame):
+    with open(f"asked {sys.argv[1]}", "a") as file:
+        file.write("once ")
+    while len(list(pathlib.Path().glob("asked *"))) < 2:
+        time.sleep(0.01)
+    sys.exit()
+
+signal.signal(signal.SIGTERM, leave)
+open(f"stands {sys.argv[1]}", "w").close()
+while True:
+    time.sleep(1)
+"""
+"""Exits when the other process was asked to exit too."""
+
+
+def test_processes_are_asked_to_exit_together_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for k in range(2):
+        monkeypatch.setattr(clip_runner, "build_command", lambda k=k: [sys.executable, "-c", SLOW_TO_LEAVE, str(k)])
+        clip_processes.start_processes(1)
+    while len(list(tmp_path.glob("stands *"))) < 2:
+        time.sleep(0.01)
+    children = [one._child.process for one in clip_processes._PROCESSES if one._child is not None]
+    clip_processes.end_processes()
+    assert [child.returncode for child in children] == [0, 0]
+    assert [path.read_text() for path in tmp_path.glob("asked *")] == ["once ", "once "]
+
+
+def test_workers_take_the_largest_clips_first_and_copies_last(tmp_path: Path) -> None:
+    small, large = write_video(tmp_path / "a.mp4", count=3), write_video(tmp_path / "b.mp4", count=90)
+    row, gone = write_images(tmp_path / "row", list(range(60))), tmp_path / "gone.mp4"
+    assert sum(path.stat().st_size for path in row.iterdir()) > large.stat().st_size
+    copy = shutil.copy(large, tmp_path / "copy.mp4")
+    assert order_largest_first([gone, copy, small, large, row]) == [row, large, small, gone, copy]
+
+
+def test_a_clip_that_changes_while_it_is_read_is_noticed_and_a_touched_one_is_not(tmp_path: Path) -> None:
+    clip = write_video(tmp_path / "a.mp4")
+    digest, check = compute_clip_digest(clip), make_change_check(clip)
+    os.utime(clip, (1, 1))
+    check(digest)
+    write_video(clip, count=13)
+    with pytest.raises(ClipError, match="was changed"):
+        check(digest)
+
+
+def test_a_cache_that_was_exchanged_is_lost_and_not_made_anew(tmp_path: Path) -> None:
+    root = tmp_path / "cache"
+    cache = ResultCache(root)
+    assert ResultCache(root, mark=cache.mark).mark == ResultCache(root).mark == cache.mark
+    root.rename(tmp_path / "elsewhere")
+    with pytest.raises(CacheMissing):
+        cache.find_or_build(CacheKey("fit", {}), lambda folder: None)
+    assert not root.exists()
+    ResultCache(root)
+    with pytest.raises(CacheMissing, match="another"):
+        ResultCache(root, mark=cache.mark)
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "../../../secret", "link"])
+def test_an_entry_that_others_wrote_cannot_lead_out_of_its_folder(tmp_path: Path, name: str) -> None:
+    cache, key = ResultCache(tmp_path / "cache"), CacheKey("fit", {})
+    entry = cache.find_or_build(key, lambda folder: (folder / "a").write_text("a") and None)
+    (tmp_path / "cache" / "secret").touch()
+    (entry.folder / "link").symlink_to("/dev/zero")
+    document = json.loads((entry.folder / "manifest.json").read_text())
+    document["files"] = {
+        name: {"sha256": "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855", "size": 0}
+    }
+    (entry.folder / "manifest.json").write_text(json.dumps(document))
+    assert cache.find(key) is None
+
+
+def test_what_a_dead_process_of_this_machine_left_goes_at_once(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    left, living = (tmp_path / f".a.{machine_id()}-{number}.part" for number in (dead.pid, os.getppid()))
+    foreign = tmp_path / f".a.0123abcd-{dead.pid}.part"
+    for path in (left, living, foreign):
+        path.touch()
+    remove_leftovers(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {living.name, foreign.name}
+    with replace_file(tmp_path / "a") as fresh:
+        fresh.touch()
+    assert (tmp_path / "a").exists()
+
+
+DYING_CALLER = """
+import os, sys
+from pathlib import Path
+from pipeline.batch.dask_cluster import require_usable_workers
+from pipeline.engine.result_cache import ResultCache
+
+class Client:
+    def wait_for_workers(self, *_, **__): pass
+    def nthreads(self): return {"tcp://here": 1}
+    def run(self, function, *words, **_):
+        function(*words)
+        os._exit(9)
+
+root = Path(sys.argv[1])
+require_usable_workers(Client(), ResultCache(root / "cache"), root / "out", root)
+"""
+
+
+def test_what_a_caller_left_that_was_killed_while_it_asked_its_workers_goes_at_once(tmp_path: Path) -> None:
+    died = subprocess.run([sys.executable, "-c", DYING_CALLER, str(tmp_path)], check=False)
+    out, building = tmp_path / "out", tmp_path / "cache" / "building"
+    assert died.returncode == 9
+    assert len(list(out.iterdir())) == len(list(building.iterdir())) == 1
+    remove_leftovers(out)
+    ResultCache(tmp_path / "cache").remove_leftovers()
+    assert [*out.iterdir(), *building.iterdir()] == []
+
+
+def build_results() -> list[ClipResult]:
+    return [
+        ClipResult("b <script>alert(1)</script>\udcff\n.mp4", "done", "green", 3, 1.5, "out/b\udcff", "", seconds=3.0),
+        ClipResult("a.mp4", "failed", "", 0, 0.0, "", 'no "table", no clip', seconds=1.0, shots=0),
+    ]
+
+
+def test_the_summary_is_ordered_escaped_and_equal_for_equal_results(tmp_path: Path) -> None:
+    write_summary(build_results(), tmp_path)
+    text = (tmp_path / "summary.csv").read_text(encoding="utf-8")
+    slower = [replace(row, seconds=99.0, tries=2) for row in reversed(build_results())]
+    write_summary(slower, tmp_path)
+    assert (tmp_path / "summary.csv").read_text(encoding="utf-8") == text
+    lines = list(csv.DictReader(text.splitlines()))
+    assert [line["status"] for line in lines] == ["failed", "done"]
+    page = (tmp_path / "summary.html").read_text(encoding="utf-8")
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+    assert "default-src 'none'" in page
+    assert pq.read_table(tmp_path / "summary.parquet").column("seconds").to_pylist() == [99.0, 99.0]
+    assert format_csv([]).startswith("clip,status,trust,contacts,seconds_in,folder,sentence")
+    assert "%FF" in render_summary_page(build_results(), tmp_path)
+
+
+def test_a_watched_folder_gives_clips_once_they_rest_and_again_when_they_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.batch.folder_watch.POLL_INTERVAL_S", 0.05)
+    monkeypatch.setattr("pipeline.batch.folder_watch.SETTLE_S", 0.2)
+
+    def come() -> None:
+        time.sleep(0.2)
+        clip = write_video(tmp_path / "late.mp4")
+        time.sleep(0.8)
+        write_video(clip, count=14)
+
+    write_video(tmp_path / "early.mp4")
+    threading.Thread(target=come).start()
+    paths = [path.name for path in watch_folder(tmp_path, tmp_path / "out", 1.5) if path is not None]
+    assert paths == ["early.mp4", "late.mp4", "late.mp4"]
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """A Dask scheduler with two workers, on loopback, in processes of their own."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    env = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"}
+    dask = [sys.executable, "-m", "dask"]
+    worker = [*dask, "worker", address, "--nthreads", "1", "--nworkers", "2", "--no-dashboard", "--host", "127.0.0.1"]
+    commands = [[*dask, "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"], worker]
+    clip_processes = [
+        subprocess.Popen(c, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for c in commands
+    ]
+    yield address
+    for process in reversed(clip_processes):
+        process.terminate()
+        process.wait(20)
+
+
+def run_batch_command(folder: Path, *arguments: str) -> tuple[int, dict[str, str], str]:
+    """Run `trueroll batch`; return its status, the sentence of each clip, and standard error."""
+    command = [sys.executable, "-c", "from pipeline.cli.main import main; main()", "batch", "in", "-o", "out", "--json"]
+    done = subprocess.run(
+        [*command, "--cache", "cache", *arguments], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    rows = json.loads(done.stdout) if done.stdout else []
+    return done.returncode, {row["clip"]: row["sentence"] for row in rows}, done.stderr
+
+
+@pytest.mark.slow
+def test_one_process_several_and_a_cluster_give_the_same_results(tmp_path: Path, scheduler: str) -> None:
+    for name in ("a.mp4", "deep/b.mkv", "-c.mov"):
+        write_video(tmp_path / "in" / name, suffix=Path(name).suffix)
+    for odd in (b"\xff.mp4", b"\xfe.mp4"):
+        shutil.copy(tmp_path / "in" / "a.mp4", Path(os.fsdecode(os.fsencode(tmp_path / "in") + b"/" + odd)))
+    (tmp_path / "in" / "broken.mp4").write_text("no film")
+    results = [run_batch_command(tmp_path, *arguments) for arguments in ((), ("--jobs", "2"), ("--cluster", scheduler))]
+    assert [(status, err) for status, _, err in results] == [(1, "")] * 3
+    assert results[0][1] == results[1][1] == results[2][1]
+    assert set(results[0][1]) == {"a.mp4", "deep/b.mkv", "-c.mov", "broken.mp4", "\ufffd.mp4", "\ufffd.mp4\u2032"}
+    assert not list((tmp_path / "cache" / "building").iterdir())
+
+
+def test_a_cluster_that_is_not_there_or_does_not_share_is_refused_before_the_work(tmp_path: Path) -> None:
+    write_video(tmp_path / "in" / "a.mp4")
+    status, _, err = run_batch_command(tmp_path, "--cluster", "tcp://127.0.0.1:9")
+    assert status == 2
+    assert "none answers" in err
+    assert err.count("\n") == 1
+    cache = ResultCache(tmp_path / "cache")
+    answer = {"code": hash_code(), "mark": "another", "out": True, "clip": 1}
+    for place, wanted in (
+        ({}, "does not share the cache"),
+        ({"code": ""}, "another version"),
+        (OSError("x"), "cannot run"),
+    ):
+        with pytest.raises(OptionError, match=wanted):
+            require_usable_answer(
+                "tcp://w", answer | place if isinstance(place, dict) else place, cache, "p", tmp_path, tmp_path
+            )
+
+
+def test_nobody_elsewhere_can_talk_to_a_local_cluster() -> None:
+    with start_local_client(2) as client:
+        assert sum(client.nthreads().values()) == 2
+        open_to = {place.laddr.ip for place in psutil.Process().net_connections("inet") if place.status == "LISTEN"}
+        assert open_to <= {"127.0.0.1"}
+
+
+def test_a_local_cluster_leaves_nothing_among_temporary_files_nor_lets_dead_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with subprocess.Popen([sys.executable, "-c", ""]) as dead:
+        dead.wait()
+    (tmp_path / f".trueroll.abc.{machine_id()}-{dead.pid}.part" / "dask-scratch-space").mkdir(parents=True)
+    with start_local_client(1):
+        (ours,) = tmp_path.glob(".trueroll.*")
+        assert str(os.getpid()) in ours.name
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_watched_batch_runs_what_comes_and_ends_when_nothing_does(tmp_path: Path) -> None:
+    write_video(tmp_path / "in" / "a.mp4")
+    status, results, err = run_batch_command(tmp_path, "--watch", "--idle", "6")
+    assert (status, err, set(results)) == (1, "", {"a.mp4"})
+
+
+def start_interruptible_batch(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    """Start a batch that reacts to Ctrl-C even where the tests run in the background."""
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    command = [sys.executable, "-c", f"{program}from pipeline.cli.main import main; main()", "batch", "in", "-o", "out"]
+    return subprocess.Popen(
+        [*command, "--cache", "cache", *arguments], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def wait_for(happened: Callable[[], object], seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_watching_ends_with_an_interruption_and_lists_the_results(tmp_path: Path) -> None:
+    write_video(tmp_path / "in" / "a.mp4")
+    process = start_interruptible_batch(tmp_path, "--watch", "--json")
+    wait_for((tmp_path / "out" / "summary.csv").exists, 120)
+    process.send_signal(signal.SIGINT)
+    results, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (1, "")
+    assert [(row["clip"], row["status"]) for row in json.loads(results)] == [("a.mp4", "failed")]
+
+
+@pytest.mark.parametrize("arguments", [(), ("--jobs", "2")])
+def test_an_interrupted_batch_leaves_no_process_and_nothing_half_written(
+    tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    for k in range(4):
+        write_video(tmp_path / "in" / f"{k}.mp4", count=30 + k)
+    process = start_interruptible_batch(tmp_path, *arguments)
+    wait_for(psutil.Process(process.pid).children, 60)
+    family = psutil.Process(process.pid).children(recursive=True)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, "trueroll: interrupted; nothing half-written is left\n")
+    assert not psutil.wait_procs(family, timeout=10)[1]
+    assert not list(tmp_path.rglob("*.part*"))
+
+
+def test_the_display_shows_all_clips_in_one_line_and_each_that_runs() -> None:
+    output = io.StringIO()
+    console = Console(file=output, force_terminal=True, width=120)
+    with BatchDisplay(console, 2) as display:
+        display.show_progress("a [bold]" + "x" * 50, {"stage": "detect", "share": 0.4})
+        display.show_progress("b.mp4", {"shot": [2, 17]})
+        display.show_result(build_results()[1], 2)
+        display._bars.refresh()
+    text = output.getvalue()
+    assert "detect" in text
+    assert "shot 2 of 17" in text
+    assert "1/2" in text
+    assert "1 failed" in text
+    with BatchDisplay(Console(file=output), None) as silent:
+        length = len(output.getvalue())
+        silent.show_progress("a", {"stage": "detect", "share": 0.4})
+        silent.show_result(build_results()[0], 1)
+    assert len(output.getvalue()) == length

@@ -1,0 +1,120 @@
+"""`trueroll call` on a folder whose every number is known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from support import synthetic_run as shot
+from support.pseudo_terminal import Terminal, make_terminal
+
+from models.core.scene import Scene
+from pipeline.io.run_folder import read_shot_record
+from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
+
+trueroll = pytest.fixture(make_terminal)
+
+
+def from_above(scene: Scene) -> Scene:
+    """The scene under a camera 3 m above its middle, which sees the cloth as the made-up one does."""
+    height, (x, y) = 3.0, scene.table.corners.mean(axis=0)
+    f, u, v = shot.PX_PER_M * height, 20 + shot.PX_PER_M * x, 20 + shot.PX_PER_M * y
+    matrix = np.array([[f, 0, -u, height * u - f * x], [0, f, -v, height * v - f * y], [0, 0, -1, height]])
+    return replace(scene, camera=replace(scene.camera, matrix=matrix))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A white ball at 1 m/s from x = 0.2 m, a red one at rest; the clip beside it."""
+    place = tmp_path_factory.mktemp("run")
+    clip, scene = shot.write_clip(place / "clip.mp4"), from_above(shot.make_scene())
+    tracks, fit = shot.make_tracks(clip, scene), shot.make_fit(clip.t)
+    write_tracks(scene, tracks, fit, place / "tracks.csv")
+    write_events(fit.events, place / "events.csv")
+    write_scene(clip, scene, tracks, fit, place / "scene.json")
+    write_trajectory(fit.trajectory, place / "trajectory.csv")
+    return place
+
+
+def test_a_folder_is_read_back_as_it_was_written(folder: Path) -> None:
+    record = read_shot_record(folder)
+    assert set(record.ids) == {"white", "red"}
+    assert record.table.length == 2.0
+    white = record.ball_index("white")
+    for t in (0.1234, 0.5):
+        np.testing.assert_allclose(record.position_at(white, t), [0.2 + shot.SPEED * t, 0.5], atol=2e-6)
+    assert record.frame_at(0.25) == pytest.approx(7.5)
+    assert record.events.kind == ("strike", "cushion")
+
+
+@pytest.mark.parametrize(("edge", "at"), [(False, 0.435), (True, 0.405)])
+def test_a_line_is_crossed_when_the_centre_or_the_edge_reaches_it(
+    trueroll: Terminal, folder: Path, tmp_path: Path, edge: bool, at: float
+) -> None:
+    output = trueroll("call", folder, "line", "x=0.635", "white", *["--edge"] * edge, "--json", "-o", tmp_path)
+    answer = json.loads(output.out)
+    assert output.status == 0
+    assert answer["verdict"] == "yes"
+    assert answer["t"] == pytest.approx(at, abs=1.5e-3)
+    assert answer["frame"] == pytest.approx(30 * at, abs=0.05)
+    assert answer["t_sigma"] == pytest.approx(1e-3, rel=0.3)  # a millimetre at a metre per second
+    beyond = 0.2 + shot.SPEED * (shot.FRAMES - 1) / shot.RATE - 0.635 + (0.03 if edge else 0.0)
+    assert answer["margin_mm"] == pytest.approx(-1e3 * beyond, abs=1.5)
+    assert answer["moved"] == ["white"]
+
+
+def test_balls_far_apart_did_not_touch_and_the_margin_is_their_gap(
+    trueroll: Terminal, folder: Path, tmp_path: Path
+) -> None:
+    answer = json.loads(trueroll("call", folder, "contact", "red", "white", "--json", "-o", tmp_path).out)
+    end = 0.2 + shot.SPEED * (shot.FRAMES - 1) / shot.RATE
+    assert answer["verdict"] == "no"
+    assert answer["margin_mm"] == pytest.approx(1e3 * (np.hypot(1.5 - end, 0.2) - 0.06), abs=2.0)
+    first = json.loads(trueroll("call", folder, "first", "red", "--json", "-o", tmp_path).out)
+    assert first["alternatives"][0] == {"answer": "none", "probability": 1.0}
+
+
+def test_close_ups_show_the_moment_if_the_clip_is_known(trueroll: Terminal, folder: Path, tmp_path: Path) -> None:
+    question = ("call", folder, "line", "x=0.635", "white", "--json", "-o", tmp_path)
+    without = json.loads(trueroll(*question).out)
+    assert without["pictures"] == []
+    assert "--clip" in without["no_picture"]
+    named = json.loads(trueroll(*question, "--clip", folder / "clip.mp4").out)
+    close, strip = (np.asarray(Image.open(path)) for path in named["pictures"])
+    assert close.shape == (720, 960, 3)
+    assert strip.shape[1] > 4 * strip.shape[0]
+    assert close[330:390, 450:510].mean() > 170, "the white ball fills the middle"
+    (folder / "source.json").write_text(json.dumps({"path": str(folder / "clip.mp4")}))
+    noted = json.loads(trueroll(*question).out)
+    assert len(noted["pictures"]) == 2
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        (("contact", "white", "blue"), "no 'blue'"), (("contact", "white", "white"), "twice"),
+        (("touch", "white"), "contact A B"), (("line", "z=1", "white"), "in metres"),
+        (("pocket", "white", "top"), "no pockets"), (("first", "white", "--edge"), "--edge belongs to line"),
+        (("first", "white", "--shot", "3"), "shot 3"),
+    ],
+)  # fmt: skip
+def test_questions_that_make_no_sense_are_one_line_and_status_2(
+    trueroll: Terminal, folder: Path, words: tuple[str, ...], wanted: str
+) -> None:
+    output = trueroll("call", folder, *words)
+    assert output.status == 2
+    assert output.err.count("\n") == 1
+    assert wanted in output.err
+
+
+def test_a_folder_that_is_not_whole_is_one_line(trueroll: Terminal, tmp_path: Path) -> None:
+    for missing in ("scene.json", "tracks.csv"):
+        output = trueroll("call", tmp_path, "first", "white")
+        assert output.status == 2
+        assert missing in output.err
+        (tmp_path / "scene.json").write_text('{"scene": "billiards", "table": {"length": 2.54, "width": 1.27}}')

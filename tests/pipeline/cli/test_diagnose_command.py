@@ -1,0 +1,112 @@
+"""`trueroll diagnose` on track folders writes files that keep the contract, and refuses bad input in one line."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+from scipy.integrate import solve_ivp
+from support.pseudo_terminal import Terminal, make_terminal
+
+trueroll = pytest.fixture(make_terminal)
+
+COLUMNS = "shot,window,frame,t,id,x,y,x_before,y_before,x_after,y_after"
+PUSHES = ((1.2, 0.3), (0.9, -0.8), (-1.1, 0.2), (0.4, 1.0), (-0.7, -0.9), (1.0, 0.9), (-0.5, 1.1), (0.8, -0.4))
+
+
+def write_slides(folder: Path, drag: float, shots: int = 8) -> Path:
+    """Write the tracks of bodies pushed over a plane with viscous drag (1/s), observed with an error of 0.5 mm."""
+    folder.mkdir()
+    rng = np.random.default_rng(3)
+    t = np.arange(40) / 30
+    rows = []
+    for shot, push in enumerate(PUSHES[:shots]):
+        path = solve_ivp(lambda _, s: [s[2], s[3], -drag * s[2], -drag * s[3]], (0, t[-1]), [0, 0, *push], t_eval=t)
+        observed = path.y[:2].T + 5e-4 * rng.standard_normal((len(t), 2))
+        rows += [(shot, k, t[k], "cube", *observed[k]) for k in range(len(t))]
+    with (folder / "tracks.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([("shot", "frame", "t", "id", "x", "y"), *rows])
+    (folder / "scene.json").write_text(json.dumps({"scene": "slide", "units": "m", "fps": 30}))
+    return folder
+
+
+def rms(rows: list[dict[str, str]], kind: str) -> float:
+    misses = [math.hypot(*(float(row[axis]) - float(row[axis + kind]) for axis in "xy")) for row in rows]
+    return math.sqrt(sum(miss**2 for miss in misses) / len(misses))
+
+
+def check_layers(recording: Path, rows: list[dict[str, str]]) -> None:
+    """Check that the viewer shows the held-out positions with the errors of their predictions."""
+    layers = {chunk.entity_path: chunk.to_record_batch() for chunk in RrdReader(recording).stream()}
+    places = layers["/plan/gap/places"]
+    drawn = sorted(map(tuple, places.column("Points2D:positions").to_pylist()[0]))
+    expected = sorted((float(row["x"]), -float(row["y"])) for row in rows)  # y is up here, and down in the viewer
+    assert drawn == [pytest.approx(place, abs=1e-5) for place in expected]
+    misses = places.column("miss_mm").to_pylist()[0]
+    assert math.isclose(math.sqrt(sum(m * m for m in misses) / len(misses)), 1000 * rms(rows, "_before"), rel_tol=1e-3)
+    assert any(entity.startswith("/plan/gap/after/") for entity in layers)
+
+
+def test_the_files_name_the_effect_and_let_anyone_recompute_the_gap(trueroll: Terminal, tmp_path: Path) -> None:
+    folder = write_slides(tmp_path / "pushed", 0.8)
+    assert trueroll("diagnose", folder, "-o", tmp_path / "gap").status == 0
+    gap = json.loads((tmp_path / "gap" / "gap.json").read_text())
+    assert gap["verdict"] in ("effects", "group")
+    assert "viscous_drag" in gap["candidates"][0]["group"]
+    assert {"none", "unknown"} <= {one["effect"] for one in gap["candidates"]}
+    assert math.isclose(gap["fitted"]["viscous_drag.k"]["value"], 0.8, rel_tol=0.02)
+    with (tmp_path / "gap" / "gap_predictions.csv").open(newline="") as file:
+        reader = csv.DictReader(file)
+        rows = list(reader)
+        assert set(COLUMNS.split(",")) <= set(reader.fieldnames or [])
+    assert {int(row["shot"]) for row in rows} <= set(gap["gap"]["held_out_shots"])
+    assert math.isclose(rms(rows, "_before"), gap["gap"]["before"], rel_tol=1e-3)
+    assert math.isclose(rms(rows, "_after"), gap["gap"]["after"], rel_tol=1e-3)
+    check_layers(tmp_path / "gap" / "gap.rrd", rows)
+    page = (tmp_path / "gap" / "gap.html").read_text()
+    assert "Your simulator lacks viscous drag" in page
+    assert 'src="http' not in page
+    (strength,) = re.findall(r"k = (0\.\d+) ± [\d.]+ 1/s</td>", page)
+    assert math.isclose(float(strength), 0.8, rel_tol=0.02), "the strength stands beside its cause"
+    assert "method" not in page.partition("<body>")[2].partition("<script")[0]
+
+
+def test_a_clip_in_place_of_a_folder_is_refused(trueroll: Terminal, tmp_path: Path) -> None:
+    (tmp_path / "clip.mp4").write_bytes(b"")
+    done = trueroll("diagnose", tmp_path / "clip.mp4")
+    assert done.status == 2
+    assert "clip.mp4 is a file" in done.err
+
+
+def test_one_short_shot_is_undecidable(trueroll: Terminal, tmp_path: Path) -> None:
+    folder = write_slides(tmp_path / "short", 0.8, shots=1)
+    lines = (folder / "tracks.csv").read_text().splitlines()
+    (folder / "tracks.csv").write_text("\n".join(lines[:6]) + "\n")
+    assert trueroll("diagnose", folder, "-o", tmp_path / "gap").status == 0
+    assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "undecidable"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"scene": "curling"}, "scene"),
+        ({"model": ["magnetism"]}, "magnetism"),
+        ({"units": "px"}, "px_per_m"),
+    ],
+)
+def test_an_input_that_cannot_be_diagnosed_is_refused_in_one_line(
+    trueroll: Terminal, tmp_path: Path, change: dict[str, object], words: str
+) -> None:
+    folder = write_slides(tmp_path / "pushed", 0.8, shots=2)
+    entry = json.loads((folder / "scene.json").read_text()) | change
+    (folder / "scene.json").write_text(json.dumps(entry))
+    done = trueroll("diagnose", folder)
+    assert done.status != 0
+    assert words in done.err
+    assert len(done.err.strip().splitlines()) == 1

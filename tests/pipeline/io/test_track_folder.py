@@ -1,0 +1,130 @@
+"""Track folders: reading, and errors in one sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from models.core.errors import OptionError
+from pipeline.io.track_folder import read_track_folders
+
+ROWS = "0,0,0.0,cue,1.0,0.5\n0,1,0.1,cue,1.1,0.5\n"
+
+
+def folder(place: Path, length: float = 2.54, radius: float | None = 0.028575, columns: str = "x,y") -> Path:
+    place.mkdir()
+    scene = {"scene": "billiards", "table": {"length": length, "width": length / 2}, "ball_radius": radius}
+    (place / "scene.json").write_text(json.dumps(scene))
+    (place / "tracks.csv").write_text(f"shot,frame,t,id,{columns}\n{ROWS}")
+    return place
+
+
+def test_shots_of_one_table_are_numbered_through(tmp_path: Path) -> None:
+    read = read_track_folders([folder(tmp_path / "a"), folder(tmp_path / "b", 2.55, None)])
+    assert read.origins == {0: "a", 1: "b"}
+    assert [one.shot for one in read.recordings] == [0, 1]
+    assert read.coordinates == ("x", "y")
+
+
+def test_a_folder_that_is_given_twice_does_not_confirm_itself(tmp_path: Path) -> None:
+    one = folder(tmp_path / "a")
+    with pytest.raises(OptionError, match="given twice"):
+        read_track_folders([one, tmp_path / "." / "a" / ".." / "a"])
+
+
+@pytest.mark.parametrize(("length", "radius"), [(2.84, 0.028575), (2.54, 0.03075)])
+def test_shots_of_different_tables_are_not_put_together(tmp_path: Path, length: float, radius: float) -> None:
+    first, other = folder(tmp_path / "a"), folder(tmp_path / "b", length, radius)
+    with pytest.raises(
+        OptionError, match=f"{length:.3g} x .* balls of {2e3 * radius:.3g} mm.*; diagnose each table separately"
+    ):
+        read_track_folders([first, other])
+
+
+@pytest.mark.parametrize("columns", ["x,w", "w,y"])
+def test_a_missing_coordinate_is_named(tmp_path: Path, columns: str) -> None:
+    with pytest.raises(OptionError, match="needs the columns id and x, y"):
+        read_track_folders([folder(tmp_path / "a", columns=columns)])
+
+
+def off(place: Path, x: float, y: float = 1.0, rows: int = 20) -> Path:
+    """A folder whose last row lies elsewhere, or whose rows are all scaled by x and y if `rows` is 0."""
+    source = folder(place)
+    positions = [(1.0 + 0.05 * k, 0.5 + 0.02 * k) for k in range(rows or 20)]
+    if rows:
+        positions[-1] = (x, y)
+    else:
+        positions = [(x * a, y * b) for a, b in positions]
+    lines = (f"0,{k},{k / 30},cue,{a},{b}" for k, (a, b) in enumerate(positions))
+    (source / "tracks.csv").write_text("\n".join(["shot,frame,t,id,x,y", *lines]) + "\n")
+    return source
+
+
+@pytest.mark.parametrize(("times", "unit"), [(100, "centimetres"), (1000, "millimetres")])
+def test_positions_in_another_unit_are_refused_with_the_range_that_was_expected(
+    tmp_path: Path, times: float, unit: str
+) -> None:
+    pattern = (
+        f"x goes from {times:.3g} .*length of 2.54 m, so that x lies between 0 and 2.54.*{unit}, divide.* by {times}"
+    )
+    with pytest.raises(OptionError, match=pattern.replace("+", r"\+")):
+        read_track_folders([off(tmp_path / "a", times, times, rows=0)])
+
+
+def test_exchanged_columns_are_refused_by_the_one_that_does_not_fit(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match=r"y goes from 2 to .* a width of 1.27 m"):
+        read_track_folders([off(tmp_path / "a", 0.5, 4.0, rows=0)])
+
+
+def test_a_table_that_is_not_in_metres_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match=r"254 x 127 m; lengths must be in metres"):
+        read_track_folders([folder(tmp_path / "a", length=254.0)])
+
+
+def test_a_ball_that_flies_off_is_a_note_and_one_that_is_shifted_none(tmp_path: Path) -> None:
+    assert read_track_folders([off(tmp_path / "a", 3.5)]).notes == (
+        f"1 of 20 positions of {tmp_path / 'a' / 'tracks.csv'} are off the table",
+    )
+    assert read_track_folders([off(tmp_path / "b", 2.6)]).notes == ()
+
+
+def test_where_no_table_is_named_any_place_may_be(tmp_path: Path) -> None:
+    source = off(tmp_path / "a", 100.0, 100.0, rows=0)
+    (source / "scene.json").write_text(json.dumps({"scene": "slide"}))
+    assert read_track_folders([source]).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("there", "words"),
+    [
+        (
+            ("scene.json",),
+            "There is no tracks.csv in .*a; a diagnosis needs tracks.csv .* docs/reference/file-formats.md",
+        ),
+        (("tracks.csv",), "There is no scene.json in .*a; a diagnosis needs"),
+        ((), "There is no tracks.csv and no scene.json in .*a; a diagnosis needs"),
+    ],
+)
+def test_a_missing_file_is_named_with_where_it_was_sought(tmp_path: Path, there: tuple[str, ...], words: str) -> None:
+    source = folder(tmp_path / "a")
+    for name in {"tracks.csv", "scene.json"} - set(there):
+        (source / name).unlink()
+    with pytest.raises(OptionError, match=words):
+        read_track_folders([source])
+
+
+def test_who_names_the_folder_above_is_led_to_those_below(tmp_path: Path) -> None:
+    folder(tmp_path / "a")
+    folder(tmp_path / "b")
+    with pytest.raises(OptionError, match=r"but in 2 of its folders; name these: .*/\*/"):
+        read_track_folders([tmp_path])
+
+
+def test_a_clip_or_nothing_in_place_of_a_folder_is_reported_as_that(tmp_path: Path) -> None:
+    (tmp_path / "clip.mp4").write_bytes(b"")
+    with pytest.raises(OptionError, match=r"reads folders, and .*clip.mp4 is a file.* trueroll run wrote"):
+        read_track_folders([tmp_path / "clip.mp4"])
+    with pytest.raises(OptionError, match=r"There is no folder .*nowhere; name one"):
+        read_track_folders([tmp_path / "nowhere"])

@@ -1,0 +1,243 @@
+"""Sentences, figures and page of a diagnosis agree with its numbers."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.fitting.gap_closure import GapClosure
+from diagnosis.fitting.prediction_windows import PredictionWindow
+from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, EffectShare, Gap, GapLocation, Strength
+from models.core.scene import Table
+from models.estimation.gap_scenes.gap_scene import Recording
+from models.physics.billiards.tables import TABLE_PRESETS
+from pipeline.reporting.figures.gap_figures import build_gap_figures
+from pipeline.reporting.pages.gap_page import write_gap_page
+from pipeline.reporting.text.gap_sentences import (
+    format_gap_closure,
+    format_shot_folders,
+    format_strength,
+    format_undecided,
+    format_verdict,
+    list_causes,
+)
+
+NOTHING = GapClosure(0.02, 0.02, 0.01, float("nan"), (-1.0, 1.0), False)
+
+
+def report(verdict: str, *where: GapLocation) -> DiagnosisReport:
+    unknown = CandidateEffect("unknown", 1.0, ("unknown",), ())
+    return DiagnosisReport(
+        "billiards", (), verdict, (), (unknown,), where, "along the motion everywhere (21 sigma)",  # type: ignore[arg-type]
+        Gap("rms_m", 0.85, (), NOTHING, (), (), ()), (), (), ("mirror", "inelastic"), (), (), "", 1e-9, (),
+    )  # fmt: skip
+
+
+def at(phase: str, share: float, grows: str | None = None) -> GapLocation:
+    return GapLocation(phase, share, None, None, None, None, grows)
+
+
+def test_an_unknown_effect_is_described_by_where_it_appears_not_in_sigmas() -> None:
+    sentence = format_verdict(report("unknown", at("cushion_contact", 0.86), at("rest", 0.14)))
+    assert "86% of the gap" in sentence
+    assert "at cushions" in sentence
+    assert "sigma" not in sentence
+    assert "growing with time" in format_verdict(report("unknown", at("free_roll", 1.0, "time")))
+    assert format_verdict(report("unknown")).endswith("not in the library.")
+
+
+def test_the_page_lists_what_each_of_several_effects_closes(tmp_path: Path) -> None:
+    shares = (EffectShare("air_drag", -0.02, (-0.04, 0.35)), EffectShare("cushion_law", 0.96, (0.66, 0.98)))
+    diagnosis = replace(report("effects"), effects=("air_drag", "cushion_law"), per_effect=shares)
+    write_gap_page(diagnosis, "carom", tmp_path / "gap.html")
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert "How much of the gap each effect closes" in page
+    assert "<td>96 %</td><td>66 to 98 %</td>" in page
+    write_gap_page(replace(diagnosis, per_effect=shares[:1]), "carom", tmp_path / "gap.html")
+    assert "each effect closes" not in (tmp_path / "gap.html").read_text(encoding="utf-8")
+
+
+def straight(number: int = 0, start_rows: int = 8) -> PredictionWindow:
+    """A body that is followed for half a metre across and up."""
+    t = np.arange(20) / 30
+    places = np.stack([t, t], axis=-1)[:, None]
+    return PredictionWindow(Recording(number, np.arange(20), t, ("a",), places, np.full((20, 1), 1e-3)), start_rows)
+
+
+def gap_of(window: PredictionWindow, before: float, after: float) -> Gap:
+    """Predictions that are off sideways by so many m at the end."""
+    way = np.linspace(0, 1, len(window.segment.t))[:, None, None] * np.array([1.0, 0.0])
+    paths = [window.segment.positions + off * way for off in (before, after)]
+    return Gap("rms_m", 0.4, (window.segment.shot,), NOTHING, (window,), (paths[0],), (paths[1],))
+
+
+def test_predictions_after_are_drawn_only_where_something_was_added() -> None:
+    assert not any("before and after" in title for title, _ in build_gap_figures(gap_of(straight(), 0.01, 0.01)))
+    assert any("before and after" in title for title, _ in build_gap_figures(gap_of(straight(), 0.01, 0.001)))
+
+
+def test_a_simulator_that_lacks_nothing_has_no_after(tmp_path: Path) -> None:
+    diagnosis = replace(report("none"), gap=gap_of(straight(), 0.01, 0.0099))
+    write_gap_page(diagnosis, "carom", tmp_path / "gap.html")
+    assert "before and after" not in (tmp_path / "gap.html").read_text(encoding="utf-8")
+
+
+def test_errors_are_drawn_only_where_something_could_be_predicted() -> None:
+    for start_rows, drawn in ((8, 3), (20, 1)):
+        assert len(build_gap_figures(gap_of(straight(start_rows=start_rows), 0.3, 0.3))) == drawn
+
+
+@pytest.mark.parametrize("table", [None, TABLE_PRESETS["pool-9ft"]])
+def test_millimetres_are_enlarged_until_before_and_after_part(table: Table | None) -> None:
+    gap = gap_of(straight(7), 0.006, 0.0004)
+    (whole, plan), (part, close), *_ = build_gap_figures(gap, table)
+    assert "hold-out shot 7" in whole
+    assert "enlarged: 0.036 m" in part
+    left, right = close.layout.xaxis.range
+    ends = {one.name: float(one.x[-1]) for one in close.data}
+    assert "error of 6 mm at this moment" in ends
+    assert left < ends["observed"] < right
+    assert (ends["predicted before"] - ends["observed"]) / (right - left) > 0.1
+    assert (ends["predicted after"] - ends["observed"]) / (right - left) < 0.02
+    frame = plan.layout.shapes[-1]
+    assert (frame.x0, frame.x1) == (left, right)
+    assert sorted(close.layout.yaxis.range) == [frame.y0, frame.y1]
+    assert (close.layout.yaxis.range[0] > close.layout.yaxis.range[1]) == (table is not None), "as the plan has it"
+
+
+def test_shots_are_named_by_their_folders_also_in_titles(tmp_path: Path) -> None:
+    diagnosis = replace(report("unknown", replace(at("rest", 1.0), shot=7)), gap=gap_of(straight(7), 0.006, 0.0004))
+    write_gap_page(diagnosis, "carom_F1 and 7 more", tmp_path / "gap.html", origins={0: "carom_F1", 7: "carom_F8"})
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert "on hold-out shot 7 (carom_F8)" in page
+    assert "<td>shot 7 (carom_F8)</td>" in page
+    assert "Shot numbers: 0 is carom_F1; 7 is carom_F8." in page
+    assert format_shot_folders({}) == ""
+
+
+def test_another_contact_model_is_named() -> None:
+    diagnosis = replace(report("effects"), effects=("slope", "cushion_law"), forms=("han_2005", "inelastic"))
+    assert format_verdict(diagnosis) == "Your simulator lacks slope and the right law of cushions (Han 2005 fits best)."
+
+
+def test_parameters_that_the_contact_models_do_not_use_are_not_listed(tmp_path: Path) -> None:
+    unused = Strength("cushion_cloth.factor", "1", 1.0, 0.1, float("inf"), prior_only=True)
+    untouched = Strength("ball_restitution.e", "1", 0.95, 0.1, float("inf"), prior_only=True)
+    diagnosis = replace(report("none"), model=("ball_restitution",), fitted=(unused, untouched))
+    write_gap_page(diagnosis, "carom", tmp_path / "gap.html")
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert "friction of the cloth under the nose" not in page
+    assert "ball restitution, e" in page
+
+
+def test_what_shows_by_itself_is_not_enlarged() -> None:
+    assert not any("enlarged" in title for title, _ in build_gap_figures(gap_of(straight(), 0.3, 0.01)))
+
+
+def test_a_single_coordinate_is_enlarged_along_time_as_well() -> None:
+    t = np.arange(20) / 30
+    places = np.sin(t)[:, None, None]
+    window = PredictionWindow(Recording(0, np.arange(20), t, ("rod",), places, np.full((20, 1), 1e-3)), 8)
+    off = places + 0.004 * t[:, None, None]
+    _, (title, close), *_ = build_gap_figures(Gap("rms_rad", 0.4, (0,), NOTHING, (window,), (off,), (places,)))
+    assert "rad" in title
+    assert close.layout.xaxis.range[0] < t[-1] < close.layout.xaxis.range[1]
+
+
+def test_the_legend_has_a_sample_of_every_line() -> None:
+    _, figure = build_gap_figures(gap_of(straight(), 0.006, 0.0004))[0]
+    shown = {one.name: one for one in figure.data if one.showlegend is not False}
+    assert {"observed", "predicted before", "predicted after"} < set(shown)
+    assert shown["observed"].mode == "markers"
+    assert shown["predicted before"].line.dash == "dash", "distinguishable from the other without colours"
+    assert shown["predicted before"].line.color != shown["predicted after"].line.color
+
+
+def test_what_is_only_the_prior_is_no_finding(tmp_path: Path) -> None:
+    rate = Strength("spin_decay.rate", "rad/s2", 10.0, 15.0, 47.0, prior_only=True)
+    friction = Strength("sliding_friction.mu", "1", 0.2, 0.01, 0.03)
+    assert format_strength(replace(rate, name="rate")) == (
+        "rate: not identifiable from these shots, which would reveal 47 rad/s2 or more"
+    )
+    assert "10" not in format_strength(replace(rate, detectable_from=float("inf")))
+    write_gap_page(replace(report("none"), fitted=(rate, friction)), "carom", tmp_path / "gap.html")
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    row = page[page.index("decay of side spin, rate") :].partition("</tr>")[0]
+    assert "would reveal 47 rad/s2 or more" in row
+    assert "15" not in row
+    assert "<td>0.2</td><td>0.01</td>" in page
+
+
+def test_effects_that_no_shot_identifies_are_separated_from_those_that_these_shots_miss() -> None:
+    shutter = CandidateEffect("rolling_shutter", 0.0, ("rolling_shutter",), ())
+    diagnosis = replace(
+        report("effects"),
+        candidates=(shutter,), unidentifiable=("frame_rate", "rolling_shutter"), not_tested=("lens_distortion",),
+    )  # fmt: skip
+    assert format_undecided(diagnosis) == (
+        "Not identifiable from any shot: frame rate. Not detectable in these shots at usual strength: rolling shutter."
+        " Not tested: lens distortion."
+    )
+
+
+def test_the_page_names_the_profile_and_the_option_that_uses_it(tmp_path: Path) -> None:
+    diagnosis = replace(report("effects"), fitted=(Strength("slope.slope_x", "mm/m", 1.0, 0.1, 0.3),))
+    path = tmp_path / "gap.html"
+    write_gap_page(diagnosis, "carom", path, TABLE_PRESETS["pool-9ft"])
+    page = path.read_text(encoding="utf-8")
+    assert "To close the gap, use" in page
+    assert f"trueroll run CLIP --profile {tmp_path / 'profile.json'}" in page
+    write_gap_page(diagnosis, "cube", path)  # of no table
+    assert "--profile" not in path.read_text(encoding="utf-8")
+
+
+def test_the_page_has_no_words_of_programmers(tmp_path: Path) -> None:
+    alike = CandidateEffect(
+        "cushion_law", 0.5, ("cushion_law", "cushion_friction"), (Strength("slope_x", "mm/m", 1, 0.1, 0.3),)
+    )
+    diagnosis = replace(
+        report("group", at("free_roll", 0.6, "time since contact"), at("cushion_contact", 0.4)),
+        model=("rolling_resistance",), candidates=(alike,), unidentifiable=("parallax_shift",),
+        not_tested=("lens_distortion",), fitted=(Strength("slope.slope_x", "mm/m", 1.0, 0.1, 0.3),),
+        per_effect=tuple(EffectShare(name, 0.5, (0.4, 0.6)) for name in ("air_drag", "cushion_restitution_speed")),
+        gap=gap_of(straight(), 0.006, 0.0004),
+    )  # fmt: skip
+    write_gap_page(diagnosis, "carom", tmp_path / "gap.html")
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8").partition("<body>")[2]
+    read = re.sub(r"<[^>]*>", " ", re.sub(r"<script.*?</script>", " ", page, flags=re.DOTALL))
+    assert "the time since the last contact" in read
+    assert re.findall(r"\S*\w_\w\S*", read) == []
+
+
+def test_effects_that_are_missing_together_are_one_cause_of_their_whole_probability() -> None:
+    drag, lift = (Strength(name, "1", 0.2, 0.01, 0.05) for name in ("k", "s"))
+    alike = (
+        CandidateEffect("air_drag", 0.46, ("air_drag",), (drag,)),
+        CandidateEffect("magnus", 0.44, ("magnus",), (lift,)),
+    )
+    diagnosis = replace(report("effects"), effects=("air_drag", "magnus"))
+    diagnosis = replace(diagnosis, candidates=(*alike, CandidateEffect("unknown", 0.1, ("unknown",), ())))
+    together, unknown = list_causes(diagnosis)
+    assert (together.name, unknown.name) == ("air drag and lift by spin", "something unknown")
+    assert together.probability == pytest.approx(0.9)
+    assert together.strength == "air drag k = 0.2 ± 0.01; lift by spin s = 0.2 ± 0.01"
+    apart = list_causes(replace(diagnosis, effects=("air_drag",)))
+    assert [one.name for one in apart] == ["air drag", "lift by spin", "something unknown"]
+    assert [one.probability for one in apart] == [0.46, 0.44, 0.1]
+
+
+def test_what_comes_nearest_is_not_called_added_and_noise_is_no_larger_than_the_error() -> None:
+    gap = gap_of(straight(), 0.3, 0.1)
+    nearest = GapClosure(0.067, 0.05, 0.006, 0.45, (0.3, 0.6), True)
+    diagnosis = replace(report("unknown"), gap=replace(gap, closure=nearest))
+    assert "the most similar effect reduces the error from 67 mm to 50 mm" in format_gap_closure(diagnosis)
+    worse = replace(diagnosis, gap=replace(gap, closure=replace(nearest, after=0.068)))
+    assert "no effect of the library reduces it" in format_gap_closure(worse)
+    noise = replace(nearest, before=0.00162, after=0.00162, floor=0.00173, resolved=False)
+    assert format_gap_closure(replace(report("none"), gap=replace(gap, closure=noise))).endswith(
+        "1.62 mm, which is noise."
+    )

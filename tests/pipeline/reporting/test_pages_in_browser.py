@@ -1,0 +1,193 @@
+"""The pages in a real browser: nothing complains, a contact seeks the video, nobody is kept out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
+from support import synthetic_run as shot
+from support.browser import accessibility_violations, console_messages, open_chromium, open_page
+
+from diagnosis.fitting.gap_closure import GapClosure
+from diagnosis.fitting.prediction_windows import PredictionWindow
+from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, GapLocation, Strength
+from models.estimation.gap_scenes.gap_scene import Recording
+from pipeline.batch.batch_summary import render_summary_page
+from pipeline.batch.clip_job import ClipResult
+from pipeline.experiments.thesis.experiment_plan import Depth, ExperimentPlan
+from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase
+from pipeline.experiments.thesis.thesis_page import write_results
+from pipeline.experiments.thesis.trials import Trial
+from pipeline.reporting.pages.gap_page import write_gap_page
+from pipeline.reporting.pages.run_report import ReportFiles, write_report
+
+SLOWER = 2.0
+WIDTHS = (1280, 390)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pages")
+    clip = shot.write_clip(folder / "slow.mp4")
+    scene = shot.make_scene()
+    tracks = shot.make_tracks(clip, scene)
+    Image.fromarray(np.full((140, 240, 3), 90, np.uint8)).save(folder / "poster.png")
+    files = ReportFiles(folder / "slow.mp4", folder / "poster.png", SLOWER, start=0.2)
+    name = "<b>shot</b>&\"'.mp4"
+    write_report(clip, scene, tracks, shot.make_fit(tracks.t), files, name, ["--slow 2"], folder / "report.html")
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="module", params=WIDTHS)
+def browser(request: pytest.FixtureRequest) -> Iterator[webdriver.Chrome]:
+    with open_chromium(request.param) as opened:
+        yield opened
+
+
+def test_choosing_a_contact_seeks_the_video(report: Path, browser: webdriver.Chrome) -> None:
+    open_page(report, browser)
+    WebDriverWait(browser, 20).until(
+        lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2
+    )
+    browser.execute_script("document.getElementById('slow').play = () => Promise.resolve()")  # the moment stands still
+    hit = next(b for b in browser.find_elements(By.CSS_SELECTOR, "[data-seek]") if "right cushion" in b.text)
+    browser.execute_script("arguments[0].click()", hit)
+    WebDriverWait(browser, 10).until(lambda b: not b.execute_script("return document.getElementById('slow').seeking"))
+    at = browser.execute_script("return document.getElementById('slow').currentTime")
+    assert at == pytest.approx((0.5 - 0.15 - 0.2) * SLOWER, abs=1e-3)
+    assert console_messages(browser) == []
+
+
+def test_a_contact_is_reached_and_chosen_by_the_keyboard(report: Path, browser: webdriver.Chrome) -> None:
+    open_page(report, browser)
+    buttons = browser.find_elements(By.CSS_SELECTOR, "[data-seek]")
+    buttons[-1].send_keys("\n")
+    assert browser.execute_script("return document.getElementById('slow').currentTime") > 0
+    assert browser.switch_to.active_element == buttons[-1]
+
+
+def test_the_contact_that_is_shown_is_marked_in_the_list(report: Path, browser: webdriver.Chrome) -> None:
+    open_page(report, browser)
+    WebDriverWait(browser, 20).until(
+        lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2
+    )
+    browser.execute_script("document.getElementById('slow').currentTime = 0.7")
+    now = WebDriverWait(browser, 10).until(lambda b: b.find_elements(By.CSS_SELECTOR, "[aria-current]"))
+    assert "right cushion" in now[0].get_attribute("textContent")
+    assert float(browser.find_element(By.ID, "now").text) == pytest.approx(0.2 + 0.7 / SLOWER, abs=2e-3)
+
+
+def test_the_report_keeps_nobody_out(report: Path, browser: webdriver.Chrome) -> None:
+    assert accessibility_violations(open_page(report, browser)) == []
+
+
+def test_the_report_is_no_wider_than_the_screen(report: Path, browser: webdriver.Chrome) -> None:
+    open_page(report, browser)
+    wide, screen = browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
+    assert wide <= screen
+
+
+OVERHANG = """
+return [...document.querySelectorAll('.figure')].map((figure) => Math.max(...[...figure.querySelectorAll('.main-svg')]
+  .map((drawn) => drawn.getBoundingClientRect().right)) - figure.getBoundingClientRect().right)"""
+"""By how many px the drawing of each figure is wider than its place."""
+
+
+def test_no_figure_overlaps_its_neighbour(report: Path, browser: webdriver.Chrome) -> None:
+    over = open_page(report, browser).execute_script(OVERHANG)
+    assert len(over) == 4
+    assert max(over) <= 1
+
+
+def test_on_paper_all_figures_and_tables_fit_and_the_still_replaces_the_video(report: Path) -> None:
+    with open_chromium() as browser:
+        open_page(report, browser)
+        browser.set_window_size(700, 900)  # A4 upright is about so wide
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+        browser.execute_script("dispatchEvent(new Event('beforeprint'))")
+        assert max(browser.execute_script(OVERHANG)) <= 1
+        drawn = "return [...document.querySelectorAll('.main-svg')].map((d) => d.getBoundingClientRect().width)"
+        assert max(browser.execute_script(drawn)) <= 660
+        tables = "return [...document.querySelectorAll('.scroll')].map((s) => s.scrollWidth - s.clientWidth)"
+        assert max(browser.execute_script(tables)) <= 0
+        assert not browser.find_element(By.ID, "slow").is_displayed()
+        assert browser.find_element(By.ID, "still").size["height"] > 100
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+        browser.set_window_size(1280, 900)
+        browser.execute_script("dispatchEvent(new Event('afterprint'))")
+        WebDriverWait(browser, 10).until(lambda b: max(b.execute_script(drawn)) > 1000)
+
+
+def test_figures_are_drawn_and_describe_the_point_under_the_mouse(report: Path, browser: webdriver.Chrome) -> None:
+    open_page(report, browser)
+    for name in ("plan", "speeds", "energies", "parameters"):
+        assert browser.execute_script(f"return document.querySelectorAll('#{name} .main-svg').length") > 0
+    hover = "Plotly.Fx.hover('plan', [{curveNumber: 0, pointNumber: 3}]);"
+    hover_text = "return document.querySelector('#plan .hoverlayer').textContent"
+    assert "m/s" in browser.execute_script(hover + hover_text)
+
+
+def test_a_hostile_name_is_only_text(report: Path, browser: webdriver.Chrome) -> None:
+    open_page(report, browser)
+    assert browser.find_element(By.TAG_NAME, "h1").text == "<b>shot</b>&\"'.mp4"
+
+
+def make_diagnosis() -> DiagnosisReport:
+    """Two shots of a body whose drag the simulator lacks."""
+    t = np.arange(20) / 30
+    windows, before, after = [], [], []
+    for number in (3, 5):
+        places = np.stack([t, number * t - t**2], axis=-1)[:, None]
+        piece = Recording(number, np.arange(20), t, ("cube",), places, np.full((20, 1), 1e-3))
+        windows.append(PredictionWindow(piece, 8))
+        before.append(places + 0.05 * t[:, None, None])
+        after.append(places + 0.001)
+    drag = Strength("k", "1/s", 0.8, 0.02, 0.05)
+    none = Strength("k", "1/m", 0.0, 0.1, float("inf"))
+    return DiagnosisReport(
+        "slide", ("sliding_friction",), "effects", ("viscous_drag",),
+        (CandidateEffect("viscous_drag", 0.9, ("viscous_drag",), (drag,)),
+         CandidateEffect("air_drag", 0.1, ("air_drag",), (none,))),
+        (GapLocation("free_roll", 1.0, "cube", 3, (0.0, 0.6), None, "speed"),), "",
+        Gap("rms_m", 0.5, (3, 5), GapClosure(0.03, 0.001, 0.001, 1.0, (0.98, 1.0), True), tuple(windows), tuple(before),
+            tuple(after)),
+        (), (drag,), (), ("frame_rate",), ("lens_distortion",), "Film faster shots.", 1e-9, (),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Every other page, by its name."""
+    folder = tmp_path_factory.mktemp("others")
+    write_gap_page(make_diagnosis(), "<i>shots</i>", folder / "gap.html")
+    Image.fromarray(np.full((90, 160, 3), 90, np.uint8)).save(folder / "poster.png")
+    rows = [
+        ClipResult("a & b.mp4", "done", "amber", 4, 3.5, str(folder), "", seconds=1.0, peak_mb=300.0),
+        ClipResult("<c>.mp4", "failed", "", 0, 0.0, "", "No table was found in <c>.mp4", shots=0),
+    ]
+    (folder / "summary.html").write_text(render_summary_page(rows, folder), encoding="utf-8")
+    case = ExperimentCase("double-pendulum", "stiff", 30.0, 0.0, 0)
+    trials = [
+        Trial(case, name, mse, 1.0, 1.0, 1.0, 0, "", np.linspace(0, 1, 4), np.full(4, mse), np.zeros(0))
+        for name, mse in (("linear", 4.0), ("cubic", 1.0))
+    ]
+    write_results(ExperimentPlan(("double-pendulum",), (0,), Depth.QUICK), trials, 2, folder)
+    return {name: folder / f"{name}.html" for name in ("gap", "summary", "reproduce")}
+
+
+@pytest.mark.parametrize("name", ["gap", "summary", "reproduce"])
+def test_no_other_page_complains_keeps_anybody_out_or_is_too_wide(
+    name: str, others: dict[str, Path], browser: webdriver.Chrome
+) -> None:
+    open_page(others[name], browser)
+    assert accessibility_violations(browser) == []
+    assert console_messages(browser) == []
+    wide, screen = browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
+    assert wide <= screen
+    assert "trueroll" in browser.title

@@ -1,0 +1,193 @@
+"""The answers of a shot summary: first contact, time, speeds, later motion, confidence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import synthetic_run as shot
+
+from models.core.events import Events
+from models.core.fit_result import Fit
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
+from pipeline.reporting.text.shot_summary import summarize_shots
+
+T = np.linspace(0, 2, 61)
+TOUCH = 0.8
+
+
+def make_shot(after: tuple[float, float], cushion: float | None = None) -> tuple[Tracks, Fit]:
+    """White is struck at 0.2 s, goes along x at 1 m/s, touches red at 0.8 s and goes on with velocity `after` (m/s)."""
+    place = np.array([1.0, 0.5])
+    rows = [
+        (0, 0.0, 0.2, [0.4, 0.5], [0.0, 0.0]),
+        (0, 0.2, TOUCH, [0.4, 0.5], [1.0, 0.0]),
+        (0, TOUCH, 2.0, place, after),
+        (1, 0.0, TOUCH, [1.06, 0.5], [0.0, 0.0]),
+        (1, TOUCH, 2.0, [1.06, 0.5], [0.7, 0.0]),
+    ]
+    ball, start, end, x, v = (list(column) for column in zip(*rows, strict=True))
+    position = np.zeros((5, 4, 2))
+    position[:, 0], position[:, 1] = x, v
+    motion = Trajectory(
+        ("white", "red"), np.array(ball), np.array(start), np.array(end), position, np.zeros((5, 2, 3)),
+        ("rest", "roll", "roll", "rest", "roll"), np.tile(1e-6 * np.eye(4), (5, 1, 1)),
+    )  # fmt: skip
+    listed_events = [("strike", 0.2, "white", "", 1.0), ("ball", TOUCH, "red", "white", 0.97)]
+    listed_events += [] if cushion is None else [("cushion", cushion, "white", "top", 0.8)]
+    listed_events.sort(key=lambda one: one[1])
+    kinds, t, a, b, probability = (list(column) for column in zip(*listed_events, strict=True))
+    one = np.ones(len(t))
+    events = Events(
+        tuple(kinds), np.array(t), 1e-3 * one, 30 * np.array(t), tuple(a), tuple(b), np.tile(place, (len(t), 1)),
+        np.array(probability), -0.01 * one, 1e-3 * one, 1.0 * one,
+    )  # fmt: skip
+    fit = replace(shot.make_fit(T), trajectory=motion, events=events)
+    xy = motion.at(T).xy
+    ones = np.ones(xy.shape[:2])
+    colour = np.array([[95.0, 0.0, 3.0], [45.0, 60.0, 40.0]])
+    tracks = Tracks(
+        np.arange(len(T)), T, ("white", "red"), ("white", "red"), xy, 100 * xy, 1e-3 * ones, 1e-3 * ones,
+        np.zeros_like(xy), 3 * ones, colour,
+    )  # fmt: skip
+    return tracks, fit
+
+
+def test_the_first_contact_has_its_time_speeds_and_probability() -> None:
+    (summary,) = summarize_shots(*make_shot((0.0, 0.5)))
+    assert summary.first.startswith("white hit red first. It was struck at 0.2000 s ± 1.0 ms and left at 1.00 m/s")
+    assert summary.when.startswith("0.8000 s ± 1.0 ms (frame 24.00), 0.600 s after the stroke")
+    assert "The closing speed along the line of centres was 1.00 m/s" in summary.speed
+    assert "white arrived at 1.00 ± 0.00" in summary.speed
+    assert "red left at 0.70 m/s" in summary.speed
+    assert summary.confidence.startswith("The first contact has a probability of 97.0 %")
+    assert "trust level of the clip is green" in summary.confidence
+
+
+@pytest.mark.parametrize(
+    ("after", "expected"),
+    [
+        ((0.3, 0.05), "continued in its direction (9° to the right), at 0.30 m/s"),
+        ((0.0, 0.5), "turned 90° to the right, at 0.50 m/s"),
+        ((0.0, -0.5), "turned 90° to the left, at 0.50 m/s"),
+        ((-0.4, 0.0), "came back, at 0.40 m/s"),
+        ((0.01, 0.0), "stopped at the place of contact"),
+    ],
+)
+def test_the_turn_of_the_ball_is_described_as_seen_from_above(after: tuple[float, float], expected: str) -> None:
+    """y runs down: a ball that goes along x and then along y has turned to its right."""
+    (summary,) = summarize_shots(*make_shot(after))
+    assert expected in summary.after
+
+
+def test_cushions_before_and_after_the_contact_are_mentioned_in_their_place() -> None:
+    (before,) = summarize_shots(*make_shot((0.0, 0.5), cushion=0.5))
+    assert "white hit red first, after the top cushion." in before.first
+    assert "It had no further contact" in before.after
+    (after,) = summarize_shots(*make_shot((0.0, 0.5), cushion=1.5))
+    assert "Then it touched the top cushion at 1.500 s." in after.after
+    assert (
+        "the least certain other contact of this ball has a probability of 80.0 %"
+        " (white hits the top cushion at 1.00 m/s)" in after.confidence
+    )
+
+
+def test_a_ball_that_the_fit_holds_still_just_before_it_meets_a_cushion_did_not_stop() -> None:
+    """Within the error of the cushion's time the motion is not known; the summary describes the motion before."""
+    tracks, fit = make_shot((0.0, 0.5), cushion=1.1)
+    motion, late = fit.trajectory, 1.09
+    rows = [0, 1, 2, 0, 3, 4]  # a rest of white after its other pieces
+    start, end = motion.start[rows], motion.end[rows]
+    start[3], end[2], end[3] = late, late, 2.0
+    still = Trajectory(
+        motion.ids, motion.ball[rows], start, end, motion.position[rows], motion.spin[rows],
+        tuple(motion.phase[k] for k in rows), motion.covariance[rows],
+    )  # fmt: skip
+    vague = replace(fit.events, t_sigma=np.array([1e-3, 1e-3, 0.02]))
+    (summary,) = summarize_shots(tracks, replace(fit, trajectory=still, events=vague))
+    assert "turned 90° to the right, at 0.50 m/s" in summary.after
+    assert "stopped" not in summary.after
+
+
+def test_a_ball_that_is_observed_again_only_later_is_described_from_there() -> None:
+    tracks, fit = make_shot((0.0, 0.5))
+    motion = fit.trajectory
+    again = replace(motion, start=np.where((motion.ball == 0) & (motion.start == TOUCH), 1.0, motion.start))
+    (summary,) = summarize_shots(tracks, replace(fit, trajectory=again))
+    assert "white turned 90° to the right, at 0.50 m/s 0.40 s later." in summary.after
+
+
+def test_contacts_with_balls_are_listed_before_those_with_cushions() -> None:
+    tracks, fit = make_shot((0.0, 0.5))
+    events = fit.events
+    more = 7
+    t = np.append(events.t, 1.0 + 0.1 * np.arange(more + 1))
+    one = np.ones(len(t))
+    many = Events(
+        (*events.kind, *("cushion",) * more, "ball"), t, 1e-3 * one, 30 * t, ("white", "red", *("white",) * (more + 1)),
+        ("", "white", *("top",) * more, "red"), np.zeros((len(t), 2)), one, -0.01 * one, 1e-3 * one, one,
+    )  # fmt: skip
+    (summary,) = summarize_shots(tracks, replace(fit, events=many))
+    assert "the top cushion at 1.400 s and red at 1.700 s and 2 more." in summary.after
+    assert "every other contact of this ball has a probability of at least 99.9 %" in summary.confidence
+
+
+def test_a_doubt_about_the_scale_is_added_to_the_speeds() -> None:
+    (summary,) = summarize_shots(*make_shot((0.0, 0.5)), ("Every length may be 8 % smaller.",))
+    assert summary.speed.endswith("red left at 0.70 m/s. Every length may be 8 % smaller.")
+
+
+def test_a_clip_that_ends_too_early_gives_the_last_speed_of_the_ball() -> None:
+    (summary,) = summarize_shots(*make_shot((0.0, 0.3)))
+    assert "When the clip ends, at 2.00 s, it still moves at 0.30 m/s at (1.000, 0.860) m." in summary.after
+
+
+def test_unlikely_events_are_not_mentioned() -> None:
+    tracks, fit = make_shot((0.0, 0.3))
+    doubtful = replace(fit, events=replace(fit.events, probability=np.array([1.0, 0.2])))
+    (summary,) = summarize_shots(tracks, doubtful)
+    assert summary.first.startswith("white touched no other ball.")
+
+
+def test_a_clip_that_begins_after_the_stroke_describes_the_moving_cue_ball() -> None:
+    tracks, fit = make_shot((0.0, 0.3))
+    events = fit.events
+    late = Events(*(getattr(events, name)[1:] for name in ("kind", "t", "t_sigma", "frame", "a", "b", "xy",
+                    "probability", "gap", "gap_sigma", "speed")))  # fmt: skip
+    (summary,) = summarize_shots(tracks, replace(fit, events=late))
+    assert summary.first == "white hit red first. The clip shows no stroke; the motion before it is unknown."
+    assert "after the stroke" not in summary.when
+
+
+def test_of_two_that_meet_the_one_that_was_not_seen_before_is_the_one_that_came() -> None:
+    tracks, fit = make_shot((0.0, 0.5))
+    motion = fit.trajectory
+    rows = [2, 3, 4]
+    unseen = Trajectory(
+        motion.ids, motion.ball[rows], motion.start[rows], motion.end[rows], motion.position[rows], motion.spin[rows],
+        tuple(motion.phase[k] for k in rows), motion.covariance[rows],
+    )  # fmt: skip
+    events = fit.events
+    late = Events(*(getattr(events, name)[1:] for name in ("kind", "t", "t_sigma", "frame", "a", "b", "xy",
+                    "probability", "gap", "gap_sigma", "speed")))  # fmt: skip
+    (summary,) = summarize_shots(tracks, replace(fit, events=late, trajectory=unseen))
+    assert summary.first.startswith("white hit red first.")
+    assert "the speed of white before the contact was not observed" in summary.speed
+    assert "white moved at 0.50 m/s 0.40 s later; its direction before the contact was not observed." in summary.after
+
+
+def test_where_nothing_moves_there_is_no_summary() -> None:
+    tracks, fit = make_shot((0.0, 0.3))
+    none = Events((), np.empty(0), np.empty(0), np.empty(0), (), (), np.empty((0, 2)), *(np.empty(0),) * 4)
+    assert summarize_shots(tracks, replace(fit, events=none, moving=np.zeros_like(tracks.is_observed))) == []
+
+
+def test_every_potted_ball_is_mentioned() -> None:
+    tracks, fit = make_shot((0.0, 0.5), cushion=1.5)
+    events = fit.events
+    fallen = replace(events, kind=("strike", "ball", "pocket"), a=("white", "red", "red"), b=("", "white", "top-right"))
+    (summary,) = summarize_shots(tracks, replace(fit, events=fallen))
+    assert summary.potted == "red into the top-right pocket at 1.5000 s ± 1.0 ms."
+    assert summarize_shots(tracks, fit)[0].potted == ""

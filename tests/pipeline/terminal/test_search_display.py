@@ -1,0 +1,49 @@
+"""The progress display of a diagnosis."""
+
+from __future__ import annotations
+
+from io import StringIO
+from pathlib import Path
+
+import numba
+import pytest
+from rich.console import Console
+
+from pipeline.terminal.search_display import COMPILING_NOTE, show_search_progress
+
+
+@numba.njit
+def compile_each_time(x: float) -> float:
+    return x + 1
+
+
+def show_activity(terminal: bool) -> str:
+    console = Console(file=StringIO(), force_terminal=terminal, width=100)
+    with show_search_progress(console, "table-01") as watch:
+        watch("trying", ("cushion_friction", "slope"))
+    assert isinstance(console.file, StringIO)
+    return console.file.getvalue()
+
+
+def test_a_terminal_shows_which_effects_are_tried() -> None:
+    assert "table-01: trying: cushion friction and slope" in show_activity(terminal=True)
+
+
+def test_a_file_gets_no_output() -> None:
+    assert show_activity(terminal=False) == ""
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_the_first_minute_is_explained_once_also_without_a_terminal(
+    terminal: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    cached = numba.njit(cache=True)(compile_each_time.py_func)
+    console = Console(file=StringIO(), force_terminal=terminal, width=100)
+    with show_search_progress(console):
+        compile_each_time(1.0)
+        assert isinstance(console.file, StringIO)
+        assert COMPILING_NOTE not in console.file.getvalue(), "every process compiles this"
+        cached(1.0)
+        cached(1)
+    assert console.file.getvalue().count(COMPILING_NOTE) == 1

@@ -1,0 +1,247 @@
+"""The whole chain on the start of a sample clip writes the files of the contract."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLE = ROOT / "sample_videos" / "carom_match.mp4"
+PROGRAM = """import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests themselves run in the background
+from pipeline.cli.main import main
+main()"""
+SECONDS = 1.5
+"""Used part of the sample, s: a strike, a contact of two balls and one with a cushion."""
+SLOW = 4
+FILES = {
+    "slow.mp4", "tracks.csv", "events.csv", "scene.json", "trajectory.csv",
+    "recording.rrd", "report.html", "poster.png", "source.json",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Home:
+    """A folder with the clip, a cache, and what the first run made."""
+
+    folder: Path
+
+    @property
+    def clip(self) -> Path:
+        return self.folder / "clips" / "start.mp4"
+
+    @property
+    def out(self) -> Path:
+        return self.folder / "out"
+
+    def start(self, *arguments: object, cache: str = "cache") -> subprocess.Popen[str]:
+        """`trueroll ARGUMENTS...` in a process of its own."""
+        return subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, *map(str, arguments)],
+            cwd=self.folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env=os.environ | {"PYTHONPATH": str(ROOT), "TRUEROLL_CACHE": str(self.folder / cache), "COLUMNS": "200"},
+        )  # fmt: skip
+
+    def trueroll(self, *arguments: object) -> tuple[int, str, str]:
+        process = self.start(*arguments)
+        out, err = process.communicate(timeout=400)
+        return process.returncode, out, err
+
+    def rows(self, name: str) -> list[dict[str, str]]:
+        with (self.out / name).open(newline="") as file:
+            return list(csv.DictReader(file))
+
+    def column(self, name: str, column: str) -> np.ndarray:
+        return np.array([float(row[column] or "nan") for row in self.rows(name)])
+
+    @property
+    def scene(self) -> Any:
+        return json.loads((self.out / "scene.json").read_text(), parse_constant=lambda word: pytest.fail(word))
+
+
+def copy_start(source: Path, target: Path) -> None:
+    """Copy the first `SECONDS` of a video without decoding it."""
+    with av.open(str(source)) as film, av.open(str(target), "w") as start:
+        stream = film.streams.video[0]
+        copy = start.add_stream_from_template(stream)
+        for packet in film.demux(stream):
+            if packet.dts is not None and float(packet.dts * stream.time_base) < SECONDS:
+                packet.stream = copy
+                start.mux(packet)
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Home:
+    home = Home(tmp_path_factory.mktemp("home"))
+    home.clip.parent.mkdir()
+    copy_start(SAMPLE, home.clip)
+    status, out, err = home.trueroll("run", home.clip, "-o", home.out, "--quick", "--slow", SLOW)
+    assert status == 0, err
+    assert err == "", "no progress is printed unless on a terminal"
+    assert "slow.mp4" in out
+    return home
+
+
+def test_the_folder_holds_the_files_of_the_contract_and_no_others(home: Home) -> None:
+    assert {path.name for path in home.out.iterdir()} == FILES
+    assert not [path for path in home.out.iterdir() if path.stat().st_size == 0]
+
+
+def test_the_slow_motion_plays_everywhere_and_lasts_as_long_as_requested(home: Home) -> None:
+    with av.open(str(home.out / "slow.mp4")) as film:
+        (stream,) = film.streams.video
+        times = [float(frame.time) for frame in film.decode(stream)]
+        assert (stream.codec_context.name, stream.pix_fmt) == ("h264", "yuv420p")
+        assert stream.width % 2 == stream.height % 2 == 0
+        rate = stream.average_rate
+    assert Fraction(25) <= rate <= 60
+    assert np.diff(times) == pytest.approx(1 / float(rate), abs=1e-3)
+    assert times[-1] == pytest.approx(SLOW * SECONDS, abs=0.3)
+
+
+def test_tracks_have_one_row_per_ball_and_frame_with_an_error_each(home: Home) -> None:
+    rows = home.rows("tracks.csv")
+    keys = [(row["frame"], row["id"]) for row in rows]
+    assert len(set(keys)) == len(keys)
+    assert {row["id"] for row in rows} == {"white", "yellow", "red"}
+    assert set(home.column("tracks.csv", "observed")) <= {0.0, 1.0}
+    assert np.all(home.column("tracks.csv", "sigma") > 0)
+    rate = home.scene["fps"]
+    assert home.column("tracks.csv", "t") == pytest.approx(home.column("tracks.csv", "frame") / rate, abs=2e-3)
+
+
+def test_places_in_metres_and_pixels_belong_together(home: Home) -> None:
+    scene = home.scene
+    matrix = np.array(scene["calibration"]["matrix"])
+    x, y, u, v = (home.column("tracks.csv", name) for name in ("x", "y", "x_px", "y_px"))
+    projected = np.stack([x, y, np.full_like(x, scene["ball_radius"]), np.ones_like(x)]).T @ matrix.T
+    assert projected[:, 0] / projected[:, 2] == pytest.approx(u, abs=0.05)
+    assert projected[:, 1] / projected[:, 2] == pytest.approx(v, abs=0.05)
+    margin = scene["ball_radius"] - 0.02
+    assert np.all((x > margin) & (x < scene["table"]["length"] - margin))
+    assert np.all((y > margin) & (y < scene["table"]["width"] - margin))
+
+
+def test_events_are_those_of_the_sample(home: Home) -> None:
+    truth = json.loads(SAMPLE.with_suffix(".truth.json").read_text())
+    rows = home.rows("events.csv")
+    kinds = [(row["kind"], row["a"], row["b"]) for row in rows if row["kind"] != "rest"]
+    assert kinds[:3] == [("strike", "white", ""), ("ball", "white", "yellow"), ("cushion", "white", "bottom")]
+    t, sigma = (home.column("events.csv", name) for name in ("t", "t_sigma"))
+    wanted = [event["t"] for event in truth["events"]][:3]
+    assert t[:3] == pytest.approx(wanted, abs=0.01)
+    assert np.all(np.diff(t) >= 0)
+    assert np.all(sigma > 0)
+    probability = home.column("events.csv", "probability")
+    assert np.all((probability > 0) & (probability <= 1))
+
+
+def test_the_motion_is_sampled_a_thousand_times_a_second(home: Home) -> None:
+    rows = home.rows("trajectory.csv")
+    for ball in ("white", "yellow", "red"):
+        t = np.array([float(row["t"]) for row in rows if row["id"] == ball])
+        assert np.diff(t) == pytest.approx(0.001, abs=1e-6)
+        assert t[-1] - t[0] > SECONDS - 0.2
+
+
+def test_the_scene_lists_assumptions_fitted_parameters_and_trust(home: Home) -> None:
+    scene = home.scene
+    assert scene["table"]["length"] == pytest.approx(2.84, abs=0.01)
+    assert scene["calibration"]["plane"] in ("cloth", "noses")
+    assert scene["calibration"]["camera_height_sigma"] > 0
+    assert all({"value", "sigma", "unit"} <= p.keys() for effect in scene["effects"].values() for p in effect.values())
+    assert scene["trust"]["light"] in ("green", "amber", "red")
+    assert scene["trust"]["why"]
+    assert {"px_per_m", "origin_px", "width_px", "height_px"} <= scene["image"].keys()
+
+
+def test_the_poster_has_at_least_the_size_of_the_clip(home: Home) -> None:
+    with Image.open(home.out / "poster.png") as still:
+        assert still.width >= home.scene["image"]["width_px"]
+
+
+def test_a_second_run_takes_everything_from_the_cache(home: Home) -> None:
+    before = {path.name: path.read_bytes() for path in home.out.iterdir()}
+    status, out, _ = home.trueroll("graph", home.clip, "--quick", "--slow", SLOW, "--json")
+    assert status == 0
+    assert {view["state"] for view in json.loads(out)} == {"cached"}
+    shutil.rmtree(home.out)
+    status, out, err = home.trueroll("run", home.clip, "-o", home.out, "--quick", "--slow", SLOW, "--json")
+    assert status == 0, err
+    assert {path.name: path.read_bytes() for path in home.out.iterdir()} == before
+    assert json.loads(out)["trust"] == home.scene["trust"]
+
+
+def test_another_speed_of_playing_makes_only_what_is_played_again(home: Home) -> None:
+    _, out, _ = home.trueroll("graph", home.clip, "--quick", "--slow", SLOW + 1, "--json")
+    views = {view["stage"]: view for view in json.loads(out)}
+    assert [name for name, view in views.items() if view["state"] == "stale"] == ["render"]
+    assert views["render"]["why"] == "option slow changed"
+    assert views["report"]["state"] == "waiting"
+
+
+def test_one_bad_clip_stops_no_batch_and_a_second_batch_resumes(home: Home) -> None:
+    (home.clip.parent / "deeper").mkdir(exist_ok=True)
+    shutil.copy(home.clip, home.clip.parent / "deeper" / "same.mov")
+    with av.open(str(home.clip.parent / "single.mp4"), "w") as film:
+        stream = film.add_stream("libx264", rate=25)
+        stream.width = stream.height = 320
+        frame = av.VideoFrame.from_ndarray(np.zeros((320, 320, 3), np.uint8))
+        film.mux(stream.encode(frame))
+        film.mux(stream.encode(None))
+    (home.clip.parent / "notes.txt").write_text("no clip")
+    for _ in range(2):
+        began = time.monotonic()
+        status, out, err = home.trueroll("batch", "clips", "-o", "many", "--quick", "--slow", SLOW)
+        assert status == 1, err
+        assert err == ""
+        assert "2 of 3 clips done" in out
+    assert time.monotonic() - began < 60
+    with (home.folder / "many" / "summary.csv").open(newline="") as file:
+        rows = {row["clip"]: row for row in csv.DictReader(file)}
+    assert {name: row["status"] for name, row in rows.items()} == {
+        "deeper/same.mov": "done", "start.mp4": "done", "single.mp4": "failed",
+    }  # fmt: skip
+    assert "1 distinct frame" in rows["single.mp4"]["sentence"]
+    for name in ("deeper/same.mov", "start.mp4"):
+        assert {path.name for path in (home.folder / rows[name]["folder"]).iterdir()} == FILES
+    left = {path.name for path in (home.folder / "many").iterdir()}
+    assert left == {"summary.csv", "summary.parquet", "summary.html", "deeper", "start"}
+
+
+@pytest.mark.parametrize(
+    ("number", "status", "words"),
+    [
+        (signal.SIGINT, 130, "trueroll: interrupted; nothing half-written is left\n"),
+        (signal.SIGTERM, 143, ""),
+    ],
+)
+def test_a_run_that_is_stopped_leaves_nothing_half_written(home: Home, number: int, status: int, words: str) -> None:
+    process = home.start("run", home.clip, "-o", "stopped", "--quick", "--slow", 16)
+    building = home.folder / "cache" / "building"
+    end = time.monotonic() + 60
+    while not any(building.glob("render-*/*")):
+        assert time.monotonic() < end, "the slow motion was never begun"
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (status, words)
+    assert out == ""
+    assert not (home.folder / "stopped").exists()
+    assert not list(building.iterdir())
