@@ -1,19 +1,20 @@
-"""A world of billiards of its own: fixed small steps, no code shared with the library that is checked against it.
+"""Simulate billiards with fixed small steps, independently of the library that is checked against it.
 
     python worlds/billiards.py SHOT.json OUT [SHOT.json OUT ...]
 
 reads each shot (balls, effects and laws as `trueroll simulate` reads them) and writes OUT/trajectory.csv
 (t,id,x,y,z,vx,vy,wx,wy,wz,qw,qx,qy,qz) and OUT/events.csv (kind,t,a,b,x,y,speed). x, y and the signs of spin are those
-of the shot: a rolling ball has wx = -vy/R, wy = vx/R. q is the ball's orientation since the start.
+of the shot: a rolling ball has wx = -vy/R, wy = vx/R. q is the orientation of the ball relative to the start.
 
-Every step of `dt` the velocities change by friction and the places by velocities; balls that overlap and approach get
-an impulse; its time is moved back inside the step to the moment of touch. Cushion laws: `mirror`, and `mathavan_2010`
-(Mathavan, Jackson, Parkin, "A theoretical analysis of billiard ball dynamics under cushion impacts", Proc. IMechE C,
-224, 2010), integrated over the impulse at the height of the nose. Ball laws: `inelastic` (Coulomb friction where
-`ball_friction` is given), and `alciatore` (friction that falls with speed, technical proof A-14). Balls may differ in
-radius and mass; their centres are taken to be in one plane. Effects that no library has: `sticky_patch` (mu more of
-rolling resistance within 0.3 m of x, y), `curl` (c: a rolling ball turns, c times its deceleration to its left),
-`cushion_restitution_power` (restitution falls with that power of the speed, and is e at 1 m/s).
+In every step of `dt`, friction changes the velocities and velocities change the positions; balls that overlap and
+approach receive an impulse, whose time is moved back inside the step to the moment of contact. Cushion models:
+`mirror`, and `mathavan_2010` (Mathavan, Jackson, Parkin, "A theoretical analysis of billiard ball dynamics under
+cushion impacts", Proc. IMechE C, 224, 2010), integrated over the impulse at the height of the nose. Ball models:
+`inelastic` (Coulomb friction if `ball_friction` is given), and `alciatore` (friction that falls with speed, technical
+proof A-14). Balls may differ in radius and mass; their centres are assumed to lie in one plane. Effects that are in no
+library: `sticky_patch` (additional rolling resistance mu within 0.3 m of x, y), `curl` (c: a rolling ball turns, c
+times its deceleration to its left), `cushion_restitution_power` (restitution falls with that power of the speed, and is
+e at 1 m/s).
 """
 
 from __future__ import annotations
@@ -30,29 +31,29 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-KEEP = __name__ == "__main__"
-"""Keep compiled code on disk for the script alone: what an import compiled under another name, it could not load."""
+CACHE_COMPILED = __name__ == "__main__"
+"""Store compiled code on disk only for the script: it cannot load code that an import compiled under another name."""
 GRAVITY = 9.81
 """m/s2."""
 STEP = 2e-5
-"""s: at 5 m/s a ball moves 0.1 mm in one."""
+"""Step, s: at 5 m/s a ball moves 0.1 mm in one."""
 NOSE_HEIGHT_RADII = 1.27
 """Height of the nose above the cloth in ball radii (WPA equipment rules: 63.5 % of the diameter)."""
-PATCH = 0.3
-"""m, radius of a sticky patch."""
+PATCH_RADIUS = 0.3
+"""Radius of a sticky patch, m."""
 CLOTH_UNDER_CUSHION = 0.21
 """Friction between ball and cloth while the nose presses the ball down (Mathavan 2010, section 4)."""
 MOUTH_CORNER, MOUTH_SIDE = 0.045, 0.040
-"""m: a ball drops once its centre is nearer than this to the pocket's point on the nose rectangle."""
+"""Distance from the pocket's point on the nose rectangle within which a ball drops, m."""
 JAW_CORNER, JAW_SIDE = 0.080, 0.062
-"""m: no cushion this near to a pocket, along the rail."""
+"""Distance along the rail from a pocket within which there is no cushion, m."""
 POCKET_BACK = 0.012
-"""m behind the noses where the leather of a pocket stops the centre of a falling ball."""
+"""Distance behind the noses at which the leather of a pocket stops the centre of a falling ball, m."""
 STRIKE, BALL, CUSHION, POCKET, REST = range(5)
 """Indices in `KINDS`."""
 MOST_EVENTS = 20_000
-LYING = 1e-3
-"""m/s: balls that lie against each other close by less at every step, which is no event."""
+RESTING_CLOSING = 1e-3
+"""Closing speed below which a contact of touching balls is no event, m/s."""
 
 CUSHIONS = ("left", "right", "top", "bottom")
 POCKETS = ("top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right")
@@ -82,9 +83,9 @@ PARAMETERS = tuple(f"{effect}.{name}" for effect, names in EFFECTS.items() for n
 NEUTRAL = {"cushion_restitution.e": 1.0, "ball_restitution.e": 1.0}
 
 
-@njit(cache=KEEP)
-def roll_or_slide(v, w, radius, slide, roll, decay, pull_x, pull_y, drag, curl, dt):
-    """Friction of the cloth on one ball during dt; changes v (2,) and w (3,), says whether the ball still moves."""
+@njit(cache=CACHE_COMPILED)
+def apply_cloth_friction(v, w, radius, slide, roll, decay, pull_x, pull_y, drag, curl, dt):
+    """Apply cloth friction to one ball during dt; changes v (2,) and w (3,), returns whether the ball still moves."""
     slip_x, slip_y = v[0] - radius * w[1], v[1] + radius * w[0]
     slip = math.hypot(slip_x, slip_y)
     w[2] -= math.copysign(min(abs(w[2]), decay * dt), w[2])
@@ -99,7 +100,7 @@ def roll_or_slide(v, w, radius, slide, roll, decay, pull_x, pull_y, drag, curl, 
         v[0] -= slip_x * 2 / 7
         v[1] -= slip_y * 2 / 7
     speed = math.hypot(v[0], v[1])
-    # the whole drag, as its law is told; of a slope a rolling ball feels five sevenths
+    # the drag acts fully; a slope accelerates a rolling ball by five sevenths
     left = max(speed - (roll * GRAVITY + drag * speed) * dt, 0.0)
     if speed > 0:
         v[0] *= left / speed
@@ -114,9 +115,9 @@ def roll_or_slide(v, w, radius, slide, roll, decay, pull_x, pull_y, drag, curl, 
     return v[0] != 0.0 or v[1] != 0.0
 
 
-@njit(cache=KEEP)
-def ball_on_ball(va, wa, vb, wb, nx, ny, ra, rb, ma, mb, e, mu, law):
-    """Impulse between two balls along the unit normal a to b; changes their v and w."""
+@njit(cache=CACHE_COMPILED)
+def apply_ball_contact(va, wa, vb, wb, nx, ny, ra, rb, ma, mb, e, mu, law):
+    """Apply the impulse between two balls along the unit normal from a to b; changes their v and w."""
     closing = (va[0] - vb[0]) * nx + (va[1] - vb[1]) * ny
     reduced = ma * mb / (ma + mb)
     normal = reduced * (1 + e) * closing
@@ -143,18 +144,18 @@ def ball_on_ball(va, wa, vb, wb, nx, ny, ra, rb, ma, mb, e, mu, law):
     vb[1] += normal / mb * ny
 
 
-@njit(cache=KEEP)
-def mirror(along, into, spin, radius, e, mu):
-    """Restitution and Coulomb friction at the height of the centre: along, into, spin after."""
+@njit(cache=CACHE_COMPILED)
+def rebound_by_mirror(along, into, spin, radius, e, mu):
+    """Return along, into and spin after restitution and Coulomb friction at the height of the centre."""
     slip = along - radius * spin
     grip = min(mu * (1 + e) * into, abs(slip) * 2 / 7)
     push = -math.copysign(grip, slip)
     return along + push, -e * into, spin - 2.5 / radius * push
 
 
-@njit(cache=KEEP)
-def mathavan(vx, vy, wx, wy, wz, radius, e, mu):
-    """Mathavan 2010, eqs 15 to 17: x along the cushion, y into it; integrated over the normal impulse (mass 1)."""
+@njit(cache=CACHE_COMPILED)
+def rebound_by_mathavan(vx, vy, wx, wy, wz, radius, e, mu):
+    """Integrate Mathavan 2010, eqs 15 to 17, over the normal impulse (mass 1): x along the cushion, y into it."""
     sin, k = NOSE_HEIGHT_RADII - 1, 2.5 / radius
     cos = math.sqrt(1 - sin * sin)
     step, work, wanted, compressing = vy / 4000, 0.0, 0.0, True
@@ -179,25 +180,25 @@ def mathavan(vx, vy, wx, wy, wz, radius, e, mu):
     return vx, vy, wx, wy, wz
 
 
-@njit(cache=KEEP)
-def ball_on_cushion(v, w, side, radius, e, mu, law):
-    """Rebound of one ball from cushion `side`; changes v and w."""
+@njit(cache=CACHE_COMPILED)
+def apply_cushion_contact(v, w, side, radius, e, mu, law):
+    """Rebound one ball from cushion `side`; changes v and w."""
     # frame with y into the cushion and x along it, turned (not mirrored), so spins keep their formulas
     nx, ny = (-1.0, 0.0) if side == 0 else (1.0, 0.0) if side == 1 else (0.0, -1.0) if side == 2 else (0.0, 1.0)
     tx, ty = ny, -nx
     along, into = v[0] * tx + v[1] * ty, v[0] * nx + v[1] * ny
     wt, wn, wz = w[0] * tx + w[1] * ty, w[0] * nx + w[1] * ny, w[2]
     if law == MATHAVAN:
-        along, into, wt, wn, wz = mathavan(along, into, wt, wn, wz, radius, e, mu)
+        along, into, wt, wn, wz = rebound_by_mathavan(along, into, wt, wn, wz, radius, e, mu)
     else:
-        along, into, wz = mirror(along, into, wz, radius, e, mu)
+        along, into, wz = rebound_by_mirror(along, into, wz, radius, e, mu)
     v[0], v[1] = along * tx + into * nx, along * ty + into * ny
     w[0], w[1], w[2] = wt * tx + wn * nx, wt * ty + wn * ny, wz
 
 
-@njit(cache=KEEP)
-def turn(q, w, dt):
-    """Turn the orientation q (4,) by the spin w during dt."""
+@njit(cache=CACHE_COMPILED)
+def rotate_orientation(q, w, dt):
+    """Rotate the orientation q (4,) by the spin w during dt."""
     a, b, c, d = q
     x, y, z = w[0] * dt / 2, w[1] * dt / 2, w[2] * dt / 2
     q[0] = a - x * b - y * c - z * d
@@ -207,95 +208,97 @@ def turn(q, w, dt):
     q /= math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
 
 
-@njit(cache=KEEP)
-def nearest_pocket(x, y, length, width):
-    """Index in POCKETS of the nearest pocket, and the distance to it."""
+@njit(cache=CACHE_COMPILED)
+def find_nearest_pocket(x, y, length, width):
+    """Return the index in `POCKETS` of the nearest pocket, and the distance to it."""
     column = 0 if x < length / 4 else 2 if x > 0.75 * length else 1
     row = 0 if y < width / 2 else 1
     return 3 * row + column, math.hypot(x - column * length / 2, y - row * width)
 
 
-@njit(cache=KEEP)
-def note(events, count, kind, t, a, b, x, y, speed):
-    """Write one event; says how many there are now."""
+@njit(cache=CACHE_COMPILED)
+def record_event(events, count, kind, t, a, b, x, y, speed):
+    """Record one event; returns the number of events."""
     if count < MOST_EVENTS:
         events[count] = np.array([float(kind), t, float(a), float(b), x, y, speed])
     return min(count + 1, MOST_EVENTS)
 
 
-@njit(cache=KEEP)
+@njit(cache=CACHE_COMPILED)
 def stop_at_leather(xy, v, size):
-    """Take from a falling ball the speed that would carry it through the back of the pocket."""
+    """Stop a falling ball at the back of the pocket."""
     for axis in range(2):
         beyond = -xy[axis] if v[axis] < 0 else xy[axis] - size[axis]
         if beyond > POCKET_BACK:
             v[axis] = 0.0
 
 
-@njit(cache=KEEP)
-def move(xyz, v, w, q, moving, potted, fall, size, radius, p, t, dt, events, count):
-    """March every moving ball by dt under the cloth's friction, or down a pocket."""
+@njit(cache=CACHE_COMPILED)
+def move_balls(xyz, v, w, q, moving, potted, fall, size, radius, p, t, dt, events, count):
+    """Move every ball by dt under cloth friction, or down a pocket."""
     slope_x, slope_y = p[3] * 1e-3 * GRAVITY, p[4] * 1e-3 * GRAVITY
     for i in np.flatnonzero(moving):
         speed = math.hypot(v[i, 0], v[i, 1])
         drag = p[10] * speed + p[11]
         roll = p[1] - (p[12] * v[i, 0] / speed if speed > 0 else 0.0)
-        if math.hypot(xyz[i, 0] - p[14], xyz[i, 1] - p[15]) < PATCH:
+        if math.hypot(xyz[i, 0] - p[14], xyz[i, 1] - p[15]) < PATCH_RADIUS:
             roll += p[13]
         if potted[i]:
             fall[i] += GRAVITY * dt
             xyz[i, 2] -= fall[i] * dt
             stop_at_leather(xyz[i], v[i], size)
             moving[i] = xyz[i, 2] > -4 * radius[i]
-        elif not roll_or_slide(v[i], w[i], radius[i], p[0], roll, p[2], slope_x, slope_y, drag, p[16], dt) and (
+        elif not apply_cloth_friction(v[i], w[i], radius[i], p[0], roll, p[2], slope_x, slope_y, drag, p[16], dt) and (
             w[i, 2] * p[2] == 0.0
         ):
             moving[i] = False
             w[i] = 0.0
-            count = note(events, count, REST, t, i, -1, xyz[i, 0], xyz[i, 1], np.nan)
+            count = record_event(events, count, REST, t, i, -1, xyz[i, 0], xyz[i, 1], np.nan)
         if moving[i]:
             xyz[i, 0] += v[i, 0] * dt
             xyz[i, 1] += v[i, 1] * dt
-            turn(q[i], w[i], dt)
+            rotate_orientation(q[i], w[i], dt)
     return count
 
 
-@njit(cache=KEEP)
-def in_mouth(x, y, side, size):
-    """Whether the nose of `side` is cut away by a pocket where a ball at x, y would meet it."""
+@njit(cache=CACHE_COMPILED)
+def is_in_mouth(x, y, side, size):
+    """Return whether a pocket interrupts the nose of `side` where a ball at x, y would meet it."""
     length, width = size
     if side < 2:
         return min(y, width - y) < JAW_CORNER
     return min(x, length - x) < JAW_CORNER or abs(x - length / 2) < JAW_SIDE
 
 
-@njit(cache=KEEP)
-def meet_rails(xyz, v, w, moving, potted, size, radius, pockets, p, law, t, dt, events, count):
-    """Pockets and cushions of one step that ends at t."""
+@njit(cache=CACHE_COMPILED)
+def resolve_rails(xyz, v, w, moving, potted, size, radius, pockets, p, law, t, dt, events, count):
+    """Resolve pockets and cushions in the step that ends at t."""
     for i in np.flatnonzero(moving & ~potted):
         x, y = xyz[i, 0], xyz[i, 1]
         if pockets:
-            pocket, distance = nearest_pocket(x, y, size[0], size[1])
+            pocket, distance = find_nearest_pocket(x, y, size[0], size[1])
             if distance < (MOUTH_SIDE if pocket % 3 == 1 else MOUTH_CORNER):
                 potted[i] = True
-                count = note(events, count, POCKET, t, i, pocket, x, y, math.hypot(v[i, 0], v[i, 1]))
+                count = record_event(events, count, POCKET, t, i, pocket, x, y, math.hypot(v[i, 0], v[i, 1]))
                 continue
         gaps = (x, size[0] - x, y, size[1] - y)
         speeds = (-v[i, 0], v[i, 0], -v[i, 1], v[i, 1])
         for side in range(4):
             into = speeds[side]
-            if gaps[side] >= radius[i] or into <= 0 or (pockets and in_mouth(x, y, side, size)):
+            if gaps[side] >= radius[i] or into <= 0 or (pockets and is_in_mouth(x, y, side, size)):
                 continue
             back = min((radius[i] - gaps[side]) / into, dt)
-            count = note(events, count, CUSHION, t - back, i, side, x - v[i, 0] * back, y - v[i, 1] * back, into)
+            count = record_event(
+                events, count, CUSHION, t - back, i, side, x - v[i, 0] * back, y - v[i, 1] * back, into
+            )
             e = p[5] * into ** -p[17] - p[6] * into
-            ball_on_cushion(v[i], w[i], side, radius[i], min(max(e, 0.0), 1.0), p[7], law)
+            apply_cushion_contact(v[i], w[i], side, radius[i], min(max(e, 0.0), 1.0), p[7], law)
     return count
 
 
-@njit(cache=KEEP)
-def meet_balls(xyz, v, w, moving, potted, radius, mass, e, mu, law, t, dt, events, count):
-    """Contacts between balls of one step that ends at t."""
+@njit(cache=CACHE_COMPILED)
+def resolve_ball_contacts(xyz, v, w, moving, potted, radius, mass, e, mu, law, t, dt, events, count):
+    """Resolve contacts between balls in the step that ends at t."""
     for i in range(len(xyz)):
         for j in range(i + 1, len(xyz)):
             if potted[i] or potted[j] or not (moving[i] or moving[j]):
@@ -311,18 +314,20 @@ def meet_balls(xyz, v, w, moving, potted, radius, mass, e, mu, law, t, dt, event
             back = min((touch - gap) / closing, dt)
             a, b = (i, j) if math.hypot(v[i, 0], v[i, 1]) >= math.hypot(v[j, 0], v[j, 1]) else (j, i)
             x, y = xyz[a, 0] - v[a, 0] * back, xyz[a, 1] - v[a, 1] * back
-            if closing > LYING:
-                count = note(events, count, BALL, t - back, a, b, x, y, closing)
+            if closing > RESTING_CLOSING:
+                count = record_event(events, count, BALL, t - back, a, b, x, y, closing)
             nx, ny = dx / gap, dy / gap
-            ball_on_ball(v[i], w[i], v[j], w[j], nx, ny, radius[i], radius[j], mass[i], mass[j], e, mu, law)
+            apply_ball_contact(v[i], w[i], v[j], w[j], nx, ny, radius[i], radius[j], mass[i], mass[j], e, mu, law)
             moving[i] = moving[j] = True
     return count
 
 
-@njit(cache=KEEP)
-def march(xyz, v, w, size, radius, mass, pockets, p, laws, dt, steps, every):
-    """Samples (T, N, 12) of x, y, z, v, w, q, and events (E, 7) of kind, t, a, b, x, y, speed, of N balls with radii
-    and masses (N,)."""
+@njit(cache=CACHE_COMPILED)
+def march_shot(xyz, v, w, size, radius, mass, pockets, p, laws, dt, steps, every):
+    """Simulate N balls with radii and masses (N,).
+
+    Returns samples (T, N, 12) of x, y, z, v, w, q, and events (E, 7) of kind, t, a, b, x, y, speed.
+    """
     n = len(xyz)
     q = np.zeros((n, 4))
     q[:, 0] = 1.0
@@ -332,28 +337,30 @@ def march(xyz, v, w, size, radius, mass, pockets, p, laws, dt, steps, every):
     for i in range(n):
         moving[i] = v[i, 0] != 0 or v[i, 1] != 0
         if moving[i]:
-            count = note(events, count, STRIKE, 0.0, i, -1, xyz[i, 0], xyz[i, 1], math.hypot(v[i, 0], v[i, 1]))
+            count = record_event(events, count, STRIKE, 0.0, i, -1, xyz[i, 0], xyz[i, 1], math.hypot(v[i, 0], v[i, 1]))
     for step in range(steps + 1):
         if step % every == 0:
             row = samples[step // every]
             row[:, :3], row[:, 3:5], row[:, 5:8], row[:, 8:] = xyz, v, w, q
         t = (step + 1) * dt
-        count = move(xyz, v, w, q, moving, potted, fall, size, radius, p, t, dt, events, count)
-        count = meet_rails(xyz, v, w, moving, potted, size, radius, pockets, p, laws[0], t, dt, events, count)
-        count = meet_balls(xyz, v, w, moving, potted, radius, mass, p[8], p[9], laws[1], t, dt, events, count)
+        count = move_balls(xyz, v, w, q, moving, potted, fall, size, radius, p, t, dt, events, count)
+        count = resolve_rails(xyz, v, w, moving, potted, size, radius, pockets, p, laws[0], t, dt, events, count)
+        count = resolve_ball_contacts(
+            xyz, v, w, moving, potted, radius, mass, p[8], p[9], laws[1], t, dt, events, count
+        )
     return samples, events[:count]
 
 
-def parameters(effects: dict[str, dict[str, float]]) -> Floats:
-    """Numbers in the order of `PARAMETERS`; an effect that is not listed is absent."""
-    given = {f"{effect}.{name}": value for effect, values in effects.items() for name, value in values.items()}
-    if unknown := set(given) - set(PARAMETERS):
-        raise SystemExit(f"this world knows the parameters {', '.join(PARAMETERS)}; got {', '.join(sorted(unknown))}")
-    return np.array([given.get(name, NEUTRAL.get(name, 0.0)) for name in PARAMETERS])
+def read_parameters(effects: dict[str, dict[str, float]]) -> Floats:
+    """Return the parameters in the order of `PARAMETERS`; an effect that is not listed is neutral."""
+    by_name = {f"{effect}.{name}": value for effect, values in effects.items() for name, value in values.items()}
+    if unknown := set(by_name) - set(PARAMETERS):
+        raise SystemExit(f"this simulator has the parameters {', '.join(PARAMETERS)}; got {', '.join(sorted(unknown))}")
+    return np.array([by_name.get(name, NEUTRAL.get(name, 0.0)) for name in PARAMETERS])
 
 
 def play(shot: dict, dt: float = STEP) -> tuple[Floats, Floats]:
-    """Samples (T, N, 12) at the shot's `hz` and events (E, 7) of a shot, in steps of about `dt`."""
+    """Simulate a shot in steps of about `dt`; returns samples (T, N, 12) at its `hz`, and events (E, 7)."""
     balls, table = shot["balls"], shot["table"]
     radius = np.array([float(b["radius"]) for b in balls])
     mass = np.array([float(b.get("mass", 1.0)) for b in balls])
@@ -367,11 +374,13 @@ def play(shot: dict, dt: float = STEP) -> tuple[Floats, Floats]:
     steps = round(shot["seconds"] / dt)
     size = (float(table["length"]), float(table["width"]))
     pockets = bool(table.get("pockets", False))
-    return march(xyz, v, w, size, radius, mass, pockets, parameters(shot.get("effects", {})), chosen, dt, steps, every)
+    return march_shot(
+        xyz, v, w, size, radius, mass, pockets, read_parameters(shot.get("effects", {})), chosen, dt, steps, every
+    )
 
 
 def write(shot: dict, samples: Floats, events: Floats, out: Path) -> None:
-    """trajectory.csv and events.csv in the folder `out`."""
+    """Write trajectory.csv and events.csv into the folder `out`."""
     ids, hz = [ball["id"] for ball in shot["balls"]], shot.get("hz", 1000)
     out.mkdir(parents=True, exist_ok=True)
     with (out / "trajectory.csv").open("w", newline="") as file:

@@ -1,15 +1,15 @@
-"""A table of billiards that is played on and filmed; the physics are those of `billiards.py`.
+"""Play and film shots on a billiard table; `billiards.py` simulates the physics.
 
     python worlds/billiards_table.py EXPERIMENT.json OUT
 
-EXPERIMENT.json holds `effects` (name to parameters, what acts: those of `billiards.py`, of `table_camera.py`, and the
-three below), `laws` (`cushion` and `ball`), `model` (names of the effects that the simulator of the user is said to
-have), `chance` (the state of numpy's PCG64, from which shots and noise are drawn), `shots`, `fps`, `said` (pictures a
-second that are claimed), `seconds`, `noise` (m), `correlation`, `outliers` and `missing` as in `filming.py`, and
-`along` (every shot in one direction and at one speed). OUT gets tracks.csv and scene.json; what acts is not told there.
+EXPERIMENT.json holds `effects` (name to parameters, all that act: those of `billiards.py`, of `table_camera.py`, and
+the three below), `laws` (`cushion` and `ball`), `model` (names of the effects that the user's simulator has), `chance`
+(the state of numpy's PCG64, from which shots and noise are drawn), `shots`, `fps`, `said` (the stated frame rate),
+`seconds`, `noise` (m), `correlation`, `outliers` and `missing` as in `filming.py`, and `along` (every shot in one
+direction and at one speed). OUT gets tracks.csv and scene.json, without the acting effects.
 
-`unequal_mass` and `unequal_radius`: `ratio` is by how much heavier and larger than the cue ball all others are;
-`ageing`: `mu` more of rolling resistance with every shot.
+`unequal_mass` and `unequal_radius`: all other balls are heavier or larger than the cue ball by the share `ratio`;
+`ageing`: rolling resistance grows by `mu` with every shot.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from filming import Flaws, flawed
+from filming import Flaws, add_flaws
 from numpy.typing import NDArray
-from table_camera import EFFECTS as OF_CAMERA
+from table_camera import EFFECTS as CAMERA_EFFECTS
 from table_camera import TableCamera
 
 Floats = NDArray[np.float64]
@@ -35,16 +35,16 @@ Floats = NDArray[np.float64]
 PHYSICS = Path(__file__).resolve().parent / "billiards.py"
 LENGTH, WIDTH, RADIUS = 2.54, 1.27, 0.028575
 """m, of a nine-foot pool table and its balls."""
-OF_TABLE = ("unequal_mass", "unequal_radius", "ageing")
-LONGER, LOST = 0.2, 4
-"""s, and pictures, that a shot is played on beyond its film, for what a camera shows late."""
-ALONG = 1.5
-"""m/s of shots that are all alike."""
+TABLE_EFFECTS = ("unequal_mass", "unequal_radius", "ageing")
+EXTRA_SECONDS, EXTRA_FRAMES = 0.2, 4
+"""Seconds, and frames, that a shot is simulated beyond its film, for late capture times."""
+ALONG_SPEED = 1.5
+"""Speed of shots that are all alike, m/s."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """See above."""
+    """Content of EXPERIMENT.json, see above."""
 
     effects: Mapping[str, Mapping[str, float]]
     laws: Mapping[str, str]
@@ -64,29 +64,29 @@ class Experiment:
     def camera(self) -> TableCamera:
         return TableCamera(LENGTH, WIDTH, self.fps, self.effects)
 
-    def ratio(self, effect: str) -> float:
-        """Of all other balls to the cue ball."""
+    def ball_ratio(self, effect: str) -> float:
+        """Return the ratio of all other balls to the cue ball."""
         return 1 + self.effects.get(effect, {}).get("ratio", 0.0)
 
-    def acting(self, shot: int) -> dict[str, dict[str, float]]:
-        """What `billiards.py` is asked for in a shot."""
-        beside = (*OF_TABLE, *OF_CAMERA)
-        found = {name: dict(values) for name, values in self.effects.items() if name not in beside}
+    def effects_of_shot(self, shot: int) -> dict[str, dict[str, float]]:
+        """Return the effects of a shot for `billiards.py`."""
+        elsewhere = (*TABLE_EFFECTS, *CAMERA_EFFECTS)
+        effects = {name: dict(values) for name, values in self.effects.items() if name not in elsewhere}
         if "ageing" in self.effects:
-            found["rolling_resistance"]["mu"] += shot * self.effects["ageing"]["mu"]
-        return found
+            effects["rolling_resistance"]["mu"] += shot * self.effects["ageing"]["mu"]
+        return effects
 
 
-def shot_of(experiment: Experiment, number: int, chance: np.random.Generator) -> dict[str, Any]:
-    """A cue ball with any spin, played at the second ball of two to five, as `billiards.py` reads it."""
+def draw_shot(experiment: Experiment, number: int, chance: np.random.Generator) -> dict[str, Any]:
+    """Draw a cue ball with arbitrary spin, aimed at the second of two to five balls, as `billiards.py` reads it."""
     count = int(chance.integers(2, 6))
-    places = places_of(count, experiment.along, chance)
+    places = draw_positions(count, experiment.along, chance)
     aim = places[1] - places[0]
     off = 0.0 if experiment.along else chance.uniform(-1.6, 1.6) * RADIUS / np.hypot(*aim)
     angle = 0.0 if experiment.along else np.arctan2(aim[1], aim[0]) + off
-    v = (ALONG if experiment.along else chance.uniform(1.2, 3.0)) * np.array([np.cos(angle), np.sin(angle)])
+    v = (ALONG_SPEED if experiment.along else chance.uniform(1.2, 3.0)) * np.array([np.cos(angle), np.sin(angle)])
     roll, side = chance.uniform(0.0, 0.9), chance.uniform(-0.6, 0.6) * np.hypot(*v) / RADIUS
-    larger, heavier = experiment.ratio("unequal_radius"), experiment.ratio("unequal_mass")
+    larger, heavier = experiment.ball_ratio("unequal_radius"), experiment.ball_ratio("unequal_mass")
     balls: list[dict[str, Any]] = [
         {"id": str(k), "x": x, "y": y, "radius": RADIUS * (larger if k else 1), "mass": heavier if k else 1.0}
         for k, (x, y) in enumerate(places)
@@ -94,13 +94,13 @@ def shot_of(experiment: Experiment, number: int, chance: np.random.Generator) ->
     balls[0] |= {"vx": v[0], "vy": v[1], "wx": -roll * v[1] / RADIUS, "wy": roll * v[0] / RADIUS, "wz": side}
     return {
         "scene": "billiards", "table": {"length": LENGTH, "width": WIDTH, "pockets": False}, "balls": balls,
-        "seconds": experiment.seconds + max(LONGER, LOST / experiment.fps), "hz": experiment.camera.rate,
-        "effects": experiment.acting(number), "laws": dict(experiment.laws),
+        "seconds": experiment.seconds + max(EXTRA_SECONDS, EXTRA_FRAMES / experiment.fps), "hz": experiment.camera.rate,
+        "effects": experiment.effects_of_shot(number), "laws": dict(experiment.laws),
     }  # fmt: skip
 
 
-def places_of(count: int, along: bool, chance: np.random.Generator) -> Floats:
-    """(N, 2) m, apart from each other and from the cushions; the second ball ahead where all shots go one way."""
+def draw_positions(count: int, along: bool, chance: np.random.Generator) -> Floats:
+    """Draw positions (N, 2) m away from each other and the cushions; the second ball ahead if all shots go one way."""
     while True:
         places = chance.uniform([0.15, 0.15], [2.39, 1.12], (count, 2))
         apart = np.linalg.norm(places[:, None] - places[None], axis=-1) + np.eye(count)
@@ -108,14 +108,14 @@ def places_of(count: int, along: bool, chance: np.random.Generator) -> Floats:
             return np.asarray(places)
 
 
-def played(shots: list[dict[str, Any]]) -> list[Floats]:
-    """(S, N, 2) m of every shot, by `billiards.py` as a process."""
+def simulate_shots(shots: list[dict[str, Any]]) -> list[Floats]:
+    """Simulate all shots with `billiards.py` as a process; returns (S, N, 2) m of every shot."""
     with tempfile.TemporaryDirectory() as scratch:
-        folder, asked = Path(scratch), []
+        folder, arguments = Path(scratch), []
         for number, shot in enumerate(shots):
             (folder / f"{number}.json").write_text(json.dumps(shot))
-            asked += [str(folder / f"{number}.json"), str(folder / str(number))]
-        subprocess.run([sys.executable, str(PHYSICS), *asked], check=True)
+            arguments += [str(folder / f"{number}.json"), str(folder / str(number))]
+        subprocess.run([sys.executable, str(PHYSICS), *arguments], check=True)
         return [
             np.loadtxt(folder / str(number) / "trajectory.csv", delimiter=",", skiprows=1, usecols=(2, 3)).reshape(
                 -1, len(shot["balls"]), 2
@@ -124,20 +124,20 @@ def played(shots: list[dict[str, Any]]) -> list[Floats]:
         ]
 
 
-def filmed(experiment: Experiment, number: int, path: Floats, chance: np.random.Generator) -> Floats:
-    """(T, N, 2) m, NaN where a ball was not seen."""
-    t = experiment.camera.moments(round(experiment.fps * experiment.seconds), number)
+def film_shot(experiment: Experiment, number: int, path: Floats, chance: np.random.Generator) -> Floats:
+    """Return observed positions (T, N, 2) m, NaN where a ball is missing."""
+    t = experiment.camera.capture_times(round(experiment.fps * experiment.seconds), number)
     flaws = Flaws(experiment.noise, experiment.correlation, experiment.outliers, experiment.missing)
-    return flawed(experiment.camera.shows(path, t), flaws, chance)
+    return add_flaws(experiment.camera.film_path(path, t), flaws, chance)
 
 
-def write_track_folder(experiment: Experiment, seen: list[Floats], out: Path) -> None:
-    """Every number to its last digit, so that nothing is lost between a world and who looks at it."""
+def write_track_folder(experiment: Experiment, observed: list[Floats], out: Path) -> None:
+    """Write tracks.csv and scene.json, with all digits of the positions."""
     out.mkdir(parents=True, exist_ok=True)
     with (out / "tracks.csv").open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(("shot", "frame", "t", "id", "x", "y", "sigma"))
-        for shot, places in enumerate(seen):
+        for shot, places in enumerate(observed):
             for frame, ball in np.argwhere(np.isfinite(places[..., 0])).tolist():
                 x, y = places[frame, ball].tolist()
                 rows.writerow((shot, frame, frame / experiment.said, ball, x, y, experiment.noise))
@@ -154,9 +154,9 @@ def main() -> None:
     experiment = Experiment(**json.loads(Path(sys.argv[1]).read_text()))
     chance = np.random.default_rng(0)
     chance.bit_generator.state = dict(experiment.chance)
-    paths = played([shot_of(experiment, number, chance) for number in range(experiment.shots)])
-    seen = [filmed(experiment, number, path, chance) for number, path in enumerate(paths)]
-    write_track_folder(experiment, seen, Path(sys.argv[2]))
+    paths = simulate_shots([draw_shot(experiment, number, chance) for number in range(experiment.shots)])
+    observed = [film_shot(experiment, number, path, chance) for number, path in enumerate(paths)]
+    write_track_folder(experiment, observed, Path(sys.argv[2]))
 
 
 if __name__ == "__main__":

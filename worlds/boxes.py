@@ -1,15 +1,15 @@
-"""A ball thrown into a wall of 5 x 10 boxes (Chen 2022, section 3.2), moved by pymunk, whose code is not ours.
+"""Throw a ball into a wall of 5 x 10 boxes (Chen 2022, section 3.2), simulated by pymunk, an independent engine.
 
     python worlds/boxes.py OUT [--speed 800] [--hz 60] [--seconds 2.5] [--seed 0] [--gravity 981] [--damping 1]
 
-writes the track folder OUT: tracks.csv (shot,frame,t,id,x,y: the ball's centre and the four corners of every box, px,
-y down), scene.json (units, rate and what was chosen) and contacts.csv (t,a,b,impulse: the impulses between bodies above
-`LEAST_IMPULSE`, the floor and the walls named as such). Frame 0 is the moment of the throw.
+writes the track folder OUT: tracks.csv (shot,frame,t,id,x,y: the centre of the ball and the four corners of every box,
+px, y down), scene.json (units, rate and options) and contacts.csv (t,a,b,impulse: the impulses between bodies above
+`LEAST_IMPULSE`, with the names of the floor and the walls). Frame 0 is the moment of the throw.
 
-What the thesis leaves open is chosen here: five columns of ten boxes of 24 x 30 px and mass 1 on a floor at y = 330,
-a ball of radius 15 and mass 8 at (0, 165), walls at x = -60 and 640, friction 0.5, restitution 0.3. The seed moves
-every column by up to 2 px, the ball by up to 10 px, and turns the throw by up to 0.05 rad. With `--gravity 0` and a
-`--damping` below 1 (the share of speed that is left after a second) it is the same scene seen from above.
+The thesis leaves these values open: five columns of ten boxes of 24 x 30 px and mass 1 on a floor at y = 330, a ball
+of radius 15 and mass 8 at (0, 165), walls at x = -60 and 640, friction 0.5, restitution 0.3. The seed moves every
+column by up to 2 px, the ball by up to 10 px, and turns the throw by up to 0.05 rad. With `--gravity 0` and a
+`--damping` below 1 (the share of speed left after a second) it is the same scene seen from above.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ Floats = NDArray[np.float64]
 
 ROWS, COLUMNS = 10, 5
 WIDE, TALL = 24.0, 30.0
-"""px, of a box."""
+"""Size of a box, px."""
 FIRST_COLUMN, PITCH = 200.0, 40.0
-"""px: middle of the first column, and from one to the next."""
+"""Centre of the first column, and distance between columns, px."""
 FLOOR, LEFT, RIGHT, TOP = 330.0, -60.0, 640.0, -400.0
-"""px: where the boundary is."""
+"""Positions of the boundary, px."""
 BALL = (0.0, 165.0)
 BALL_RADIUS, BALL_MASS = 15.0, 8.0
 FRICTION, RESTITUTION = 0.5, 0.3
 STEPS_PER_SECOND = 2400
 """Steps of the engine: a multiple of 60, 30 and 15 Hz; at 1600 px/s a body moves 0.7 px in one."""
 ITERATIONS = 30
-"""of the engine's solver: a column of ten settles with fewer."""
+"""Iterations of the engine's solver; with fewer, a column of ten boxes sinks together."""
 SLOP = 0.01
-"""px that bodies may overlap; the engine's own 0.1 would be seen."""
+"""Overlap that the engine allows, px; its default of 0.1 would be visible."""
 SETTLING = 0.5
-"""s that the wall stands before the throw."""
+"""Time that the wall stands before the throw, s."""
 LEAST_IMPULSE = 30.0
-"""mass px/s: a box that falls 0.5 px; what carries a resting box in one step is 0.4."""
+"""Least recorded impulse, mass px/s: of a box that falls 0.5 px; the weight of a resting box gives 0.4 per step."""
 
 
 @dataclass(frozen=True)
 class Throw:
-    """What is chosen of a scene."""
+    """Options of a scene."""
 
     speed: float = 800.0
     """px/s"""
@@ -61,11 +61,11 @@ class Throw:
     gravity: float = 981.0
     """px/s^2, downwards."""
     damping: float = 1.0
-    """share of speed left after a second."""
+    """Share of speed left after a second."""
 
 
-def boundary(space: pymunk.Space) -> None:
-    """Floor, walls and ceiling, thick enough that nothing passes."""
+def add_boundary(space: pymunk.Space) -> None:
+    """Add floor, walls and ceiling, thick enough that nothing passes."""
     thick = 50.0
     for name, a, b in (
         ("floor", (LEFT - 500, FLOOR + thick), (RIGHT + 500, FLOOR + thick)),
@@ -79,7 +79,7 @@ def boundary(space: pymunk.Space) -> None:
         space.add(shape)
 
 
-def body(space: pymunk.Space, name: str, shape: pymunk.Shape, x: float, y: float) -> pymunk.Body:
+def add_body(space: pymunk.Space, name: str, shape: pymunk.Shape, x: float, y: float) -> pymunk.Body:
     shape.friction, shape.elasticity = FRICTION, RESTITUTION
     shape.trueroll_name = name  # type: ignore[attr-defined]
     shape.body.position = (x, y)
@@ -87,28 +87,30 @@ def body(space: pymunk.Space, name: str, shape: pymunk.Shape, x: float, y: float
     return shape.body
 
 
-def wall(space: pymunk.Space, chance: np.random.Generator) -> dict[str, pymunk.Body]:
-    """Fifty boxes, by name, each column a little off its place."""
+def add_wall(space: pymunk.Space, chance: np.random.Generator) -> dict[str, pymunk.Body]:
+    """Add fifty boxes, with a small displacement of each column; returns them by name."""
     bodies = {}
     for column in range(COLUMNS):
         x = FIRST_COLUMN + PITCH * column + chance.uniform(-2.0, 2.0)
         for row in range(ROWS):
             box = pymunk.Body(1.0, pymunk.moment_for_box(1.0, (WIDE, TALL)))
             name = f"box{column}{row}"
-            bodies[name] = body(space, name, pymunk.Poly.create_box(box, (WIDE, TALL)), x, FLOOR - TALL * (row + 0.5))
+            bodies[name] = add_body(
+                space, name, pymunk.Poly.create_box(box, (WIDE, TALL)), x, FLOOR - TALL * (row + 0.5)
+            )
     return bodies
 
 
-def thrown(space: pymunk.Space, throw: Throw, chance: np.random.Generator) -> pymunk.Body:
+def throw_ball(space: pymunk.Space, throw: Throw, chance: np.random.Generator) -> pymunk.Body:
     ball = pymunk.Body(BALL_MASS, pymunk.moment_for_circle(BALL_MASS, 0.0, BALL_RADIUS))
-    found = body(space, "ball", pymunk.Circle(ball, BALL_RADIUS), BALL[0], BALL[1] + chance.uniform(-10.0, 10.0))
+    added = add_body(space, "ball", pymunk.Circle(ball, BALL_RADIUS), BALL[0], BALL[1] + chance.uniform(-10.0, 10.0))
     angle = chance.uniform(-0.05, 0.05)
-    found.velocity = throw.speed * math.cos(angle), throw.speed * math.sin(angle)
-    return found
+    added.velocity = throw.speed * math.cos(angle), throw.speed * math.sin(angle)
+    return added
 
 
-def corners(name: str, thing: pymunk.Body) -> dict[str, tuple[float, float]]:
-    """What a camera tracks of one body: `ball`, or `box00-a` to `box00-d` in order around the box."""
+def corner_points(name: str, thing: pymunk.Body) -> dict[str, tuple[float, float]]:
+    """Return the tracked points of one body: `ball`, or `box00-a` to `box00-d` in order around the box."""
     if name == "ball":
         return {name: tuple(thing.position)}
     ends = ((-WIDE / 2, -TALL / 2), (WIDE / 2, -TALL / 2), (WIDE / 2, TALL / 2), (-WIDE / 2, TALL / 2))
@@ -116,13 +118,13 @@ def corners(name: str, thing: pymunk.Body) -> dict[str, tuple[float, float]]:
 
 
 class Contacts:
-    """Impulses between bodies, added up while they last within a step."""
+    """Recorder of the impulses between bodies."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[float, str, str, float]] = []
         self.t = 0.0
 
-    def note(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
+    def record_impulse(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         impulse = arbiter.total_impulse.length
         if impulse > LEAST_IMPULSE:
             a, b = sorted(shape.trueroll_name for shape in arbiter.shapes)
@@ -130,26 +132,26 @@ class Contacts:
 
 
 def play(throw: Throw) -> tuple[Floats, list[str], Floats, list[tuple[float, str, str, float]]]:
-    """Times (T,), names of N points, their places (T, N, 2) px, and the contacts."""
+    """Simulate a throw; returns times (T,), names of N points, positions (T, N, 2) px, and the contacts."""
     chance = np.random.default_rng(throw.seed)
     space = pymunk.Space()
     space.gravity, space.iterations, space.collision_slop = (0.0, throw.gravity), ITERATIONS, SLOP
-    boundary(space)
-    bodies = wall(space, chance)
+    add_boundary(space)
+    bodies = add_wall(space, chance)
     dt = 1 / STEPS_PER_SECOND
     for _ in range(round(SETTLING * STEPS_PER_SECOND)):
         space.step(dt)
     space.damping = throw.damping
-    bodies = {"ball": thrown(space, throw, chance), **bodies}
+    bodies = {"ball": throw_ball(space, throw, chance), **bodies}
     contacts = Contacts()
-    space.on_collision(post_solve=contacts.note)
+    space.on_collision(post_solve=contacts.record_impulse)
     every = STEPS_PER_SECOND / throw.hz
     if every != int(every):
         raise SystemExit(f"--hz divides {STEPS_PER_SECOND}, the steps of a second; got {throw.hz:g}")
     frames = []
     for step in range(round(throw.seconds * STEPS_PER_SECOND) + 1):
         if step % int(every) == 0:
-            frames.append({key: xy for name, thing in bodies.items() for key, xy in corners(name, thing).items()})
+            frames.append({key: xy for name, thing in bodies.items() for key, xy in corner_points(name, thing).items()})
         contacts.t = (step + 1) * dt
         space.step(dt)
     names = list(frames[0])
@@ -180,9 +182,9 @@ def main() -> None:
     for name in ("speed", "hz", "seconds", "gravity", "damping"):
         parser.add_argument(f"--{name}", type=float, default=getattr(Throw(), name))
     parser.add_argument("--seed", type=int, default=0)
-    given = vars(parser.parse_args())
-    out = given.pop("out")
-    write(Throw(**given), out)
+    arguments = vars(parser.parse_args())
+    out = arguments.pop("out")
+    write(Throw(**arguments), out)
 
 
 if __name__ == "__main__":

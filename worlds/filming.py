@@ -1,14 +1,13 @@
-"""What a camera makes of a motion: noise, gaps and mistakes; a track folder is written.
+"""Film a simulated motion: add noise, gaps and outliers, and write a track folder.
 
-Used by the worlds of bodies (`slide.py`, `flight.py`, `pendulum.py`), each a script of its own:
+Used by the simulators of bodies (`slide.py`, `flight.py`, `pendulum.py`), each a script:
 
     python worlds/slide.py EXPERIMENT.json OUT
 
-EXPERIMENT.json holds `seed`, `shots`, `fps`, `seconds`, `noise` (in the unit of the coordinates), `correlation` of
-the noise from picture to picture, `outliers` and `missing` (shares of the pictures), `effects` (name to parameters,
-what acts), `throw` (what is not drawn anew in every shot: `speed`, m/s, and `angle`, rad, of how a body is let go), and
-`model` (names of the effects that the simulator of the user is said to have). OUT gets tracks.csv and scene.json; the
-effects that act are not told there.
+EXPERIMENT.json holds `seed`, `shots`, `fps`, `seconds`, `noise` (in the unit of the coordinates), `correlation` of the
+noise between frames, `outliers` and `missing` (shares of the frames), `effects` (name to parameters, all that act),
+`throw` (quantities that are not redrawn for every shot: `speed`, m/s, and `angle`, rad, at the release), and `model`
+(names of the effects that the user's simulator has). OUT gets tracks.csv and scene.json, without the acting effects.
 """
 
 from __future__ import annotations
@@ -27,18 +26,18 @@ from scipy.integrate import solve_ivp
 Floats = NDArray[np.float64]
 Effects = Mapping[str, Mapping[str, float]]
 Throw = Mapping[str, float]
-"""speed (m/s), angle (rad): what is not drawn anew."""
+"""Speed (m/s) and angle (rad) that are not redrawn."""
 Force = Callable[[float, Floats, Floats], Floats]
-"""Time, place (D,) and velocity (D,) to an acceleration (D,)."""
+"""Maps time, position (D,) and velocity (D,) to an acceleration (D,)."""
 
-PRECISION = 1e-10
-OUTLIER = 20.0
-"""Standard deviations of a mistake."""
+TOLERANCE = 1e-10
+OUTLIER_SIGMAS = 20.0
+"""Size of an outlier in standard deviations of the noise."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is filmed, how well, and what acts."""
+    """Number and length of shots, quality of the film, and acting effects."""
 
     effects: Effects
     model: tuple[str, ...] = ()
@@ -52,12 +51,12 @@ class Experiment:
     missing: float = 0.0
     throw: Throw = field(default_factory=dict)
     facts: Mapping[str, object] = field(default_factory=dict)
-    """Written into scene.json as they are."""
+    """Further entries of scene.json."""
 
 
 @dataclass(frozen=True)
 class Flaws:
-    """How badly places are measured, as in `Experiment`."""
+    """Measurement errors, as in `Experiment`."""
 
     noise: float
     correlation: float = 0.0
@@ -65,17 +64,21 @@ class Flaws:
     missing: float = 0.0
 
 
-def read_experiment(path: Path, known: Mapping[str, tuple[str, ...]]) -> Experiment:
-    """SystemExit with a sentence where an effect or a parameter is not one of this world's."""
-    said = json.loads(path.read_text())
-    for name, parameters in said["effects"].items():
-        if name not in known or set(parameters) != set(known[name]):
-            raise SystemExit(f"this world has {dict(known)}; asked for {name} with {sorted(parameters)}")
-    return Experiment(**{key: tuple(value) if key == "model" else value for key, value in said.items()})
+def read_experiment(path: Path, effects: Mapping[str, tuple[str, ...]]) -> Experiment:
+    """Read an experiment; SystemExit with a message for an effect or parameter that the simulator lacks."""
+    content = json.loads(path.read_text())
+    for name, parameters in content["effects"].items():
+        if name not in effects or set(parameters) != set(effects[name]):
+            raise SystemExit(
+                f"this simulator has {dict(effects)}; the experiment needs {name} with {sorted(parameters)}"
+            )
+    return Experiment(**{key: tuple(value) if key == "model" else value for key, value in content.items()})
 
 
-def flown(force: Force, place: Floats, velocity: Floats, t: Floats, stop: Callable[..., float] | None = None) -> Floats:
-    """Places (T, D) at times t (T,), by DOP853; held where `stop(t, state)` crosses zero."""
+def integrate_motion(
+    force: Force, place: Floats, velocity: Floats, t: Floats, stop: Callable[..., float] | None = None
+) -> Floats:
+    """Integrate by DOP853; returns positions (T, D) at t (T,), constant once `stop(t, state)` crosses zero."""
     d = len(place)
 
     def rate(now: float, state: Floats) -> Floats:
@@ -83,45 +86,45 @@ def flown(force: Force, place: Floats, velocity: Floats, t: Floats, stop: Callab
 
     if stop is not None:
         stop.terminal = True  # type: ignore[attr-defined]
-    found = solve_ivp(
-        rate, (t[0], t[-1]), np.concatenate([place, velocity]), "DOP853", t_eval=t, events=stop, rtol=PRECISION,
+    solution = solve_ivp(
+        rate, (t[0], t[-1]), np.concatenate([place, velocity]), "DOP853", t_eval=t, events=stop, rtol=TOLERANCE,
         atol=1e-12, max_step=0.02,
     )  # fmt: skip
     places = np.empty((len(t), d))
-    places[: found.y.shape[1]] = found.y[:d].T
-    if found.y.shape[1] < len(t):
-        places[found.y.shape[1] :] = found.y_events[0][0][:d]
+    places[: solution.y.shape[1]] = solution.y[:d].T
+    if solution.y.shape[1] < len(t):
+        places[solution.y.shape[1] :] = solution.y_events[0][0][:d]
     return places
 
 
-def filmed(experiment: Experiment, truth: list[Floats], chance: np.random.Generator) -> list[tuple[Floats, Floats]]:
-    """Times (T,) and what is seen (T, D) of each shot, NaN where nothing was."""
+def film_shots(experiment: Experiment, truth: list[Floats], chance: np.random.Generator) -> list[tuple[Floats, Floats]]:
+    """Return times (T,) and observed positions (T, D) of each shot, NaN where missing."""
     flaws = Flaws(experiment.noise, experiment.correlation, experiment.outliers, experiment.missing)
-    return [(np.arange(len(places)) / experiment.fps, flawed(places, flaws, chance)) for places in truth]
+    return [(np.arange(len(places)) / experiment.fps, add_flaws(places, flaws, chance)) for places in truth]
 
 
-def flawed(places: Floats, flaws: Flaws, chance: np.random.Generator) -> Floats:
-    """Places (T, ..., D) as they are measured; NaN where nothing was seen, which in the first picture never is so."""
+def add_flaws(places: Floats, flaws: Flaws, chance: np.random.Generator) -> Floats:
+    """Add noise, outliers and gaps (NaN) to positions (T, ..., D); the first frame has no gaps."""
     noise = chance.normal(size=places.shape)
     for k in range(1, len(noise)):
         noise[k] = flaws.correlation * noise[k - 1] + np.sqrt(1 - flaws.correlation**2) * noise[k]
-    wrong = chance.random(places.shape[:-1]) < flaws.outliers
-    noise[wrong] += chance.normal(size=(int(wrong.sum()), places.shape[-1])) * OUTLIER
+    is_outlier = chance.random(places.shape[:-1]) < flaws.outliers
+    noise[is_outlier] += chance.normal(size=(int(is_outlier.sum()), places.shape[-1])) * OUTLIER_SIGMAS
     shown = places + flaws.noise * noise
-    lost = chance.random(places.shape[:-1]) < flaws.missing
-    lost[0] = False
-    shown[lost] = np.nan
+    is_missing = chance.random(places.shape[:-1]) < flaws.missing
+    is_missing[0] = False
+    shown[is_missing] = np.nan
     return shown
 
 
 def write_track_folder(
-    experiment: Experiment, scene: str, columns: tuple[str, ...], seen: list[tuple[Floats, Floats]], out: Path
+    experiment: Experiment, scene: str, columns: tuple[str, ...], observed: list[tuple[Floats, Floats]], out: Path
 ) -> None:
     out.mkdir(parents=True, exist_ok=True)
     with (out / "tracks.csv").open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(("shot", "frame", "t", "id", *columns))
-        for shot, (t, places) in enumerate(seen):
+        for shot, (t, places) in enumerate(observed):
             for frame in np.flatnonzero(np.isfinite(places[:, 0])):
                 rows.writerow((shot, frame, f"{t[frame]:.9f}", "body", *(f"{value:.9f}" for value in places[frame])))
     units = "rad" if scene == "pendulum" else "m"
@@ -129,14 +132,14 @@ def write_track_folder(
     (out / "scene.json").write_text(json.dumps({**facts, **experiment.facts}, indent=1) + "\n")
 
 
-def run(
-    scene: str, columns: tuple[str, ...], known: Mapping[str, tuple[str, ...]], play: Callable[..., Floats]
+def run_script(
+    scene: str, columns: tuple[str, ...], effects: Mapping[str, tuple[str, ...]], play: Callable[..., Floats]
 ) -> None:
-    """The script: `play(effects, throw, chance, t)` gives the places (T, D) of one shot."""
+    """Run a script: `play(effects, throw, chance, t)` returns the positions (T, D) of one shot."""
     if len(sys.argv) != 3:
         raise SystemExit(f"usage: python {sys.argv[0]} EXPERIMENT.json OUT")
-    experiment = read_experiment(Path(sys.argv[1]), known)
+    experiment = read_experiment(Path(sys.argv[1]), effects)
     chance = np.random.default_rng(experiment.seed)
     t = np.arange(round(experiment.seconds * experiment.fps) + 1) / experiment.fps
     truth = [play(experiment.effects, experiment.throw, chance, t) for _ in range(experiment.shots)]
-    write_track_folder(experiment, scene, columns, filmed(experiment, truth, chance), Path(sys.argv[2]))
+    write_track_folder(experiment, scene, columns, film_shots(experiment, truth, chance), Path(sys.argv[2]))

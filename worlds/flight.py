@@ -1,7 +1,7 @@
-"""A world of bodies that are thrown, in a plane of which y is height. `worlds/filming.py` says how it is called.
+"""Simulate thrown bodies in a plane whose y is the height. `worlds/filming.py` describes the command.
 
-Gravity always acts. Drags are against the air, which a `wind` carries along; `magnus` is lift by spin. What no library
-of effects holds: `buoyancy_layer` (an upward acceleration a above the height h), `gust` (wind that swings), and
+Gravity always acts. Drag is relative to the air, which moves with the `wind`; `magnus` is lift by spin. Effects that
+are in no library: `buoyancy_layer` (an upward acceleration a above the height h), `gust` (oscillating wind), and
 `drag_power` (a drag -k v^power).
 """
 
@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from filming import Effects, Floats, Throw, flown, run
+from filming import Effects, Floats, Throw, integrate_motion, run_script
 
 GRAVITY = 9.81
 LEAST_DRAG = 0.1
-"""1/s by which wind pulls at a body without other drag."""
+"""Drag with which wind acts on a body without other drag, 1/s."""
 EFFECTS: Mapping[str, tuple[str, ...]] = {
     "air_drag": ("k",),
     "viscous_drag": ("k",),
@@ -27,7 +27,7 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
 
 
 def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats) -> Floats:
-    """Places (T, 2) m of a body that is thrown up at an angle, to either side."""
+    """Return positions (T, 2) m of a body that is thrown up at an angle, to either side."""
     drawn = {"speed": chance.uniform(6.0, 12.0), "angle": np.radians(chance.uniform(35.0, 80.0))}
     speed, angle = throw.get("speed", drawn["speed"]), throw.get("angle", drawn["angle"])
     side = chance.choice([-1.0, 1.0])
@@ -47,8 +47,8 @@ def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats)
         return pull + np.array([0.0, lift - GRAVITY])
 
     start = np.array([0.0, chance.uniform(1.0, 2.0)])
-    return flown(force, start, speed * np.array([side * np.cos(angle), np.sin(angle)]), t)
+    return integrate_motion(force, start, speed * np.array([side * np.cos(angle), np.sin(angle)]), t)
 
 
 if __name__ == "__main__":
-    run("flight", ("x", "y"), EFFECTS, play)
+    run_script("flight", ("x", "y"), EFFECTS, play)

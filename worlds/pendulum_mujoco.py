@@ -1,7 +1,7 @@
-"""A world of one rod that swings about a pivot, by MuJoCo. `worlds/filming.py` says how it is called.
+"""Simulate one rod that swings about a pivot with MuJoCo. `worlds/filming.py` describes the command.
 
-The rod, and what acts on it, are those of `pendulum.py`: a hinge with damping and dry friction loss as MuJoCo has them
-(dry friction is a soft constraint there, not a sign), air that is applied as a torque, and gravity that is tilted.
+The rod and its effects are those of `pendulum.py`: a hinge with damping and dry friction loss as MuJoCo has them (dry
+friction is a soft constraint there, not a sign), air drag applied as a torque, and tilted gravity.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from collections.abc import Mapping
 
 import mujoco
 import numpy as np
-from filming import Effects, Floats, Throw, run
+from filming import Effects, Floats, Throw, run_script
 
 GRAVITY, LENGTH, MASS = 9.81, 0.3, 0.1
 INERTIA = MASS * LENGTH**2 / 3
-"""kg m2, of a uniform rod about its end; friction and drag are told per inertia."""
+"""kg m2, of a uniform rod about its end; friction and drag are given per inertia."""
 STEP = 5e-4
-"""s, at most."""
+"""Largest step, s."""
 EFFECTS: Mapping[str, tuple[str, ...]] = {
     "joint_friction": ("viscous", "dry"),
     "air_drag": ("k",),
@@ -35,11 +35,11 @@ ROD = """
 </mujoco>
 """
 SOFT = 2e-3
-"""s within which dry friction stops what it can hold."""
+"""Time constant of dry friction, s."""
 
 
-def rod(effects: Effects, step: float) -> mujoco.MjModel:
-    """Hanging along -z at the angle 0; angles grow towards +x."""
+def build_rod(effects: Effects, step: float) -> mujoco.MjModel:
+    """Build a rod that hangs along -z at angle 0; angles grow towards +x."""
     joint, tilt = effects.get("joint_friction", {}), effects.get("gravity_tilt", {}).get("angle", 0.0)
     return mujoco.MjModel.from_xml_string(
         ROD.format(
@@ -51,11 +51,11 @@ def rod(effects: Effects, step: float) -> mujoco.MjModel:
 
 
 def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats) -> Floats:
-    """Angles (T, 1) rad of a rod that is let go, or pushed, from anywhere below the horizontal."""
+    """Return angles (T, 1) rad of a rod that is released, or pushed, at angles of up to 2 rad from its rest."""
     angle, turning = float(chance.uniform(-2.0, 2.0)), float(chance.uniform(-3.0, 3.0))
-    picture = float(t[1] - t[0])
-    steps = math.ceil(picture / STEP)
-    model = rod(effects, picture / steps)
+    interval = float(t[1] - t[0])
+    steps = math.ceil(interval / STEP)
+    model = build_rod(effects, interval / steps)
     state, air = mujoco.MjData(model), effects.get("air_drag", {}).get("k", 0.0)
     state.qpos[0], state.qvel[0] = throw.get("angle", angle), turning
     angles = [state.qpos[0]]
@@ -68,4 +68,4 @@ def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats)
 
 
 if __name__ == "__main__":
-    run("pendulum", ("theta1",), EFFECTS, play)
+    run_script("pendulum", ("theta1",), EFFECTS, play)

@@ -1,8 +1,8 @@
-"""A world of bodies that slide on a plane. `worlds/filming.py` says how it is called.
+"""Simulate bodies that slide on a plane. `worlds/filming.py` describes the command.
 
-Coulomb's friction stops a body for good; drags go with the speed and its square; a plane may fall to one side. What no
-library of effects holds: a `sticky_patch` (a disc of radius 0.3 m at (x, y) m with friction mu more), and `curl` (a
-body that turns as it goes: acceleration c v to its left), and `drag_power` (a drag -k v^power).
+Coulomb friction stops a body for good; drag depends on the speed and its square; the plane may be tilted. Effects that
+are in no library: a `sticky_patch` (a disc of radius 0.3 m at (x, y) m with additional friction mu), `curl` (a moving
+body turns: acceleration c v to its left), and `drag_power` (a drag -k v^power).
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from filming import Effects, Floats, Throw, flown, run
+from filming import Effects, Floats, Throw, integrate_motion, run_script
 
 GRAVITY = 9.81
-STOPPED = 1e-4
-"""m/s"""
-PATCH = 0.3
-"""m"""
+STOP_SPEED = 1e-4
+"""Speed at which a body stops, m/s."""
+PATCH_RADIUS = 0.3
+"""Radius of a sticky patch, m."""
 EFFECTS: Mapping[str, tuple[str, ...]] = {
     "sliding_friction": ("mu",),
     "viscous_drag": ("k",),
@@ -29,7 +29,7 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
 
 
 def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats) -> Floats:
-    """Places (T, 2) m of a body that is pushed off near the origin, anywhere."""
+    """Return positions (T, 2) m of a body that is pushed off near the origin in any direction."""
     place = chance.uniform(-0.3, 0.3, 2)
     drawn = {"speed": chance.uniform(0.5, 2.0), "angle": chance.uniform(0, 2 * np.pi)}
     speed, angle = throw.get("speed", drawn["speed"]), throw.get("angle", drawn["angle"])
@@ -41,19 +41,21 @@ def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats)
 
     def force(_: float, where: Floats, v: Floats) -> Floats:
         size = float(np.hypot(*v))
-        sticky = bool(patch) and np.hypot(where[0] - patch["x"], where[1] - patch["y"]) < PATCH
+        sticky = bool(patch) and np.hypot(where[0] - patch["x"], where[1] - patch["y"]) < PATCH_RADIUS
         friction = (mu + patch["mu"] if sticky else mu) * GRAVITY
         pull: Floats = -(friction / max(size, 1e-12) + viscous + air * size) * v + fall
         if between:
             pull = pull - between["k"] * size ** (between["power"] - 1) * v
         return pull + curl * np.array([-v[1], v[0]])
 
-    def stopped(_: float, state: Floats) -> float:
-        return float(np.hypot(state[2], state[3])) - STOPPED
+    def remaining_speed(_: float, state: Floats) -> float:
+        return float(np.hypot(state[2], state[3])) - STOP_SPEED
 
     braked = bool(mu or patch)
-    return flown(force, place, speed * np.array([np.cos(angle), np.sin(angle)]), t, stopped if braked else None)
+    return integrate_motion(
+        force, place, speed * np.array([np.cos(angle), np.sin(angle)]), t, remaining_speed if braked else None
+    )
 
 
 if __name__ == "__main__":
-    run("slide", ("x", "y"), EFFECTS, play)
+    run_script("slide", ("x", "y"), EFFECTS, play)

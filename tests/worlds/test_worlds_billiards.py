@@ -1,4 +1,4 @@
-"""The world of billiards against exact solutions and conservation laws, run as a process as everyone has to."""
+"""The billiards simulator against exact solutions and conservation laws, run as a process like everywhere."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RADIUS, GRAVITY = 0.028575, 9.81
 
 
 def play(tmp_path: Path, balls: list[dict[str, Any]], seconds: float, effects: dict[str, Any], **shot: Any) -> Any:
-    """Columns of the trajectory (T, N, 12) and rows of events."""
+    """Simulate a shot; returns the trajectory (T, N, 12) and the rows of events."""
     for i, ball in enumerate(balls):
         ball.update(id=ball.get("id", "abcd"[i]), radius=RADIUS)
     table = {"length": 2.54, "width": 1.27, "pockets": shot.pop("pockets", False)}
@@ -32,7 +32,7 @@ def play(tmp_path: Path, balls: list[dict[str, Any]], seconds: float, effects: d
     return np.array(rows).reshape(-1, len(balls), 13)[..., 1:], events
 
 
-def test_a_sliding_ball_rolls_at_five_sevenths_of_its_speed_and_stops_where_it_must(tmp_path: Path) -> None:
+def test_a_sliding_ball_rolls_at_five_sevenths_of_its_speed_and_stops_where_it_should(tmp_path: Path) -> None:
     slide, roll, v = 0.2, 0.01, 0.7
     effects = {"sliding_friction": {"mu": slide}, "rolling_resistance": {"mu": roll}}
     samples, events = play(tmp_path, [{"x": 0.3, "y": 0.6, "vx": v}], 6.0, effects)
@@ -47,7 +47,7 @@ def test_a_sliding_ball_rolls_at_five_sevenths_of_its_speed_and_stops_where_it_m
     assert samples[k, 0, 6] == pytest.approx(samples[k, 0, 3] / RADIUS, rel=1e-5)
 
 
-def test_a_head_on_contact_keeps_momentum_and_loses_what_restitution_says(tmp_path: Path) -> None:
+def test_a_head_on_contact_keeps_momentum_and_loses_energy_by_the_restitution(tmp_path: Path) -> None:
     balls = [{"x": 0.5, "y": 0.6, "vx": 1.0}, {"x": 1.0, "y": 0.6}]
     samples, events = play(tmp_path, balls, 0.8, {"ball_restitution": {"e": 0.9}})
     contact = events[1]
@@ -100,21 +100,21 @@ def test_a_ball_that_reaches_a_pocket_falls(tmp_path: Path) -> None:
     assert samples[-1, 0, 2] < -0.1
 
 
-def test_a_parameter_that_the_world_does_not_know_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_parameter_is_refused(tmp_path: Path) -> None:
     with pytest.raises(subprocess.CalledProcessError):
         play(tmp_path, [{"x": 0.4, "y": 0.4, "vx": 1.0}], 0.1, {"gravity_waves": {"k": 1.0}})
 
 
 def test_worlds_import_nothing_of_the_project() -> None:
-    rooms = {"models", "video", "detectors", "diagnosis", "pipeline"}
+    packages = {"models", "video", "detectors", "diagnosis", "pipeline"}
     for path in WORLD.parent.glob("*.py"):
         nodes = list(ast.walk(ast.parse(path.read_text())))
         names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
         names |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
-        assert not {name.split(".")[0] for name in names} & rooms
+        assert not {name.split(".")[0] for name in names} & packages
 
 
-def test_samples_come_at_the_rate_that_is_asked_for(tmp_path: Path) -> None:
+def test_samples_come_at_the_requested_rate(tmp_path: Path) -> None:
     for hz in (60, 120, 1020, 1000):
         samples, _ = play(tmp_path, [{"x": 0.3, "y": 0.6, "vx": 1.0}], 1.0, {}, hz=hz)
         assert len(samples) == hz + 1

@@ -1,4 +1,4 @@
-"""The worlds of bodies: what they write is a track folder whose motion is that of textbooks."""
+"""The simulators of bodies: their track folders follow textbook motion."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ import pytest
 WORLDS = Path(__file__).parents[2] / "worlds"
 
 
-def played(folder: Path, world: str, **experiment: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shot, time and places of all rows."""
-    said = folder / "experiment.json"
-    said.write_text(json.dumps({"noise": 0.0, "shots": 3, "seconds": 1.0, **experiment}))
-    subprocess.run([sys.executable, str(WORLDS / f"{world}.py"), str(said), str(folder / "out")], check=True)
+def play_world(folder: Path, world: str, **experiment: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Run an experiment; returns shot, time and positions of all rows."""
+    experiment_file = folder / "experiment.json"
+    experiment_file.write_text(json.dumps({"noise": 0.0, "shots": 3, "seconds": 1.0, **experiment}))
+    subprocess.run([sys.executable, str(WORLDS / f"{world}.py"), str(experiment_file), str(folder / "out")], check=True)
     with (folder / "out" / "tracks.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     names = [name for name in rows[0] if name not in ("shot", "frame", "t", "id")]
@@ -27,8 +27,8 @@ def played(folder: Path, world: str, **experiment: Any) -> tuple[np.ndarray, np.
     return np.array([int(row["shot"]) for row in rows]), np.array([float(row["t"]) for row in rows]), places
 
 
-def test_a_sliding_body_stops_where_friction_says(tmp_path: Path) -> None:
-    shot, t, xy = played(tmp_path, "slide", effects={"sliding_friction": {"mu": 0.3}})
+def test_a_sliding_body_stops_where_friction_stops_it(tmp_path: Path) -> None:
+    shot, t, xy = play_world(tmp_path, "slide", effects={"sliding_friction": {"mu": 0.3}})
     for one in range(3):
         own, when = xy[shot == one], t[shot == one]
         speed = np.linalg.norm(own[1] - own[0]) / when[1] + 0.5 * 0.3 * 9.81 * when[1]
@@ -37,7 +37,7 @@ def test_a_sliding_body_stops_where_friction_says(tmp_path: Path) -> None:
 
 
 def test_a_thrown_body_without_air_is_a_parabola(tmp_path: Path) -> None:
-    shot, t, xy = played(tmp_path, "flight", effects={})
+    shot, t, xy = play_world(tmp_path, "flight", effects={})
     for one in range(3):
         own, when = xy[shot == one], t[shot == one]
         curve = np.polynomial.Polynomial.fit(when, own[:, 1], 2).convert().coef
@@ -46,7 +46,7 @@ def test_a_thrown_body_without_air_is_a_parabola(tmp_path: Path) -> None:
 
 
 def test_a_rod_without_friction_keeps_its_energy(tmp_path: Path) -> None:
-    shot, _, angle = played(tmp_path, "pendulum", effects={}, fps=500.0)
+    shot, _, angle = play_world(tmp_path, "pendulum", effects={}, fps=500.0)
     for one in range(3):
         own = angle[shot == one, 0]
         turning = (own[2:] - own[:-2]) * 250
@@ -54,24 +54,26 @@ def test_a_rod_without_friction_keeps_its_energy(tmp_path: Path) -> None:
         assert np.ptp(energy) < 0.02 * np.ptp(turning**2)
 
 
-def test_noise_mistakes_and_gaps_are_as_many_as_asked_for(tmp_path: Path) -> None:
-    asked = {"effects": {}, "shots": 40, "seconds": 2.0, "noise": 0.01, "outliers": 0.02, "missing": 0.1}
+def test_noise_outliers_and_gaps_are_as_requested(tmp_path: Path) -> None:
+    settings = {"effects": {}, "shots": 40, "seconds": 2.0, "noise": 0.01, "outliers": 0.02, "missing": 0.1}
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    _, _, seen = played(tmp_path / "a", "slide", **{**asked, "missing": 0.0})
-    _, _, true = played(tmp_path / "b", "slide", **{**asked, "missing": 0.0, "outliers": 0.0, "noise": 0.0})
-    off = (seen - true)[:, 0]
+    _, _, observed = play_world(tmp_path / "a", "slide", **{**settings, "missing": 0.0})
+    _, _, true = play_world(tmp_path / "b", "slide", **{**settings, "missing": 0.0, "outliers": 0.0, "noise": 0.0})
+    off = (observed - true)[:, 0]
     assert 1.4826 * np.median(np.abs(off)) == pytest.approx(0.01, rel=0.05)
     assert np.mean(np.abs(off) > 0.05) == pytest.approx(0.016, abs=0.006)
-    _, t, _ = played(tmp_path / "b", "slide", **asked)
-    assert len(t) == pytest.approx(0.9 * len(seen), rel=0.02)
+    _, t, _ = play_world(tmp_path / "b", "slide", **settings)
+    assert len(t) == pytest.approx(0.9 * len(observed), rel=0.02)
 
 
-def test_an_effect_that_a_world_has_not_is_refused(tmp_path: Path) -> None:
-    said = tmp_path / "experiment.json"
-    said.write_text(json.dumps({"effects": {"magic": {}}}))
+def test_an_effect_that_a_simulator_lacks_is_refused(tmp_path: Path) -> None:
+    experiment_file = tmp_path / "experiment.json"
+    experiment_file.write_text(json.dumps({"effects": {"magic": {}}}))
     done = subprocess.run(
-        [sys.executable, str(WORLDS / "slide.py"), str(said), str(tmp_path / "out")], capture_output=True, text=True
+        [sys.executable, str(WORLDS / "slide.py"), str(experiment_file), str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
     )
     assert done.returncode
     assert "magic" in done.stderr
@@ -89,6 +91,6 @@ def test_mujoco_swings_the_same_rod(effects: dict[str, dict[str, float]], tmp_pa
     pytest.importorskip("mujoco")
     (tmp_path / "ours").mkdir()
     (tmp_path / "theirs").mkdir()
-    _, _, ours = played(tmp_path / "ours", "pendulum", effects=effects, seconds=2.0)
-    _, _, theirs = played(tmp_path / "theirs", "pendulum_mujoco", effects=effects, seconds=2.0)
-    assert np.abs(ours - theirs).max() < 1e-3  # rad; dry friction is soft there
+    _, _, ours = play_world(tmp_path / "ours", "pendulum", effects=effects, seconds=2.0)
+    _, _, theirs = play_world(tmp_path / "theirs", "pendulum_mujoco", effects=effects, seconds=2.0)
+    assert np.abs(ours - theirs).max() < 1e-3  # rad; dry friction is soft in MuJoCo

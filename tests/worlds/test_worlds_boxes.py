@@ -1,4 +1,4 @@
-"""The world of boxes against free fall, rigidity and conservation, run as a process as everyone has to."""
+"""The simulator of boxes against free fall, rigidity and conservation laws, run as a process like everywhere."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ WIDE, TALL, FLOOR, RADIUS, GRAVITY = 24.0, 30.0, 330.0, 15.0, 981.0
 
 @cache
 def play(*options: str) -> tuple[FloatArray, list[str], FloatArray, list[dict[str, str]], dict[str, float]]:
-    """Times (T,), names of N points, places (T, N, 2), contacts, and what scene.json says."""
+    """Run the simulator; returns t (T,), names of N points, places (T, N, 2), contacts, and scene.json."""
     with TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         subprocess.run([sys.executable, str(WORLD), str(out), *options], check=True)
         rows = list(csv.DictReader((out / "tracks.csv").read_text().splitlines()))
         contacts = list(csv.DictReader((out / "contacts.csv").read_text().splitlines()))
-        told = json.loads((out / "scene.json").read_text())
+        facts = json.loads((out / "scene.json").read_text())
     names = list(dict.fromkeys(row["id"] for row in rows))
     places = np.array([[float(row["x"]), float(row["y"])] for row in rows]).reshape(-1, len(names), 2)
-    return np.array([float(row["t"]) for row in rows])[:: len(names)], names, places, contacts, told
+    return np.array([float(row["t"]) for row in rows])[:: len(names)], names, places, contacts, facts
 
 
-def test_the_world_imports_nothing_of_ours() -> None:
+def test_the_simulator_imports_nothing_of_the_project() -> None:
     tree = ast.parse(WORLD.read_text())
     modules = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     assert not {name.split(".")[0] for name in modules} & {"models", "video", "pipeline", "detectors", "diagnosis"}
@@ -42,8 +42,8 @@ def test_the_world_imports_nothing_of_ours() -> None:
 
 @pytest.mark.parametrize("speed", ["400", "800", "1600"])
 def test_fifty_boxes_keep_their_shape_and_stay_within_the_boundary(speed: str) -> None:
-    t, names, places, _, told = play("--speed", speed)
-    assert told["speed"] == float(speed)
+    t, names, places, _, facts = play("--speed", speed)
+    assert facts["speed"] == float(speed)
     assert (len(t), len(names)) == (151, 201)
     boxes = places[:, 1:].reshape(len(t), 50, 4, 2)
     sides = np.linalg.norm(boxes - np.roll(boxes, -1, axis=2), axis=3)

@@ -1,0 +1,1 @@
+"""Benchmarks of the whole chain on sample clips and real clips."""

@@ -1,0 +1,71 @@
+"""Measure the CPU time of ball detection per frame of a clip on one core, for Hough and the network.
+
+    python -m benchmarks.detection.detector_speed [CLIP ...] [--model FILE.onnx] [--frames 120]
+
+Without CLIPs, three real ones of ../shared/data; takes about a minute. Table localisation, the estimate of the cloth
+and decoding are not counted. Everything else is: differences to the frame before, the network, circles, streaks and
+colours. Goal of the network: 25 ms at 720p.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.detection.detector_cases import DATA
+from detectors.detect import Detector, prepare_hough_detector, prepare_network_detector
+from detectors.detect_options import DetectOptions
+from detectors.network.ball_model import SHIPPED_BALL_MODEL
+from video.calibration.table_finder import calibrate_clip
+from video.io.clip import Clip, open_clip, read_frames
+from video.io.video_options import CalibrateOptions
+
+CLIPS = ("snooker_null_grad_stoss_1_0003_0009", "pool8_game2_clip1", "carom_F1")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clips", nargs="*", type=Path, metavar="CLIP")
+    parser.add_argument("--model", type=Path, default=SHIPPED_BALL_MODEL)
+    parser.add_argument("--frames", type=int, default=120, help="number of frames from the first on (default 120)")
+    arguments = parser.parse_args()
+    clips = arguments.clips or [DATA / "billiards" / f"{name}.mp4" for name in CLIPS]
+    cv2.setNumThreads(1)
+    options = DetectOptions(model=str(arguments.model))
+    print(
+        "| clip | image | detector | median ms | mean | 90 % below | balls per frame |\n|---|---|---|---|---|---|---|"
+    )
+    for path in clips:
+        if not path.is_file():
+            print(f"{path.stem}: skipped, {path} does not exist")
+            continue
+        clip = open_clip(path)
+        scene = calibrate_clip(clip, CalibrateOptions())
+        for name, prepare in (("hough", prepare_hough_detector), ("onnx", prepare_network_detector)):
+            spent, balls = _measure_detector(prepare(clip, scene, options), clip, arguments.frames)
+            low, high = np.median(spent), np.quantile(spent, 0.9)
+            print(
+                f"| {path.stem} | {clip.width} x {clip.height} | {name} | {low:.1f} | {spent.mean():.1f} | {high:.1f} "
+                f"| {balls:.1f} |",
+                flush=True,
+            )
+
+
+def _measure_detector(detector: Detector, clip: Clip, count: int) -> tuple[np.ndarray, float]:
+    """Return CPU milliseconds (n,) of each of the first frames, and the mean number of detections."""
+    spent, balls, memory = [], 0, None
+    for frame, rgb in islice(read_frames(clip, indices=clip.distinct_frames[:count]), count):
+        start = time.process_time()
+        detections, memory = detector.detect_next(rgb, frame, memory)
+        spent.append(1e3 * (time.process_time() - start))
+        balls += len(detections)
+    return np.array(spent), balls / len(spent)
+
+
+if __name__ == "__main__":
+    main()

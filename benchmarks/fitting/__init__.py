@@ -1,0 +1,1 @@
+"""Benchmarks of the fit of shots, contact times, calls and predictions."""

@@ -1,0 +1,1 @@
+"""Benchmarks of learnt methods and the thesis."""

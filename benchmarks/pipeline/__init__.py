@@ -1,0 +1,1 @@
+"""Benchmarks of the DAG runner, batches and recordings."""

@@ -1,0 +1,1 @@
+"""Parts that several benchmarks share: run folders, rows in files, the machine."""
