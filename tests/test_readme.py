@@ -1,4 +1,4 @@
-"""What the README tells a reader to type works, and it promises what the program has."""
+"""The commands of the README work, and every command that it lists exists."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ MINUTES = 10
 
 
 def blocks() -> list[list[str]]:
-    """The commands of the console blocks, without prompt and comment."""
-    found = re.findall(r"```console\n(.*?)```", README, re.DOTALL)
-    lines = [[line for line in block.splitlines() if line.startswith("$ ")] for block in found]
+    """Return the commands of each console block, without prompt and comment."""
+    texts = re.findall(r"```console\n(.*?)```", README, re.DOTALL)
+    lines = [[line for line in text.splitlines() if line.startswith("$ ")] for text in texts]
     return [[re.sub(r"\s+# .*$", "", line).removeprefix("$ ").strip() for line in block] for block in lines]
 
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The project by links, so that what the commands write lands elsewhere."""
+    """Make a copy of the project from links, so that the commands write elsewhere."""
     folder = tmp_path_factory.mktemp("checkout")
     for path in ROOT.iterdir():
         if path.name not in ("out", ".git"):
@@ -31,11 +31,11 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def set_up_by_make() -> bool:
+def is_set_up_by_make() -> bool:
     return subprocess.run(["make", "-q", ".venv/.program"], cwd=ROOT, capture_output=True, check=False).returncode == 0
 
 
-def type_in(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+def run_command(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"TRUEROLL_CACHE": str(folder / "cache"), "COLUMNS": "120"}
     return subprocess.run(
         command,
@@ -49,51 +49,51 @@ def type_in(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def to_type() -> list[object]:
-    """Every block without `make test`, which is what runs this; `make run` takes minutes, so `.ci/run` asks for it."""
-    typed = [[command for command in block if command != "make test"] for block in blocks()]
+def runnable_blocks() -> list[object]:
+    """Return every block without `make test`, which runs this test; `make run` takes minutes and is marked slow."""
+    runnable = [[command for command in block if command != "make test"] for block in blocks()]
     return [
         pytest.param(block, marks=[pytest.mark.slow] if "make run" in block else [], id=block[0])
-        for block in typed if block
+        for block in runnable if block
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("block", to_type())
+@pytest.mark.parametrize("block", runnable_blocks())
 def test_a_block_of_the_readme_works_from_top_to_bottom(block: list[str], checkout: Path) -> None:
-    if not set_up_by_make():
+    if not is_set_up_by_make():
         pytest.skip("the environment was not set up by make, and the README's commands need that; run make test")
     for command in block:
-        done = type_in(command, checkout)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert "Traceback" not in done.stderr
-        named = re.search(r"-o (\S+)", command)
-        made = checkout / (named.group(1) if named else "out")
+        completed = run_command(command, checkout)
+        assert completed.returncode == 0, completed.stdout + completed.stderr
+        assert "Traceback" not in completed.stderr
+        option = re.search(r"-o (\S+)", command)
+        results = checkout / (option.group(1) if option else "out")
         if command == "make run":
             clips = sorted(path.name for path in (ROOT / "sample_videos").glob("*.mp4"))
-            assert len(list(made.glob("*/slow.mp4"))) == len(clips)
-            assert "slow.mp4" in done.stdout, "it says where to look"
+            assert len(list(results.glob("*/slow.mp4"))) == len(clips)
+            assert "slow.mp4" in completed.stdout, "the output names the results"
         elif " run " in command:
-            assert (made / "slow.mp4").stat().st_size > 0
-            assert (made / "report.html").stat().st_size > 0
+            assert (results / "slow.mp4").stat().st_size > 0
+            assert (results / "report.html").stat().st_size > 0
         elif " simulate " in command:
-            assert (made / "trajectory.csv").stat().st_size > 0
+            assert (results / "trajectory.csv").stat().st_size > 0
 
 
 def test_the_readme_names_the_two_commands_first() -> None:
     assert blocks()[0] == ["make run", "make test"]
 
 
-def test_its_picture_is_there() -> None:
-    pictures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", README)
-    assert pictures
-    assert not [picture for picture in pictures if not (ROOT / picture).is_file()]
+def test_its_image_is_there() -> None:
+    images = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", README)
+    assert images
+    assert not [image for image in images if not (ROOT / image).is_file()]
 
 
 def test_every_command_that_it_lists_has_help() -> None:
     program = ROOT / ".venv" / "bin" / "trueroll"
     if not program.exists():
         pytest.skip("the program is not installed in .venv; run make test")
-    told = type_in(f"{program} --help", ROOT).stdout
-    listed = set(re.findall(r"^\| `trueroll ([a-z-]+)", README, re.MULTILINE))
-    assert listed
-    assert not [name for name in listed if not re.search(rf"^\W*{name}\b", told, re.MULTILINE)]
+    printed = run_command(f"{program} --help", ROOT).stdout
+    names = set(re.findall(r"^\| `trueroll ([a-z-]+)", README, re.MULTILINE))
+    assert names
+    assert not [name for name in names if not re.search(rf"^\W*{name}\b", printed, re.MULTILINE)]

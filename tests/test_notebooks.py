@@ -1,0 +1,34 @@
+"""The notebooks run from top to bottom, as a reader runs them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+ROOT = Path(__file__).resolve().parent.parent
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+CELL_SECONDS = 300
+
+
+def test_the_three_notebooks_are_stored_without_output() -> None:
+    assert [path.stem for path in NOTEBOOKS] == ["clip", "diagnosis", "thesis"]
+    cells = [cell for path in NOTEBOOKS for cell in nbformat.read(path, as_version=4).cells]
+    assert not [cell.source for cell in cells if cell.get("outputs")]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the notebook libraries themselves
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setenv("TRUEROLL_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "sample_videos").mkdir()
+    shutil.copy(ROOT / "sample_videos" / "overhead_pool.mp4", tmp_path / "sample_videos")
+    notebook = nbformat.read(path, as_version=4)
+    client = NotebookClient(notebook, timeout=CELL_SECONDS, resources={"metadata": {"path": str(tmp_path)}})
+    client.execute()
+    assert all(cell.execution_count for cell in notebook.cells if cell.cell_type == "code")
