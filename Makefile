@@ -8,7 +8,7 @@ OUT ?= out
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: run test check clean
+.PHONY: run test check docs wheel clean
 
 run: .venv/.program
 	$(BIN)/trueroll batch sample_videos -o $(OUT)
@@ -21,10 +21,18 @@ check: .venv/.tools
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest tests/test_layering.py
+	$(BIN)/lint-imports --no-cache
+	$(BIN)/python -m pytest tests/test_layering.py tests/test_names.py
+
+docs: .venv/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "Look at site/index.html; or, with full-text search: $(BIN)/mkdocs serve"
+
+wheel: .venv/.tools
+	.ci/check_wheel
 
 clean:
-	rm -rf .venv out build *.egg-info
+	rm -rf .venv out site build *.egg-info
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "python 3.11 or newer is needed and was not found; install it (Debian: apt-get install python3 python3-venv)" >&2; exit 1; }
@@ -40,4 +48,8 @@ $(BIN)/python:
 
 .venv/.tools: .venv/.program
 	$(BIN)/python -m pip install --quiet -e ".[dev,check,train]"
+	@touch $@
+
+.venv/.docs: .venv/.program
+	$(BIN)/python -m pip install --quiet -e ".[docs]"
 	@touch $@
