@@ -6,18 +6,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 
 from detectors.detect_options import DetectOptions
 from detectors.still_images import StillDetections, detect_in_still
 from diagnosis.diagnose import diagnose as diagnose_recordings
 from diagnosis.verdicts.verdict import DiagnosisReport
-from models.core.errors import OptionError
 from models.core.typing import ImageArray
 from models.physics.billiards.simulation.simulate_shot import SimulatedShot
 from models.physics.billiards.simulation.simulate_shot import simulate as simulate_balls
 from pipeline.engine.helper_executor import open_executor
+from pipeline.io.image_file import read_image
 from pipeline.io.shot_file import parse_shot, read_shot
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
@@ -88,16 +87,3 @@ def detect(
     pixels, name = (image, "the image") if isinstance(image, np.ndarray) else (read_image(Path(image)), str(image))
     options = DetectOptions(detector, None if model is None else str(model))
     return detect_in_still(pixels, name, options, CalibrateOptions(corners, table, ball_radius))
-
-
-def read_image(path: Path) -> ImageArray:
-    """Read an image file as upright RGB (height, width, 3).
-
-    Raises:
-        OptionError: The file is missing or is no image.
-    """
-    data = np.fromfile(path, dtype=np.uint8) if path.is_file() else np.empty(0, np.uint8)
-    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    if decoded is None:
-        raise OptionError(f"{path} is no image that can be read; expected png, jpg, bmp, tif or webp")
-    return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)

@@ -8,10 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import cv2
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from detectors.detect import select_model_file
 from detectors.detect_options import DetectOptions
@@ -19,10 +16,9 @@ from detectors.still_images import StillDetections, detect_in_still
 from models.core.errors import OptionError, TableNotFound
 from pipeline.chain import require_writable_folder
 from pipeline.engine.atomic_write import replace_file
+from pipeline.io.image_file import IMAGE_SUFFIXES, UnreadableImage, read_image
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, parse_output_path
 from video.io.video_options import CalibrateOptions
-
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +69,7 @@ def detect(
     rows, failed, makers = [], [], set()
     for name, path in paths:
         try:
-            balls = detect_in_still(_read_image(path), name, options, calibrate)
+            balls = detect_in_still(read_image(path), name, options, calibrate)
         except (TableNotFound, UnreadableImage) as error:
             failed.append(str(error))
             console.print(f"trueroll: {error}", markup=False, soft_wrap=True)
@@ -95,10 +91,6 @@ def detect(
         raise typer.Exit(1)
 
 
-class UnreadableImage(OptionError):
-    """The file is no readable image."""
-
-
 def _list_images(images: Path) -> list[tuple[str, Path]]:
     """List the images as (name in the table, path)."""
     if images.is_file():
@@ -115,14 +107,6 @@ def _list_images(images: Path) -> list[tuple[str, Path]]:
             f"An image or a folder of images ({', '.join(IMAGE_SUFFIXES)}) was expected; {images} holds none"
         )
     return [(path.relative_to(images).as_posix(), path) for path in paths]
-
-
-def _read_image(path: Path) -> NDArray[np.uint8]:
-    """Read an upright image, (H, W, 3) RGB."""
-    read = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR) if path.stat().st_size else None
-    if read is None:
-        raise UnreadableImage(f"{path.name} is no readable image ({', '.join(IMAGE_SUFFIXES)} are)")
-    return np.asarray(cv2.cvtColor(read, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def _build_rows(name: str, balls: StillDetections) -> list[DetectedBallRow]:

@@ -1,0 +1,36 @@
+"""Image files that a user gives, read as upright RGB."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from models.core.errors import OptionError
+from models.core.typing import ImageArray
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+
+
+class UnreadableImage(OptionError):
+    """The file is no readable image."""
+
+
+def read_image(path: Path) -> ImageArray:
+    """Read an image file.
+
+    Args:
+        path: A png, jpg, bmp, tif or webp file.
+
+    Returns:
+        Upright RGB image, (height, width, 3).
+
+    Raises:
+        UnreadableImage: The file is missing, empty or no image.
+    """
+    data = np.fromfile(path, dtype=np.uint8) if path.is_file() else np.empty(0, np.uint8)
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if decoded is None:
+        raise UnreadableImage(f"{path.name} is no readable image ({', '.join(IMAGE_SUFFIXES)} are)")
+    return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)
