@@ -21,6 +21,7 @@ from models.tracking.clutter_filter import is_ball, looks_like_ball, moves_like_
 from models.tracking.cue_ball import find_struck_ball
 from models.tracking.identity_switches import correct_identity_switches
 from models.tracking.table_detections import TableDetections, project_detections
+from models.tracking.track_completion import complete_tracks
 from models.tracking.track_hypotheses import track_balls
 from models.tracking.tracklet_linking import Tracklet, cut_tracklets, link_tracklets
 
@@ -82,6 +83,7 @@ def build_tracks(
             f"Tracking needs balls that are detected in several frames; {len(detections)} detections contain none: "
             "check the calibration of the table, or give --corners and --ball-radius."
         )
+    balls = complete_tracks(balls, table_detections, t, scene.table)
     balls = correct_identity_switches(balls, table_detections, t, scene.table.ball_radius)
     return _make_tracks(balls, table_detections, detections, frame, t, scene)
 

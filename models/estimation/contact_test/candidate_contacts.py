@@ -128,10 +128,10 @@ def cut_ball_window(record: ShotRecord, t: float, ball: int, parties: set[str]) 
     events, end = record.events, t + WINDOW_TIME
     begin = max(t - WINDOW_TIME, float(record.moments[0]))
     for e in range(len(events)):
-        parties = {events.a[e], events.b[e]} - {""}
-        if record.ids[ball] not in parties or events.kind[e] == "rest":
+        event_parties = {events.a[e], events.b[e]} - {""}
+        if record.ids[ball] not in event_parties or events.kind[e] == "rest":
             continue
-        if events.kind[e] in ("ball", "cushion") and parties == parties and abs(events.t[e] - t) < SAME_MOMENT_TIME:
+        if events.kind[e] in ("ball", "cushion") and event_parties == parties and abs(events.t[e] - t) < SAME_MOMENT_TIME:
             continue
         guard = GUARD_SIGMAS * float(events.t_sigma[e])
         if events.t[e] <= t:

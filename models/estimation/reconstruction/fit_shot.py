@@ -48,6 +48,7 @@ from models.estimation.segmentation.contact_classification import build_contact_
 from models.estimation.segmentation.contact_graph import ContactGraph
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
 from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
+from models.estimation.structure_search.initial_rests import insert_initial_rests
 from models.estimation.structure_search.missed_cushions import refit_rebounds
 from models.estimation.structure_search.strike_times import refit_strikes
 from models.estimation.structure_search.structure_revision import remove_unexplained_contacts, revise_graph
@@ -176,10 +177,13 @@ def _fit_tracks(
     graph = _build_initial_graph(selected, table, options)
     progress(0.4)
     solution = refine_graph(graph, observations, table, iterations=10 if options.quick else 30)
+    prices = options.break_price, options.free_price
+    solution = insert_initial_rests(solution, observations, selected, table, prices)
     solution = refit_rebounds(refit_strikes(solution, observations, table), observations, table)
     progress(0.6)
     rounds = 1 if options.quick else 3
     solution = revise_graph(solution, observations, table, options.break_price, options.free_price, rounds)
+    solution = insert_initial_rests(solution, observations, selected, table, prices)
     reestimated = reestimate_noise(selected, tracks, noise, solution, observations)
     if reestimated is not None:
         selected = reestimated

@@ -23,6 +23,7 @@ from models.estimation.structure_search.ball_encounters import (
     is_doubtful,
     total_cost,
 )
+from models.estimation.structure_search.causeless_changes import explain_causeless_changes
 from models.estimation.structure_search.contact_chains import complete_chains
 from models.estimation.structure_search.contact_removal import remove_false_contacts
 from models.estimation.structure_search.corner_cushions import insert_corner_cushions
@@ -79,6 +80,7 @@ def revise_graph(
         graph = insert_crossed_cushions(solution, graph, observations, table)
         before, solution = solution, _refine_if_better(solution, graph, observations, table, (break_price, free_price))
         solution = resolve_simultaneous_starts(solution, observations, table, (break_price, free_price))
+        solution = explain_causeless_changes(solution, observations, table, (break_price, free_price), cache)
         solution = insert_corner_cushions(solution, observations, table, (break_price, free_price))
         solution = complete_chains(solution, observations, table, (break_price, free_price), cache)
         solution = remove_false_contacts(solution, observations, table, (break_price, free_price), cache)
@@ -456,7 +458,7 @@ def _merge_into_ball_contact(
         partner = graph.contacts[other]
         if partner.kind not in ("free", "strike") or other == number:
             return graph
-        joined = Contact("ball", contact.t, (*contact.before, *partner.before), (*contact.after, *partner.after))
+        joined = Contact("ball", partner.t, (*contact.before, *partner.before), (*contact.after, *partner.after))
         return graph.merge_contacts(number, other, replace(joined, gain=contact.gain + partner.gain))
     state = evaluate_kinematics(segment.state[None], np.array([t - graph.start_time(k)]), solution.friction)[0]
     change = graph.segments[contact.after[0]].state[2:4] - end_state(solution, contact.before[0])[2:4]

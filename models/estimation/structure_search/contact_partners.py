@@ -1,0 +1,173 @@
+"""Partners of a velocity change: the other balls that may have caused it.
+
+A ball at rest starts only when something touches it. Where a ball starts or turns and no cause was found, another ball
+may have been there between two frames, or while it was not detected. Every ball whose path, before or after a turn of
+its own, comes near enough in that time is a candidate; the refit of the contact decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.core.scene import Table
+from models.core.typing import FloatArray
+from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations, end_state
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
+
+TOUCH_TOLERANCE = 0.5
+"""Ball radii: two balls so far from touching may have met where one of them changes its velocity."""
+TIME_TOLERANCE = 0.5
+"""Frame intervals: error of the time at which a path turns, which moves the turn along the path."""
+MAX_PARTNERS = 3
+"""Most candidates of one velocity change."""
+CAUSELESS_KINDS = ("strike", "free", "jump")
+"""Kinds of contacts that another ball may have caused."""
+
+
+@dataclass(frozen=True, slots=True)
+class Partner:
+    """Another ball that may have touched: its moving segment, and when it came nearest to touching."""
+
+    segment: int
+    t: float
+    mismatch: float
+    """m: distance of the centres minus two radii, absolute."""
+
+
+def find_partners(solution: JointSolution, observations: Observations, number: int, table: Table) -> list[Partner]:
+    """Find the balls that may have touched the ball of a contact, the nearest first.
+
+    Args:
+        solution: A refined solution.
+        observations: K observations.
+        number: Contact of one ball, or of which the first ball is meant.
+        table: The table.
+
+    Returns:
+        At most `MAX_PARTNERS` candidates, one per ball.
+    """
+    graph, contact = solution.graph, solution.graph.contacts[number]
+    ball = graph.segments[contact.before[0]].ball
+    early, late, interval = find_unobserved_span(observations, ball, contact.t)
+    reach = 2 * table.ball_radius * solution.diameter_factor
+    best: dict[int, Partner] = {}
+    for k, segment in enumerate(graph.segments):
+        if segment.static or segment.ball == ball:
+            continue
+        # a turn of the other ball is this contact, so that its path before and after is followed a little further
+        begin = max(graph.start_time(k) - TIME_TOLERANCE * interval, early)
+        end = min(graph.end_time(k) + TIME_TOLERANCE * interval, late)
+        if end - begin < MIN_CONTACT_INTERVAL:
+            continue
+        t = np.linspace(begin, end, 41)
+        states = np.repeat(segment.state[None], len(t), axis=0)
+        path = evaluate_kinematics(states, np.maximum(t - graph.start_time(k), 0.0), solution.friction)
+        path[:, :2] += np.minimum(t - graph.start_time(k), 0.0)[:, None] * segment.state[2:4]
+        mismatch = np.abs(np.linalg.norm(path[:, :2] - _place_of(solution, contact, t), axis=1) - reach)
+        least = int(np.argmin(mismatch))
+        speed = float(np.hypot(*path[least, 2:4]))
+        tolerance = TOUCH_TOLERANCE * table.ball_radius + TIME_TOLERANCE * interval * speed
+        candidate = Partner(k, float(t[least]), float(mismatch[least]))
+        if candidate.mismatch < tolerance and speed > MIN_CONTACT_SPEED:
+            known = best.get(segment.ball)
+            if known is None or candidate.mismatch < known.mismatch:
+                best[segment.ball] = candidate
+    return sorted(best.values(), key=lambda one: one.mismatch)[:MAX_PARTNERS]
+
+
+def find_unobserved_span(observations: Observations, ball: int, t: float) -> tuple[float, float, float]:
+    """Find the samples of a ball before and after a time, widened by half of a frame, and the frame interval, s."""
+    times = observations.t[observations.ball == ball]
+    interval = float(np.median(np.diff(np.unique(observations.t))))
+    row = int(np.searchsorted(times, t))
+    early = float(times[row - 1]) if row else t - interval
+    late = float(times[row]) if row < len(times) else t + interval
+    return early - 0.5 * interval, late + 0.5 * interval, interval
+
+
+def join_by_ball_contact(
+    solution: JointSolution, observations: Observations, number: int, partner: Partner, table: Table
+) -> ContactGraph | None:
+    """Explain a velocity change by a contact with another ball.
+
+    An unexplained change of the other ball nearby becomes part of the contact; else its path is cut there. The ball
+    that is hit leaves along the line of centres, which places the other one.
+
+    Args:
+        solution: A refined solution.
+        observations: K observations.
+        number: Contact of one ball.
+        partner: The other ball.
+        table: The table.
+
+    Returns:
+        The new graph; None where it is impossible.
+    """
+    graph, contact = solution.graph, solution.graph.contacts[number]
+    one, other = contact.before[0], graph.segments[partner.segment].ball
+    _, _, interval = find_unobserved_span(observations, other, partner.t)
+    turn = _find_causeless_turn(graph, partner, number, interval)
+    if turn is None and not (
+        graph.start_time(partner.segment) + MIN_CONTACT_INTERVAL
+        < partner.t
+        < graph.end_time(partner.segment) - MIN_CONTACT_INTERVAL
+    ):
+        return None
+    before = partner.segment if turn is None else graph.contacts[turn].before[0]
+    t = partner.t
+    if not graph.start_time(one) + MIN_CONTACT_INTERVAL < t < graph.end_time(contact.after[0]) - MIN_CONTACT_INTERVAL:
+        return None
+    if graph.segments[one].static and graph.segments[before].static:
+        return None
+    place = _place_of(solution, contact, np.array([t]))[0]
+    change = graph.segments[contact.after[0]].state[2:4] - end_state(solution, one)[2:4]
+    line = change / max(float(np.hypot(*change)), 1e-9)
+    meeting = place - 2 * table.ball_radius * solution.diameter_factor * line
+    later = np.flatnonzero((observations.ball == other) & (observations.t > t + MIN_CONTACT_INTERVAL))
+    after = end_state(solution, before)
+    after[2:6] -= np.tile(float(after[2:4] @ line) * line, 2)
+    after[:2] = meeting
+    if len(later):
+        velocity = (observations.xy[later[0]] - meeting) / (observations.t[later[0]] - t)
+        after[2:4] = velocity
+    if turn is None:
+        graph = graph.insert_contact(Contact("free", t, (before,), ()), (np.concatenate([after, np.zeros(2)]),))
+        turn = len(graph.contacts) - 1
+    elif not graph.segments[graph.contacts[turn].after[0]].static:
+        k = graph.contacts[turn].after[0]
+        state = np.concatenate([after, graph.segments[k].state[6:]])
+        graph = ContactGraph(
+            tuple(replace(s, state=state) if q == k else s for q, s in enumerate(graph.segments)), graph.contacts
+        )
+    second = graph.contacts[turn]
+    joined = Contact(
+        "ball", t, (*contact.before, *second.before), (*contact.after, *second.after), gain=contact.gain + second.gain
+    )
+    merged = graph.merge_contacts(number, turn, joined)
+    is_ordered = all(merged.end_time(k) > merged.start_time(k) + 1e-4 for k in range(len(merged.segments)))
+    return merged.mark_pushed_strikes() if is_ordered else None
+
+
+def _find_causeless_turn(graph: ContactGraph, partner: Partner, number: int, interval: float) -> int | None:
+    """Find the unexplained velocity change of the other ball that is nearest to the time of the contact."""
+    segment = graph.segments[partner.segment]
+    turns = [
+        c
+        for c in (segment.start, segment.end)
+        if c is not None and c != number and graph.contacts[c].kind in CAUSELESS_KINDS
+        and abs(graph.contacts[c].t - partner.t) < interval
+    ]  # fmt: skip
+    return min(turns, key=lambda c: abs(graph.contacts[c].t - partner.t), default=None)
+
+
+def _place_of(solution: JointSolution, contact: Contact, t: FloatArray) -> FloatArray:
+    """Return the places (M, 2) of the first ball of a contact at times t (M,) s on its path before the contact."""
+    segment = solution.graph.segments[contact.before[0]]
+    if segment.static:
+        return np.repeat(segment.state[None, :2], len(t), axis=0)
+    tau = np.maximum(t - solution.graph.start_time(contact.before[0]), 0.0)
+    return evaluate_kinematics(np.repeat(segment.state[None], len(t), axis=0), tau, solution.friction)[:, :2]
