@@ -16,8 +16,8 @@ class Events:
     """E events in columns, sorted by time."""
 
     kind: tuple[str, ...]
-    """(E,) one of `EVENT_KINDS`. At a rest, a ball is a twentieth of its radius, about a pixel, away from its final
-    position: the last moment at which a viewer can see the difference."""
+    """(E,) one of `EVENT_KINDS`. At a rest, a ball is a fortieth of its radius, about half a pixel, away from its
+    final position: the last moment at which a viewer can see the difference."""
     t: FloatArray
     """(E,) s, time of the event since the first frame."""
     t_sigma: FloatArray

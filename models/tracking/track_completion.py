@@ -13,14 +13,15 @@ import numpy as np
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.tracking.assignment_cost import (
-    CLOTH_COLOUR_COST,
     CLOTH_COLOUR_DISTANCE,
     CLUTTER_DENSITY,
     DETECTION_PROBABILITY,
+    LONG_STREAK_COST,
     MAX_CLOTH_SHARE,
     MAX_COLOUR_COST,
     STRIKE_SPEED,
 )
+from models.tracking.clutter_filter import STREAK_EXCESS_RADII
 from models.tracking.table_detections import TableDetections
 from models.tracking.tracklet_linking import MAX_SPEED, Tracklet, ends_in_pocket, make_tracklet
 
@@ -32,9 +33,7 @@ MIN_COLOUR_SIGMA = 6.0
 """CIE Lab: least standard deviation of a ball's colour between frames."""
 
 
-def complete_tracks(
-    balls: list[Tracklet], detections: TableDetections, t: FloatArray, table: Table
-) -> list[Tracklet]:
+def complete_tracks(balls: list[Tracklet], detections: TableDetections, t: FloatArray, table: Table) -> list[Tracklet]:
     """Add to each ball the unused detections that fill its gaps, and those before its first and after its last one.
 
     Args:
@@ -139,12 +138,16 @@ def _step_cost(
     distance = float(np.hypot(*(detections.xy[two] - detections.xy[one])))
     if distance > MAX_SPEED * dt + table.ball_radius:
         return np.inf
-    still = detections.sigma_along[one] ** 2 + detections.sigma_along[two] ** 2 + (JITTER_RADII * table.ball_radius) ** 2
+    lengths = np.hypot(*detections.streak[[one, two]].T)  # either neighbour may be the one that a streak leads to
+    streak_cost = LONG_STREAK_COST / 2 * float((lengths > distance + STREAK_EXCESS_RADII * table.ball_radius).sum())
+    still = (
+        detections.sigma_along[one] ** 2 + detections.sigma_along[two] ** 2 + (JITTER_RADII * table.ball_radius) ** 2
+    )
     reach = (STRIKE_SPEED * dt / 2) ** 2 + still
     rest = np.log(REST_PROBABILITY) - distance**2 / (2 * still) - np.log(2 * np.pi * still)
     # a heavy tail, as in the tracker: fast balls are rare, and no displacement is impossible
     moved = np.log(1 - REST_PROBABILITY) - 1.5 * np.log1p(distance**2 / reach) - np.log(2 * np.pi * reach)
-    return -float(np.logaddexp(rest, moved))
+    return streak_cost - float(np.logaddexp(rest, moved))
 
 
 def _colour_costs(ball: Tracklet, rows: IntArray, detections: TableDetections) -> FloatArray:
@@ -153,5 +156,6 @@ def _colour_costs(ball: Tracklet, rows: IntArray, detections: TableDetections) -
     share = np.clip(difference @ fade / max(float(fade @ fade), 1e-9), 0.0, MAX_CLOTH_SHARE)
     distance = ((difference - share[:, None] * fade) ** 2).sum(axis=1) / max(ball.spread, MIN_COLOUR_SIGMA) ** 2
     is_cloth = np.hypot.reduce(detections.colour[rows] - detections.cloth, axis=1) < CLOTH_COLOUR_DISTANCE
-    cost: FloatArray = np.minimum(distance / 2, MAX_COLOUR_COST) + CLOTH_COLOUR_COST * is_cloth
-    return cost
+    is_distinct = float(np.hypot.reduce(fade)) > 2 * CLOTH_COLOUR_DISTANCE
+    # no motion mixes in so much of the cloth's colour that a ball of another colour looks like the cloth
+    return np.where(is_cloth & is_distinct, np.inf, np.minimum(distance / 2, MAX_COLOUR_COST))

@@ -131,7 +131,11 @@ def cut_ball_window(record: ShotRecord, t: float, ball: int, parties: set[str]) 
         event_parties = {events.a[e], events.b[e]} - {""}
         if record.ids[ball] not in event_parties or events.kind[e] == "rest":
             continue
-        if events.kind[e] in ("ball", "cushion") and event_parties == parties and abs(events.t[e] - t) < SAME_MOMENT_TIME:
+        if (
+            events.kind[e] in ("ball", "cushion")
+            and event_parties == parties
+            and abs(events.t[e] - t) < SAME_MOMENT_TIME
+        ):
             continue
         guard = GUARD_SIGMAS * float(events.t_sigma[e])
         if events.t[e] <= t:

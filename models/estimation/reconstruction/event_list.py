@@ -33,9 +33,9 @@ GAP_HORIZON = 0.25
 """s: how far free paths are followed beyond a contact to find their least distance."""
 POCKET_REACH = 3.0
 """Ball radii, plus the way of two frames: a track that ends so near to a pocket has been potted."""
-REST_DISTANCE_RADII = 0.05
-"""Ball radii, about a pixel: a ball with less left to go looks at rest. Real balls even roll back a little, into the
-dent that they make in the cloth, so that the moment of zero speed cannot be observed.
+REST_DISTANCE_RADII = 0.025
+"""Ball radii, about half a pixel: a ball with less left to go looks at rest. Real balls even roll back a little, into
+the dent that they make in the cloth, so that the moment of zero speed cannot be observed.
 """
 _MIN_CLOSING_SPEED = 0.02
 """m/s: least closing speed of two balls that meet; slower than any ball that can be distinguished from a resting one.

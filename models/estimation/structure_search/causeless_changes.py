@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from models.core.scene import Table
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations
+from models.core.typing import IntArray
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.segmentation.contact_graph import ContactGraph
-from models.estimation.structure_search.ball_encounters import SearchCache, total_cost
+from models.estimation.structure_search.ball_encounters import (
+    LOCAL_ITERATIONS,
+    SearchCache,
+    frame_interval,
+    refine_subgraph,
+    total_cost,
+)
 from models.estimation.structure_search.contact_partners import (
     CAUSELESS_KINDS,
     find_partners,
     join_by_ball_contact,
 )
-from models.estimation.structure_search.missed_cushions import classify_cushion_turns
+from models.estimation.structure_search.missed_cushions import classify_cushion_turns, insert_crossed_cushions
+
+LOCAL_SLACK = 3.0
+"""Prices of a causeless change by which a contact may cost more locally before all segments are refined: a turn nearby
+that is wrong without the contact is only mended then.
+"""
+
+TURN_TIME_ERROR = 0.1
+"""Frame intervals by which a turn that no law constrains may be misplaced."""
 
 
 def explain_causeless_changes(
@@ -32,24 +51,58 @@ def explain_causeless_changes(
     """
     number = 0
     while number < len(solution.graph.contacts):
-        contact, segments = solution.graph.contacts[number], solution.graph.segments
-        key = ("partners", segments[contact.before[0]].ball, round(contact.t, 3), round(solution.chi2, 1))
+        contact, graph = solution.graph.contacts[number], solution.graph
+        key = ("causeless", *graph.cache_key((*contact.before, *contact.after)))
         if contact.kind not in CAUSELESS_KINDS or key in cache.required:
             number += 1
             continue
-        cost = total_cost(solution, prices)
-        graphs = [
-            join_by_ball_contact(solution, observations, number, partner, table)
-            for partner in find_partners(solution, observations, number, table)
-        ]
-        trials = [_refine_trial(g, solution, observations, table) for g in graphs if g is not None]
-        best = min(trials, key=lambda one: total_cost(one, prices), default=solution)
-        if total_cost(best, prices) < cost:
-            solution, number = best, 0
-        else:
-            cache.required.add(key)
-            number += 1
+        cache.required.add(key)
+        owner = assign_observations(graph, observations)
+        best = None
+        for partner in find_partners(solution, observations, number, table):
+            joined = join_by_ball_contact(solution, observations, number, partner, table)
+            if joined is not None and _gains_locally(solution, joined, observations, owner, table, prices):
+                trial = _refine_trial(joined, solution, observations, table)
+                if total_cost(trial, prices) < total_cost(best or solution, prices):
+                    best = trial
+        if best is None and contact.kind == "free" and not graph.segments[contact.before[0]].static:
+            trial = _continue_to_cushion(solution, observations, table, number)
+            best = trial if total_cost(trial, prices) < total_cost(solution, prices) else None
+        solution, number = (solution, number + 1) if best is None else (best, 0)
     return solution
+
+
+def _gains_locally(
+    solution: JointSolution,
+    joined: ContactGraph,
+    observations: Observations,
+    owner: IntArray,
+    table: Table,
+    prices: tuple[float, float],
+) -> bool:
+    """Return whether the segments that a new graph changes cost less with it, or little more."""
+    graph = solution.graph
+    old = {
+        k
+        for k, segment in enumerate(graph.segments)
+        if segment != joined.segments[k] or _contacts_around(graph, k) != _contacts_around(joined, k)
+    }
+    rows = np.isin(owner, list(old))
+    if not rows.any():
+        return False
+    local = Observations(
+        observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
+    )
+    new = old | set(range(len(graph.segments), len(joined.segments)))
+    before = refine_subgraph(solution, graph, sorted(old), local, table)
+    after = refine_subgraph(solution, joined, sorted(new), local, table)
+    return total_cost(after, prices) < total_cost(before, prices) + LOCAL_SLACK * prices[1]
+
+
+def _contacts_around(graph: ContactGraph, k: int) -> tuple[object, ...]:
+    """Return the contacts at the ends of a segment."""
+    ends = (graph.segments[k].start, graph.segments[k].end)
+    return tuple(None if c is None else (graph.contacts[c].kind, graph.contacts[c].t) for c in ends)
 
 
 def _refine_trial(
@@ -57,5 +110,25 @@ def _refine_trial(
 ) -> JointSolution:
     """Refine a graph; where a ball then turns at a cushion, that is the cause."""
     trial = refine_graph(graph, observations, table, initial=initial)
-    classified = classify_cushion_turns(trial, table)
+    classified = classify_cushion_turns(trial, table, TURN_TIME_ERROR * frame_interval(observations))
     return trial if classified is trial.graph else refine_graph(classified, observations, table, initial=trial)
+
+
+def _continue_to_cushion(
+    solution: JointSolution, observations: Observations, table: Table, number: int
+) -> JointSolution:
+    """Remove a velocity change, and let the ball turn at the cushion that its path then meets, if any."""
+    contact = solution.graph.contacts[number]
+    excerpt, chosen = solution.graph.extract_contact(number)
+    rows = np.isin(assign_observations(solution.graph, observations), chosen)
+    local = Observations(
+        observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
+    )
+    single = refine_graph(excerpt.remove_contact(0), local, table, iterations=LOCAL_ITERATIONS, initial=solution)
+    without = solution.graph.remove_contact(number)
+    k = contact.before[0] - int(contact.after[0] < contact.before[0])
+    segments = list(without.segments)
+    segments[k] = replace(segments[k], static=False, state=single.graph.segments[0].state)
+    joined = replace(solution, graph=ContactGraph(tuple(segments), without.contacts))
+    extended = insert_crossed_cushions(joined, joined.graph, observations, table)
+    return refine_graph(extended, observations, table, initial=joined)

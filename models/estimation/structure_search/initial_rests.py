@@ -62,9 +62,7 @@ def insert_initial_rests(
     return solution
 
 
-def _start_from_rest(
-    solution: JointSolution, observations: Observations, ball: int, count: int
-) -> ContactGraph | None:
+def _start_from_rest(solution: JointSolution, observations: Observations, ball: int, count: int) -> ContactGraph | None:
     """Let a ball rest at its first `count` samples and be struck before the next; None where it cannot be."""
     graph, own = solution.graph, observations.ball == ball
     t, xy = observations.t[own], observations.xy[own]

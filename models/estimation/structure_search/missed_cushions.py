@@ -71,21 +71,32 @@ def _set_rebounds(solution: JointSolution, rubber: FloatArray) -> JointSolution:
     )
 
 
-def classify_cushion_turns(solution: JointSolution, table: Table) -> ContactGraph:
-    """Classify unexplained velocity changes that are beside a cushion."""
+def classify_cushion_turns(solution: JointSolution, table: Table, time_error: float = 0.0) -> ContactGraph:
+    """Classify unexplained velocity changes that are beside a cushion.
+
+    Args:
+        solution: A refined solution.
+        table: The table.
+        time_error: s by which a turn may be misplaced along the path.
+
+    Returns:
+        The graph with these changes as cushion contacts; the same object where there is none.
+    """
     contacts = list(solution.graph.contacts)
     changed = False
     for number, contact in enumerate(contacts):
         if contact.kind != "free":
             continue
-        side = _find_reversing_cushion(solution, contact, table)
+        side = _find_reversing_cushion(solution, contact, table, time_error=time_error)
         if side is not None:
             contacts[number] = replace(contact, kind="cushion", cushion=CUSHIONS[side])
             changed = True
     return ContactGraph(solution.graph.segments, tuple(contacts)) if changed else solution.graph
 
 
-def _find_reversing_cushion(solution: JointSolution, contact: Contact, table: Table, excluded: int = -1) -> int | None:
+def _find_reversing_cushion(
+    solution: JointSolution, contact: Contact, table: Table, excluded: int = -1, time_error: float = 0.0
+) -> int | None:
     """Find the cushion near which a ball turns back at a contact, other than `excluded`."""
     segments = solution.graph.segments
     before, after = end_state(solution, contact.before[0]), segments[contact.after[0]].state
@@ -93,7 +104,12 @@ def _find_reversing_cushion(solution: JointSolution, contact: Contact, table: Ta
     reach = 0.5 * CUSHION_TOLERANCE * table.ball_radius
     for side in np.argsort(np.abs(distance)):
         towards, away = -INWARD_NORMALS[side] @ before[2:4], INWARD_NORMALS[side] @ after[2:4]
-        if side != excluded and abs(distance[side]) < reach and towards > MIN_CONTACT_SPEED and away > 0:
+        if (
+            side != excluded
+            and abs(distance[side]) < reach + time_error * towards
+            and towards > MIN_CONTACT_SPEED
+            and away > 0
+        ):
             return int(side)
     return None
 
