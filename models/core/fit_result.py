@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.core.events import Events
+from models.core.shot_explanation import ShotExplanation
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 
@@ -89,6 +90,8 @@ class Fit:
     """(T, N) whether an accepted fit explains the motion."""
     trust: Trust
     """Trust level, with reasons."""
+    explanation: ShotExplanation = field(default_factory=ShotExplanation)
+    """What may have happened at each moment, with the weight of every hypothesis."""
     whole_shot: WholeShotSolution | None = None
     """Fit of whole shots; None if it was not requested, or no contact model explains them."""
     whole_shot_refusal: str = ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import traceback
 from typing import Any
@@ -25,6 +26,8 @@ def execute_command_line(arguments: list[str]) -> int:
     Returns:
         The exit status: 0 success, 1 some of it failed, 2 wrong usage.
     """
+    if "--debug" in arguments:
+        _show_fit_log()
     try:
         load_command(arguments[0] if arguments else "")
         status = app(arguments or ["--help"], standalone_mode=False) or 0
@@ -32,6 +35,15 @@ def execute_command_line(arguments: list[str]) -> int:
     except Exception as error:
         status = _report_error(error, "--debug" in arguments)
     return int(status)
+
+
+def _show_fit_log() -> None:
+    """Print the cost before and after each pass of a fit that runs; one from the cache has none."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+    logger = logging.getLogger("trueroll")
+    logger.addHandler(handler)
+    logger.setLevel(logging.DEBUG)
 
 
 def _report_error(error: Exception, debug: bool) -> int:

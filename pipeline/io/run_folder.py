@@ -17,6 +17,7 @@ from models.core.scene import Camera, Table
 from models.core.typing import FloatArray
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
+from pipeline.io.explanation_json import parse_explanation
 
 Columns = dict[str, NDArray[Any]]
 
@@ -62,12 +63,13 @@ def read_shot_record(folder: Path, shot: int = 0) -> ShotRecord:
     sigma = np.nan_to_num(tracks.get("sigma", np.full(len(observed), DEFAULT_SIGMA)), nan=DEFAULT_SIGMA)
     blank = np.full(len(observed), np.nan)
     frame, at = np.unique(tracks["frame"], return_index=True)
+    parsed = _parse_events(events)
     return ShotRecord(
         ids, tuple(kinds[name] for name in ids), frame.astype(np.int64), tracks["t"][at],
         ball[order], tracks["t"][order], np.stack([tracks["x"], tracks["y"]], axis=1)[order],
         np.stack([tracks.get("x_px", blank), tracks.get("y_px", blank)], axis=1)[order],
-        np.maximum(sigma, 1e-6)[order], _parse_events(events), *_resample_motion(motion, ids, table.ball_radius), table,
-        parse_camera(scene),
+        np.maximum(sigma, 1e-6)[order], parsed, *_resample_motion(motion, ids, table.ball_radius), table,
+        parse_camera(scene), parse_explanation(scene, parsed),
     )  # fmt: skip
 
 

@@ -20,6 +20,8 @@ from models.core.scene import Camera, Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import State, Trajectory
 from models.core.typing import FloatArray
+from pipeline.io.explanation_json import describe_explanation
+from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.run_trust import assess_run_trust, summarize_trust
 from video.io.clip import Clip
 
@@ -125,7 +127,7 @@ def write_states(ids: tuple[str, ...], t: FloatArray, state: State, path: Path) 
 
 
 def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
-    """Write scene.json: table, calibration, fitted model and trust level.
+    """Write scene.json: table, calibration, fitted model, trust level, explanation and places to check.
 
     Args:
         clip: The clip.
@@ -151,6 +153,8 @@ def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) 
         "balls": _describe_balls(tracks, fit),
         "fit": _describe_fit_quality(tracks, fit),
         "trust": summarize_trust(trust),
+        "explanation": describe_explanation(fit.explanation),
+        "check_here": _describe_check_places(scene, tracks, fit),
         "notes": [*clip.notes, *scene.notes],
         "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct_frames),
                  "repeats": np.flatnonzero(clip.is_duplicate).tolist(), "seconds": float(clip.t[-1])},
@@ -235,6 +239,22 @@ def _describe_balls(tracks: Tracks, fit: Fit) -> list[dict[str, Any]]:
 def _describe_state(t: float, state: Sequence[float] | FloatArray, covariance: FloatArray) -> dict[str, Any]:
     names = ("x", "y", "vx", "vy", "wx", "wy", "wz")
     return {"t": t, **dict(zip(names, state, strict=True)), "covariance": covariance.tolist()}
+
+
+def _describe_check_places(scene: Scene, tracks: Tracks, fit: Fit) -> list[dict[str, Any]]:
+    """Describe the places where the explanation is least sure or a track most likely wrong, worst first."""
+    from pipeline.reporting.text.check_sentences import format_check_place  # slow to import
+
+    return [
+        {
+            "frame": place.frame, "t": place.t, "balls": list(place.balls), "x": place.xy[0], "y": place.xy[1],
+            **dict(zip(("x_px", "y_px"), scene.camera.to_pixels(place.xy, scene.table.ball_radius, place.frame),
+                       strict=True)),
+            "uncertainty": place.uncertainty, "codes": list(dict.fromkeys(one.code for one in place.reasons)),
+            "reason": format_check_place(place),
+        }
+        for place in select_check_places(tracks, fit, scene.table)
+    ]  # fmt: skip
 
 
 def _describe_fit_quality(tracks: Tracks, fit: Fit) -> dict[str, float]:

@@ -68,7 +68,10 @@ CacheOption = Annotated[
     Path | None, typer.Option("--cache", help="Folder of the cache. Default: $TRUEROLL_CACHE, else ~/.cache/trueroll.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-DebugOption = Annotated[bool, typer.Option("--debug", help="Print the traceback of an error.")]
+DebugOption = Annotated[
+    bool,
+    typer.Option("--debug", help="Print the traceback of an error, and the cost before and after each pass of a fit."),
+]
 
 
 def open_cache(folder: Path | None) -> ResultCache:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
-from models.core.scene import CUSHIONS
-from models.estimation.contact_test.contact_moment import BallWindow, CushionLine, PossibleContact, make_ball_window
-from models.estimation.contact_test.contact_probability import evaluate_contact
+from models.estimation.contact_test.contact_moment import BallWindow, PossibleContact, make_ball_window
+from models.estimation.contact_test.contact_probability import ContactTestResult, evaluate_contact
 from models.estimation.contact_test.shot_record import ShotRecord
-from models.estimation.segmentation.contact_classification import INWARD_NORMALS, cushion_distances
 
 WINDOW_TIME = 0.4
 """s to either side of a moment: farther away, deviations of a table from the laws of rolling exceed the noise."""
@@ -23,8 +21,6 @@ SAME_MOMENT_TIME = 0.06
 """s: an event and a near pass so close in time are one moment."""
 REST_SPEED = 0.02
 """m/s below which a ball looks at rest."""
-MIN_PROBABILITY, MAX_PROBABILITY = 0.001, 0.999
-"""Limits of all probabilities: the images may not show what happened."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,72 +38,115 @@ class CandidateContact:
 
 
 def find_ball_candidates(record: ShotRecord, one: int, two: int) -> list[CandidateContact]:
-    """Find and evaluate every moment at which two balls may have touched."""
-    candidates = []
-    for t in _candidate_times(record, one, two):
-        parties = {record.ids[one], record.ids[two]}
-        try:
-            balls = tuple(cut_ball_window(record, t, ball, parties) for ball in (one, two))
-            question = PossibleContact(balls, 2 * record.table.ball_radius, record.reach_sigma)
-            candidates.append(_evaluate_candidate(question, one, record.ids[two], t))
-        except ValueError:  # too few samples for a test: use the event of the run
-            candidates.append(_candidate_from_events(record, one, two, t))
+    """Find every moment at which two balls may have touched, from the explanation of the shot.
+
+    Args:
+        record: The shot.
+        one: Index of a ball.
+        two: Index of the other ball.
+
+    Returns:
+        The moments, in order of time.
+    """
+    a, b = record.ids[one], record.ids[two]
+    candidates: list[CandidateContact] = []
+    for moment, probability in record.explanation.contacts_of(a, b):
+        gap, gap_sigma = _gap_at(record, one, two, moment.t)
+        candidate = CandidateContact(one, b, moment.t, moment.t_sigma, probability, gap, gap_sigma)
+        if candidates and abs(candidates[-1].t - moment.t) < SAME_MOMENT_TIME:  # told by both balls
+            if candidates[-1].probability >= probability:
+                continue
+            candidates.pop()
+        candidates.append(candidate)
     return candidates
 
 
 def find_cushion_candidates(record: ShotRecord, one: int) -> list[CandidateContact]:
-    """Find and evaluate every moment at which a ball met a cushion."""
-    events, candidates = record.events, []
-    for e in range(len(events)):
-        if events.kind[e] != "cushion" or events.a[e] != record.ids[one]:
-            continue
-        side, t = CUSHIONS.index(events.b[e]), float(events.t[e])
-        inward = INWARD_NORMALS[side]
-        nose = -float(cushion_distances(np.zeros(2), record.table)[side]) + record.table.ball_radius
-        from_event = CandidateContact(one, events.b[e], t, float(events.t_sigma[e]), float(events.probability[e]),
-                      float(events.gap[e]), float(events.gap_sigma[e]))  # fmt: skip
-        try:
-            balls = (cut_ball_window(record, t, one, {record.ids[one], events.b[e]}),)
-            question = PossibleContact(balls, record.table.ball_radius, record.nose_sigma, CushionLine(inward, nose))
-            candidates.append(_evaluate_candidate(question, one, events.b[e], t))
-        except ValueError:
-            candidates.append(from_event)
-    return candidates
+    """Find every moment at which a ball may have met a cushion, from the explanation of the shot.
+
+    Args:
+        record: The shot.
+        one: Index of the ball.
+
+    Returns:
+        The moments, in order of time.
+    """
+    name, nan = record.ids[one], float("nan")
+    return [
+        CandidateContact(one, hypothesis.other, moment.t, moment.t_sigma, hypothesis.probability, nan, nan)
+        for moment in record.explanation.moments
+        if moment.ball == name
+        for hypothesis in moment.hypotheses
+        if hypothesis.cause == "cushion"
+    ]
 
 
-def _evaluate_candidate(question: PossibleContact, one: int, other: str, t: float) -> CandidateContact:
-    result = evaluate_contact(question, t)
-    probability = float(np.clip(result.probability, MIN_PROBABILITY, MAX_PROBABILITY))
-    return CandidateContact(one, other, result.t, result.t_sigma, probability, result.gap, result.gap_sigma)
+def find_unexplained_changes(record: ShotRecord, one: int) -> list[tuple[float, float]]:
+    """Find when a moving ball changed its velocity for an unknown cause; a start that may be a strike is left out.
+
+    Args:
+        record: The shot.
+        one: Index of the ball.
+
+    Returns:
+        Time (s) and probability of each such moment.
+    """
+    return [
+        (moment.t, hypothesis.probability)
+        for moment in record.explanation.moments
+        if moment.ball == record.ids[one] and all(entry.cause != "strike" for entry in moment.hypotheses)
+        for hypothesis in moment.hypotheses
+        if hypothesis.cause == "unexplained"
+    ]
 
 
-def _candidate_from_events(record: ShotRecord, one: int, two: int, t: float) -> CandidateContact:
-    """Make a candidate from the events of the run, or else from the fitted paths alone."""
+def find_close_passes(record: ShotRecord) -> list[tuple[int, int, ContactTestResult]]:
+    """Find where two balls pass each other so closely that they may have touched, and test that.
+
+    Args:
+        record: The shot.
+
+    Returns:
+        The balls and the result of the contact test; moments of listed contacts are left out.
+    """
+    passes = []
+    for one in range(len(record.ids)):
+        for two in range(one + 1, len(record.ids)):
+            for t in _list_pass_times(record, one, two):
+                parties = {record.ids[one], record.ids[two]}
+                with suppress(ValueError, np.linalg.LinAlgError):  # too few samples for a test
+                    balls = tuple(cut_ball_window(record, t, ball, parties) for ball in (one, two))
+                    question = PossibleContact(balls, 2 * record.table.ball_radius, record.reach_sigma)
+                    passes.append((one, two, evaluate_contact(question, t)))
+    return passes
+
+
+def _gap_at(record: ShotRecord, one: int, two: int, t: float) -> tuple[float, float]:
+    """Return the gap of two balls on free paths, and its sigma, m: of the event at t, else of the fitted paths."""
     events, names = record.events, {record.ids[one], record.ids[two]}
     for e in range(len(events)):
-        if events.kind[e] == "ball" and {events.a[e], events.b[e]} == names and abs(events.t[e] - t) < SAME_MOMENT_TIME:
-            return CandidateContact(one, record.ids[two], t, *(float(v[e]) for v in (
-                events.t_sigma, events.probability, events.gap, events.gap_sigma)))  # fmt: skip
+        is_pair = events.kind[e] == "ball" and {events.a[e], events.b[e]} == names
+        if is_pair and abs(events.t[e] - t) < SAME_MOMENT_TIME and np.isfinite(events.gap[e]):
+            return float(events.gap[e]), float(events.gap_sigma[e])
     k = int(np.argmin(np.abs(record.moments - t)))
     gap = float(np.hypot(*(record.path[k, two] - record.path[k, one]))) - 2 * record.table.ball_radius
-    sigma = float(np.hypot(np.hypot(*record.path_sigma[k, [one, two]]), record.reach_sigma))
-    return CandidateContact(one, record.ids[two], t, float("nan"), float(ndtr(-gap / sigma)), gap, sigma)
+    return gap, float(np.hypot(np.hypot(*record.path_sigma[k, [one, two]]), record.reach_sigma))
 
 
-def _candidate_times(record: ShotRecord, one: int, two: int) -> list[float]:
-    """List the times (s) of events between two balls, and of near passes of their paths."""
-    events, names = record.events, {record.ids[one], record.ids[two]}
-    times = [float(events.t[e]) for e in range(len(events))
-             if events.kind[e] == "ball" and {events.a[e], events.b[e]} == names]  # fmt: skip
+def _list_pass_times(record: ShotRecord, one: int, two: int) -> list[float]:
+    """List the times (s) of near passes of two paths without a listed contact of the balls."""
+    names = record.ids[one], record.ids[two]
+    listed = [moment.t for moment, _ in record.explanation.contacts_of(*names)]
     distance = np.linalg.norm(record.path[:, two] - record.path[:, one], axis=1) - 2 * record.table.ball_radius
     speed = np.hypot(*(record.velocity[:, two] - record.velocity[:, one]).T)
     near = np.flatnonzero((distance < NEAR_PASS_RADII * record.table.ball_radius) & (speed > REST_SPEED))
+    times = []
     for group in np.split(near, np.flatnonzero(np.diff(near) > 1) + 1):
         if len(group):
             t = float(record.moments[group[np.argmin(distance[group])]])
-            if all(abs(t - recorded) > SAME_MOMENT_TIME for recorded in times):
+            if all(abs(t - recorded) > SAME_MOMENT_TIME for recorded in listed):
                 times.append(t)
-    return sorted(times)
+    return times
 
 
 def cut_ball_window(record: ShotRecord, t: float, ball: int, parties: set[str]) -> BallWindow:

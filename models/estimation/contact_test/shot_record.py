@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.scene import Camera, Table
+from models.core.shot_explanation import ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
@@ -24,6 +25,9 @@ NOSE_SIGMA = 2e-3
 """m: calibration errors and soft rubber, where a cushion was filmed."""
 MIN_RESIDUALS = 12
 """Least number of residuals that give the noise of a ball."""
+
+NO_EXPLANATION = ShotExplanation()
+"""Of a shot whose hypotheses are not weighed yet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +67,8 @@ class ShotRecord:
     table: Table
     camera: Camera | None
     """None where the folder does not contain the calibration."""
+    explanation: ShotExplanation
+    """What may have happened, with the weight of every hypothesis."""
 
     def ball_index(self, name: str) -> int:
         """Return the index of a ball; raise ValueError for an unknown name."""
@@ -129,7 +135,12 @@ class ShotRecord:
 
 
 def make_shot_record(
-    tracks: Tracks, events: Events, motion: Trajectory, table: Table, camera: Camera | None
+    tracks: Tracks,
+    events: Events,
+    motion: Trajectory,
+    table: Table,
+    camera: Camera | None,
+    explanation: ShotExplanation = NO_EXPLANATION,
 ) -> ShotRecord:
     """Make the record of a shot that was just fitted.
 
@@ -139,6 +150,7 @@ def make_shot_record(
         motion: Trajectory of the fit.
         table: The table.
         camera: The calibration, if any.
+        explanation: What may have happened.
 
     Returns:
         The record.
@@ -168,4 +180,5 @@ def make_shot_record(
         state.sigma,
         table,
         camera,
+        explanation,
     )

@@ -12,9 +12,9 @@ from models.estimation.break_shot.break_search import search_break
 from models.estimation.joint_fit.contact_cascades import find_segment_at
 from models.estimation.joint_fit.fit_solution import JointSolution, Observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.reconstruction.event_list import EventRow
 from models.estimation.reconstruction.trajectory_assembly import TrajectoryPiece, shift_polynomial
 from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.estimation.shot_hypotheses.event_row import EventRow
 from models.estimation.structure_search.rack_detection import find_break_shots, rest_start_time
 
 MAX_CHI2 = 20.0
@@ -81,7 +81,8 @@ def list_break_contacts(breaks: tuple[BreakPosterior, ...], ids: tuple[str, ...]
             ids[contact.a],
             ids[contact.b],
             contact.xy,
-            contact.probability,
+            "",
+            probability=contact.probability,
             speed=contact.speed,
         )
         for posterior in breaks

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.events import Events
-from models.core.scene import CUSHIONS, POCKETS, Table
+from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
@@ -21,6 +20,7 @@ from models.estimation.segmentation.contact_classification import (
     cushion_distances,
 )
 from models.estimation.segmentation.contact_graph import Contact
+from models.estimation.shot_hypotheses.event_row import EventRow
 from models.physics.billiards.cloth.closed_form_motion import (
     SEGMENT_STATE_SIZE,
     ClothFriction,
@@ -31,8 +31,6 @@ from models.physics.billiards.cloth.closed_form_motion import (
 
 GAP_HORIZON = 0.25
 """s: how far free paths are followed beyond a contact to find their least distance."""
-POCKET_REACH = 3.0
-"""Ball radii, plus the way of two frames: a track that ends so near to a pocket has been potted."""
 REST_DISTANCE_RADII = 0.025
 """Ball radii, about half a pixel: a ball with less left to go looks at rest. Real balls even roll back a little, into
 the dent that they make in the cloth, so that the moment of zero speed cannot be observed.
@@ -52,35 +50,17 @@ _NUDGE_RADII = 0.5
 """Ball radii: a smaller motion of an object ball by itself is a measurement error."""
 _UNOBSERVED_TIME_SHARE = 0.02
 """Share of the time without samples around a strike: uncertainty of the strike time."""
-_EVENT_PRICE = 20.0
-"""chi2 gain of an event with probability one half."""
 
 
-@dataclass(frozen=True, slots=True)
-class EventRow:
-    """One event, see `models.core.events.Events`."""
-
-    kind: str
-    t: float
-    t_sigma: float
-    a: str
-    b: str
-    xy: FloatArray
-    probability: float
-    gap: float = np.nan
-    gap_sigma: float = np.nan
-    speed: float = np.nan
-
-
-def build_events(
+def list_events(
     solution: JointSolution,
     tracks: Tracks,
     table: Table,
     chi2: FloatArray,
     pocketed: list[EventRow],
     break_contacts: list[EventRow],
-) -> Events:
-    """Build all events of a clip, including `break_contacts`.
+) -> list[EventRow]:
+    """List all events of a clip, including `break_contacts`; their probabilities are not known yet.
 
     `chi2` (S,) per segment inflates the errors of times where a segment fits badly.
     """
@@ -95,16 +75,7 @@ def build_events(
         event for event in events
         if event.kind not in ("rest", "cushion") or event.t < vanish.get(event.a, np.inf) - jaws
     ]  # fmt: skip
-    return collect_events([_limit_sigma(event, tracks) for event in _select_cue_strikes(selected, tracks)], tracks)
-
-
-def _select_cue_strikes(events: list[EventRow], tracks: Tracks) -> list[EventRow]:
-    """Drop strikes of object balls where a cue ball was struck: something else set them in motion."""
-    strikes = [event for event in events if event.kind == "strike"]
-    kinds = ("cue",) if "cue" in tracks.kinds else CUE_KINDS
-    cue_strikes = [event for event in strikes if tracks.kinds[tracks.ids.index(event.a)] in kinds]
-    accepted = cue_strikes or sorted(strikes, key=lambda event: event.t)[:1]
-    return [event for event in events if event.kind != "strike" or event in accepted]
+    return [_limit_sigma(event, tracks) for event in selected]
 
 
 def _limit_sigma(event: EventRow, tracks: Tracks) -> EventRow:
@@ -143,69 +114,6 @@ def frame_at(tracks: Tracks, t: FloatArray) -> FloatArray:
     return frames
 
 
-def find_pocketed_balls(solution: JointSolution, tracks: Tracks, table: Table) -> list[EventRow]:
-    """Find balls whose tracks end early, in motion, near a pocket."""
-    events = []
-    last_frame = len(tracks.t) - 1
-    for ball in range(len(tracks.ids)):
-        rows = np.flatnonzero(tracks.is_observed[:, ball])
-        if not table.pockets or len(rows) < 2 or rows[-1] > last_frame - 2:
-            continue
-        segment = solution.graph.segments_of_ball(ball)[-1]
-        if solution.graph.segments[segment].static:
-            events += _find_fall_from_jaws(solution, tracks, table, ball, segment, rows)
-            continue
-        events += _find_fall(solution, tracks, table, ball, segment, int(rows[-1]))
-    return events
-
-
-def _find_fall_from_jaws(
-    solution: JointSolution, tracks: Tracks, table: Table, ball: int, segment: int, rows: NDArray[np.int64]
-) -> list[EventRow]:
-    """Find the fall of a ball that stops in the jaws for up to three frames, then is gone."""
-    graph, interval = solution.graph, float(np.median(np.diff(tracks.t)))
-    last = float(tracks.t[rows[-1]])
-    distance = np.linalg.norm(table.pocket_centres - tracks.xy[rows[-1], ball], axis=1)
-    pocket = int(np.argmin(distance))
-    waited = last - graph.start_time(segment)
-    if (
-        graph.segments[segment].start is None
-        or waited > 3 * interval
-        or distance[pocket] > POCKET_REACH * table.ball_radius
-    ):
-        return []
-    x = tracks.xy[rows[-1], ball]
-    return [EventRow("pocket", last + 0.5 * interval, interval, tracks.ids[ball], POCKETS[pocket], x, 0.9)]
-
-
-def _find_fall(
-    solution: JointSolution, tracks: Tracks, table: Table, ball: int, segment: int, row: int
-) -> list[EventRow]:
-    """Find the fall of a ball whose path leads into a pocket."""
-    graph, interval = solution.graph, float(np.median(np.diff(tracks.t)))
-    state, begin = graph.segments[segment].state, graph.start_time(segment)
-    t = max(float(tracks.t[row]), begin) + np.linspace(0, 8 * interval, 161)
-    path = evaluate_kinematics(np.repeat(state[None], len(t), axis=0), t - begin, solution.friction)
-    speed = float(np.hypot(*path[0, 2:4]))
-    distance = np.linalg.norm(path[:, None, :2] - table.pocket_centres, axis=2)  # (161, 6)
-    pocket = int(np.argmin(distance.min(axis=0)))
-    here = float(np.linalg.norm(tracks.xy[row, ball] - table.pocket_centres[pocket]))
-    reach = POCKET_REACH * table.ball_radius
-    if here > reach + 2 * interval * speed or distance[:, pocket].min() > reach or speed < 0.02:
-        return []
-    inside = np.flatnonzero(distance[:, pocket] < max(1.0 * table.ball_radius, distance[:, pocket].min() + 1e-4))
-    when = float(t[inside[0]])
-    sigma = max(0.5 * interval, 0.5 * table.ball_radius / max(speed, 0.05))
-    return [
-        EventRow("pocket", when, sigma, tracks.ids[ball], POCKETS[pocket], path[inside[0], :2], 0.95, speed=speed)
-    ]  # fmt: skip
-
-
-def probability_from_gain(gain: float) -> float:
-    """Return the probability of a contact from the chi2 that it improves."""
-    return float(np.clip(1 / (1 + np.exp(np.clip(-(gain - _EVENT_PRICE) / 2, -40, 40))), 0.001, 0.999))
-
-
 def _list_contact_events(
     solution: JointSolution,
     layout: ParameterLayout,
@@ -229,13 +137,16 @@ def _list_contact_events(
     excess = max(1.0, float(np.nanmax(around)) if np.isfinite(around).any() else 1.0)
     sigma = float(np.sqrt(solution.covariance[layout.contact + number, layout.contact + number] * excess))
     after = [segments[k].state for k in contact.after]
-    probability = probability_from_gain(contact.gain)
     if contact.kind == "strike":
         speed = float(np.hypot(*after[0][2:4]))
         hitter = None if tracks.kinds[balls[0]] in CUE_KINDS else _find_hitting_ball(solution, contact, tracks, table)
         if hitter is not None:
             sigma = max(sigma, 0.5 * float(np.median(np.diff(tracks.t))))
-            return [EventRow("ball", contact.t, sigma, ids[hitter], ids[balls[0]], after[0][:2], 0.7, speed=speed)]
+            return [
+                EventRow(
+                    "ball", contact.t, sigma, ids[hitter], ids[balls[0]], after[0][:2], "passing", number, speed=speed
+                )
+            ]
         times = tracks.t[tracks.is_observed[:, balls[0]]]
         row = int(np.clip(np.searchsorted(times, contact.t), 1, max(len(times) - 1, 1)))
         gap = float(times[row] - times[row - 1]) if len(times) > 1 else 0.0
@@ -243,7 +154,8 @@ def _list_contact_events(
         distance = np.linalg.norm(end_state(solution, contact.after[0])[:2] - after[0][:2])
         if tracks.kinds[balls[0]] not in CUE_KINDS and distance < _NUDGE_RADII * table.ball_radius:
             return []
-        return [EventRow("strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], probability, speed=speed)]
+        category = "strike" if tracks.kinds[balls[0]] in CUE_KINDS else "object_strike"
+        return [EventRow("strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], category, number, speed=speed)]
     before = [end_state(solution, k) for k in contact.before]
     if contact.kind == "cushion":
         side = CUSHIONS.index(contact.cushion)
@@ -257,10 +169,11 @@ def _list_contact_events(
                 ids[balls[0]],
                 contact.cushion,
                 after[0][:2],
-                probability,
-                gap,
-                gap_sigma,
-                speed,
+                "cushion",
+                number,
+                gap=gap,
+                gap_sigma=gap_sigma,
+                speed=speed,
             )
         ]
         return events + _list_stopped_balls(solution, layout, number, contact, ids)
@@ -272,7 +185,17 @@ def _list_contact_events(
     gap, gap_sigma = _ball_gap(solution, layout, contact, table)
     events = [
         EventRow(
-            "ball", contact.t, sigma, ids[balls[0]], ids[balls[1]], after[0][:2], probability, gap, gap_sigma, speed
+            "ball",
+            contact.t,
+            sigma,
+            ids[balls[0]],
+            ids[balls[1]],
+            after[0][:2],
+            "ball",
+            number,
+            gap=gap,
+            gap_sigma=gap_sigma,
+            speed=speed,
         )
     ]
     return events + _list_stopped_balls(solution, layout, number, contact, ids)
@@ -304,7 +227,7 @@ def _find_unmodelled_contact(
     if any(graph.balls_at(c) == {ball, other} for c in near):  # it is in the graph already
         return []
     sigma = max(float(np.sqrt(solution.covariance[(layout.contact + number,) * 2])), _CONTACT_PLACE_SIGMA / closing)
-    return [EventRow("ball", contact.t, sigma, ids[ball], ids[other], incoming[:2], 0.7, speed=closing)]
+    return [EventRow("ball", contact.t, sigma, ids[ball], ids[other], incoming[:2], "passing", number, speed=closing)]
 
 
 def _find_hitting_ball(solution: JointSolution, contact: Contact, tracks: Tracks, table: Table) -> int | None:
@@ -346,7 +269,8 @@ def _list_stopped_balls(
             ids[segments[two].ball],
             "",
             segments[two].state[:2],
-            probability_from_gain(contact.gain),
+            "rest",
+            number,
         )
         for one, two in zip(contact.before, contact.after, strict=True)
         if segments[two].static and not segments[one].static and sigma < _MAX_TIME_SIGMA
@@ -371,7 +295,7 @@ def _find_rests(solution: JointSolution, layout: ParameterLayout, tracks: Tracks
             _starts_at_rest(solution, k) and np.linalg.norm(place - segment.state[:2]) < _MIN_ROLL_DISTANCE
         ):
             continue
-        events.append(EventRow("rest", t, sigma, tracks.ids[segment.ball], "", place, 0.99))
+        events.append(EventRow("rest", t, sigma, tracks.ids[segment.ball], "", place, "rest"))
     return events
 
 

@@ -16,6 +16,7 @@ from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.break_shot.break_posterior import BreakPosterior
+from models.estimation.contact_test.candidate_contacts import find_close_passes
 from models.estimation.contact_test.shot_record import make_shot_record
 from models.estimation.joint_fit.fit_solution import (
     JointSolution,
@@ -41,15 +42,19 @@ from models.estimation.reconstruction.break_refinement import (
 )
 from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.contact_time_refinement import refine_contact_times
-from models.estimation.reconstruction.event_list import build_events, find_pocketed_balls, frame_at
+from models.estimation.reconstruction.event_list import collect_events, frame_at, list_events
 from models.estimation.reconstruction.noise_reestimation import reestimate_noise
+from models.estimation.reconstruction.pocket_events import find_pocketed_balls
+from models.estimation.reconstruction.shot_moments import add_close_passes, align_moments, convert_times
 from models.estimation.reconstruction.trajectory_assembly import build_measured_pieces, build_pieces, pack_trajectory
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
 from models.estimation.segmentation.contact_graph import ContactGraph
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
 from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
+from models.estimation.shot_hypotheses.weigh_hypotheses import weigh_events
 from models.estimation.structure_search.initial_rests import insert_initial_rests
 from models.estimation.structure_search.missed_cushions import refit_rebounds
+from models.estimation.structure_search.pass_log import log_pass
 from models.estimation.structure_search.strike_times import refit_strikes
 from models.estimation.structure_search.structure_revision import remove_unexplained_contacts, revise_graph
 from models.tracking.track_noise import (
@@ -106,14 +111,21 @@ def fit_with_solution(
         fit, solution = _fit_tracks(capture_tracks, clock.sigma, scene.table, options, progress)
     except np.linalg.LinAlgError as failure:
         fit = _fit_without_physics(capture_tracks, options, f"The fit failed: {failure}; paths are as measured.")
-    refined = (
-        refine_contact_times(make_shot_record(capture_tracks, fit.events, fit.trajectory, scene.table, scene.camera))
-        if len(tracks.t)
-        else fit.events
-    )
+    if len(tracks.t):
+        fit = _refine_events(fit, capture_tracks, scene)
     return _convert_to_presentation_time(
-        replace(fit, events=refined, trust=add_warnings(fit.trust, scene.warnings)), tracks, clock
+        replace(fit, trust=add_warnings(fit.trust, scene.warnings)), tracks, clock
     ), solution
+
+
+def _refine_events(fit: Fit, tracks: Tracks, scene: Scene) -> Fit:
+    """Refine the times of ball contacts by exact physics, and test the passes that may have been grazes."""
+    arguments = fit.trajectory, scene.table, scene.camera
+    events = refine_contact_times(make_shot_record(tracks, fit.events, *arguments))
+    explanation = align_moments(fit.explanation, events)
+    passes = find_close_passes(make_shot_record(tracks, events, *arguments, explanation))
+    events, explanation = add_close_passes(events, explanation, passes, tracks)
+    return replace(fit, events=events, explanation=explanation)
 
 
 def fit_contact_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options: FitOptions = FitOptions()) -> Fit:
@@ -135,10 +147,7 @@ def fit_contact_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options
     fit = _build_fit_result(
         add_covariance(solution, observations, scene.table), (), tracks, tracks, observations, scene.table, options
     )
-    return replace(
-        fit,
-        events=refine_contact_times(make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera)),
-    )
+    return _refine_events(fit, tracks, scene)
 
 
 def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock) -> Fit:
@@ -152,6 +161,7 @@ def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock)
         t_sigma=fit.events.t_sigma * clock.presentation_rate_at(fit.events.t),
         frame=frame_at(tracks, t),
     )
+    explanation = convert_times(fit.explanation, clock)
     motion = fit.trajectory
     motion = replace(
         motion, start=clock.presentation_time_at(motion.start), end=clock.presentation_time_at(motion.end), clock=clock
@@ -160,7 +170,13 @@ def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock)
     note = (
         f"Frames were dropped, duplicated or late: their capture times deviate by up to {1e3 * np.ptp(offset):.0f} ms."
     )
-    return replace(fit, events=events, trajectory=motion, trust=Trust(fit.trust.level, (*fit.trust.reasons, note)))
+    return replace(
+        fit,
+        events=events,
+        trajectory=motion,
+        explanation=explanation,
+        trust=Trust(fit.trust.level, (*fit.trust.reasons, note)),
+    )
 
 
 def _fit_tracks(
@@ -174,34 +190,42 @@ def _fit_tracks(
     all_observations = observations = collect_observations(selected)
     if len(observations.t) == 0:
         return _fit_without_physics(tracks, options, "No ball was detected."), None
-    graph = _build_initial_graph(selected, table, options)
+    prices, rounds = (options.break_price, options.free_price), 1 if options.quick else 3
+
+    def log(name: str, after: JointSolution) -> JointSolution:
+        return log_pass(name, solution, after, prices)
+
+    solution = refine_graph(
+        _build_initial_graph(selected, table, options), observations, table, iterations=10 if options.quick else 30
+    )
     progress(0.4)
-    solution = refine_graph(graph, observations, table, iterations=10 if options.quick else 30)
-    prices = options.break_price, options.free_price
-    solution = insert_initial_rests(solution, observations, selected, table, prices)
-    solution = refit_rebounds(refit_strikes(solution, observations, table), observations, table)
+    solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
+    solution = log("strike times", refit_strikes(solution, observations, table))
+    solution = log("rebounds", refit_rebounds(solution, observations, table))
     progress(0.6)
-    rounds = 1 if options.quick else 3
-    solution = revise_graph(solution, observations, table, options.break_price, options.free_price, rounds)
-    solution = insert_initial_rests(solution, observations, selected, table, prices)
+    solution = log("structure search", revise_graph(solution, observations, table, *prices, rounds))
+    solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
     reestimated = reestimate_noise(selected, tracks, noise, solution, observations)
     if reestimated is not None:
         selected = reestimated
         observations = replace(observations, whiten=collect_observations(selected).whiten)
-        solution = refine_graph(solution.graph, observations, table, initial=solution)
-        solution = revise_graph(solution, observations, table, options.break_price, options.free_price, rounds)
-    solution = refit_rebounds(refit_strikes(solution, observations, table), observations, table)
+        solution = log("new noise", refine_graph(solution.graph, observations, table, initial=solution))
+        solution = log("structure search", revise_graph(solution, observations, table, *prices, rounds))
+    solution = log("strike times", refit_strikes(solution, observations, table))
+    solution = log("rebounds", refit_rebounds(solution, observations, table))
     breaks: tuple[BreakPosterior, ...] = ()
     if not options.quick:
-        solution, observations, breaks = reconstruct_breaks(solution, observations, table)
+        after_breaks, observations, breaks = reconstruct_breaks(solution, observations, table)
+        solution = log("simulated breaks", after_breaks)
         if breaks:
             all_observations = select_outside_breaks(all_observations, breaks)
-            solution = revise_graph(solution, observations, table, options.break_price, options.free_price, 1)
+            solution = log("structure search", revise_graph(solution, observations, table, *prices, 1))
     excess = _excess_chi2(solution, observations)
     if np.any(excess > 1.5):  # systematic model errors count as noise
         observations = replace(observations, whiten=observations.whiten / np.sqrt(excess)[:, None, None])
-        solution = refine_graph(solution.graph, observations, table, iterations=10, initial=solution)
-        solution = remove_unexplained_contacts(solution, observations, table, options.free_price)
+        solution = log("misfit as noise", refine_graph(solution.graph, observations, table, 10, solution))
+        fewer = remove_unexplained_contacts(solution, observations, table, options.free_price)
+        solution = log("remove needless contacts", fewer)
     progress(0.9)
     solution = add_covariance(solution, observations, table)
     fit = _build_fit_result(solution, breaks, tracks, selected, all_observations, table, options)
@@ -260,7 +284,8 @@ def _build_fit_result(
     )
     chi2, _, _ = evaluate_segment_chi2(solution, observations)
     pocketed = find_pocketed_balls(solution, tracks, table)
-    events = build_events(solution, tracks, table, chi2, pocketed, list_break_contacts(breaks, tracks.ids))
+    rows = list_events(solution, tracks, table, chi2, pocketed, list_break_contacts(breaks, tracks.ids))
+    weighed, explanation = weigh_events(rows, solution, observations, tracks, table, chi2)
     ends = {tracks.ids.index(event.a): event.t for event in pocketed}
     unfitted_balls = [
         ball
@@ -281,7 +306,7 @@ def _build_fit_result(
     share, seconds = _share_of_accepted_time(original.t, moving, accepted)
     chi2_all, noise = _summarize_misfit(solution, observations, is_accepted)
     return Fit(
-        events,
+        collect_events(weighed, tracks),
         trajectory,
         _list_coefficients(solution),
         noise,
@@ -295,6 +320,7 @@ def _build_fit_result(
             seconds,
             _list_warnings(solution, original.ids, [original.ids[ball] for ball in unfitted_balls]),
         ),
+        explanation,
     )
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.scene import Table
-from models.core.typing import IntArray
 from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.segmentation.contact_graph import ContactGraph
@@ -15,7 +14,6 @@ from models.estimation.structure_search.ball_encounters import (
     LOCAL_ITERATIONS,
     SearchCache,
     frame_interval,
-    refine_subgraph,
     total_cost,
 )
 from models.estimation.structure_search.contact_partners import (
@@ -23,6 +21,7 @@ from models.estimation.structure_search.contact_partners import (
     find_partners,
     join_by_ball_contact,
 )
+from models.estimation.structure_search.local_costs import refine_differences
 from models.estimation.structure_search.missed_cushions import classify_cushion_turns, insert_crossed_cushions
 
 LOCAL_SLACK = 3.0
@@ -57,11 +56,10 @@ def explain_causeless_changes(
             number += 1
             continue
         cache.required.add(key)
-        owner = assign_observations(graph, observations)
         best = None
         for partner in find_partners(solution, observations, number, table):
             joined = join_by_ball_contact(solution, observations, number, partner, table)
-            if joined is not None and _gains_locally(solution, joined, observations, owner, table, prices):
+            if joined is not None and _gains_locally(solution, joined, observations, table, prices):
                 trial = _refine_trial(joined, solution, observations, table)
                 if total_cost(trial, prices) < total_cost(best or solution, prices):
                     best = trial
@@ -73,36 +71,14 @@ def explain_causeless_changes(
 
 
 def _gains_locally(
-    solution: JointSolution,
-    joined: ContactGraph,
-    observations: Observations,
-    owner: IntArray,
-    table: Table,
-    prices: tuple[float, float],
+    solution: JointSolution, joined: ContactGraph, observations: Observations, table: Table, prices: tuple[float, float]
 ) -> bool:
     """Return whether the segments that a new graph changes cost less with it, or little more."""
-    graph = solution.graph
-    old = {
-        k
-        for k, segment in enumerate(graph.segments)
-        if segment != joined.segments[k] or _contacts_around(graph, k) != _contacts_around(joined, k)
-    }
-    rows = np.isin(owner, list(old))
-    if not rows.any():
+    parts = refine_differences(solution, solution.graph, joined, observations, table)
+    if parts is None:
         return False
-    local = Observations(
-        observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
-    )
-    new = old | set(range(len(graph.segments), len(joined.segments)))
-    before = refine_subgraph(solution, graph, sorted(old), local, table)
-    after = refine_subgraph(solution, joined, sorted(new), local, table)
-    return total_cost(after, prices) < total_cost(before, prices) + LOCAL_SLACK * prices[1]
-
-
-def _contacts_around(graph: ContactGraph, k: int) -> tuple[object, ...]:
-    """Return the contacts at the ends of a segment."""
-    ends = (graph.segments[k].start, graph.segments[k].end)
-    return tuple(None if c is None else (graph.contacts[c].kind, graph.contacts[c].t) for c in ends)
+    before, after = (total_cost(part, prices) for part in parts)
+    return after < before + LOCAL_SLACK * prices[1]
 
 
 def _refine_trial(

@@ -44,7 +44,7 @@ def remove_false_contacts(
         key = (*sorted(solution.graph.balls_at(contact)), round(contact.t, 2))
         if worst[number] < BENT_CHI2 or key in cache.required:
             continue
-        trial = refine_graph(_separate_balls(solution.graph, number), observations, table, TRIAL_ITERATIONS, solution)
+        trial = refine_graph(separate_balls(solution.graph, number), observations, table, TRIAL_ITERATIONS, solution)
         if total_cost(trial, prices) < total_cost(solution, prices):
             solution = refine_graph(trial.graph, observations, table, initial=trial)
         else:
@@ -52,8 +52,16 @@ def remove_false_contacts(
     return solution
 
 
-def _separate_balls(graph: ContactGraph, number: int) -> ContactGraph:
-    """Replace a ball contact by separate velocity changes of each ball; the first one keeps the index."""
+def separate_balls(graph: ContactGraph, number: int) -> ContactGraph:
+    """Replace a ball contact by separate velocity changes of each ball.
+
+    Args:
+        graph: The contact graph.
+        number: The ball contact.
+
+    Returns:
+        The graph; the change of the first ball keeps the index, that of the other one is the last contact.
+    """
     contact, segments, contacts = graph.contacts[number], list(graph.segments), list(graph.contacts)
     for slot, index in ((0, number), (1, len(contacts))):
         before, after = contact.before[slot], contact.after[slot]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from models.estimation.structure_search.missed_cushions import (
     insert_crossed_cushions,
     split_corner_contacts,
 )
+from models.estimation.structure_search.pass_log import log_pass
 from models.estimation.structure_search.simultaneous_starts import resolve_simultaneous_starts
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
@@ -41,12 +43,27 @@ END_TOLERANCE = 0.03
 """s: a contact so shortly before a velocity change is its cause."""
 CERTAIN_GAIN = 3000.0
 """chi2: a contact that improves so much is not evaluated again."""
+CERTAIN_CHANGE, SHORT_REST = 1e3, 3
+"""chi2 that stands for the gain of a start from rest or a stop, which is not evaluated; and samples of a rest at the
+start of a clip up to which it is: a ball that comes from there may fit as well.
+"""
 REQUIRED_GAIN = 20.0
 """chi2: least gain of a contact that the whole clip needs."""
 GRACE_PRICES = 3.0
 """Prices by which local revisions may raise the total cost until needless contacts are removed."""
 MAX_INSERTION_ROUNDS = 6
 """Successive rounds: one contact often reveals the next."""
+
+
+@dataclass(frozen=True, slots=True)
+class StructureSearch:
+    """What every pass of the search uses."""
+
+    observations: Observations
+    table: Table
+    prices: tuple[float, float]
+    """chi2 that contacts with a cause and without cost."""
+    cache: SearchCache
 
 
 def revise_graph(
@@ -70,28 +87,34 @@ def revise_graph(
     Returns:
         The refined solution of the revised graph.
     """
-    cache = SearchCache()
+    search = StructureSearch(observations, table, (break_price, free_price), SearchCache())
     for _ in range(rounds):
-        solution = _insert_passing_contacts(solution, observations, table, break_price, free_price, cache)
-        graph = classify_cushion_turns(solution, table)
-        graph = _pair_unexplained_changes(solution, graph, observations, table)
-        graph = _explain_vanished_balls(solution, graph, observations, table)
-        graph = split_corner_contacts(solution, graph, table)
-        graph = insert_crossed_cushions(solution, graph, observations, table)
-        before, solution = solution, _refine_if_better(solution, graph, observations, table, (break_price, free_price))
-        solution = resolve_simultaneous_starts(solution, observations, table, (break_price, free_price))
-        solution = explain_causeless_changes(solution, observations, table, (break_price, free_price), cache)
-        solution = insert_corner_cushions(solution, observations, table, (break_price, free_price))
-        solution = complete_chains(solution, observations, table, (break_price, free_price), cache)
-        solution = remove_false_contacts(solution, observations, table, (break_price, free_price), cache)
-        changed = solution is not before
-        gains = _evaluate_gains(solution, observations, table, cache)
-        fewer = _prune_contacts(solution, gains, observations, table, (break_price, free_price))
-        done = len(fewer.graph.contacts) == len(gains) and not changed
-        solution = fewer
-        if done:
+        found = solution
+        for name, revise in PASSES:
+            found = log_pass(name, found, revise(found, search), search.prices)
+            if name == LOCAL_PASS:
+                before = found  # what this pass inserts comes up again with the next round's changes
+        gains = _evaluate_gains(found, observations, table, search.cache)
+        solution = log_pass(
+            "remove needless contacts",
+            found,
+            _prune_contacts(found, gains, observations, table, search.prices),
+            search.prices,
+        )
+        if found is before and len(solution.graph.contacts) == len(gains):
             break
     return solution
+
+
+def _revise_locally(solution: JointSolution, search: StructureSearch) -> JointSolution:
+    """Apply the first local revision that changes the graph; keep it if the total cost does not rise too much."""
+    observations, table = search.observations, search.table
+    graph = classify_cushion_turns(solution, table)
+    graph = _pair_unexplained_changes(solution, graph, observations, table)
+    graph = _explain_vanished_balls(solution, graph, observations, table)
+    graph = split_corner_contacts(solution, graph, table)
+    graph = insert_crossed_cushions(solution, graph, observations, table)
+    return _refine_if_better(solution, graph, observations, table, search.prices)
 
 
 def _refine_if_better(
@@ -154,6 +177,19 @@ def _insert_paying_proposals(
     rest = [other for other in proposals[half:] if not other.segments & one]
     solution, two = _insert_paying_proposals(solution, rest, observations, table, prices)
     return solution, one | two
+
+
+LOCAL_PASS = "insert passing contacts"
+PASSES: tuple[tuple[str, Callable[[JointSolution, StructureSearch], JointSolution]], ...] = (
+    (LOCAL_PASS, lambda one, s: _insert_passing_contacts(one, s.observations, s.table, *s.prices, s.cache)),
+    ("revise locally", _revise_locally),
+    ("connect starts", lambda one, s: resolve_simultaneous_starts(one, s.observations, s.table, s.prices)),
+    ("explain causeless", lambda one, s: explain_causeless_changes(one, s.observations, s.table, s.prices, s.cache)),
+    ("corner cushions", lambda one, s: insert_corner_cushions(one, s.observations, s.table, s.prices)),
+    ("complete chains", lambda one, s: complete_chains(one, s.observations, s.table, s.prices, s.cache)),
+    ("remove false contacts", lambda one, s: remove_false_contacts(one, s.observations, s.table, s.prices, s.cache)),
+)
+"""The passes of one round, in this order."""
 
 
 def remove_unexplained_contacts(
@@ -245,10 +281,12 @@ def _evaluate_gain(
     contact, segments = solution.graph.contacts[number], solution.graph.segments
     if contact.gain > CERTAIN_GAIN:
         return contact.gain
-    if any(segments[k].static for k in (*contact.before, *contact.after)):
-        return max(contact.gain, 1e3)
     excerpt, selection = solution.graph.extract_contact(number)
     rows = np.isin(owner, selection)
+    rest = contact.before[0]
+    is_short_rest = contact.kind == "strike" and segments[rest].start is None and (owner == rest).sum() <= SHORT_REST
+    if any(segments[k].static for k in (*contact.before, *contact.after)) and not is_short_rest:
+        return max(contact.gain, CERTAIN_CHANGE)
     if contact.kind != "ball" and min(int((owner == k).sum()) for k in selection) <= 1:
         return (
             refine_graph(
@@ -257,13 +295,15 @@ def _evaluate_gain(
             - solution.chi2
         )
     if rows.sum() < 3:
-        return max(contact.gain, 1e3)
+        return max(contact.gain, CERTAIN_CHANGE)
     local = Observations(
         observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
     )
     whole = excerpt.remove_contact(0)
     states = [_guess_joined_state(solution, excerpt, local, k) for k in range(len(contact.before))]
-    whole = ContactGraph(tuple(replace(s, state=state) for s, state in zip(whole.segments, states, strict=True)), ())
+    whole = ContactGraph(
+        tuple(replace(s, static=False, state=state) for s, state in zip(whole.segments, states, strict=True)), ()
+    )
     split = refine_graph(excerpt, local, table, iterations=12, initial=solution)
     joined = min(
         refine_graph(w, local, table, iterations=12, initial=solution).chi2 for w in (whole, excerpt.remove_contact(0))

@@ -62,7 +62,7 @@ def _answer_to_json(answer: CallAnswer, question: list[str], pictures: list[Path
     return {
         "question": " ".join(question), "verdict": answer.verdict,
         **{name: value if value == value else None for name, value in numbers.items()},
-        "sentence": answer.sentence, "moved": list(answer.moved),
+        "reason": answer.reason or None, "sentence": answer.sentence, "moved": list(answer.moved),
         "alternatives": [{"answer": name, "probability": p} for name, p in answer.alternatives],
         "pictures": [str(path) for path in pictures], "no_picture": why_not or None,
     }  # fmt: skip

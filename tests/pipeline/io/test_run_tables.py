@@ -188,3 +188,25 @@ def test_a_shot_in_which_nothing_was_seen_still_makes_whole_files(
     assert rows(tmp_path / "tracks.csv", TRACKS) == []
     assert rows(tmp_path / "trajectory.csv", TRAJECTORY) == []
     assert json.loads((tmp_path / "scene.json").read_text())["balls"] == []
+
+
+def test_scene_json_lists_the_places_to_check(clip: Clip, scene: Scene, tracks: Tracks, tmp_path: Path) -> None:
+    write_scene(clip, scene, tracks, shot.make_unsure_fit(tracks.t), tmp_path / "scene.json")
+    first, second = json.loads((tmp_path / "scene.json").read_text(encoding="utf-8"))["check_here"]
+    expected = {
+        "frame": 15, "t": 0.5, "balls": ["white"], "x": 0.7, "y": 0.5, "uncertainty": pytest.approx(0.39),
+        "codes": ["undecided"],
+        "reason": "white: what it met at 0.50 s is unsure: right cushion 61 %, unexplained 39 %; too few frames show"
+        " the motion before or after.",
+    }  # fmt: skip
+    px = scene.camera.to_pixels(np.array([0.7, 0.5]), scene.table.ball_radius)
+    assert [first.pop("x_px"), first.pop("y_px")] == pytest.approx(list(px))
+    assert first == expected
+    assert (second["balls"], second["frame"]) == (["white", "red"], 21)
+
+
+def test_scene_json_of_a_sure_shot_has_no_place_to_check(
+    clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, tmp_path: Path
+) -> None:
+    write_scene(clip, scene, tracks, fit, tmp_path / "scene.json")
+    assert json.loads((tmp_path / "scene.json").read_text(encoding="utf-8"))["check_here"] == []

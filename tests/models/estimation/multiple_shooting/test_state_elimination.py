@@ -7,12 +7,7 @@ import pytest
 
 from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
-from models.estimation.multiple_shooting.state_elimination import (
-    ShotBlock,
-    eliminate_states,
-    log_determinant,
-    solve_damped,
-)
+from models.estimation.multiple_shooting.state_elimination import ShotBlock, eliminate_states, log_determinant
 
 SHARED, STATES = 3, (4, 6)
 
@@ -75,15 +70,6 @@ def test_information_about_shared_parameters_is_the_schur_complement() -> None:
     assert np.isclose(whole_log, parts + np.linalg.slogdet(fitted)[1])
 
 
-def test_an_unconstrained_parameter_does_not_move() -> None:
-    assert np.allclose(solve_damped(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), 0.0), [0.5, 0.0])
-
-
-def test_equations_that_are_not_finite_are_refused() -> None:
-    with pytest.raises(np.linalg.LinAlgError, match="not finite"):
-        solve_damped(np.full((2, 2), np.nan), np.ones(2), 0.0)
-
-
 @pytest.mark.parametrize("rho", [0.5, 0.8])
 def test_the_correlation_factor_equals_that_of_an_autoregression(rho: float) -> None:
     rng, series = np.random.default_rng(3), []
@@ -105,11 +91,3 @@ def test_states_follow_a_bounded_step() -> None:
     states = whole[:, :10]
     expected = np.linalg.solve(states.T @ states, -states.T @ (residual + whole[:, 10:] @ step))
     assert np.allclose(np.concatenate(inner), expected, rtol=1e-6)
-
-
-def test_negative_rounding_errors_leave_the_rest_solved() -> None:
-    """Two indistinguishable parameters, with slightly negative information about their difference: the sum is known."""
-    normal = np.array([[1.0, 1.0 + 1e-9, 0.0], [1.0 + 1e-9, 1.0, 0.0], [0.0, 0.0, 4.0]])
-    result = solve_damped(normal, np.array([1.0, 1.0, 8.0]), 0.0)
-    assert np.allclose([result[0] + result[1], result[2]], [1.0, 2.0], atol=1e-6)
-    assert solve_damped(normal, np.eye(3), 0.0).shape == (3, 3)

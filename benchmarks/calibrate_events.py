@@ -1,0 +1,269 @@
+"""Learn the probability of an event from its evidence, on shots of another engine with damaged detections.
+
+    python -m benchmarks.calibrate_events [--shots N] [--seed S] [--jobs N] [--work DIR] [--write]
+
+Simulates and films random shots (`worlds/billiards.py`), damages their detections, fits them, and compares every
+hypothesis with the truth. A logistic model with a Gaussian prior on its weights is fitted to the evidence; half of the
+shots are held out for the printed reliability. `--write` replaces the coefficients of the program. The seed is none of
+those of `benchmarks.stress`. Takes two seconds per shot.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations, pairwise
+from pathlib import Path
+from typing import get_args
+
+from pipeline.engine.process_setup import limit_library_threads
+
+limit_library_threads()
+
+import numpy as np  # noqa: E402
+from scipy.optimize import minimize  # noqa: E402
+from scipy.special import expit  # noqa: E402
+
+from benchmarks.stress_cases.ball_matching import BallMatch, match_balls, match_events  # noqa: E402
+from benchmarks.stress_cases.case_scores import judge_call  # noqa: E402
+from benchmarks.stress_cases.detection_damage import DETECTION_DAMAGES, NothingToDamage  # noqa: E402
+from benchmarks.stress_cases.shot_truth import ShotTruth  # noqa: E402
+from benchmarks.stress_cases.stress_chain import Call, FittedShot, fit_recording  # noqa: E402
+from benchmarks.stress_cases.synthetic_shots import (  # noqa: E402
+    DrawnShot,
+    draw_synthetic_shot,
+    film_synthetic_shot,
+    simulate_shots,
+)
+from benchmarks.support.run_folder import ROOT  # noqa: E402
+from models.core.events import Events  # noqa: E402
+from models.core.typing import FloatArray, IntArray  # noqa: E402
+from models.estimation.contact_test.candidate_contacts import find_ball_candidates  # noqa: E402
+from models.estimation.contact_test.shot_record import make_shot_record  # noqa: E402
+from models.estimation.contact_test.unlisted_contacts import PairClass, classify_pair  # noqa: E402
+from models.estimation.reconstruction.event_list import frame_at  # noqa: E402
+from models.estimation.shot_hypotheses import event_probability  # noqa: E402
+from models.estimation.shot_hypotheses.event_evidence import EVIDENCE_NAMES  # noqa: E402
+from models.estimation.shot_hypotheses.event_probability import CATEGORIES  # noqa: E402
+
+WEIGHT_SIGMA, BIAS_SIGMA = 2.0, 3.0
+"""Standard deviations of the Gaussian priors on the weights and on the biases."""
+UNDAMAGED_SHARE = 0.25
+"""Share of the shots that are not damaged."""
+
+
+@dataclass(frozen=True)
+class LabelledHypothesis:
+    """One hypothesis of a fit, and whether it is true."""
+
+    category: str
+    evidence: tuple[float, ...]
+    is_true: bool
+    shot: int
+
+
+@dataclass(frozen=True)
+class LabelledPair:
+    """Two balls of which no contact is listed: their class, and whether they touched."""
+
+    kind: str
+    is_true: bool
+
+
+def label_shot(number: int, seed: int, work: Path) -> tuple[list[LabelledHypothesis], list[LabelledPair]]:
+    """Fit a simulated shot and compare its hypotheses with the truth.
+
+    Args:
+        number: Number of the shot.
+        seed: Seed of all shots.
+        work: Folder of the simulated shots.
+
+    Returns:
+        All hypotheses and pairs of balls of which the truth is known.
+    """
+    shot = draw_synthetic_shot(seed, number)
+    rng = np.random.default_rng([seed, number, 2])
+    try:
+        recording, truth = film_synthetic_shot(shot, work / "shots", seed)
+        fitted, kept = fit_recording(recording), None
+        if rng.random() > UNDAMAGED_SHARE:
+            damage = DETECTION_DAMAGES[_draw_damage(shot, rng)]
+            part = damage(fitted, truth, match_balls(truth, fitted), rng)
+            fitted, kept = fit_recording(part.recording), part.kept
+    except (NothingToDamage, ValueError, ArithmeticError) as reason:
+        print(f"{shot.name}: {reason}", file=sys.stderr)
+        return [], []
+    print(shot.name, file=sys.stderr)
+    match = match_balls(truth, fitted)
+    return label_hypotheses(fitted, truth, match, kept, number), label_pairs(fitted, truth, match, kept)
+
+
+def label_pairs(fitted: FittedShot, truth: ShotTruth, match: BallMatch, kept: IntArray | None) -> list[LabelledPair]:
+    """Compare the pairs of balls without a listed contact with the truth.
+
+    Args:
+        fitted: The fit.
+        truth: True events.
+        match: Tracks of the true balls.
+        kept: Frames that are left; None for all.
+
+    Returns:
+        The pairs with a ball that moves, and of which the truth is known.
+    """
+    fit, scene = fitted.fit, fitted.recording.scene
+    record = make_shot_record(fitted.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
+    start = -np.inf if kept is None else float(kept[0])
+    labelled = []
+    for one, two in combinations(range(len(record.ids)), 2):
+        if find_ball_candidates(record, one, two) or not fit.moving[:, [one, two]].any():
+            continue
+        call = Call("contact", (record.ids[one], record.ids[two]), "yes", 0.0, False)
+        is_true, _ = judge_call(call, truth, match, start)
+        if is_true is not None:
+            labelled.append(LabelledPair(classify_pair(record, one, two), is_true))
+    return labelled
+
+
+def _draw_damage(shot: DrawnShot, rng: np.random.Generator) -> str:
+    names = [name for name in DETECTION_DAMAGES if shot.pockets or name != "pockets"]
+    return names[int(rng.integers(len(names)))]
+
+
+def label_hypotheses(
+    fitted: FittedShot, truth: ShotTruth, match: BallMatch, kept: IntArray | None, number: int
+) -> list[LabelledHypothesis]:
+    """Compare the hypotheses of a fit with the truth.
+
+    Args:
+        fitted: The fit.
+        truth: True events.
+        match: Tracks of the true balls.
+        kept: Frames that are left; None for all.
+        number: Number of the shot.
+
+    Returns:
+        The hypotheses whose truth is known.
+    """
+    pairs = [(moment, one) for moment in fitted.fit.explanation.moments for one in moment.hypotheses if one.evidence]
+    pairs.sort(key=lambda pair: pair[0].t)
+    t = np.array([moment.t for moment, _ in pairs])
+    nan = np.full(len(pairs), np.nan)
+    events = Events(
+        tuple(one.cause for _, one in pairs), t, np.array([max(moment.t_sigma, 1e-6) for moment, _ in pairs]),
+        frame_at(fitted.tracks, t), tuple(moment.ball for moment, _ in pairs), tuple(one.other for _, one in pairs),
+        np.array([moment.xy for moment, _ in pairs]).reshape(-1, 2), np.ones(len(pairs)), nan, nan, nan,
+    )  # fmt: skip
+    frame_s = float(np.median(np.diff(fitted.tracks.t) / np.diff(fitted.tracks.frame)))
+    matched = match_events(events, truth, match, kept, frame_s, fitted.recording.scene.table.ball_radius)
+    labelled = []
+    for (_, one), event in zip(pairs, matched, strict=True):
+        if event is None or truth.events[event].certainty == "sure":
+            labelled.append(LabelledHypothesis(one.category, one.evidence, event is not None, number))
+    return labelled
+
+
+def design_matrix(rows: list[LabelledHypothesis]) -> tuple[FloatArray, FloatArray]:
+    """Build the design matrix (R, C + F) of categories and evidence, and the labels (R,).
+
+    Args:
+        rows: Labelled hypotheses.
+
+    Returns:
+        Design matrix and labels.
+    """
+    one_hot = np.array([[row.category == name for name in CATEGORIES] for row in rows], dtype=float)
+    evidence = np.array([row.evidence for row in rows]).reshape(len(rows), -1)
+    return np.hstack([one_hot, evidence]), np.array([row.is_true for row in rows], dtype=float)
+
+
+def fit_logistic(design: FloatArray, label: FloatArray) -> FloatArray:
+    """Fit a logistic model by maximum posterior probability.
+
+    Args:
+        design: (R, P).
+        label: (R,) 0 or 1.
+
+    Returns:
+        (P,) coefficients.
+    """
+    sigma = np.full(design.shape[1], WEIGHT_SIGMA)
+    sigma[: len(CATEGORIES)] = BIAS_SIGMA
+
+    def cost(beta: FloatArray) -> tuple[float, FloatArray]:
+        z = design @ beta
+        loss = float(np.logaddexp(0, z).sum() - label @ z + 0.5 * ((beta / sigma) ** 2).sum())
+        return loss, design.T @ (expit(z) - label) + beta / sigma**2
+
+    return np.asarray(minimize(cost, np.zeros(design.shape[1]), jac=True, method="L-BFGS-B").x)
+
+
+def _share(pairs: list[LabelledPair], kind: str) -> float:
+    """Return the share of pairs that touched, by Laplace's rule of succession."""
+    own = [pair.is_true for pair in pairs if pair.kind == kind]
+    return (sum(own) + 1) / (len(own) + 2)
+
+
+def print_reliability(p: FloatArray, label: FloatArray) -> None:
+    """Print stated and observed shares in bins of probability."""
+    edges = np.array([0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95, 0.98, 0.99, 1.0])
+    print("| stated | observed | n | binomial sd |\n|---|---|---|---|")
+    for low, high in pairwise(edges.tolist()):
+        inside = (p >= low) & (p < high)
+        if n := int(inside.sum()):
+            mean = float(p[inside].mean())
+            print(f"| {mean:.3f} | {label[inside].mean():.3f} | {n} | {np.sqrt(mean * (1 - mean) / n):.3f} |")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--shots", type=int, default=400, help="number of simulated shots")
+    parser.add_argument("--seed", type=int, default=1001, help="seed of the shots")
+    parser.add_argument("--jobs", type=int, default=1, help="number of processes")
+    parser.add_argument("--work", type=Path, default=ROOT / "out" / "stress", help="folder of simulated shots")
+    parser.add_argument("--rows", type=Path, help="JSON file: read the labelled hypotheses if it exists, else write it")
+    parser.add_argument("--write", action="store_true", help="replace the coefficients of the program")
+    arguments = parser.parse_args()
+    work = arguments.work.absolute()
+    if arguments.rows and arguments.rows.is_file():
+        content = json.loads(arguments.rows.read_text())
+        rows = [LabelledHypothesis(**row) for row in content["hypotheses"]]
+        pairs = [LabelledPair(**row) for row in content["pairs"]]
+    else:
+        simulate_shots([draw_synthetic_shot(arguments.seed, k) for k in range(arguments.shots)], work / "shots")
+        label = partial(label_shot, seed=arguments.seed, work=work)
+        if arguments.jobs > 1:
+            with ProcessPoolExecutor(arguments.jobs) as pool:
+                parts = list(pool.map(label, range(arguments.shots)))
+        else:
+            parts = [label(k) for k in range(arguments.shots)]
+        rows, pairs = ([row for part in parts for row in part[k]] for k in (0, 1))
+        if arguments.rows:
+            content = {"hypotheses": [vars(row) for row in rows], "pairs": [vars(row) for row in pairs]}
+            arguments.rows.write_text(json.dumps(content))
+    design, truth = design_matrix(rows)
+    held_out = np.array([row.shot % 2 == 1 for row in rows])
+    beta = fit_logistic(design[~held_out], truth[~held_out])
+    print(f"{len(rows)} hypotheses; reliability on the half of the shots that is held out:\n")
+    print_reliability(expit(design[held_out] @ beta), truth[held_out])
+    beta = fit_logistic(design, truth)
+    content = {
+        "source": f"benchmarks/calibrate_events.py --shots {arguments.shots} --seed {arguments.seed}",
+        "bias": dict(zip(CATEGORIES, np.round(beta[: len(CATEGORIES)], 3).tolist(), strict=True)),
+        "weight": dict(zip(EVIDENCE_NAMES, np.round(beta[len(CATEGORIES) :], 3).tolist(), strict=True)),
+        "count": {name: float(sum(row.category == name for row in rows)) for name in CATEGORIES},
+        "unlisted_contact": {kind: round(_share(pairs, kind), 5) for kind in get_args(PairClass)},
+        "unlisted_count": {kind: sum(pair.kind == kind for pair in pairs) for kind in get_args(PairClass)},
+    }
+    print(json.dumps(content, indent=1))
+    if arguments.write:
+        path = Path(event_probability.__file__).with_name(event_probability.COEFFICIENTS)
+        path.write_text(json.dumps(content, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,91 @@
+"""Explanation of a shot: what may have happened at each moment, with the weight of every hypothesis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from models.core.events import Events
+from models.core.typing import FloatArray
+
+Cause = Literal["strike", "ball", "cushion", "pocket", "rest", "unexplained", "none"]
+"""What changes the velocity of a ball. `unexplained`: something that no other cause explains; `none`: nothing, the
+velocity did not change.
+"""
+Doubt = Literal["hidden", "fast", "few_samples", "clip_edge", "rival", "misfit", "close_pass", "no_cause"]
+"""Why a moment is unsure: not detected around it; moved far between two frames; too few samples before or after; at the
+start or end of the clip; another ball could have been it; the laws fit badly; a pass that may have been a graze; no
+cause was found.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """One possible cause."""
+
+    cause: Cause
+    other: str
+    """The other ball, the cushion or the pocket; empty where there is none."""
+    probability: float
+    category: str = ""
+    """What it is concluded from, see `models.estimation.shot_hypotheses.event_probability`."""
+    evidence: tuple[float, ...] = ()
+    """Evidence that the probability follows from, in the order of `event_evidence.EVIDENCE_NAMES`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A moment at which the velocity of a ball changes, or may have changed."""
+
+    ball: str
+    t: float
+    t_sigma: float
+    """s."""
+    xy: FloatArray
+    """(2,) m, place of the ball."""
+    hypotheses: tuple[Hypothesis, ...]
+    """The most probable first; their probabilities add to 1."""
+    doubts: tuple[Doubt, ...] = ()
+
+    @property
+    def best(self) -> Hypothesis:
+        """The most probable hypothesis."""
+        return self.hypotheses[0]
+
+
+@dataclass(frozen=True, slots=True)
+class ShotExplanation:
+    """All moments of a shot, sorted by time."""
+
+    moments: tuple[Moment, ...] = ()
+    moving_at_start: tuple[str, ...] = ()
+    """Balls that move when they are first detected: what set them in motion, or what they met before, is not known."""
+
+    def contacts_of(self, ball: str, other: str) -> list[tuple[Moment, float]]:
+        """Return the moments at which two balls may have touched, with the probability of that."""
+        found = []
+        for moment in self.moments:
+            names = {one.other: one.probability for one in moment.hypotheses if one.cause == "ball"}
+            p = names.get(other, 0.0) if moment.ball == ball else names.get(ball, 0.0) if moment.ball == other else 0.0
+            if p > 0:
+                found.append((moment, p))
+        return found
+
+
+def explain_by_events(events: Events) -> ShotExplanation:
+    """Explain a shot by its events alone, where no other hypotheses are known.
+
+    Args:
+        events: Events with their probabilities.
+
+    Returns:
+        One moment per event.
+    """
+    moments = []
+    for k in range(len(events)):
+        cause: Cause = events.kind[k]  # type: ignore[assignment]
+        p = float(events.probability[k])
+        hypotheses = (Hypothesis(cause, events.b[k], p), Hypothesis("none", "", 1 - p))
+        ordered = tuple(sorted(hypotheses, key=lambda one: -one.probability))
+        moments.append(Moment(events.a[k], float(events.t[k]), float(events.t_sigma[k]), events.xy[k], ordered))
+    return ShotExplanation(tuple(moments))

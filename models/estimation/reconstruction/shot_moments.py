@@ -1,0 +1,125 @@
+"""Moments of the explanation of a shot after its fit: times, and passes that may have been grazes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.core.capture_clock import CaptureClock
+from models.core.events import Events
+from models.core.shot_explanation import Hypothesis, Moment, ShotExplanation
+from models.core.tracks import Tracks
+from models.estimation.contact_test.contact_probability import ContactTestResult
+from models.estimation.reconstruction.contact_time_refinement import MAX_MOVE
+from models.estimation.reconstruction.event_list import frame_at
+from models.estimation.shot_hypotheses.event_evidence import EventEvidence
+from models.estimation.shot_hypotheses.event_probability import estimate_event_probability
+from models.estimation.shot_hypotheses.weigh_hypotheses import MIN_LISTED_PROBABILITY
+
+MAX_LOG_ODDS = 7.0
+"""Limit of the logarithm of the odds of the contact test: its windows hold no more evidence about real balls."""
+
+
+def align_moments(explanation: ShotExplanation, events: Events) -> ShotExplanation:
+    """Take the refined times of contacts over from the events.
+
+    Args:
+        explanation: Explanation of the shot.
+        events: Events with refined times.
+
+    Returns:
+        The explanation with the same times.
+    """
+    moments = []
+    for moment in explanation.moments:
+        same = [
+            k
+            for k in range(len(events))
+            if events.kind[k] == "ball"
+            and moment.best.cause == "ball"
+            and {events.a[k], events.b[k]} == {moment.ball, moment.best.other}
+            and abs(events.t[k] - moment.t) <= MAX_MOVE
+        ]
+        if same:
+            k = min(same, key=lambda row: abs(events.t[row] - moment.t))
+            moment = replace(moment, t=float(events.t[k]), t_sigma=float(events.t_sigma[k]))
+        moments.append(moment)
+    return replace(explanation, moments=tuple(sorted(moments, key=lambda one: one.t)))
+
+
+def convert_times(explanation: ShotExplanation, clock: CaptureClock) -> ShotExplanation:
+    """Convert the capture times of moments to presentation times.
+
+    Args:
+        explanation: Explanation in capture times.
+        clock: Capture and presentation times of the frames.
+
+    Returns:
+        The explanation in presentation times.
+    """
+    t = np.array([moment.t for moment in explanation.moments])
+    rate = clock.presentation_rate_at(t)
+    shown = clock.presentation_time_at(t)
+    moments = tuple(
+        replace(moment, t=float(shown[k]), t_sigma=float(moment.t_sigma * rate[k]))
+        for k, moment in enumerate(explanation.moments)
+    )
+    return replace(explanation, moments=moments)
+
+
+def add_close_passes(
+    events: Events, explanation: ShotExplanation, passes: list[tuple[int, int, ContactTestResult]], tracks: Tracks
+) -> tuple[Events, ShotExplanation]:
+    """Add passes of two balls that may have been contacts.
+
+    Args:
+        events: Events of the shot.
+        explanation: Explanation of the shot.
+        passes: The balls of each pass, and the result of its contact test.
+        tracks: Tracks of the shot.
+
+    Returns:
+        The events with the contacts that are probable enough to be listed, and the explanation with all of them.
+    """
+    moments, rows = list(explanation.moments), []
+    for one, two, result in passes:
+        odds = np.log(max(result.probability, 1e-12)) - np.log(max(1 - result.probability, 1e-12))
+        evidence = EventEvidence(test=float(np.clip(odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)))
+        p = estimate_event_probability("close_pass", evidence)
+        known = Hypothesis("ball", tracks.ids[two], p, "close_pass", tuple(evidence.vector.tolist()))
+        hypotheses = tuple(sorted((known, Hypothesis("none", "", 1 - p)), key=lambda entry: -entry.probability))
+        xy = np.array([np.interp(result.t, tracks.t, np.nan_to_num(tracks.xy[:, one, axis])) for axis in (0, 1)])
+        moments.append(Moment(tracks.ids[one], result.t, result.t_sigma, xy, hypotheses, ("close_pass",)))
+        if p >= MIN_LISTED_PROBABILITY:
+            rows.append((one, two, result, p, xy))
+    explanation = replace(explanation, moments=tuple(sorted(moments, key=lambda entry: entry.t)))
+    return (_insert_contacts(events, rows, tracks) if rows else events), explanation
+
+
+def _insert_contacts(
+    events: Events, rows: list[tuple[int, int, ContactTestResult, float, np.ndarray]], tracks: Tracks
+) -> Events:
+    """Insert contacts of balls into events."""
+    results = [row[2] for row in rows]
+    t = np.concatenate([events.t, [result.t for result in results]])
+    order = np.argsort(t, kind="stable")
+
+    def merge(own: np.ndarray, added: list[float]) -> np.ndarray:
+        return np.concatenate([own, added])[order]
+
+    def merge_text(own: tuple[str, ...], added: list[str]) -> tuple[str, ...]:
+        both = (*own, *added)
+        return tuple(both[k] for k in order)
+
+    return Events(
+        merge_text(events.kind, ["ball"] * len(rows)), t[order],
+        merge(events.t_sigma, [max(result.t_sigma, 1e-6) for result in results]), frame_at(tracks, t)[order],
+        merge_text(events.a, [tracks.ids[row[0]] for row in rows]),
+        merge_text(events.b, [tracks.ids[row[1]] for row in rows]),
+        np.concatenate([events.xy, [row[4] for row in rows]])[order],
+        merge(events.probability, [row[3] for row in rows]),
+        merge(events.gap, [result.gap for result in results]),
+        merge(events.gap_sigma, [result.gap_sigma for result in results]),
+        merge(events.speed, [result.closing for result in results]),
+    )  # fmt: skip

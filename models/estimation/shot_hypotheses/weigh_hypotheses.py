@@ -1,0 +1,257 @@
+"""Weights of the hypotheses of a shot: every event with its rivals, and every velocity change without a cause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.core.scene import Table
+from models.core.shot_explanation import Cause, Doubt, Hypothesis, Moment, ShotExplanation
+from models.core.tracks import Tracks
+from models.core.typing import FloatArray
+from models.estimation.joint_fit.fit_solution import (
+    JointSolution,
+    Observations,
+    assign_observations,
+    end_state,
+    layout_parameters,
+)
+from models.estimation.shot_hypotheses.event_evidence import (
+    EDGE_FRAMES,
+    GRAZE_GAP,
+    SLOW_SPEED,
+    EventEvidence,
+    compress_gain,
+    compress_rival,
+    count_missed_frames,
+)
+from models.estimation.shot_hypotheses.event_probability import estimate_event_probability
+from models.estimation.shot_hypotheses.event_row import EventRow
+from models.estimation.shot_hypotheses.rival_causes import (
+    RivalContact,
+    cost_of_separate_changes,
+    find_rival_contacts,
+)
+from models.estimation.structure_search.ball_encounters import frame_interval
+from models.estimation.structure_search.contact_partners import CAUSELESS_KINDS
+from models.estimation.structure_search.initial_rests import MAX_REST_SAMPLES, count_sharp, sharp_while_fast_share
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
+
+MIN_LISTED_PROBABILITY = 0.1
+"""Least probability of a listed event; below, it is a hypothesis of the explanation only."""
+SURE_PROBABILITY = 0.9
+"""Probability from which a cause counts as decided."""
+MIN_GAIN = 20.0
+"""chi2 from which a velocity change is certain, whatever its cause: the price of a contact."""
+RIVAL_TIME_SHARE = 0.25
+"""Frame intervals: least uncertainty of the time of a rival contact."""
+REST_SPEED = 0.05
+"""m/s below which a ball counts as at rest when it is first detected."""
+DRIVING_SPEED = 0.1
+"""m/s from which another ball counts as moving: slower ones may be measurement errors."""
+HIDDEN_FRAMES, FAST_RADII = 1.0, 4.0
+"""Missed frames, and ball radii between two frames, from which they are named as a doubt."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Shot:
+    """What evidence is collected from."""
+
+    solution: JointSolution
+    observations: Observations
+    tracks: Tracks
+    table: Table
+    chi2: FloatArray
+    """(S,) per degree of freedom of each segment."""
+    count: FloatArray
+    """(S,) samples of each segment."""
+    interval: float
+
+
+def weigh_events(
+    rows: list[EventRow],
+    solution: JointSolution,
+    observations: Observations,
+    tracks: Tracks,
+    table: Table,
+    chi2: FloatArray,
+) -> tuple[list[EventRow], ShotExplanation]:
+    """Weigh all events, their rivals, and velocity changes without a cause.
+
+    Args:
+        rows: Events of the best explanation.
+        solution: That explanation.
+        observations: K observations.
+        tracks: Tracks of N balls.
+        table: The table.
+        chi2: (S,) chi2 per degree of freedom of each segment.
+
+    Returns:
+        The events that are probable enough to be listed, with their probabilities, and all hypotheses.
+    """
+    owner = assign_observations(solution.graph, observations)
+    count = np.bincount(owner, minlength=len(solution.graph.segments)).astype(float)
+    shot = _Shot(solution, observations, tracks, table, chi2, count, frame_interval(observations))
+    listed: list[EventRow] = []
+    moments: list[Moment] = []
+    explained: set[int] = set()
+    for row in rows:
+        rivals = _find_rivals(shot, row)
+        evidence = _collect_evidence(shot, row, rivals)
+        p = estimate_event_probability(row.category, evidence) if row.category else row.probability
+        weighed = [(replace(row, probability=p), evidence), *_weigh_rivals(shot, row, rivals, evidence, 1 - p)]
+        listed += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
+        moments.append(_make_moment(shot, weighed, evidence))
+        if others := [one for one in weighed if one[0].a != row.a]:  # rivals for the other ball of a contact
+            moments.append(_make_moment(shot, others, evidence))
+        if row.kind != "rest":
+            explained.add(row.contact)
+    for number, contact in enumerate(solution.graph.contacts):
+        if contact.kind in CAUSELESS_KINDS and number not in explained:
+            change = _describe_change(shot, number)
+            rivals = find_rival_contacts(solution, observations, number, table)
+            evidence = _collect_evidence(shot, change, rivals)
+            weighed = _weigh_rivals(shot, change, rivals, evidence, 1.0)
+            listed += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
+            moments.append(_make_moment(shot, [(replace(change, probability=0.0), evidence), *weighed], evidence))
+    moments.sort(key=lambda one: one.t)
+    return listed, ShotExplanation(tuple(moments), _find_moving_at_start(solution, tracks.ids))
+
+
+def _find_moving_at_start(solution: JointSolution, ids: tuple[str, ...]) -> tuple[str, ...]:
+    """Find the balls that move from their first sample on."""
+    graph = solution.graph
+    first = [k for k, segment in enumerate(graph.segments) if segment.start is None and not segment.static]
+    return tuple(ids[graph.segments[k].ball] for k in first if np.hypot(*graph.segments[k].state[2:4]) > REST_SPEED)
+
+
+def _find_rivals(shot: _Shot, row: EventRow) -> list[RivalContact]:
+    """Find the rivals of an event that belongs to a fitted contact."""
+    if row.contact < 0 or row.kind in ("rest", "pocket") or row.category == "passing":
+        return []
+    return find_rival_contacts(shot.solution, shot.observations, row.contact, shot.table)
+
+
+def _describe_change(shot: _Shot, number: int) -> EventRow:
+    """Describe a velocity change without a cause as a row that is no event."""
+    graph = shot.solution.graph
+    contact = graph.contacts[number]
+    after = graph.segments[contact.after[0]]
+    column = layout_parameters(graph).contact + number
+    sigma = float(np.sqrt(max(float(shot.solution.covariance[column, column]), 0.0)))
+    return EventRow(
+        "strike", contact.t, sigma, shot.tracks.ids[after.ball], "", after.state[:2], "rival", number,
+        speed=float(np.hypot(*after.state[2:4])),
+    )  # fmt: skip
+
+
+def _weigh_rivals(
+    shot: _Shot, row: EventRow, rivals: list[RivalContact], evidence: EventEvidence, rest: float
+) -> list[tuple[EventRow, EventEvidence]]:
+    """Weigh the rivals of an event; together they are at most as probable as `rest`."""
+    ids = shot.tracks.ids
+    rows = []
+    for rival in rivals:
+        own = replace(evidence, gain=0.0, rival=0.0, fit=compress_rival(rival.cost), graze=0.0, slow=0.0, apart=0.0)
+        p = estimate_event_probability("rival", own)
+        t_sigma = max(row.t_sigma, RIVAL_TIME_SHARE * shot.interval)
+        names = ids[rival.ball], ids[rival.other]
+        rows.append((EventRow("ball", rival.t, t_sigma, *names, row.xy, "rival", row.contact, p), own))
+    total = sum(one.probability for one, _ in rows)
+    share = min(rest / total, 1.0) if total else 0.0
+    return [(replace(one, probability=one.probability * share), own) for one, own in rows]
+
+
+def _collect_evidence(shot: _Shot, row: EventRow, rivals: list[RivalContact]) -> EventEvidence:
+    """Collect the evidence on an event of the best explanation."""
+    solution, graph, radius = shot.solution, shot.solution.graph, shot.table.ball_radius
+    t_first, t_last = float(shot.tracks.t[0]), float(shot.tracks.t[-1])
+    balls = [shot.tracks.ids.index(name) for name in (row.a, row.b) if name in shot.tracks.ids]
+    hidden = [
+        count_missed_frames(shot.tracks.t[shot.tracks.is_observed[:, ball]], row.t, shot.interval) for ball in balls
+    ]
+    edge = min(row.t - t_first, t_last - row.t) < EDGE_FRAMES * shot.interval
+    own = EventEvidence(hidden=float(np.log1p(max(hidden, default=0.0))), edge=float(edge))
+    if row.contact < 0:
+        speed = 0.0 if np.isnan(row.speed) else row.speed
+        return replace(own, travel=float(np.log1p(speed * shot.interval / radius)))
+    contact = graph.contacts[row.contact]
+    around = [*contact.before, *contact.after]
+    speeds = [np.hypot(*end_state(solution, k)[2:4]) for k in contact.before]
+    speeds += [np.hypot(*graph.segments[k].state[2:4]) for k in contact.after]
+    chi2 = shot.chi2[around]
+    moving = [k for k in around if not graph.segments[k].static]
+    samples = min((float(shot.count[k]) for k in moving), default=np.inf)
+    is_contact = row.kind in ("ball", "cushion")
+    apart = 0.0
+    if row.kind == "ball" and contact.kind == "ball":
+        apart = -cost_of_separate_changes(solution, shot.observations, row.contact, shot.table)
+    return replace(
+        own,
+        gain=compress_gain(contact.gain),
+        misfit=float(np.log(max(np.nanmax(chi2) if np.isfinite(chi2).any() else 1.0, 1.0))),
+        apart=compress_gain(apart),
+        rival=max((compress_rival(rival.cost) for rival in rivals), default=0.0),
+        travel=float(np.log1p(max(speeds) * shot.interval / radius)),
+        short=float(1 / (1 + samples)),
+        graze=float(np.exp(-max(-row.gap, 0.0) / GRAZE_GAP)) if np.isfinite(row.gap) else 0.0,
+        slow=float(np.exp(-max(row.speed, 0.0) / SLOW_SPEED)) if is_contact and np.isfinite(row.speed) else 0.0,
+        driven=float(row.kind == "strike" and _is_other_moving(shot, row)),
+        sharp=_weigh_sharp_rest(shot, row) if row.kind == "strike" else 0.0,
+    )
+
+
+def _is_other_moving(shot: _Shot, row: EventRow) -> bool:
+    """Return whether another ball moves clearly when a ball starts."""
+    graph, ball = shot.solution.graph, shot.tracks.ids.index(row.a)
+    for k, segment in enumerate(graph.segments):
+        if segment.static or segment.ball == ball or not graph.start_time(k) < row.t < graph.end_time(k):
+            continue
+        tau = np.array([row.t - graph.start_time(k)])
+        if np.hypot(*evaluate_kinematics(segment.state[None], tau, shot.solution.friction)[0, 2:4]) > DRIVING_SPEED:
+            return True
+    return False
+
+
+def _weigh_sharp_rest(shot: _Shot, row: EventRow) -> float:
+    """Weigh the sharp images of a ball before its start by the streaks that moving balls leave."""
+    ball = shot.tracks.ids.index(row.a)
+    before = int((shot.tracks.t[shot.tracks.is_observed[:, ball]] < row.t).sum())
+    if not 0 < before <= MAX_REST_SAMPLES:
+        return 0.0
+    share = sharp_while_fast_share(shot.tracks, shot.table.ball_radius)
+    return -float(np.log(share)) * count_sharp(shot.tracks, ball, before)
+
+
+def _make_moment(shot: _Shot, weighed: list[tuple[EventRow, EventEvidence]], evidence: EventEvidence) -> Moment:
+    """Make the moment of an event, the first of `weighed`, and its rivals; the remaining weight has no known cause."""
+    main = weighed[0][0]
+    hypotheses = []
+    for row, own in weighed:
+        a, other = (row.a, row.b) if row.a == main.a else (row.b, row.a)
+        if row.probability > 0 and a == main.a:
+            hypotheses.append(
+                Hypothesis(_cause_of(row), other, row.probability, row.category, tuple(own.vector.tolist()))
+            )
+    rest = max(1 - sum(one.probability for one in hypotheses), 0.0)
+    is_certain = main.contact >= 0 and shot.solution.graph.contacts[main.contact].gain >= MIN_GAIN
+    hypotheses.append(Hypothesis("unexplained" if is_certain else "none", "", rest))
+    doubts: list[Doubt] = []
+    for is_doubt, doubt in (
+        (np.expm1(evidence.hidden) >= HIDDEN_FRAMES, "hidden"),
+        (np.expm1(evidence.travel) >= FAST_RADII, "fast"),
+        (evidence.short >= 1 / 3, "few_samples"),
+        (evidence.edge > 0, "clip_edge"),
+        (any(one.probability >= MIN_LISTED_PROBABILITY for one, _ in weighed[1:]), "rival"),
+        (main.probability == 0.0, "no_cause"),
+    ):
+        if is_doubt:
+            doubts.append(doubt)  # type: ignore[arg-type]
+    ordered = tuple(sorted(hypotheses, key=lambda one: -one.probability))
+    return Moment(main.a, main.t, main.t_sigma, main.xy, ordered, tuple(doubts))
+
+
+def _cause_of(row: EventRow) -> Cause:
+    """Return the cause that an event stands for."""
+    return row.kind  # type: ignore[return-value]

@@ -1,0 +1,51 @@
+"""Probabilities of events from their evidence."""
+
+from __future__ import annotations
+
+import pytest
+
+from models.estimation.shot_hypotheses.event_evidence import (
+    EVIDENCE_NAMES,
+    EventEvidence,
+    compress_gain,
+    compress_rival,
+    count_missed_frames,
+)
+from models.estimation.shot_hypotheses.event_probability import (
+    CATEGORIES,
+    estimate_event_probability,
+    read_event_model,
+)
+
+
+def test_the_coefficients_cover_all_evidence_and_categories() -> None:
+    model = read_event_model()
+    assert len(model.weight) == len(EVIDENCE_NAMES)
+    assert set(model.bias) == set(model.count) == set(CATEGORIES)
+    assert set(model.unlisted_contact) == {"clear", "unclear_far", "unclear_near"}
+
+
+@pytest.mark.parametrize("name", ["hidden", "misfit", "edge", "slow", "short", "driven"])
+def test_evidence_against_an_event_lowers_its_probability(name: str) -> None:
+    doubted = EventEvidence(**{name: 1.0})
+    assert estimate_event_probability("strike", doubted) < estimate_event_probability("strike", EventEvidence())
+
+
+def test_no_probability_is_nearer_to_certainty_than_the_number_of_known_shots_allows() -> None:
+    limit = 1 / (read_event_model().count["cushion"] + 2)
+    sure = EventEvidence(gain=100.0, misfit=-100.0)
+    assert estimate_event_probability("cushion", sure) == pytest.approx(1 - limit)
+    assert estimate_event_probability("cushion", EventEvidence(slow=100.0)) == pytest.approx(limit)
+
+
+def test_gains_and_rivals_are_compressed_monotonically() -> None:
+    assert compress_gain(0.0) == 0.0
+    assert compress_gain(-40.0) == -compress_gain(40.0) < 0 < compress_gain(20.0) < compress_gain(2000.0) < 10
+    assert compress_rival(-5.0) == 1.0 > compress_rival(20.0) == 0.5 > compress_rival(1e6)
+
+
+def test_missed_frames_are_counted_between_the_samples_around_a_time() -> None:
+    times = [0.0, 0.1, 0.4, 0.5]
+    assert count_missed_frames(times, 0.25, 0.1) == pytest.approx(2.0)
+    assert count_missed_frames(times, 0.45, 0.1) == pytest.approx(0.0)
+    assert count_missed_frames(times, 0.9, 0.1) == 0.0

@@ -1,0 +1,47 @@
+"""Shots that begin within the first frames of a clip."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.filmed_shots import DELAY, film
+from support.filmed_shots import scene as film_scene
+
+from models.core.tracks import Tracks
+from models.estimation.reconstruction.fit_shot import fit_shot
+
+
+def _cut(tracks: Tracks, first: int) -> Tracks:
+    """Cut the frames before `first`; times stay."""
+    return replace(
+        tracks, frame=tracks.frame[first:], t=tracks.t[first:], xy=tracks.xy[first:], px=tracks.px[first:],
+        sigma=tracks.sigma[first:], sigma_along=tracks.sigma_along[first:], streak=tracks.streak[first:],
+        radius_px=tracks.radius_px[first:],
+    )  # fmt: skip
+
+
+def _shot(seed: int) -> Tracks:
+    return film(
+        np.array([[0.5, 0.6], [1.6, 0.9]]), np.array([[3.0, 0.4], [0, 0]]), np.zeros((2, 3)),
+        np.random.default_rng(seed), seconds=2.0, missing=0.0,
+    ).tracks  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_strike_after_two_frames_at_rest_is_found_in_time(seed: int) -> None:
+    tracks = _cut(_shot(seed), int(DELAY * 30) - 1)  # two frames at rest
+    events = fit_shot(tracks, film_scene()).events
+    strikes = [k for k in range(len(events)) if events.kind[k] == "strike" and events.a[k] == "cue"]
+    assert len(strikes) == 1
+    assert events.t[strikes[0]] == pytest.approx(DELAY, abs=0.5 / 30)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_ball_that_already_moves_was_not_surely_struck_within_the_clip(seed: int) -> None:
+    tracks = _cut(_shot(seed), int(DELAY * 30) + 4)
+    fit = fit_shot(tracks, film_scene())
+    sure = [k for k in range(len(fit.events)) if fit.events.kind[k] == "strike" and fit.events.probability[k] >= 0.9]
+    assert not sure
+    assert "cue" in fit.explanation.moving_at_start

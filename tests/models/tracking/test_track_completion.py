@@ -1,0 +1,63 @@
+"""Completion of tracks from detections that no ball has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from support.tracking_shots import Seen, observe, overhead, play
+
+from models.core.detections import Detections
+from models.tracking.table_detections import project_detections
+from models.tracking.track_completion import complete_tracks
+from models.tracking.tracklet_linking import Tracklet, make_tracklet
+
+
+def _rows(detections: Detections, which: np.ndarray) -> Detections:
+    return Detections(*(getattr(detections, name)[which] for name in Detections.__slots__))
+
+
+def _film() -> Seen:
+    samples = play(np.array([0.5, 0.6]), np.array([2.0, 0.3]), np.array([[1.6, 0.9]]), seconds=1.5)
+    observed = observe(samples, overhead(), 30, np.random.default_rng(1), clutter=0)
+    return replace(
+        observed, detections=_rows(observed.detections, observed.ball >= 0), ball=observed.ball[observed.ball >= 0]
+    )
+
+
+def _track(observed: Seen, ball: int, frames: range) -> tuple[Tracklet, np.ndarray]:
+    """Return a track of a ball in these frames, and all rows of that ball."""
+    table = project_detections(observed.detections, observed.frame, overhead())
+    own = np.flatnonzero(observed.ball[table.row] == ball)
+    frame_of = np.repeat(np.arange(len(observed.t)), np.diff(table.first))
+    kept = own[np.isin(frame_of[own], list(frames))]
+    return make_tracklet(frame_of[kept], kept, table, observed.t), own
+
+
+def test_a_track_that_begins_late_is_extended_to_the_rest_before_the_strike() -> None:
+    observed = _film()
+    table = project_detections(observed.detections, observed.frame, overhead())
+    last = len(observed.t)
+    late, own = _track(observed, 0, range(14, last))
+    other, _ = _track(observed, 1, range(last))
+    completed = complete_tracks([late, other], table, observed.t, overhead().table)
+    assert len(late.row) < len(own)
+    assert np.array_equal(completed[0].row, own)
+    assert np.array_equal(completed[1].row, other.row)
+
+
+def test_a_gap_is_filled_by_the_ball_and_not_by_clutter_of_another_colour() -> None:
+    observed = _film()
+    table = project_detections(observed.detections, observed.frame, overhead())
+    last = len(observed.t)
+    whole, own = _track(observed, 0, range(last))
+    frames = whole.frame_index[(whole.frame_index < 10) | (whole.frame_index > 13)]
+    gapped = make_tracklet(frames, own[np.isin(whole.frame_index, frames)], table, observed.t)
+    colour = table.colour.copy()
+    hidden = own[(whole.frame_index >= 10) & (whole.frame_index <= 13)]
+    other, _ = _track(observed, 1, range(last))
+    filled = complete_tracks([gapped, other], table, observed.t, overhead().table)
+    assert set(hidden.tolist()) <= set(filled[0].row.tolist())
+    colour[hidden] = [*table.cloth, 2.0, 1.0, 0.0]
+    shadowed = complete_tracks([gapped, other], replace(table, colour=colour), observed.t, overhead().table)
+    assert not set(hidden.tolist()) & set(shadowed[0].row.tolist())
