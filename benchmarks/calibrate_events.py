@@ -52,6 +52,8 @@ from models.estimation.shot_hypotheses.event_probability import CATEGORIES  # no
 
 WEIGHT_SIGMA, BIAS_SIGMA = 2.0, 3.0
 """Standard deviations of the Gaussian priors on the weights and on the biases."""
+REST_FRAMES = 15.0
+"""Frames within which a true rest makes a reported one true."""
 UNDAMAGED_SHARE = 0.25
 """Share of the shots that are not damaged."""
 
@@ -160,9 +162,17 @@ def label_hypotheses(
     frame_s = float(np.median(np.diff(fitted.tracks.t) / np.diff(fitted.tracks.frame)))
     matched = match_events(events, truth, match, kept, frame_s, fitted.recording.scene.table.ball_radius)
     labelled = []
-    for (_, one), event in zip(pairs, matched, strict=True):
-        if event is None or truth.events[event].certainty == "sure":
-            labelled.append(LabelledHypothesis(one.category, one.evidence, event is not None, number))
+    for (moment, one), event, at in zip(pairs, matched, frame_at(fitted.tracks, t), strict=True):
+        if one.category == "rest":  # its time has an error of its own; here it counts that the ball rests about then
+            is_true = any(
+                other.kind == "rest" and moment.ball in match.ids_of(other.a) and abs(other.hi - at) < REST_FRAMES
+                for other in truth.events
+            )
+        elif event is None or truth.events[event].certainty == "sure":
+            is_true = event is not None
+        else:
+            continue
+        labelled.append(LabelledHypothesis(one.category, one.evidence, is_true, number))
     return labelled
 
 

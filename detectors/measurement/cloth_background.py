@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from detectors.measurement.working_view import WorkingView
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+from models.numerics.robust import estimate_sigma
 
 SHADOW_WEIGHT = 0.5
 """Weight of differences towards darker shades of the cloth's own colour, which are mostly shadows."""
@@ -144,7 +145,7 @@ def build_colour_basis(rgb: FloatArray) -> FloatArray:
 def _estimate_noise(plate: Float32Array, smooth: Float32Array, view: WorkingView) -> float:
     """Estimate the standard deviation of cloth pixels about the smooth cloth, robust against outliers."""
     residual = (plate - smooth)[view.cloth_area]
-    return float(1.4826 * np.median(np.abs(residual - np.median(residual, axis=0))))
+    return estimate_sigma(residual)
 
 
 def _fit_cloth_polynomial(plate: Float32Array, view: WorkingView) -> Float32Array:
@@ -162,7 +163,7 @@ def _fit_cloth_polynomial(plate: Float32Array, view: WorkingView) -> Float32Arra
             kept_design.T @ kept_design + RIDGE * np.eye(len(j)), kept_design.T @ colours[keep]
         )
         miss = np.linalg.norm(colours - design @ coefficients, axis=1)
-        keep = miss < max(3.0 * 1.4826 * float(np.median(miss[keep])), 6.0)
+        keep = miss < max(3.0 * estimate_sigma(miss[keep], 0.0), 6.0)
     table = np.zeros((len(powers), len(powers), 3))
     table[j, i] = coefficients
     surface = [down @ table[..., channel] @ across.T for channel in range(3)]

@@ -8,7 +8,7 @@ doi:10.1137/0710036).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 
@@ -17,6 +17,8 @@ import numpy as np
 
 from detectors.measurement.circle_fit import build_shadow_weighted_basis
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
+from models.numerics.least_squares import NormalEquations, SearchOptions, minimize_cost, solve_normal_equations
+from models.numerics.robust import evaluate_huber_loss
 
 TRIAL_LENGTHS_RADII = np.array([0.0, 0.8, 1.6, 2.6, 3.8, 5.2, 6.8])
 """Lengths of the trial displacements, ball radii."""
@@ -42,8 +44,8 @@ MIN_PIXELS = 60
 """Least number of samples for a search or a fit."""
 MIN_GAIN = 1.1
 """Contrast that the best displacement must explain, over that of a ball at rest, for a fit."""
-MAX_ITERATIONS = 10
-"""Iterations of the fit (Levenberg-Marquardt)."""
+SEARCH = SearchOptions(iterations=10, attempts=5, min_step=0.01, damping=1e-2, lowering=1 / 3, raising=4.0)
+"""Of centre and displacement, px."""
 HUBER_THRESHOLD = 2.0
 """Residual, over the root mean square residual, from which a sample is weighted down."""
 MAX_ROUGH_RESIDUAL_SHARE = 0.5
@@ -75,6 +77,20 @@ class MotionBlurFit:
             and self.residual_share < MAX_SHARE_OF_REST * self.residual_share_at_rest
         )
         return clear and LENGTH_LIMITS_RADII[0] < length < LENGTH_LIMITS_RADII[1]
+
+
+@dataclass(frozen=True, slots=True)
+class _WeightedResiduals:
+    """Residuals (n, 3) of centre and displacement (4,), and the weights (n,) of a robust loss."""
+
+    parameters: FloatArray
+    residuals: FloatArray
+    weights: FloatArray
+
+    @property
+    def cost(self) -> float:
+        """Weighted sum of squares."""
+        return float((self.weights[:, None] * self.residuals**2).sum())
 
 
 def exposure_share(
@@ -145,35 +161,43 @@ def fit_motion_blur(
         return None
     colours = _sample_colours(rgb, at, basis)
     parameters = np.concatenate([centre, displacement])
-    damping, best = 1e-2, np.inf
     residuals = _colour_residuals(parameters, at, colours, radius)
     bare_cloth_square = max(float(((colours - np.median(colours, axis=0)) ** 2).sum()), 1e-9)
     if (residuals**2).sum() > MAX_ROUGH_RESIDUAL_SHARE * bare_cloth_square:
         return None
-    for _ in range(MAX_ITERATIONS):
-        size = np.linalg.norm(residuals, axis=1)
-        weights = np.minimum(1.0, HUBER_THRESHOLD * np.sqrt((size**2).mean()) / np.maximum(size, 1e-9))
-        best = float((weights[:, None] * residuals**2).sum())
-        jacobian = _residual_jacobian(parameters, at, colours, radius, residuals)
-        normal = np.einsum("n,nci,ncj->ij", weights, jacobian, jacobian)
-        right = -np.einsum("n,nci,nc->i", weights, jacobian, residuals)
-        for _ in range(5):
-            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), right)
-            trial = parameters + np.clip(step, -radius, radius)
-            other = _colour_residuals(trial, at, colours, radius)
-            if float((weights[:, None] * other**2).sum()) < best:
-                parameters, residuals, damping = trial, other, damping / 3
-                break
-            damping *= 4
-        else:
-            break
-        if np.abs(step).max() < 0.01:
-            break
+    parameters, residuals = _minimize_residuals(parameters, residuals, at, colours, radius)
     resting_residuals = _colour_residuals(np.append(rest, [1e-3, 0.0]), at, colours, radius)
     residual_share = float((residuals**2).sum()) / bare_cloth_square
     return MotionBlurFit(
         parameters[:2], parameters[2:], residual_share, float((resting_residuals**2).sum()) / bare_cloth_square
     )
+
+
+def _minimize_residuals(
+    parameters: FloatArray, residuals: FloatArray, at: FloatArray, colours: FloatArray, radius: float
+) -> tuple[FloatArray, FloatArray]:
+    """Refine centre and displacement (4,); return them with their residuals (n, 3), weighted anew after every step."""
+
+    def linearize(now: _WeightedResiduals) -> NormalEquations:
+        jacobian = _residual_jacobian(now.parameters, at, colours, radius, now.residuals)
+        return NormalEquations(
+            np.einsum("n,nci,ncj->ij", now.weights, jacobian, jacobian),
+            np.einsum("n,nci,nc->i", now.weights, jacobian, now.residuals),
+        )
+
+    def move(now: _WeightedResiduals, step: FloatArray) -> tuple[_WeightedResiduals, float]:
+        trial = now.parameters + np.clip(step, -radius, radius)
+        moved = replace(now, parameters=trial, residuals=_colour_residuals(trial, at, colours, radius))
+        return moved, moved.cost
+
+    def weigh(now: _WeightedResiduals, *_: float) -> tuple[_WeightedResiduals, float]:
+        threshold = HUBER_THRESHOLD * float(np.sqrt((np.linalg.norm(now.residuals, axis=1) ** 2).mean()))
+        weighted = replace(now, weights=evaluate_huber_loss(now.residuals, threshold)[0])
+        return weighted, weighted.cost
+
+    first = weigh(_WeightedResiduals(parameters, residuals, np.ones(len(residuals))))
+    best = minimize_cost(*first, linearize, solve_normal_equations, move, SEARCH, refresh=weigh).point
+    return best.parameters, best.residuals
 
 
 def _search_displacements(

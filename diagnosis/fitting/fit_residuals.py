@@ -11,7 +11,8 @@ from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, Linea
 from diagnosis.fitting.noise_whitening import build_noise_chain
 from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import Covariates, Recording
-from models.estimation.multiple_shooting.normal_equations import evaluate_huber_loss, require_linearized
+from models.estimation.multiple_shooting.normal_equations import require_linearized
+from models.numerics.robust import evaluate_huber_loss
 
 NOISE_DRAWS = 300
 """Number of noise samples."""

@@ -15,8 +15,9 @@ from models.estimation.multiple_shooting.normal_equations import linearize_shots
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_problem import Iterate, ShootingProblem, build_problem
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel, simulate_window
-from models.estimation.multiple_shooting.state_elimination import ShotBlock, solve_damped
+from models.estimation.multiple_shooting.state_elimination import ShotBlock
 from models.numerics.executor import SERIAL, Executor
+from models.numerics.least_squares import solve_damped
 from models.physics.effect import Prior
 
 FULL_FIT = ShootingOptions(iterations=25, shot_iterations=10)

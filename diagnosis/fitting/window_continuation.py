@@ -23,8 +23,8 @@ from diagnosis.fitting.hypothesis_fits import (
 )
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Recording
-from models.estimation.multiple_shooting.normal_equations import evaluate_huber_loss
 from models.estimation.multiple_shooting.shooting_windows import find_sensitive_observation, simulate_window
+from models.numerics.robust import evaluate_huber_loss
 
 Item = TypeVar("Item")
 

@@ -20,7 +20,7 @@ cause was found.
 
 
 @dataclass(frozen=True, slots=True)
-class Hypothesis:
+class CauseHypothesis:
     """One possible cause."""
 
     cause: Cause
@@ -43,12 +43,12 @@ class Moment:
     """s."""
     xy: FloatArray
     """(2,) m, place of the ball."""
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: tuple[CauseHypothesis, ...]
     """The most probable first; their probabilities add to 1."""
     doubts: tuple[Doubt, ...] = ()
 
     @property
-    def best(self) -> Hypothesis:
+    def best(self) -> CauseHypothesis:
         """The most probable hypothesis."""
         return self.hypotheses[0]
 
@@ -63,13 +63,13 @@ class ShotExplanation:
 
     def contacts_of(self, ball: str, other: str) -> list[tuple[Moment, float]]:
         """Return the moments at which two balls may have touched, with the probability of that."""
-        found = []
+        contacts = []
         for moment in self.moments:
             names = {one.other: one.probability for one in moment.hypotheses if one.cause == "ball"}
             p = names.get(other, 0.0) if moment.ball == ball else names.get(ball, 0.0) if moment.ball == other else 0.0
             if p > 0:
-                found.append((moment, p))
-        return found
+                contacts.append((moment, p))
+        return contacts
 
 
 def explain_by_events(events: Events) -> ShotExplanation:
@@ -85,7 +85,7 @@ def explain_by_events(events: Events) -> ShotExplanation:
     for k in range(len(events)):
         cause: Cause = events.kind[k]  # type: ignore[assignment]
         p = float(events.probability[k])
-        hypotheses = (Hypothesis(cause, events.b[k], p), Hypothesis("none", "", 1 - p))
+        hypotheses = (CauseHypothesis(cause, events.b[k], p), CauseHypothesis("none", "", 1 - p))
         ordered = tuple(sorted(hypotheses, key=lambda one: -one.probability))
         moments.append(Moment(events.a[k], float(events.t[k]), float(events.t_sigma[k]), events.xy[k], ordered))
     return ShotExplanation(tuple(moments))

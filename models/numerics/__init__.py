@@ -1,4 +1,4 @@
-"""Numerical methods that are independent of billiards: roots, splines, integrators, compiled loops, executors.
+"""Numerical methods without billiards: least squares, robust statistics, roots, splines, integrators, executors.
 
 Physical models live in `models.physics`, statistical estimation in `models.estimation`.
 """

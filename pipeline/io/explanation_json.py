@@ -8,7 +8,7 @@ import numpy as np
 
 from models.core.errors import OptionError
 from models.core.events import Events
-from models.core.shot_explanation import Cause, Doubt, Hypothesis, Moment, ShotExplanation, explain_by_events
+from models.core.shot_explanation import Cause, CauseHypothesis, Doubt, Moment, ShotExplanation, explain_by_events
 
 
 def describe_explanation(explanation: ShotExplanation) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def parse_explanation(scene: dict[str, Any], events: Events) -> ShotExplanation:
 
 def _parse_moment(moment: dict[str, Any]) -> Moment:
     hypotheses = tuple(
-        Hypothesis(_require(one["cause"], Cause), str(one["other"]), float(one["probability"]))
+        CauseHypothesis(_require(one["cause"], Cause), str(one["other"]), float(one["probability"]))
         for one in moment["hypotheses"]
     )
     if not hypotheses:

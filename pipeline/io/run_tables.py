@@ -45,7 +45,7 @@ DECIMALS = {
 }
 """Decimals of each column (m, s, px); other columns have six."""
 SHOT_NUMBER = 0
-TABLE_PARAMETERS = ("collision_radius", "nose")
+TABLE_PARAMETERS = ("ball_size", "collision_radius", "nose")
 """Fitted groups of parameters that are no effects of the catalogue."""
 
 
@@ -144,6 +144,7 @@ def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) 
         "table": {"name": table.name, "game": table.game, "length": table.length, "width": table.width,
                   "pockets": table.pockets, "cloth_lab": scene.cloth_lab.tolist()},
         "ball_radius": table.ball_radius,
+        "ball_size": _describe_ball_size(scene, fit),
         "ball_mass": table.ball_mass,
         "image": _describe_image(scene.camera, table.ball_radius, scene),
         "calibration": _describe_calibration(scene),
@@ -160,6 +161,18 @@ def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) 
                  "repeats": np.flatnonzero(clip.is_duplicate).tolist(), "seconds": float(clip.t[-1])},
     }  # fmt: skip
     path.write_text(json.dumps(_replace_nonfinite(document), indent=1, allow_nan=False), encoding="utf-8")
+
+
+def _describe_ball_size(scene: Scene, fit: Fit) -> dict[str, Any]:
+    """Describe the ball size that all stages use, and its independent estimates, with that of the contacts."""
+    from models.estimation.reconstruction.contact_ball_size import estimate_contact_ball_size  # slow to import
+
+    contacts = estimate_contact_ball_size(fit.parameters, scene.table.ball_radius)
+    size, estimates = scene.ball_size, [*scene.ball_size_estimates, *([] if contacts is None else [contacts])]
+    return {
+        "radius": size.radius, "sigma": size.sigma, "source": size.source,
+        "estimates": [{"source": one.source, "radius": one.radius, "sigma": one.sigma} for one in estimates],
+    }  # fmt: skip
 
 
 def _describe_image(camera: Camera, radius: float, scene: Scene) -> dict[str, Any]:
@@ -184,7 +197,7 @@ def _describe_calibration(scene: Scene) -> dict[str, Any]:
 
 
 def _describe_effects(fit: Fit) -> dict[str, dict[str, Any]]:
-    """Describe the parameters of the effects of the catalogue; those of `TABLE_PARAMETERS` are in `laws`."""
+    """Describe the parameters of the effects of the catalogue; those of `TABLE_PARAMETERS` are in `laws` or `ball_size`."""
     effects: dict[str, dict[str, Any]] = {}
     for p in fit.parameters if fit.whole_shot is None else fit.whole_shot.parameters:
         effect, _, name = p.name.partition(".")

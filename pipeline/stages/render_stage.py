@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
+from pipeline.reporting.text.run_trust import assess_run_trust
 from video.io.video_options import RenderOptions
 
 START_FILE = "start.json"
@@ -33,6 +35,7 @@ def _render_slow_motion(inputs: Inputs, options: RenderOptions, folder: Path, pr
     from video.synthesis.frame_synthesis import estimate_clip_appearance  # slow to import
 
     clip, tracks, fit = (inputs[name] for name in ("read", "track", "fit"))
+    fit = replace(fit, trust=assess_run_trust(clip, fit))
     scenery = estimate_clip_appearance(build_ball_timeline(inputs["calibrate"], tracks, fit), clip)
     poster = Poster.for_clip(scenery)
     start = render_slow_motion(clip, scenery, tracks, fit, folder / "slow.mp4", options, progress, poster.add_frame)

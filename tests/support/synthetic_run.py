@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from models.core.detections import Detections
 from models.core.events import Events
 from models.core.fit_result import Fit, Parameter, Trust
 from models.core.scene import Camera, Scene, Table
+from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.estimation.forecast.forecast_values import ForecastFan, ForecastFans
@@ -80,6 +82,24 @@ def make_fit(t: np.ndarray) -> Fit:
         accepted=everywhere,
         trust=Trust("green", ("everything is made up",)),
     )
+
+
+def make_unsure_fit(t: np.ndarray) -> Fit:
+    """The cushion of `make_fit` is undecided, and so is whether white touched red at 0.6 s."""
+    fit = make_fit(t)
+    moments = (
+        Moment("white", 0.1, 0.002, np.array([0.3, 0.5]), (CauseHypothesis("strike", "", 0.97),)),
+        Moment(
+            "white", 0.5, 0.001, np.array([0.7, 0.5]),
+            (CauseHypothesis("cushion", "right", 0.61), CauseHypothesis("unexplained", "", 0.39)), ("few_samples",),
+        ),
+        Moment(
+            "white", 0.7, 0.001, np.array([0.9, 0.5]),
+            (CauseHypothesis("none", "", 0.8), CauseHypothesis("ball", "red", 0.2)), ("close_pass",),
+        ),
+    )  # fmt: skip
+    events = replace(fit.events, probability=np.array([0.97, 0.61]))
+    return replace(fit, events=events, explanation=ShotExplanation(moments))
 
 
 def make_tracks(clip: Clip, scene: Scene) -> Tracks:

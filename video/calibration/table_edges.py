@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
 from models.core.typing import FloatArray, ImageArray
+from models.numerics.robust import estimate_sigma
 from video.calibration.camera_model import homography_from_unit_square
 from video.calibration.cloth_region import SEARCH_WIDTH_PX, intersect_lines, line_through
 
@@ -217,7 +218,7 @@ def fit_robust_line(points: FloatArray) -> FittedLine:
         centred = (points - centre) * np.sqrt(weight)[:, None]
         normal = np.linalg.svd(centred, full_matrices=False)[2][1]
         residual = (points - centre) @ normal
-        spread = max(1.4826 * float(np.median(np.abs(residual - np.median(residual)))), 0.02)
+        spread = max(estimate_sigma(residual), 0.02)
         weight = np.clip(1 - (residual / (4.0 * spread)) ** 2, 0, None) ** 2 + 1e-9
     direction = np.array([-normal[1], normal[0]])
     along = (points - centre) @ direction

@@ -107,7 +107,7 @@ class Annotation:
             if 0 <= t - mark.t < FLASH_S:
                 centre = self.timeline.project(mark.xy, t)
                 radius = balls.radius_of(mark.ball)
-                draw_flash(image, centre, radius, (t - mark.t) / FLASH_S, self.scale, mark.strength)
+                draw_flash(image, centre, radius, (t - mark.t) / FLASH_S, self.scale, mark.strength, mark.opacity)
         self._draw_panels(image, t, xy)
         obstacles = [self.inset_place, self.clock_place, *balls.boxes(0.6)]
         label_start = len(obstacles)
@@ -144,9 +144,10 @@ class Annotation:
         self.clock.draw(image, self.clock_place, t, self.scale)
 
     def _draw_contact_times(self, image: ImageArray, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
-        """Draw the times of the last contacts, each at its first position."""
+        """Draw the times of the last contacts, sure ones first, each at its first position."""
         recent = [k for k, mark in enumerate(self.marks) if 0 <= t - mark.t < self.reading_time]
-        for k in recent[-MAX_CONTACT_TIMES:]:
+        recent.sort(key=lambda k: (self.marks[k].is_sure, k))
+        for k in sorted(recent[-MAX_CONTACT_TIMES:]):
             mark, spot = self.marks[k], self.timeline.project(self.marks[k].xy, t)
             size, radius = mark.label.size(self.scale), 1.6 * balls.radius_of(mark.ball)
             if k not in self.mark_positions:
@@ -157,7 +158,7 @@ class Annotation:
             if k in self.crowded_marks:
                 continue
             age = (t - mark.t) / self.reading_time
-            opacity = float(np.clip(min(age * 12, (1 - age) * 5), 0, 1))
+            opacity = mark.opacity * float(np.clip(min(age * 12, (1 - age) * 5), 0, 1))
             _draw_label(
                 image,
                 mark.label,

@@ -17,8 +17,12 @@ CLOSE_UP_SIZE = (960, 720)
 """px, size of a close-up."""
 TILE_SIZE, CAPTION_SIZE = (320, 320), (190, 46)
 """px, size of one frame of a strip, and of its caption."""
+PLACE_SIZE = (480, 360)
+"""px, size of the view of a place."""
 MARGIN_RADII = 2.6
 """Ball radii shown around the balls."""
+PLACE_RADII = 7.0
+"""Ball radii shown on either side of a place."""
 MAX_MAGNIFICATION = 24.0
 """Largest magnification of pixels."""
 DASHES = 36
@@ -104,6 +108,29 @@ def draw_frame_strip(frames: Sequence[CloseUpFrame], t: float) -> ImageArray:
     gap = np.full((TILE_SIZE[1], 4, 3), INK, dtype=np.uint8)
     row = [part for tile in tiles for part in (tile, gap)][:-1]
     return np.concatenate(row, axis=1)
+
+
+def draw_place(frame: CloseUpFrame, place: FloatArray, radius: float) -> ImageArray:
+    """Draw a magnified place of a frame with the outlines and names of the balls; other balls stay plain.
+
+    Args:
+        frame: Frame and outlines; those of the moment in question are dashed.
+        place: (2,) px, the place.
+        radius: Radius of a ball there, px.
+
+    Returns:
+        Image of `PLACE_SIZE`.
+    """
+    low, high = place - PLACE_RADII * radius, place + PLACE_RADII * radius
+    for outline in frame.outlines:
+        low = np.minimum(low, outline.centre - MARGIN_RADII * outline.radius)
+        high = np.maximum(high, outline.centre + MARGIN_RADII * outline.radius)
+    view, scale, corner = _magnify_frame(frame, PLACE_SIZE, ((low + high) / 2, high - low))
+    for outline in frame.moment_outlines:
+        draw_ring(view, scale * (outline.centre - corner), scale * outline.radius, 1.2, WHITE, 0.7, DASHES // 2)
+    _draw_balls(view, frame, scale, corner, 2.0)
+    _draw_ball_names(view, frame, scale, corner)
+    return view
 
 
 def _free_corner(frames: Sequence[CloseUpFrame], window: tuple[FloatArray, FloatArray]) -> tuple[int, int]:

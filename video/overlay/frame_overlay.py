@@ -137,13 +137,21 @@ def draw_measured_rings(image: ImageArray, balls: FrameBalls, colours: Sequence[
             )
 
 
-def draw_flash(image: ImageArray, centre: FloatArray, radius: float, age: float, scale: float, strength: float) -> None:
+def draw_flash(
+    image: ImageArray,
+    centre: FloatArray,
+    radius: float,
+    age: float,
+    scale: float,
+    strength: float,
+    opacity: float = 1.0,
+) -> None:
     """Draw a flash at a contact: `age` 0 to 1 of its life; `strength` scales its reach."""
     remaining = (1 - age) ** 2
     ring_radius = radius * (0.5 + 1.9 * strength * (1 - remaining))
-    draw_disc(image, centre, radius * 0.3 * strength * remaining + 1, WHITE, 0.8 * remaining**2)
-    draw_ring(image, centre, ring_radius, (1.5 + 2.5 * remaining) * scale, FLASH, 0.9 * (1 - age))
-    draw_ring(image, centre, ring_radius * 0.72, 1.2 * scale, WHITE, 0.7 * (1 - age))
+    draw_disc(image, centre, radius * 0.3 * strength * remaining + 1, WHITE, 0.8 * opacity * remaining**2)
+    draw_ring(image, centre, ring_radius, (1.5 + 2.5 * remaining) * scale, FLASH, 0.9 * opacity * (1 - age))
+    draw_ring(image, centre, ring_radius * 0.72, 1.2 * scale, WHITE, 0.7 * opacity * (1 - age))
 
 
 @dataclass(frozen=True, slots=True)

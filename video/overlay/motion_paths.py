@@ -22,8 +22,8 @@ POINTS_APART = 6.0
 """px between drawn points of a path."""
 MIN_TRAVEL_RADII = 0.4
 """Ball radii that a ball must travel in a span that is drawn and named; less is noise or invisible."""
-MIN_PROBABILITY = 0.5
-"""Least probability of a drawn event."""
+MIN_PROBABILITY = 0.1
+"""Least probability of a drawn event, see `models.estimation.shot_hypotheses`."""
 MAX_SIGMA = 0.05
 """s, largest sigma of the time of a drawn event: others would flash at a wrong moment."""
 CROWDED_S, MAX_CROWDED = 0.03, 4
@@ -31,7 +31,10 @@ CROWDED_S, MAX_CROWDED = 0.03, 4
 OUTSIDE_RADII = 3.0
 """Ball radii outside the noses up to which a path is drawn: includes pockets, excludes diverging fits."""
 SURE_PROBABILITY = 0.9
-"""Probability from which an event is drawn without its probability."""
+"""Probability from which an event is drawn in full; below, it is drawn faintly, with a question mark and its
+probability."""
+FAINT_OPACITY = 0.5
+"""Opacity of an event that is drawn faintly."""
 EVENT_STRENGTHS = {"ball": 1.0, "strike": 0.75, "cushion": 0.65, "pocket": 0.8}
 """Sizes of the flashes by event type."""
 CUSHION_NORMALS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
@@ -66,6 +69,12 @@ class ContactMark:
     ball: int
     strength: float
     label: Label
+    opacity: float = 1.0
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the event is drawn in full."""
+        return self.opacity == 1.0
 
 
 def sample_motion_path(timeline: BallTimeline, fit: Fit, ball: int) -> MotionPath:
@@ -130,7 +139,7 @@ def thin_path_points(px: FloatArray, corner: NDArray[np.bool_]) -> NDArray[np.in
 
 
 def select_contact_marks(timeline: BallTimeline, fit: Fit) -> tuple[ContactMark, ...]:
-    """Select the events that are drawn: probable ones with an accurate time, and the hardest of many at once."""
+    """Select the events that are drawn: possible ones with an accurate time, and the hardest of many at once."""
     events = fit.events
     crowded = _find_crowded_contacts(events)
     marks = []
@@ -140,17 +149,24 @@ def select_contact_marks(timeline: BallTimeline, fit: Fit) -> tuple[ContactMark,
             continue
         ball = fit.trajectory.ids.index(events.a[k])
         xy = _contact_point(timeline, fit, k)
-        probability_text = "" if events.probability[k] >= SURE_PROBABILITY else f"  ({events.probability[k]:.0%})"
+        is_sure = events.probability[k] >= SURE_PROBABILITY
+        probability_text = "" if is_sure else f"  {100 * events.probability[k]:.0f} %"
         value = f"{events.t[k]:.3f} s {format_time_error(float(events.t_sigma[k]))}{probability_text}"
         title = {"ball": f"{events.a[k]} – {events.b[k]}", "cushion": f"{events.a[k]} – cushion"}.get(kind, kind)
         if np.isfinite(xy).all():
-            marks.append(ContactMark(float(events.t[k]), xy, ball, EVENT_STRENGTHS[kind], Label(title, value, FLASH)))
+            label = Label(title if is_sure else f"{title} ?", value, FLASH)
+            opacity = 1.0 if is_sure else FAINT_OPACITY
+            marks.append(ContactMark(float(events.t[k]), xy, ball, EVENT_STRENGTHS[kind], label, opacity))
     return tuple(marks)
 
 
 def _find_crowded_contacts(events: Events) -> NDArray[np.bool_]:
-    """Return the ball contacts (E,) with `MAX_CROWDED` harder ones at the same time, as in a break shot."""
-    hard = np.where([kind == "ball" for kind in events.kind], np.nan_to_num(events.speed), -np.inf)
+    """Return the ball contacts (E,) with `MAX_CROWDED` harder ones at the same time, as in a break shot.
+
+    The speed of a contact counts by its probability.
+    """
+    expected_speed = np.nan_to_num(events.speed) * events.probability
+    hard = np.where([kind == "ball" for kind in events.kind], expected_speed, -np.inf)
     near = np.abs(events.t[:, None] - events.t) < CROWDED_S
     return np.asarray(np.isfinite(hard) & ((near & (hard > hard[:, None])).sum(axis=1) >= MAX_CROWDED))
 

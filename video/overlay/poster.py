@@ -175,20 +175,20 @@ def _draw_labels(still: ImageArray, timeline: BallTimeline, annotation: Annotati
     end, scale = float(timeline.t[-1]), annotation.scale
     bounds = (still.shape[1], still.shape[0])
     obstacles: list[Rect] = [annotation.inset_place, *balls.boxes(0.3), *_path_obstacles(timeline, annotation, end)]
-    order = sorted(annotation.marks, key=lambda mark: (-mark.strength, mark.t))[:MAX_POSTER_TIMES]
-    times = [(mark.label, timeline.project(mark.xy, end)) for mark in order]
+    order = sorted(annotation.marks, key=lambda mark: (-mark.opacity, -mark.strength, mark.t))[:MAX_POSTER_TIMES]
+    times = [(mark.label, timeline.project(mark.xy, end), mark.opacity) for mark in order]
     names = []
     for mark in annotation.marks:
         spot = timeline.project(mark.xy, end)
-        draw_disc(still, spot, 3.4 * scale, INK, 0.8)
-        draw_disc(still, spot, 2.3 * scale, FLASH)
+        draw_disc(still, spot, 3.4 * scale, INK, 0.8 * mark.opacity)
+        draw_disc(still, spot, 2.3 * scale, FLASH, mark.opacity)
     for ball, path in enumerate(annotation.paths):
         if len(path.t):
             start = timeline.project(path.xy[0], end)
             draw_ring(still, start, path.radius + 2.5 * scale, 1.6 * scale, WHITE, 0.8)
-            names.append((Label(annotation.names[ball], "", annotation.colours[ball]), start))
+            names.append((Label(annotation.names[ball], "", annotation.colours[ball]), start, 1.0))
     label_start = len(obstacles)
-    for label, spot in [*names, *times]:
+    for label, spot, opacity in [*names, *times]:
         size = label.size(scale)
         corner = spot + place_label(size, spot, 12 * scale, np.zeros(2), obstacles, bounds, None).top_left_corner(
             size, 12 * scale
@@ -198,5 +198,5 @@ def _draw_labels(still: ImageArray, timeline: BallTimeline, annotation: Annotati
             overlap_share(rect, obstacles) < MAX_OVERLAP_ON_POSTER
             and overlap_share(rect, obstacles[label_start:]) < MAX_LABEL_OVERLAP
         ):
-            label.draw(still, corner, scale)
+            label.draw(still, corner, scale, opacity)
             obstacles.append(rect)

@@ -27,8 +27,8 @@ AROUND_RADII = 7.0
 
 
 def select_replay_marks(marks: tuple[ContactMark, ...]) -> list[ContactMark]:
-    """Select the strongest marks, in order of time."""
-    strongest = sorted(marks, key=lambda mark: (-mark.strength, mark.t))[:MAX_REPLAYS]
+    """Select the strongest marks, sure ones first, in order of time."""
+    strongest = sorted(marks, key=lambda mark: (-mark.opacity, -mark.strength, mark.t))[:MAX_REPLAYS]
     return sorted(strongest, key=lambda mark: mark.t)
 
 

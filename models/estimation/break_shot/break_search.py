@@ -10,13 +10,20 @@ that end in the same place have in common is known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from models.core.typing import FloatArray
 from models.estimation.break_shot.break_data import BreakShot
 from models.estimation.break_shot.break_simulation import BreakModel
+from models.numerics.least_squares import (
+    MIN_INFORMATION,
+    NormalEquations,
+    SearchOptions,
+    minimize_cost,
+    solve_normal_equations,
+)
 from models.physics.billiards.simulation.parametrised_shot import MOVING_BALL_SIZE
 from models.physics.billiards.simulation.simulated_shot import SimulatedShot
 
@@ -40,16 +47,16 @@ POSTERIOR_DRAWS = 24
 """Samples drawn around the best."""
 MAX_CHI2_DISTANCE = 9.0
 """Largest chi2 distance of a sample from the best."""
-_MIN_STEP_GAIN = 0.5
-"""Cost that a step must gain to go on."""
+_SEARCH = SearchOptions(
+    iterations=OPTIMIZATION_STEPS, attempts=5, min_gain=0.5, damping=1e-2, lowering=0.2, raising=5.0, least_raised=1e-3
+)
+"""Of the parameters of one rack."""
 _MIN_HOP_GAIN = 1.0
 """Cost that a perturbation must gain to count."""
-_MAX_DAMPINGS = 5
-"""Number of times that a step is shortened."""
 _MAX_JACOBIAN = 1e12
 """Standard deviations per unit of a parameter."""
-_MIN_INFORMATION, _RIDGE = 1e-6, 1e-9
-"""1/variance of an unobserved parameter, in its own unit, and the ridge on a unit diagonal."""
+_RIDGE = 1e-9
+"""Ridge on a unit diagonal."""
 _HOP_POWERS = (-1.5, 0.0)
 """Powers of ten: standard deviations of the perturbations."""
 
@@ -183,7 +190,7 @@ def _posterior_axes(model: BreakModel, best: BreakSample) -> FloatArray:
     weight, _ = model.huber_weights(best.residual)
     jacobian = model.evaluate_jacobian(best.parameters, best.run) * np.sqrt(weight)[:, None]
     normal = jacobian.T @ jacobian
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), _MIN_INFORMATION))
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), MIN_INFORMATION))
     values, axes = np.linalg.eigh(normal * scale * scale[:, None])
     spread: FloatArray = scale[:, None] * axes / np.sqrt(np.maximum(values, _RIDGE))
     return spread
@@ -216,31 +223,30 @@ def _simulate_sample(model: BreakModel, parameters: FloatArray) -> BreakSample |
 
 def _optimize_rack(model: BreakModel, parameters: FloatArray, steps: int) -> BreakSample | None:
     """Optimize the parameters by damped least squares; None where they cannot be simulated."""
-    current, damping = _simulate_sample(model, parameters), 1e-2
-    if current is None:
+    first = _simulate_sample(model, parameters)
+    if first is None:
         return None
-    for _ in range(steps):
-        weight, _ = model.huber_weights(current.residual)
-        jacobian = model.evaluate_jacobian(current.parameters, current.run)
-        if not np.abs(jacobian).max() < _MAX_JACOBIAN:  # a grazing contact, or NaN
-            return current
-        normal, gradient = jacobian.T @ (jacobian * weight[:, None]), jacobian.T @ (weight * current.residual)
-        scale = 1 / np.sqrt(np.maximum(np.diag(normal), _MIN_INFORMATION))
-        scaled, improved = normal * scale * scale[:, None], None
-        for _ in range(_MAX_DAMPINGS):
-            step = scale * np.linalg.solve(scaled + (damping + _RIDGE) * np.eye(len(scale)), -gradient * scale)
-            trial = (
-                _simulate_sample(model, model.clip_to_bounds(current.parameters + step))
-                if np.all(np.isfinite(step))
-                else None
-            )
-            if trial is not None and trial.cost < current.cost:
-                improved = trial
-                break
-            damping = max(damping * 5, 1e-3)
-        if improved is None:
-            return current
-        gain, current, damping = current.cost - improved.cost, improved, damping * 0.2
-        if gain < _MIN_STEP_GAIN:
-            return current
-    return current
+
+    def move(current: BreakSample, step: FloatArray) -> tuple[BreakSample, float] | None:
+        if not np.all(np.isfinite(step)):
+            return None
+        trial = _simulate_sample(model, model.clip_to_bounds(current.parameters + step))
+        return None if trial is None else (trial, trial.cost)
+
+    return minimize_cost(
+        first,
+        first.cost,
+        lambda current: _linearize_sample(model, current),
+        solve_normal_equations,
+        move,
+        replace(_SEARCH, iterations=steps),
+    ).point
+
+
+def _linearize_sample(model: BreakModel, sample: BreakSample) -> NormalEquations | None:
+    """Build the normal equations; None where the derivatives are not usable: a grazing contact, or NaN."""
+    weight, _ = model.huber_weights(sample.residual)
+    jacobian = model.evaluate_jacobian(sample.parameters, sample.run)
+    if not np.abs(jacobian).max() < _MAX_JACOBIAN:
+        return None
+    return NormalEquations(jacobian.T @ (jacobian * weight[:, None]), jacobian.T @ (weight * sample.residual), _RIDGE)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from models.core.typing import FloatArray, IntArray
 from models.estimation.break_shot.break_data import BreakShot
-from models.estimation.multiple_shooting.normal_equations import evaluate_huber_loss
+from models.numerics.robust import evaluate_pair_loss
 from models.physics.billiards.simulation.parametrised_shot import (
     MOVING_BALL_SIZE,
     NEUTRAL_SHOT_PARAMETERS,
@@ -186,10 +186,7 @@ class BreakModel:
 
     def huber_weights(self, residual: FloatArray) -> tuple[FloatArray, float]:
         """Return weights (R,) and cost: Huber's loss over the samples, squares for the rest."""
-        count = 2 * len(self.rows)
-        sample_weights, cost = evaluate_huber_loss(residual[:count].reshape(-1, 2))
-        weight = np.concatenate([np.repeat(sample_weights, 2), np.ones(len(residual) - count)])
-        return weight, cost + float(np.sum(residual[count:] ** 2))
+        return evaluate_pair_loss(residual, 2 * len(self.rows))
 
     def _neighbour_gaps(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return gaps between neighbours (G,) m, their sigmas (G,), and directions (G, 2) from one to the other."""

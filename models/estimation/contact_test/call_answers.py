@@ -29,6 +29,8 @@ UNKNOWN = "unknown"
 """Name of an answer for a contact with an unknown body."""
 UNOBSERVED_PROBABILITY = 0.5
 """Probability of what nothing observed speaks for or against (principle of indifference)."""
+MAX_STATED_PROBABILITY = 0.999
+"""Largest probability that a sentence states as a number."""
 MIN_NAMED_PROBABILITY = 0.001
 """Least probability of another answer that a sentence names."""
 DOUBT_TIME = 0.15
@@ -384,15 +386,22 @@ def _explain_doubt(record: ShotRecord, t: float, balls: tuple[str, ...]) -> str:
 
 def _format_verdict(probability: float, statement: str, opposite: str) -> str:
     if probability > SURE_PROBABILITY:
-        return f"Yes, with probability {probability:.1%}: {statement}"
+        return f"Yes, with probability {_format_share(probability)}: {statement}"
     if probability < 1 - SURE_PROBABILITY:
-        return f"No, with probability {1 - probability:.1%}: {opposite}"
+        return f"No, with probability {_format_share(1 - probability)}: {opposite}"
     return f"Inconclusive: the probability that {statement} is {probability:.0%}"
 
 
 def _format_probability(probability: float) -> str:
     """Format the first words of an answer that is one of several."""
-    return f"{'With' if probability > SURE_PROBABILITY else 'Inconclusive: with'} probability {probability:.1%}"
+    return (
+        f"{'With' if probability > SURE_PROBABILITY else 'Inconclusive: with'} probability {_format_share(probability)}"
+    )
+
+
+def _format_share(probability: float) -> str:
+    """Format a probability; no answer claims more than "above 99.9 %"."""
+    return "above 99.9 %" if probability > MAX_STATED_PROBABILITY else f"{100 * probability:.1f} %"
 
 
 def _format_gap(gap: float, sigma: float) -> str:
@@ -403,4 +412,4 @@ def _format_gap(gap: float, sigma: float) -> str:
 
 
 def _format_distance(margin: float, sigma: float, target: str) -> str:
-    return f"{1e3 * abs(margin):.2f} ± {1e3 * sigma:.2f} mm {'short target' if margin > 0 else 'beyond'} {target}"
+    return f"{1e3 * abs(margin):.2f} ± {1e3 * sigma:.2f} mm {'short of' if margin > 0 else 'beyond'} {target}"

@@ -117,7 +117,9 @@ def find_close_passes(record: ShotRecord) -> list[tuple[int, int, ContactTestRes
                 with suppress(ValueError, np.linalg.LinAlgError):  # too few samples for a test
                     balls = tuple(cut_ball_window(record, t, ball, parties) for ball in (one, two))
                     question = PossibleContact(balls, 2 * record.table.ball_radius, record.reach_sigma)
-                    passes.append((one, two, evaluate_contact(question, t)))
+                    result = evaluate_contact(question, t)
+                    if result.t_sigma < WINDOW_TIME:  # else the two lie beside each other, and neither comes nearer
+                        passes.append((one, two, result))
     return passes
 
 
@@ -136,7 +138,7 @@ def _gap_at(record: ShotRecord, one: int, two: int, t: float) -> tuple[float, fl
 def _list_pass_times(record: ShotRecord, one: int, two: int) -> list[float]:
     """List the times (s) of near passes of two paths without a listed contact of the balls."""
     names = record.ids[one], record.ids[two]
-    listed = [moment.t for moment, _ in record.explanation.contacts_of(*names)]
+    contact_times = [moment.t for moment, _ in record.explanation.contacts_of(*names)]
     distance = np.linalg.norm(record.path[:, two] - record.path[:, one], axis=1) - 2 * record.table.ball_radius
     speed = np.hypot(*(record.velocity[:, two] - record.velocity[:, one]).T)
     near = np.flatnonzero((distance < NEAR_PASS_RADII * record.table.ball_radius) & (speed > REST_SPEED))
@@ -144,7 +146,7 @@ def _list_pass_times(record: ShotRecord, one: int, two: int) -> list[float]:
     for group in np.split(near, np.flatnonzero(np.diff(near) > 1) + 1):
         if len(group):
             t = float(record.moments[group[np.argmin(distance[group])]])
-            if all(abs(t - recorded) > SAME_MOMENT_TIME for recorded in listed):
+            if all(abs(t - recorded) > SAME_MOMENT_TIME for recorded in contact_times):
                 times.append(t)
     return times
 

@@ -26,6 +26,8 @@ from models.estimation.contact_test.contact_moment import (
     predict_free_paths,
     predict_nearest_approach,
 )
+from models.numerics.least_squares import SearchOptions, minimize_residuals
+from models.numerics.robust import estimate_norm_sigma
 from models.physics.effects.catalogue import find_prior
 
 NOISE_DOF = 50.0
@@ -42,8 +44,12 @@ LOOSE_TOUCH_SIGMAS = (1e-3, 1e-4)
 """m: successive values on the way there."""
 BALL_FRICTION, CUSHION_FRICTION = 0.06, 0.2
 """Impulse of friction over the normal one, one standard deviation: Alciatore, technical proof A.14; Han 2005."""
-MAX_STEPS, MIN_CHI2_DECREASE = 20, 3e-3
-"""Steps of the minimization, and the chi2 that another step must gain."""
+SEARCH = SearchOptions(
+    iterations=20, attempts=6, min_gain=3e-3, min_relative_gain=3e-6, lowering=0.1, raising=8.0, raising_offset=1e-6
+)
+"""Of the parameters of a hypothesis."""
+RIDGE = 1e-9
+"""Relative to the information of a parameter."""
 GAP_SCALE = 1e-3
 """m: half of the gaps in question are within about this much, a Cauchy distribution."""
 MIN_CLOSING_SIGMA = 1e-9
@@ -149,7 +155,7 @@ def find_inliers(contact: PossibleContact, without_contact: FloatArray, with_con
         paths = fit_hypothesis(contact, model, start, noise).paths
         misfits.append(np.hypot(*(_places_of_samples(contact) - paths.xy).T) / sigma)
     smallest: FloatArray = np.min(misfits, axis=0)
-    usual = max(float(np.median(smallest)) / 1.1774, 1.0)
+    usual = max(estimate_norm_sigma(smallest), 1.0)
     return np.asarray(smallest < OUTLIER_SIGMAS * usual, dtype=np.bool_)
 
 
@@ -244,27 +250,13 @@ def _minimize_residuals(
     contact: PossibleContact, model: PathModel, parameters: FloatArray, noise: CorrelatedNoise, touch: float
 ) -> FloatArray:
     """Minimize the residuals by damped least squares."""
-    residual, jacobian, _ = _linearize_model(contact, model, parameters, noise, touch)
-    cost, damping = float(residual @ residual), 1e-3
-    for _ in range(MAX_STEPS):
-        normal, gradient = jacobian.T @ jacobian, jacobian.T @ residual
-        scale = np.diag(normal) + 1e-9
-        for _ in range(6):
-            step = np.linalg.solve(normal + np.diag(damping * scale + 1e-9 * scale), -gradient)
-            trial = _limit_contact_time(contact, parameters, parameters + step)
-            new_residual, new_jacobian, _ = _linearize_model(contact, model, trial, noise, touch)
-            new_cost = float(new_residual @ new_residual)
-            if new_cost < cost:
-                break
-            damping = damping * 8 + 1e-6
-        else:
-            return parameters
-        gain = cost - new_cost
-        parameters, residual, jacobian, cost = trial, new_residual, new_jacobian, new_cost
-        damping *= 0.1
-        if gain < MIN_CHI2_DECREASE * (1 + 1e-3 * cost):
-            break
-    return parameters
+    return minimize_residuals(
+        parameters,
+        lambda values: _linearize_model(contact, model, values, noise, touch)[:2],
+        SEARCH,
+        lambda old, new: _limit_contact_time(contact, old, new),
+        RIDGE,
+    ).point
 
 
 def _limit_contact_time(contact: PossibleContact, old: FloatArray, new: FloatArray) -> FloatArray:

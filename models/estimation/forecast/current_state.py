@@ -30,7 +30,6 @@ from models.estimation.joint_fit.fit_solution import (
     evaluate_residuals,
     layout_parameters,
 )
-from models.estimation.joint_fit.joint_refinement import HUBER_THRESHOLD
 from models.estimation.joint_fit.prior_residuals import (
     BALL_RESTITUTION,
     DIAMETER_SIGMA,
@@ -44,6 +43,7 @@ from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.segmentation.contact_graph import Segment
 from models.estimation.whole_shot.free_paths import ROLLING_SLOPE_FACTOR, SLOPE_SIGMA, UNEVENNESS, WINDOW_LENGTH
+from models.numerics.robust import evaluate_huber_loss
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY, SEGMENT_STATE_SIZE, differentiate_kinematics
 from models.tracking.track_noise import apply_noise, estimate_noise
 
@@ -110,8 +110,7 @@ def estimate_lack_of_fit(solution: JointSolution, observations: Observations) ->
     )
     owner, residual = assign_observations(solution.graph, observations), evaluate_residuals(solution, observations)
     whitened = np.einsum("kij,kj->ki", observations.whiten, residual)
-    size = np.linalg.norm(whitened, axis=1, keepdims=True)
-    bounded = whitened * np.minimum(1.0, HUBER_THRESHOLD / np.maximum(size, 1e-12))
+    bounded = whitened * evaluate_huber_loss(whitened)[0][:, None]
     series = [bounded[owner == k] for k, segment in enumerate(solution.graph.segments) if not segment.static]
     free = sum(min(one.size, 5) for one in series)
     count = sum(one.size for one in series)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
@@ -36,6 +35,14 @@ from models.estimation.joint_fit.prior_residuals import (
 )
 from models.estimation.segmentation.contact_graph import ContactGraph
 from models.numerics.jit import compile_kernel
+from models.numerics.least_squares import (
+    NormalEquations,
+    SearchOptions,
+    minimize_cost,
+    solve_damped,
+    solve_normal_equations,
+)
+from models.numerics.robust import evaluate_pair_loss
 from models.physics.billiards.cloth.closed_form_motion import SEGMENT_STATE_SIZE, ClothFriction, differentiate_segment
 
 SLIDING_RANGE, ROLLING_RANGE = (0.05, 0.5), (0.002, 0.04)
@@ -44,24 +51,26 @@ MIN_COST_DECREASE = 0.03
 """chi2 that an iteration must gain: far below a relevant difference."""
 SIGMA_UPDATE_INTERVAL = 4
 """Iterations between updates of the standard deviations that depend on speeds."""
-MIN_INFORMATION = 1e-6
-"""1/variance of an unobserved parameter, in its own unit."""
-RIDGE = 1e-10
-"""Relative to the information of a parameter: a thousand times the rounding errors of a large fit."""
 SHORTEST_SEGMENT = 1e-4
 """s: least time between two contacts of a ball."""
 MAX_SHORTENING = 0.7
 """Share of the time between two contacts of a ball by which one step may shorten it."""
 NO_COVARIANCE = np.empty((0, 0))
 """The covariance before it is evaluated."""
-HUBER_THRESHOLD = 2.5
-"""Standard deviations where the loss turns linear."""
+SEARCH = SearchOptions(
+    iterations=30, attempts=8, min_gain=MIN_COST_DECREASE, min_relative_gain=1e-5, quiet_steps=2,
+    min_iterations=SIGMA_UPDATE_INTERVAL + 2, raising_offset=1e-4, largest_damping=1e8,
+)  # fmt: skip
+"""The search converges after two steps that gain little, the second one with updated standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Linearization:
-    """Residuals and their derivatives at one point."""
+    """Parameters with their residuals and derivatives."""
 
+    parameters: FitParameters
+    reference: FitParameters
+    """Parameters that the standard deviations belong to which depend on speeds."""
     residual: FloatArray
     """(2K + M,) in standard deviations: of the observations, then of the priors."""
     jacobian: FloatArray
@@ -69,6 +78,9 @@ class _Linearization:
     """(K, 2, 11) and (K, 11): derivatives of the observations, and their columns among the P; -1 for none."""
     priors: PriorRows
     """Pseudo-observations of physics and priors."""
+    weight: FloatArray
+    """(2K + M,) of the rows, by the robust loss."""
+    cost: float
 
 
 def refine_graph(
@@ -100,37 +112,36 @@ def refine_graph(
         NO_COVARIANCE,
     )
     arrays, parameters = build_graph_arrays(graph), extract_parameters(initial, graph)
-    damping, reference, settled = 1e-3, parameters, False
-    linear = _linearize_fit(arrays, parameters, observations, table, reference)
-    for iteration in range(iterations):
-        weight, cost = _evaluate_huber_loss(linear.residual, 2 * len(observations.t))
-        normal, gradient = _build_normal_equations(linear, weight, arrays.size)
-        step = _solve_normal_equations(normal, -gradient, damping)
-        if -float(gradient @ step) < MIN_COST_DECREASE / 10 and reference is parameters:
-            break
-        for _ in range(8):
-            trial = _apply_step(arrays, parameters, step)
-            if _has_valid_order(arrays, trial.t):
-                further = _linearize_fit(arrays, trial, observations, table, reference)
-                new_cost = _evaluate_huber_loss(further.residual, 2 * len(observations.t))[1]
-                if new_cost < cost:
-                    break
-            damping = min(damping * 6 + 1e-4, 1e8)
-            step = _solve_normal_equations(normal, -gradient, damping)
-        else:
-            break
-        settled, before = cost - new_cost < MIN_COST_DECREASE + 1e-5 * cost, settled
-        parameters, linear = trial, further
-        damping *= 0.15
-        if settled and before and iteration > SIGMA_UPDATE_INTERVAL:  # after an update of the standard deviations
-            break
-        if settled or iteration % SIGMA_UPDATE_INTERVAL == SIGMA_UPDATE_INTERVAL - 1:
-            reference = parameters  # update the standard deviations that depend on speeds
-            linear = _linearize_fit(arrays, parameters, observations, table, reference)
-    refined = apply_parameters(initial, graph, parameters)
-    return replace(
-        refined, chi2=_evaluate_huber_loss(linear.residual, 2 * len(observations.t))[1], covariance=NO_COVARIANCE
+    first = _linearize_fit(arrays, parameters, observations, table, parameters)
+
+    def move(now: _Linearization, step: FloatArray) -> tuple[_Linearization, float] | None:
+        trial = _apply_step(arrays, now.parameters, step)
+        if not _has_valid_order(arrays, trial.t):
+            return None
+        moved = _linearize_fit(arrays, trial, observations, table, now.reference)
+        return moved, moved.cost
+
+    def update_sigmas(now: _Linearization, cost: float, iteration: int, is_quiet: bool) -> tuple[_Linearization, float]:
+        if is_quiet or iteration % SIGMA_UPDATE_INTERVAL == SIGMA_UPDATE_INTERVAL - 1:
+            now = _linearize_fit(arrays, now.parameters, observations, table, now.parameters)
+        return now, now.cost
+
+    def is_negligible(now: _Linearization, equations: NormalEquations, step: FloatArray) -> bool:
+        gain = -float(equations.gradient @ step)
+        return gain < MIN_COST_DECREASE / 10 and now.reference is now.parameters
+
+    best = minimize_cost(
+        first,
+        first.cost,
+        lambda now: _build_normal_equations(now, arrays.size),
+        solve_normal_equations,
+        move,
+        replace(SEARCH, iterations=iterations),
+        is_negligible=is_negligible,
+        refresh=update_sigmas,
     )
+    refined = apply_parameters(initial, graph, best.point.parameters)
+    return replace(refined, chi2=best.cost, covariance=NO_COVARIANCE)
 
 
 def add_covariance(solution: JointSolution, observations: Observations, table: Table) -> JointSolution:
@@ -146,48 +157,19 @@ def add_covariance(solution: JointSolution, observations: Observations, table: T
     """
     arrays, parameters = build_graph_arrays(solution.graph), extract_parameters(solution, solution.graph)
     linear = _linearize_fit(arrays, parameters, observations, table, parameters)
-    weight, _ = _evaluate_huber_loss(linear.residual, 2 * len(observations.t))
-    normal, _ = _build_normal_equations(linear, weight, arrays.size)
-    return replace(solution, covariance=_solve_normal_equations(normal, np.eye(arrays.size), 0.0))
+    normal = _build_normal_equations(linear, arrays.size).normal
+    return replace(solution, covariance=solve_damped(normal, np.eye(arrays.size), 0.0, lower=True))
 
 
-def _solve_normal_equations(normal: FloatArray, right: FloatArray, damping: float) -> FloatArray:
-    """Solve damped normal equations (P, P) for (P, ...), also where a parameter is unobserved.
-
-    They are scaled to a unit diagonal, so that one ridge far above rounding makes every finite matrix invertible:
-    contacts known to a nanosecond stand beside unobserved accelerations.
-    """
-    if not np.all(np.isfinite(normal)):
-        raise np.linalg.LinAlgError("the normal equations of a fit hold numbers that are not finite")
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), MIN_INFORMATION))
-    scaled = normal * scale * scale[:, None]
-    scaled.flat[:: len(scaled) + 1] += damping + RIDGE
-    _, solution, failed = dposv(scaled.T, (right.T * scale).T, lower=1, overwrite_a=1)
-    if failed:
-        raise np.linalg.LinAlgError("the normal equations of a fit have no single solution")
-    return np.asarray((solution.T * scale).T, dtype=np.float64)
-
-
-def _evaluate_huber_loss(residual: FloatArray, observed: int) -> tuple[FloatArray, float]:
-    """Return weights (rows,) and cost: Huber over the pairs of the first `observed` rows, squares for the rest."""
-    size = np.linalg.norm(residual[:observed].reshape(-1, 2), axis=1)
-    inner = np.minimum(size, HUBER_THRESHOLD)
-    weight = np.ones(len(residual))
-    weight[:observed] = np.repeat(inner / np.maximum(size, 1e-12), 2)
-    weight[:observed][np.repeat(size == 0, 2)] = 1.0
-    cost = float((2 * size * inner - inner**2).sum() + (residual[observed:] ** 2).sum())
-    return weight, cost
-
-
-def _build_normal_equations(linear: _Linearization, weight: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
-    """Build the normal matrix (P, P) and the gradient (P,)."""
+def _build_normal_equations(linear: _Linearization, size: int) -> NormalEquations:
+    """Build the normal equations of P = `size` parameters."""
     observed = linear.jacobian.shape[0] * 2
     normal, gradient, priors = np.zeros((size, size)), np.zeros(size), linear.priors
     _add_prior_rows(priors.residual, priors.derivative, priors.column, priors.first, normal, gradient)
     _add_observation_rows(
-        linear.jacobian, linear.columns, linear.residual[:observed], weight[:observed], normal, gradient
+        linear.jacobian, linear.columns, linear.residual[:observed], linear.weight[:observed], normal, gradient
     )
-    return normal, gradient
+    return NormalEquations(normal, gradient)
 
 
 @compile_kernel
@@ -272,7 +254,7 @@ def _has_valid_order(arrays: GraphArrays, t: FloatArray) -> bool:
 def _linearize_fit(
     arrays: GraphArrays, parameters: FitParameters, observations: Observations, table: Table, reference: FitParameters
 ) -> _Linearization:
-    """Evaluate whitened residuals and their derivatives: observations first, then physics and priors.
+    """Evaluate whitened residuals, their derivatives and loss: observations first, then physics and priors.
 
     Standard deviations that depend on speeds are taken from `reference`, so that the costs of steps are comparable.
     """
@@ -280,7 +262,9 @@ def _linearize_fit(
         arrays, parameters, observations.ball, observations.t, observations.xy, observations.whiten
     )
     rows = evaluate_priors(arrays, parameters, reference, table)
-    return _Linearization(np.concatenate([residual, rows.residual]), jacobian, columns, rows)
+    residual = np.concatenate([residual, rows.residual])
+    weight, cost = evaluate_pair_loss(residual, 2 * len(observations.t))
+    return _Linearization(parameters, reference, residual, jacobian, columns, rows, weight, cost)
 
 
 @compile_kernel

@@ -27,10 +27,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     simulate_window,
 )
 from models.estimation.multiple_shooting.state_elimination import ShotBlock
-from models.numerics.jit import compile_kernel
-
-HUBER_THRESHOLD = 2.5
-"""Standard deviations at which the loss of an observation turns from quadratic to linear."""
+from models.numerics.robust import evaluate_huber_loss
 
 
 def linearize_shots(problem: ShootingProblem, point: Iterate) -> tuple[Iterate, list[ShotBlock]]:
@@ -102,38 +99,6 @@ def count_first_observations(window: Window, share: float) -> int:
         return len(window.t)
     first, last = window.t[0], window.t[-1]
     return int(np.searchsorted(window.t, first + share * (last - first), side="right"))
-
-
-def evaluate_huber_loss(residual: FloatArray) -> tuple[FloatArray, float]:
-    """Evaluate Huber's loss of a set of residuals.
-
-    Args:
-        residual: (K, d) residuals in standard deviations.
-
-    Returns:
-        Weight (K,) of each observation in a reweighted least-squares step, and the summed cost. Residuals that are not
-            finite have weight 0 and infinite cost.
-    """
-    weight, loss = np.empty(len(residual)), np.empty(len(residual))
-    if not _fill_huber_loss(residual, weight, loss):
-        return np.zeros(len(residual)), float("inf")
-    return weight, float(loss.sum())
-
-
-@compile_kernel
-def _fill_huber_loss(residual, weight, loss):  # type: ignore[no-untyped-def]
-    """Fill weight (K,) and loss (K,) of residuals (K, d); return whether all residuals are finite."""
-    for k in range(len(residual)):
-        square = 0.0
-        for one in residual[k]:
-            if not np.isfinite(one):
-                return False
-            square += one * one
-        size = np.sqrt(square)
-        inner = min(size, HUBER_THRESHOLD)
-        weight[k] = HUBER_THRESHOLD / size if size > HUBER_THRESHOLD else 1.0
-        loss[k] = 2 * size * inner - inner * inner
-    return True
 
 
 def shot_cost(problem: ShootingProblem, point: Iterate, shot: int, share: float = 1.0) -> float:

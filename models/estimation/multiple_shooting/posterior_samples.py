@@ -13,7 +13,7 @@ from models.estimation.multiple_shooting.shared_parameters import (
 )
 from models.estimation.multiple_shooting.shooting_problem import ShootingProblem
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel
-from models.estimation.multiple_shooting.state_elimination import MIN_INFORMATION
+from models.numerics.least_squares import MIN_INFORMATION
 
 Starts = tuple[FloatArray, ...]
 

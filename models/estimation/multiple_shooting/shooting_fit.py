@@ -20,7 +20,6 @@ from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.multiple_shooting.normal_equations import (
     assemble_normal_equations,
     assemble_state_block,
-    evaluate_huber_loss,
     linearize_shots,
     require_linearized,
     shot_cost,
@@ -47,15 +46,14 @@ from models.estimation.multiple_shooting.state_elimination import (
     ShotBlock,
     eliminate_states,
     log_determinant,
-    solve_damped,
 )
 from models.numerics.executor import SERIAL, Executor
+from models.numerics.least_squares import SearchOptions, minimize_cost, solve_damped
+from models.numerics.robust import evaluate_huber_loss
 from models.physics.effect import Prior
 
 PRIOR_DOMINATED = 0.8
 """Ratio of posterior to prior standard deviation above which the data did not determine a parameter."""
-_MIN_COST_GAIN = 0.02
-"""Decrease of the cost per iteration below which the search is converging: far below what matters."""
 _COST_JUMP = 4.0
 """Increase of the cost of one shot, in a step that should lower it, from which its states are fitted again."""
 _EXPLAINED_CHI2 = 4.0
@@ -67,8 +65,11 @@ _FOLLOWED_GUESSES = 2
 costs as much."""
 _MAX_PARAMETER_STEP = 1.0
 """Standard deviations of its prior that a shared parameter may move in one step."""
-_MAX_DAMPINGS = 10
-"""Attempts to shorten a step before the search stops."""
+_SEARCH = SearchOptions(
+    iterations=40, attempts=10, min_gain=0.02, min_relative_gain=1e-6, least_damping=1e-9, raising_offset=1e-4,
+    largest_damping=1e8,
+)  # fmt: skip
+"""Of the states of a shot."""
 _REMAINING_DECREASE = 2.0
 """Predicted decrease of the cost up to which a stopped search counts as converged."""
 
@@ -181,22 +182,22 @@ def convert_to_priors(unknowns: tuple[Prior, ...], fitted: ShootingFit) -> tuple
 
 def _minimize_cost(problem: ShootingProblem, now: Iterate, options: ShootingOptions) -> tuple[Iterate, bool]:
     """Minimize the cost by damped steps; return the last iterate and whether it converged."""
-    damping, quiet = 1e-3, 0
-    for _ in range(options.iterations):
-        blocks = assemble_normal_equations(problem, now)
-        for _ in range(_MAX_DAMPINGS):
-            trial = _take_step(problem, now, blocks, damping)
-            trial = _refit_worse_shots(problem, now, trial, options.shot_iterations)
-            if trial.cost < now.cost:
-                break
-            damping = min(damping * 6 + 1e-4, 1e8)
-        else:
-            return now, _predict_decrease(problem, now, blocks) < _REMAINING_DECREASE
-        quiet = quiet + 1 if now.cost - trial.cost < _MIN_COST_GAIN + 1e-6 * now.cost else 0
-        now, damping = trial, max(damping * 0.15, 1e-9)
-        if quiet == 2:
-            return now, True
-    return now, False
+
+    def move(now: Iterate, step: tuple[FloatArray, list[FloatArray], FloatArray]) -> tuple[Iterate, float]:
+        trial = _refit_worse_shots(problem, now, _take_step(problem, now, step), options.shot_iterations)
+        return trial, trial.cost
+
+    best = minimize_cost(
+        now,
+        now.cost,
+        lambda now: (now, assemble_normal_equations(problem, now)),
+        lambda linear, damping: _solve_step(problem, *linear, damping),
+        move,
+        replace(_SEARCH, iterations=options.iterations, quiet_steps=2),
+    )
+    if best.outcome == "stalled" and best.linear is not None:
+        return best.point, _predict_decrease(problem, *best.linear) < _REMAINING_DECREASE
+    return best.point, best.outcome == "converged"
 
 
 def _predict_decrease(problem: ShootingProblem, now: Iterate, blocks: list[ShotBlock]) -> float:
@@ -228,23 +229,21 @@ def _fit_shot_task(
 
 def _fit_shot_states(problem: ShootingProblem, now: Iterate, shot: int, iterations: int, share: float = 1.0) -> Iterate:
     """Fit the states of one shot to the first `share` of each of its windows, with fixed shared parameters."""
-    damping = 1e-3
     cost = shot_cost(problem, now, shot, share)
-    for _ in range(iterations if np.isfinite(cost) else 0):
-        block = assemble_state_block(problem, now, shot, share)
-        for _ in range(_MAX_DAMPINGS):
-            step = -solve_damped(block.states, block.gradient, damping)
-            trial = _step_states(problem, now, shot, step)
-            new_cost = shot_cost(problem, trial, shot, share)
-            if new_cost < cost:
-                break
-            damping = min(damping * 6 + 1e-4, 1e8)
-        else:
-            return now
-        gain, now, cost, damping = cost - new_cost, trial, new_cost, max(damping * 0.15, 1e-9)
-        if gain < _MIN_COST_GAIN + 1e-6 * cost:
-            return now
-    return now
+
+    def move(now: Iterate, step: FloatArray) -> tuple[Iterate, float]:
+        trial = _step_states(problem, now, shot, step)
+        return trial, shot_cost(problem, trial, shot, share)
+
+    best = minimize_cost(
+        now,
+        cost,
+        lambda now: assemble_state_block(problem, now, shot, share),
+        lambda block, damping: -solve_damped(block.states, block.gradient, damping),
+        move,
+        replace(_SEARCH, iterations=iterations if np.isfinite(cost) else 0),
+    )
+    return best.point
 
 
 def _fit_best_guess_task(
@@ -319,16 +318,18 @@ def _fit_growing_share(
     return point
 
 
-def _take_step(problem: ShootingProblem, now: Iterate, blocks: list[ShotBlock], damping: float) -> Iterate:
-    """Solve for one damped step of everything and simulate the result."""
-    shared_step, state_steps, _ = _solve_step(problem, now, blocks, damping)
+def _take_step(
+    problem: ShootingProblem, now: Iterate, step: tuple[FloatArray, list[FloatArray], FloatArray]
+) -> Iterate:
+    """Apply a step of everything, see `_solve_step`, and simulate the result."""
+    shared_step, state_steps, _ = step
     coordinates, low, high = coordinate_bounds(problem.model.unknowns, now.shared)
     moved = np.clip(coordinates + shared_step, low, high)
     starts = list(now.starts)
-    for numbers, step in zip(problem.shot_windows, state_steps, strict=True):
+    for numbers, moves in zip(problem.shot_windows, state_steps, strict=True):
         offset = 0
         for k in numbers:
-            starts[k] = now.starts[k] + step[offset : offset + len(now.starts[k])]
+            starts[k] = now.starts[k] + moves[offset : offset + len(now.starts[k])]
             offset += len(now.starts[k])
     return simulate_shots(problem, tuple(starts), values_from_coordinates(problem.model.unknowns, moved))
 

@@ -11,14 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotrs
 
 from models.core.typing import FloatArray
-
-MIN_INFORMATION = 1e-6
-"""1/variance of a variable that no row constrains, in its own unit."""
-RIDGE = 1e-10
-"""Relative ridge on the diagonal: far above the rounding errors of a large fit."""
+from models.numerics.least_squares import MIN_INFORMATION, solve_damped
 
 
 @dataclass(slots=True)
@@ -74,39 +69,6 @@ def log_determinant(normal: FloatArray) -> float:
     """Compute the log determinant of normal equations (M, M), without variables that no row constrains."""
     is_known = np.diag(normal) > MIN_INFORMATION
     return float(np.linalg.slogdet(normal[np.ix_(is_known, is_known)])[1])
-
-
-def solve_damped(normal: FloatArray, right: FloatArray, damping: float) -> FloatArray:
-    """Solve damped normal equations, also where nothing constrains a variable.
-
-    The matrix is scaled to a unit diagonal, so that one small ridge makes every finite matrix invertible.
-
-    Args:
-        normal: (M, M) normal matrix.
-        right: (M, ...) right-hand sides.
-        damping: Added to the unit diagonal.
-
-    Returns:
-        (M, ...) solution.
-
-    Raises:
-        LinAlgError: The matrix contains numbers that are not finite.
-    """
-    if not np.isfinite(normal).all():
-        raise np.linalg.LinAlgError("the normal equations of a fit contain numbers that are not finite")
-    if len(normal) == 0:
-        return np.asarray(right, dtype=np.float64)
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), MIN_INFORMATION))
-    scaled = normal * scale * scale[:, None]
-    scaled[np.diag_indices_from(scaled)] += damping + RIDGE
-    column = scale.reshape(-1, *[1] * (right.ndim - 1))
-    factor, failed = dpotrf(scaled, clean=False)
-    if not failed:
-        return np.asarray(dpotrs(factor, right * column)[0].reshape(right.shape) * column, dtype=np.float64)
-    # a parameter that the states nearly replace leaves only rounding errors, possibly negative
-    sizes, axes = np.linalg.eigh((scaled + scaled.T) / 2)
-    turned = axes.T @ (right * column).reshape(len(normal), -1) / np.maximum(sizes, damping + RIDGE)[:, None]
-    return np.asarray((axes @ turned).reshape(right.shape) * column, dtype=np.float64)
 
 
 def eliminate_states(

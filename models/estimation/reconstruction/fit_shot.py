@@ -13,11 +13,13 @@ from models.core.fit_result import Fit, Parameter, Trust
 from models.core.options import FitOptions
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene, Table
+from models.core.shot_explanation import ShotExplanation
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.break_shot.break_posterior import BreakPosterior
 from models.estimation.contact_test.candidate_contacts import find_close_passes
 from models.estimation.contact_test.shot_record import make_shot_record
+from models.estimation.joint_fit.fit_arrays import DIAMETER_COLUMN
 from models.estimation.joint_fit.fit_solution import (
     JointSolution,
     Observations,
@@ -41,12 +43,14 @@ from models.estimation.reconstruction.break_refinement import (
     select_outside_breaks,
 )
 from models.estimation.reconstruction.capture_times import estimate_capture_times
+from models.estimation.reconstruction.contact_ball_size import describe_ball_factor, warn_of_contact_ball_size
 from models.estimation.reconstruction.contact_time_refinement import refine_contact_times
 from models.estimation.reconstruction.event_list import collect_events, frame_at, list_events
 from models.estimation.reconstruction.noise_reestimation import reestimate_noise
 from models.estimation.reconstruction.pocket_events import find_pocketed_balls
 from models.estimation.reconstruction.shot_moments import add_close_passes, align_moments, convert_times
 from models.estimation.reconstruction.trajectory_assembly import build_measured_pieces, build_pieces, pack_trajectory
+from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
 from models.estimation.segmentation.contact_graph import ContactGraph
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
@@ -113,8 +117,9 @@ def fit_with_solution(
         fit = _fit_without_physics(capture_tracks, options, f"The fit failed: {failure}; paths are as measured.")
     if len(tracks.t):
         fit = _refine_events(fit, capture_tracks, scene)
+    warnings = (*scene.warnings, *warn_of_contact_ball_size(fit.parameters, scene))
     return _convert_to_presentation_time(
-        replace(fit, trust=add_warnings(fit.trust, scene.warnings)), tracks, clock
+        replace(fit, trust=add_warnings(fit.trust, warnings)), tracks, clock
     ), solution
 
 
@@ -125,7 +130,19 @@ def _refine_events(fit: Fit, tracks: Tracks, scene: Scene) -> Fit:
     explanation = align_moments(fit.explanation, events)
     passes = find_close_passes(make_shot_record(tracks, events, *arguments, explanation))
     events, explanation = add_close_passes(events, explanation, passes, tracks)
-    return replace(fit, events=events, explanation=explanation)
+    explanation = mark_unexplained_motion(explanation, fit.trajectory, tracks)
+    trust = add_warnings(fit.trust, _warn_of_unexplained_changes(explanation))
+    return replace(fit, events=events, explanation=explanation, trust=trust)
+
+
+def _warn_of_unexplained_changes(explanation: ShotExplanation) -> tuple[str, ...]:
+    """Return a warning that names velocity changes whose most probable cause is unknown; empty without any."""
+    unknown = [(one.t, one.ball) for one in explanation.moments if one.best.cause == "unexplained"]
+    if not unknown:
+        return ()
+    places = ", ".join(f"{ball} at {t:.2f} s" for t, ball in unknown[:_MAX_LISTED])
+    more = " ..." if len(unknown) > _MAX_LISTED else ""
+    return (f"{len(unknown)} unexplained velocity change{'s' if len(unknown) > 1 else ''}: {places}{more}.",)
 
 
 def fit_contact_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options: FitOptions = FitOptions()) -> Fit:
@@ -339,11 +356,6 @@ def _pixel_size(tracks: Tracks, radius: float) -> float:
 def _list_warnings(solution: JointSolution, ids: tuple[str, ...], unfitted_balls: list[str]) -> list[str]:
     """List sentences about results that a user should not rely on."""
     warnings, graph = [], solution.graph
-    if free := sorted((c.t, ids[graph.segments[c.before[0]].ball]) for c in graph.contacts if c.kind == "free"):
-        places = ", ".join(f"{ball} at {t:.2f} s" for t, ball in free[:_MAX_LISTED]) + (
-            " ..." if len(free) > _MAX_LISTED else ""
-        )
-        warnings.append(f"{len(free)} unexplained velocity change{'s' if len(free) > 1 else ''}: {places}.")
     if jumps := sum(contact.kind == "jump" for contact in graph.contacts):
         warnings.append(f"Paths jump at {jumps} place{'s' if jumps > 1 else ''}: frames may be missing there.")
     if unfitted_balls:
@@ -390,7 +402,7 @@ def _list_coefficients(solution: JointSolution) -> tuple[Parameter, ...]:
         ("rolling_resistance.mu", friction.rolling, sigma[1], ROLLING_PRIOR[1]),
     ):
         coefficients.append(Parameter(name, value, float(value * spread), "", bool(spread > 0.8 * prior)))
-    return tuple(coefficients)
+    return (*coefficients, describe_ball_factor(solution.diameter_factor, float(sigma[DIAMETER_COLUMN])))
 
 
 def _fit_without_physics(tracks: Tracks, options: FitOptions, reason: str) -> Fit:

@@ -8,7 +8,7 @@ import numpy as np
 
 from models.core.capture_clock import CaptureClock
 from models.core.events import Events
-from models.core.shot_explanation import Hypothesis, Moment, ShotExplanation
+from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.estimation.contact_test.contact_probability import ContactTestResult
 from models.estimation.reconstruction.contact_time_refinement import MAX_MOVE
@@ -87,8 +87,8 @@ def add_close_passes(
         odds = np.log(max(result.probability, 1e-12)) - np.log(max(1 - result.probability, 1e-12))
         evidence = EventEvidence(test=float(np.clip(odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)))
         p = estimate_event_probability("close_pass", evidence)
-        known = Hypothesis("ball", tracks.ids[two], p, "close_pass", tuple(evidence.vector.tolist()))
-        hypotheses = tuple(sorted((known, Hypothesis("none", "", 1 - p)), key=lambda entry: -entry.probability))
+        contact = CauseHypothesis("ball", tracks.ids[two], p, "close_pass", tuple(evidence.vector.tolist()))
+        hypotheses = tuple(sorted((contact, CauseHypothesis("none", "", 1 - p)), key=lambda entry: -entry.probability))
         xy = np.array([np.interp(result.t, tracks.t, np.nan_to_num(tracks.xy[:, one, axis])) for axis in (0, 1)])
         moments.append(Moment(tracks.ids[one], result.t, result.t_sigma, xy, hypotheses, ("close_pass",)))
         if p >= MIN_LISTED_PROBABILITY:

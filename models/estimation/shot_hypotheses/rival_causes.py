@@ -40,13 +40,13 @@ def find_rival_contacts(
     contact = solution.graph.contacts[number]
     if contact.kind != "ball":
         return _find_rivals_of_change(solution, observations, number, table, solution.graph)
-    known = solution.graph.balls_at(contact)
+    partners = solution.graph.balls_at(contact)
     apart = replace(solution, graph=separate_balls(solution.graph, number))
     rivals = []
     for slot in (number, len(apart.graph.contacts) - 1):
         rivals += [
             one for one in _find_rivals_of_change(apart, observations, slot, table, solution.graph)
-            if one.other not in known
+            if one.other not in partners
         ]  # fmt: skip
     return sorted(rivals, key=lambda one: one.cost)
 

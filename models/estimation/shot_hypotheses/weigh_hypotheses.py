@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.scene import Table
-from models.core.shot_explanation import Cause, Doubt, Hypothesis, Moment, ShotExplanation
+from models.core.shot_explanation import Cause, CauseHypothesis, Doubt, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import (
@@ -44,6 +44,8 @@ SURE_PROBABILITY = 0.9
 """Probability from which a cause counts as decided."""
 MIN_GAIN = 20.0
 """chi2 from which a velocity change is certain, whatever its cause: the price of a contact."""
+MAX_TIME_FRAMES = 2.0
+"""Frame intervals: largest uncertainty of the time of a velocity change; the samples around it show that much."""
 RIVAL_TIME_SHARE = 0.25
 """Frame intervals: least uncertainty of the time of a rival contact."""
 REST_SPEED = 0.05
@@ -93,7 +95,7 @@ def weigh_events(
     owner = assign_observations(solution.graph, observations)
     count = np.bincount(owner, minlength=len(solution.graph.segments)).astype(float)
     shot = _Shot(solution, observations, tracks, table, chi2, count, frame_interval(observations))
-    listed: list[EventRow] = []
+    likely: list[EventRow] = []
     moments: list[Moment] = []
     explained: set[int] = set()
     for row in rows:
@@ -101,10 +103,11 @@ def weigh_events(
         evidence = _collect_evidence(shot, row, rivals)
         p = estimate_event_probability(row.category, evidence) if row.category else row.probability
         weighed = [(replace(row, probability=p), evidence), *_weigh_rivals(shot, row, rivals, evidence, 1 - p)]
-        listed += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
+        likely += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
         moments.append(_make_moment(shot, weighed, evidence))
-        if others := [one for one in weighed if one[0].a != row.a]:  # rivals for the other ball of a contact
-            moments.append(_make_moment(shot, others, evidence))
+        if others := [one for one in weighed if one[0].a != row.a]:  # rivals for the other ball of the contact
+            mirrored = replace(row, a=row.b, b=row.a, probability=p)
+            moments.append(_make_moment(shot, [(mirrored, evidence), *others], evidence))
         if row.kind != "rest":
             explained.add(row.contact)
     for number, contact in enumerate(solution.graph.contacts):
@@ -113,10 +116,10 @@ def weigh_events(
             rivals = find_rival_contacts(solution, observations, number, table)
             evidence = _collect_evidence(shot, change, rivals)
             weighed = _weigh_rivals(shot, change, rivals, evidence, 1.0)
-            listed += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
+            likely += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
             moments.append(_make_moment(shot, [(replace(change, probability=0.0), evidence), *weighed], evidence))
     moments.sort(key=lambda one: one.t)
-    return listed, ShotExplanation(tuple(moments), _find_moving_at_start(solution, tracks.ids))
+    return likely, ShotExplanation(tuple(moments), _find_moving_at_start(solution, tracks.ids))
 
 
 def _find_moving_at_start(solution: JointSolution, ids: tuple[str, ...]) -> tuple[str, ...]:
@@ -139,7 +142,8 @@ def _describe_change(shot: _Shot, number: int) -> EventRow:
     contact = graph.contacts[number]
     after = graph.segments[contact.after[0]]
     column = layout_parameters(graph).contact + number
-    sigma = float(np.sqrt(max(float(shot.solution.covariance[column, column]), 0.0)))
+    variance = max(float(shot.solution.covariance[column, column]), 0.0)
+    sigma = min(float(np.sqrt(variance)), MAX_TIME_FRAMES * shot.interval)
     return EventRow(
         "strike", contact.t, sigma, shot.tracks.ids[after.ball], "", after.state[:2], "rival", number,
         speed=float(np.hypot(*after.state[2:4])),
@@ -232,11 +236,11 @@ def _make_moment(shot: _Shot, weighed: list[tuple[EventRow, EventEvidence]], evi
         a, other = (row.a, row.b) if row.a == main.a else (row.b, row.a)
         if row.probability > 0 and a == main.a:
             hypotheses.append(
-                Hypothesis(_cause_of(row), other, row.probability, row.category, tuple(own.vector.tolist()))
+                CauseHypothesis(_cause_of(row), other, row.probability, row.category, tuple(own.vector.tolist()))
             )
     rest = max(1 - sum(one.probability for one in hypotheses), 0.0)
     is_certain = main.contact >= 0 and shot.solution.graph.contacts[main.contact].gain >= MIN_GAIN
-    hypotheses.append(Hypothesis("unexplained" if is_certain else "none", "", rest))
+    hypotheses.append(CauseHypothesis("unexplained" if is_certain else "none", "", rest))
     doubts: list[Doubt] = []
     for is_doubt, doubt in (
         (np.expm1(evidence.hidden) >= HIDDEN_FRAMES, "hidden"),

@@ -16,15 +16,16 @@ import numpy as np
 from scipy.linalg import LinAlgError, solveh_banded
 
 from models.core.typing import FloatArray
+from models.numerics.least_squares import SearchOptions, minimize_cost
 
 MAX_STEP = 0.5
 """Largest step of a shared coordinate in one iteration, in units of its scale."""
 _RIDGE = 1e-12
 """Ridge, relative to the diagonal."""
-_MAX_DAMPINGS = 8
-"""Attempts to shorten a step before the search stops."""
-_MIN_RELATIVE_GAIN = 1e-4
-"""Relative decrease of the cost per iteration below which a search has converged."""
+_SEARCH = SearchOptions(
+    iterations=40, attempts=8, min_relative_gain=1e-4, damping=1e-4, lowering=1 / 8, raising=10.0, least_raised=1e-4
+)
+"""Of the states and shared coordinates of a chain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,20 +151,21 @@ def minimize_chain(
     Returns:
         The last iterate; `converged` where no further decrease was possible.
     """
-    damping = 1e-4
-    for _ in range(iterations):
-        band = build_normal_equations(observed, chain)
-        for _ in range(_MAX_DAMPINGS):
-            trial = _take_step(model, observed, chain, band, damping)
-            if trial.cost < chain.cost:
-                break
-            damping = max(10 * damping, 1e-4)
-        else:
-            return replace(chain, converged=True)
-        gain, chain, damping = chain.cost - trial.cost, trial, damping / 8
-        if gain < _MIN_RELATIVE_GAIN * chain.cost:
-            return replace(chain, converged=True)
-    return chain
+
+    def move(now: ChainEstimate, step: tuple[FloatArray, FloatArray]) -> tuple[ChainEstimate, float]:
+        states, shared = now.states + step[0], model.clip_shared(now.shared + step[1])
+        trial = start_chain(model, observed, states, shared, now.link_sigma)
+        return trial, trial.cost
+
+    best = minimize_cost(
+        chain,
+        chain.cost,
+        lambda now: build_normal_equations(observed, now),
+        lambda band, damping: _solve_step(observed, band, damping),
+        move,
+        replace(_SEARCH, iterations=iterations),
+    )
+    return replace(best.point, converged=best.outcome != "interrupted")
 
 
 def _chain_cost(
@@ -243,39 +245,26 @@ def state_covariance(band: BandedNormalEquations, shared: FloatArray) -> FloatAr
     return np.asarray(inner + response @ shared @ response.T, np.float64)
 
 
-def _take_step(
-    model: ChainModel, observed: ChainObservations, chain: ChainEstimate, band: BandedNormalEquations, damping: float
-) -> ChainEstimate:
-    """Take one damped step; an unsolvable step has infinite cost."""
-    try:
-        states, shared = _solve_step(observed, band, damping)
-    except LinAlgError:
-        return replace(chain, cost=float("inf"))
-    new_shared = model.clip_shared(chain.shared + shared)
-    moved = chain.states + states
-    prediction = model.predict(moved, new_shared)
-    return ChainEstimate(
-        moved,
-        new_shared,
-        chain.link_sigma,
-        prediction,
-        _chain_cost(observed, moved, new_shared, chain.link_sigma, prediction),
-    )
-
-
 def _solve_step(
     observed: ChainObservations, band: BandedNormalEquations, damping: float
-) -> tuple[FloatArray, FloatArray]:
-    """Compute the steps of states (K, S) and shared coordinates (P,), bounded in the scales of the latter."""
+) -> tuple[FloatArray, FloatArray] | None:
+    """Compute the steps of states (K, S) and shared coordinates (P,), bounded in the scales of the latter.
+
+    None where the equations have no solution.
+    """
     right = np.concatenate([band.border, band.gradient[:, :, None]], axis=2)
-    inside = _solve_banded(band, damping * float((observed.weight**2).max()) * _damping_weights(observed), right)
-    whole = band.corner - np.einsum("ksp,ksq->pq", band.border, inside[:, :, :-1])
-    whole += np.diag(
-        damping * np.diag(band.corner) + _RIDGE * np.diag(band.corner) + 1e-3 * damping / observed.scale**2
-    )
-    push = -band.shared_gradient + np.einsum("ksp,ks->p", band.border, inside[:, :, -1])
-    size = 1 / np.sqrt(np.diag(whole).clip(1e-300))
-    shared = size * np.linalg.solve(whole * size * size[:, None], push * size)
+    extra = damping * float((observed.weight**2).max()) * _damping_weights(observed)
+    try:
+        inside = _solve_banded(band, extra, right)
+        whole = band.corner - np.einsum("ksp,ksq->pq", band.border, inside[:, :, :-1])
+        whole += np.diag(
+            damping * np.diag(band.corner) + _RIDGE * np.diag(band.corner) + 1e-3 * damping / observed.scale**2
+        )
+        push = -band.shared_gradient + np.einsum("ksp,ks->p", band.border, inside[:, :, -1])
+        size = 1 / np.sqrt(np.diag(whole).clip(1e-300))
+        shared = size * np.linalg.solve(whole * size * size[:, None], push * size)
+    except LinAlgError:
+        return None
     shared = shared / max(1.0, float(np.max(np.abs(shared) / observed.scale, initial=0.0)) / MAX_STEP)
     return -(inside[:, :, -1] + inside[:, :, :-1] @ shared), shared
 

@@ -73,8 +73,8 @@ def find_partners(solution: JointSolution, observations: Observations, number: i
         tolerance = TOUCH_TOLERANCE * table.ball_radius + TIME_TOLERANCE * interval * speed
         candidate = Partner(k, float(t[least]), float(mismatch[least]))
         if candidate.mismatch < tolerance and speed > MIN_CONTACT_SPEED:
-            known = best.get(segment.ball)
-            if known is None or candidate.mismatch < known.mismatch:
+            nearest = best.get(segment.ball)
+            if nearest is None or candidate.mismatch < nearest.mismatch:
                 best[segment.ball] = candidate
     return sorted(best.values(), key=lambda one: one.mismatch)[:MAX_PARTNERS]
 

@@ -89,19 +89,19 @@ def revise_graph(
     """
     search = StructureSearch(observations, table, (break_price, free_price), SearchCache())
     for _ in range(rounds):
-        found = solution
+        revised = solution
         for name, revise in PASSES:
-            found = log_pass(name, found, revise(found, search), search.prices)
+            revised = log_pass(name, revised, revise(revised, search), search.prices)
             if name == LOCAL_PASS:
-                before = found  # what this pass inserts comes up again with the next round's changes
-        gains = _evaluate_gains(found, observations, table, search.cache)
+                before = revised  # what this pass inserts comes up again with the next round's changes
+        gains = _evaluate_gains(revised, observations, table, search.cache)
         solution = log_pass(
             "remove needless contacts",
-            found,
-            _prune_contacts(found, gains, observations, table, search.prices),
+            revised,
+            _prune_contacts(revised, gains, observations, table, search.prices),
             search.prices,
         )
-        if found is before and len(solution.graph.contacts) == len(gains):
+        if revised is before and len(solution.graph.contacts) == len(gains):
             break
     return solution
 

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.normal_equations import HUBER_THRESHOLD, simulate_shots
+from models.estimation.multiple_shooting.normal_equations import simulate_shots
 from models.estimation.multiple_shooting.posterior_samples import sample_posterior
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED, ShootingFit, ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_problem import ShootingProblem
 from models.estimation.whole_shot.shot_windows import ShotWindows
+from models.numerics.robust import huber_losses
 from models.physics.billiards.simulation.event_engine import EVENT_TIME
 from models.physics.billiards.simulation.parametrised_shot import SIDE_SPIN, start_offsets
 
@@ -185,7 +186,7 @@ def is_explained(model: ShotWindows, guess: ShotGuess, variance_ratio: float) ->
     """
     costs = []
     for k, window in enumerate(model.windows):
-        cost = _observation_costs(model.simulate(k, guess.starts[k], guess.shared).residual)
+        cost = huber_losses(model.simulate(k, guess.starts[k], guess.shared).residual)
         part = window.body + (int(window.body.max(initial=0)) + 1) * (
             (window.t - window.t[0]) / ASSESSMENT_TIME
         ).astype(int)
@@ -256,10 +257,3 @@ def _add_new_windows(part: ShotWindows, guess: ShotGuess) -> ShotGuess:
 
 def _to_guess(fitted: ShootingFit) -> ShotGuess:
     return ShotGuess(fitted.starts, fitted.shared)
-
-
-def _observation_costs(misfit: FloatArray) -> FloatArray:
-    """Compute the robust cost (K,) of each observation."""
-    size = np.linalg.norm(misfit, axis=1)
-    inner = np.minimum(size, HUBER_THRESHOLD)
-    return np.asarray(2 * size * inner - inner**2)

@@ -12,7 +12,7 @@ from rich.table import Table as Grid
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.result_cache import ResultCache
 from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
-from pipeline.reporting.text.text_formatting import format_event, format_event_time
+from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
 from pipeline.run_options import RunOptions
 from pipeline.terminal.command_line import (
     CacheOption,
@@ -99,10 +99,15 @@ def _print_events(finished: FinishedRun) -> None:
             grid.add_row(
                 format_event_time(finished.events, k),
                 format_event(finished.events, k),
-                f"{finished.events.probability[k]:.0%}",
+                _format_probability(float(finished.events.probability[k])),
             )
         screen.print(grid)
     else:
         screen.print("Nothing moves in this clip.")
     screen.print(format_trust_line(finished.trust))
     print(f"Look at {finished.folder / 'slow.mp4'} and {finished.folder / 'report.html'}")
+
+
+def _format_probability(probability: float) -> str:
+    """Format the probability of an event, and whether it is undecided."""
+    return f"{probability:.0%}{' (undecided)' if is_undecided(probability) else ''}"

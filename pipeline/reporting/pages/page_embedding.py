@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import base64
+import io
 from collections.abc import Mapping
 from pathlib import Path
 
+from PIL import Image
+
+from models.core.typing import ImageArray
+
+JPEG_QUALITY = 82
 CHUNK_BYTES = 3 << 20
 """Bytes read at a time; a multiple of three, so that the base64 of the parts equals the base64 of the whole file."""
 
@@ -13,6 +19,13 @@ CHUNK_BYTES = 3 << 20
 def build_data_uri(path: Path, media_type: str) -> str:
     """Encode a small file as a data URI."""
     return f"{_data_uri_head(media_type)}{base64.b64encode(path.read_bytes()).decode('ascii')}"
+
+
+def build_jpeg_uri(image: ImageArray) -> str:
+    """Encode an image (H, W, 3) as the data URI of a JPEG."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, format="JPEG", quality=JPEG_QUALITY)
+    return f"{_data_uri_head('image/jpeg')}{base64.b64encode(buffer.getvalue()).decode('ascii')}"
 
 
 def write_page(html: str, carried: Mapping[str, tuple[Path, str]], target: Path) -> None:

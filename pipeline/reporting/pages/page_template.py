@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from typing import Any
 
@@ -21,13 +22,19 @@ def render_template(template: str, **values: object) -> str:
     Returns:
         The HTML page.
     """
-    page = Environment(
+    environment = Environment(
         loader=PackageLoader("pipeline.reporting.pages", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
-    ).get_template(template)
-    return page.render(**values)
+    )
+    environment.filters["keep_units"] = _keep_units
+    return environment.get_template(template).render(**values)
+
+
+def _keep_units(text: str) -> str:
+    """Keep units on the line of their number."""
+    return re.sub(r"(?<=\d) (?=(?:s|mm|frames?)\b|%)", "\N{NO-BREAK SPACE}", text)
 
 
 def read_plotly_source() -> str:

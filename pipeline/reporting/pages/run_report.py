@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import combinations
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 
 from models.core.fit_result import Fit
 from models.core.scene import Scene
+from models.core.shot_explanation import Moment
 from models.core.tracks import Tracks
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
@@ -25,11 +26,19 @@ from pipeline.reporting.figures.run_figures import (
     build_speed_figure,
     darken_for_page,
 )
+from pipeline.reporting.pages.check_views import build_check_views
 from pipeline.reporting.pages.page_embedding import build_data_uri, write_page
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.text.check_list import select_check_places
+from pipeline.reporting.text.check_sentences import format_hypotheses
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.shot_summary import summarize_shots
-from pipeline.reporting.text.text_formatting import format_event, format_parameter_name, format_textbook_range
+from pipeline.reporting.text.text_formatting import (
+    format_event,
+    format_parameter_name,
+    format_textbook_range,
+    is_undecided,
+)
 from video.calibration.table_classifier import ALTERNATIVES_PREFIX
 from video.drawing.palette import ball_colour
 from video.io.clip import Clip
@@ -40,6 +49,8 @@ VIDEO_PLACEHOLDER = "slow-motion/carried-here"
 """Placeholder of the video in the page; no clip can have this name."""
 LEAD_IN_SECONDS = 0.15
 """s of the clip before an event, from which the video plays."""
+MOMENT_TIME = 0.1
+"""s between an event and the moment whose hypotheses it belongs to, at most."""
 PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
 NEAR_MISS_GAP = 0.02
 """m, largest gap of two balls without contact for which the page answers whether they touched."""
@@ -58,6 +69,17 @@ class ReportFiles:
     slow_factor: float
     start: float = 0.0
     """s of the clip at which the slow motion begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class CallRow:
+    """One row of the table of calls."""
+
+    question: str
+    call: str
+    answer: CallAnswer
+    sentence: str
+    """The answer without the reason why it cannot be decided."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +116,13 @@ def write_report(
     colours = [darken_for_page(ball_colour(*ball)) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
     carried = {VIDEO_PLACEHOLDER: (files.slow, "video/mp4")} if files.slow.stat().st_size <= EMBED_LIMIT_BYTES else {}
     parameters = [*fit.parameters, *(fit.whole_shot.parameters if fit.whole_shot is not None else ())]
+    trust = assess_run_trust(clip, fit)
+    fit = replace(fit, trust=trust)
+    places = select_check_places(tracks, fit, scene.table)
     html = render_template(
         "report.html",
         name=title,
-        trust=assess_run_trust(clip, fit),
+        trust=trust,
         summaries=summarize_shots(
             tracks, fit, [doubt for doubt in scene.warnings if doubt.startswith(ALTERNATIVES_PREFIX)]
         ),
@@ -108,11 +133,14 @@ def write_report(
         slow=files.slow_factor,
         start=files.start,
         events=build_event_rows(fit, files),
+        checks=[(view, _seek_time(view.t, files)) for view in build_check_views(clip, scene, tracks, fit, places)],
         plan=embed_figure(build_plan_figure(scene, fit, colours), "plan", 440),
         plan_ratio=round(scene.table.width / scene.table.length, 4),
         speeds=embed_figure(build_speed_figure(scene, fit, colours), "speeds", 330),
         energies=embed_figure(build_energy_figure(scene, fit, colours), "energies", 330),
-        calls=answer_calls(make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera)),
+        calls=answer_calls(
+            make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
+        ),
         plotly=read_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
         parameters=[(p, format_parameter_name(p.name), format_textbook_range(p.name)) for p in parameters],
@@ -143,15 +171,17 @@ def _embed_parameter_plot(fit: Fit) -> str:
     )
 
 
-def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float]]:
+def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float | bool]]:
     """Build the rows of the event list; each seeks the video to shortly before its event."""
     events = fit.events
-    rows: list[dict[str, str | float]] = []
+    rows: list[dict[str, str | float | bool]] = []
     for k in range(len(events)):
         gap = f"{1000 * events.gap[k]:+.1f} ± {1000 * events.gap_sigma[k]:.1f}" if np.isfinite(events.gap[k]) else ""
+        undecided = is_undecided(events.probability[k])
+        moment = _find_moment(fit, k) if undecided else None
         rows.append(
             {
-                "seek": round(max(float(events.t[k]) - LEAD_IN_SECONDS - files.start, 0.0) * files.slow_factor, 3),
+                "seek": _seek_time(float(events.t[k]), files),
                 "at": round(max(float(events.t[k]) - files.start, 0.0) * files.slow_factor, 3),
                 "time": f"{events.t[k]:.4f}",
                 "sigma": f"{1000 * events.t_sigma[k]:.1f}",
@@ -159,13 +189,48 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
                 "speed": f"{events.speed[k]:.2f}" if np.isfinite(events.speed[k]) else "",
                 "gap": gap,
                 "probability": f"{events.probability[k]:.0%}",
+                "undecided": undecided,
+                "hypotheses": "" if moment is None else f"{moment.ball}: {format_hypotheses(moment)}",
             }
         )
     return rows
 
 
-def answer_calls(record: ShotRecord) -> list[tuple[str, CallAnswer]]:
+def _seek_time(t: float, files: ReportFiles) -> float:
+    """Return the time of the video, s, shortly before t (s of the clip)."""
+    return round(max(t - LEAD_IN_SECONDS - files.start, 0.0) * files.slow_factor, 3)
+
+
+def _find_moment(fit: Fit, event: int) -> Moment | None:
+    """Find the moment with the hypothesis that an event stands for; None if there is none."""
+    events = fit.events
+    kind, a, b, t = events.kind[event], events.a[event], events.b[event], float(events.t[event])
+    bodies = {(a, b), (b, a)}
+    candidates = [
+        (abs(one.probability - float(events.probability[event])), abs(moment.t - t), moment)
+        for moment in fit.explanation.moments
+        for one in moment.hypotheses
+        if abs(moment.t - t) < MOMENT_TIME and one.cause == kind and (moment.ball, one.other) in bodies
+    ]
+    return min(candidates, key=lambda entry: entry[:2])[2] if candidates else None
+
+
+def answer_calls(record: ShotRecord) -> list[CallRow]:
     """Answer standard questions: first contact of each struck ball, pockets, and near misses."""
+    return [
+        CallRow(question, _format_call(answer), answer, answer.sentence.removesuffix(answer.reason).rstrip())
+        for question, answer in _answer_standard_questions(record)
+    ]
+
+
+def _format_call(answer: CallAnswer) -> str:
+    """Format an answer in one or two words."""
+    if answer.reason or answer.verdict == "inconclusive":
+        return "cannot be decided"
+    return answer.alternatives[0][0] if answer.alternatives else answer.verdict
+
+
+def _answer_standard_questions(record: ShotRecord) -> list[tuple[str, CallAnswer]]:
     struck = list(
         dict.fromkeys(record.events.a[k] for k in range(len(record.events)) if record.events.kind[k] == "strike")
     )

@@ -8,7 +8,7 @@ import rerun as rr
 from models.core.events import Events
 from pipeline.reporting.recording.recorded_shot import RecordedShot
 from pipeline.reporting.recording.recording_stream import FRAME, VIDEO_TIME, build_time_columns, frame_shown_at
-from pipeline.reporting.text.text_formatting import format_event, format_event_time
+from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
 
 CAPTION_SECONDS = 0.8
 """s for which a caption is shown below the plan."""
@@ -32,10 +32,12 @@ def log_events(stream: rr.RecordingStream, shot: RecordedShot) -> None:
 
 
 def format_mark(events: Events, k: int) -> str:
-    """Format time, sentence and, if it is known, the gap of the free paths of an event."""
+    """Format time, sentence, the gap of the free paths if it is known, and the probability of an undecided event."""
     parts = [format_event_time(events, k), format_event(events, k)]
     if np.isfinite(events.gap[k]):
         parts.append(f"gap {1000 * events.gap[k]:+.1f} mm")
+    if is_undecided(events.probability[k]):
+        parts.append(f"undecided, {100 * events.probability[k]:.0f} %")
     return " · ".join(parts)
 
 

@@ -1,1 +1,1 @@
-"""Sentences about shots, fits and diagnoses; their HTML pages are in `reporting.pages`."""
+"""Sentences about shots, fits and diagnoses, and the choice of what they name; HTML pages are in `reporting.pages`."""

@@ -18,6 +18,9 @@ TEXTBOOK_RANGES = {
 """Textbook ranges of parameters: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket
 Billiards, 1995."""
 
+MIN_LISTED_PROBABILITY, SURE_PROBABILITY = 0.1, 0.9
+"""Probabilities between which a cause is undecided, as in `models.estimation.shot_hypotheses`, which takes long to
+import."""
 MIN_REPORTED_SPEED = 0.005
 """m/s below which an event is described without its speed, which would be printed as 0.00."""
 
@@ -40,6 +43,11 @@ def format_event(events: Events, k: int) -> str:
         "rest": f"{events.a[k]} comes to rest",
     }[events.kind[k]]
     return what + (f" at {events.speed[k]:.2f} m/s" if events.speed[k] >= MIN_REPORTED_SPEED else "")
+
+
+def is_undecided(probability: float) -> bool:
+    """Return whether a probability decides nothing: 0.1 to 0.9."""
+    return MIN_LISTED_PROBABILITY <= probability < SURE_PROBABILITY
 
 
 def format_event_time(events: Events, k: int) -> str:

@@ -9,14 +9,14 @@ import pytest
 
 from models.core.errors import OptionError
 from models.core.events import Events
-from models.core.shot_explanation import Hypothesis, Moment, ShotExplanation
+from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from pipeline.io.explanation_json import describe_explanation, parse_explanation
 
 NO_EVENTS = Events((), *(np.empty(0),) * 3, (), (), np.empty((0, 2)), *(np.empty(0),) * 4)
 
 
 def _explanation() -> ShotExplanation:
-    hypotheses = (Hypothesis("ball", "solid-1", 0.6), Hypothesis("unexplained", "", 0.4))
+    hypotheses = (CauseHypothesis("ball", "solid-1", 0.6), CauseHypothesis("unexplained", "", 0.4))
     return ShotExplanation((Moment("cue", 0.5, 0.01, np.array([1.0, 0.5]), hypotheses, ("hidden",)),), ("solid-2",))
 
 
@@ -45,5 +45,5 @@ def test_a_folder_of_an_older_version_is_explained_by_its_events() -> None:
     one = np.array([0.5])
     events = Events(("ball",), one, one, one, ("cue",), ("red",), np.array([[1.0, 0.5]]), np.array([0.8]), *(one,) * 3)
     (moment,) = parse_explanation({}, events).moments
-    assert moment.best == Hypothesis("ball", "red", 0.8)
+    assert moment.best == CauseHypothesis("ball", "red", 0.8)
     assert sum(hypothesis.probability for hypothesis in moment.hypotheses) == pytest.approx(1.0)

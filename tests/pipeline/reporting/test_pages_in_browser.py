@@ -40,7 +40,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Image.fromarray(np.full((140, 240, 3), 90, np.uint8)).save(folder / "poster.png")
     files = ReportFiles(folder / "slow.mp4", folder / "poster.png", SLOWER, start=0.2)
     name = "<b>shot</b>&\"'.mp4"
-    write_report(clip, scene, tracks, shot.make_fit(tracks.t), files, name, ["--slow 2"], folder / "report.html")
+    write_report(clip, scene, tracks, shot.make_unsure_fit(tracks.t), files, name, ["--slow 2"], folder / "report.html")
     return folder / "report.html"
 
 
@@ -62,6 +62,21 @@ def test_choosing_a_contact_seeks_the_video(report: Path, browser: webdriver.Chr
     at = browser.execute_script("return document.getElementById('slow').currentTime")
     assert at == pytest.approx((0.5 - 0.15 - 0.2) * SLOWER, abs=1e-3)
     assert console_messages(browser) == []
+
+
+def test_choosing_a_place_to_check_seeks_the_video(report: Path, browser: webdriver.Chrome) -> None:
+    open_page(report, browser)
+    WebDriverWait(browser, 20).until(
+        lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2
+    )
+    browser.execute_script("document.getElementById('slow').play = () => Promise.resolve()")
+    place = browser.find_elements(By.CSS_SELECTOR, "[data-check]")[1]
+    browser.execute_script("arguments[0].scrollIntoView(); arguments[0].click()", place)
+    WebDriverWait(browser, 10).until(lambda b: not b.execute_script("return document.getElementById('slow').seeking"))
+    at = browser.execute_script("return document.getElementById('slow').currentTime")
+    assert at == pytest.approx((0.7 - 0.15 - 0.2) * SLOWER, abs=1e-3)
+    image = place.find_element(By.TAG_NAME, "img")
+    WebDriverWait(browser, 10).until(lambda b: b.execute_script("return arguments[0].naturalWidth", image) == 480)
 
 
 def test_a_contact_is_reached_and_chosen_by_the_keyboard(report: Path, browser: webdriver.Chrome) -> None:

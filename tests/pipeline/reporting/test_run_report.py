@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from support import synthetic_run as shot
 
+from models.core.fit_result import Trust, TrustLevel
+from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.estimation.contact_test import call_answers
+from models.estimation.contact_test.call_answers import CallAnswer
+from models.estimation.shot_hypotheses import weigh_hypotheses
 from pipeline.reporting.figures.run_figures import build_plan_figure, build_speed_figure
+from pipeline.reporting.pages import run_report
 from pipeline.reporting.pages.run_report import ReportFiles, build_event_rows, write_report
+from pipeline.reporting.text import text_formatting
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import format_event
+from video.io.clip import Clip
+from video.overlay import motion_paths
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Clip:
+    return shot.write_clip(tmp_path / "clip.mp4")
 
 
 @pytest.fixture(scope="module")
@@ -83,3 +100,94 @@ def test_a_clip_that_breaks_off_is_amber_with_the_reason(tmp_path: Path) -> None
     trust = assess_run_trust(clip, shot.make_fit(clip.t))
     assert trust.level == "amber"
     assert "breaks off at 0.50 s" in trust.reasons[0]
+
+
+@pytest.fixture(scope="module")
+def unsure_page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = tmp_path_factory.mktemp("unsure")
+    clip = shot.write_clip(folder / "clip.mp4")
+    scene, tracks = shot.make_scene(), shot.make_tracks(clip, shot.make_scene())
+    (folder / "poster.png").write_bytes(b"\x89PNG")
+    files = ReportFiles(folder / "clip.mp4", folder / "poster.png", 8.0)
+    write_report(clip, scene, tracks, shot.make_unsure_fit(tracks.t), files, "shot", [], folder / "report.html")
+    return (folder / "report.html").read_text(encoding="utf-8").replace("\N{NO-BREAK SPACE}", " ")
+
+
+def test_places_to_check_have_a_sentence_a_frame_and_a_close_up(unsure_page: str) -> None:
+    images = [base64.b64decode(data) for data in re.findall(r'src="data:image/jpeg;base64,([^"]+)"', unsure_page)]
+    assert [Image.open(io.BytesIO(image)).size for image in images] == [(480, 360), (480, 360)]
+    middle = np.asarray(Image.open(io.BytesIO(images[0])).convert("L"))[150:210, 210:270]
+    assert middle.max() > 200, "the white ball is in the middle of its close-up"
+    assert "frame 15 · 0.50 s · 39 % unsure" in unsure_page
+    assert "white: what it met at 0.50 s is unsure: right cushion 61 %, unexplained 39 %; too few frames" in unsure_page
+    assert unsure_page.index("frame 15 ·") < unsure_page.index("frame 21 ·")
+    assert "Nothing is unsure" not in unsure_page
+
+
+def test_undecided_events_are_marked_with_their_hypotheses(unsure_page: str) -> None:
+    assert unsure_page.count("? undecided, 61%") == 1
+    assert "undecided: white: right cushion 61 %, unexplained 39 %" in unsure_page
+
+
+def test_a_sure_run_says_that_nothing_is_unsure(page: str) -> None:
+    assert "Nothing is unsure" in page
+    assert "data-check=" not in page
+    assert "undecided" not in page
+
+
+def test_the_trust_level_of_the_page_names_undecided_events(unsure_page: str) -> None:
+    assert "Trust: amber" in unsure_page
+    assert "Undecided: white touched red at 0.70 s (20 %)." in unsure_page
+    assert "the trust level of the clip is amber" in unsure_page
+
+
+def test_calls_that_the_clip_does_not_decide_say_so_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    reason = "It cannot be decided from this clip: a ball was hidden."
+    answer = CallAnswer(0.6, *[float("nan")] * 5, f"Inconclusive. {reason}", (), ("white",), (("red", 0.6),), reason)
+    sure = replace(answer, probability=0.99, reason="", sentence="White touched red.")
+    monkeypatch.setattr(run_report, "_answer_standard_questions", lambda _: [("first white", answer), ("", sure)])
+    undecided, decided = run_report.answer_calls(None)  # type: ignore[arg-type]
+    assert (undecided.call, undecided.sentence) == ("cannot be decided", "Inconclusive.")
+    assert (decided.call, decided.sentence) == ("red", "White touched red.")
+
+
+def moments_of(*p: float) -> ShotExplanation:
+    return ShotExplanation(
+        tuple(
+            Moment(
+                "white",
+                float(k),
+                0.001,
+                np.zeros(2),
+                (CauseHypothesis("ball", "red", q), CauseHypothesis("none", "", 1 - q)),
+            )
+            for k, q in enumerate(p)
+        )
+    )
+
+
+@pytest.mark.parametrize(("level", "expected"), [("green", "amber"), ("amber", "amber"), ("red", "red")])
+def test_undecided_contacts_reduce_green_to_amber_and_no_further(level: TrustLevel, expected: str, clip: Clip) -> None:
+    fit = replace(shot.make_fit(clip.t), explanation=moments_of(0.95, 0.2, 0.5, 0.05, 0.8, 0.89))
+    trust = assess_run_trust(clip, replace(fit, trust=Trust(level, ("why",))))
+    assert trust.level == expected
+    assert trust.reasons == (
+        "why",
+        "Undecided: white touched red at 2.00 s (50 %), white touched red at 1.00 s (20 %), "
+        "white touched red at 4.00 s (80 %) and 1 more.",
+    )
+
+
+def test_decided_contacts_and_undecided_cushions_and_rests_stay_green(clip: Clip) -> None:
+    hypotheses = (CauseHypothesis("cushion", "top", 0.5), CauseHypothesis("rest", "", 0.5))
+    open_cushion = Moment("white", 0.5, 0.001, np.zeros(2), hypotheses)
+    moments = (*moments_of(0.95, 0.05).moments, open_cushion)
+    fit = replace(shot.make_fit(clip.t), explanation=ShotExplanation(moments))
+    assert assess_run_trust(clip, fit) == fit.trust
+
+
+def test_an_event_counts_as_undecided_where_the_fit_and_the_slow_motion_count_it_so() -> None:
+    for module in (weigh_hypotheses, call_answers, text_formatting, motion_paths):
+        assert module.SURE_PROBABILITY == 0.9
+    assert weigh_hypotheses.MIN_LISTED_PROBABILITY == text_formatting.MIN_LISTED_PROBABILITY
+    assert motion_paths.MIN_PROBABILITY == text_formatting.MIN_LISTED_PROBABILITY

@@ -14,7 +14,8 @@ from video.drawing.label_layout import LabelPosition, overlap_area
 from video.matting.ball_timeline import build_ball_timeline
 from video.overlay.annotation import FADE_OUT_STEP, MAX_LABEL_OVERLAP, Annotation, prepare_annotation
 from video.overlay.frame_overlay import FrameBalls
-from video.overlay.motion_paths import sample_motion_path, select_contact_marks
+from video.overlay.motion_paths import FAINT_OPACITY, ContactMark, sample_motion_path, select_contact_marks
+from video.overlay.replays import MAX_REPLAYS, select_replay_marks
 
 TIMES = np.arange(31) / shot.RATE
 
@@ -103,3 +104,48 @@ def test_only_the_hardest_of_many_simultaneous_contacts_are_drawn() -> None:
         build_ball_timeline(shot.scene(), shot.tracks(TIMES), fit), replace(fit, events=events)
     )
     np.testing.assert_allclose([mark.t for mark in marks], t[[1, 3, 4, 6, 8]])
+
+
+def marks_of(*probabilities: float) -> tuple[ContactMark, ...]:
+    """Cushion contacts of the cue ball with these probabilities, 0.1 s apart."""
+    fit, count = shot.fit(TIMES), len(probabilities)
+    t, nan = 0.2 + 0.1 * np.arange(count), np.full(count, np.nan)
+    events = Events(
+        ("cushion",) * count, t, np.full(count, 1e-4), t * shot.RATE, ("cue",) * count, ("top",) * count,
+        np.full((count, 2), 0.3), np.array(probabilities), nan, nan, np.ones(count),
+    )  # fmt: skip
+    timeline = build_ball_timeline(shot.scene(), shot.tracks(TIMES), fit)
+    return select_contact_marks(timeline, replace(fit, events=events))
+
+
+def test_undecided_events_are_faint_with_their_probability_and_improbable_ones_not_drawn() -> None:
+    sure, undecided, unlikely = marks_of(0.95, 0.61, 0.05, 0.1)
+    assert (sure.label.name, sure.opacity) == ("cue – cushion", 1.0)
+    assert "%" not in sure.label.value
+    assert (undecided.label.name, undecided.opacity) == ("cue – cushion ?", FAINT_OPACITY)
+    assert undecided.label.value.endswith("61 %")
+    assert unlikely.label.value.endswith("10 %")
+
+
+def test_an_undecided_flash_and_its_label_change_the_image_less() -> None:
+    timeline = build_ball_timeline(shot.scene(), shot.tracks(TIMES), shot.fit(TIMES))
+    nothing = np.full((2, 2), np.nan)
+    yes = np.ones(2, dtype=bool)
+    balls = FrameBalls(nothing, np.full(2, 8.0), np.zeros(2), np.zeros((2, 2)), ~yes, ~yes, yes)
+    changes = []
+    for opacity in (1.0, FAINT_OPACITY):
+        annotation = prepare_annotation(timeline, shot.tracks(TIMES), shot.fit(TIMES), shot.cloth(), 8.0)
+        (mark,) = marks_of(0.95)
+        images = [shot.cloth(), shot.cloth()]
+        for image, marks in zip(images, ((), (replace(mark, opacity=opacity),)), strict=True):
+            annotation.marks = marks
+            annotation.draw(image, 0.23, balls, nothing)
+        changes.append(float(np.abs(images[1].astype(float) - images[0]).sum()))
+    assert 0.3 * changes[0] < changes[1] < 0.7 * changes[0]
+
+
+def test_replays_show_sure_contacts_first() -> None:
+    marks = marks_of(0.95, *[0.5] * MAX_REPLAYS)
+    selected = select_replay_marks(marks[::-1])
+    assert selected[0] == marks[0]
+    assert len(selected) == MAX_REPLAYS

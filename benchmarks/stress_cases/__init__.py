@@ -1,0 +1,1 @@
+"""Cases, truth, scores and tables of the stress test."""

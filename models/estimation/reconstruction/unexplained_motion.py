@@ -1,0 +1,67 @@
+"""Motion that no hypothesis explains: every start and turn of a ball has a cause, or is marked as unexplained."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
+from models.core.typing import IntArray
+
+SPAN_FRAMES, STEPS_PER_FRAME = 1.5, 4
+"""Frames over which a velocity changes, also the largest distance of its cause; and the steps in which it is sought."""
+FRICTION_LIMIT = 3.0
+"""m/s^2: no cloth changes a velocity faster (sliding friction is about 2)."""
+MIN_CHANGE, MIN_SPEED = 0.08, 0.1
+"""m/s: smaller changes, and changes of slower balls, are within the errors of a path."""
+
+
+def mark_unexplained_motion(explanation: ShotExplanation, trajectory: Trajectory, tracks: Tracks) -> ShotExplanation:
+    """Add an unexplained moment wherever a ball starts or turns and no moment is near.
+
+    Args:
+        explanation: Explanation of the shot.
+        trajectory: Motion of N balls.
+        tracks: Tracks of N balls over T frames.
+
+    Returns:
+        The explanation with these moments.
+    """
+    if len(tracks.t) < 2:
+        return explanation
+    frame = float(np.median(np.diff(tracks.t)))
+    step, reach = frame / STEPS_PER_FRAME, round(SPAN_FRAMES * STEPS_PER_FRAME)
+    t = np.arange(tracks.t[0], tracks.t[-1], step)
+    if len(t) <= reach:
+        return explanation
+    state = trajectory.at(t)
+    change = np.linalg.norm(state.v[reach:] - state.v[:-reach], axis=2)
+    fastest = np.maximum(np.linalg.norm(state.v[reach:], axis=2), np.linalg.norm(state.v[:-reach], axis=2))
+    is_abrupt = (change > FRICTION_LIMIT * reach * step + MIN_CHANGE) & (fastest > MIN_SPEED)
+    moments = list(explanation.moments)
+    for k, ball in enumerate(tracks.ids):
+        causes = np.array([one.t for one in explanation.moments if ball in _list_balls(one)])
+        for rows in _split_runs(np.flatnonzero(is_abrupt[:, k])):
+            middle = t[rows] + reach * step / 2
+            if len(causes):
+                middle = middle[np.abs(middle[:, None] - causes).min(axis=1) > SPAN_FRAMES * frame]
+            if len(middle):
+                at = float(np.median(middle))
+                xy = np.array([np.interp(at, t, state.xy[:, k, axis]) for axis in (0, 1)])
+                unexplained = (CauseHypothesis("unexplained", "", 1.0),)
+                moments.append(Moment(ball, at, frame / 2, xy, unexplained, ("no_cause",)))
+    return replace(explanation, moments=tuple(sorted(moments, key=lambda one: one.t)))
+
+
+def _list_balls(moment: Moment) -> tuple[str, ...]:
+    """List the balls whose velocity changes at a moment."""
+    others = (one.other for one in moment.hypotheses if one.cause == "ball")
+    return () if moment.best.cause == "rest" else (moment.ball, *others)
+
+
+def _split_runs(rows: IntArray) -> list[IntArray]:
+    """Split rows into runs of neighbours."""
+    return list(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)) if len(rows) else []
