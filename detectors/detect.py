@@ -8,12 +8,9 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from detectors.apparent_ball_size import correct_ball_size
 from detectors.detect_options import DetectOptions
 from detectors.hough.hough_detector import HoughDetector, build_hough_detector
 from detectors.measurement.array_columns import concatenate_rows
-from detectors.measurement.cloth_background import learn_cloth_background
-from detectors.measurement.working_view import build_view
 from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
 from detectors.network.network_detector import NetworkDetector, build_network_detector
 from detectors.select_detector import select_detector
@@ -27,8 +24,6 @@ BACKGROUND_FRAMES = 15
 """Frames, spread over the clip, from which the empty table is learnt."""
 BACKGROUND_FRAMES_QUICK = 7
 """The same with the option `quick`."""
-SIZE_CHECK_FRAMES = 3
-"""Frames in which the size of the balls is checked."""
 
 M = TypeVar("M")
 
@@ -96,12 +91,12 @@ def detect_in_image(rgb: ByteArray, scene: Scene, options: DetectOptions | None 
     options = options or DetectOptions()
     images = [(0, rgb)]
     if select_detector(options, scene, is_still=True) == "hough":
-        return build_hough_detector(correct_ball_size(scene, images), images).detect(rgb)
+        return build_hough_detector(scene, images).detect(rgb)
     return build_network_detector(scene, images, open_ball_model(select_model_file(options))).detect(rgb)
 
 
 def prepare_hough_detector(clip: Clip, scene: Scene, options: DetectOptions) -> HoughDetector:
-    """Prepare the detector without a network for a clip, decoding it once if the size of the balls is right.
+    """Prepare the detector without a network for a clip.
 
     Args:
         clip: The clip.
@@ -111,20 +106,7 @@ def prepare_hough_detector(clip: Clip, scene: Scene, options: DetectOptions) -> 
     Returns:
         The detector.
     """
-    size_frames, background_frames = (
-        _spread_evenly(clip.distinct_frames, SIZE_CHECK_FRAMES),
-        _select_background_frames(clip, options),
-    )
-    view, size_images, working_images = build_view(scene), list[tuple[int, ByteArray]](), list[ByteArray]()
-    for frame, rgb in read_frames(clip, indices=np.union1d(size_frames, background_frames)):
-        if frame in size_frames:
-            size_images.append((frame, rgb))
-        if frame in background_frames:
-            working_images.append(view.working_image(rgb, frame))
-    sized = correct_ball_size(scene, size_images)
-    if sized is scene:
-        return HoughDetector(view, learn_cloth_background(working_images, view))
-    return build_hough_detector(sized, read_frames(clip, indices=background_frames))
+    return build_hough_detector(scene, read_frames(clip, indices=_select_background_frames(clip, options)))
 
 
 def prepare_network_detector(clip: Clip, scene: Scene, options: DetectOptions) -> NetworkDetector:

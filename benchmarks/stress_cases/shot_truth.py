@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.support.run_folder import read_columns
-from models.core.scene import CUSHIONS, POCKETS, Scene
+from models.core.scene import CUSHIONS, POCKETS, Scene, Table
 from models.core.typing import FloatArray
 
 UNSURE_CLOSING, LIKELY_CLOSING = 0.02, 0.05
@@ -115,23 +115,25 @@ def name_cushion(scene: Scene, xy: FloatArray) -> str:
     return CUSHIONS[int(np.argmin([xy[0], table.length - xy[0], xy[1], table.width - xy[1]]))]
 
 
-def read_rendered_truth(clip: Path, radius: float) -> ShotTruth:
-    """Read the truth of a rendered clip.
+def read_rendered_truth(clip: Path, table: Table) -> ShotTruth:
+    """Read the truth of a rendered clip, scaled to the size that the program holds the table to be.
 
     Args:
         clip: The clip, with `NAME.truth.json` and `NAME.truth.csv` beside it.
-        radius: Radius of the balls, m.
+        table: Table as calibrated; a wrong size is no wrong event.
 
     Returns:
         The truth.
     """
     facts, rows = json.loads(clip.with_suffix(".truth.json").read_text()), read_columns(clip.with_suffix(".truth.csv"))
+    scale = table.length / facts["table"]["length"], table.width / facts["table"]["width"]
     names = tuple(dict.fromkeys(str(name) for name in rows["id"]))
     frames, first = np.unique(rows["frame"], return_index=True)
     xy = np.full((len(frames), len(names), 2), np.nan)
     for name, frame, x, y in zip(rows["id"], rows["frame"], rows["x"], rows["y"], strict=True):
-        xy[np.searchsorted(frames, frame), names.index(str(name))] = x, y
-    return make_engine_truth(facts["events"], rows["t"][first], TruePaths(frames, names, xy), radius)
+        xy[np.searchsorted(frames, frame), names.index(str(name))] = scale[0] * x, scale[1] * y
+    events = [row | {"x": scale[0] * row["x"], "y": scale[1] * row["y"]} for row in facts["events"]]
+    return make_engine_truth(events, rows["t"][first], TruePaths(frames, names, xy), table.ball_radius)
 
 
 def make_engine_truth(rows: Iterable[Mapping[str, Any]], t: FloatArray, paths: TruePaths, radius: float) -> ShotTruth:

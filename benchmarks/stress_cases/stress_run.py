@@ -93,7 +93,7 @@ def run_clip(clip: Path, groups: tuple[str, ...], plan: Plan) -> Scores:
     def read_truth(fitted: FittedShot, width: int) -> ShotTruth:
         scene = fitted.recording.scene
         if is_rendered:
-            return read_rendered_truth(clip, scene.table.ball_radius)
+            return read_rendered_truth(clip, scene.table)
         return read_labels(clip.with_suffix(".events.json"), scene, scene.camera.width_px, width)
 
     def score_all() -> Scores:

@@ -62,7 +62,9 @@ def format_report(scores: Scores) -> str:
     lines += ["", "## Sure events that were not found", ""]
     lines += [f"- {s.case.group} {s.case.clip} {s.case.damage}: {s.text}" for s in scores.sought if not s.found]
     lines += ["", f"## Crashes: {len(scores.crashes)}", ""]
-    lines += [f"- {c.case.group} {c.case.clip} {c.case.damage} {c.case.seed}: {c.text}" for c in scores.crashes]
+    for text in dict.fromkeys(crash.text for crash in scores.crashes):
+        cases = [f"{c.case.group} {c.case.clip} {c.case.damage}" for c in scores.crashes if c.text == text]
+        lines.append(f"- {text}: {len(cases)} times: {', '.join(cases)}")
     lines += ["", f"## Skipped: {len(scores.skipped)}", "", *(f"- {text}" for text in scores.skipped)]
     return "\n".join(lines)
 

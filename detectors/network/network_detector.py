@@ -7,7 +7,7 @@ checks its candidates on the full image.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ from detectors.measurement.frame_change import (
 )
 from detectors.measurement.working_view import WorkingView, build_view, values_at
 from detectors.network.ball_model import BallModel, CentreModel
-from detectors.network.candidate_rules import CLEAR_SCORE, has_streak, is_certain, is_possible
+from detectors.network.candidate_rules import is_certain, is_possible
 from detectors.network.offset_regressor import DISC, STREAK, open_offset_regressor
 from detectors.network.peak_decoding import (
     COARSE_STRIDE,
@@ -36,10 +36,6 @@ from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
-SIZE_CHECK_IMAGES, SIZE_CHECK_ITERATIONS, MIN_SIZED_BALLS = 3, 2, 3
-"""Images in which the size of the balls is checked, iterations of the check, and certain balls that it needs."""
-MAX_RADIUS_DEVIATION = 0.1
-"""Relative difference of measured and predicted radius up to which the prediction is kept."""
 CONTEXT_PX = 16
 """Working px around a window that the network receives with it."""
 
@@ -100,15 +96,6 @@ class NetworkDetector:
         remaining = candidates.take(~result.is_rejected)
         return result.detections, NetworkMemory(searched, remaining, result.unclear, age)
 
-    def measure_radius_ratios(self, rgb: ByteArray, frame: int) -> FloatArray:
-        """Measured over predicted radius (n,) of the clear sharp balls in an image (H, W, 3)."""
-        working = self.view.working_image(rgb, frame)
-        touched = self._find_touched_places(working, None)
-        candidates = self._find_candidates(rgb, working, touched, None, frame)
-        is_clear = is_certain(candidates, self.view) & (candidates.score > CLEAR_SCORE) & ~has_streak(candidates)
-        predicted = values_at(self.view.radius, candidates.centre[is_clear])
-        return np.asarray(candidates.radius[is_clear] / predicted, dtype=np.float64)
-
     def _find_touched_places(self, working: ByteArray, memory: NetworkMemory | None) -> BoolArray:
         """Find where (h, w) the network has to search a working image."""
         if memory is None or memory.age >= FULL_SEARCH_INTERVAL:
@@ -164,31 +151,12 @@ def build_network_detector(scene: Scene, images: Iterable[tuple[int, ByteArray]]
 
     Args:
         scene: Table and camera.
-        images: Frame number and image (H, W, 3) of some frames, from which the empty cloth and the size of the balls
-            are learnt.
+        images: Frame number and image (H, W, 3) of some frames, from which the empty cloth is learnt.
         model: Network that detects balls.
 
     Returns:
         The detector.
     """
-    learning_images = list(images)
-    scene = _correct_ball_size(scene, learning_images[:: max(1, len(learning_images) // SIZE_CHECK_IMAGES)], model)
-    return _learn_detector(scene, learning_images, model)
-
-
-def _learn_detector(scene: Scene, images: list[tuple[int, ByteArray]], model: BallModel) -> NetworkDetector:
     view = build_view(scene)
     cloth = learn_cloth_background([view.working_image(rgb, frame) for frame, rgb in images], view)
     return NetworkDetector(view, cloth, model)
-
-
-def _correct_ball_size(scene: Scene, images: list[tuple[int, ByteArray]], model: BallModel) -> Scene:
-    """The scene with the ball radius that the network measures; unchanged with too few clear balls."""
-    for _ in range(SIZE_CHECK_ITERATIONS):
-        detector = _learn_detector(scene, images, model)
-        ratios = np.concatenate([detector.measure_radius_ratios(rgb, frame) for frame, rgb in images])
-        factor = float(np.median(ratios)) if len(ratios) >= MIN_SIZED_BALLS else 1.0
-        if abs(factor - 1) <= MAX_RADIUS_DEVIATION:
-            return scene
-        scene = replace(scene, table=replace(scene.table, ball_radius=scene.table.ball_radius * factor))
-    return scene

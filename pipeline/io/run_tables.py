@@ -197,7 +197,7 @@ def _describe_calibration(scene: Scene) -> dict[str, Any]:
 
 
 def _describe_effects(fit: Fit) -> dict[str, dict[str, Any]]:
-    """Describe the parameters of the effects of the catalogue; those of `TABLE_PARAMETERS` are in `laws` or `ball_size`."""
+    """Describe the parameters of effects; those of `TABLE_PARAMETERS` are in `laws` and `ball_size`."""
     effects: dict[str, dict[str, Any]] = {}
     for p in fit.parameters if fit.whole_shot is None else fit.whole_shot.parameters:
         effect, _, name = p.name.partition(".")

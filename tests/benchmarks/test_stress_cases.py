@@ -22,6 +22,7 @@ from benchmarks.tracking.break_shots import overhead_scene
 from models.core.detections import Detections
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
+from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 
@@ -42,9 +43,14 @@ def make_events(*rows: Row, t_sigma: float = 1e-3) -> Events:
 
 
 def make_shot(
-    paths: Mapping[str, np.ndarray], events: Events | None = None, reasons: tuple[str, ...] = ()
+    paths: Mapping[str, np.ndarray],
+    events: Events | None = None,
+    marks: Mapping[str, tuple[float, float]] | None = None,
 ) -> FittedShot:
-    """Make a shot whose balls move along `paths` (T, 2) m, seen in every frame and fitted by straight pieces."""
+    """Make a shot whose balls move along `paths` (T, 2) m, seen in every frame and fitted by straight pieces.
+
+    `marks` holds the time (s) and the probability of an unexplained velocity change by ball.
+    """
     scene, ids, frame = overhead_scene(pockets=True), tuple(paths), np.arange(FRAMES)
     t, xy = frame / FPS, np.stack(list(paths.values()), axis=1)
     px = scene.camera.to_pixels(xy, R)
@@ -60,10 +66,14 @@ def make_shot(
         ids, np.repeat(np.arange(len(ids)), FRAMES - 1), np.tile(t[:-1], len(ids)), np.tile(t[1:], len(ids)), position,
         np.zeros((pieces, 2, 3)), ("roll",) * pieces, np.zeros((pieces, 4, 4)),
     )  # fmt: skip
+    moments = tuple(
+        Moment(ball, at, 1e-3, np.zeros(2), (CauseHypothesis("none", "", 1 - p), CauseHypothesis("unexplained", "", p)))
+        for ball, (at, p) in (marks or {}).items()
+    )
     moving = np.linalg.norm(np.concatenate([v, v[-1:]]), axis=2) > 0.02
     fit = Fit(
         make_events() if events is None else events, trajectory, (), 1e-3, 1.0, np.zeros((*shape, 2)), moving, moving,
-        Trust("green", reasons),
+        Trust("green", ()), ShotExplanation(moments),
     )  # fmt: skip
     count = FRAMES * len(ids)
     one = np.ones(count)
@@ -188,16 +198,13 @@ def test_a_start_needs_an_event_or_a_mark() -> None:
         ("red", "starts", False, False),
     ]
     events = make_events(("strike", 5.2, "cue", "", 0.99), ("ball", 20.3, "cue", "red", 0.05))
-    reasons = ("1 unexplained velocity change: red at 0.41 s.",)
-    changes = find_speed_changes(make_shot(hit_paths(), events, reasons))
+    changes = find_speed_changes(make_shot(hit_paths(), events, {"red": (0.41, 0.6)}))
     assert [(one.ball, one.caused, one.marked) for one in changes] == [("cue", True, False), ("red", False, True)]
 
 
-def test_marks_are_read_from_the_reasons() -> None:
-    shot = make_shot(
-        hit_paths(), reasons=("2 unexplained velocity changes: red at 0.41 s, solid-1 at -0.02 s.", "Else.")
-    )
-    assert find_marks(shot.fit) == [("red", 0.41), ("solid-1", -0.02)]
+def test_marks_are_unexplained_changes_of_a_listed_probability() -> None:
+    shot = make_shot(hit_paths(), marks={"red": (0.41, 0.6), "cue": (0.2, 0.05)})
+    assert find_marks(shot.fit) == [("red", 0.41)]
 
 
 def damage(name: str, seed: int = 0) -> tuple[FittedShot, Recording, np.ndarray | None]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.scene import Table, apply_homography
+from models.core.scene import BallSize, Table, apply_homography
 from models.core.typing import FloatArray, ImageArray
+from models.physics.billiards.nominal_ball_size import estimate_preset_ball_size
 from models.physics.billiards.tables import TABLE_PRESETS
 from video.calibration.ball_size import BallSizes
 from video.calibration.camera_model import homography_between
@@ -54,6 +56,25 @@ class TableClassification:
     note: str
     warnings: tuple[str, ...]
     """Sentences on what else the table could be; empty where the preset is sure."""
+
+    def estimate_ball_size(self) -> BallSize:
+        """Estimate the nominal size of the balls relative to the table, in units of the most probable preset.
+
+        Returns:
+            The estimate of source `preset`: spread of the candidate presets around the most probable one, and tolerance
+            of its balls.
+        """
+        table = self.table
+        nominal = estimate_preset_ball_size(table)
+        variance = sum(
+            probability * math.log(_ball_ratio(TABLE_PRESETS[name]) / _ball_ratio(table)) ** 2
+            for name, probability in self.probabilities.items()
+        )
+        return replace(nominal, sigma=math.hypot(nominal.sigma, nominal.radius * math.sqrt(variance)))
+
+
+def _ball_ratio(table: Table) -> float:
+    return table.ball_radius / table.length
 
 
 def classify_table(sizes: BallSizes, pockets: bool, has_d: bool) -> TableClassification:
@@ -118,7 +139,7 @@ def _posterior_weight(table: Table, sizes: BallSizes, pockets: bool, has_d: bool
     weight = TABLE_PRIOR[table.name] * (detection_rate if has_d else 1 - detection_rate)
     if not sizes.count:
         return weight
-    deviation = np.log(table.ball_radius / table.length / sizes.radius_ratio) / (sizes.sigma / sizes.radius_ratio)
+    deviation = np.log(_ball_ratio(table) / sizes.radius_ratio) / (sizes.sigma / sizes.radius_ratio)
     return weight * float(np.exp(-0.5 * min(deviation**2, 50.0)))
 
 

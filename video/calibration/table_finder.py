@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 
 from models.core.errors import OptionError, TableNotFound
 from models.core.progress import Progress, ignore_progress
-from models.core.scene import Camera, Scene, Table
+from models.core.scene import BallSize, Camera, Scene, Table, combine_ball_sizes, find_contradictions
 from models.core.typing import FloatArray, ImageArray
+from models.physics.billiards.nominal_ball_size import (
+    estimate_preset_ball_size,
+    estimate_typed_ball_size,
+    format_contradiction,
+)
 from models.physics.billiards.tables import TABLE_PRESETS, parse_table, replace_ball_radius
 from video.calibration.ball_size import measure_ball_sizes
 from video.calibration.camera_model import PerspectiveFit, build_camera, orient_corners
@@ -81,13 +86,12 @@ def calibrate_clip(clip: Clip, options: CalibrateOptions, progress: Progress = i
         images = [_warp_to_reference(image, motion[frame]) for image, frame in zip(images, frames, strict=True)]
         background = compute_median_image(images)
         location = _locate_in_image(background, clip, options.corners)
-    table, table_notes, warnings = _identify_table(location, background, images, requested)
-    if options.ball_radius is not None:
-        table = replace_ball_radius(table, options.ball_radius)
+    table, ball_sizes, table_notes, warnings = _identify_table(location, background, images, requested, options)
     camera = _build_table_camera(location, background, table)
     progress(1.0)
     notes = (*location.notes, *table_notes, _height_note(camera, location.perspective), *_motion_notes(motion, lost))
-    return Scene(table, replace(camera, motion=motion), _convert_rgb_to_lab(location.cloth_colour), notes, warnings)
+    cloth = _convert_rgb_to_lab(location.cloth_colour)
+    return Scene(table, replace(camera, motion=motion), cloth, notes, warnings, ball_sizes)
 
 
 def calibrate_image(image: ImageArray, options: CalibrateOptions, name: str = "the image") -> Scene:
@@ -108,9 +112,7 @@ def calibrate_image(image: ImageArray, options: CalibrateOptions, name: str = "t
     requested = parse_table(options.table) if options.table is not None else None
     corners = options.corners
     location = locate_table(image, name) if corners is None else _locate_from_option(corners, image)
-    table, table_notes, warnings = _identify_table(location, image, [image], requested)
-    if options.ball_radius is not None:
-        table = replace_ball_radius(table, options.ball_radius)
+    table, ball_sizes, table_notes, warnings = _identify_table(location, image, [image], requested, options)
     camera = _build_table_camera(location, image, table)
     return Scene(
         table,
@@ -118,6 +120,7 @@ def calibrate_image(image: ImageArray, options: CalibrateOptions, name: str = "t
         _convert_rgb_to_lab(location.cloth_colour),
         (*location.notes, *table_notes, _height_note(camera, location.perspective)),
         warnings,
+        ball_sizes,
     )
 
 
@@ -330,19 +333,42 @@ def _sides_intersect(corners: FloatArray) -> bool:
 
 
 def _identify_table(
-    location: TableLocation, background: ImageArray, images: list[ImageArray], requested: Table | None
-) -> tuple[Table, tuple[str, ...], tuple[str, ...]]:
-    """Return the requested or classified table, notes on it, and warnings about alternatives."""
-    if requested is not None:
-        return requested, ("table size was given with --table",), ()
-    trial = TABLE_PRESETS["pool-9ft"]
+    location: TableLocation,
+    background: ImageArray,
+    images: list[ImageArray],
+    requested: Table | None,
+    options: CalibrateOptions,
+) -> tuple[Table, tuple[BallSize, ...], tuple[str, ...], tuple[str, ...]]:
+    """Identify table and ball size.
+
+    Returns:
+        The requested or classified table with the combined ball size, the estimates of that size, notes, and warnings
+        about alternatives and contradictions.
+    """
+    trial = TABLE_PRESETS["pool-9ft"] if requested is None else requested
     sizes = measure_ball_sizes(images, background, _build_table_camera(location, background, trial), trial)
-    pockets = (
-        location.outer_corners is None
-        or measure_pocket_share(background, location.outer_corners, location.corners, location.cloth_colour) > 0.3
-    )
-    classification = classify_table(sizes, pockets, has_snooker_d(background, location.corners))
-    return classification.table, (classification.note, *classification.warnings), classification.warnings
+    warnings: tuple[str, ...] = ()
+    if requested is not None:
+        table, notes = requested, ("table size was given with --table",)
+        nominal = estimate_preset_ball_size(table)
+    else:
+        pockets = (
+            location.outer_corners is None
+            or measure_pocket_share(background, location.outer_corners, location.corners, location.cloth_colour) > 0.3
+        )
+        classification = classify_table(sizes, pockets, has_snooker_d(background, location.corners))
+        table, warnings = classification.table, classification.warnings
+        notes, nominal = (classification.note,), classification.estimate_ball_size()
+    if options.ball_radius is not None:
+        table = replace_ball_radius(table, options.ball_radius)
+        nominal = estimate_typed_ball_size(options.ball_radius)
+    apparent = sizes.estimate_ball_size(table)
+    estimates = (nominal,) if apparent is None else (nominal, apparent)
+    warnings += tuple(format_contradiction(*pair, table.name) for pair in find_contradictions(estimates))
+    radius = combine_ball_sizes(estimates).radius
+    if radius != table.ball_radius:
+        table = replace_ball_radius(table, radius)
+    return table, estimates, (*notes, *warnings), warnings
 
 
 def _build_table_camera(location: TableLocation, background: ImageArray, table: Table) -> Camera:

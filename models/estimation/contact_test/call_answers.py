@@ -19,6 +19,8 @@ from models.estimation.contact_test.candidate_contacts import (
 )
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.estimation.contact_test.unlisted_contacts import (
+    is_pair_near,
+    list_unclear_times,
     probability_of_unlisted_contact,
     probability_of_unlisted_event,
 )
@@ -137,6 +139,13 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
     candidates = _find_all_ball_candidates(record, one)
     moments = [(candidate.t, candidate.other, candidate.probability) for candidate in candidates]
     moments += [(t, UNKNOWN, p) for t, p in find_unexplained_changes(record, one)]
+    for k, name in enumerate(record.ids):  # another ball that moved for no known cause may have been touched
+        if k != one and all(candidate.other != name for candidate in candidates):
+            moments += [
+                (t, name, UNOBSERVED_PROBABILITY)
+                for t in list_unclear_times(record, k)
+                if is_pair_near(record, one, k, t)
+            ]
     names: dict[str, float] = {}
     no_contact_yet = 1.0
     if any(name in record.explanation.moving_at_start for name in record.ids if name != a):
@@ -160,7 +169,14 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
     if name == "none":
         sentence = f"{_format_probability(probability)} {a} touched no ball"
         return replace(_answer_without_moment(probability, sentence, a, reason), alternatives=ranked)
-    best = max((entry for entry in candidates if entry.other == name), key=lambda entry: (entry.probability, -entry.t))
+    best = max(
+        (entry for entry in candidates if entry.other == name),
+        key=lambda entry: (entry.probability, -entry.t),
+        default=None,
+    )
+    if best is None:
+        sentence = f"{_format_probability(probability)} {a} touched {name} first"
+        return replace(_answer_without_moment(probability, sentence, a, reason), alternatives=ranked)
     others = ", ".join(
         f"{'an unknown ball' if other == UNKNOWN else other} {p:.1%}"
         for other, p in ranked[1:4]

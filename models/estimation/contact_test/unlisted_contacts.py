@@ -10,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from models.core.shot_explanation import ShotExplanation
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.estimation.shot_hypotheses.event_probability import read_event_model
 
@@ -22,22 +21,26 @@ NEAR_RADII = 8.0
 frames at 30 fps."""
 
 
-def is_motion_unclear(explanation: ShotExplanation, ball: str) -> bool:
-    """Return whether a ball moved when it was first detected, or changed its velocity for an unknown cause.
+def list_unclear_times(record: ShotRecord, ball: int) -> list[float]:
+    """List when a ball moved for an unknown reason: its first detection if it moved then, and unexplained changes.
 
     Args:
-        explanation: Explanation of the shot.
-        ball: Id of the ball.
+        record: The shot.
+        ball: Index of the ball.
 
     Returns:
-        Whether it may have touched more than is listed.
+        Times, s.
     """
-    return ball in explanation.moving_at_start or any(
-        hypothesis.cause == "unexplained" and hypothesis.probability >= UNCLEAR_PROBABILITY
+    name, explanation = record.ids[ball], record.explanation
+    times = [
+        moment.t
         for moment in explanation.moments
-        if moment.ball == ball and moment.best.cause != "strike"
-        for hypothesis in moment.hypotheses
-    )
+        if moment.ball == name and moment.best.cause != "strike"
+        for one in moment.hypotheses
+        if one.cause == "unexplained" and one.probability >= UNCLEAR_PROBABILITY
+    ]
+    own = record.t[record.ball == ball]
+    return times + ([float(own[0])] if name in explanation.moving_at_start and len(own) else [])
 
 
 def classify_pair(record: ShotRecord, one: int, two: int) -> PairClass:
@@ -49,13 +52,29 @@ def classify_pair(record: ShotRecord, one: int, two: int) -> PairClass:
         two: Index of the other ball.
 
     Returns:
-        The class.
+        `clear` where the motion of both is explained, `unclear_near` where they were near each other when that of one
+        was not, else `unclear_far`.
     """
-    if not any(is_motion_unclear(record.explanation, record.ids[k]) for k in (one, two)):
+    times = list_unclear_times(record, one) + list_unclear_times(record, two)
+    if not times:
         return "clear"
-    distance = np.linalg.norm(record.path[:, two] - record.path[:, one], axis=1) - 2 * record.table.ball_radius
-    is_near = not np.isfinite(distance).any() or float(np.nanmin(distance)) < NEAR_RADII * record.table.ball_radius
-    return "unclear_near" if is_near else "unclear_far"
+    return "unclear_near" if any(is_pair_near(record, one, two, t) for t in times) else "unclear_far"
+
+
+def is_pair_near(record: ShotRecord, one: int, two: int, t: float) -> bool:
+    """Return whether two balls were so near at a time that a contact may have been missed.
+
+    Args:
+        record: The shot.
+        one: Index of a ball.
+        two: Index of the other ball.
+        t: s.
+
+    Returns:
+        Whether their surfaces were within `NEAR_RADII`, or their distance is not known.
+    """
+    distance = float(np.hypot(*(record.position_at(two, t) - record.position_at(one, t))))
+    return not distance > (2 + NEAR_RADII) * record.table.ball_radius
 
 
 def probability_of_unlisted_contact(record: ShotRecord, one: int, two: int) -> float:

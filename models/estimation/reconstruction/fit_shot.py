@@ -118,9 +118,7 @@ def fit_with_solution(
     if len(tracks.t):
         fit = _refine_events(fit, capture_tracks, scene)
     warnings = (*scene.warnings, *warn_of_contact_ball_size(fit.parameters, scene))
-    return _convert_to_presentation_time(
-        replace(fit, trust=add_warnings(fit.trust, warnings)), tracks, clock
-    ), solution
+    return _convert_to_presentation_time(replace(fit, trust=add_warnings(fit.trust, warnings)), tracks, clock), solution
 
 
 def _refine_events(fit: Fit, tracks: Tracks, scene: Scene) -> Fit:

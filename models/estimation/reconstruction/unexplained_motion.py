@@ -13,6 +13,8 @@ from models.core.typing import IntArray
 
 SPAN_FRAMES, STEPS_PER_FRAME = 1.5, 4
 """Frames over which a velocity changes, also the largest distance of its cause; and the steps in which it is sought."""
+VANISH_FRAMES, VANISH_TIME = 5, 0.3
+"""Frames and s before the end of the clip from which a ball that is no longer detected has vanished."""
 FRICTION_LIMIT = 3.0
 """m/s^2: no cloth changes a velocity faster (sliding friction is about 2)."""
 MIN_CHANGE, MIN_SPEED = 0.08, 0.1
@@ -53,7 +55,27 @@ def mark_unexplained_motion(explanation: ShotExplanation, trajectory: Trajectory
                 xy = np.array([np.interp(at, t, state.xy[:, k, axis]) for axis in (0, 1)])
                 unexplained = (CauseHypothesis("unexplained", "", 1.0),)
                 moments.append(Moment(ball, at, frame / 2, xy, unexplained, ("no_cause",)))
+    moments += _find_vanished_balls(explanation, trajectory, tracks, frame)
     return replace(explanation, moments=tuple(sorted(moments, key=lambda one: one.t)))
+
+
+def _find_vanished_balls(
+    explanation: ShotExplanation, trajectory: Trajectory, tracks: Tracks, frame: float
+) -> list[Moment]:
+    """Find balls that rest when they are last detected, some time before the clip ends: something took them away."""
+    moments = []
+    for k, ball in enumerate(tracks.ids):
+        rows = np.flatnonzero(tracks.is_observed[:, k])
+        if not len(rows) or tracks.t[-1] - tracks.t[rows[-1]] < max(VANISH_FRAMES * frame, VANISH_TIME):
+            continue
+        last = float(tracks.t[rows[-1]])
+        later = [one for one in explanation.moments if ball in _list_balls(one) and one.t > last - SPAN_FRAMES * frame]
+        v = trajectory.at(np.array([last])).v[0, k]
+        if not later and not np.hypot(*v) > MIN_SPEED:
+            unexplained = (CauseHypothesis("unexplained", "", 1.0),)
+            xy = tracks.xy[rows[-1], k]
+            moments.append(Moment(ball, last + frame / 2, frame / 2, xy, unexplained, ("no_cause",)))
+    return moments
 
 
 def _list_balls(moment: Moment) -> tuple[str, ...]:

@@ -239,7 +239,8 @@ def _make_moment(shot: _Shot, weighed: list[tuple[EventRow, EventEvidence]], evi
                 CauseHypothesis(_cause_of(row), other, row.probability, row.category, tuple(own.vector.tolist()))
             )
     rest = max(1 - sum(one.probability for one in hypotheses), 0.0)
-    is_certain = main.contact >= 0 and shot.solution.graph.contacts[main.contact].gain >= MIN_GAIN
+    contact = shot.solution.graph.contacts[main.contact] if main.contact >= 0 else None
+    is_certain = contact is not None and (contact.kind in CAUSELESS_KINDS or contact.gain >= MIN_GAIN)
     hypotheses.append(CauseHypothesis("unexplained" if is_certain else "none", "", rest))
     doubts: list[Doubt] = []
     for is_doubt, doubt in (

@@ -29,6 +29,8 @@ LOCAL_SLACK = 3.0
 that is wrong without the contact is only mended then.
 """
 
+MAX_FAILED_TRIALS = 4
+"""Refinements of the whole clip in vain after which a round stops: racks have many turns that no contact explains."""
 TURN_TIME_ERROR = 0.1
 """Frame intervals by which a turn that no law constrains may be misplaced."""
 
@@ -48,37 +50,38 @@ def explain_causeless_changes(
     Returns:
         The refined solution.
     """
-    number = 0
-    while number < len(solution.graph.contacts):
+    number, failed = 0, 0
+    while number < len(solution.graph.contacts) and failed < MAX_FAILED_TRIALS:
         contact, graph = solution.graph.contacts[number], solution.graph
         key = ("causeless", *graph.cache_key((*contact.before, *contact.after)))
         if contact.kind not in CAUSELESS_KINDS or key in cache.required:
             number += 1
             continue
         cache.required.add(key)
-        best = None
-        for partner in find_partners(solution, observations, number, table):
-            joined = join_by_ball_contact(solution, observations, number, partner, table)
-            if joined is not None and _gains_locally(solution, joined, observations, table, prices):
-                trial = _refine_trial(joined, solution, observations, table)
-                if total_cost(trial, prices) < total_cost(best or solution, prices):
-                    best = trial
-        if best is None and contact.kind == "free" and not graph.segments[contact.before[0]].static:
-            trial = _continue_to_cushion(solution, observations, table, number)
-            best = trial if total_cost(trial, prices) < total_cost(solution, prices) else None
-        solution, number = (solution, number + 1) if best is None else (best, 0)
+        cost = total_cost(solution, prices)
+        trial = _join_best_partner(solution, observations, number, table, prices)
+        is_turn = contact.kind == "free" and not graph.segments[contact.before[0]].static
+        if is_turn and (trial is None or total_cost(trial, prices) >= cost):
+            trial = _continue_to_cushion(solution, observations, table, number, prices)
+        is_better = trial is not None and total_cost(trial, prices) < cost
+        failed += trial is not None and not is_better
+        solution, number = (trial, 0) if trial is not None and is_better else (solution, number + 1)
     return solution
 
 
-def _gains_locally(
-    solution: JointSolution, joined: ContactGraph, observations: Observations, table: Table, prices: tuple[float, float]
-) -> bool:
-    """Return whether the segments that a new graph changes cost less with it, or little more."""
-    parts = refine_differences(solution, solution.graph, joined, observations, table)
-    if parts is None:
-        return False
-    before, after = (total_cost(part, prices) for part in parts)
-    return after < before + LOCAL_SLACK * prices[1]
+def _join_best_partner(
+    solution: JointSolution, observations: Observations, number: int, table: Table, prices: tuple[float, float]
+) -> JointSolution | None:
+    """Join a change with the ball whose contact costs least locally; None where every one costs much more."""
+    best, least = None, LOCAL_SLACK * prices[1]
+    for partner in find_partners(solution, observations, number, table):
+        joined = join_by_ball_contact(solution, observations, number, partner, table)
+        parts = joined and refine_differences(solution, solution.graph, joined, observations, table)
+        if parts:
+            before, after = (total_cost(part, prices) for part in parts)
+            if after - before < least:
+                best, least = joined, after - before
+    return None if best is None else _refine_trial(best, solution, observations, table)
 
 
 def _refine_trial(
@@ -91,9 +94,12 @@ def _refine_trial(
 
 
 def _continue_to_cushion(
-    solution: JointSolution, observations: Observations, table: Table, number: int
-) -> JointSolution:
-    """Remove a velocity change, and let the ball turn at the cushion that its path then meets, if any."""
+    solution: JointSolution, observations: Observations, table: Table, number: int, prices: tuple[float, float]
+) -> JointSolution | None:
+    """Remove a velocity change, and let the ball turn at the cushion that its path then meets.
+
+    None where the path meets none and bends too much to be that of one motion.
+    """
     contact = solution.graph.contacts[number]
     excerpt, chosen = solution.graph.extract_contact(number)
     rows = np.isin(assign_observations(solution.graph, observations), chosen)
@@ -107,4 +113,6 @@ def _continue_to_cushion(
     segments[k] = replace(segments[k], static=False, state=single.graph.segments[0].state)
     joined = replace(solution, graph=ContactGraph(tuple(segments), without.contacts))
     extended = insert_crossed_cushions(joined, joined.graph, observations, table)
+    if extended is joined.graph and contact.gain > LOCAL_SLACK * prices[1]:
+        return None
     return refine_graph(extended, observations, table, initial=joined)

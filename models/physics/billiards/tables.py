@@ -17,18 +17,23 @@ class BallSpecification:
     """m."""
     mass: float
     """kg."""
+    tolerance: float
+    """m, largest deviation of the radius."""
 
 
-POOL_BALL = BallSpecification(0.028575, 0.170)
-"""2 1/4 in, 5.5 to 6 oz (WPA equipment specifications, section 16)."""
-SNOOKER_BALL = BallSpecification(0.02625, 0.142)
-"""52.5 mm (WPBSA rules, section 1.2)."""
-CLUB_SNOOKER_BALL = BallSpecification(0.02615, 0.142)
-"""52.3 mm, measured on sets for small tables."""
-CAROM_BALL = BallSpecification(0.03075, 0.210)
+POOL_BALL = BallSpecification(0.028575, 0.170, 6.35e-5)
+"""2 1/4 in (+ 0.127 mm), 5.5 to 6 oz (WPA equipment specifications, section 16)."""
+SNOOKER_BALL = BallSpecification(0.02625, 0.142, 2.5e-5)
+"""52.5 +- 0.05 mm (WPBSA rules, section 1.2)."""
+CLUB_SNOOKER_BALL = BallSpecification(0.02615, 0.142, 1e-4)
+"""52.3 mm, measured on sets for small tables; their spread is a guess."""
+CAROM_BALL = BallSpecification(0.03075, 0.210, 2.5e-4)
 """61 to 61.5 mm, 205 to 220 g (UMB rules, article 12)."""
-BLACKBALL_BALL = BallSpecification(0.0254, 0.118)
-"""2 in (WEPF blackball rules, equipment)."""
+BLACKBALL_BALL = BallSpecification(0.0254, 0.118, 1e-4)
+"""2 in (WEPF blackball rules, equipment); the tolerance is a guess."""
+BALL_SPECIFICATIONS = (POOL_BALL, SNOOKER_BALL, CLUB_SNOOKER_BALL, CAROM_BALL, BLACKBALL_BALL)
+BALL_RADIUS_RANGE = (0.01, 0.06)
+"""m, radii of balls."""
 
 TABLE_PRESETS: dict[str, Table] = {}
 """Tables by name."""
@@ -91,7 +96,7 @@ def replace_ball_radius(table: Table, radius: float) -> Table:
     Raises:
         OptionError: The radius is not that of a ball in metres.
     """
-    if not 0.01 < radius < 0.06:
+    if not BALL_RADIUS_RANGE[0] < radius < BALL_RADIUS_RANGE[1]:
         raise OptionError(f"a ball radius in metres is wanted, such as 0.028575; got {radius:g}")
     return replace(table, ball_radius=radius, ball_mass=scale_ball_mass(table, radius))
 

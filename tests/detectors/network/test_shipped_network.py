@@ -114,14 +114,6 @@ def test_an_empty_table_and_lines_hold_no_balls() -> None:
     assert len(detect_in_image(empty, build_test_scene(), ONNX)) == 0
 
 
-def test_a_ball_size_that_is_far_off_is_corrected(model: BallModel) -> None:
-    rng = np.random.default_rng(9)
-    scene = build_test_scene()
-    wrong = replace(scene, table=replace(scene.table, ball_radius=1.3 * RADIUS))
-    detector = build_network_detector(wrong, [(0, render_balls(spread_balls(rng, COLOURS), rng))], model)
-    assert detector.view.scene.table.ball_radius == pytest.approx(RADIUS, rel=0.12)
-
-
 def test_following_a_clip_detects_what_searching_every_frame_detects(model: BallModel) -> None:
     rng = np.random.default_rng(13)
     rest = spread_balls(rng, COLOURS, 5)

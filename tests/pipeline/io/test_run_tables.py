@@ -12,8 +12,10 @@ import pytest
 from support import synthetic_run as shot
 
 from models.core.fit_result import Fit, Parameter, WholeShotSolution
-from models.core.scene import Scene
+from models.core.scene import BallSize, Scene
 from models.core.tracks import Tracks
+from models.estimation.reconstruction.contact_ball_size import CONTACT_FLOOR
+from pipeline.engine.value_files import load_value, save_value
 from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
 from video.io.clip import Clip
 
@@ -164,6 +166,32 @@ def test_contact_models_of_whole_shots_are_in_the_scene_with_the_spin_they_deter
     assert (white["t"], white["wy"], white["wz"]) == (0.1, 35.0, 7.0)
     assert np.shape(white["covariance"]) == (7, 7)
     assert np.shape(red["covariance"]) == (4, 4)
+
+
+def test_the_scene_lists_the_ball_size_with_its_independent_estimates(
+    clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, tmp_path: Path
+) -> None:
+    estimates = BallSize(0.03, 1e-4, "preset"), BallSize(0.0304, 6e-4, "image")
+    scene = replace(scene, ball_size_estimates=estimates)
+    touching = Parameter("ball_size.factor", 1.01, 0.012, "", False)
+    write_scene(clip, scene, tracks, replace(fit, parameters=(*fit.parameters, touching)), tmp_path / "scene.json")
+    document = json.loads((tmp_path / "scene.json").read_text())
+    size = document["ball_size"]
+    assert (size["radius"], size["sigma"], size["source"]) == (0.03, 1e-4, "combined")
+    assert size["radius"] == document["ball_radius"]
+    assert [one["source"] for one in size["estimates"]] == ["preset", "image", "contacts"]
+    # without the prior 1 +- 0.02, touching balls are larger and less certain than with it
+    assert size["estimates"][2]["radius"] == pytest.approx(0.03 * (1 + 0.01 / (1 - 0.36)))
+    assert size["estimates"][2]["sigma"] == pytest.approx(0.03 * np.hypot(0.012 / 0.8, CONTACT_FLOOR))
+    assert "ball_size" not in document["effects"]
+
+
+def test_the_cache_returns_a_scene_with_its_ball_size(scene: Scene, tmp_path: Path) -> None:
+    scene = replace(scene, ball_size_estimates=(BallSize(0.03, 5e-5, "user"), BallSize(0.033, 6e-4, "image")))
+    save_value(scene, tmp_path)
+    loaded = load_value(Scene, tmp_path)
+    assert loaded.ball_size_estimates == scene.ball_size_estimates
+    assert loaded.ball_size == scene.ball_size == BallSize(0.03, 5e-5, "user")
 
 
 def test_a_shot_in_which_nothing_was_seen_still_makes_whole_files(

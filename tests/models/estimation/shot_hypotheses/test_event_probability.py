@@ -25,7 +25,7 @@ def test_the_coefficients_cover_all_evidence_and_categories() -> None:
     assert set(model.unlisted_contact) == {"clear", "unclear_far", "unclear_near"}
 
 
-@pytest.mark.parametrize("name", ["hidden", "misfit", "edge", "slow", "short", "driven"])
+@pytest.mark.parametrize("name", ["hidden", "misfit", "edge", "slow", "short", "apart"])
 def test_evidence_against_an_event_lowers_its_probability(name: str) -> None:
     doubted = EventEvidence(**{name: 1.0})
     assert estimate_event_probability("strike", doubted) < estimate_event_probability("strike", EventEvidence())
