@@ -33,7 +33,6 @@ from benchmarks.detection.detector_cases import (
     render_cases,
 )
 from benchmarks.detection.detector_scores import HEADER, DetectorTally, format_row, score_detections
-from detectors.apparent_ball_size import correct_ball_size
 from detectors.hough.hough_detector import HoughDetector, build_hough_detector
 from detectors.network.ball_model import SHIPPED_BALL_MODEL, BallModel, open_ball_model
 from detectors.network.network_detector import NetworkDetector, build_network_detector
@@ -97,9 +96,7 @@ def _run_case(
     if key not in prepared:
         prepared.clear() if len(prepared) > 3 else None
         if name == "hough":
-            detector = build_hough_detector(
-                correct_ball_size(case.scene, case.background_frames[:3]), case.background_frames
-            )
+            detector = build_hough_detector(case.scene, case.background_frames)
         else:
             detector = build_network_detector(case.scene, case.background_frames, model)
         prepared[key] = PreparedDetector(detector, case.background_frames)

@@ -138,7 +138,8 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
     one = record.ball_index(a)
     candidates = _find_all_ball_candidates(record, one)
     moments = [(candidate.t, candidate.other, candidate.probability) for candidate in candidates]
-    moments += [(t, UNKNOWN, p) for t, p in find_unexplained_changes(record, one)]
+    # an unexplained change was a contact with an unknown body, or none at all
+    moments += [(t, UNKNOWN, UNOBSERVED_PROBABILITY * p) for t, p in find_unexplained_changes(record, one)]
     for k, name in enumerate(record.ids):  # another ball that moved for no known cause may have been touched
         if k != one and all(candidate.other != name for candidate in candidates):
             moments += [

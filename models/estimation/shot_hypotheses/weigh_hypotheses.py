@@ -40,8 +40,6 @@ from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematic
 
 MIN_LISTED_PROBABILITY = 0.1
 """Least probability of a listed event; below, it is a hypothesis of the explanation only."""
-SURE_PROBABILITY = 0.9
-"""Probability from which a cause counts as decided."""
 MIN_GAIN = 20.0
 """chi2 from which a velocity change is certain, whatever its cause: the price of a contact."""
 MAX_TIME_FRAMES = 2.0

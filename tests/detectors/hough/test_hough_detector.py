@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -18,7 +16,6 @@ from support.rendered_balls import (
     spread_balls,
 )
 
-from detectors.apparent_ball_size import correct_ball_size
 from detectors.detect import detect_in_image
 from detectors.detect_options import DetectOptions
 from detectors.hough.hough_detector import build_hough_detector
@@ -116,15 +113,6 @@ def test_projected_lines_and_rings_are_no_balls() -> None:
 def test_an_empty_table_holds_no_balls() -> None:
     detections = detect_in_image(render_balls([], np.random.default_rng(8)), build_test_scene(), HOUGH)
     assert len(detections) == 0
-
-
-@pytest.mark.parametrize("factor", [0.8, 1.22])
-def test_a_wrong_ball_size_is_corrected(factor: float) -> None:
-    rng = np.random.default_rng(9)
-    scene = build_test_scene()
-    wrong = replace(scene, table=replace(scene.table, ball_radius=RADIUS * factor))
-    images = [(0, render_balls(spread_balls(rng, COLOURS), rng))]
-    assert correct_ball_size(wrong, images).table.ball_radius == pytest.approx(RADIUS, rel=0.07)
 
 
 def test_colour_and_white_identify_the_cue_ball() -> None:

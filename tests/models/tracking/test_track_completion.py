@@ -58,6 +58,6 @@ def test_a_gap_is_filled_by_the_ball_and_not_by_clutter_of_another_colour() -> N
     other, _ = _track(observed, 1, range(last))
     filled = complete_tracks([gapped, other], table, observed.t, overhead().table)
     assert set(hidden.tolist()) <= set(filled[0].row.tolist())
-    colour[hidden] = [*table.cloth, 2.0, 1.0, 0.0]
+    colour[hidden] = np.add(table.cloth, [2.0, 1.0, 0.0])
     shadowed = complete_tracks([gapped, other], replace(table, colour=colour), observed.t, overhead().table)
     assert not set(hidden.tolist()) & set(shadowed[0].row.tolist())
