@@ -187,7 +187,7 @@ def test_decided_contacts_and_undecided_cushions_and_rests_stay_green(clip: Clip
 
 
 def test_an_event_counts_as_undecided_where_the_fit_and_the_slow_motion_count_it_so() -> None:
-    for module in (weigh_hypotheses, call_answers, text_formatting, motion_paths):
+    for module in (call_answers, text_formatting, motion_paths):
         assert module.SURE_PROBABILITY == 0.9
     assert weigh_hypotheses.MIN_LISTED_PROBABILITY == text_formatting.MIN_LISTED_PROBABILITY
     assert motion_paths.MIN_PROBABILITY == text_formatting.MIN_LISTED_PROBABILITY
