@@ -12,9 +12,9 @@ Cause = Literal["strike", "ball", "cushion", "pocket", "rest", "unexplained", "n
 """What changes the velocity of a ball. `unexplained`: something that no other cause explains; `none`: nothing, the
 velocity did not change.
 """
-Doubt = Literal["hidden", "fast", "few_samples", "clip_edge", "rival", "misfit", "close_pass", "no_cause"]
+Doubt = Literal["hidden", "fast", "few_samples", "clip_edge", "rival", "close_pass", "no_cause"]
 """Why a moment is unsure: not detected around it; moved far between two frames; too few samples before or after; at the
-start or end of the clip; another ball could have been it; the laws fit badly; a pass that may have been a graze; no
+start or end of the clip; another ball could have been it; a pass that may have been a graze; no
 cause was found.
 """
 

@@ -46,7 +46,6 @@ DOUBT_SENTENCES: dict[Doubt, str] = {
     "few_samples": "too few frames show the motion before or after",
     "clip_edge": "it happened at the very start or end of the clip",
     "rival": "another ball may have been touched instead",
-    "misfit": "the laws of motion fit badly around it",
     "close_pass": "the balls passed so closely that a graze cannot be excluded",
     "no_cause": "a ball changed its velocity for no known cause",
 }

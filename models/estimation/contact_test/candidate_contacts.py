@@ -53,7 +53,7 @@ def find_ball_candidates(record: ShotRecord, one: int, two: int) -> list[Candida
     for moment, probability in record.explanation.contacts_of(a, b):
         gap, gap_sigma = _gap_at(record, one, two, moment.t)
         candidate = CandidateContact(one, b, moment.t, moment.t_sigma, probability, gap, gap_sigma)
-        if candidates and abs(candidates[-1].t - moment.t) < SAME_MOMENT_TIME:  # told by both balls
+        if candidates and abs(candidates[-1].t - moment.t) < SAME_MOMENT_TIME:  # a moment of either ball lists it
             if candidates[-1].probability >= probability:
                 continue
             candidates.pop()

@@ -105,9 +105,7 @@ def estimate_lack_of_fit(solution: JointSolution, observations: Observations) ->
     """
     balls = [ball for ball in np.unique(observations.ball) if solution.graph.segments_of_ball(int(ball))]
     rows = np.isin(observations.ball, balls)
-    observations = Observations(
-        observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
-    )
+    observations = observations.select_rows(rows)
     owner, residual = assign_observations(solution.graph, observations), evaluate_residuals(solution, observations)
     whitened = np.einsum("kij,kj->ki", observations.whiten, residual)
     bounded = whitened * evaluate_huber_loss(whitened)[0][:, None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
@@ -25,6 +26,10 @@ class Observations:
     xy: FloatArray
     whiten: FloatArray
     """(K, 2, 2): takes a residual in m to standard deviations."""
+
+    def select_rows(self, rows: NDArray[np.bool_]) -> Observations:
+        """Return the observations of a mask (K,)."""
+        return Observations(self.ball[rows], self.t[rows], self.xy[rows], self.whiten[rows])
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,12 +63,7 @@ def select_outside_breaks(observations: Observations, breaks: tuple[BreakPosteri
             & (observations.t > ball_exit.start)
             & (observations.t <= ball_exit.end)
         )
-    return Observations(
-        observations.ball[is_outside],
-        observations.t[is_outside],
-        observations.xy[is_outside],
-        observations.whiten[is_outside],
-    )
+    return observations.select_rows(is_outside)
 
 
 def list_break_contacts(breaks: tuple[BreakPosterior, ...], ids: tuple[str, ...]) -> list[EventRow]:

@@ -40,9 +40,6 @@ class EventEvidence:
     """1 at the start or the end of the clip."""
     driven: float = 0.0
     """1 where another ball moves when a ball starts: no cue strikes meanwhile."""
-    sharp: float = 0.0
-    """Logarithm of the odds that the sharp images before a start show a ball at rest, among balls that leave streaks.
-    """
     graze: float = 0.0
     """0 to 1: 1 where free paths only just overlap."""
     slow: float = 0.0

@@ -35,7 +35,6 @@ from models.estimation.shot_hypotheses.rival_causes import (
 )
 from models.estimation.structure_search.ball_encounters import frame_interval
 from models.estimation.structure_search.contact_partners import CAUSELESS_KINDS
-from models.estimation.structure_search.initial_rests import MAX_REST_SAMPLES, count_sharp, sharp_while_fast_share
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 MIN_LISTED_PROBABILITY = 0.1
@@ -200,7 +199,6 @@ def _collect_evidence(shot: _Shot, row: EventRow, rivals: list[RivalContact]) ->
         graze=float(np.exp(-max(-row.gap, 0.0) / GRAZE_GAP)) if np.isfinite(row.gap) else 0.0,
         slow=float(np.exp(-max(row.speed, 0.0) / SLOW_SPEED)) if is_contact and np.isfinite(row.speed) else 0.0,
         driven=float(row.kind == "strike" and _is_other_moving(shot, row)),
-        sharp=_weigh_sharp_rest(shot, row) if row.kind == "strike" else 0.0,
     )
 
 
@@ -214,16 +212,6 @@ def _is_other_moving(shot: _Shot, row: EventRow) -> bool:
         if np.hypot(*evaluate_kinematics(segment.state[None], tau, shot.solution.friction)[0, 2:4]) > DRIVING_SPEED:
             return True
     return False
-
-
-def _weigh_sharp_rest(shot: _Shot, row: EventRow) -> float:
-    """Weigh the sharp images of a ball before its start by the streaks that moving balls leave."""
-    ball = shot.tracks.ids.index(row.a)
-    before = int((shot.tracks.t[shot.tracks.is_observed[:, ball]] < row.t).sum())
-    if not 0 < before <= MAX_REST_SAMPLES:
-        return 0.0
-    share = sharp_while_fast_share(shot.tracks, shot.table.ball_radius)
-    return -float(np.log(share)) * count_sharp(shot.tracks, ball, before)
 
 
 def _make_moment(shot: _Shot, weighed: list[tuple[EventRow, EventEvidence]], evidence: EventEvidence) -> Moment:

@@ -221,9 +221,7 @@ def _evaluate_proposal(
         return None
     key = (len(contacts), *extended.cache_key(sorted(region | new_segments)))
     if key not in cache.trials:
-        local = Observations(
-            observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
-        )
+        local = observations.select_rows(rows)
         if region not in base_costs:
             base_costs[region] = total_cost(refine_subgraph(solution, graph, sorted(region), local, table), prices)
         refined = refine_subgraph(solution, extended, sorted(region | new_segments), local, table)

@@ -103,9 +103,7 @@ def _continue_to_cushion(
     contact = solution.graph.contacts[number]
     excerpt, chosen = solution.graph.extract_contact(number)
     rows = np.isin(assign_observations(solution.graph, observations), chosen)
-    local = Observations(
-        observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
-    )
+    local = observations.select_rows(rows)
     single = refine_graph(excerpt.remove_contact(0), local, table, iterations=LOCAL_ITERATIONS, initial=solution)
     without = solution.graph.remove_contact(number)
     k = contact.before[0] - int(contact.after[0] < contact.before[0])

@@ -16,6 +16,7 @@ from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
 from models.estimation.joint_fit.fit_solution import JointSolution, Observations, end_state
 from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.estimation.structure_search.ball_encounters import frame_interval
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 TOUCH_TOLERANCE = 0.5
@@ -82,7 +83,7 @@ def find_partners(solution: JointSolution, observations: Observations, number: i
 def find_unobserved_span(observations: Observations, ball: int, t: float) -> tuple[float, float, float]:
     """Find the samples of a ball before and after a time, widened by half of a frame, and the frame interval, s."""
     times = observations.t[observations.ball == ball]
-    interval = float(np.median(np.diff(np.unique(observations.t))))
+    interval = frame_interval(observations)
     row = int(np.searchsorted(times, t))
     early = float(times[row - 1]) if row else t - interval
     late = float(times[row]) if row < len(times) else t + interval

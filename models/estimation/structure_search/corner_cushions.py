@@ -80,9 +80,7 @@ def _evaluate_corners(
         rows = np.isin(owner, region)
         if not rows.any():
             continue
-        local = Observations(
-            observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
-        )
+        local = observations.select_rows(rows)
         if corner.around not in base_costs:
             base_costs[corner.around] = total_cost(
                 refine_subgraph(solution, solution.graph, region, local, table), prices

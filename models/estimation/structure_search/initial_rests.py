@@ -46,7 +46,7 @@ def insert_initial_rests(
     Returns:
         The refined solution of least total cost.
     """
-    blur = sharp_while_fast_share(tracks, table.ball_radius)
+    blur = _sharp_while_fast_share(tracks, table.ball_radius)
     for ball in sorted({segment.ball for segment in solution.graph.segments}):
         samples = int((observations.ball == ball).sum())
         best, least = solution, total_cost(solution, prices) + prices[0] - REST_PARAMETERS * np.log(samples)
@@ -55,7 +55,7 @@ def insert_initial_rests(
             if graph is None:
                 continue
             trial = refine_graph(graph, observations, table, initial=solution)
-            cost = total_cost(trial, prices) + 2 * np.log(blur) * count_sharp(tracks, ball, count)
+            cost = total_cost(trial, prices) + 2 * np.log(blur) * _count_sharp(tracks, ball, count)
             if cost < least:
                 best, least = trial, cost
         solution = best
@@ -96,7 +96,7 @@ def _start_from_rest(solution: JointSolution, observations: Observations, ball: 
     return ContactGraph(tuple(states), (*graph.contacts, contact)).mark_pushed_strikes()
 
 
-def count_sharp(tracks: Tracks, ball: int, count: int) -> int:
+def _count_sharp(tracks: Tracks, ball: int, count: int) -> int:
     """Count the sharp ones among the first samples of a ball that moves fast just after them.
 
     Args:
@@ -112,7 +112,7 @@ def count_sharp(tracks: Tracks, ball: int, count: int) -> int:
     return int((streak[:count] == 0).sum()) if len(rows) > count and streak[count : count + 2].max() > 0 else 0
 
 
-def sharp_while_fast_share(tracks: Tracks, radius: float) -> float:
+def _sharp_while_fast_share(tracks: Tracks, radius: float) -> float:
     """Estimate the share of sharp detections among those of balls that move fast.
 
     Args:

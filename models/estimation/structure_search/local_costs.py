@@ -29,9 +29,7 @@ def refine_differences(
     rows = np.isin(assign_observations(one, observations), list(differing))
     if not rows.any():
         return None
-    local = Observations(
-        observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
-    )
+    local = observations.select_rows(rows)
     new = differing | set(range(len(one.segments), len(other.segments)))
     return (
         refine_subgraph(solution, one, sorted(differing), local, table),

@@ -28,6 +28,7 @@ from models.estimation.structure_search.causeless_changes import explain_causele
 from models.estimation.structure_search.contact_chains import complete_chains
 from models.estimation.structure_search.contact_removal import remove_false_contacts
 from models.estimation.structure_search.corner_cushions import insert_corner_cushions
+from models.estimation.structure_search.initial_rests import MAX_REST_SAMPLES
 from models.estimation.structure_search.missed_cushions import (
     classify_cushion_turns,
     insert_crossed_cushions,
@@ -43,9 +44,9 @@ END_TOLERANCE = 0.03
 """s: a contact so shortly before a velocity change is its cause."""
 CERTAIN_GAIN = 3000.0
 """chi2: a contact that improves so much is not evaluated again."""
-CERTAIN_CHANGE, SHORT_REST = 1e3, 3
-"""chi2 that stands for the gain of a start from rest or a stop, which is not evaluated; and samples of a rest at the
-start of a clip up to which it is: a ball that comes from there may fit as well.
+CERTAIN_CHANGE = 1e3
+"""chi2 that stands for the gain of a stop, or of a start from rest, which is not evaluated; but it is where the rest is
+as short as `MAX_REST_SAMPLES` at the start of a clip: a ball that comes from there may fit as well.
 """
 REQUIRED_GAIN = 20.0
 """chi2: least gain of a contact that the whole clip needs."""
@@ -89,11 +90,10 @@ def revise_graph(
     """
     search = StructureSearch(observations, table, (break_price, free_price), SearchCache())
     for _ in range(rounds):
-        revised = solution
+        inserted = _insert_passing_contacts(solution, observations, table, *search.prices, search.cache)
+        before = revised = log_pass("insert passing contacts", solution, inserted, search.prices)
         for name, revise in PASSES:
             revised = log_pass(name, revised, revise(revised, search), search.prices)
-            if name == LOCAL_PASS:
-                before = revised  # what this pass inserts comes up again with the next round's changes
         gains = _evaluate_gains(revised, observations, table, search.cache)
         solution = log_pass(
             "remove needless contacts",
@@ -179,9 +179,7 @@ def _insert_paying_proposals(
     return solution, one | two
 
 
-LOCAL_PASS = "insert passing contacts"
 PASSES: tuple[tuple[str, Callable[[JointSolution, StructureSearch], JointSolution]], ...] = (
-    (LOCAL_PASS, lambda one, s: _insert_passing_contacts(one, s.observations, s.table, *s.prices, s.cache)),
     ("revise locally", _revise_locally),
     ("connect starts", lambda one, s: resolve_simultaneous_starts(one, s.observations, s.table, s.prices)),
     ("explain causeless", lambda one, s: explain_causeless_changes(one, s.observations, s.table, s.prices, s.cache)),
@@ -189,7 +187,7 @@ PASSES: tuple[tuple[str, Callable[[JointSolution, StructureSearch], JointSolutio
     ("complete chains", lambda one, s: complete_chains(one, s.observations, s.table, s.prices, s.cache)),
     ("remove false contacts", lambda one, s: remove_false_contacts(one, s.observations, s.table, s.prices, s.cache)),
 )
-"""The passes of one round, in this order."""
+"""The passes of one round after passing contacts are inserted, in this order; a round that they leave is the last."""
 
 
 def remove_unexplained_contacts(
@@ -284,7 +282,9 @@ def _evaluate_gain(
     excerpt, selection = solution.graph.extract_contact(number)
     rows = np.isin(owner, selection)
     rest = contact.before[0]
-    is_short_rest = contact.kind == "strike" and segments[rest].start is None and (owner == rest).sum() <= SHORT_REST
+    is_short_rest = (
+        contact.kind == "strike" and segments[rest].start is None and (owner == rest).sum() <= MAX_REST_SAMPLES
+    )
     if any(segments[k].static for k in (*contact.before, *contact.after)) and not is_short_rest:
         return max(contact.gain, CERTAIN_CHANGE)
     if contact.kind != "ball" and min(int((owner == k).sum()) for k in selection) <= 1:
@@ -296,9 +296,7 @@ def _evaluate_gain(
         )
     if rows.sum() < 3:
         return max(contact.gain, CERTAIN_CHANGE)
-    local = Observations(
-        observations.ball[rows], observations.t[rows], observations.xy[rows], observations.whiten[rows]
-    )
+    local = observations.select_rows(rows)
     whole = excerpt.remove_contact(0)
     states = [_guess_joined_state(solution, excerpt, local, k) for k in range(len(contact.before))]
     whole = ContactGraph(
