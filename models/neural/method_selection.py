@@ -14,16 +14,13 @@ import numpy as np
 
 from models.core.typing import FloatArray
 from models.neural.common.method_interface import (
-    MIN_SAMPLES,
     FittedMotion,
     MotionMethod,
     MotionNotFoundError,
     TrainingBudget,
+    select_holdout,
     validate_samples,
 )
-
-HOLDOUT_STRIDE = 4
-"""Interval between held-out samples, in samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +59,8 @@ def evaluate_holdout_error(
     method: MotionMethod, t: FloatArray, x: FloatArray, seed: int, budget: TrainingBudget
 ) -> float:
     """Evaluate the mean squared error on held-out samples; infinite if the method finds no motion."""
-    is_held_out = np.arange(len(t)) % HOLDOUT_STRIDE == HOLDOUT_STRIDE // 2
-    is_held_out[[0, -1]] = False
-    if not is_held_out.any() or np.sum(~is_held_out) < MIN_SAMPLES:
+    is_held_out = select_holdout(len(t))
+    if not is_held_out.any():
         return 0.0
     try:
         guess = method.fit(t[~is_held_out], x[~is_held_out], seed, budget).at(t[is_held_out])

@@ -3,19 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 
 MIN_SAMPLES = 4
 """Fewest samples of a motion: two determine a velocity, two more its change."""
 
 
+HOLDOUT_STRIDE = 4
+"""Interval between held-out samples, in samples."""
+HOLDOUT_PATIENCE = 300
+"""Training stops after this many evaluations of the loss without a gain of `MIN_HOLDOUT_GAIN`. Where L-BFGS follows
+Adam, only L-BFGS stops."""
+MIN_HOLDOUT_GAIN = 0.05
+"""Relative decrease of the mean squared error on held-out samples that counts as a gain."""
+
+
 class MotionNotFoundError(ValueError):
     """A method found no motion that explains the samples."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOutSamples:
+    """Samples of a motion that are not trained on."""
+
+    times: FloatArray
+    """(V,) s."""
+    states: FloatArray
+    """(V, N, D)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +46,11 @@ class TrainingBudget:
     reproducible."""
     seconds: float = float("inf")
     """CPU time in s after which training stops. If it is reached, the result depends on the machine."""
+    holdout: HeldOutSamples | None = None
+    """Training stops when the error on these samples no longer decreases, and the state of least error is kept. The
+    loss curve then ends at that state."""
+    evaluations: int | None = None
+    """Number of evaluations of the loss instead of that of the schedule."""
 
     def __post_init__(self) -> None:
         if not (self.effort > 0 and self.seconds > 0):
@@ -49,6 +73,8 @@ class FittedMotion:
     """Number of learned parameters."""
     seconds: float
     """CPU time of the fit, s."""
+    is_trained: bool = field(default=True, kw_only=True)
+    """Whether the training ended by itself, not at the time limit."""
 
     def at(self, times: FloatArray) -> FloatArray:
         """Evaluate the motion, between the samples and after them.
@@ -108,3 +134,17 @@ def validate_samples(times: FloatArray, states: FloatArray) -> tuple[FloatArray,
     if not (np.isfinite(t).all() and np.isfinite(x).all() and (np.diff(t) > 0).all()):
         raise ValueError("times must rise and coordinates be finite: drop samples that are missing")
     return t, x
+
+
+def select_holdout(count: int) -> BoolArray:
+    """Select the samples to hold out: every fourth, without the first and the last.
+
+    Args:
+        count: Number of samples T.
+
+    Returns:
+        Mask (T,); empty where too few samples would remain.
+    """
+    is_held_out = np.asarray(np.arange(count) % HOLDOUT_STRIDE == HOLDOUT_STRIDE // 2)
+    is_held_out[[0, -1]] = False
+    return is_held_out if np.sum(~is_held_out) >= MIN_SAMPLES else np.zeros(count, np.bool_)

@@ -2,7 +2,8 @@
 
 Adam (Kingma and Ba 2014, arXiv:1412.6980) runs first, with a learning rate that falls along a half cosine. L-BFGS with
 a line search (Liu and Nocedal 1989, doi:10.1007/BF01589116) follows if the schedule has evaluations for it. Loss and
-early stopping use visible samples only.
+early stopping use visible samples only. If some of them are held out of the loss, the error on them decides when
+training stops and which state is kept.
 """
 
 from __future__ import annotations
@@ -11,17 +12,25 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import MotionNotFoundError, TrainingBudget
+from models.neural.common.method_interface import (
+    HOLDOUT_PATIENCE,
+    MIN_HOLDOUT_GAIN,
+    HeldOutSamples,
+    MotionNotFoundError,
+    TrainingBudget,
+)
 
 Loss = Callable[[], Tensor]
 """Evaluates the loss of a network in its current state."""
+Motion = Callable[[FloatArray], FloatArray]
+"""Maps times (M,) in s to coordinates (M, N, D)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +53,22 @@ class TrainingSchedule:
     """Whether every step draws other samples. The last state is kept then, because the lowest loss is that of a
     favourable batch."""
 
+    def set_evaluations(self, count: int) -> TrainingSchedule:
+        """Return the schedule with a number of evaluations: Adam first, L-BFGS if it has any for the rest."""
+        rest = max(count - self.adam_steps, 0) if self.lbfgs_evaluations else 0
+        return replace(self, adam_steps=min(count, self.adam_steps), lbfgs_evaluations=rest)
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingResult:
+    """Course of a training."""
+
+    loss_curve: FloatArray
+    """Losses of all evaluations, in order; with held-out samples, of those up to the kept state."""
+    is_complete: bool
+    """Whether the training ended by itself: not at the time limit and, with held-out samples, not at the end of the
+    schedule while their error still decreased."""
+
 
 MIN_GAIN = 0.01
 """Relative decrease of the lowest loss that counts as a gain."""
@@ -51,6 +76,8 @@ EVALUATIONS_PER_CHECK = 20
 """Most evaluations by L-BFGS between two checks of the elapsed time."""
 LBFGS_MEMORY = 50
 """Steps in the history of L-BFGS."""
+HOLDOUT_INTERVAL = 20
+"""Evaluations between two checks of the error on held-out samples."""
 
 
 @contextmanager
@@ -68,23 +95,61 @@ def use_one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-class BestState:
-    """The parameters of lowest loss during a training, and the loss curve."""
+class HoldoutCheck:
+    """The error on held-out samples during a training."""
 
-    def __init__(self, network: nn.Module, began: float) -> None:
+    def __init__(self, samples: HeldOutSamples, build_motion: Callable[[], Motion]) -> None:
+        self.samples, self.build_motion = samples, build_motion
+        self.lowest_error, self.best_count = math.inf, 0
+        self.last_gain = math.inf, 0
+        """Error and number of evaluations at the last gain of `MIN_HOLDOUT_GAIN`."""
+
+    def is_best(self, count: int) -> bool:
+        """Evaluate the error after `count` evaluations of the loss; return whether it is the lowest."""
+        error = float(np.mean((self.build_motion()(self.samples.times) - self.samples.states) ** 2))
+        if error < (1 - MIN_HOLDOUT_GAIN) * self.last_gain[0]:
+            self.last_gain = error, count
+        if not error < self.lowest_error:
+            return False
+        self.lowest_error, self.best_count = error, count
+        return True
+
+    def has_settled(self, count: int, start: int = 0) -> bool:
+        """Return whether no gain occurred within the patience, counted from `start` at the earliest."""
+        return count - max(self.last_gain[1], start) >= HOLDOUT_PATIENCE
+
+
+class BestState:
+    """The parameters of lowest loss, or of lowest error on held-out samples, during a training; the loss curve."""
+
+    def __init__(self, network: nn.Module, began: float, holdout: HoldoutCheck | None = None) -> None:
         self.network = network
         self.start = began
+        self.holdout = holdout
         self.loss_curve: list[float] = []
         self.lowest_loss = math.inf
         self.best_values = [value.detach().clone() for value in network.parameters()]
 
     def record_loss(self, loss: float) -> None:
-        """Append the loss of the current parameters, and copy them if it is the lowest."""
+        """Append the loss of the current parameters, and copy them if it is the lowest and no samples are held out."""
         self.loss_curve.append(loss)
         if loss < self.lowest_loss:
             self.lowest_loss = loss
-            for best, value in zip(self.best_values, self.network.parameters(), strict=True):
-                best.copy_(value.detach())
+            if self.holdout is None:
+                self._copy_parameters()
+
+    def check_holdout(self) -> None:
+        """Copy the current parameters if their error on held-out samples is the lowest."""
+        if self.holdout is not None and self.holdout.is_best(len(self.loss_curve)):
+            self._copy_parameters()
+
+    def has_settled(self, start: int = 0) -> bool:
+        """Return whether the error on held-out samples no longer decreases."""
+        return self.holdout is not None and self.holdout.has_settled(len(self.loss_curve), start)
+
+    def _copy_parameters(self) -> None:
+        for best, value in zip(self.best_values, self.network.parameters(), strict=True):
+            best.copy_(value.detach())
 
     def restore_best(self) -> None:
         """Copy the parameters of lowest loss back into the network."""
@@ -97,34 +162,51 @@ class BestState:
         return time.process_time() - self.start
 
 
-def train_network(network: nn.Module, loss: Loss, schedule: TrainingSchedule, budget: TrainingBudget) -> FloatArray:
+def train_network(
+    network: nn.Module,
+    loss: Loss,
+    schedule: TrainingSchedule,
+    budget: TrainingBudget,
+    build_motion: Callable[[], Motion] | None = None,
+) -> TrainingResult:
     """Train a network in place.
 
-    Afterwards the network has its parameters of lowest loss, or its last ones if the schedule uses minibatches.
+    Afterwards the network has its parameters of lowest loss, of lowest error on held-out samples if the budget has any,
+    or its last ones if the schedule uses minibatches.
 
     Args:
         network: Network to train.
         loss: Evaluates the loss of the network.
         schedule: Training schedule.
         budget: Limits on the training.
+        build_motion: Builds the motion of the network in its current state, for the error on held-out samples.
 
     Returns:
-        Losses of all evaluations, in order.
+        The course of the training.
 
     Raises:
-        MotionNotFoundError: No evaluation has a finite loss.
+        MotionNotFoundError: No evaluation has a finite loss, or no state a finite error on held-out samples.
     """
-    best = BestState(network, time.process_time())
+    began = time.process_time()
+    holdout = HoldoutCheck(budget.holdout, build_motion) if budget.holdout and build_motion else None
+    best = BestState(network, began, holdout)
+    if budget.evaluations is not None:
+        schedule = schedule.set_evaluations(budget.evaluations)
     with use_one_thread():
         _run_adam(network, loss, schedule, budget, best)
+        best.check_holdout()
         if not schedule.uses_minibatches:
             best.restore_best()
         if schedule.lbfgs_evaluations:
             _run_lbfgs(network, loss, budget.scale_steps(schedule.lbfgs_evaluations), budget, best)
             best.restore_best()
-    if not math.isfinite(best.lowest_loss):
+    if not math.isfinite(best.lowest_loss) or (holdout and not math.isfinite(holdout.lowest_error)):
         raise MotionNotFoundError("training found no finite loss; lower its rate, or check the units of the samples")
-    return np.array(best.loss_curve)
+    is_complete = best.cpu_seconds() < budget.seconds
+    if holdout is None:
+        return TrainingResult(np.array(best.loss_curve), is_complete)
+    has_settled = best.has_settled() or schedule.lbfgs_evaluations > 0  # L-BFGS goes on until nothing is gained
+    return TrainingResult(np.array(best.loss_curve[: holdout.best_count]), is_complete and has_settled)
 
 
 def _run_adam(
@@ -133,9 +215,16 @@ def _run_adam(
     optimiser = torch.optim.Adam(network.parameters(), lr=schedule.learning_rate)
     steps, mark, marked = budget.scale_steps(schedule.adam_steps), math.inf, 0
     seconds = budget.seconds / 2 if schedule.lbfgs_evaluations else budget.seconds
+    stops_early = best.holdout is not None or budget.evaluations is not None
     for step in range(steps):
-        for group in optimiser.param_groups:  # falls to its final value at the limit that comes first
-            group["lr"] = _learning_rate_at(schedule, min(max(step / steps, best.cpu_seconds() / seconds), 1.0))
+        # falls to its final value at the limit that comes first; with early stopping, time has no influence
+        done = step / steps if stops_early else max(step / steps, best.cpu_seconds() / seconds)
+        for group in optimiser.param_groups:
+            group["lr"] = _learning_rate_at(schedule, min(done, 1.0))
+        if step and step % HOLDOUT_INTERVAL == 0:
+            best.check_holdout()
+            if best.has_settled() and not schedule.lbfgs_evaluations:
+                return
         optimiser.zero_grad()
         value = loss()
         best.record_loss(float(value.detach()))
@@ -168,12 +257,15 @@ def _run_lbfgs(network: nn.Module, loss: Loss, steps: int, budget: TrainingBudge
         value.backward()  # type: ignore[no-untyped-call]
         return value
 
-    end = len(best.loss_curve) + steps
-    while len(best.loss_curve) < end and best.cpu_seconds() < budget.seconds:
+    start = len(best.loss_curve)
+    while best.cpu_seconds() < budget.seconds:
+        if best.has_settled(start) if best.holdout else len(best.loss_curve) >= start + steps:
+            return
         before = len(best.loss_curve), best.lowest_loss
         at_once = min(EVALUATIONS_PER_CHECK, steps, _count_affordable_evaluations(budget, best))
         optimiser.param_groups[0].update(max_iter=at_once, max_eval=at_once)
         optimiser.step(closure)  # type: ignore[no-untyped-call]
+        best.check_holdout()
         stuck = not best.lowest_loss < before[1] or not math.isfinite(best.loss_curve[-1])
         if len(best.loss_curve) == before[0] or stuck:
             return

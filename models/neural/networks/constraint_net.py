@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -23,7 +23,13 @@ from torch import Tensor, nn
 from models.core.typing import FloatArray
 from models.neural.common.coordinate_scaling import Scaling, estimate_scaling
 from models.neural.common.method_interface import FittedMotion, TrainingBudget, validate_samples
-from models.neural.common.network_training import TrainingSchedule, train_network, use_one_thread
+from models.neural.common.network_training import (
+    Motion,
+    TrainingResult,
+    TrainingSchedule,
+    train_network,
+    use_one_thread,
+)
 from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
 from models.neural.common.spline_methods import fit_spline
 from models.neural.networks.hamiltonian_network import evaluate_gradient
@@ -100,17 +106,28 @@ class ConstraintNet:
         t, x = validate_samples(times, states)
         scale = estimate_scaling(t, x)
         samples = torch.as_tensor(scale.scale_states(x), dtype=self.dtype)
-        network, curve = self._select_network(
-            samples, torch.as_tensor(t, dtype=self.dtype), seed, budget or TrainingBudget()
-        )
         lines = fit_spline(t, x, 1)
-        motion = self.build_motion(network, lines, scale)
-        return FittedMotion(motion, curve, count_parameters(network), time.process_time() - began)
+        network, result = self._select_network(
+            samples,
+            torch.as_tensor(t, dtype=self.dtype),
+            seed,
+            budget or TrainingBudget(),
+            lambda network: self.build_motion(network, lines, scale),
+        )
+        motion, seconds = self.build_motion(network, lines, scale), time.process_time() - began
+        return FittedMotion(
+            motion, result.loss_curve, count_parameters(network), seconds, is_trained=result.is_complete
+        )
 
     def _select_network(
-        self, samples: Tensor, t: Tensor, seed: int, budget: TrainingBudget
-    ) -> tuple[ConstraintProjection, FloatArray]:
-        """Train every candidate on a part of the samples, and the best one on all; return it with its loss curve."""
+        self,
+        samples: Tensor,
+        t: Tensor,
+        seed: int,
+        budget: TrainingBudget,
+        build_motion: Callable[[ConstraintProjection], Motion],
+    ) -> tuple[ConstraintProjection, TrainingResult]:
+        """Train every candidate on a part of the samples, and the best one on all; return it and both its trainings."""
         middles = make_midpoint_pairs(samples, t)
         is_held_out = torch.arange(len(middles.correct)) % HOLDOUT_STRIDE == HOLDOUT_STRIDE // 2
         test = middles.select(is_held_out).shrink_errors()
@@ -119,11 +136,18 @@ class ConstraintNet:
         candidates = []
         for start, generator in enumerate(generators):
             network = self.build_network(middles.correct, 1000 * seed + start)
-            curve = self._train_network(network, generator(middles.select(~is_held_out), seed), short)
-            candidates.append((float(projection_loss(network, test).detach()), start, network, curve, generator))
-        _, _, network, curve, generator = min(candidates)
-        last = TrainingBudget(budget.effort, budget.seconds / 2)
-        return network, np.concatenate([curve, self._train_network(network, generator(middles, seed), last)])
+            result = self._train_network(network, generator(middles.select(~is_held_out), seed), short)
+            candidates.append((float(projection_loss(network, test).detach()), start, network, result, generator))
+        _, _, network, first, generator = min(candidates)
+        rest = None if budget.evaluations is None else max(budget.evaluations - len(first.loss_curve), 1)
+        last = self._train_network(
+            network,
+            generator(middles, seed),
+            replace(budget, seconds=budget.seconds / 2, evaluations=rest),
+            lambda: build_motion(network),
+        )
+        curve = np.concatenate([first.loss_curve, last.loss_curve])
+        return network, TrainingResult(curve, first.is_complete and last.is_complete)
 
     def build_network(self, samples: Tensor, seed: int) -> ConstraintProjection:
         """Build an untrained network for coordinates in the range of samples (T, C)."""
@@ -132,12 +156,16 @@ class ConstraintNet:
             layers.last.bias.sub_(layers(samples).mean())
         return ConstraintProjection(layers, self.iterations)
 
-    def _train_network(self, network: ConstraintProjection, pairs: TrainingPairs, budget: TrainingBudget) -> FloatArray:
-        return train_network(network, lambda: projection_loss(network, pairs), self.schedule, budget)
+    def _train_network(
+        self,
+        network: ConstraintProjection,
+        pairs: TrainingPairs,
+        budget: TrainingBudget,
+        build_motion: Callable[[], Motion] | None = None,
+    ) -> TrainingResult:
+        return train_network(network, lambda: projection_loss(network, pairs), self.schedule, budget, build_motion)
 
-    def build_motion(
-        self, network: ConstraintProjection, lines: Callable[[FloatArray], FloatArray], scale: Scaling
-    ) -> Callable[[FloatArray], FloatArray]:
+    def build_motion(self, network: ConstraintProjection, lines: Motion, scale: Scaling) -> Motion:
         """Build the motion: lines between samples, projected on the constraint."""
 
         def at(times: FloatArray) -> FloatArray:

@@ -9,7 +9,6 @@ doi:10.1016/S1474-6670(17)61205-9.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,7 +20,7 @@ from models.core.typing import FloatArray
 from models.neural.common.coordinate_scaling import Scaling, estimate_scaling
 from models.neural.common.integration_steps import IntegrationStep, integrate_steps, integrate_to_tolerance
 from models.neural.common.method_interface import FittedMotion, TrainingBudget, validate_samples
-from models.neural.common.network_training import TrainingSchedule, train_network, use_one_thread
+from models.neural.common.network_training import Motion, TrainingSchedule, train_network, use_one_thread
 from models.neural.common.perceptron import count_parameters, make_generator
 from models.neural.common.spline_methods import fit_spline
 
@@ -105,13 +104,16 @@ class NeuralFlowMethod:
             half = miss.shape[-1] // 2
             return (miss[:, :half] ** 2 + (spans * miss[:, half:]) ** 2).sum(dim=-1).mean()
 
-        curve = train_network(network, loss, self.schedule, budget or TrainingBudget())
-        motion = self._build_motion(network, scale, steps, pace)
-        return FittedMotion(motion, curve, count_parameters(network), time.process_time() - began)
+        def build_motion() -> Motion:
+            return self._build_motion(network, scale, steps, pace)
 
-    def _build_motion(
-        self, network: ShootingNetwork, scale: Scaling, steps: Tensor, pace: float
-    ) -> Callable[[FloatArray], FloatArray]:
+        result = train_network(network, loss, self.schedule, budget or TrainingBudget(), build_motion)
+        seconds = time.process_time() - began
+        return FittedMotion(
+            build_motion(), result.loss_curve, count_parameters(network), seconds, is_trained=result.is_complete
+        )
+
+    def _build_motion(self, network: ShootingNetwork, scale: Scaling, steps: Tensor, pace: float) -> Motion:
         @torch.no_grad()
         def at(times: FloatArray) -> FloatArray:
             t = torch.as_tensor(scale.count_steps(times) * pace)[:, None]

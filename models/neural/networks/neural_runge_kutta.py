@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +23,7 @@ from models.core.typing import FloatArray
 from models.neural.common.coordinate_scaling import Scaling, estimate_scaling
 from models.neural.common.integration_steps import EulerStep, IntegrationStep, RungeKuttaStep
 from models.neural.common.method_interface import FittedMotion, TrainingBudget, validate_samples
-from models.neural.common.network_training import TrainingSchedule, train_network, use_one_thread
+from models.neural.common.network_training import Motion, TrainingSchedule, train_network, use_one_thread
 from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
 from models.neural.common.time_encoding import TimeEncoding
 
@@ -79,9 +78,14 @@ class NeuralSimulator:
                 0.5 * ((ends - samples.x[1:]) ** 2).sum(dim=-1).mean()
             )  # Chen 2022, eq. 20, averaged over the samples
 
-        curve = train_network(network, loss, self.schedule, budget or TrainingBudget())
-        motion = self._build_motion(network, samples, scale)
-        return FittedMotion(motion, curve, count_parameters(network), time.process_time() - began)
+        def build_motion() -> Motion:
+            return self._build_motion(network, samples, scale)
+
+        result = train_network(network, loss, self.schedule, budget or TrainingBudget(), build_motion)
+        seconds = time.process_time() - began
+        return FittedMotion(
+            build_motion(), result.loss_curve, count_parameters(network), seconds, is_trained=result.is_complete
+        )
 
     def _build_network(self, scale: Scaling, span: float, coordinates: int, seed: int) -> VelocityNetwork:
         clock = TimeEncoding(span, self.shortest_period)
@@ -99,9 +103,7 @@ class NeuralSimulator:
         return states
 
     @torch.no_grad()
-    def _build_motion(
-        self, network: VelocityNetwork, samples: TrainingSamples, scale: Scaling
-    ) -> Callable[[FloatArray], FloatArray]:
+    def _build_motion(self, network: VelocityNetwork, samples: TrainingSamples, scale: Scaling) -> Motion:
         with use_one_thread():
             substates = torch.stack(self._integrate_substeps(network, samples), dim=1)  # (T - 1, substeps + 1, C)
         end_error = substates[:, -1] - samples.x[1:] if self.corrects_end_error else torch.zeros_like(samples.x[1:])

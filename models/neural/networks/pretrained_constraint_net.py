@@ -71,6 +71,8 @@ class PretrainedConstraintNet:
         def loss() -> Tensor:
             return projection_loss(network, pairs.select(torch.randint(len(right), (self.batch,), generator=generator)))
 
-        curve = train_network(network, loss, self.schedule, budget or TrainingBudget())
-        motion = self.net.build_motion(network, fit_spline(t, x, 1), scale)
-        return FittedMotion(motion, curve, count_parameters(network), time.process_time() - began)
+        result = train_network(network, loss, self.schedule, budget or TrainingBudget())
+        motion, seconds = self.net.build_motion(network, fit_spline(t, x, 1), scale), time.process_time() - began
+        return FittedMotion(
+            motion, result.loss_curve, count_parameters(network), seconds, is_trained=result.is_complete
+        )

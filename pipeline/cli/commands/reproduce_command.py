@@ -55,7 +55,11 @@ def reproduce(
     ] = Path("out/reproduce"),
     quick: Annotated[
         bool,
-        typer.Option("--quick", help="Run the settings of the thesis only, with one seed and one method of each kind."),
+        typer.Option(
+            "--quick",
+            help="Run the settings of the thesis only, with and without noise, with one seed and few networks. "
+            "Networks that are not trained to the end within 120 CPU s are marked and not compared.",
+        ),
     ] = False,
     whole: Annotated[
         bool, typer.Option("--whole", help="Run all settings with all methods, trained to the end; this takes hours.")

@@ -34,6 +34,13 @@ REPRESENTATIVES = (
 """One method of each kind, compared in all settings; the other methods run in the setting of the thesis alone."""
 QUICK_NETS = ("RK net, tanh, L-BFGS", "net(x, v)", "Hamiltonian net", "interaction net")
 """Those of `REPRESENTATIVES` that train on three coordinates within seconds."""
+NETS_IN_QUICK_RUN = {
+    ("double-pendulum", 0.0): (THESIS_NET, "Hamiltonian net"),
+    ("double-pendulum", 0.1): (THESIS_NET, "Hamiltonian net"),
+    ("boxes", 0.0): (THESIS_NET,),
+    ("pool", 0.0): (THESIS_NET,),
+}
+"""Networks of a quick run by scene and noise (px): those whose training settles within its time limit."""
 SLOW_NETS = {
     "double-pendulum": (THESIS_NET, CONSTRAINT_NET), "boxes": (THESIS_NET, CONSTRAINT_NET, *QUICK_NETS),
 }  # fmt: skip
@@ -53,6 +60,11 @@ EXTRA_INPUTS: dict[str, dict[str, str]] = {
     "pool": {PHYSICS_NAME: "given the table and the camera of the run."},
 }
 """Inputs of methods beyond the visible samples, by scene."""
+
+
+def is_network(method: str) -> bool:
+    """Return whether a method is a network: no spline and no fit of the physics."""
+    return method not in ("linear", *SPLINES, PHYSICS_NAME)
 
 
 def describe_extra_inputs(scene: str, methods: Container[str]) -> str:

@@ -8,8 +8,20 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TypeVar
 
-from models.neural.common.method_interface import MotionMethod, TrainingBudget
-from pipeline.experiments.thesis.compared_methods import REPRESENTATIVES, SLOW_NETS, build_methods
+from models.neural.common.method_interface import (
+    HOLDOUT_PATIENCE,
+    MIN_HOLDOUT_GAIN,
+    MotionMethod,
+    TrainingBudget,
+)
+from models.neural.early_stopping import EarlyStopping
+from pipeline.experiments.thesis.compared_methods import (
+    NETS_IN_QUICK_RUN,
+    REPRESENTATIVES,
+    SLOW_NETS,
+    build_methods,
+    is_network,
+)
 from pipeline.experiments.thesis.scenes.boxes_scene import SPEEDS, build_boxes_series
 from pipeline.experiments.thesis.scenes.double_pendulum_scene import (
     RECORDING,
@@ -37,7 +49,7 @@ class Depth(StrEnum):
     """Extent of the experiments."""
 
     QUICK = "quick"
-    """The settings of the thesis, one method of each kind, networks barely trained."""
+    """The settings of the thesis, without and with little noise, and few networks, trained until they gain nothing."""
     USUAL = "usual"
     """One setting changed at a time.
 
@@ -48,7 +60,7 @@ class Depth(StrEnum):
 
 
 BUDGETS = {
-    Depth.QUICK: TrainingBudget(0.06, 4.0),
+    Depth.QUICK: TrainingBudget(1.0, 120.0),
     Depth.USUAL: TrainingBudget(0.25, 20.0),
     Depth.WHOLE: TrainingBudget(1.0, 120.0),
 }
@@ -121,7 +133,7 @@ def _iterate_grid(scene: str, variants: tuple[str, ...], depth: Depth) -> Iterat
         for fps in _put_first(BASE_SETTING[0], RATES):
             for noise in _put_first(BASE_SETTING[1], NOISES):
                 changed = (fps != BASE_SETTING[0]) + (noise != BASE_SETTING[1])
-                if depth is Depth.QUICK and (variant != own or changed):
+                if depth is Depth.QUICK and (variant != own or fps != BASE_SETTING[0] or noise > NOISES[1]):
                     continue
                 near = changed < 2 if variant == own else (fps, noise) == (BASE_SETTING[0], NOISES[1])
                 if depth is Depth.USUAL and not near:
@@ -155,8 +167,10 @@ def list_tasks(plan: ExperimentPlan) -> list[TrialTask]:
 
 def _is_representative(case: ExperimentCase, method: str, plan: ExperimentPlan) -> bool:
     """Return whether a method represents its kind in a setting, with the seed of the case."""
+    if plan.depth is Depth.QUICK and is_network(method):
+        return method in NETS_IN_QUICK_RUN.get((case.scene, case.noise), ())
     first = case.seed == plan.seeds[0] or method not in SLOW_NETS.get(case.scene, ())
-    return method in REPRESENTATIVES and (first or plan.depth is Depth.QUICK)
+    return method in REPRESENTATIVES and first
 
 
 def _has_all_methods(case: ExperimentCase, depth: Depth) -> bool:
@@ -179,9 +193,10 @@ def build_case_series(case: ExperimentCase, plan: ExperimentPlan) -> WithheldSer
 
 
 def find_method(task: TrialTask, plan: ExperimentPlan) -> MotionMethod:
-    """Find the method of a task."""
+    """Find the method of a task; networks of a quick run stop early."""
     there = build_methods(task.case.scene, task.case.variant, plan.run)
-    return next(method for method in there if method.name == task.method)
+    method = next(method for method in there if method.name == task.method)
+    return EarlyStopping(method) if plan.depth is Depth.QUICK and is_network(task.method) else method
 
 
 def explain_omissions(plan: ExperimentPlan) -> list[str]:
@@ -215,6 +230,12 @@ def describe_training(plan: ExperimentPlan) -> str:
         f"{seconds:.0f} s on {scene}" for (depth, scene), seconds in SHORTER_TRAINING_S.items() if depth is plan.depth
     ]
     within = "; ".join([f"{usual.seconds:.0f} CPU s", *shorter])
+    if plan.depth is Depth.QUICK:
+        return (
+            f"Networks were trained until {HOLDOUT_PATIENCE} steps lowered the error at held-out visible frames by "
+            f"less than {MIN_HOLDOUT_GAIN:.0%}, then for as many steps on all visible frames. A network that needs "
+            f"more than {within} is marked and not compared. The other networks run without --quick."
+        )
     if usual.effort == 1:
         return f"Networks were trained to the end or for {within}."
     sentence = f"Networks had {usual.effort:.0%} of their training, at most {within}, and can be better than this."

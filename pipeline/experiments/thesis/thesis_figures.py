@@ -117,7 +117,7 @@ def plot_errors_by_method(
     cells: Sequence[SettingResult], trials: Sequence[Trial], name: str, title: str
 ) -> ThesisFigure:
     """Plot figures 6 and 8: the error of every method, one panel per setting; medians are bars, seeds are dots."""
-    methods = list(dict.fromkeys(trial.method for trial in trials))
+    methods = list(dict.fromkeys(trial.method for trial in trials if any(trial.method in cell.mse for cell in cells)))
     columns = min(len(cells), 3)
     rows = -(-len(cells) // columns)
     with open_figure(1.6 + 3.1 * columns, 0.8 + rows * (0.5 + 0.2 * len(methods)), rows, columns) as (figure, axes):
@@ -150,7 +150,7 @@ def _plot_setting(panel: Axes, cell: SettingResult, methods: list[str], trials: 
 
 def plot_error_over_time(trials: Sequence[Trial], cell: SettingResult, name: str, title: str) -> ThesisFigure:
     """Plot the root mean square error at each withheld midpoint of one setting, for the first seed."""
-    there = [trial for trial in trials if _is_in_setting(trial, cell)]
+    there = [trial for trial in trials if _is_in_setting(trial, cell) and trial.method in cell.mse]
     first = min(trial.case.seed for trial in there)
     curves = _select_curves([trial for trial in there if trial.case.seed == first])
     with open_figure(9.0, 4.0) as (figure, axes):

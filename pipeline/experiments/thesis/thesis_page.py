@@ -118,7 +118,7 @@ def build_tables(scene: str, results: list[SettingResult]) -> list[ResultTable]:
 
 
 def _build_table(variant: str, here: list[SettingResult]) -> ResultTable:
-    methods = list(dict.fromkeys(name for cell in here for name in cell.mse))
+    methods = dict.fromkeys(name for cell in here for name in (*cell.mse, *cell.untrained))
     heads = [f"{cell.fps:.3g} Hz, {cell.noise:g} px" for cell in here]
     first = MethodRow("linear: mse, px²", [TableCell(f"{cell.mse['linear']:.3g}", "worse") for cell in here])
     rest = [MethodRow(name, [_format_cell(cell, name) for cell in here]) for name in methods if name != "linear"]
@@ -127,6 +127,8 @@ def _build_table(variant: str, here: list[SettingResult]) -> ResultTable:
 
 
 def _format_cell(cell: SettingResult, name: str) -> TableCell:
+    if name in cell.untrained:
+        return TableCell(f"not trained to the end ({cell.untrained[name]:.0f} s)", "worse")
     if name not in cell.mse:
         return TableCell("-", "worse")
     gain = cell.mse["linear"] / max(cell.mse[name], 1e-300)
@@ -146,10 +148,14 @@ def build_learning_table(scene: str, trials: Sequence[Trial]) -> ResultTable | N
     if not by_method:
         return None
     rows = [
-        MethodRow(method, [TableCell(text, "") for text in _format_learning_cost(some)])
+        MethodRow(_name_with_state(method, some), [TableCell(text, "") for text in _format_learning_cost(some)])
         for method, some in by_method.items()
     ]
     return ResultTable("Training cost of the methods, in the first setting", ["parameters", "steps", "CPU s"], rows)
+
+
+def _name_with_state(method: str, trials: list[Trial]) -> str:
+    return method if all(trial.is_trained for trial in trials) else f"{method}, not trained to the end"
 
 
 def _format_learning_cost(trials: list[Trial]) -> tuple[str, str, str]:

@@ -37,9 +37,11 @@ class SettingResult:
     mse: dict[str, float]
     """px^2 by method: linear's median over seeds, times the median ratio of the method to linear with the same seed.
 
-    Methods with fewer seeds are thus compared on those.
+    Methods with fewer seeds are thus compared on those. Networks that were not trained to the end are left out.
     """
     seeds: int
+    untrained: dict[str, float]
+    """CPU s of the networks that were not trained to the end with every seed: the longest training."""
 
     @property
     def setting(self) -> str:
@@ -67,23 +69,24 @@ def summarize_settings(trials: Iterable[Trial]) -> list[SettingResult]:
     Returns:
         Results in the order in which settings first occur.
     """
-    errors: dict[tuple[str, str, float, float], dict[str, dict[int, float]]] = {}
+    by_setting: dict[tuple[str, str, float, float], dict[str, dict[int, Trial]]] = {}
     for trial in trials:
-        by_method = errors.setdefault(trial_setting(trial), {})
-        by_method.setdefault(trial.method, {})[trial.case.seed] = trial.mse
-    return [
-        SettingResult(*setting, _compute_medians(methods), max(map(len, methods.values())))
-        for setting, methods in errors.items()
-    ]
+        by_method = by_setting.setdefault(trial_setting(trial), {})
+        by_method.setdefault(trial.method, {})[trial.case.seed] = trial
+    return [SettingResult(*setting, *_summarize_methods(methods)) for setting, methods in by_setting.items()]
 
 
-def _compute_medians(methods: dict[str, dict[int, float]]) -> dict[str, float]:
-    """Compute the median error of each method from its errors by seed."""
+def _summarize_methods(methods: dict[str, dict[int, Trial]]) -> tuple[dict[str, float], int, dict[str, float]]:
+    """Compute the median error of each method, the number of seeds, and CPU s of methods not trained to the end."""
     linear = methods["linear"]
-    usual = median(linear.values())
-    return {
-        name: usual * median(mse / linear[seed] for seed, mse in by_seed.items()) for name, by_seed in methods.items()
-    }
+    usual = median(trial.mse for trial in linear.values())
+    errors, untrained = {}, {}
+    for name, by_seed in methods.items():
+        if all(trial.is_trained for trial in by_seed.values()):
+            errors[name] = usual * median(trial.mse / linear[seed].mse for seed, trial in by_seed.items())
+        else:
+            untrained[name] = max(trial.seconds for trial in by_seed.values())
+    return errors, max(map(len, methods.values())), untrained
 
 
 def describe_scene_results(scene: str, results: list[SettingResult], trained: float = 1.0) -> list[str]:
@@ -106,8 +109,17 @@ def describe_scene_results(scene: str, results: list[SettingResult], trained: fl
         _compare_splines(here),
         _describe_constraint_net(here),
         _describe_physics_fit(here),
+        _list_untrained_networks(here),
     ]
     return [sentence for sentence in candidates if sentence]
+
+
+def _list_untrained_networks(here: list[SettingResult]) -> str:
+    """List the networks that were not trained to the end."""
+    named = [
+        f"{name} ({cell.setting}; {seconds:.0f} CPU s)" for cell in here for name, seconds in cell.untrained.items()
+    ]
+    return f"Not trained to the end, and compared with nothing: {', '.join(named)}." if named else ""
 
 
 def format_times(gain: float) -> str:

@@ -12,6 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from pipeline.engine.result_cache import ResultCache
+from pipeline.experiments.thesis.compared_methods import THESIS_NET, is_network
 from pipeline.experiments.thesis.experiment_plan import ExperimentPlan, TrialTask, build_case_series, find_method
 from pipeline.experiments.thesis.trials import Trial, is_cached, run_trial
 
@@ -41,7 +42,8 @@ def run_trials(plan: ExperimentPlan, tasks: Sequence[TrialTask], root: Path, job
         return
     # fresh processes: a forked one would inherit threads of the libraries
     with ProcessPoolExecutor(min(jobs, len(missing)), multiprocessing.get_context("spawn")) as pool:
-        pending = {task: pool.submit(_fill_cache, plan, task, root) for task in missing}
+        longest_first = sorted(missing, key=lambda task: (task.method != THESIS_NET, not is_network(task.method)))
+        pending = {task: pool.submit(_fill_cache, plan, task, root) for task in longest_first}
         try:
             for task in tasks:
                 if task in pending:

@@ -15,6 +15,7 @@ import numpy as np
 from models.core.typing import FloatArray
 from models.neural.common.method_interface import FittedMotion, MotionMethod, TrainingBudget
 from models.neural.common.spline_methods import CUBIC, LINEAR
+from models.neural.early_stopping import EarlyStopping
 from pipeline.engine.cache_key import CacheKey
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
@@ -50,16 +51,22 @@ class Trial:
     """(H,) px: root mean square over points and coordinates at each."""
     loss: FloatArray
     """(L,) training loss of a network."""
+    is_trained: bool = True
+    """Whether the training of a network ended by itself; else its error is not compared with others."""
 
     @property
     def row(self) -> dict[str, Any]:
-        """The trial as a row of the contract; numbers that are not finite are None."""
-        numbers = {name: getattr(self, name) for name in ("mse", "x_linear", "x_cubic", "seconds")}
+        """The trial as a row of the contract.
+
+        Numbers that are not finite are None, and so are ratios of a network that was not trained to the end.
+        """
+        ratios = {"x_linear": self.x_linear, "x_cubic": self.x_cubic} if self.is_trained else {}
+        numbers = {"mse": self.mse, "x_linear": np.nan, "x_cubic": np.nan, "seconds": self.seconds, **ratios}
         finite = {name: value if np.isfinite(value) else None for name, value in numbers.items()}
         case = self.case
         return {"scene": case.scene, "variant": case.variant, "method": self.method, "fps": case.fps,
                 "noise_px": case.noise, "seed": case.seed, **finite, "parameters": self.parameters,
-                "note": self.note}  # fmt: skip
+                "trained": self.is_trained, "note": self.note}  # fmt: skip
 
 
 def run_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget, cache: ResultCache) -> Trial:
@@ -79,10 +86,11 @@ def is_cached(method: MotionMethod, series: WithheldSeries, budget: TrainingBudg
 
 def _list_key_parts(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget) -> dict[str, Any]:
     """List what the result depends on, for the cache key."""
+    inner = method.network if isinstance(method, EarlyStopping) else method
     return {
         "case": asdict(series.case), "content": _hash_series(series),
-        "method": [type(method).__qualname__, method.name],
-        "budget": [budget.effort, budget.seconds], "source": _hash_method_sources(type(method).__module__),
+        "method": [type(method).__qualname__, type(inner).__qualname__, method.name],
+        "budget": [budget.effort, budget.seconds], "source": _hash_method_sources(type(inner).__module__),
         "libraries": library_versions(),
     }  # fmt: skip
 
@@ -122,6 +130,7 @@ def _write_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingB
     values = {
         "mse": mse, **rivals, "seconds": fitted.seconds if fitted else np.nan,
         "parameters": fitted.parameter_count if fitted else 0, "note": note or _describe_defects(guess, fitted),
+        "is_trained": fitted is None or fitted.is_trained,
     }  # fmt: skip
     (folder / "trial.json").write_text(json.dumps(values), encoding="utf-8")
 
@@ -138,6 +147,8 @@ def _describe_defects(guess: FloatArray, fitted: FittedMotion | None) -> str:
     """Describe the defects of a motion."""
     if not np.isfinite(guess).all():
         return "the motion is lost"
+    if fitted is not None and not fitted.is_trained:
+        return f"not trained to the end ({fitted.seconds:.0f} CPU s)"
     return "; ".join(fitted.warnings) if isinstance(fitted, AssessedMotion) else ""
 
 

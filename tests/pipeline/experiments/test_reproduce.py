@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -11,8 +12,9 @@ import numpy as np
 import pytest
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import FittedMotion, MotionMethod, TrainingBudget
+from models.neural.common.method_interface import HOLDOUT_PATIENCE, FittedMotion, MotionMethod, TrainingBudget
 from models.neural.common.spline_methods import CUBIC, CURVES, LINEAR
+from models.neural.early_stopping import EarlyStopping
 from pipeline.cli.execute import execute_command_line
 from pipeline.engine.result_cache import ResultCache
 from pipeline.experiments.thesis.compared_methods import (
@@ -20,9 +22,12 @@ from pipeline.experiments.thesis.compared_methods import (
     PRETRAINED_NET,
     REPRESENTATIVES,
     SLOW_NETS,
+    SPLINES,
+    THESIS_NET,
     THESIS_NETS,
     build_methods,
     describe_extra_inputs,
+    is_network,
 )
 from pipeline.experiments.thesis.experiment_plan import (
     BASE_SETTING,
@@ -31,6 +36,7 @@ from pipeline.experiments.thesis.experiment_plan import (
     ExperimentPlan,
     describe_training,
     explain_omissions,
+    find_method,
     list_cases,
     list_tasks,
 )
@@ -175,6 +181,30 @@ def test_a_method_with_fewer_seeds_is_compared_with_linear_on_those() -> None:
     assert cell.mse == pytest.approx({"linear": 100.0, "cubic": 25.0, "RK net": 50.0})
 
 
+def test_a_network_that_was_not_trained_to_the_end_is_named_and_compared_with_nothing() -> None:
+    brief = replace(trial("RK net", 1e-9), is_trained=False, seconds=120.0)
+    trials = [trial("linear", 1.0), trial("cubic", 0.1), brief]
+    (cell,) = summarize_settings(trials)
+    assert set(cell.mse) == {"linear", "cubic"}
+    text = " ".join(describe_scene_results("double-pendulum", [cell]))
+    assert "claim" not in text
+    assert "Not trained to the end, and compared with nothing: RK net (stiff, 30 Hz, noise 0 px; 120 CPU s)." in text
+    (sheet,) = build_tables("double-pendulum", [cell])
+    looks = {line.method: line.cells[0] for line in sheet.rows}
+    assert looks["RK net"].text == "not trained to the end (120 s)"
+    assert looks["cubic"].look == "best"
+    assert (brief.row["trained"], brief.row["x_linear"], brief.row["x_cubic"]) == (False, None, None)
+
+
+def test_one_seed_without_its_whole_training_leaves_the_network_out() -> None:
+    trials = [trial("linear", 1.0, seed=seed) for seed in range(2)]
+    (cell,) = summarize_settings(
+        [*trials, trial("RK net", 0.1), replace(trial("RK net", 0.1, seed=1), is_trained=False)]
+    )
+    assert "RK net" not in cell.mse
+    assert "RK net" in cell.untrained
+
+
 def test_an_error_like_the_rivals_is_not_called_one_time_lower() -> None:
     assert format_comparison(1.02, "linear") == "that of linear"
     assert format_comparison(0.5, "linear") == "2 times higher than linear"
@@ -260,8 +290,25 @@ def test_slow_networks_have_every_seed_in_the_thesis_own_setting_and_one_in_the_
             assert own == [5, 6, 7]
             every = method.name in REPRESENTATIVES and method.name not in SLOW_NETS[scene]
             assert all(some == ([5, 6, 7] if every else [5]) for some in seeds.values())
-    slow = {task.method for task in list_tasks(ExperimentPlan(seeds=(5,), depth=Depth.QUICK))}
-    assert slow == set(REPRESENTATIVES)
+
+
+def test_a_quick_plan_has_noise_and_few_networks_which_all_stop_early() -> None:
+    plan = ExperimentPlan(seeds=(5,), depth=Depth.QUICK)
+    there = list_tasks(plan)
+    for scene in ("double-pendulum", "boxes"):
+        methods = {
+            noise: {task.method for task in there if (task.case.scene, task.case.noise) == (scene, noise)}
+            for noise in {task.case.noise for task in there}
+        }
+        assert set(methods) == {0.0, 0.1}
+        assert all({*SPLINES, "linear", PHYSICS_NAME} <= names for names in methods.values())
+        assert THESIS_NET in methods[0.0]
+    networks = [find_method(task, plan) for task in there if is_network(task.method)]
+    assert networks
+    assert all(isinstance(network, EarlyStopping) for network in networks)
+    assert not any(isinstance(find_method(task, plan), EarlyStopping) for task in there if not is_network(task.method))
+    assert not any(isinstance(find_method(task, ExperimentPlan()), EarlyStopping) for task in there)
+    assert f"{HOLDOUT_PATIENCE} steps" in describe_training(plan)
 
 
 def test_networks_on_boxes_have_less_time_in_a_usual_run_and_the_page_says_so() -> None:
@@ -327,8 +374,8 @@ def test_the_command_leaves_a_table_figures_and_a_page_and_resumes(
     assert execute_command_line(command) == 0
     rows = json.loads(capsys.readouterr().out)
     assert {row["method"] for row in rows} == {method.name for method in CURVES}
-    assert {(row["scene"], row["variant"], row["fps"], row["seed"]) for row in rows} == {
-        ("double-pendulum", "stiff", 30.0, 0)
+    assert {(row["scene"], row["variant"], row["fps"], row["noise_px"], row["seed"]) for row in rows} == {
+        ("double-pendulum", "stiff", 30.0, noise, 0) for noise in (0.0, 0.1)
     }
     wanted = {"scene", "variant", "method", "fps", "noise_px", "seed", "mse", "x_linear", "x_cubic", "seconds"}
     assert all(wanted <= set(row) for row in rows)
@@ -341,6 +388,36 @@ def test_the_command_leaves_a_table_figures_and_a_page_and_resumes(
     assert (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8").count("\n") == len(rows) + 1
     assert execute_command_line(command) == 0
     assert json.loads(capsys.readouterr().out) == rows
+
+
+@dataclass(frozen=True)
+class SlowNetwork:
+    """A network that the time limit stops at an error of 0 px."""
+
+    name: str = THESIS_NET
+
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> FittedMotion:
+        return FittedMotion(CUBIC.fit(times, states).motion, np.ones(3), 7, 99.0, is_trained=False)
+
+
+def test_table_page_and_rows_of_a_quick_run_mark_a_network_that_time_stopped(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "pipeline.experiments.thesis.experiment_plan.build_methods", lambda *_: [*CURVES, SlowNetwork()]
+    )
+    out = tmp_path / "out"
+    command = ["reproduce", "double-pendulum", "--quick", "--jobs", "1", "-o", str(out), "--cache", str(tmp_path)]
+    assert execute_command_line(command) == 0
+    assert capsys.readouterr().out.count("not trained to the end (99 s)") == 2
+    page = (out / "reproduce.html").read_text(encoding="utf-8")
+    assert page.count('<td class="worse">not trained to the end (99 s)</td>') == 2
+    lines = (out / "trials.csv").read_text(encoding="utf-8").splitlines()
+    rows = [row for row in csv.DictReader(lines) if row["method"] == THESIS_NET]
+    assert [(row["x_linear"], row["x_cubic"], row["trained"]) for row in rows] == [("", "", "False")] * 2
+    assert execute_command_line([*command, "--json"]) == 0
+    rows = [row for row in json.loads(capsys.readouterr().out) if row["method"] == THESIS_NET]
+    assert [(row["x_linear"], row["trained"]) for row in rows] == [(None, False)] * 2
 
 
 def test_a_scene_without_its_material_is_refused_in_one_line(

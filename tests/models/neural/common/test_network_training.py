@@ -7,8 +7,13 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from models.neural.common.method_interface import MotionNotFoundError, TrainingBudget
-from models.neural.common.network_training import TrainingSchedule, train_network
+from models.core.typing import FloatArray
+from models.neural.common.method_interface import (
+    HeldOutSamples,
+    MotionNotFoundError,
+    TrainingBudget,
+)
+from models.neural.common.network_training import HOLDOUT_INTERVAL, Motion, TrainingSchedule, train_network
 from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
 from models.neural.common.time_encoding import TimeEncoding
 
@@ -41,7 +46,7 @@ def test_the_best_state_is_kept() -> None:
     bowl = Bowl()
     curve = train_network(
         bowl, bowl.loss, TrainingSchedule(adam_steps=200, learning_rate=0.5, final_learning_rate=0.5), TrainingBudget()
-    )
+    ).loss_curve
     assert len(curve) == 200
     assert bowl.height() == pytest.approx(curve.min())
 
@@ -53,14 +58,66 @@ def test_training_stops_when_nothing_is_gained() -> None:
         bowl.loss,
         TrainingSchedule(adam_steps=5000, learning_rate=0.0, final_learning_rate=0.0, patience=30),
         TrainingBudget(),
-    )
+    ).loss_curve
     assert len(curve) < 40
+
+
+def move_at_place(bowl: Bowl, best: float) -> Motion:
+    """Build the motion of a bowl whose error on samples at 0 is least where all its parameters are `best`."""
+    error = float((bowl.place.detach() - best).abs().max())
+    return lambda t: np.full((len(t), 1, 1), error)
+
+
+def train_with_holdout(schedule: TrainingSchedule, best: float) -> tuple[Bowl, FloatArray, bool]:
+    """Train a bowl from 0 to 1 with held-out samples that are best explained at `best`."""
+    bowl = Bowl()
+    bowl.width = torch.ones(4, dtype=torch.float64)
+    budget = TrainingBudget(holdout=HeldOutSamples(np.zeros(1), np.zeros((1, 1, 1))))
+    result = train_network(bowl, bowl.loss, schedule, budget, lambda: move_at_place(bowl, best))
+    return bowl, result.loss_curve, result.is_complete
+
+
+def test_the_state_of_least_error_on_held_out_samples_is_kept_and_ends_the_training() -> None:
+    steady = TrainingSchedule(adam_steps=100_000, learning_rate=2e-3, final_learning_rate=2e-3, patience=100_000)
+    bowl, curve, is_complete = train_with_holdout(steady, 0.5)
+    assert is_complete
+    assert bowl.place.detach().numpy() == pytest.approx(0.5, abs=2e-3 * HOLDOUT_INTERVAL)
+    assert 0.5 / 2e-3 - HOLDOUT_INTERVAL < len(curve) < 1.5 * 0.5 / 2e-3
+
+
+def test_a_training_that_still_gains_at_its_last_step_is_incomplete() -> None:
+    slow = TrainingSchedule(adam_steps=300, learning_rate=1e-3, final_learning_rate=1e-3)
+    assert not train_with_holdout(slow, 1.0)[2]
+
+
+def test_lbfgs_goes_on_until_held_out_samples_gain_nothing() -> None:
+    schedule = TrainingSchedule(adam_steps=40, learning_rate=1e-3, lbfgs_evaluations=1)
+    bowl, curve, is_complete = train_with_holdout(schedule, 1.0)
+    assert is_complete
+    assert len(curve) > 41
+    assert bowl.place.detach().numpy() == pytest.approx(1.0)
+
+
+def test_a_number_of_evaluations_replaces_that_of_the_schedule() -> None:
+    bowl = Bowl()
+    schedule = TrainingSchedule(adam_steps=100, lbfgs_evaluations=10)
+    assert len(train_network(bowl, bowl.loss, schedule, TrainingBudget(evaluations=30)).loss_curve) == 30
+    assert schedule.set_evaluations(150) == TrainingSchedule(adam_steps=100, lbfgs_evaluations=50)
+
+
+def test_a_training_that_time_ends_is_incomplete() -> None:
+    bowl = Bowl()
+    schedule = TrainingSchedule(adam_steps=10**9)
+    assert not train_network(bowl, bowl.loss, schedule, TrainingBudget(seconds=0.05)).is_complete
+    assert train_network(bowl, bowl.loss, TrainingSchedule(adam_steps=5), TrainingBudget()).is_complete
 
 
 def test_effort_sets_the_number_of_steps_and_seconds_end_them() -> None:
     bowl = Bowl()
-    assert len(train_network(bowl, bowl.loss, TrainingSchedule(adam_steps=100), TrainingBudget(effort=0.25))) == 25
-    assert len(train_network(bowl, bowl.loss, TrainingSchedule(adam_steps=10**9), TrainingBudget(seconds=0.05))) < 10**6
+    short = train_network(bowl, bowl.loss, TrainingSchedule(adam_steps=100), TrainingBudget(effort=0.25))
+    assert len(short.loss_curve) == 25
+    timed = train_network(bowl, bowl.loss, TrainingSchedule(adam_steps=10**9), TrainingBudget(seconds=0.05))
+    assert len(timed.loss_curve) < 10**6
 
 
 def test_a_loss_that_is_never_finite_is_an_error() -> None:
