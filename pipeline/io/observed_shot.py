@@ -42,9 +42,7 @@ def read_observed_shot(source: Path, shot: int | None = None) -> tuple[Tracks, S
     Raises:
         OptionError: The source is no shot of billiards, or cannot be read.
     """
-    path = source / "tracks.csv" if source.is_dir() else source
-    if not path.is_file():
-        raise OptionError(f"A run's folder, a track folder or its tracks.csv was expected; there is no {path}")
+    path = _find_track_table(source)
     if not (path.parent / "scene.json").is_file():
         raise OptionError(
             f"{path} has no scene.json beside it, which must describe the table; only billiards can be predicted"
@@ -59,9 +57,37 @@ def read_observed_shot(source: Path, shot: int | None = None) -> tuple[Tracks, S
     return _build_tracks(columns, document, scene, path), scene, number
 
 
+def list_shot_numbers(source: Path) -> list[int]:
+    """List the numbers of the shots of a run folder, a track folder or its tracks.csv.
+
+    Args:
+        source: As in `read_observed_shot`.
+
+    Returns:
+        The numbers, ascending.
+
+    Raises:
+        OptionError: There is no such table, or it cannot be read.
+    """
+    columns = read_csv_columns(_find_track_table(source), ("id", "x", "y"))
+    return _list_numbers(columns)
+
+
+def _find_track_table(source: Path) -> Path:
+    path = source / "tracks.csv" if source.is_dir() else source
+    if not path.is_file():
+        raise OptionError(f"A run's folder, a track folder or its tracks.csv was expected; there is no {path}")
+    return path
+
+
+def _list_numbers(columns: Columns) -> list[int]:
+    numbers = np.nan_to_num(columns.get("shot", np.zeros(len(columns["id"])))).astype(np.int64)
+    return sorted(set(numbers.tolist()))
+
+
 def _select_shot(columns: Columns, shot: int | None, path: Path) -> tuple[Columns, int]:
     numbers = np.nan_to_num(columns.get("shot", np.zeros(len(columns["id"])))).astype(np.int64)
-    numbers_present = sorted(set(numbers.tolist()))
+    numbers_present = _list_numbers(columns)
     if not numbers_present:
         raise OptionError(f"{path} has no rows")
     chosen = numbers_present[0] if shot is None else shot

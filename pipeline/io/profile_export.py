@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from diagnosis.verdicts.verdict import DiagnosisReport
-from models.core.scene import Table
+from diagnosis.verdicts.verdict import DiagnosisReport, Strength
+from models.core.fit_result import Parameter
+from models.core.scene import CUSHIONS, Table
+from models.estimation.table_learning.learn_table import TableLesson
 from models.physics.billiards.ball_cushion.cushion_contact import NOSE_HEIGHT
 from models.physics.billiards.ball_cushion.stronge import FREQUENCY_RATIO
 from models.physics.billiards.parameter_vector import GRAVITY
@@ -33,6 +36,8 @@ _POOLTOOL_NAMES: Mapping[str, tuple[str, float]] = {
     "cushion_restitution.e": ("e_c", 1.0),
 }
 """pooltool's name of each parameter, and the factor from our value to its value."""
+LEARNED_BALL_MODEL = "alciatore"
+"""Ball model of predictions on a learned table."""
 _NEGLIGIBLE_FRICTION = 1e-6
 """Friction coefficient of an absent effect: pooltool rejects zero; this value slows a ball by 10 um/s in 1 s."""
 _ABSENT_PARAMETERS = dict.fromkeys(("u_s", "u_r", "u_sp_proportionality", "u_b", "f_c"), _NEGLIGIBLE_FRICTION) | {
@@ -85,11 +90,38 @@ def write_profile_files(report: DiagnosisReport, table: Table, folder: Path) -> 
             path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
+def write_learned_profile(lesson: TableLesson, table: Table, shot_count: int, path: Path) -> None:
+    """Write the profile of a learned table in one step.
+
+    Args:
+        lesson: What was learned.
+        table: The table.
+        shot_count: Number of shots that taught it.
+        path: The file.
+    """
+    learned = lesson.table
+    content = _describe_physics(lesson.parameters, learned.cushion_law, LEARNED_BALL_MODEL, table) | {
+        "scatter": asdict(learned.scatter),
+        "noses": {
+            side: {"value": float(value), "sigma": float(sigma), "unit": "m"}
+            for side, value, sigma in zip(CUSHIONS, learned.noses, learned.nose_sigma, strict=True)
+        },
+        "learned_from": {"shots": shot_count, "cushion_contacts": lesson.contact_count},
+        "cushion_models": [{"name": name, "log_evidence": value} for name, value in lesson.candidates],
+    }
+    with replace_file(path) as part:
+        part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
 def build_profile(report: DiagnosisReport, table: Table) -> dict[str, Any]:
     """Build the content of profile.json: effects with values and standard deviations, and contact models."""
     cushion, ball = report.forms
+    return _describe_physics(report.fitted, cushion, ball, table)
+
+
+def _describe_physics(fitted: Iterable[Parameter | Strength], cushion: str, ball: str, table: Table) -> dict[str, Any]:
     effects: dict[str, dict[str, Any]] = {}
-    for one in report.fitted:
+    for one in fitted:
         effect, parameter = one.name.split(".")
         effects.setdefault(effect, {})[parameter] = {
             "value": one.value,
@@ -98,7 +130,7 @@ def build_profile(report: DiagnosisReport, table: Table) -> dict[str, Any]:
         }
     return {
         "schema": SCHEMA,
-        "scene": report.scene,
+        "scene": "billiards",
         "table": {"length": table.length, "width": table.width},
         "ball_radius": table.ball_radius,
         "effects": effects,

@@ -1,4 +1,4 @@
-"""Reading of a table profile, which `trueroll diagnose` writes, as the prior of the next run."""
+"""Reading of a table profile, which `trueroll diagnose` and `fit-table` write, for the next run or prediction."""
 
 from __future__ import annotations
 
@@ -6,15 +6,22 @@ import json
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, field_validator
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError, field_validator
 
 from models.core.errors import OptionError
+from models.core.scene import CUSHIONS
+from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
+from models.estimation.table_learning.learn_table import CLOTH_SPREAD
+from models.estimation.table_learning.learned_table import LearnedTable
+from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
 from models.estimation.whole_shot.known_table import TablePrior, build_table_prior
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
-from models.physics.billiards.parameter_vector import PARAMETER_NAMES
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES, neutral_parameters
+from models.physics.billiards.simulation.table_physics import contact_parameters
 from models.physics.effect import ModelChoice
-from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
 
 
 class ProfileNumberEntry(BaseModel):
@@ -42,6 +49,14 @@ class ProfileLawsEntry(BaseModel):
         return _require_form(name, BALL_MODEL_CHOICE)
 
 
+class ScatterEntry(BaseModel):
+    """Scatter of cushion contacts about their model, as shares of the speed."""
+
+    velocity: PositiveFloat
+    slip: PositiveFloat
+    side_spin: PositiveFloat
+
+
 class ProfileEntry(BaseModel):
     """Content of a profile.json."""
 
@@ -49,6 +64,9 @@ class ProfileEntry(BaseModel):
     scene: Literal["billiards"] = "billiards"
     effects: dict[str, dict[str, ProfileNumberEntry]]
     laws: ProfileLawsEntry = ProfileLawsEntry()
+    scatter: ScatterEntry | None = None
+    noses: dict[Literal["left", "right", "top", "bottom"], ProfileNumberEntry] = {}
+    """m, offsets of the contact lines towards the table."""
 
 
 def read_profile_text(path: Path) -> str:
@@ -68,13 +86,13 @@ def read_profile_text(path: Path) -> str:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise OptionError(f"--profile wants a file that trueroll diagnose wrote; {path}: {error}") from error
+        raise OptionError(f"--profile wants a file of trueroll diagnose or fit-table; {path}: {error}") from error
     try:
         entry = json.loads(text)
         parse_table_prior(text)
     except (json.JSONDecodeError, ValidationError, ValueError) as error:
         words = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
-        raise OptionError(f"--profile wants a file that trueroll diagnose wrote; {path}: {words}") from error
+        raise OptionError(f"--profile wants a file of trueroll diagnose or fit-table; {path}: {words}") from error
     return json.dumps(entry, sort_keys=True)
 
 
@@ -102,11 +120,53 @@ def parse_table_prior(text: str) -> TablePrior:
     return build_table_prior(entry.laws.cushion, entry.laws.ball, table_effects)
 
 
+def parse_learned_table(text: str) -> LearnedTable:
+    """Build the table that predictions use from a profile.
+
+    Args:
+        text: Content of the profile, JSON.
+
+    Returns:
+        The table; what the profile does not hold is that of a usual table.
+
+    Raises:
+        ValueError: A parameter is unknown or out of range.
+    """
+    entry, prior = ProfileEntry.model_validate(json.loads(text)), parse_table_prior(text)
+    physics = neutral_parameters()
+    for name in (*contact_parameters(entry.laws.cushion, entry.laws.ball), *CLOTH_NAMES):
+        if name not in NEUTRAL_BY_DEFAULT:
+            physics[PARAMETER_NAMES.index(name)] = find_prior(*name.split(".")).value
+    for one in prior.priors:
+        physics[PARAMETER_NAMES.index(one.name)] = one.value
+    noses_by_side = {str(side): one for side, one in entry.noses.items()}
+    noses = [noses_by_side.get(side, ProfileNumberEntry(value=0.0)) for side in CUSHIONS]
+    scatter = DEFAULT_SCATTER if entry.scatter is None else ContactScatter(**entry.scatter.model_dump())
+    return LearnedTable(
+        entry.laws.cushion,
+        physics,
+        scatter,
+        np.full(2, CLOTH_SPREAD),
+        np.array([one.value for one in noses]),
+        np.array([NOSE_SIGMA if one.sigma is None else one.sigma for one in noses]),
+    )
+
+
 def _require_form(name: str, choice: ModelChoice) -> str:
     if name not in choice.forms:
         raise ValueError(f"{choice.name} is one of {', '.join(choice.forms)}; got {name!r}")
     return name
 
 
+CLOTH_NAMES = (
+    "sliding_friction.mu",
+    "rolling_resistance.mu",
+    "spin_decay.rate",
+    "ball_restitution.e",
+    "ball_friction.mu",
+)
+"""Parameters without which no ball behaves as on a table."""
+NEUTRAL_BY_DEFAULT = ("cushion_restitution_speed.slope", "cushion_restitution_power.power")
+"""Details that a profile without them leaves out."""
 _CAMERA_EFFECTS = tuple(effect.name for effect in BILLIARDS_EFFECTS if not effect.is_in_engine)
 """Effects of the camera and of the balls, which may differ in the next clip."""

@@ -42,9 +42,13 @@ from models.estimation.joint_fit.prior_residuals import (
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.segmentation.contact_graph import Segment
+from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts
+from models.estimation.table_learning.learned_table import LearnedTable, infer_side_spins
 from models.estimation.whole_shot.free_paths import ROLLING_SLOPE_FACTOR, SLOPE_SIGMA, UNEVENNESS, WINDOW_LENGTH
 from models.numerics.robust import evaluate_huber_loss
+from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY, SEGMENT_STATE_SIZE, differentiate_kinematics
+from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLIDING_MU, VISCOUS_DRAG
 from models.tracking.track_noise import apply_noise, estimate_noise
 
 MIN_FRAMES = 5
@@ -65,17 +69,20 @@ RETURN_SCATTER = 0.075
 """Of the restitution: scatter of real cushions about every law, 5 % of the speed, and the effect of the scatter of
 spin, 12 %, once the ball rolls.
 """
+ROLLING_MODEL_SIGMA = 0.1
+"""Of the logarithm of rolling friction: one number for all speeds of a shot."""
 NOSE_FRICTION_SIGMA = 0.4
 """Of its logarithm (Marlow 1995: 0.14 to 0.2)."""
 
 
-def estimate_state(tracks: Tracks, scene: Scene, t: float) -> StateEstimate:
+def estimate_state(tracks: Tracks, scene: Scene, t: float, learned: LearnedTable | None = None) -> StateEstimate:
     """Estimate the state of a shot at a moment; only frames until then are fitted.
 
     Args:
         tracks: Tracks of N balls over T frames.
         scene: Table and camera.
         t: s.
+        learned: What other shots taught about the table.
 
     Returns:
         States of the balls on the table, with their covariance.
@@ -95,7 +102,7 @@ def estimate_state(tracks: Tracks, scene: Scene, t: float) -> StateEstimate:
     inflation = estimate_lack_of_fit(solution, collect_observations(measured))
     events = fit.events
     pocketed = {a for a, kind in zip(events.a, events.kind, strict=True) if kind == "pocket"}
-    return build_state_estimate(solution, observed_tracks.ids, t, scene.table, pocketed, fit.trust, inflation)
+    return build_state_estimate(solution, observed_tracks.ids, t, scene.table, pocketed, fit.trust, inflation, learned)
 
 
 def estimate_lack_of_fit(solution: JointSolution, observations: Observations) -> float:
@@ -126,12 +133,14 @@ def build_state_estimate(
     pocketed: set[str],
     trust: Trust,
     inflation: float = 1.0,
+    learned: LearnedTable | None = None,
 ) -> StateEstimate:
     """Build the state estimate at t (s) from a fit of everything up to then.
 
-    `pocketed` balls have been potted; `inflation` is a factor on the variances.
+    `pocketed` balls have been potted; `inflation` is a factor on the variances; `learned` is the table, where known.
     """
-    shift, covariance = _estimate_common_slope(replace(solution, covariance=_inflate_covariance(solution, inflation)))
+    inflated = replace(solution, covariance=_inflate_covariance(solution, inflation))
+    shift, covariance = _condition_on_table(inflated, t, learned)
     graph = solution.graph
     balls = [k for k, name in enumerate(ids) if name not in pocketed and graph.segments_of_ball(k)]
     size = PARAMETERS_PER_BALL * len(balls) + SHARED_COUNT
@@ -154,7 +163,33 @@ def build_state_estimate(
     names = tuple(ids[k] for k in balls)
     grip = layout_parameters(graph).shared + 9
     laws = law_probabilities(float(solution.rubber[2] + shift[grip]), float(np.sqrt(covariance[grip, grip])))
-    return StateEstimate(t, names, table, mean + jacobian @ shift, (total + total.T) / 2, moving, trust, laws)
+    state = StateEstimate(t, names, table, mean + jacobian @ shift, (total + total.T) / 2, moving, trust, laws)
+    return state if learned is None else _use_learned_table(state, solution, balls, learned)
+
+
+def _use_learned_table(
+    state: StateEstimate, solution: JointSolution, balls: list[int], learned: LearnedTable
+) -> StateEstimate:
+    """Replace the default cushions, friction and side spins of a state by those of a learned table."""
+    mean, covariance = state.mean.copy(), state.covariance.copy()
+    first = len(mean) - SHARED_COUNT
+    friction = slice(first, first + 2)
+    mean[friction] = np.log(learned.physics[[SLIDING_MU, ROLLING_MU]])
+    covariance[friction], covariance[:, friction] = 0.0, 0.0
+    covariance[friction, friction] = np.diag(learned.cloth_sigma**2)
+    contacts, histories = extract_cushion_contacts(solution)
+    graph = solution.graph
+    since = {one.ball: max(state.t - graph.start_time(graph.segments_of_ball(one.ball)[-1]), 0.0) for one in histories}
+    spins = infer_side_spins(contacts, histories, since, learned, state.table.ball_radius, state.table.ball_mass)
+    own = tuple(spins.get(ball) if moves else None for ball, moves in zip(balls, state.moving, strict=True))
+    for row, spin in enumerate(own):
+        if spin is not None:
+            column = PARAMETERS_PER_BALL * row + 6
+            mean[column] = spin.mean
+            covariance[column], covariance[:, column] = 0.0, 0.0
+            covariance[column, column] = spin.sigma**2
+    laws = np.eye(len(CUSHION_MODELS))[learned.law_code]
+    return replace(state, mean=mean, covariance=covariance, laws=laws, learned=learned, spins=own)
 
 
 def _inflate_covariance(solution: JointSolution, factor: float) -> FloatArray:
@@ -168,8 +203,10 @@ def _inflate_covariance(solution: JointSolution, factor: float) -> FloatArray:
     return np.asarray(covariance, np.float64)
 
 
-def _estimate_common_slope(solution: JointSolution) -> tuple[FloatArray, FloatArray]:
-    """Tie the extra accelerations of all segments to one slope of the table, but for an uneven cloth.
+def _condition_on_table(
+    solution: JointSolution, t: float, learned: LearnedTable | None
+) -> tuple[FloatArray, FloatArray]:
+    """Condition a fit on what its segments share: one slope of an uneven cloth, and the learned table if there is one.
 
     Returns the shift of the parameters of a fit (P + 2,), and their covariance (P + 2, P + 2) with two more for the
     slope (m/s^2).
@@ -178,19 +215,44 @@ def _estimate_common_slope(solution: JointSolution) -> tuple[FloatArray, FloatAr
     covariance = np.zeros((layout.size + 2, layout.size + 2))
     covariance[:-2, :-2] = solution.covariance
     covariance[-2:, -2:] = np.eye(2) * (SLOPE_SIGMA * _acceleration_per_slope()) ** 2
-    moving = [k for k, segment in enumerate(graph.segments) if not segment.static]
-    if not moving:
+    rows, deviations, sigmas = [], [], []
+    for k, segment in enumerate(graph.segments):
+        for axis in range(0 if segment.static else 2):
+            row = np.zeros(layout.size + 2)
+            row[layout.segment[k] + 6 + axis], row[layout.size + axis] = 1.0, -1.0
+            rows.append(row)
+            deviations.append(segment.state[6 + axis])
+            sigmas.append(UNEVENNESS)
+    if learned is not None:
+        shared = np.concatenate([np.log([solution.friction.sliding, solution.friction.rolling]), solution.nose_offsets])
+        columns = layout.shared + np.array([0, 1, 3, 4, 5, 6])
+        rows += list(np.eye(layout.size + 2)[columns])
+        deviations += (shared - _expected_shared(solution, t, learned)).tolist()
+        sigmas += [*np.hypot(learned.cloth_sigma, [0.0, ROLLING_MODEL_SIGMA]), *learned.nose_sigma]
+    if not rows:
         return np.zeros(layout.size + 2), covariance
-    constraints = np.zeros((2 * len(moving), layout.size + 2))
-    for row, k in enumerate(moving):
-        for axis in range(2):
-            constraints[2 * row + axis, layout.segment[k] + 6 + axis] = 1.0
-            constraints[2 * row + axis, layout.size + axis] = -1.0
-    accelerations = np.concatenate([graph.segments[k].state[6:8] for k in moving])
+    constraints = np.array(rows)
     gain = np.linalg.solve(
-        constraints @ covariance @ constraints.T + UNEVENNESS**2 * np.eye(len(constraints)), constraints @ covariance
+        constraints @ covariance @ constraints.T + np.diag(np.square(sigmas)), constraints @ covariance
     ).T
-    return -gain @ accelerations, covariance - gain @ constraints @ covariance
+    return -gain @ np.array(deviations), covariance - gain @ constraints @ covariance
+
+
+def _expected_shared(solution: JointSolution, t: float, learned: LearnedTable) -> FloatArray:
+    """Return ln sliding, ln rolling friction and nose offsets (6,) that a fit of the learned table would have.
+
+    The joint fit has one rolling friction for all speeds, so that drag adds to it.
+    """
+    graph = solution.graph
+    speeds = [
+        float(np.hypot(*one.state[2:4]))
+        for k, one in enumerate(graph.segments)
+        if not one.static and graph.end_time(k) >= t
+    ]
+    speed = float(np.mean(speeds)) if speeds else 0.0
+    drag = (learned.physics[VISCOUS_DRAG] * speed + learned.physics[AIR_DRAG] * speed**2) / GRAVITY
+    rolling = learned.physics[ROLLING_MU] + drag
+    return np.concatenate([[np.log(learned.physics[SLIDING_MU]), np.log(rolling)], learned.noses])
 
 
 def _acceleration_per_slope() -> float:

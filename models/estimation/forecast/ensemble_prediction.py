@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from models.core.scene import CUSHIONS, POCKETS
 from models.core.typing import FloatArray
 from models.estimation.forecast.probability_regions import level_by_neighbours, level_of_normal
-from models.estimation.forecast.state_estimate import StateEstimate
+from models.estimation.forecast.state_estimate import PARAMETERS_PER_BALL, StateEstimate
 from models.estimation.multiple_shooting.shooting_windows import MAX_SENSITIVITY
+from models.estimation.table_learning.side_spin import DEGREES_OF_FREEDOM
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.simulation.event_engine import (
     BALL,
@@ -29,7 +30,7 @@ from models.physics.billiards.simulation.event_engine import (
     HOLE,
     LINE,
 )
-from models.physics.billiards.simulation.simulate_shot import SimulatedShot
+from models.physics.billiards.simulation.simulate_shot import DISTURBED, SimulatedShot
 
 EventKey = tuple[str, str, str]
 """Kind (ball, cushion, pocket, rest), ball, and what it meets; empty for a rest."""
@@ -40,6 +41,8 @@ MAX_DIVERGED_SHARE = 0.01
 """Share of members with other events below which one order of contacts counts as certain."""
 _DIFFERENCE_STEP = 1e-6
 """Step of the derivatives of the simulation inputs, which are smooth."""
+DISTURBED_CONTACTS = 64
+"""Cushion contacts whose deviations from the model are drawn; later ones follow the model."""
 MIN_EVENT_PROBABILITY = 0.02
 """Probability below which an event is not listed."""
 
@@ -130,6 +133,8 @@ def forecast_shot(state: StateEstimate, t: FloatArray, seed: int = 0, draws: int
     order = [_list_contacts(run) for run in runs]
     divergence_times = np.array([_divergence_time(_list_contacts(central), other) for other in order])
     until = float(np.quantile(divergence_times, MAX_DIVERGED_SHARE, method="lower"))
+    if state.learned is not None:  # the derivatives do not contain the scatter of contacts
+        until = min([until, *(t for ball in _list_contacts(central) for t, _ in ball[:1])])
     ensemble = np.asarray(np.maximum.accumulate(sensitive | (after > until)))
     mean, spread = _ensemble_moments(states[..., :4])
     use_ensemble = ensemble[:, None, None]
@@ -161,10 +166,25 @@ def _simulate_members(
     root = vectors * np.sqrt(np.maximum(value, 0.0))
     laws = rng.choice(len(CUSHION_MODELS), draws, p=state.laws)
     numbers = state.mean + rng.standard_normal((draws, len(value))) @ root.T
+    for ball, spin in enumerate(state.spins):
+        if spin is not None:
+            numbers[:, PARAMETERS_PER_BALL * (ball + 1) - 1] = spin.draw(rng, draws)
+    disturbances = _draw_disturbances(state, rng, draws)
     return [
-        state.simulate_ahead(state.simulation_inputs(one, CUSHION_MODELS[law]), CUSHION_MODELS[law], seconds)
-        for one, law in zip(numbers, laws, strict=True)
+        state.simulate_ahead(state.simulation_inputs(one, CUSHION_MODELS[law]), CUSHION_MODELS[law], seconds, own)
+        for one, law, own in zip(numbers, laws, disturbances, strict=True)
     ]
+
+
+def _draw_disturbances(state: StateEstimate, rng: np.random.Generator, draws: int) -> FloatArray:
+    """Draw the deviations (M, D, 5) of cushion contacts from the model of a learned table; D = 0 without one."""
+    if state.learned is None:
+        return np.zeros((draws, 0, len(DISTURBED)))
+    scatter = state.learned.scatter
+    shares = [scatter.velocity, scatter.velocity, scatter.slip, scatter.slip, scatter.side_spin]
+    tails = np.sqrt((DEGREES_OF_FREEDOM - 2) / rng.chisquare(DEGREES_OF_FREEDOM, (draws, DISTURBED_CONTACTS, 1)))
+    scaled: FloatArray = tails * rng.standard_normal((draws, DISTURBED_CONTACTS, len(DISTURBED))) * np.array(shares)
+    return scaled
 
 
 def _propagate_linearly(

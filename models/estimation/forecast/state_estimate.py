@@ -12,6 +12,7 @@ from models.core.fit_result import Trust
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.joint_refinement import ROLLING_RANGE, SLIDING_RANGE
+from models.estimation.table_learning.learned_table import LearnedTable, SpinDistribution
 from models.physics.billiards.ball_ball.ball_models import BALL_MODELS
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.cloth.closed_form_motion import spin_from_slip
@@ -64,6 +65,10 @@ class StateEstimate:
     """Trust level of the fit that it comes from."""
     laws: FloatArray
     """(L,) probabilities of `CUSHION_MODELS`."""
+    learned: LearnedTable | None = None
+    """What other shots taught about the table; it replaces the mixture of cushion laws and their parameters."""
+    spins: tuple[SpinDistribution | None, ...] = ()
+    """(N,) side spin of each ball where the table is learned; None for a ball at rest."""
 
     @property
     def most_probable_law(self) -> str:
@@ -84,21 +89,27 @@ class StateEstimate:
             [state[:, :4], spin_from_slip(state[:, 2:4], state[:, 4:6], size), state[:, 6] / size, np.full(n, size),
              np.full(n, self.table.ball_mass)]
         )  # fmt: skip
-        physics = neutral_parameters()
+        physics = neutral_parameters() if self.learned is None else self.learned.physics.copy()
         physics[[SLIDING_MU, ROLLING_MU]] = np.clip(np.exp(shared[:2]), *np.transpose([SLIDING_RANGE, ROLLING_RANGE]))
         physics[[SLOPE_X, SLOPE_Y]] = shared[2:4]
+        if self.learned is not None:
+            physics[BALL_E] = min(shared[11], 1.0)
+            return np.concatenate([balls.ravel(), physics, size - radius - shared[5:9]])
         physics[CUSHION_E] = _equivalent_restitution(law, float(np.clip(shared[9], *RETURN_SPEED_RANGE)))
         physics[[CUSHION_E_SLOPE, BALL_E]] = -shared[10], min(shared[11], 1.0)
         physics[[CUSHION_MU, SPIN_DECAY]] = np.exp(shared[12:14])
         return np.concatenate([balls.ravel(), physics, size - radius - shared[5:9]])
 
-    def simulate_ahead(self, inputs: FloatArray, law: str, seconds: float) -> SimulatedShot:
-        """Simulate the future from given inputs."""
+    def simulate_ahead(
+        self, inputs: FloatArray, law: str, seconds: float, disturbances: FloatArray | None = None
+    ) -> SimulatedShot:
+        """Simulate the future from given inputs; `disturbances` (D, 5) are those of `simulate`."""
         n = len(self.ids)
         columns = inputs[: 9 * n].reshape(n, 9)
         p, offsets = inputs[9 * n : 9 * n + len(PARAMETER_NAMES)], inputs[9 * n + len(PARAMETER_NAMES) :]
         balls = BallSet(self.ids, columns[:, :7].copy(), columns[:, 7].copy(), columns[:, 8].copy())
-        return simulate(balls, self.table, Physics(p.copy(), PARAMETER_NAMES, law, BALL_MODELS[2]), seconds, offsets)
+        physics = Physics(p.copy(), PARAMETER_NAMES, law, BALL_MODELS[2])
+        return simulate(balls, self.table, physics, seconds, offsets, disturbances)
 
 
 def law_probabilities(grip: float, sigma: float) -> FloatArray:

@@ -8,8 +8,8 @@ from pathlib import Path
 from pipeline.terminal.command_line import app
 
 COMMAND_NAMES = (
-    "run", "batch", "view", "call", "predict", "interpolate", "diagnose", "gapcheck", "simulate", "detect",
-    "train-detector", "reproduce", "graph", "cache",
+    "run", "batch", "view", "call", "predict", "interpolate", "diagnose", "gapcheck", "fit-table", "simulate",
+    "detect", "train-detector", "reproduce", "graph", "cache",
 )  # fmt: skip
 """Names of the commands in the order of `--help`: as a new user needs them."""
 
@@ -41,7 +41,8 @@ def read_summary(name: str) -> str:
     Returns:
         First paragraph of the docstring of the first public function in its file, which is the command.
     """
-    source = Path(__file__).with_name(f"{name.replace('-', '_')}_command.py").read_text(encoding="utf-8")
+    (path,) = Path(__file__).parent.rglob(f"{name.replace('-', '_')}_command.py")
+    source = path.read_text(encoding="utf-8")
     functions = (node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
     command = next(function for function in functions if not function.name.startswith("_"))
     return (ast.get_docstring(command) or "").partition("\n\n")[0]
@@ -71,6 +72,8 @@ def _import_command(name: str) -> None:
             from pipeline.cli.commands import diagnose_command as diagnose_command
         case "gapcheck":
             from pipeline.cli.commands import gapcheck_command as gapcheck_command
+        case "fit-table":
+            from pipeline.cli.commands import fit_table_command as fit_table_command
         case "simulate":
             from pipeline.cli.commands import simulate_command as simulate_command
         case "detect":
@@ -80,6 +83,6 @@ def _import_command(name: str) -> None:
         case "reproduce":
             from pipeline.cli.commands import reproduce_command as reproduce_command
         case "graph":
-            from pipeline.cli.commands import graph_command as graph_command
+            from pipeline.cli.commands.upkeep import graph_command as graph_command
         case "cache":
-            from pipeline.cli.commands import cache_command as cache_command
+            from pipeline.cli.commands.upkeep import cache_command as cache_command

@@ -22,6 +22,7 @@ from pipeline.engine.atomic_write import replace_file
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.particle_files import is_particle_source
 from pipeline.io.prediction_files import format_strict_json, summarize_prediction, write_prediction
+from pipeline.io.table_profile import parse_learned_table, read_profile_text
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, make_output_console, parse_output_path
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 
@@ -57,6 +58,10 @@ def predict(
     draws: Annotated[
         int, typer.Option("--draws", min=ENSEMBLE_SIZE, help="Number of ensemble members.")
     ] = ENSEMBLE_SIZE,
+    profile: Annotated[
+        Path | None,
+        typer.Option("--profile", metavar="FILE", help="What trueroll fit-table or diagnose learned about this table."),
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the ensemble.")] = 0,
     as_json: JsonOption = False,
     debug: DebugOption = False,
@@ -75,7 +80,8 @@ def predict(
     require_writable_folder(folder)
     t = _choose_start_time(tracks, at)
     times = _list_prediction_times(tracks, t, seconds)
-    prediction = forecast_shot(estimate_state(tracks, scene, t), times, seed, draws)
+    learned = None if profile is None else parse_learned_table(read_profile_text(profile))
+    prediction = forecast_shot(estimate_state(tracks, scene, t, learned), times, seed, draws)
     later = check_prediction(prediction, tracks)
     document = summarize_prediction(prediction, number, later if len(later.t) else None)
     folder.mkdir(parents=True, exist_ok=True)

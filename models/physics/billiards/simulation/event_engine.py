@@ -206,6 +206,21 @@ def cushion_normal(kind, row, s, lines, arcs):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
+def disturb_rebound(s, nx, ny, radius, speed, shares):  # type: ignore[no-untyped-def]
+    """Add `shares` (5,) of `speed` (m/s) to the state s (7,) after a cushion contact, as `simulate_events` describes.
+
+    The ball keeps leaving the cushion: its normal velocity does not change sign.
+    """
+    vn, vt = nx * s[2] + ny * s[3], nx * s[3] - ny * s[2]
+    wn, wt = nx * s[4] + ny * s[5], nx * s[5] - ny * s[4]
+    un, ut = vn - radius * wt + shares[2] * speed, vt + radius * wn + shares[3] * speed
+    vn, vt = min(vn + shares[0] * speed, 0.5 * vn), vt + shares[1] * speed
+    wn, wt = (ut - vt) / radius, (vn - un) / radius
+    s[2], s[3], s[4], s[5] = nx * vn - ny * vt, ny * vn + nx * vt, nx * wn - ny * wt, ny * wn + nx * wt
+    s[6] += shares[4] * speed / radius
+
+
+@compile_kernel
 def select_earliest(ball_times, table_times):  # type: ignore[no-untyped-def]
     """Select the next contact: the earliest, and among simultaneous ones the fastest.
 
@@ -229,7 +244,7 @@ def select_earliest(ball_times, table_times):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def simulate_events(start, radius, mass, p, model_codes, lines, arcs, holes, seconds, piece_capacity, events, segments):  # type: ignore[no-untyped-def]
+def simulate_events(start, radius, mass, p, models, lines, arcs, holes, seconds, capacity, errors, events, segments):  # type: ignore[no-untyped-def]
     """Simulate a shot and log its events and segments.
 
     Args:
@@ -237,12 +252,14 @@ def simulate_events(start, radius, mass, p, model_codes, lines, arcs, holes, sec
         radius: (N,) m.
         mass: (N,) kg.
         p: (P,) physical parameters.
-        model_codes: Codes of the cushion model and of the ball model.
+        models: Codes of the cushion model and of the ball model.
         lines: (L, 6) as in `cushion_geometry.Rails`.
         arcs: (A, 4) as in `cushion_geometry.Rails`.
         holes: (H, 3) as in `cushion_geometry.Rails`.
         seconds: Duration, s.
-        piece_capacity: Number of pieces that one segment may have.
+        capacity: Number of pieces that one segment may have.
+        errors: (D, 5) added after the first D contacts with cushions that are not gentle, as shares of the speed
+            before: to the velocity along n and t and to the slip along n and t, and to the surface speed of side spin.
         events: (E, EVENT_WIDTH) receives the events by time.
         segments: (L, SEGMENT_WIDTH) receives the segments by time.
 
@@ -251,10 +268,10 @@ def simulate_events(start, radius, mass, p, model_codes, lines, arcs, holes, sec
     """
     n = len(start)
     state, start_times, counts, on_table = start.copy(), np.zeros(n), np.zeros(n, np.int64), np.ones(n, np.bool_)
-    rows, phases = np.zeros((n, piece_capacity, PIECE_WIDTH)), np.zeros((n, piece_capacity), np.int64)
+    rows, phases = np.zeros((n, capacity, PIECE_WIDTH)), np.zeros((n, capacity), np.int64)
     ball_times, table_times = np.full((n, n, 3), NEVER), np.full((n, 5), NEVER)
     work, out, rate = np.zeros((8, 16)), np.zeros(14), np.zeros(7)
-    changed, event_count, segment_count = np.ones(n, np.bool_), 0, 0
+    changed, event_count, segment_count, bounces = np.ones(n, np.bool_), 0, 0, 0
     now = 0.0
     while True:
         for a in range(n):
@@ -321,7 +338,7 @@ def simulate_events(start, radius, mass, p, model_codes, lines, arcs, holes, sec
                 mass[a],
                 mass[b],
                 p,
-                model_codes[1],
+                models[1],
                 event[EVENT_GENTLE] > 0,
                 out,
             )
@@ -336,7 +353,9 @@ def simulate_events(start, radius, mass, p, model_codes, lines, arcs, holes, sec
             on_table[a] = False
             continue
         nx, ny = cushion_normal(int(event[EVENT_KIND]), int(event[EVENT_SECOND]), state[a], lines, arcs)
-        resolve_cushion_contact(
-            state[a], nx, ny, radius[a], mass[a], p, model_codes[0], event[EVENT_GENTLE] > 0, out[:7]
-        )
+        speed = np.hypot(state[a, 2], state[a, 3])
+        resolve_cushion_contact(state[a], nx, ny, radius[a], mass[a], p, models[0], event[EVENT_GENTLE] > 0, out[:7])
+        if bounces < len(errors) and not event[EVENT_GENTLE] > 0:
+            disturb_rebound(out, nx, ny, radius[a], speed, errors[bounces])
+            bounces += 1
         state[a] = out[:7]

@@ -25,12 +25,19 @@ __all__ = ["BallSet", "Physics", "Rails", "SimulatedShot", "build_rails", "kinet
 
 _FIRST_CAPACITY = 512
 """Number of contacts for which there is room at first."""
+DISTURBED = ("velocity_n", "velocity_t", "slip_n", "slip_t", "side_spin")
+"""What a disturbance of a cushion contact changes."""
 MOST_CONTACTS = 500_000
 """A shot with more contacts is an error."""
 
 
 def simulate(
-    balls: BallSet, table: Table, physics: Physics, seconds: float, offsets: FloatArray | None = None
+    balls: BallSet,
+    table: Table,
+    physics: Physics,
+    seconds: float,
+    offsets: FloatArray | None = None,
+    disturbances: FloatArray | None = None,
 ) -> SimulatedShot:
     """Simulate a shot.
 
@@ -40,6 +47,8 @@ def simulate(
         physics: Strengths of the effects, and the contact models.
         seconds: Duration, s.
         offsets: (4,) m, outward offsets of the noses in the order of `CUSHIONS`; None for none.
+        disturbances: (D, 5) deviations of cushion contacts from their model, see `simulate_events`; None for none.
+            Derivatives of the shot do not contain them.
 
     Returns:
         The shot: states, events and derivatives at any time.
@@ -51,6 +60,7 @@ def simulate(
     if not 0 < seconds < np.inf:
         raise ValueError(f"a shot lasts for some seconds; got {seconds}")
     rails = build_rails(table, offsets)
+    deviations = np.zeros((0, len(DISTURBED))) if disturbances is None else disturbances
     capacity = _FIRST_CAPACITY
     while capacity <= MOST_CONTACTS:
         contacts, segments = np.zeros((capacity, EVENT_WIDTH)), np.empty((len(balls.ids) + 2 * capacity, SEGMENT_WIDTH))
@@ -65,6 +75,7 @@ def simulate(
             rails.holes,
             float(seconds),
             INTEGRATED_PIECES if has_curved_path(physics.values) else CLOSED_FORM_PIECES,
+            deviations,
             contacts,
             segments,
         )

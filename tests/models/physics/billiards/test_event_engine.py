@@ -333,3 +333,24 @@ def test_a_friction_that_is_nearly_none_is_like_none_where_drag_outweighs_it() -
     none = simulate(ball, CAROM, Physics.from_effects(drag), 0.5).states_at(0.5)
     nearly = simulate(ball, CAROM, Physics.from_effects({**drag, "sliding_friction": {"mu": 4e-8}}), 0.5).states_at(0.5)
     np.testing.assert_allclose(nearly, none, atol=1e-4)
+
+
+def test_a_disturbance_changes_the_rebound_by_its_share_of_the_speed() -> None:
+    balls = BallSet(
+        ("a",), np.array([[0.5, 0.6, -2.0, 0.0, 0.0, -2.0 / 0.028, 0.0]]), np.array([0.028]), np.array([0.17])
+    )
+    table = Table("t", "pool", 2.54, 1.27, 0.028, 0.17, False)
+    physics = Physics.from_effects({"cushion_restitution": {"e": 0.9}}, "mirror", "elastic")
+    plain, none = simulate(balls, table, physics, 1.0), simulate(balls, table, physics, 1.0, None, np.zeros((3, 5)))
+    np.testing.assert_allclose(
+        plain.states_at(np.array([0.9])), none.states_at(np.array([0.9])), rtol=1e-12, atol=1e-12
+    )
+    shares = np.array([[-0.1, 0.2, 0.0, 0.0, 0.3]])
+    moved = simulate(balls, table, physics, 1.0, None, shares)
+    t = np.array([plain.contacts[0, EVENT_TIME] + 1e-9])
+    difference = (moved.states_at(t) - plain.states_at(t))[0, 0]
+    # n points to -x at the left cushion, t = z x n to -y
+    assert difference[2:4] == pytest.approx([0.2, -0.4], abs=1e-6)
+    assert difference[6] == pytest.approx(0.6 / 0.028, abs=1e-4)
+    into = simulate(balls, table, physics, 1.0, None, np.array([[5.0, 0.0, 0.0, 0.0, 0.0]]))
+    assert into.states_at(t)[0, 0, 2] > 0  # however large, it still leaves the cushion

@@ -1,0 +1,176 @@
+"""Cushion contacts of a shot with the states before and after them, chained where side spin continues.
+
+Both states come from the joint fit, with their common covariance. The paths around a contact show velocity and slip;
+no path shows side spin, which links the contacts of one ball.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from models.core.scene import CUSHIONS
+from models.core.typing import FloatArray, IntArray
+from models.estimation.joint_fit.fit_solution import JointSolution, layout_parameters
+from models.estimation.segmentation.contact_classification import INWARD_NORMALS
+from models.physics.billiards.cloth.closed_form_motion import SEGMENT_STATE_SIZE, differentiate_kinematics
+
+STRUCK_SPIN, STRUCK_SPIN_AT_REST = 0.6, 0.1
+"""Prior standard deviation of the surface speed of side spin after a strike: share of the speed, and m/s; a cue that
+hits at R/2 from the centre gives 5/4."""
+DRIVEN_SPIN = 0.15
+"""The same share for a ball that another one set in motion: throw, friction 0.06."""
+BALL_CONTACT_SPIN = 0.1
+"""Change of that surface speed in a contact of balls, over the speed: friction 0.06 acts on 5/2 of the impulse."""
+
+
+class SpinLink(NamedTuple):
+    """What happens to side spin before a contact."""
+
+    begins: bool
+    """Whether a chain begins here, with the prior standard deviation `sigma`."""
+    elapsed: float
+    """s since the previous contact with a cushion, or since the chain began."""
+    sigma: float
+    """m/s: standard deviation of the surface speed of the side spin at the begin, or of its change since then."""
+
+
+@dataclass(frozen=True, slots=True)
+class CushionContacts:
+    """K contacts, chain by chain in the order of time; n points into the cushion, t = z x n."""
+
+    shot: IntArray
+    """(K,)"""
+    ball: IntArray
+    """(K,) index of the ball in its shot."""
+    side: IntArray
+    """(K,) index in `CUSHIONS`."""
+    t: FloatArray
+    """(K,) s"""
+    before: FloatArray
+    """(K, 4) m/s: velocity along n and t, slip along n and t."""
+    after: FloatArray
+    """(K, 4) the same after the contact."""
+    covariance: FloatArray
+    """(K, 8, 8) of both states."""
+    begins: IntArray
+    """(K,) 1 where a chain begins, `elapsed` (K,) s and `spin_sigma` (K,) m/s as in `SpinLink`."""
+    elapsed: FloatArray
+    spin_sigma: FloatArray
+
+    @property
+    def speed(self) -> FloatArray:
+        """(K,) m/s before each contact."""
+        return np.asarray(np.hypot(self.before[:, 0], self.before[:, 1]))
+
+    def select_chains(self, keep: FloatArray | IntArray) -> CushionContacts:
+        """Select the contacts of a mask (K,), which keeps or drops whole chains."""
+        mask = np.asarray(keep, bool)
+        return CushionContacts(*(getattr(self, one.name)[mask] for one in fields(self)))
+
+
+@dataclass(frozen=True, slots=True)
+class SpinHistory:
+    """Side spin of one ball after its last cushion contact until the end of the observation."""
+
+    ball: int
+    contact: int
+    """Index of its last cushion contact among all, -1 where there was none since its chain began."""
+    link: SpinLink
+
+
+def extract_cushion_contacts(solution: JointSolution, shot: int = 0) -> tuple[CushionContacts, tuple[SpinHistory, ...]]:
+    """Extract the cushion contacts of one shot.
+
+    Args:
+        solution: Joint fit with covariance.
+        shot: Number of the shot.
+
+    Returns:
+        Its contacts, and the history of each ball that moves in its last segment. `SpinHistory.link.elapsed` counts
+        until the begin of the last segment.
+    """
+    rows: list[tuple[object, ...]] = []
+    histories = []
+    graph = solution.graph
+    for ball in sorted({segment.ball for segment in graph.segments}):
+        link, last, numbers = SpinLink(True, 0.0, np.nan), -1, graph.segments_of_ball(ball)
+        for place, k in enumerate(numbers):
+            segment = graph.segments[k]
+            if segment.static:
+                link, last = SpinLink(True, 0.0, np.nan), -1
+                continue
+            link, last = _begin_segment(solution, k, link, last)
+            if place + 1 == len(numbers):
+                histories.append(SpinHistory(ball, last, link))
+                break
+            duration = graph.end_time(k) - graph.start_time(k)
+            link = link._replace(elapsed=link.elapsed + duration)
+            following = numbers[place + 1]
+            contact = graph.contacts[segment.end if segment.end is not None else 0]
+            if contact.kind != "cushion" or graph.segments[following].static:
+                continue
+            before, after, covariance = _states_around(solution, k, following, contact.cushion)
+            if before[0] <= 0 or after[0] >= 0:  # it does not bounce
+                continue
+            side = CUSHIONS.index(contact.cushion)
+            rows.append((shot, ball, side, contact.t, before, after, covariance, int(link.begins), *link[1:]))
+            link, last = SpinLink(False, 0.0, 0.0), len(rows) - 1
+    return _stack_rows(rows), tuple(histories)
+
+
+def join_contacts(parts: Iterable[CushionContacts]) -> CushionContacts:
+    """Join the contacts of several shots."""
+    shots = list(parts)
+    return CushionContacts(*(np.concatenate([getattr(p, one.name) for p in shots]) for one in fields(CushionContacts)))
+
+
+def _begin_segment(solution: JointSolution, k: int, link: SpinLink, last: int) -> tuple[SpinLink, int]:
+    """Return the spin link at the begin of a moving segment, and the last cushion contact of its chain."""
+    graph, segment = solution.graph, solution.graph.segments[k]
+    speed = float(np.hypot(*segment.state[2:4]))
+    kind = "" if segment.start is None else graph.contacts[segment.start].kind
+    if kind == "cushion" and not np.isnan(link.sigma):
+        return link, last
+    if kind in ("ball", "free") and not np.isnan(link.sigma):  # it was on its way
+        return link._replace(sigma=float(np.hypot(link.sigma, BALL_CONTACT_SPIN * speed))), last
+    share = DRIVEN_SPIN if kind == "ball" else STRUCK_SPIN
+    return SpinLink(True, 0.0, share * speed + STRUCK_SPIN_AT_REST), -1
+
+
+def _states_around(
+    solution: JointSolution, k: int, following: int, cushion: str
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the states (4,) before and after the cushion contact that ends segment `k`, with covariance (8, 8)."""
+    n = -np.asarray(INWARD_NORMALS[CUSHIONS.index(cushion)])
+    turn = np.zeros((4, 6))
+    turn[0, 2:4] = turn[2, 4:6] = n
+    turn[1, 2:4] = turn[3, 4:6] = (-n[1], n[0])
+    end, by_end = _evaluate_state(solution, k, solution.graph.end_time(k))
+    start, by_start = _evaluate_state(solution, following, solution.graph.start_time(following))
+    jacobian = np.vstack([turn @ by_end, turn @ by_start])
+    return turn @ end, turn @ start, jacobian @ solution.covariance @ jacobian.T
+
+
+def _evaluate_state(solution: JointSolution, k: int, t: float) -> tuple[FloatArray, FloatArray]:
+    """Evaluate place, velocity and slip (6,) of a segment at t (s), and their derivatives (6, P)."""
+    layout, segment = layout_parameters(solution.graph), solution.graph.segments[k]
+    first, jacobian = int(layout.segment[k]), np.zeros((6, len(solution.covariance)))
+    tau = np.array([max(t - solution.graph.start_time(k), 0.0)])
+    value, slope = differentiate_kinematics(segment.state[None], tau, solution.friction)
+    jacobian[:, first : first + SEGMENT_STATE_SIZE] = slope[0, :, :SEGMENT_STATE_SIZE]
+    jacobian[:, layout.shared : layout.shared + 2] = slope[0, :, SEGMENT_STATE_SIZE + 1 :]
+    return value[0], jacobian
+
+
+def _stack_rows(rows: list[tuple[object, ...]]) -> CushionContacts:
+    columns = list(zip(*rows, strict=True)) if rows else [()] * 10
+    whole, shapes = (0, 1, 2, 7), {4: (4,), 5: (4,), 6: (8, 8)}
+    arrays: list[Any] = [
+        np.array(column, np.int64 if k in whole else np.float64).reshape(len(rows), *shapes.get(k, ()))
+        for k, column in enumerate(columns)
+    ]
+    return CushionContacts(*arrays)

@@ -1,0 +1,217 @@
+"""Cushion model of a table learned from its contacts: parameters, scatter and decay of side spin by maximum posterior.
+
+The side spin of every contact is summed over (`side_spin`), so that the likelihood depends on the shared parameters
+alone: a dozen numbers whatever the number of shots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import minimize
+
+from models.core.fit_result import Parameter
+from models.core.typing import FloatArray
+from models.estimation.table_learning.cushion_contacts import CushionContacts
+from models.estimation.table_learning.side_spin import (
+    DEFAULT_SCATTER,
+    ContactScatter,
+    Rebounds,
+    SpinFilter,
+    filter_side_spin,
+    predict_rebounds,
+)
+from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS, REGISTERED_CUSHION_MODELS
+from models.physics.billiards.contact_model import find_model
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES, SPIN_DECAY, neutral_parameters
+from models.physics.effect import Prior
+from models.physics.effects.catalogue import find_prior
+
+SCATTER_SPREAD = 0.7
+"""Prior standard deviation of the logarithm of each scatter about `DEFAULT_SCATTER`."""
+SELECTION_CONTACTS = 160
+"""Contacts that decide between models: their log evidences then differ by tens."""
+_REMEMBERED = 4
+"""Predictions that are kept: scatter and decay change nothing in them."""
+_ITERATIONS = 40
+"""Of the search."""
+_HESSIAN_STEP = 0.02
+"""Step of second differences, in prior standard deviations."""
+_PRIOR_DOMINATED = 0.8
+"""Posterior over prior standard deviation from which the contacts did not determine a parameter."""
+_SCATTER_NAMES = ("scatter.velocity", "scatter.slip", "scatter.side_spin")
+
+
+@dataclass(frozen=True, slots=True)
+class CushionFit:
+    """A cushion model fitted to contacts."""
+
+    law: str
+    parameters: tuple[Parameter, ...]
+    """Those of the cushion model and the decay of side spin."""
+    scatter: ContactScatter
+    physics: FloatArray
+    """(P,) parameters of the engine that the fit used."""
+    log_evidence: float
+    """Laplace approximation."""
+
+
+def learn_cushions(
+    contacts: CushionContacts,
+    radius: float,
+    mass: float,
+    cloth: dict[str, float],
+    laws: tuple[str, ...] = CUSHION_MODELS,
+) -> tuple[CushionFit, ...]:
+    """Fit every cushion model to the contacts of a table.
+
+    Args:
+        contacts: Contacts of all shots.
+        radius: m, of the balls.
+        mass: kg, of the balls.
+        cloth: Parameters of the cloth by `effect.parameter`; some cushion models read sliding friction.
+        laws: Names of the cushion models to fit.
+
+    Returns:
+        One fit per model, that of greatest evidence first. Of many contacts, a part decides between the models.
+    """
+    part, fits = _thin_chains(contacts), list[CushionFit]()
+    for law in laws:
+        fits.append(_fit_model(law, part, radius, mass, cloth, fits[0] if fits else None))
+        fits.sort(key=lambda one: -one.log_evidence)
+    if len(part.t) < len(contacts.t):
+        best = _fit_model(fits[0].law, contacts, radius, mass, cloth, fits[0])
+        fits[0] = replace(best, log_evidence=fits[0].log_evidence)
+    return tuple(fits)
+
+
+def _thin_chains(contacts: CushionContacts) -> CushionContacts:
+    """Keep evenly spaced chains with about `SELECTION_CONTACTS` contacts: enough to tell contact models apart."""
+    every = max(len(contacts.t) // SELECTION_CONTACTS, 1)
+    return contacts.select_chains((np.cumsum(contacts.begins) - 1) % every == 0)
+
+
+def filter_fitted(contacts: CushionContacts, fit: CushionFit, radius: float, mass: float) -> SpinFilter:
+    """Filter the side spin of contacts by a fitted cushion model."""
+    rebounds = predict_rebounds(contacts, CUSHION_MODELS.index(fit.law), fit.physics, radius, mass)
+    return filter_side_spin(contacts, rebounds, radius, fit.scatter, float(fit.physics[SPIN_DECAY]))
+
+
+def _fit_model(
+    law: str,
+    contacts: CushionContacts,
+    radius: float,
+    mass: float,
+    cloth: dict[str, float],
+    neighbour: CushionFit | None,
+) -> CushionFit:
+    """Find the greatest posterior of one model by L-BFGS, in prior standard deviations.
+
+    The search starts from the values of a neighbour, the best other model, else from the priors.
+    """
+    priors = _list_unknowns(law)
+    low, high = _coordinate_bounds(priors)
+    first = np.clip(_read_coordinates(neighbour, priors), low, high)
+    fixed = neutral_parameters()
+    for name, value in cloth.items():
+        fixed[PARAMETER_NAMES.index(name)] = value
+
+    @lru_cache(maxsize=_REMEMBERED)
+    def predict(values: bytes) -> Rebounds:
+        return predict_rebounds(contacts, CUSHION_MODELS.index(law), np.frombuffer(values), radius, mass)
+
+    def cost(coordinates: FloatArray) -> float:
+        physics, scatter = _decode(coordinates, priors, fixed)
+        decay, physics[SPIN_DECAY] = float(physics[SPIN_DECAY]), 0.0  # contacts do not depend on it
+        result = filter_side_spin(contacts, predict(physics.tobytes()), radius, scatter, decay)
+        return 0.5 * float(coordinates @ coordinates) - float(result.log_likelihood.sum())
+
+    best = minimize(
+        cost,
+        first,
+        method="L-BFGS-B",
+        bounds=list(zip(low, high, strict=True)),
+        options={"maxiter": _ITERATIONS},
+    )
+    hessian = _differentiate_twice(cost, best.x, low, high)
+    curvatures, vectors = np.linalg.eigh(hessian)
+    curvatures = np.maximum(curvatures, 1.0)  # that of the prior
+    spread = np.sqrt(np.diag((vectors / curvatures) @ vectors.T))
+    physics, scatter = _decode(best.x, priors, fixed)
+    parameters = tuple(
+        Parameter(one.name, v, s * _value_scale(one, v), one.unit, bool(s > _PRIOR_DOMINATED))
+        for one, v, s in zip(priors, _values(best.x, priors), spread, strict=True)
+        if one.name not in _SCATTER_NAMES
+    )
+    return CushionFit(law, parameters, scatter, physics, -float(best.fun) - 0.5 * float(np.log(curvatures).sum()))
+
+
+def _list_unknowns(law: str) -> tuple[Prior, ...]:
+    """List the priors of a model's own parameters, the decay of side spin, and the scatter."""
+    names = [*find_model(REGISTERED_CUSHION_MODELS, law).parameters, "spin_decay.rate"]
+    own = [name for name in names if name != "sliding_friction.mu"]  # the cloth is learned from free paths
+    priors = [replace(find_prior(*name.split(".")), name=name) for name in own]
+    shares = zip(_SCATTER_NAMES, astuple(DEFAULT_SCATTER), strict=True)
+    return (*priors, *(Prior(name, "1", share, SCATTER_SPREAD, True, (1e-3, 1.0)) for name, share in shares))
+
+
+def _read_coordinates(fit: CushionFit | None, priors: tuple[Prior, ...]) -> FloatArray:
+    """Return the coordinates of a fit; 0 for parameters that it does not have."""
+    if fit is None:
+        return np.zeros(len(priors))
+    values = {one.name: one.value for one in fit.parameters}
+    values |= dict(zip(_SCATTER_NAMES, astuple(fit.scatter), strict=True))
+    return np.array([_coordinate(one, values[one.name]) if one.name in values else 0.0 for one in priors])
+
+
+def _values(coordinates: FloatArray, priors: tuple[Prior, ...]) -> list[float]:
+    """Convert coordinates, in prior standard deviations from the prior, into values."""
+    return [
+        float(one.value * np.exp(c * one.sigma) if one.relative else one.value + c * one.sigma)
+        for c, one in zip(coordinates, priors, strict=True)
+    ]
+
+
+def _value_scale(prior: Prior, value: float) -> float:
+    """Return the change of a value per coordinate."""
+    return prior.sigma * (value if prior.relative else 1.0)
+
+
+def _coordinate_bounds(priors: tuple[Prior, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return the bounds of the coordinates."""
+    edges = np.array([[_coordinate(one, edge) for edge in one.bounds] for one in priors])
+    return edges[:, 0], edges[:, 1]
+
+
+def _coordinate(prior: Prior, value: float) -> float:
+    """Return the distance of a value from its prior, in prior standard deviations."""
+    if prior.relative:
+        return float(np.log(max(value, 1e-9) / prior.value)) / prior.sigma
+    return (value - prior.value) / prior.sigma
+
+
+def _decode(coordinates: FloatArray, priors: tuple[Prior, ...], fixed: FloatArray) -> tuple[FloatArray, ContactScatter]:
+    """Convert coordinates into the parameters (P,) of the engine and the scatter."""
+    physics, values = fixed.copy(), _values(coordinates, priors)
+    for one, value in zip(priors[: -len(_SCATTER_NAMES)], values, strict=False):
+        physics[PARAMETER_NAMES.index(one.name)] = value
+    return physics, ContactScatter(*values[-len(_SCATTER_NAMES) :])
+
+
+def _differentiate_twice(cost, best: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:  # type: ignore[no-untyped-def]
+    """Compute the Hessian of a cost by central differences, inside its bounds."""
+    size, step = len(best), _HESSIAN_STEP
+    centre = np.clip(best, low + step, high - step)
+    middle, hessian = cost(centre), np.empty((size, size))
+    shift = step * np.eye(size)
+    ahead = [cost(centre + one) for one in shift]
+    behind = [cost(centre - one) for one in shift]
+    for i in range(size):
+        hessian[i, i] = (ahead[i] + behind[i] - 2 * middle) / step**2
+        for j in range(i):
+            cross = cost(centre + shift[i] + shift[j]) + cost(centre - shift[i] - shift[j])
+            rest = ahead[i] + ahead[j] + behind[i] + behind[j] - 2 * middle
+            hessian[i, j] = hessian[j, i] = (cross - rest) / (2 * step**2)
+    return hessian

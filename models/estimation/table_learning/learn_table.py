@@ -1,0 +1,107 @@
+"""Learn the physics of one table from the joint fits of its shots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.core.errors import TrackError
+from models.core.fit_result import Parameter
+from models.core.scene import Table
+from models.core.tracks import Tracks
+from models.core.typing import FloatArray
+from models.estimation.joint_fit.fit_solution import JointSolution
+from models.estimation.table_learning.cloth_learning import learn_cloth
+from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts, join_contacts
+from models.estimation.table_learning.cushion_learning import CushionFit, learn_cushions
+from models.estimation.table_learning.learned_table import LearnedTable
+from models.numerics.executor import SERIAL, Executor
+from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.parameter_vector import BALL_E, BALL_MU, PARAMETER_NAMES
+from models.physics.effects.catalogue import find_prior
+
+MIN_CONTACTS = 8
+"""Cushion contacts from which a table can be learned."""
+CLOTH_SPREAD = 0.05
+"""Standard deviation of ln friction from one shot to the next: cloth, dust and direction (measured on 91 recorded
+three-cushion shots: 0.05 of sliding friction)."""
+MIN_NOSE_SIGMA = 1e-3
+"""m"""
+
+
+@dataclass(frozen=True, slots=True)
+class TableLesson:
+    """A learned table with what it was learned from."""
+
+    table: LearnedTable
+    parameters: tuple[Parameter, ...]
+    """Of cloth and cushions, with standard deviations."""
+    candidates: tuple[tuple[str, float], ...]
+    """Cushion models with their log evidence, the best first."""
+    contact_count: int
+    deviation: FloatArray
+    """(K, 4) observed minus predicted velocity and slip after each cushion contact, as shares of the speed."""
+
+
+def learn_table(
+    shots: list[tuple[JointSolution, Tracks]],
+    table: Table,
+    laws: tuple[str, ...] = CUSHION_MODELS,
+    executor: Executor = SERIAL,
+) -> TableLesson:
+    """Learn a table from shots.
+
+    Args:
+        shots: Joint fit with covariance, and tracks with realistic sigmas, of each shot.
+        table: Dimensions of the table.
+        laws: Cushion models to compare.
+        executor: Distributes work over processes.
+
+    Returns:
+        The table, and the evidence for it.
+
+    Raises:
+        TrackError: The shots have fewer than `MIN_CONTACTS` cushion contacts.
+    """
+    contacts = join_contacts(extract_cushion_contacts(solution, k)[0] for k, (solution, _) in enumerate(shots))
+    if len(contacts.t) < MIN_CONTACTS:
+        raise TrackError(
+            f"{len(contacts.t)} cushion contacts are too few to learn a table from; at least {MIN_CONTACTS} are needed"
+        )
+    cloth = learn_cloth(shots, table, executor)
+    fits = learn_cushions(contacts, table.ball_radius, table.ball_mass, {p.name: p.value for p in cloth}, laws)
+    noses, nose_sigma = _summarize_noses([solution for solution, _ in shots])
+    best = fits[0]
+    learned = LearnedTable(
+        best.law, _add_ball_contacts(best), best.scatter, np.full(2, CLOTH_SPREAD), noses, nose_sigma
+    )
+    return TableLesson(
+        learned,
+        (*cloth, *best.parameters),
+        tuple((one.law, one.log_evidence) for one in fits),
+        len(contacts.t),
+        np.asarray(_measure_deviation(best, contacts, table)),
+    )
+
+
+def _measure_deviation(fit: CushionFit, contacts, table: Table) -> FloatArray:  # type: ignore[no-untyped-def]
+    from models.estimation.table_learning.cushion_learning import filter_fitted
+
+    return filter_fitted(contacts, fit, table.ball_radius, table.ball_mass).deviation
+
+
+def _add_ball_contacts(fit: CushionFit) -> FloatArray:
+    """Return the parameters (P,) of a fit with usual contacts of balls."""
+    physics = fit.physics.copy()
+    for index in (BALL_E, BALL_MU):
+        physics[index] = find_prior(*PARAMETER_NAMES[index].split(".")).value
+    return physics
+
+
+def _summarize_noses(solutions: list[JointSolution]) -> tuple[FloatArray, FloatArray]:
+    """Return median and spread (4,) m of the nose offsets of all shots."""
+    offsets = np.array([one.nose_offsets for one in solutions])
+    middle = np.median(offsets, axis=0)
+    spread = 1.4826 * np.median(np.abs(offsets - middle), axis=0)
+    return middle, np.maximum(spread, MIN_NOSE_SIGMA)

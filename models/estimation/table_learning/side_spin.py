@@ -1,0 +1,259 @@
+"""Side spin, which no frame shows, as a distribution on a grid that every cushion contact of a ball narrows.
+
+A spin that grips the nose one way or the other can explain the same contact, so that its distribution may have several
+peaks: a grid keeps them all. The filter goes through the contacts of a chain: the cloth brakes the spin, a contact of
+balls blurs it, a cushion weighs every value by how well the contact model then predicts velocity and slip after the
+contact, and maps it to the spin that is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.core.typing import FloatArray
+from models.estimation.table_learning.cushion_contacts import CushionContacts
+from models.numerics.jit import compile_kernel
+from models.physics.billiards.simulation.contact_resolution import rebound
+
+GRID_SIZE = 121
+"""Values of the grid; a fortieth of the range is less than what one contact resolves."""
+NODE_STRIDE = 6
+"""Every so many values of the grid the contact model is evaluated; between them its smooth result is interpolated."""
+GRID_REACH = 1.3
+"""Largest surface speed of side spin on the grid, over the greatest speed of the chain: 5/4 after a strike at R/2."""
+GRID_REACH_AT_REST = 0.2
+"""m/s, added to that."""
+DEGREES_OF_FREEDOM = 4.0
+"""Of Student's t distribution of deviations from the contact model: a few contacts are cut wrongly."""
+_DIFFERENCE_STEP = 1e-5
+"""m/s, step of the derivative of a contact model by its inputs."""
+_LEAST_VARIANCE = 1e-8
+"""(m/s)^2"""
+
+
+@dataclass(frozen=True, slots=True)
+class ContactScatter:
+    """Standard deviations of what follows a cushion contact, per component, as shares of the speed before it."""
+
+    velocity: float
+    slip: float
+    side_spin: float
+
+
+DEFAULT_SCATTER = ContactScatter(0.05, 0.12, 0.12)
+"""Scatter on tables that no shot has taught: the differences of published models."""
+MIN_CONTACT_SPEED = 0.1
+"""m/s: slower contacts scatter as if they had this speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpinFilter:
+    """Result of the filter for K contacts."""
+
+    log_likelihood: FloatArray
+    """(K,) of each contact, given those before it in its chain."""
+    grid: FloatArray
+    """(K, G) m/s: surface speeds of side spin."""
+    before: FloatArray
+    """(K, G) probabilities before each contact, which include it."""
+    after: FloatArray
+    """(K, G) probabilities after each contact."""
+    deviation: FloatArray
+    """(K, 4) observed minus predicted state after each contact, at the mean spin; shares of the speed."""
+
+    @property
+    def mean_before(self) -> FloatArray:
+        """(K,) m/s."""
+        return np.asarray((self.grid * self.before).sum(axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Rebounds:
+    """What a cushion model predicts for K contacts; it depends on its parameters alone."""
+
+    grid: FloatArray
+    """(K, G) m/s: surface speeds of side spin before the contact."""
+    predicted: FloatArray
+    """(K, G, 5) after it: velocity along n and t, slip along n and t, surface speed of side spin."""
+    by_before: FloatArray
+    """(K, 4, 4) derivatives of the first four by the state before, without side spin."""
+
+
+def predict_rebounds(contacts: CushionContacts, law: int, physics: FloatArray, radius: float, mass: float) -> Rebounds:
+    """Predict the state after every contact for every value of side spin before it.
+
+    Args:
+        contacts: K cushion contacts.
+        law: Index of the cushion model in `CUSHION_MODELS`.
+        physics: (P,) physical parameters.
+        radius: m, of the balls.
+        mass: kg, of the balls.
+
+    Returns:
+        The predictions.
+    """
+    count = len(contacts.t)
+    grid = _build_grids(contacts)
+    nodes = np.empty((count, (GRID_SIZE - 1) // NODE_STRIDE + 1, 5))
+    places = np.ascontiguousarray(grid[:, ::NODE_STRIDE])
+    _predict_contacts(law, contacts.before, places, radius, mass, physics, nodes)
+    zero, centre, moved = np.zeros((count, 1)), np.empty((count, 1, 5)), np.empty((count, 1, 5))
+    _predict_contacts(law, contacts.before, zero, radius, mass, physics, centre)
+    by_before = np.empty((count, 4, 4))
+    for k in range(4):
+        inputs = contacts.before.copy()
+        inputs[:, k] += _DIFFERENCE_STEP
+        _predict_contacts(law, inputs, zero, radius, mass, physics, moved)
+        by_before[:, :, k] = (moved[:, 0, :4] - centre[:, 0, :4]) / _DIFFERENCE_STEP
+    return Rebounds(grid, _interpolate_nodes(nodes), by_before)
+
+
+def filter_side_spin(
+    contacts: CushionContacts, rebounds: Rebounds, radius: float, scatter: ContactScatter, decay: float
+) -> SpinFilter:
+    """Filter the side spin of every chain.
+
+    Args:
+        contacts: K cushion contacts.
+        rebounds: What a cushion model predicts for them.
+        radius: m, of the balls.
+        scatter: Scatter of contacts about the model.
+        decay: rad/s^2, deceleration of side spin.
+
+    Returns:
+        The log likelihood of each contact, and the distribution of the spin.
+    """
+    grid, predicted = rebounds.grid, rebounds.predicted
+    speed = np.maximum(contacts.speed, MIN_CONTACT_SPEED)
+    whitening, log_root = _whiten_innovations(contacts, rebounds.by_before, scatter, speed)
+    evidence = np.empty(grid.shape)
+    _weigh_spins(predicted, contacts.after, whitening, log_root, evidence)
+    before, after, likelihood = np.empty_like(evidence), np.empty_like(evidence), np.empty(len(grid))
+    _filter_chains(
+        grid, evidence, predicted[..., 4], contacts.begins, contacts.elapsed, contacts.spin_sigma,
+        scatter.side_spin * speed, decay * radius, before, after, likelihood,
+    )  # fmt: skip
+    expected = np.einsum("kg,kgi->ki", before, predicted[..., :4])
+    return SpinFilter(likelihood, grid, before, after, (contacts.after - expected) / speed[:, None])
+
+
+def brake_spin(grid: FloatArray, probability: FloatArray, loss: float, blur: float) -> FloatArray:
+    """Let a distribution (G,) of surface speeds on an even grid (G,) lose `loss` m/s and blur by `blur` m/s."""
+    out = np.empty_like(probability)
+    _move_distribution(grid, probability, np.sign(grid) * np.maximum(np.abs(grid) - loss, 0.0), blur, out)
+    return out
+
+
+def _build_grids(contacts: CushionContacts) -> FloatArray:
+    """Build an even grid (K, G) that is the same for all contacts of a chain."""
+    chain = np.cumsum(contacts.begins) - 1
+    fastest = np.zeros(int(chain[-1]) + 1 if len(chain) else 0)
+    np.maximum.at(fastest, chain, np.maximum(contacts.speed, contacts.spin_sigma * contacts.begins))
+    reach = GRID_REACH * fastest[chain] + GRID_REACH_AT_REST
+    return np.asarray(reach[:, None] * np.linspace(-1.0, 1.0, GRID_SIZE))
+
+
+def _interpolate_nodes(nodes: FloatArray) -> FloatArray:
+    """Interpolate the states (K, J, 5) at every `NODE_STRIDE`th value of the grid to all values (K, G, 5)."""
+    share = (np.arange(NODE_STRIDE) / NODE_STRIDE)[:, None]
+    between = nodes[:, :-1, None] * (1 - share) + nodes[:, 1:, None] * share
+    return np.concatenate([between.reshape(len(nodes), GRID_SIZE - 1, nodes.shape[2]), nodes[:, -1:]], axis=1)
+
+
+def _whiten_innovations(
+    contacts: CushionContacts, by_before: FloatArray, scatter: ContactScatter, speed: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return whitening (K, 4, 4) of observed minus predicted states, and the logarithm (K,) of its determinant."""
+    identity = np.broadcast_to(np.eye(4), by_before.shape)
+    both = np.concatenate([-by_before, identity], axis=2)
+    total = both @ contacts.covariance @ both.swapaxes(1, 2)
+    shares = np.array([scatter.velocity, scatter.velocity, scatter.slip, scatter.slip])
+    total = total + np.eye(4) * ((shares * speed[:, None]) ** 2 + _LEAST_VARIANCE)[:, None]
+    whitening = np.linalg.inv(np.linalg.cholesky(total))
+    return whitening, np.log(np.diagonal(whitening, axis1=1, axis2=2)).sum(axis=1)
+
+
+@compile_kernel
+def _predict_contacts(law, before, grid, radius, mass, physics, out):  # type: ignore[no-untyped-def]
+    """Write the states (K, G, 5) after contacts: velocity n, t, slip n, t, surface speed of side spin."""
+    for k in range(len(before)):
+        vn, vt, un, ut = before[k]
+        wn, wt = (ut - vt) / radius, (vn - un) / radius
+        for g in range(grid.shape[1]):
+            an, at, bn, bt, bz = rebound(law, vn, vt, wn, wt, grid[k, g] / radius, radius, mass, physics)
+            row = out[k, g]
+            row[0], row[1], row[2], row[3], row[4] = an, at, an - radius * bt, at + radius * bn, radius * bz
+
+
+@compile_kernel
+def _weigh_spins(predicted, after, whitening, log_root, out):  # type: ignore[no-untyped-def]
+    """Write the log likelihood (K, G) of the states `after` (K, 4), by Student's t distribution."""
+    nu = DEGREES_OF_FREEDOM
+    for k in range(len(after)):
+        for g in range(predicted.shape[1]):
+            squares = 0.0
+            for i in range(4):
+                z = 0.0
+                for j in range(i + 1):
+                    z += whitening[k, i, j] * (after[k, j] - predicted[k, g, j])
+                squares += z * z
+            # up to a constant; the scale makes the variance that of the covariance
+            out[k, g] = log_root[k] - 0.5 * (nu + 4.0) * np.log1p(squares / (nu - 2.0))
+
+
+@compile_kernel
+def _move_distribution(grid, probability, target, blur, out):  # type: ignore[no-untyped-def]
+    """Write the distribution (G,) after every value of the grid moved to `target` (G,) and was blurred by `blur`."""
+    size, step = len(grid), grid[1] - grid[0]
+    moved = np.zeros(size)
+    for g in range(size):
+        place = min(max((target[g] - grid[0]) / step, 0.0), size - 1.000001)
+        low = int(place)
+        moved[low] += probability[g] * (1.0 - (place - low))
+        moved[low + 1] += probability[g] * (place - low)
+    reach = int(np.ceil(4.0 * blur / step))
+    if reach == 0:
+        out[:] = moved
+        return
+    kernel = np.empty(2 * reach + 1)
+    for j in range(-reach, reach + 1):
+        kernel[j + reach] = np.exp(-0.5 * (j * step / blur) ** 2)
+    kernel /= kernel.sum()
+    out[:] = 0.0
+    for g in range(size):
+        if moved[g] == 0.0:
+            continue
+        for j in range(-reach, reach + 1):
+            out[min(max(g + j, 0), size - 1)] += moved[g] * kernel[j + reach]
+
+
+@compile_kernel
+def _filter_chains(grid, evidence, left, begins, elapsed, spin_sigma, blur, decay, before, after, likelihood):  # type: ignore[no-untyped-def]
+    """Fill before (K, G), after (K, G) and likelihood (K,).
+
+    left (K, G) is the side spin that a contact leaves, blur (K,) its scatter (m/s), decay in m/s^2.
+    """
+    size = grid.shape[1]
+    prior, target = np.empty(size), np.empty(size)
+    for k in range(len(grid)):
+        step, loss = grid[k, 1] - grid[k, 0], decay * elapsed[k]
+        for g in range(size):
+            target[g] = np.sign(grid[k, g]) * max(abs(grid[k, g]) - loss, 0.0)
+        if begins[k]:
+            wide = max(spin_sigma[k], step)
+            for g in range(size):
+                after[k, g] = np.exp(-0.5 * (grid[k, g] / wide) ** 2)
+            after[k] /= after[k].sum()
+            _move_distribution(grid[k], after[k], target, 0.0, prior)
+        else:
+            _move_distribution(grid[k], after[k - 1], target, spin_sigma[k], prior)
+        most = evidence[k].max()
+        total = 0.0
+        for g in range(size):
+            before[k, g] = prior[g] * np.exp(evidence[k, g] - most)
+            total += before[k, g]
+        likelihood[k] = most + np.log(total + 1e-300)
+        before[k] /= total + 1e-300
+        _move_distribution(grid[k], before[k], left[k], blur[k], after[k])

@@ -1,0 +1,133 @@
+"""Learn one table from all shots of run folders and track folders; the fit of each shot is cached, so it resumes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from models.core.errors import OptionError, TrackError
+from models.core.scene import Scene, Table
+from models.core.tracks import Tracks
+from models.estimation.joint_fit.fit_solution import JointSolution
+from models.estimation.reconstruction.fit_shot import fit_with_solution
+from models.estimation.table_learning.learn_table import TableLesson, learn_table
+from models.numerics.executor import Executor
+from models.tracking.track_noise import apply_noise, estimate_noise
+from pipeline.engine.cache_key import CacheKey
+from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.source_fingerprint import hash_sources, library_versions
+from pipeline.engine.value_files import load_value, save_value
+from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
+
+STAGE = "table-shot"
+"""Name of the cached fits."""
+_MOVING_SPEED = 0.1
+"""m/s: faster balls give the noise."""
+_SIZE_TOLERANCE = 0.02
+"""Largest relative difference of two measured sizes of one table."""
+
+
+@dataclass(frozen=True, slots=True)
+class FittedTable:
+    """What was learned, the table's size, and the shots that could not be used."""
+
+    lesson: TableLesson
+    table: Table
+    shot_count: int
+    refusals: tuple[str, ...]
+    """One sentence per shot that could not be used."""
+
+
+@dataclass(frozen=True, slots=True)
+class _ShotFit:
+    solution: JointSolution | None
+
+
+def fit_table_of_shots(
+    sources: list[Path], cache: ResultCache, executor: Executor, on_shot: Callable[[int, int], None]
+) -> FittedTable:
+    """Fit every shot, and learn the table from all of them.
+
+    Args:
+        sources: Run folders, track folders, or their tracks.csv.
+        cache: Holds the fits of shots.
+        executor: Distributes the learning over processes.
+        on_shot: Called with the number of fitted shots and that of all.
+
+    Returns:
+        The learned table.
+
+    Raises:
+        OptionError: A source cannot be read, or the tables differ.
+        TrackError: The shots are too few.
+    """
+    shots = list(_read_shots(sources))
+    table = _require_one_table(shots)
+    fits, refusals = [], []
+    for done, (name, tracks, scene) in enumerate(shots):
+        on_shot(done, len(shots))
+        solution = fit_cached_shot(tracks, scene, cache)
+        if solution is None:
+            refusals.append(f"{name}: physics could not be fitted")
+            continue
+        fits.append((solution, apply_noise(tracks, estimate_noise(tracks, _MOVING_SPEED, table.ball_radius))))
+    on_shot(len(shots), len(shots))
+    if not fits:
+        raise TrackError("physics could be fitted to none of the shots")
+    return FittedTable(learn_table(fits, table, executor=executor), table, len(fits), tuple(refusals))
+
+
+def _read_shots(sources: list[Path]) -> Iterator[tuple[str, Tracks, Scene]]:
+    for source in sources:
+        for number in list_shot_numbers(source):
+            tracks, scene, _ = read_observed_shot(source, number)
+            yield f"{source}, shot {number}", tracks, scene
+
+
+def _require_one_table(shots: list[tuple[str, Tracks, Scene]]) -> Table:
+    """Return the table of all shots."""
+    first = shots[0][2].table
+    for name, _, scene in shots:
+        sizes = np.array([scene.table.length, scene.table.width, scene.table.ball_radius])
+        if np.any(np.abs(sizes / [first.length, first.width, first.ball_radius] - 1) > _SIZE_TOLERANCE):
+            raise OptionError(
+                f"one table is learned at a time; {name} is {sizes[0]:g} x {sizes[1]:g} m, the first one"
+                f" {first.length:g} x {first.width:g} m"
+            )
+    return first
+
+
+def _hash_shot(tracks: Tracks, scene: Scene) -> str:
+    """Hash what the fit of a shot depends on."""
+    digest = hashlib.sha256(repr((tracks.ids, tracks.kinds, scene.table)).encode())
+    positions = tracks.xy, tracks.sigma, tracks.sigma_along, tracks.streak
+    for array in (tracks.frame, tracks.t, *positions, scene.camera.matrix):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def fit_cached_shot(tracks: Tracks, scene: Scene, cache: ResultCache) -> JointSolution | None:
+    """Fit one shot, or read the cached fit.
+
+    Args:
+        tracks: Tracks of the shot.
+        scene: Its table and camera.
+        cache: Holds the fits.
+
+    Returns:
+        The joint fit; None where physics could not be fitted.
+    """
+    parts = {
+        "content": _hash_shot(tracks, scene),
+        "source": hash_sources(fit_with_solution.__module__),
+        "libraries": library_versions(),
+    }
+
+    def build(folder: Path) -> None:
+        save_value(_ShotFit(fit_with_solution(tracks, scene)[1]), folder)
+
+    return load_value(_ShotFit, cache.find_or_build(CacheKey(STAGE, parts), build).folder).solution

@@ -1,0 +1,89 @@
+"""`trueroll fit-table`: learn the physics of one table from many shots."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table as Grid
+
+from models.numerics.first_compilation import notify_first_compilation
+from pipeline.actions.fit_table import FittedTable, fit_table_of_shots
+from pipeline.engine.helper_executor import open_executor
+from pipeline.io.profile_export import write_learned_profile
+from pipeline.terminal.command_line import (
+    CacheOption,
+    DebugOption,
+    JsonOption,
+    app,
+    console,
+    make_output_console,
+    open_cache,
+    parse_output_path,
+)
+from pipeline.terminal.search_display import COMPILING_NOTE
+
+
+@app.command("fit-table")
+def fit_table(
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR|tracks.csv...", help="Run folders or track folders of one table, all their shots."),
+    ],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", parser=parse_output_path, metavar="FILE", help="The profile to write.")
+    ] = Path("profile.json"),
+    cache: CacheOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Learn one table from many shots: cloth, cushions and their scatter, for `--profile` of `run` and `predict`.
+
+    The fit of every shot is cached, so that a second call resumes, and a larger one continues.
+    """
+    store = open_cache(cache)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with (
+        open_executor() as executor,
+        Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bars,
+        notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False)),
+    ):
+        task = bars.add_task("fitting shots")
+
+        def show(done: int, count: int) -> None:
+            text = "learning the table" if done == count else "fitting shots"
+            bars.update(task, completed=done, total=count, description=text)
+
+        fitted = fit_table_of_shots(inputs, store, executor, show)
+    write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out)
+    if as_json:
+        print(json.dumps({"profile": str(out), "refused": list(fitted.refusals), **json.loads(out.read_text())}))
+    else:
+        _print_table(fitted, out)
+
+
+def _print_table(fitted: FittedTable, path: Path) -> None:
+    screen, lesson = make_output_console(), fitted.lesson
+    best = lesson.candidates[0][0]
+    lead = f", {lesson.candidates[0][1] - lesson.candidates[1][1]:.0f} nats ahead" if len(lesson.candidates) > 1 else ""
+    screen.print(
+        escape(f"{fitted.shot_count} shots with {lesson.contact_count} cushion contacts: cushion model {best}{lead}")
+    )
+    grid = Grid("parameter", "value", "sigma", "unit", "", box=None, pad_edge=False)
+    for one in lesson.parameters:
+        note = "not identifiable: the prior" if one.prior_only else ""
+        grid.add_row(one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", one.unit, note)
+    screen.print(grid)
+    scatter = lesson.table.scatter
+    screen.print(
+        f"Cushions scatter about the model by {scatter.velocity:.1%} of the speed (slip {scatter.slip:.1%},"
+        f" side spin {scatter.side_spin:.1%})"
+    )
+    for refusal in fitted.refusals:
+        screen.print(escape(f"Note: {refusal}"))
+    print(f"The next prediction on this table can start from it: trueroll predict DIR --profile {path}")

@@ -1,0 +1,1 @@
+"""Commands that look after the cache and the stages of the chain."""

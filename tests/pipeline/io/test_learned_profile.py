@@ -1,0 +1,55 @@
+"""The profile of a learned table survives its file, and other profiles still work for predictions."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.core.fit_result import Parameter
+from models.core.scene import Table
+from models.estimation.table_learning.learn_table import CLOTH_SPREAD, TableLesson
+from models.estimation.table_learning.learned_table import LearnedTable
+from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
+from models.physics.billiards.parameter_vector import BALL_E, CUSHION_E, ROLLING_MU, SLIDING_MU, neutral_parameters
+from pipeline.io.profile_export import write_learned_profile
+from pipeline.io.table_profile import parse_learned_table, parse_table_prior, read_profile_text
+
+TABLE = Table("carom", "carom", 2.84, 1.42, 0.03075, 0.21, False)
+
+
+def make_lesson() -> TableLesson:
+    physics = neutral_parameters()
+    values = {"sliding_friction.mu": 0.19, "rolling_resistance.mu": 0.0042, "cushion_restitution.e": 0.91,
+              "cushion_friction.mu": 0.24, "spin_decay.rate": 4.0}  # fmt: skip
+    physics[[SLIDING_MU, ROLLING_MU, CUSHION_E]] = 0.19, 0.0042, 0.91
+    learned = LearnedTable(
+        "han_2005", physics, ContactScatter(0.02, 0.1, 0.06), np.full(2, CLOTH_SPREAD),
+        np.array([-0.002, 0.0, 0.001, 0.0]), np.full(4, 0.0015),
+    )  # fmt: skip
+    parameters = tuple(Parameter(name, value, 0.05 * value, "1", False) for name, value in values.items())
+    return TableLesson(learned, parameters, (("han_2005", 12.0), ("mirror", -30.0)), 55, np.zeros((55, 4)))
+
+
+def test_a_learned_table_survives_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "profile.json"
+    write_learned_profile(make_lesson(), TABLE, 9, path)
+    text = read_profile_text(path)
+    learned = parse_learned_table(text)
+    assert learned.cushion_law == "han_2005"
+    assert learned.scatter == ContactScatter(0.02, 0.1, 0.06)
+    assert learned.physics[[SLIDING_MU, ROLLING_MU, CUSHION_E]] == pytest.approx([0.19, 0.0042, 0.91])
+    assert 0.9 < learned.physics[BALL_E] < 1.0  # not learned: the usual one
+    np.testing.assert_allclose(learned.noses, [-0.002, 0.0, 0.001, 0.0])
+    assert parse_table_prior(text).laws.cushion == "han_2005"  # `run --profile` reads the same file
+    assert json.loads(text)["learned_from"] == {"cushion_contacts": 55, "shots": 9}
+
+
+def test_a_profile_without_scatter_predicts_with_the_usual_one(tmp_path: Path) -> None:
+    text = json.dumps({"effects": {"cushion_restitution": {"e": {"value": 0.8}}}, "laws": {"cushion": "stronge"}})
+    learned = parse_learned_table(text)
+    assert learned.scatter == DEFAULT_SCATTER
+    assert learned.physics[CUSHION_E] == 0.8
+    assert learned.physics[ROLLING_MU] > 0
