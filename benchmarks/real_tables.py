@@ -17,7 +17,7 @@ import json
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.engine.process_setup import limit_garbage_collection, limit_library_threads
@@ -30,13 +30,23 @@ import numpy as np  # noqa: E402
 from benchmarks.support.row_files import append_row, read_rows  # noqa: E402
 from benchmarks.support.run_folder import ROOT  # noqa: E402
 from models.core.errors import TrackError  # noqa: E402
-from models.core.scene import Scene  # noqa: E402
+from models.core.scene import Scene, Table  # noqa: E402
 from models.core.tracks import Tracks  # noqa: E402
 from models.estimation.forecast.current_state import estimate_state  # noqa: E402
 from models.estimation.forecast.ensemble_prediction import ShotPrediction, forecast_shot  # noqa: E402
+from models.estimation.table_learning.correction_training import train_correction  # noqa: E402
+from models.estimation.table_learning.cushion_contacts import (  # noqa: E402
+    CushionContacts,
+    extract_cushion_contacts,
+    join_contacts,
+)
 from models.estimation.table_learning.learn_table import TableLesson, learn_table  # noqa: E402
 from models.estimation.table_learning.learned_table import LearnedTable  # noqa: E402
+from models.estimation.table_learning.side_spin import DEGREES_OF_FREEDOM, MIN_CONTACT_SPEED  # noqa: E402
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS  # noqa: E402
+from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION  # noqa: E402
+from models.physics.billiards.parameter_vector import SPIN_DECAY  # noqa: E402
+from models.physics.billiards.simulation.contact_resolution import rebound  # noqa: E402
 from models.tracking.track_noise import apply_noise, estimate_noise  # noqa: E402
 from pipeline.actions.fit_table import fit_cached_shot  # noqa: E402
 from pipeline.engine.result_cache import ResultCache  # noqa: E402
@@ -138,6 +148,54 @@ def learn_from(numbers: Iterable[int], folder: Path, laws: tuple[str, ...], cach
     return learn_table(shots, scene.table, laws)
 
 
+def collect_contacts(numbers: Iterable[int], folder: Path, cache: ResultCache) -> tuple[CushionContacts, Table]:
+    """Collect the cushion contacts of some shots."""
+    parts = []
+    for number in numbers:
+        tracks, scene, _ = read_observed_shot(folder, number)
+        solution = fit_cached_shot(tracks, scene, cache)
+        if solution is not None:
+            parts.append(extract_cushion_contacts(solution, number)[0])
+    return join_contacts(parts), scene.table
+
+
+def count_false_corrections(lesson: TableLesson, contacts: CushionContacts, table: Table, count: int) -> int:
+    """Count how often a network is switched on where the contacts obey the learned model and scatter about it."""
+    learned, switched_on = replace(lesson.table, correction=NO_CORRECTION), 0
+    for seed in range(count):
+        simulated = simulate_contacts(contacts, learned, table, np.random.default_rng([34, seed]))
+        trained = train_correction(
+            simulated, learned.law_code, learned.physics, table.ball_radius, table.ball_mass, learned.scatter, seed
+        )
+        switched_on += trained is not None and trained.is_worthwhile
+    return switched_on
+
+
+def simulate_contacts(
+    contacts: CushionContacts, learned: LearnedTable, table: Table, rng: np.random.Generator
+) -> CushionContacts:
+    """Replace the states after all contacts by those of the model, with its scatter and the errors of the fit."""
+    radius, after, spin = table.ball_radius, np.empty_like(contacts.after), 0.0
+    scatter = learned.scatter
+    shares = np.array([scatter.velocity, scatter.velocity, scatter.slip, scatter.slip, scatter.side_spin])
+    for k in range(len(after)):
+        changed = contacts.spin_sigma[k] * rng.standard_normal()
+        spin = changed if contacts.begins[k] else spin + changed
+        loss = learned.physics[SPIN_DECAY] * radius * contacts.elapsed[k]
+        spin = float(np.sign(spin) * max(abs(spin) - loss, 0.0))
+        vn, vt, un, ut = contacts.before[k]
+        an, at, bn, bt, bz = rebound(
+            learned.law_code, vn, vt, (ut - vt) / radius, (vn - un) / radius, spin / radius, radius, table.ball_mass,
+            learned.physics,
+        )  # fmt: skip
+        scale = np.sqrt((DEGREES_OF_FREEDOM - 2) / rng.chisquare(DEGREES_OF_FREEDOM))
+        noise = scale * max(contacts.speed[k], MIN_CONTACT_SPEED) * shares * rng.standard_normal(5)
+        after[k] = np.array([an, at, an - radius * bt, at + radius * bn]) + noise[:4]
+        after[k] += rng.multivariate_normal(np.zeros(4), contacts.covariance[k, 4:, 4:], method="eigh")
+        spin = radius * bz + noise[4]
+    return replace(contacts, after=after)
+
+
 def print_table(rows: list[Row]) -> None:
     """Print errors by horizon and by the number of cushions on the way, and the coverage of the regions."""
     print("\n| ahead | balls | learned: median, 75 % | without | stays | straight on | in 50 % | in 90 % | without |")
@@ -165,6 +223,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--shots", type=int, help="only the first shots")
     parser.add_argument("--at", type=float, default=2.0, help="time of the cut, s")
     parser.add_argument("--laws", nargs="+", choices=CUSHION_MODELS, default=CUSHION_MODELS, help="cushion models")
+    parser.add_argument("--control", type=int, default=20, help="simulated sets in which no correction is due")
     parser.add_argument("--work", type=Path, default=ROOT / "out" / "real_tables", help="folder of fits")
     parser.add_argument("-o", "--out", type=Path, help="CSV file of all rows, which a second call continues")
     return parser.parse_args()
@@ -191,7 +250,11 @@ def main() -> int:
         print(f"group {fold}: {lesson.contact_count} contacts, {models}; {time.perf_counter() - start:.0f} s")
         for one in lesson.parameters:
             print(f"  {one.name} {one.value:.4g} +- {one.sigma:.2g} {one.unit}{' (prior)' if one.prior_only else ''}")
-        print(f"  {lesson.table.scatter}", flush=True)
+        print(f"  {lesson.table.scatter}; correction gains {lesson.correction_gain or 0:.0%}", flush=True)
+        if fold == 0 and arguments.control:
+            contacts, table = collect_contacts(others, folder, cache)
+            wrong = count_false_corrections(lesson, contacts, table, arguments.control)
+            print(f"  a network is switched on in {wrong} of {arguments.control} sets that obey the model", flush=True)
         for number in own:
             tracks, scene, _ = read_observed_shot(folder, number)
             try:

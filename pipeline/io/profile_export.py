@@ -107,6 +107,7 @@ def write_learned_profile(lesson: TableLesson, table: Table, shot_count: int, pa
             for side, value, sigma in zip(CUSHIONS, learned.noses, learned.nose_sigma, strict=True)
         },
         "learned_from": {"shots": shot_count, "cushion_contacts": lesson.contact_count},
+        "correction": {"gain": lesson.correction_gain, "weights": learned.correction.tolist()},
         "cushion_models": [{"name": name, "log_evidence": value} for name, value in lesson.candidates],
     }
     with replace_file(path) as part:

@@ -12,12 +12,12 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, V
 from models.core.errors import OptionError
 from models.core.scene import CUSHIONS
 from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
-from models.estimation.table_learning.learn_table import CLOTH_SPREAD
-from models.estimation.table_learning.learned_table import LearnedTable
+from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable
 from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
 from models.estimation.whole_shot.known_table import TablePrior, build_table_prior
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
+from models.physics.billiards.ball_cushion.rebound_correction import WEIGHT_COUNT
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES, neutral_parameters
 from models.physics.billiards.simulation.table_physics import contact_parameters
 from models.physics.effect import ModelChoice
@@ -57,6 +57,20 @@ class ScatterEntry(BaseModel):
     side_spin: PositiveFloat
 
 
+class CorrectionEntry(BaseModel):
+    """Network that corrects the cushion model; without weights there is none."""
+
+    gain: FiniteFloat | None = None
+    weights: list[FiniteFloat] = []
+
+    @field_validator("weights")
+    @classmethod
+    def _require_weight_count(cls, weights: list[float]) -> list[float]:
+        if weights and len(weights) != WEIGHT_COUNT:
+            raise ValueError(f"a correction has {WEIGHT_COUNT} weights; got {len(weights)}")
+        return weights
+
+
 class ProfileEntry(BaseModel):
     """Content of a profile.json."""
 
@@ -65,6 +79,7 @@ class ProfileEntry(BaseModel):
     effects: dict[str, dict[str, ProfileNumberEntry]]
     laws: ProfileLawsEntry = ProfileLawsEntry()
     scatter: ScatterEntry | None = None
+    correction: CorrectionEntry = CorrectionEntry()
     noses: dict[Literal["left", "right", "top", "bottom"], ProfileNumberEntry] = {}
     """m, offsets of the contact lines towards the table."""
 
@@ -149,6 +164,7 @@ def parse_learned_table(text: str) -> LearnedTable:
         np.full(2, CLOTH_SPREAD),
         np.array([one.value for one in noses]),
         np.array([NOSE_SIGMA if one.sigma is None else one.sigma for one in noses]),
+        np.array(entry.correction.weights),
     )
 
 

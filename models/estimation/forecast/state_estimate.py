@@ -15,6 +15,7 @@ from models.estimation.joint_fit.joint_refinement import ROLLING_RANGE, SLIDING_
 from models.estimation.table_learning.learned_table import LearnedTable, SpinDistribution
 from models.physics.billiards.ball_ball.ball_models import BALL_MODELS
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.cloth.closed_form_motion import spin_from_slip
 from models.physics.billiards.parameter_vector import (
     BALL_E,
@@ -109,7 +110,8 @@ class StateEstimate:
         p, offsets = inputs[9 * n : 9 * n + len(PARAMETER_NAMES)], inputs[9 * n + len(PARAMETER_NAMES) :]
         balls = BallSet(self.ids, columns[:, :7].copy(), columns[:, 7].copy(), columns[:, 8].copy())
         physics = Physics(p.copy(), PARAMETER_NAMES, law, BALL_MODELS[2])
-        return simulate(balls, self.table, physics, seconds, offsets, disturbances)
+        correction = NO_CORRECTION if self.learned is None else self.learned.correction
+        return simulate(balls, self.table, physics, seconds, offsets, disturbances, correction)
 
 
 def law_probabilities(grip: float, sigma: float) -> FloatArray:

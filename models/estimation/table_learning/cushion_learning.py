@@ -31,7 +31,7 @@ from models.physics.effects.catalogue import find_prior
 
 SCATTER_SPREAD = 0.7
 """Prior standard deviation of the logarithm of each scatter about `DEFAULT_SCATTER`."""
-SELECTION_CONTACTS = 160
+SELECTION_CONTACTS = 100
 """Contacts that decide between models: their log evidences then differ by tens."""
 _REMEMBERED = 4
 """Predictions that are kept: scatter and decay change nothing in them."""
@@ -91,6 +91,34 @@ def _thin_chains(contacts: CushionContacts) -> CushionContacts:
     """Keep evenly spaced chains with about `SELECTION_CONTACTS` contacts: enough to tell contact models apart."""
     every = max(len(contacts.t) // SELECTION_CONTACTS, 1)
     return contacts.select_chains((np.cumsum(contacts.begins) - 1) % every == 0)
+
+
+def refit_scatter(
+    contacts: CushionContacts, fit: CushionFit, correction: FloatArray, radius: float, mass: float
+) -> CushionFit:
+    """Fit the scatter about a model anew, once a correction has made it better.
+
+    Args:
+        contacts: Contacts of all shots.
+        fit: The fitted model.
+        correction: Weights of `rebound_correction`.
+        radius: m, of the balls.
+        mass: kg, of the balls.
+
+    Returns:
+        The fit with its new scatter.
+    """
+    rebounds = predict_rebounds(contacts, CUSHION_MODELS.index(fit.law), fit.physics, radius, mass, correction)
+    decay, first = float(fit.physics[SPIN_DECAY]), np.log(astuple(fit.scatter))
+
+    def cost(logarithms: FloatArray) -> float:
+        scatter = ContactScatter(*np.exp(logarithms).tolist())
+        deviation = (logarithms - np.log(astuple(DEFAULT_SCATTER))) / SCATTER_SPREAD
+        likelihood = filter_side_spin(contacts, rebounds, radius, scatter, decay).log_likelihood.sum()
+        return 0.5 * float(deviation @ deviation) - float(likelihood)
+
+    best = minimize(cost, first, method="L-BFGS-B", options={"maxiter": _ITERATIONS})
+    return replace(fit, scatter=ContactScatter(*np.exp(best.x).tolist()))
 
 
 def filter_fitted(contacts: CushionContacts, fit: CushionFit, radius: float, mass: float) -> SpinFilter:

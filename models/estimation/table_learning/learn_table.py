@@ -14,18 +14,16 @@ from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import JointSolution
 from models.estimation.table_learning.cloth_learning import learn_cloth
 from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts, join_contacts
-from models.estimation.table_learning.cushion_learning import CushionFit, learn_cushions
-from models.estimation.table_learning.learned_table import LearnedTable
+from models.estimation.table_learning.cushion_learning import CushionFit, learn_cushions, refit_scatter
+from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable
 from models.numerics.executor import SERIAL, Executor
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.parameter_vector import BALL_E, BALL_MU, PARAMETER_NAMES
 from models.physics.effects.catalogue import find_prior
 
 MIN_CONTACTS = 8
 """Cushion contacts from which a table can be learned."""
-CLOTH_SPREAD = 0.05
-"""Standard deviation of ln friction from one shot to the next: cloth, dust and direction (measured on 91 recorded
-three-cushion shots: 0.05 of sliding friction)."""
 MIN_NOSE_SIGMA = 1e-3
 """m"""
 
@@ -40,8 +38,9 @@ class TableLesson:
     candidates: tuple[tuple[str, float], ...]
     """Cushion models with their log evidence, the best first."""
     contact_count: int
-    deviation: FloatArray
-    """(K, 4) observed minus predicted velocity and slip after each cushion contact, as shares of the speed."""
+    correction_gain: float | None
+    """Share of the squared deviation of reporting shots that a network removes; None with too few contacts for one. It
+    is switched on from `correction_training.MIN_GAIN` on."""
 
 
 def learn_table(
@@ -70,25 +69,21 @@ def learn_table(
             f"{len(contacts.t)} cushion contacts are too few to learn a table from; at least {MIN_CONTACTS} are needed"
         )
     cloth = learn_cloth(shots, table, executor)
-    fits = learn_cushions(contacts, table.ball_radius, table.ball_mass, {p.name: p.value for p in cloth}, laws)
+    from models.estimation.table_learning.correction_training import train_correction  # torch is slow to import
+
+    size = table.ball_radius, table.ball_mass
+    fits = learn_cushions(contacts, *size, {p.name: p.value for p in cloth}, laws)
+    trained = train_correction(contacts, CUSHION_MODELS.index(fits[0].law), fits[0].physics, *size, fits[0].scatter)
+    is_corrected = trained is not None and trained.is_worthwhile
+    correction = trained.weights if trained is not None and is_corrected else NO_CORRECTION
+    best = refit_scatter(contacts, fits[0], correction, *size) if is_corrected else fits[0]
     noses, nose_sigma = _summarize_noses([solution for solution, _ in shots])
-    best = fits[0]
     learned = LearnedTable(
-        best.law, _add_ball_contacts(best), best.scatter, np.full(2, CLOTH_SPREAD), noses, nose_sigma
+        best.law, _add_ball_contacts(best), best.scatter, np.full(2, CLOTH_SPREAD), noses, nose_sigma, correction
     )
-    return TableLesson(
-        learned,
-        (*cloth, *best.parameters),
-        tuple((one.law, one.log_evidence) for one in fits),
-        len(contacts.t),
-        np.asarray(_measure_deviation(best, contacts, table)),
-    )
-
-
-def _measure_deviation(fit: CushionFit, contacts, table: Table) -> FloatArray:  # type: ignore[no-untyped-def]
-    from models.estimation.table_learning.cushion_learning import filter_fitted
-
-    return filter_fitted(contacts, fit, table.ball_radius, table.ball_mass).deviation
+    candidates = tuple((one.law, one.log_evidence) for one in fits)
+    gain = None if trained is None else trained.gain
+    return TableLesson(learned, (*cloth, *best.parameters), candidates, len(contacts.t), gain)
 
 
 def _add_ball_contacts(fit: CushionFit) -> FloatArray:

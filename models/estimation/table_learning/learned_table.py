@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,8 +17,12 @@ from models.estimation.table_learning.side_spin import (
     predict_rebounds,
 )
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.parameter_vector import SPIN_DECAY
 
+CLOTH_SPREAD = 0.05
+"""Standard deviation of ln friction from one shot to the next: cloth, dust and direction (measured on 91 recorded
+three-cushion shots: 0.05 of sliding friction)."""
 _WIDE_REACH = 3.0
 """Prior standard deviations that the grid of a spin without any contact covers."""
 
@@ -37,6 +41,8 @@ class LearnedTable:
     """(4,) m, mean offset of each contact line towards the table, as in the joint fit."""
     nose_sigma: FloatArray
     """(4,) m"""
+    correction: FloatArray = field(default_factory=NO_CORRECTION.copy)
+    """Weights of `rebound_correction`; empty where no correction is switched on."""
 
     @property
     def law_code(self) -> int:
@@ -88,7 +94,7 @@ def infer_side_spins(
         The distribution by ball.
     """
     decay = float(table.physics[SPIN_DECAY])
-    rebounds = predict_rebounds(contacts, table.law_code, table.physics, radius, mass)
+    rebounds = predict_rebounds(contacts, table.law_code, table.physics, radius, mass, table.correction)
     filtered = filter_side_spin(contacts, rebounds, radius, table.scatter, decay)
     spins = {}
     for history in histories:

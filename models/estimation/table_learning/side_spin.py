@@ -15,6 +15,7 @@ import numpy as np
 from models.core.typing import FloatArray
 from models.estimation.table_learning.cushion_contacts import CushionContacts
 from models.numerics.jit import compile_kernel
+from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION, correct_rebound
 from models.physics.billiards.simulation.contact_resolution import rebound
 
 GRID_SIZE = 121
@@ -81,7 +82,10 @@ class Rebounds:
     """(K, 4, 4) derivatives of the first four by the state before, without side spin."""
 
 
-def predict_rebounds(contacts: CushionContacts, law: int, physics: FloatArray, radius: float, mass: float) -> Rebounds:
+def predict_rebounds(
+    contacts: CushionContacts, law: int, physics: FloatArray, radius: float, mass: float,
+    correction: FloatArray = NO_CORRECTION,
+) -> Rebounds:  # fmt: skip
     """Predict the state after every contact for every value of side spin before it.
 
     Args:
@@ -90,6 +94,7 @@ def predict_rebounds(contacts: CushionContacts, law: int, physics: FloatArray, r
         physics: (P,) physical parameters.
         radius: m, of the balls.
         mass: kg, of the balls.
+        correction: Weights of `rebound_correction`, or none.
 
     Returns:
         The predictions.
@@ -98,14 +103,14 @@ def predict_rebounds(contacts: CushionContacts, law: int, physics: FloatArray, r
     grid = _build_grids(contacts)
     nodes = np.empty((count, (GRID_SIZE - 1) // NODE_STRIDE + 1, 5))
     places = np.ascontiguousarray(grid[:, ::NODE_STRIDE])
-    _predict_contacts(law, contacts.before, places, radius, mass, physics, nodes)
+    _predict_contacts(law, contacts.before, places, radius, mass, physics, correction, nodes)
     zero, centre, moved = np.zeros((count, 1)), np.empty((count, 1, 5)), np.empty((count, 1, 5))
-    _predict_contacts(law, contacts.before, zero, radius, mass, physics, centre)
+    _predict_contacts(law, contacts.before, zero, radius, mass, physics, correction, centre)
     by_before = np.empty((count, 4, 4))
     for k in range(4):
         inputs = contacts.before.copy()
         inputs[:, k] += _DIFFERENCE_STEP
-        _predict_contacts(law, inputs, zero, radius, mass, physics, moved)
+        _predict_contacts(law, inputs, zero, radius, mass, physics, correction, moved)
         by_before[:, :, k] = (moved[:, 0, :4] - centre[:, 0, :4]) / _DIFFERENCE_STEP
     return Rebounds(grid, _interpolate_nodes(nodes), by_before)
 
@@ -127,7 +132,7 @@ def filter_side_spin(
     """
     grid, predicted = rebounds.grid, rebounds.predicted
     speed = np.maximum(contacts.speed, MIN_CONTACT_SPEED)
-    whitening, log_root = _whiten_innovations(contacts, rebounds.by_before, scatter, speed)
+    whitening, log_root = whiten_innovations(contacts, rebounds.by_before, scatter)
     evidence = np.empty(grid.shape)
     _weigh_spins(predicted, contacts.after, whitening, log_root, evidence)
     before, after, likelihood = np.empty_like(evidence), np.empty_like(evidence), np.empty(len(grid))
@@ -162,10 +167,20 @@ def _interpolate_nodes(nodes: FloatArray) -> FloatArray:
     return np.concatenate([between.reshape(len(nodes), GRID_SIZE - 1, nodes.shape[2]), nodes[:, -1:]], axis=1)
 
 
-def _whiten_innovations(
-    contacts: CushionContacts, by_before: FloatArray, scatter: ContactScatter, speed: FloatArray
+def whiten_innovations(
+    contacts: CushionContacts, by_before: FloatArray, scatter: ContactScatter
 ) -> tuple[FloatArray, FloatArray]:
-    """Return whitening (K, 4, 4) of observed minus predicted states, and the logarithm (K,) of its determinant."""
+    """Compute the whitening of observed minus predicted states.
+
+    Args:
+        contacts: K cushion contacts.
+        by_before: (K, 4, 4) as in `Rebounds`.
+        scatter: Scatter of contacts about the model.
+
+    Returns:
+        (K, 4, 4) lower triangular whitening, and the logarithm (K,) of its determinant.
+    """
+    speed = np.maximum(contacts.speed, MIN_CONTACT_SPEED)
     identity = np.broadcast_to(np.eye(4), by_before.shape)
     both = np.concatenate([-by_before, identity], axis=2)
     total = both @ contacts.covariance @ both.swapaxes(1, 2)
@@ -176,15 +191,19 @@ def _whiten_innovations(
 
 
 @compile_kernel
-def _predict_contacts(law, before, grid, radius, mass, physics, out):  # type: ignore[no-untyped-def]
+def _predict_contacts(law, before, grid, radius, mass, physics, correction, out):  # type: ignore[no-untyped-def]
     """Write the states (K, G, 5) after contacts: velocity n, t, slip n, t, surface speed of side spin."""
+    state = np.empty(5)
     for k in range(len(before)):
         vn, vt, un, ut = before[k]
+        state[:4] = before[k]
         wn, wt = (ut - vt) / radius, (vn - un) / radius
         for g in range(grid.shape[1]):
             an, at, bn, bt, bz = rebound(law, vn, vt, wn, wt, grid[k, g] / radius, radius, mass, physics)
             row = out[k, g]
             row[0], row[1], row[2], row[3], row[4] = an, at, an - radius * bt, at + radius * bn, radius * bz
+            state[4] = grid[k, g]
+            correct_rebound(correction, state, row)
 
 
 @compile_kernel

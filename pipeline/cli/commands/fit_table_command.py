@@ -84,6 +84,14 @@ def _print_table(fitted: FittedTable, path: Path) -> None:
         f"Cushions scatter about the model by {scatter.velocity:.1%} of the speed (slip {scatter.slip:.1%},"
         f" side spin {scatter.side_spin:.1%})"
     )
+    if lesson.correction_gain is None:
+        screen.print("Too few cushion contacts to train a correction of the cushion model")
+    else:
+        state = "on" if len(lesson.table.correction) else "off"
+        screen.print(
+            f"On shots that it has not seen, a network removes {lesson.correction_gain:.0%} of the squared deviation"
+            f" from the cushion model: switched {state}"
+        )
     for refusal in fitted.refusals:
         screen.print(escape(f"Note: {refusal}"))
     print(f"The next prediction on this table can start from it: trueroll predict DIR --profile {path}")

@@ -10,9 +10,10 @@ import pytest
 
 from models.core.fit_result import Parameter
 from models.core.scene import Table
-from models.estimation.table_learning.learn_table import CLOTH_SPREAD, TableLesson
-from models.estimation.table_learning.learned_table import LearnedTable
+from models.estimation.table_learning.learn_table import TableLesson
+from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable
 from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
+from models.physics.billiards.ball_cushion.rebound_correction import WEIGHT_COUNT
 from models.physics.billiards.parameter_vector import BALL_E, CUSHION_E, ROLLING_MU, SLIDING_MU, neutral_parameters
 from pipeline.io.profile_export import write_learned_profile
 from pipeline.io.table_profile import parse_learned_table, parse_table_prior, read_profile_text
@@ -28,9 +29,10 @@ def make_lesson() -> TableLesson:
     learned = LearnedTable(
         "han_2005", physics, ContactScatter(0.02, 0.1, 0.06), np.full(2, CLOTH_SPREAD),
         np.array([-0.002, 0.0, 0.001, 0.0]), np.full(4, 0.0015),
+        np.linspace(-1, 1, WEIGHT_COUNT),
     )  # fmt: skip
     parameters = tuple(Parameter(name, value, 0.05 * value, "1", False) for name, value in values.items())
-    return TableLesson(learned, parameters, (("han_2005", 12.0), ("mirror", -30.0)), 55, np.zeros((55, 4)))
+    return TableLesson(learned, parameters, (("han_2005", 12.0), ("mirror", -30.0)), 55, 0.2)
 
 
 def test_a_learned_table_survives_its_file(tmp_path: Path) -> None:
@@ -42,6 +44,7 @@ def test_a_learned_table_survives_its_file(tmp_path: Path) -> None:
     assert learned.scatter == ContactScatter(0.02, 0.1, 0.06)
     assert learned.physics[[SLIDING_MU, ROLLING_MU, CUSHION_E]] == pytest.approx([0.19, 0.0042, 0.91])
     assert 0.9 < learned.physics[BALL_E] < 1.0  # not learned: the usual one
+    np.testing.assert_allclose(learned.correction, np.linspace(-1, 1, WEIGHT_COUNT))
     np.testing.assert_allclose(learned.noses, [-0.002, 0.0, 0.001, 0.0])
     assert parse_table_prior(text).laws.cushion == "han_2005"  # `run --profile` reads the same file
     assert json.loads(text)["learned_from"] == {"cushion_contacts": 55, "shots": 9}

@@ -16,6 +16,7 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.numerics.roots import MAX_DEGREE, NEVER, find_meeting
+from models.physics.billiards.ball_cushion.rebound_correction import correct_rebound
 from models.physics.billiards.cloth.cloth_motion import plan_motion
 from models.physics.billiards.cloth.motion_pieces import (
     PIECE_END,
@@ -211,13 +212,30 @@ def disturb_rebound(s, nx, ny, radius, speed, shares):  # type: ignore[no-untype
 
     The ball keeps leaving the cushion: its normal velocity does not change sign.
     """
-    vn, vt = nx * s[2] + ny * s[3], nx * s[3] - ny * s[2]
+    after = to_cushion_axes(s, nx, ny, radius)
+    normal = after[0]
+    after += speed * shares
+    after[0] = min(after[0], 0.5 * normal)
+    from_cushion_axes(after, nx, ny, radius, s)
+
+
+@compile_kernel
+def to_cushion_axes(s, nx, ny, radius):  # type: ignore[no-untyped-def]
+    """Return velocity along n and t, slip along n and t, and surface speed of side spin (5,) of a state s (7,)."""
+    axes = np.empty(5)
+    axes[0], axes[1] = nx * s[2] + ny * s[3], nx * s[3] - ny * s[2]
     wn, wt = nx * s[4] + ny * s[5], nx * s[5] - ny * s[4]
-    un, ut = vn - radius * wt + shares[2] * speed, vt + radius * wn + shares[3] * speed
-    vn, vt = min(vn + shares[0] * speed, 0.5 * vn), vt + shares[1] * speed
-    wn, wt = (ut - vt) / radius, (vn - un) / radius
+    axes[2], axes[3], axes[4] = axes[0] - radius * wt, axes[1] + radius * wn, radius * s[6]
+    return axes
+
+
+@compile_kernel
+def from_cushion_axes(axes, nx, ny, radius, s):  # type: ignore[no-untyped-def]
+    """Write velocity and spin of a state s (7,) from what `to_cushion_axes` returns."""
+    vn, vt = axes[0], axes[1]
+    wn, wt = (axes[3] - vt) / radius, (vn - axes[2]) / radius
     s[2], s[3], s[4], s[5] = nx * vn - ny * vt, ny * vn + nx * vt, nx * wn - ny * wt, ny * wn + nx * wt
-    s[6] += shares[4] * speed / radius
+    s[6] = axes[4] / radius
 
 
 @compile_kernel
@@ -244,7 +262,7 @@ def select_earliest(ball_times, table_times):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def simulate_events(start, radius, mass, p, models, lines, arcs, holes, seconds, capacity, errors, events, segments):  # type: ignore[no-untyped-def]
+def simulate_events(start, radius, mass, p, models, table, seconds, capacity, correction, errors, events, segments):  # type: ignore[no-untyped-def]
     """Simulate a shot and log its events and segments.
 
     Args:
@@ -253,11 +271,10 @@ def simulate_events(start, radius, mass, p, models, lines, arcs, holes, seconds,
         mass: (N,) kg.
         p: (P,) physical parameters.
         models: Codes of the cushion model and of the ball model.
-        lines: (L, 6) as in `cushion_geometry.Rails`.
-        arcs: (A, 4) as in `cushion_geometry.Rails`.
-        holes: (H, 3) as in `cushion_geometry.Rails`.
+        table: Lines (L, 6), arcs (A, 4) and holes (H, 3) of `cushion_geometry.Rails`.
         seconds: Duration, s.
         capacity: Number of pieces that one segment may have.
+        correction: Weights of `rebound_correction` for contacts with cushions; empty for none.
         errors: (D, 5) added after the first D contacts with cushions that are not gentle, as shares of the speed
             before: to the velocity along n and t and to the slip along n and t, and to the surface speed of side spin.
         events: (E, EVENT_WIDTH) receives the events by time.
@@ -266,11 +283,11 @@ def simulate_events(start, radius, mass, p, models, lines, arcs, holes, seconds,
     Returns:
         The number of events, the number of segments, and whether there was room for all.
     """
-    n = len(start)
+    n, (lines, arcs, holes) = len(start), table
     state, start_times, counts, on_table = start.copy(), np.zeros(n), np.zeros(n, np.int64), np.ones(n, np.bool_)
     rows, phases = np.zeros((n, capacity, PIECE_WIDTH)), np.zeros((n, capacity), np.int64)
     ball_times, table_times = np.full((n, n, 3), NEVER), np.full((n, 5), NEVER)
-    work, out, rate = np.zeros((8, 16)), np.zeros(14), np.zeros(7)
+    work, out, rate, before, after = np.zeros((8, 16)), np.zeros(14), np.zeros(7), np.zeros(5), np.zeros(5)
     changed, event_count, segment_count, bounces = np.ones(n, np.bool_), 0, 0, 0
     now = 0.0
     while True:
@@ -354,7 +371,12 @@ def simulate_events(start, radius, mass, p, models, lines, arcs, holes, seconds,
             continue
         nx, ny = cushion_normal(int(event[EVENT_KIND]), int(event[EVENT_SECOND]), state[a], lines, arcs)
         speed = np.hypot(state[a, 2], state[a, 3])
+        before[:] = to_cushion_axes(state[a], nx, ny, radius[a])
         resolve_cushion_contact(state[a], nx, ny, radius[a], mass[a], p, models[0], event[EVENT_GENTLE] > 0, out[:7])
+        if len(correction) and not event[EVENT_GENTLE] > 0:
+            after[:] = to_cushion_axes(out[:7], nx, ny, radius[a])
+            correct_rebound(correction, before, after)
+            from_cushion_axes(after, nx, ny, radius[a], out)
         if bounces < len(errors) and not event[EVENT_GENTLE] > 0:
             disturb_rebound(out, nx, ny, radius[a], speed, errors[bounces])
             bounces += 1

@@ -13,6 +13,7 @@ import numpy as np
 
 from models.core.scene import Table
 from models.core.typing import FloatArray
+from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.cloth.forces import has_curved_path
 from models.physics.billiards.cloth.motion_pieces import CLOSED_FORM_PIECES, INTEGRATED_PIECES
 from models.physics.billiards.cushion_geometry import Rails, build_rails
@@ -38,6 +39,7 @@ def simulate(
     seconds: float,
     offsets: FloatArray | None = None,
     disturbances: FloatArray | None = None,
+    correction: FloatArray = NO_CORRECTION,
 ) -> SimulatedShot:
     """Simulate a shot.
 
@@ -49,6 +51,7 @@ def simulate(
         offsets: (4,) m, outward offsets of the noses in the order of `CUSHIONS`; None for none.
         disturbances: (D, 5) deviations of cushion contacts from their model, see `simulate_events`; None for none.
             Derivatives of the shot do not contain them.
+        correction: Weights of `rebound_correction`, which derivatives do not contain either.
 
     Returns:
         The shot: states, events and derivatives at any time.
@@ -70,11 +73,10 @@ def simulate(
             balls.mass,
             physics.values,
             physics.model_codes,
-            rails.lines,
-            rails.arcs,
-            rails.holes,
+            (rails.lines, rails.arcs, rails.holes),
             float(seconds),
             INTEGRATED_PIECES if has_curved_path(physics.values) else CLOSED_FORM_PIECES,
+            correction,
             deviations,
             contacts,
             segments,

@@ -1,1 +1,0 @@
-"""A small neural network that corrects the cloth and cushion models of billiards, and its training."""
