@@ -129,8 +129,8 @@ class FitOptions:
     )
     profile: str = option(
         "",
-        help="Table profile (FILE) that trueroll diagnose wrote: contact models and parameters to start from, as with"
-        " --laws.",
+        help="Table profile (FILE) of trueroll fit-table or diagnose: contact models and parameters to start from, as"
+        " with --laws.",
     )
     moving_speed: float = option(
         0.02, help="Speed above which a ball counts as moving.", unit="m/s", above=0, maximum=1

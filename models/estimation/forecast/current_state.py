@@ -173,10 +173,9 @@ def _use_learned_table(
     """Replace the default cushions, friction and side spins of a state by those of a learned table."""
     mean, covariance = state.mean.copy(), state.covariance.copy()
     first = len(mean) - SHARED_COUNT
-    friction = slice(first, first + 2)
-    mean[friction] = np.log(learned.physics[[SLIDING_MU, ROLLING_MU]])
-    covariance[friction], covariance[:, friction] = 0.0, 0.0
-    covariance[friction, friction] = np.diag(learned.cloth_sigma**2)
+    effective = float(np.exp(mean[first + 1]))
+    drag = min(_drag_as_friction(solution, state.t, learned), 0.5 * effective)
+    mean[first + 1] = np.log(effective - drag)  # the engine adds the drag of the table again
     contacts, histories = extract_cushion_contacts(solution)
     graph = solution.graph
     since = {one.ball: max(state.t - graph.start_time(graph.segments_of_ball(one.ball)[-1]), 0.0) for one in histories}
@@ -243,6 +242,12 @@ def _expected_shared(solution: JointSolution, t: float, learned: LearnedTable) -
 
     The joint fit has one rolling friction for all speeds, so that drag adds to it.
     """
+    rolling = learned.physics[ROLLING_MU] + _drag_as_friction(solution, t, learned)
+    return np.concatenate([[np.log(learned.physics[SLIDING_MU]), np.log(rolling)], learned.noses])
+
+
+def _drag_as_friction(solution: JointSolution, t: float, learned: LearnedTable) -> float:
+    """Return the rolling friction that acts like the drag of the table at the mean speed of the last segments."""
     graph = solution.graph
     speeds = [
         float(np.hypot(*one.state[2:4]))
@@ -250,9 +255,7 @@ def _expected_shared(solution: JointSolution, t: float, learned: LearnedTable) -
         if not one.static and graph.end_time(k) >= t
     ]
     speed = float(np.mean(speeds)) if speeds else 0.0
-    drag = (learned.physics[VISCOUS_DRAG] * speed + learned.physics[AIR_DRAG] * speed**2) / GRAVITY
-    rolling = learned.physics[ROLLING_MU] + drag
-    return np.concatenate([[np.log(learned.physics[SLIDING_MU]), np.log(rolling)], learned.noses])
+    return float(learned.physics[VISCOUS_DRAG] * speed + learned.physics[AIR_DRAG] * speed**2) / GRAVITY
 
 
 def _acceleration_per_slope() -> float:

@@ -166,7 +166,7 @@ def _format_stroke_speed(events: Events, k: int | None) -> str:
     """Format the speed after a stroke as an answer."""
     if k is None or not np.isfinite(events.speed[k]):
         return NO_ANSWER
-    return f"{events.speed[k]:.2f} m/s after the stroke"
+    return f"{events.speed[k]:.2f} m/s after the stroke."
 
 
 def _format_speeds(fit: Fit, ball: str, other: str, touch: int) -> str:
