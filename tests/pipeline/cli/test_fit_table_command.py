@@ -70,15 +70,6 @@ def test_a_table_is_learned_into_a_profile_that_predict_reads(
 
 def test_shots_of_two_tables_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folders = [str(write_shots(tmp_path / name, 1, length)) for name, length in (("one", 2.84), ("other", 2.54))]
-    assert (
-        execute_command_line(["fit-table", *folders, "-o", str(tmp_path / "p.json"), "--cache", str(tmp_path / "c")])
-        == 2
-    )
-    assert "one table is learned at a time" in capsys.readouterr().err
-    assert not (tmp_path / "p.json").exists()
-
-
-def test_a_folder_without_tracks_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["fit-table", *folders, "-o", str(tmp_path / "p.json"), "--cache", str(tmp_path / "c")]
     assert execute_command_line(command) == 2
     assert "one table is learned at a time" in capsys.readouterr().err
