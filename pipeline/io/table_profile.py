@@ -156,6 +156,7 @@ def parse_learned_table(text: str) -> LearnedTable:
         physics[PARAMETER_NAMES.index(one.name)] = one.value
     noses_by_side = {str(side): one for side, one in entry.noses.items()}
     noses = [noses_by_side.get(side, ProfileNumberEntry(value=0.0)) for side in CUSHIONS]
+    cushions = [one for one in prior.priors if one.name.startswith(("cushion", "spin_decay"))]
     scatter = DEFAULT_SCATTER if entry.scatter is None else ContactScatter(**entry.scatter.model_dump())
     return LearnedTable(
         entry.laws.cushion,
@@ -164,6 +165,8 @@ def parse_learned_table(text: str) -> LearnedTable:
         np.full(2, CLOTH_SPREAD),
         np.array([one.value for one in noses]),
         np.array([NOSE_SIGMA if one.sigma is None else one.sigma for one in noses]),
+        np.array([PARAMETER_NAMES.index(one.name) for one in cushions], np.int64),
+        np.diag([one.sigma**2 for one in cushions]),
         np.array(entry.correction.weights),
     )
 

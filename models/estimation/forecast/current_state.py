@@ -43,6 +43,7 @@ from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.segmentation.contact_graph import Segment
 from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts
+from models.estimation.table_learning.learn_table import learn_own_cushions
 from models.estimation.table_learning.learned_table import LearnedTable, infer_side_spins
 from models.estimation.whole_shot.free_paths import ROLLING_SLOPE_FACTOR, SLOPE_SIGMA, UNEVENNESS, WINDOW_LENGTH
 from models.numerics.robust import evaluate_huber_loss
@@ -164,7 +165,8 @@ def build_state_estimate(
     grip = layout_parameters(graph).shared + 9
     laws = law_probabilities(float(solution.rubber[2] + shift[grip]), float(np.sqrt(covariance[grip, grip])))
     state = StateEstimate(t, names, table, mean + jacobian @ shift, (total + total.T) / 2, moving, trust, laws)
-    return state if learned is None else _use_learned_table(state, solution, balls, learned)
+    used = learn_own_cushions(solution, table) if learned is None else learned
+    return state if used is None else _use_learned_table(state, solution, balls, used)
 
 
 def _use_learned_table(

@@ -30,6 +30,7 @@ from models.physics.billiards.simulation.event_engine import (
     HOLE,
     LINE,
 )
+from models.physics.billiards.simulation.shot_derivatives import BALL_COLUMNS
 from models.physics.billiards.simulation.simulate_shot import DISTURBED, SimulatedShot
 
 EventKey = tuple[str, str, str]
@@ -170,9 +171,14 @@ def _simulate_members(
         if spin is not None:
             numbers[:, PARAMETERS_PER_BALL * (ball + 1) - 1] = spin.draw(rng, draws)
     disturbances = _draw_disturbances(state, rng, draws)
+    inputs = [state.simulation_inputs(one, CUSHION_MODELS[law]) for one, law in zip(numbers, laws, strict=True)]
+    if state.learned is not None:
+        first = len(BALL_COLUMNS) * len(state.ids)
+        for own, values in zip(inputs, state.learned.draw_physics(rng, draws), strict=True):
+            own[first + state.learned.uncertain] = values
     return [
-        state.simulate_ahead(state.simulation_inputs(one, CUSHION_MODELS[law]), CUSHION_MODELS[law], seconds, own)
-        for one, law, own in zip(numbers, laws, disturbances, strict=True)
+        state.simulate_ahead(own, CUSHION_MODELS[law], seconds, deviations)
+        for own, law, deviations in zip(inputs, laws, disturbances, strict=True)
     ]
 
 

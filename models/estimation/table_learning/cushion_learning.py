@@ -54,6 +54,8 @@ class CushionFit:
     scatter: ContactScatter
     physics: FloatArray
     """(P,) parameters of the engine that the fit used."""
+    covariance: FloatArray
+    """(M, M) of `parameters`."""
     log_evidence: float
     """Laplace approximation."""
 
@@ -166,14 +168,18 @@ def _fit_model(
     hessian = _differentiate_twice(cost, best.x, low, high)
     curvatures, vectors = np.linalg.eigh(hessian)
     curvatures = np.maximum(curvatures, 1.0)  # that of the prior
-    spread = np.sqrt(np.diag((vectors / curvatures) @ vectors.T))
+    covariance = (vectors / curvatures) @ vectors.T
+    spread = np.sqrt(np.diag(covariance))
     physics, scatter = _decode(best.x, priors, fixed)
     parameters = tuple(
         Parameter(one.name, v, s * _value_scale(one, v), one.unit, bool(s > _PRIOR_DOMINATED))
         for one, v, s in zip(priors, _values(best.x, priors), spread, strict=True)
         if one.name not in _SCATTER_NAMES
     )
-    return CushionFit(law, parameters, scatter, physics, -float(best.fun) - 0.5 * float(np.log(curvatures).sum()))
+    scale = np.array([_value_scale(one, v) for one, v in zip(priors, _values(best.x, priors), strict=True)])
+    own = slice(0, len(parameters))
+    evidence = -float(best.fun) - 0.5 * float(np.log(curvatures).sum())
+    return CushionFit(law, parameters, scatter, physics, (covariance * scale * scale[:, None])[own, own], evidence)
 
 
 def _list_unknowns(law: str) -> tuple[Prior, ...]:

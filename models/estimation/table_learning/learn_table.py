@@ -10,7 +10,7 @@ from models.core.errors import TrackError
 from models.core.fit_result import Parameter
 from models.core.scene import Table
 from models.core.tracks import Tracks
-from models.core.typing import FloatArray
+from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_solution import JointSolution
 from models.estimation.table_learning.cloth_learning import learn_cloth
 from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts, join_contacts
@@ -19,11 +19,15 @@ from models.estimation.table_learning.learned_table import CLOTH_SPREAD, Learned
 from models.numerics.executor import SERIAL, Executor
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
-from models.physics.billiards.parameter_vector import BALL_E, BALL_MU, PARAMETER_NAMES
+from models.physics.billiards.parameter_vector import BALL_E, BALL_MU, PARAMETER_NAMES, ROLLING_MU
 from models.physics.effects.catalogue import find_prior
 
 MIN_CONTACTS = 8
 """Cushion contacts from which a table can be learned."""
+MIN_OWN_CONTACTS = 2
+"""Cushion contacts of one shot from which its own cushions are learned."""
+OWN_LAWS = ("mirror", "han_2005", "stronge")
+"""Cushion models of one shot; that of Mathavan 2010 costs 140 us per contact, and Han's is its nearest neighbour."""
 MIN_NOSE_SIGMA = 1e-3
 """m"""
 
@@ -79,11 +83,40 @@ def learn_table(
     best = refit_scatter(contacts, fits[0], correction, *size) if is_corrected else fits[0]
     noses, nose_sigma = _summarize_noses([solution for solution, _ in shots])
     learned = LearnedTable(
-        best.law, _add_ball_contacts(best), best.scatter, np.full(2, CLOTH_SPREAD), noses, nose_sigma, correction
-    )
+        best.law, _add_ball_contacts(best), best.scatter, np.full(2, CLOTH_SPREAD), noses, nose_sigma,
+        _list_indices(best), best.covariance, correction,
+    )  # fmt: skip
     candidates = tuple((one.law, one.log_evidence) for one in fits)
     gain = None if trained is None else trained.gain
     return TableLesson(learned, (*cloth, *best.parameters), candidates, len(contacts.t), gain)
+
+
+def learn_own_cushions(solution: JointSolution, table: Table) -> LearnedTable | None:
+    """Learn the cushions of a table from the contacts of one shot alone.
+
+    Args:
+        solution: Joint fit with covariance.
+        table: Dimensions of the table.
+
+    Returns:
+        The table, with the cloth and the noses of the fit; None with fewer than `MIN_OWN_CONTACTS` contacts.
+    """
+    contacts, _ = extract_cushion_contacts(solution)
+    if len(contacts.t) < MIN_OWN_CONTACTS:
+        return None
+    cloth = {"sliding_friction.mu": solution.friction.sliding}
+    best = learn_cushions(contacts, table.ball_radius, table.ball_mass, cloth, OWN_LAWS)[0]
+    physics = _add_ball_contacts(best)
+    physics[ROLLING_MU] = solution.friction.rolling
+    return LearnedTable(
+        best.law, physics, best.scatter, np.full(2, CLOTH_SPREAD), solution.nose_offsets, np.full(4, MIN_NOSE_SIGMA),
+        _list_indices(best), best.covariance,
+    )  # fmt: skip
+
+
+def _list_indices(fit: CushionFit) -> IntArray:
+    """Return the indices of the fitted parameters in the vector of the engine."""
+    return np.array([PARAMETER_NAMES.index(one.name) for one in fit.parameters], np.int64)
 
 
 def _add_ball_contacts(fit: CushionFit) -> FloatArray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.core.typing import FloatArray
+from models.core.typing import FloatArray, IntArray
 from models.estimation.table_learning.cushion_contacts import CushionContacts, SpinHistory, SpinLink
 from models.estimation.table_learning.side_spin import (
     GRID_REACH_AT_REST,
@@ -18,7 +18,8 @@ from models.estimation.table_learning.side_spin import (
 )
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
-from models.physics.billiards.parameter_vector import SPIN_DECAY
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES, SPIN_DECAY
+from models.physics.effects.catalogue import find_prior
 
 CLOTH_SPREAD = 0.05
 """Standard deviation of ln friction from one shot to the next: cloth, dust and direction (measured on 91 recorded
@@ -41,8 +42,22 @@ class LearnedTable:
     """(4,) m, mean offset of each contact line towards the table, as in the joint fit."""
     nose_sigma: FloatArray
     """(4,) m"""
+    uncertain: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    """(M,) indices of the parameters of `physics` that are drawn anew for every ensemble member, and their covariance
+    (M, M)."""
+    covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     correction: FloatArray = field(default_factory=NO_CORRECTION.copy)
     """Weights of `rebound_correction`; empty where no correction is switched on."""
+
+    def draw_physics(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Draw values (count, M) of the uncertain parameters, within their bounds."""
+        if not len(self.uncertain):
+            return np.empty((count, 0))
+        values, vectors = np.linalg.eigh(self.covariance)
+        drawn = rng.standard_normal((count, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        bounds = [find_prior(*PARAMETER_NAMES[k].split(".")).bounds for k in self.uncertain]
+        low, high = np.transpose(bounds)
+        return np.asarray(np.clip(self.physics[self.uncertain] + drawn, low, high))
 
     @property
     def law_code(self) -> int:

@@ -28,7 +28,7 @@ def make_lesson() -> TableLesson:
     physics[[SLIDING_MU, ROLLING_MU, CUSHION_E]] = 0.19, 0.0042, 0.91
     learned = LearnedTable(
         "han_2005", physics, ContactScatter(0.02, 0.1, 0.06), np.full(2, CLOTH_SPREAD),
-        np.array([-0.002, 0.0, 0.001, 0.0]), np.full(4, 0.0015),
+        np.array([-0.002, 0.0, 0.001, 0.0]), np.full(4, 0.0015), np.empty(0, np.int64), np.empty((0, 0)),
         np.linspace(-1, 1, WEIGHT_COUNT),
     )  # fmt: skip
     parameters = tuple(Parameter(name, value, 0.05 * value, "1", False) for name, value in values.items())
