@@ -90,6 +90,8 @@ def _read_shots(sources: list[Path]) -> Iterator[tuple[str, Tracks, Scene]]:
 
 def _require_one_table(shots: list[tuple[str, Tracks, Scene]]) -> Table:
     """Return the table of all shots."""
+    if not shots:
+        raise OptionError("no shot was given: the tracks have no rows")
     first = shots[0][2].table
     for name, _, scene in shots:
         sizes = np.array([scene.table.length, scene.table.width, scene.table.ball_radius])

@@ -33,6 +33,8 @@ from models.physics.billiards.parameter_vector import SPIN_DECAY
 
 MIN_TRAINING_CONTACTS = 150
 """Contacts below which no network is trained: it has 88 weights."""
+MIN_TRAINING_SHOTS = 10
+"""Shots below which too few would judge the network."""
 MIN_GAIN = 0.1
 """Share of the mean squared deviation of reporting shots that a correction must remove to be switched on."""
 ROUNDS, STEPS, PATIENCE = 3, 600, 60
@@ -75,9 +77,9 @@ def train_correction(
         seed: Random seed of the first weights and of the split.
 
     Returns:
-        The correction; None with too few contacts.
+        The correction; None with too few contacts or shots.
     """
-    if len(contacts.t) < MIN_TRAINING_CONTACTS:
+    if len(contacts.t) < MIN_TRAINING_CONTACTS or len(np.unique(contacts.shot)) < MIN_TRAINING_SHOTS:
         return None
     rng = np.random.default_rng(seed)
     part = _split_shots(contacts, rng)

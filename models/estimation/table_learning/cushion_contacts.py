@@ -110,11 +110,13 @@ def extract_cushion_contacts(solution: JointSolution, shot: int = 0) -> tuple[Cu
             duration = graph.end_time(k) - graph.start_time(k)
             link = link._replace(elapsed=link.elapsed + duration)
             following = numbers[place + 1]
-            contact = graph.contacts[segment.end if segment.end is not None else 0]
-            if contact.kind != "cushion" or graph.segments[following].static:
+            if segment.end is None or graph.segments[following].static:
+                continue
+            contact = graph.contacts[segment.end]
+            if contact.kind != "cushion":
                 continue
             before, after, covariance = _states_around(solution, k, following, contact.cushion)
-            if before[0] <= 0 or after[0] >= 0:  # it does not bounce
+            if before[0] <= 0 or after[0] >= 0 or not _is_covariance(covariance):  # it does not bounce, or is not known
                 continue
             side = CUSHIONS.index(contact.cushion)
             rows.append((shot, ball, side, contact.t, before, after, covariance, int(link.begins), *link[1:]))
@@ -164,6 +166,11 @@ def _evaluate_state(solution: JointSolution, k: int, t: float) -> tuple[FloatArr
     jacobian[:, first : first + SEGMENT_STATE_SIZE] = slope[0, :, :SEGMENT_STATE_SIZE]
     jacobian[:, layout.shared : layout.shared + 2] = slope[0, :, SEGMENT_STATE_SIZE + 1 :]
     return value[0], jacobian
+
+
+def _is_covariance(matrix: FloatArray) -> bool:
+    """Return whether a matrix is finite and, but for rounding, not negative."""
+    return bool(np.isfinite(matrix).all() and np.linalg.eigvalsh(matrix)[0] > -1e-9)
 
 
 def _stack_rows(rows: list[tuple[object, ...]]) -> CushionContacts:

@@ -65,7 +65,7 @@ def learn_table(
         The table, and the evidence for it.
 
     Raises:
-        TrackError: The shots have fewer than `MIN_CONTACTS` cushion contacts.
+        TrackError: The shots have fewer than `MIN_CONTACTS` cushion contacts, or no free path.
     """
     contacts = join_contacts(extract_cushion_contacts(solution, k)[0] for k, (solution, _) in enumerate(shots))
     if len(contacts.t) < MIN_CONTACTS:
@@ -73,6 +73,8 @@ def learn_table(
             f"{len(contacts.t)} cushion contacts are too few to learn a table from; at least {MIN_CONTACTS} are needed"
         )
     cloth = learn_cloth(shots, table, executor)
+    if not cloth:
+        raise TrackError("no ball was observed long enough between contacts to learn the cloth")
     from models.estimation.table_learning.correction_training import train_correction  # torch is slow to import
 
     size = table.ball_radius, table.ball_mass
