@@ -34,6 +34,7 @@ from models.core.scene import Scene, Table  # noqa: E402
 from models.core.tracks import Tracks  # noqa: E402
 from models.estimation.forecast.current_state import estimate_state  # noqa: E402
 from models.estimation.forecast.ensemble_prediction import ShotPrediction, forecast_shot  # noqa: E402
+from models.estimation.joint_fit.fit_solution import JointSolution  # noqa: E402
 from models.estimation.table_learning.correction_training import train_correction  # noqa: E402
 from models.estimation.table_learning.cushion_contacts import (  # noqa: E402
     CushionContacts,
@@ -42,13 +43,12 @@ from models.estimation.table_learning.cushion_contacts import (  # noqa: E402
 )
 from models.estimation.table_learning.learn_table import TableLesson, learn_table  # noqa: E402
 from models.estimation.table_learning.learned_table import LearnedTable  # noqa: E402
-from models.estimation.table_learning.side_spin import DEGREES_OF_FREEDOM, MIN_CONTACT_SPEED  # noqa: E402
+from models.estimation.table_learning.side_spin import MIN_CONTACT_SPEED  # noqa: E402
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS  # noqa: E402
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION  # noqa: E402
 from models.physics.billiards.parameter_vector import SPIN_DECAY  # noqa: E402
-from models.physics.billiards.simulation.contact_resolution import rebound  # noqa: E402
-from models.tracking.track_noise import apply_noise, estimate_noise  # noqa: E402
-from pipeline.actions.fit_table import fit_cached_shot  # noqa: E402
+from models.physics.billiards.simulation.contact_resolution import rebound_with_slip  # noqa: E402
+from pipeline.actions.fit_table import fit_cached_shot, prepare_shot  # noqa: E402
 from pipeline.engine.result_cache import ResultCache  # noqa: E402
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot  # noqa: E402
 
@@ -61,8 +61,8 @@ AHEAD = (0.5, 1.0, 1.5, 3.0)
 """Prediction horizons, s."""
 MEASUREMENT_SIGMA = 1e-3
 """m: error of a recorded place, mostly of the calibration (residuals of long free paths)."""
-MOVING_SPEED = 0.1
-"""m/s: faster balls give the noise."""
+Shot = tuple[JointSolution, Tracks]
+"""Joint fit, and tracks with realistic sigmas."""
 
 
 @dataclass(frozen=True)
@@ -136,27 +136,11 @@ def score_shot(
             )  # fmt: skip
 
 
-def learn_from(numbers: Iterable[int], folder: Path, laws: tuple[str, ...], cache: ResultCache) -> TableLesson:
-    """Learn the table from some shots."""
-    shots = []
-    for number in numbers:
-        tracks, scene, _ = read_observed_shot(folder, number)
-        solution = fit_cached_shot(tracks, scene, cache)
-        if solution is not None:
-            noise = estimate_noise(tracks, MOVING_SPEED, scene.table.ball_radius)
-            shots.append((solution, apply_noise(tracks, noise)))
-    return learn_table(shots, scene.table, laws)
-
-
-def collect_contacts(numbers: Iterable[int], folder: Path, cache: ResultCache) -> tuple[CushionContacts, Table]:
-    """Collect the cushion contacts of some shots."""
-    parts = []
-    for number in numbers:
-        tracks, scene, _ = read_observed_shot(folder, number)
-        solution = fit_cached_shot(tracks, scene, cache)
-        if solution is not None:
-            parts.append(extract_cushion_contacts(solution, number)[0])
-    return join_contacts(parts), scene.table
+def prepare_shots(numbers: Iterable[int], folder: Path, cache: ResultCache) -> tuple[list[Shot], Table]:
+    """Fit some shots; also return their table."""
+    read = [read_observed_shot(folder, number)[:2] for number in numbers]
+    fits = (prepare_shot(tracks, scene, cache) for tracks, scene in read)
+    return [fit for fit in fits if fit is not None], read[0][1].table
 
 
 def count_false_corrections(lesson: TableLesson, contacts: CushionContacts, table: Table, count: int) -> int:
@@ -176,23 +160,17 @@ def simulate_contacts(
 ) -> CushionContacts:
     """Replace the states after all contacts by those of the model, with its scatter and the errors of the fit."""
     radius, after, spin = table.ball_radius, np.empty_like(contacts.after), 0.0
-    scatter = learned.scatter
-    shares = np.array([scatter.velocity, scatter.velocity, scatter.slip, scatter.slip, scatter.side_spin])
+    left = np.empty(5)
     for k in range(len(after)):
         changed = contacts.spin_sigma[k] * rng.standard_normal()
         spin = changed if contacts.begins[k] else spin + changed
         loss = learned.physics[SPIN_DECAY] * radius * contacts.elapsed[k]
         spin = float(np.sign(spin) * max(abs(spin) - loss, 0.0))
-        vn, vt, un, ut = contacts.before[k]
-        an, at, bn, bt, bz = rebound(
-            learned.law_code, vn, vt, (ut - vt) / radius, (vn - un) / radius, spin / radius, radius, table.ball_mass,
-            learned.physics,
-        )  # fmt: skip
-        scale = np.sqrt((DEGREES_OF_FREEDOM - 2) / rng.chisquare(DEGREES_OF_FREEDOM))
-        noise = scale * max(contacts.speed[k], MIN_CONTACT_SPEED) * shares * rng.standard_normal(5)
-        after[k] = np.array([an, at, an - radius * bt, at + radius * bn]) + noise[:4]
-        after[k] += rng.multivariate_normal(np.zeros(4), contacts.covariance[k, 4:, 4:], method="eigh")
-        spin = radius * bz + noise[4]
+        before = np.append(contacts.before[k], spin)
+        rebound_with_slip(learned.law_code, before, radius, table.ball_mass, learned.physics, left)
+        left += max(contacts.speed[k], MIN_CONTACT_SPEED) * learned.scatter.draw(rng, ())
+        after[k] = left[:4] + rng.multivariate_normal(np.zeros(4), contacts.covariance[k, 4:, 4:], method="eigh")
+        spin = float(left[4])
     return replace(contacts, after=after)
 
 
@@ -245,14 +223,15 @@ def main() -> int:
             continue
         start = time.perf_counter()
         others = [n for k, n in enumerate(numbers) if k % arguments.folds != fold]
-        lesson = learn_from(others, folder, tuple(arguments.laws), cache)
+        shots, table = prepare_shots(others, folder, cache)
+        lesson = learn_table(shots, table, tuple(arguments.laws))
         models = ", ".join(f"{name} {value:.0f}" for name, value in lesson.candidates)
         print(f"group {fold}: {lesson.contact_count} contacts, {models}; {time.perf_counter() - start:.0f} s")
         for one in lesson.parameters:
             print(f"  {one.name} {one.value:.4g} +- {one.sigma:.2g} {one.unit}{' (prior)' if one.prior_only else ''}")
         print(f"  {lesson.table.scatter}; correction gains {lesson.correction_gain or 0:.0%}", flush=True)
         if fold == 0 and arguments.control:
-            contacts, table = collect_contacts(others, folder, cache)
+            contacts = join_contacts(extract_cushion_contacts(fit, k)[0] for k, (fit, _) in enumerate(shots))
             wrong = count_false_corrections(lesson, contacts, table, arguments.control)
             print(f"  a network is switched on in {wrong} of {arguments.control} sets that obey the model", flush=True)
         for number in own:

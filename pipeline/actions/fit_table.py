@@ -12,6 +12,7 @@ import numpy as np
 from models.core.errors import OptionError, TrackError
 from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
+from models.estimation.forecast.current_state import MIN_NOISE_SPEED
 from models.estimation.joint_fit.fit_solution import JointSolution
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.table_learning.learn_table import TableLesson, learn_table
@@ -25,8 +26,6 @@ from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
 
 STAGE = "table-shot"
 """Name of the cached fits."""
-_MOVING_SPEED = 0.1
-"""m/s: faster balls give the noise."""
 _SIZE_TOLERANCE = 0.02
 """Largest relative difference of two measured sizes of one table."""
 
@@ -70,11 +69,11 @@ def fit_table_of_shots(
     fits, refusals = [], []
     for done, (name, tracks, scene) in enumerate(shots):
         on_shot(done, len(shots))
-        solution = fit_cached_shot(tracks, scene, cache)
-        if solution is None:
+        fit = prepare_shot(tracks, scene, cache)
+        if fit is None:
             refusals.append(f"{name}: physics could not be fitted")
-            continue
-        fits.append((solution, apply_noise(tracks, estimate_noise(tracks, _MOVING_SPEED, table.ball_radius))))
+        else:
+            fits.append(fit)
     on_shot(len(shots), len(shots))
     if not fits:
         raise TrackError("physics could be fitted to none of the shots")
@@ -101,6 +100,23 @@ def _require_one_table(shots: list[tuple[str, Tracks, Scene]]) -> Table:
                 f" {first.length:g} x {first.width:g} m"
             )
     return first
+
+
+def prepare_shot(tracks: Tracks, scene: Scene, cache: ResultCache) -> tuple[JointSolution, Tracks] | None:
+    """Fit a shot, and give its tracks realistic sigmas, as `learn_table` needs them.
+
+    Args:
+        tracks: Tracks of the shot.
+        scene: Its table and camera.
+        cache: Holds the fits.
+
+    Returns:
+        Joint fit and tracks; None where physics could not be fitted.
+    """
+    solution = fit_cached_shot(tracks, scene, cache)
+    if solution is None:
+        return None
+    return solution, apply_noise(tracks, estimate_noise(tracks, MIN_NOISE_SPEED, scene.table.ball_radius))
 
 
 def _hash_shot(tracks: Tracks, scene: Scene) -> str:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, V
 from models.core.errors import OptionError
 from models.core.scene import CUSHIONS
 from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
-from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable
+from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
 from models.estimation.whole_shot.known_table import TablePrior, build_table_prior
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
@@ -149,7 +149,7 @@ def parse_learned_table(text: str) -> LearnedTable:
     """
     entry, prior = ProfileEntry.model_validate(json.loads(text)), parse_table_prior(text)
     physics = neutral_parameters()
-    for name in (*contact_parameters(entry.laws.cushion, entry.laws.ball), *CLOTH_NAMES):
+    for name in (*contact_parameters(entry.laws.cushion, entry.laws.ball), *USUAL_PARAMETERS):
         if name not in NEUTRAL_BY_DEFAULT:
             physics[PARAMETER_NAMES.index(name)] = find_prior(*name.split(".")).value
     for one in prior.priors:
@@ -162,7 +162,6 @@ def parse_learned_table(text: str) -> LearnedTable:
         entry.laws.cushion,
         physics,
         scatter,
-        np.full(2, CLOTH_SPREAD),
         np.array([one.value for one in noses]),
         np.array([NOSE_SIGMA if one.sigma is None else one.sigma for one in noses]),
         np.array([PARAMETER_NAMES.index(one.name) for one in cushions], np.int64),
@@ -177,7 +176,7 @@ def _require_form(name: str, choice: ModelChoice) -> str:
     return name
 
 
-CLOTH_NAMES = (
+USUAL_PARAMETERS = (
     "sliding_friction.mu",
     "rolling_resistance.mu",
     "spin_decay.rate",

@@ -42,9 +42,13 @@ from models.estimation.joint_fit.prior_residuals import (
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.segmentation.contact_graph import Segment
-from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts
+from models.estimation.table_learning.cushion_contacts import (
+    CushionContacts,
+    SpinHistory,
+    extract_cushion_contacts,
+)
 from models.estimation.table_learning.learn_table import learn_own_cushions
-from models.estimation.table_learning.learned_table import LearnedTable, infer_side_spins
+from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable, infer_side_spins
 from models.estimation.whole_shot.free_paths import ROLLING_SLOPE_FACTOR, SLOPE_SIGMA, UNEVENNESS, WINDOW_LENGTH
 from models.numerics.robust import evaluate_huber_loss
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
@@ -165,20 +169,21 @@ def build_state_estimate(
     grip = layout_parameters(graph).shared + 9
     laws = law_probabilities(float(solution.rubber[2] + shift[grip]), float(np.sqrt(covariance[grip, grip])))
     state = StateEstimate(t, names, table, mean + jacobian @ shift, (total + total.T) / 2, moving, trust, laws)
-    used = learn_own_cushions(solution, table) if learned is None else learned
-    return state if used is None else _use_learned_table(state, solution, balls, used)
+    contacts, histories = extract_cushion_contacts(solution)
+    used = learn_own_cushions(contacts, solution, table) if learned is None else learned
+    return state if used is None else _use_learned_table(state, solution, balls, used, contacts, histories)
 
 
 def _use_learned_table(
-    state: StateEstimate, solution: JointSolution, balls: list[int], learned: LearnedTable
-) -> StateEstimate:
+    state: StateEstimate, solution: JointSolution, balls: list[int], learned: LearnedTable, contacts: CushionContacts,
+    histories: tuple[SpinHistory, ...],
+) -> StateEstimate:  # fmt: skip
     """Replace the default cushions, friction and side spins of a state by those of a learned table."""
     mean, covariance = state.mean.copy(), state.covariance.copy()
     first = len(mean) - SHARED_COUNT
     effective = float(np.exp(mean[first + 1]))
     drag = min(_drag_as_friction(solution, state.t, learned), 0.5 * effective)
     mean[first + 1] = np.log(effective - drag)  # the engine adds the drag of the table again
-    contacts, histories = extract_cushion_contacts(solution)
     graph = solution.graph
     since = {one.ball: max(state.t - graph.start_time(graph.segments_of_ball(one.ball)[-1]), 0.0) for one in histories}
     spins = infer_side_spins(contacts, histories, since, learned, state.table.ball_radius, state.table.ball_mass)
@@ -226,10 +231,10 @@ def _condition_on_table(
             sigmas.append(UNEVENNESS)
     if learned is not None:
         shared = np.concatenate([np.log([solution.friction.sliding, solution.friction.rolling]), solution.nose_offsets])
-        columns = layout.shared + np.array([0, 1, 3, 4, 5, 6])
+        columns = layout.shared + np.array([0, 1, 3, 4, 5, 6])  # frictions and noses, without the diameter
         rows += list(np.eye(layout.size + 2)[columns])
         deviations += (shared - _expected_shared(solution, t, learned)).tolist()
-        sigmas += [*np.hypot(learned.cloth_sigma, [0.0, ROLLING_MODEL_SIGMA]), *learned.nose_sigma]
+        sigmas += [*np.hypot(CLOTH_SPREAD, [0.0, ROLLING_MODEL_SIGMA]), *learned.nose_sigma]
     if not rows:
         return np.zeros(layout.size + 2), covariance
     constraints = np.array(rows)

@@ -18,7 +18,6 @@ from models.core.typing import FloatArray
 from models.estimation.forecast.probability_regions import level_by_neighbours, level_of_normal
 from models.estimation.forecast.state_estimate import PARAMETERS_PER_BALL, StateEstimate
 from models.estimation.multiple_shooting.shooting_windows import MAX_SENSITIVITY
-from models.estimation.table_learning.side_spin import DEGREES_OF_FREEDOM
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.simulation.event_engine import (
     BALL,
@@ -43,7 +42,8 @@ MAX_DIVERGED_SHARE = 0.01
 _DIFFERENCE_STEP = 1e-6
 """Step of the derivatives of the simulation inputs, which are smooth."""
 DISTURBED_CONTACTS = 64
-"""Cushion contacts whose deviations from the model are drawn; later ones follow the model."""
+"""Cushion contacts of a shot, of all balls together, whose deviations from the model are drawn; later ones follow the
+model."""
 MIN_EVENT_PROBABILITY = 0.02
 """Probability below which an event is not listed."""
 
@@ -186,11 +186,7 @@ def _draw_disturbances(state: StateEstimate, rng: np.random.Generator, draws: in
     """Draw the deviations (M, D, 5) of cushion contacts from the model of a learned table; D = 0 without one."""
     if state.learned is None:
         return np.zeros((draws, 0, len(DISTURBED)))
-    scatter = state.learned.scatter
-    shares = [scatter.velocity, scatter.velocity, scatter.slip, scatter.slip, scatter.side_spin]
-    tails = np.sqrt((DEGREES_OF_FREEDOM - 2) / rng.chisquare(DEGREES_OF_FREEDOM, (draws, DISTURBED_CONTACTS, 1)))
-    scaled: FloatArray = tails * rng.standard_normal((draws, DISTURBED_CONTACTS, len(DISTURBED))) * np.array(shares)
-    return scaled
+    return state.learned.scatter.draw(rng, (draws, DISTURBED_CONTACTS))
 
 
 def _propagate_linearly(
@@ -203,15 +199,17 @@ def _propagate_linearly(
     states = central.states_at(after)[..., :4]
     jacobian = central.jacobian(after, central.columns)[:, :, :2] @ _input_derivatives(state)
     covariance = jacobian @ state.covariance @ np.swapaxes(jacobian, 2, 3)
+    possible = np.flatnonzero(state.laws)  # a learned table has one
+    weights, laws = state.laws[possible], [CUSHION_MODELS[k] for k in possible]
     each = np.stack(
         [
             state.simulate_ahead(state.simulation_inputs(state.mean, law), law, seconds).states_at(after)[..., :4]
-            for law in CUSHION_MODELS
+            for law in laws
         ]
     )
-    path = np.einsum("l,ltnk->tnk", state.laws, each)
+    path = np.einsum("l,ltnk->tnk", weights, each)
     deviations = (each - path)[..., :2]
-    covariance = covariance + np.einsum("l,ltni,ltnj->tnij", state.laws, deviations, deviations)
+    covariance = covariance + np.einsum("l,ltni,ltnj->tnij", weights, deviations, deviations)
     place_jacobian = np.nan_to_num(jacobian[..., state.place_columns], nan=0.0)
     sensitivity = np.linalg.norm(place_jacobian, axis=(2, 3), ord=2).max(axis=1, initial=0.0)
     is_unreliable = ~np.isfinite(covariance).all(axis=(2, 3)) & np.isfinite(states[..., 0])

@@ -15,6 +15,7 @@ from models.core.typing import FloatArray
 from models.estimation.table_learning.cushion_contacts import CushionContacts
 from models.estimation.table_learning.side_spin import (
     DEGREES_OF_FREEDOM,
+    MIN_CONTACT_SPEED,
     ContactScatter,
     Rebounds,
     filter_side_spin,
@@ -118,7 +119,7 @@ def _measure_deviation(
     """Return the squared whitened deviations (K,) at the filtered side spin."""
     result = filter_side_spin(contacts, rebounds, radius, scatter, decay)
     whitening, _ = whiten_innovations(contacts, rebounds.by_before, scatter)
-    residual = contacts.after - np.einsum("kg,kgi->ki", result.before, rebounds.predicted[..., :4])
+    residual = result.deviation * np.maximum(contacts.speed, MIN_CONTACT_SPEED)[:, None]
     return np.asarray((np.einsum("kij,kj->ki", whitening, residual) ** 2).sum(axis=1))
 
 

@@ -35,7 +35,7 @@ class SpinLink(NamedTuple):
     elapsed: float
     """s since the previous contact with a cushion, or since the chain began."""
     sigma: float
-    """m/s: standard deviation of the surface speed of the side spin at the begin, or of its change since then."""
+    """m/s: standard deviation of the surface speed of the side spin at the start, or of its change since then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class SpinHistory:
 
     ball: int
     contact: int
-    """Index of its last cushion contact among all, -1 where there was none since its chain began."""
+    """Row of its last cushion contact among those of its shot, -1 where there was none since its chain began."""
     link: SpinLink
 
 
@@ -91,7 +91,7 @@ def extract_cushion_contacts(solution: JointSolution, shot: int = 0) -> tuple[Cu
 
     Returns:
         Its contacts, and the history of each ball that moves in its last segment. `SpinHistory.link.elapsed` counts
-        until the begin of the last segment.
+        until the start of the last segment.
     """
     rows: list[tuple[object, ...]] = []
     histories = []
@@ -131,7 +131,7 @@ def join_contacts(parts: Iterable[CushionContacts]) -> CushionContacts:
 
 
 def _begin_segment(solution: JointSolution, k: int, link: SpinLink, last: int) -> tuple[SpinLink, int]:
-    """Return the spin link at the begin of a moving segment, and the last cushion contact of its chain."""
+    """Return the spin link at the start of a moving segment, and the last cushion contact of its chain."""
     graph, segment = solution.graph, solution.graph.segments[k]
     speed = float(np.hypot(*segment.state[2:4]))
     kind = "" if segment.start is None else graph.contacts[segment.start].kind

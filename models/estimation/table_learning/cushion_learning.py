@@ -19,7 +19,6 @@ from models.estimation.table_learning.side_spin import (
     DEFAULT_SCATTER,
     ContactScatter,
     Rebounds,
-    SpinFilter,
     filter_side_spin,
     predict_rebounds,
 )
@@ -121,12 +120,6 @@ def refit_scatter(
 
     best = minimize(cost, first, method="L-BFGS-B", options={"maxiter": _ITERATIONS})
     return replace(fit, scatter=ContactScatter(*np.exp(best.x).tolist()))
-
-
-def filter_fitted(contacts: CushionContacts, fit: CushionFit, radius: float, mass: float) -> SpinFilter:
-    """Filter the side spin of contacts by a fitted cushion model."""
-    rebounds = predict_rebounds(contacts, CUSHION_MODELS.index(fit.law), fit.physics, radius, mass)
-    return filter_side_spin(contacts, rebounds, radius, fit.scatter, float(fit.physics[SPIN_DECAY]))
 
 
 def _fit_model(

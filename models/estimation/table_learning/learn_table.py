@@ -13,10 +13,11 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_solution import JointSolution
 from models.estimation.table_learning.cloth_learning import learn_cloth
-from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts, join_contacts
+from models.estimation.table_learning.cushion_contacts import CushionContacts, extract_cushion_contacts, join_contacts
 from models.estimation.table_learning.cushion_learning import CushionFit, learn_cushions, refit_scatter
-from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable
+from models.estimation.table_learning.learned_table import LearnedTable
 from models.numerics.executor import SERIAL, Executor
+from models.numerics.robust import MAD_TO_SIGMA
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.parameter_vector import BALL_E, BALL_MU, PARAMETER_NAMES, ROLLING_MU
@@ -44,7 +45,7 @@ class TableLesson:
     contact_count: int
     correction_gain: float | None
     """Share of the squared deviation of reporting shots that a network removes; None with too few contacts for one. It
-    is switched on from `correction_training.MIN_GAIN` on."""
+    is switched on at `correction_training.MIN_GAIN` or more."""
 
 
 def learn_table(
@@ -85,7 +86,7 @@ def learn_table(
     best = refit_scatter(contacts, fits[0], correction, *size) if is_corrected else fits[0]
     noses, nose_sigma = _summarize_noses([solution for solution, _ in shots])
     learned = LearnedTable(
-        best.law, _add_ball_contacts(best), best.scatter, np.full(2, CLOTH_SPREAD), noses, nose_sigma,
+        best.law, _add_ball_contacts(best), best.scatter, noses, nose_sigma,
         _list_indices(best), best.covariance, correction,
     )  # fmt: skip
     candidates = tuple((one.law, one.log_evidence) for one in fits)
@@ -93,17 +94,17 @@ def learn_table(
     return TableLesson(learned, (*cloth, *best.parameters), candidates, len(contacts.t), gain)
 
 
-def learn_own_cushions(solution: JointSolution, table: Table) -> LearnedTable | None:
+def learn_own_cushions(contacts: CushionContacts, solution: JointSolution, table: Table) -> LearnedTable | None:
     """Learn the cushions of a table from the contacts of one shot alone.
 
     Args:
-        solution: Joint fit with covariance.
+        contacts: Its cushion contacts.
+        solution: Its joint fit.
         table: Dimensions of the table.
 
     Returns:
         The table, with the cloth and the noses of the fit; None with fewer than `MIN_OWN_CONTACTS` contacts.
     """
-    contacts, _ = extract_cushion_contacts(solution)
     if len(contacts.t) < MIN_OWN_CONTACTS:
         return None
     cloth = {"sliding_friction.mu": solution.friction.sliding}
@@ -111,7 +112,7 @@ def learn_own_cushions(solution: JointSolution, table: Table) -> LearnedTable | 
     physics = _add_ball_contacts(best)
     physics[ROLLING_MU] = solution.friction.rolling
     return LearnedTable(
-        best.law, physics, best.scatter, np.full(2, CLOTH_SPREAD), solution.nose_offsets, np.full(4, MIN_NOSE_SIGMA),
+        best.law, physics, best.scatter, solution.nose_offsets, np.full(4, MIN_NOSE_SIGMA),
         _list_indices(best), best.covariance,
     )  # fmt: skip
 
@@ -133,5 +134,5 @@ def _summarize_noses(solutions: list[JointSolution]) -> tuple[FloatArray, FloatA
     """Return median and spread (4,) m of the nose offsets of all shots."""
     offsets = np.array([one.nose_offsets for one in solutions])
     middle = np.median(offsets, axis=0)
-    spread = 1.4826 * np.median(np.abs(offsets - middle), axis=0)
+    spread = MAD_TO_SIGMA * np.median(np.abs(offsets - middle), axis=0)
     return middle, np.maximum(spread, MIN_NOSE_SIGMA)

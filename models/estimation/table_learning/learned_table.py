@@ -36,8 +36,6 @@ class LearnedTable:
     physics: FloatArray
     """(P,) parameters of the engine."""
     scatter: ContactScatter
-    cloth_sigma: FloatArray
-    """(2,) standard deviations of ln sliding and ln rolling friction, from one shot to the next."""
     noses: FloatArray
     """(4,) m, mean offset of each contact line towards the table, as in the joint fit."""
     nose_sigma: FloatArray
@@ -125,7 +123,7 @@ def infer_side_spins(
 
 
 def _spread_prior(link: SpinLink) -> tuple[FloatArray, FloatArray]:
-    """Return a grid (G,) and the normal prior of a spin at the begin of its chain on it."""
+    """Return a grid (G,) and the normal prior of a spin at the start of its chain on it."""
     reach = _WIDE_REACH * link.sigma + GRID_REACH_AT_REST
     grid = np.linspace(-reach, reach, GRID_SIZE)
     weight = np.exp(-0.5 * (grid / link.sigma) ** 2)

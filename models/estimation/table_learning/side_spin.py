@@ -16,12 +16,12 @@ from models.core.typing import FloatArray
 from models.estimation.table_learning.cushion_contacts import CushionContacts
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION, correct_rebound
-from models.physics.billiards.simulation.contact_resolution import rebound
+from models.physics.billiards.simulation.contact_resolution import rebound_with_slip
 
 GRID_SIZE = 121
-"""Values of the grid; a fortieth of the range is less than what one contact resolves."""
+"""Values of the grid; a step is far less than what one contact resolves."""
 NODE_STRIDE = 6
-"""Every so many values of the grid the contact model is evaluated; between them its smooth result is interpolated."""
+"""The contact model is evaluated at every sixth value of the grid; its smooth result is interpolated between them."""
 GRID_REACH = 1.3
 """Largest surface speed of side spin on the grid, over the greatest speed of the chain: 5/4 after a strike at R/2."""
 GRID_REACH_AT_REST = 0.2
@@ -42,6 +42,16 @@ class ContactScatter:
     slip: float
     side_spin: float
 
+    @property
+    def shares(self) -> FloatArray:
+        """(5,) of velocity along n and t, slip along n and t, and surface speed of side spin."""
+        return np.array([self.velocity, self.velocity, self.slip, self.slip, self.side_spin])
+
+    def draw(self, rng: np.random.Generator, size: tuple[int, ...]) -> FloatArray:
+        """Draw deviations (*size, 5), shares of the speed, from Student's t distribution."""
+        tails = np.sqrt((DEGREES_OF_FREEDOM - 2) / rng.chisquare(DEGREES_OF_FREEDOM, (*size, 1)))
+        return np.asarray(tails * rng.standard_normal((*size, len(self.shares))) * self.shares)
+
 
 DEFAULT_SCATTER = ContactScatter(0.05, 0.12, 0.12)
 """Scatter on tables that no shot has taught: the differences of published models."""
@@ -58,9 +68,9 @@ class SpinFilter:
     grid: FloatArray
     """(K, G) m/s: surface speeds of side spin."""
     before: FloatArray
-    """(K, G) probabilities before each contact, which include it."""
+    """(K, G) probabilities of the spin before each contact, given this contact and the earlier ones of its chain."""
     after: FloatArray
-    """(K, G) probabilities after each contact."""
+    """(K, G) probabilities of the spin after each contact, given the same."""
     deviation: FloatArray
     """(K, 4) observed minus predicted state after each contact, at the mean spin; shares of the speed."""
 
@@ -184,8 +194,7 @@ def whiten_innovations(
     identity = np.broadcast_to(np.eye(4), by_before.shape)
     both = np.concatenate([-by_before, identity], axis=2)
     total = both @ contacts.covariance @ both.swapaxes(1, 2)
-    shares = np.array([scatter.velocity, scatter.velocity, scatter.slip, scatter.slip])
-    total = total + np.eye(4) * ((shares * speed[:, None]) ** 2 + _LEAST_VARIANCE)[:, None]
+    total = total + np.eye(4) * ((scatter.shares[:4] * speed[:, None]) ** 2 + _LEAST_VARIANCE)[:, None]
     whitening = np.linalg.inv(np.linalg.cholesky(total))
     return whitening, np.log(np.diagonal(whitening, axis1=1, axis2=2)).sum(axis=1)
 
@@ -195,15 +204,11 @@ def _predict_contacts(law, before, grid, radius, mass, physics, correction, out)
     """Write the states (K, G, 5) after contacts: velocity n, t, slip n, t, surface speed of side spin."""
     state = np.empty(5)
     for k in range(len(before)):
-        vn, vt, un, ut = before[k]
         state[:4] = before[k]
-        wn, wt = (ut - vt) / radius, (vn - un) / radius
         for g in range(grid.shape[1]):
-            an, at, bn, bt, bz = rebound(law, vn, vt, wn, wt, grid[k, g] / radius, radius, mass, physics)
-            row = out[k, g]
-            row[0], row[1], row[2], row[3], row[4] = an, at, an - radius * bt, at + radius * bn, radius * bz
             state[4] = grid[k, g]
-            correct_rebound(correction, state, row)
+            rebound_with_slip(law, state, radius, mass, physics, out[k, g])
+            correct_rebound(correction, state, out[k, g])
 
 
 @compile_kernel

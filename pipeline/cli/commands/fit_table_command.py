@@ -69,8 +69,8 @@ def fit_table(
 
 def _print_table(fitted: FittedTable, path: Path) -> None:
     screen, lesson = make_output_console(), fitted.lesson
-    best = lesson.candidates[0][0]
-    lead = f", {lesson.candidates[0][1] - lesson.candidates[1][1]:.0f} nats ahead" if len(lesson.candidates) > 1 else ""
+    (best, evidence), *others = lesson.candidates
+    lead = f", {evidence - others[0][1]:.0f} ahead in log evidence" if others else ""
     screen.print(
         escape(f"{fitted.shot_count} shots with {lesson.contact_count} cushion contacts: cushion model {best}{lead}")
     )

@@ -11,7 +11,7 @@ import pytest
 from models.core.fit_result import Parameter
 from models.core.scene import Table
 from models.estimation.table_learning.learn_table import TableLesson
-from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable
+from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
 from models.physics.billiards.ball_cushion.rebound_correction import WEIGHT_COUNT
 from models.physics.billiards.parameter_vector import BALL_E, CUSHION_E, ROLLING_MU, SLIDING_MU, neutral_parameters
@@ -27,7 +27,7 @@ def make_lesson() -> TableLesson:
               "cushion_friction.mu": 0.24, "spin_decay.rate": 4.0}  # fmt: skip
     physics[[SLIDING_MU, ROLLING_MU, CUSHION_E]] = 0.19, 0.0042, 0.91
     learned = LearnedTable(
-        "han_2005", physics, ContactScatter(0.02, 0.1, 0.06), np.full(2, CLOTH_SPREAD),
+        "han_2005", physics, ContactScatter(0.02, 0.1, 0.06), 
         np.array([-0.002, 0.0, 0.001, 0.0]), np.full(4, 0.0015), np.empty(0, np.int64), np.empty((0, 0)),
         np.linspace(-1, 1, WEIGHT_COUNT),
     )  # fmt: skip

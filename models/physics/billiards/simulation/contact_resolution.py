@@ -37,6 +37,24 @@ def rebound(code, vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyp
 
 
 @compile_kernel
+def rebound_with_slip(code, before, radius, mass, p, after):  # type: ignore[no-untyped-def]
+    """Resolve a contact with a cushion for a ball that is described by its slip.
+
+    Args:
+        code: Index in `CUSHION_MODELS`.
+        before: (5,) velocity into and along the cushion, slip in the same directions, surface speed of side spin, m/s.
+        radius: m.
+        mass: kg.
+        p: (P,) physical parameters.
+        after: (5,) receives the same after the contact.
+    """
+    vn, vt, un, ut = before[0], before[1], before[2], before[3]
+    wn, wt = (ut - vt) / radius, (vn - un) / radius
+    vn, vt, wn, wt, wz = rebound(code, vn, vt, wn, wt, before[4] / radius, radius, mass, p)
+    after[0], after[1], after[2], after[3], after[4] = vn, vt, vn - radius * wt, vt + radius * wn, radius * wz
+
+
+@compile_kernel
 def collide(code, van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p):  # type: ignore[no-untyped-def]
     """Resolve a contact of two balls by the model of a code, an index in `BALL_MODELS`.
 

@@ -371,7 +371,8 @@ def simulate_events(start, radius, mass, p, models, table, seconds, capacity, co
             continue
         nx, ny = cushion_normal(int(event[EVENT_KIND]), int(event[EVENT_SECOND]), state[a], lines, arcs)
         speed = np.hypot(state[a, 2], state[a, 3])
-        before[:] = to_cushion_axes(state[a], nx, ny, radius[a])
+        if len(correction):
+            before[:] = to_cushion_axes(state[a], nx, ny, radius[a])
         resolve_cushion_contact(state[a], nx, ny, radius[a], mass[a], p, models[0], event[EVENT_GENTLE] > 0, out[:7])
         if len(correction) and not event[EVENT_GENTLE] > 0:
             after[:] = to_cushion_axes(out[:7], nx, ny, radius[a])

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from models.estimation.table_learning.cushion_contacts import CushionContacts, join_contacts
-from models.estimation.table_learning.cushion_learning import filter_fitted, learn_cushions
+from models.estimation.table_learning.cushion_learning import learn_cushions
 from models.estimation.table_learning.learned_table import SpinDistribution
 from models.estimation.table_learning.side_spin import ContactScatter, brake_spin, filter_side_spin, predict_rebounds
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
@@ -15,6 +15,7 @@ from models.physics.billiards.parameter_vector import (
     CUSHION_E,
     CUSHION_MU,
     SLIDING_MU,
+    SPIN_DECAY,
     neutral_parameters,
 )
 from models.physics.billiards.simulation.contact_resolution import rebound
@@ -119,5 +120,6 @@ def test_learning_recovers_the_parameters_and_the_scatter_of_a_model() -> None:
     assert values["cushion_restitution.e"].value * 1.2**-power - slope * 1.2 == pytest.approx(0.88, abs=0.01)
     assert best.scatter.velocity == pytest.approx(SCATTER.velocity, rel=0.35)
     assert best.scatter.slip == pytest.approx(SCATTER.slip, rel=0.35)
-    deviation = filter_fitted(contacts, best, R, M).deviation
+    rebounds = predict_rebounds(contacts, HAN, best.physics, R, M)
+    deviation = filter_side_spin(contacts, rebounds, R, best.scatter, float(best.physics[SPIN_DECAY])).deviation
     assert np.median(np.abs(deviation[:, :2])) < 0.03
