@@ -22,7 +22,7 @@ from diagnosis.fitting.prediction_windows import (
     select_predictable,
     sum_squared_errors,
 )
-from models.core.typing import FloatArray
+from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import Recording
 
 _NOISE_MARGIN = 1.15
@@ -31,6 +31,8 @@ _BOOTSTRAP_DRAWS = 2000
 """Number of bootstrap samples."""
 _START_ERROR_PROBABILITY = 0.9
 """Quantile up to which the error of the starts may be chance."""
+_MIN_SHOT_BLOCKS = 6
+"""Number of shots from which shots are drawn in a bootstrap, not windows."""
 _MIN_VARIANCE_REDUCTION = 0.5
 """Share of the variance of a start that a fit of the whole window must remove for the difference to be its error."""
 _INTERVAL_QUANTILES = (0.025, 0.975)
@@ -46,13 +48,15 @@ class GapClosure:
     after: float
     """The same with the effects."""
     floor: float
-    """The same for a right model from the same starts."""
+    """The same for a right model from the same starts; NaN where the noise is unknown."""
     closed: float
     """(before^2 - after^2) / (before^2 - floor^2), clipped to [-1, 1]; NaN where it is not resolved."""
     interval: tuple[float, float]
     """95 % interval of `closed`."""
     resolved: bool
     """Whether the gap before exceeds the noise."""
+    most_probability: float = float("nan")
+    """Probability that more than half of the gap is closed; NaN where it is not resolved."""
 
 
 def estimate_noise_floor(
@@ -80,7 +84,7 @@ def estimate_noise_floor(
         path = problem.scene.predict_positions(one.segment, whole.starts[k], like.shared, like.forms)
         off[k] = sum_squared_errors(one, predictions.paths[k] - path)
         one_surprise, one_free = start_error_chi2(
-            whole.starts[k] - predictions.starts[k], predictions.covariances[k], whole.shooting.start_covariances[k]
+            whole.starts[k] - predictions.starts[k], predictions.covariances[k], whole.noise_start_covariances[k]
         )
         surprise, free = surprise + one_surprise, free + one_free
     granted = min(1.0, float(chi2.ppf(_START_ERROR_PROBABILITY, free)) / surprise) if surprise > 0 else 1.0
@@ -140,39 +144,50 @@ def estimate_closure(
         return GapClosure(float("nan"), float("nan"), float("nan"), float("nan"), (float("nan"), float("nan")), False)
     total = count.sum()
     b, a, f = (float(one.sum() / total) for one in (before, after, floor))
+    if np.isnan(f):
+        return GapClosure(_root(b), _root(a), float("nan"), float("nan"), (-1.0, 1.0), False)
     drawn = _draw_bootstrap_weights(windows, rng)
     excess = drawn @ (before - floor)
     resolved = bool(np.quantile(drawn @ (before - _NOISE_MARGIN * floor), _INTERVAL_QUANTILES[0]) > 0)
     if not resolved:
-        return GapClosure(*_take_roots(b, a, f), float("nan"), (-1.0, 1.0), False)
+        return GapClosure(_root(b), _root(a), _root(f), float("nan"), (-1.0, 1.0), False)
     closed = float(np.clip((b - a) / (b - f), -limit, limit))
     excess = excess + (drawn @ floor) * (_NOISE_MARGIN - 1) / 2 * rng.standard_normal(len(drawn))
     ratios = np.clip(drawn @ (before - after) / np.maximum(excess, 1e-300), -limit, limit)
     low, high = np.quantile(ratios, _INTERVAL_QUANTILES)
     interval = (min(float(low), closed), max(float(high), closed))
-    return GapClosure(*_take_roots(b, a, f), closed, interval, True)
+    # with few blocks the next one may differ from all of them: Laplace's rule of succession
+    most = (float((ratios > 0.5).mean()) * _count_blocks(windows) + 1) / (_count_blocks(windows) + 2)
+    return GapClosure(_root(b), _root(a), _root(f), closed, interval, True, most)
 
 
-def _take_roots(*squares: float) -> tuple[float, float, float]:
-    """Take square roots of three mean squares."""
-    before, after, floor = (float(np.sqrt(max(one, 0.0))) for one in squares)
-    return before, after, floor
+def _root(square: float) -> float:
+    """Take the square root of a mean square."""
+    return float(np.sqrt(max(square, 0.0)))
 
 
 def _draw_bootstrap_weights(windows: tuple[PredictionWindow, ...], rng: np.random.Generator) -> FloatArray:
     """Draw bootstrap weights (draws, W) of windows, by shots where there are at least six, else by windows."""
-    shots = np.array([one.segment.shot for one in windows])
-    numbers = np.unique(shots)
-    groups = (
-        [np.flatnonzero(shots == n) for n in numbers]
-        if len(numbers) >= 6
-        else [np.array([k]) for k in range(len(shots))]
-    )
+    groups = _group_into_blocks(windows)
     counts = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), size=_BOOTSTRAP_DRAWS)
     weights = np.zeros((_BOOTSTRAP_DRAWS, len(windows)))
     for group, drawn in zip(groups, counts.T, strict=True):
         weights[:, group] = drawn[:, None]
     return weights
+
+
+def _group_into_blocks(windows: tuple[PredictionWindow, ...]) -> list[IntArray]:
+    """Group the numbers of windows into blocks that vary independently: shots where there are at least six."""
+    shots = np.array([one.segment.shot for one in windows])
+    numbers = np.unique(shots)
+    if len(numbers) >= _MIN_SHOT_BLOCKS:
+        return [np.flatnonzero(shots == n) for n in numbers]
+    return [np.array([k]) for k in range(len(shots))]
+
+
+def _count_blocks(windows: tuple[PredictionWindow, ...]) -> int:
+    """Count the blocks of windows."""
+    return len(_group_into_blocks(windows))
 
 
 def measure_closure(

@@ -115,6 +115,11 @@ class EffectFit:
         return self.shooting.starts
 
     @property
+    def noise_start_covariances(self) -> tuple[FloatArray, ...]:
+        """Covariance (S, S) of each start state from the noise of the observations alone, whatever the lack of fit."""
+        return tuple(one / self.shooting.inflation for one in self.shooting.start_covariances)
+
+    @property
     def cost(self) -> float:
         """Robust chi2 of the residuals and priors."""
         return self.shooting.cost

@@ -48,6 +48,11 @@ class NoiseEstimate:
     segment_count: int
     """Number of smooth segments that the estimate is based on."""
 
+    @property
+    def is_measured(self) -> bool:
+        """Whether there were enough smooth segments to measure it."""
+        return self.segment_count >= _MIN_SEGMENTS
+
 
 def estimate_noise(recordings: tuple[Recording, ...]) -> NoiseEstimate:
     """Estimate size and correlation of the noise of recordings.

@@ -50,7 +50,7 @@ class Predictions:
     starts: tuple[FloatArray, ...]
     """Start state (S,) of each window, fitted to its first rows."""
     covariances: tuple[FloatArray, ...]
-    """Covariance (S, S) of each start."""
+    """Covariance (S, S) of each start, from the noise of the observations alone."""
     paths: tuple[FloatArray, ...]
     """Predicted positions (T, N, D) of each window."""
     squares: FloatArray
@@ -205,7 +205,7 @@ def predict_windows(
     squares = np.array(
         [sum_squared_errors(one, path - one.segment.positions) for one, path in zip(windows, paths, strict=True)]
     )
-    return Predictions(states.starts, states.shooting.start_covariances, paths, squares)
+    return Predictions(states.starts, states.noise_start_covariances, paths, squares)
 
 
 def sum_squared_errors(one: PredictionWindow, miss: FloatArray) -> float:

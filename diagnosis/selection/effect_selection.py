@@ -47,6 +47,11 @@ _REFUTED_LOG_EVIDENCE = 40.0
 """Log evidence from which a hypothesis stays refuted on longer windows, which are more informative."""
 _STRENGTH_SIGNIFICANCE = 0.05
 """p-value of a strength above which it is consistent with 0."""
+_MIN_SHARE_BESIDE_REST = 0.05
+"""Share of the misfit of the simulator that an effect must explain where more than it explains remains unexplained.
+
+A smaller effect changes the answer by less than the rest does, which may imitate it.
+"""
 _MIN_PREDICTED_GAIN = 6.0
 """Predicted chi2 gain from which a further effect is refitted: half of the gain that it would need to be selected."""
 
@@ -247,13 +252,19 @@ def _has_strength(problem: DiagnosisProblem, fitted: EffectFit, name: str) -> bo
 
 
 def _excess_cost(search: EffectSearch, hypothesis: Hypothesis) -> float:
-    """Return the cost that a hypothesis leaves unexplained, allowing for an error in the size of the noise.
+    """Return the cost that each effect of a hypothesis must explain: what it leaves beyond noise.
 
-    Where shots disagree about several effects and are few, any cost may be systematic.
+    The size of the noise may be off a little; where shots disagree about several effects and are few, any cost may be
+    systematic. Real motion keeps a rest that no law explains, and which refutes no effect: where generic laws explain
+    less of it, that is what an effect must exceed, and a share of the misfit of the simulator.
     """
     few = len({segment.shot for segment in hypothesis.fitted.segments}) < MIN_SHOTS_FOR_SELECTION
     disputed = few and hypothesis.size > 1 and not _do_shots_agree(search, hypothesis)
-    return hypothesis.fitted.upper_excess_cost if disputed else hypothesis.fitted.lower_excess_cost
+    beyond_noise = hypothesis.fitted.upper_excess_cost if disputed else hypothesis.fitted.lower_excess_cost
+    if beyond_noise == 0 or not search.problem.probes:
+        return beyond_noise
+    least = _MIN_SHARE_BESIDE_REST * search.base.fitted.lower_excess_cost
+    return min(beyond_noise, max(search.generic_law_gain(hypothesis), least))
 
 
 def _do_shots_agree(search: EffectSearch, hypothesis: Hypothesis) -> bool:

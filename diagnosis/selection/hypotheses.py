@@ -13,6 +13,7 @@ from diagnosis.fitting.hypothesis_fits import (
     DiagnosisProblem,
     EffectFit,
     ShotInformation,
+    fit_effects,
     linearize_fit,
 )
 from diagnosis.selection.signatures import Signatures, compute_signatures
@@ -63,6 +64,8 @@ class EffectSearch:
     """Information on all parameters at the linearised fits, by their effects."""
     shared_start_costs: dict[tuple[frozenset[str], frozenset[str]], float] = field(default_factory=dict)
     """Cost of a hypothesis (first) when another (second) was refitted from its starts."""
+    generic_law_fits: dict[frozenset[str], tuple[EffectFit, EffectFit]] = field(default_factory=dict)
+    """Fits of hypotheses, and the same with the generic laws beside their effects."""
     on_progress: ProgressCallback = ignore_progress
 
     def __post_init__(self) -> None:
@@ -85,6 +88,21 @@ class EffectSearch:
         self.shot_information.pop(one.names, None)
         self.hypotheses[one.names] = Hypothesis(one.names, better)
         return self.hypotheses[one.names]
+
+    def fit_generic_laws(self, one: Hypothesis) -> EffectFit:
+        """Fit the generic laws beside the effects of a hypothesis, once for each of its fits."""
+        fitted = one.fitted
+        if one.names not in self.generic_law_fits or self.generic_law_fits[one.names][0] is not fitted:
+            names = (*fitted.names, *self.problem.probes)
+            with_laws = fit_effects(self.problem, fitted.segments, names, fitted.forms, fitted.shared, fitted.starts)
+            self.generic_law_fits[one.names] = fitted, with_laws
+        return self.generic_law_fits[one.names][1]
+
+    def generic_law_gain(self, one: Hypothesis) -> float:
+        """Return the cost that generic laws explain beside the effects of a hypothesis, beyond what chance gives."""
+        free = int(self.problem.mask(self.problem.probes).sum())
+        with_laws = self.fit_generic_laws(one)
+        return max(one.fitted.cost - with_laws.cost - free * with_laws.lack_of_fit, 0.0)
 
     def record_shared_starts(self, one: Hypothesis, names: frozenset[str]) -> None:
         """Record that another hypothesis was refitted from the starts of this one."""

@@ -18,18 +18,19 @@ from diagnosis.fitting.residual_structure import ResidualStructure
 
 SUSPICIOUS_P_VALUE = 0.005
 """p-value below which residuals are systematic."""
-MIN_EXPLAINED_LIMIT = 0.95
-"""Upper limit of the explained share from which effects are named despite systematic residuals.
-
-Videos of real tables keep some per cent that no law explains.
-"""
-MIN_EXPLAINED_SHARE = 0.9
-"""Explained share from which effects are named."""
+MIN_EXPLAINED_SHARE = 0.5
+"""Explained share from which effects are named: they are then a larger part of the truth than all that is left."""
 NEARLY_EXPLAINED_SHARE = 0.995
-"""The same where a generic law would explain the rest: another form of the law."""
-MIN_LAW_SHARE = 0.3
-"""Share of the misfit of selection shots that a generic law must explain for a law to be missing."""
+"""Explained share from which effects are named although a generic law explains the rest: it has another form."""
+MIN_LAW_SHARE = 0.75
+"""Share of the misfit of selection shots that a generic law must explain to be far better than the named effects.
+
+It then halves the error that they leave.
+"""
 _PRIOR_ODDS = 0.1
+"""Odds of an effect that the library lacks, before the data: one scene in ten or so has one."""
+_EVEN = 0.5
+"""Probability that agrees with either verdict."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +43,8 @@ class UnknownEvidence:
     """p-value of equal parameters in all shots."""
     explained_share: float
     """Share of the simulator's systematic misfit that the named effects explain; 1 where there was none."""
-    explained_share_limit: float
-    """Largest share that the data allow."""
+    most_probability: float
+    """Probability that the named effects explain more than half."""
     selection_gains: bool
     """Whether selection shots gained from the effects."""
     generic_law_share: float
@@ -57,8 +58,6 @@ class UnknownEvidence:
     @property
     def is_law_missing(self) -> bool:
         """Whether the systematic residuals need another law."""
-        if np.isnan(self.generic_law_share):
-            return self.explained_share < MIN_EXPLAINED_SHARE or self.explained_share_limit < MIN_EXPLAINED_LIMIT
         return self.explained_share < MIN_EXPLAINED_SHARE or (
             self.generic_law_share > MIN_LAW_SHARE and self.explained_share < NEARLY_EXPLAINED_SHARE
         )
@@ -70,16 +69,19 @@ class UnknownEvidence:
 
     @property
     def probability(self) -> float:
-        """Probability of an unknown effect, by the largest odds that correspond to a p-value.
+        """Probability that most of what is missing is not in the library.
 
-        Sellke, Bayarri and Berger 2001, doi:10.1198/000313001300339950.
+        It is the probability that something systematic is left, by the largest odds that correspond to a p-value
+        (Sellke, Bayarri and Berger 2001, doi:10.1198/000313001300339950), times the probability that this is more than
+        the named effects explain.
         """
-        p = min(max(2 * min(self.residual_p_value, self.agreement_p_value), 1e-12), 1 / e)
+        smallest = 2 * min(self.residual_p_value, self.agreement_p_value)
+        p = min(max(smallest if self.selection_gains else min(smallest, SUSPICIOUS_P_VALUE), 1e-12), 1 / e)
         odds = _PRIOR_ODDS / (-e * p * log(p))
-        chance = odds / (1 + odds)
+        left = odds / (1 + odds)
         if self.is_unknown:
-            return max(chance, 0.6)
-        return chance * (1 - self.explained_share) if self.has_systematic_residuals else min(chance, 0.4)
+            return left * max(1 - self.most_probability, _EVEN)
+        return left * min(1 - self.most_probability, _EVEN)
 
 
 def agreement_p_value(shot_information: ShotInformation, fitted: EffectFit) -> float:
@@ -117,14 +119,13 @@ def min_selection_gain(first: int, second: int) -> float:
 def estimate_explained_share(
     base: EffectFit, best: EffectFit, shot_information: ShotInformation, ahead: GapClosure | None
 ) -> tuple[float, float]:
-    """Estimate the share of the systematic misfit that the better model explains, and its upper limit.
+    """Estimate the share of the systematic misfit that the better model explains, and how probably it is most of it.
 
     The misfit is the error of predictions where that exceeds noise, else the cost of the fit. Its remainder is
-    systematic
-    where it exceeds noise or shots contradict each other: parameters hide unexplained parts in the noise.
+    systematic where it exceeds noise or shots contradict each other: parameters hide unexplained parts in the noise.
     """
     if ahead is not None and ahead.resolved:
-        return float(np.clip(ahead.closed, 0.0, 1.0)), ahead.interval[1]
+        return float(np.clip(ahead.closed, 0.0, 1.0)), ahead.most_probability
     total, free = _disagreement_chi2(shot_information, best)
     excess = base.cost - best.cost + max(best.systematic_cost, total - free)
     share = 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))

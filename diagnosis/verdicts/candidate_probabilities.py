@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import chi2
 
-from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, ShotInformation
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from diagnosis.selection.signatures import INSEPARABLE_CORRELATION, Signatures, direction_correlation
-from diagnosis.selection.unknown_effects import UnknownEvidence
+from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence
 from diagnosis.verdicts.verdict import CandidateEffect, Strength
+from models.core.typing import FloatArray
 
 _REFUTED_LOG_EVIDENCE = 3.0
 """Difference of log evidence from which a rival is refuted."""
@@ -33,10 +35,11 @@ def compute_probabilities(search: EffectSearch, best: Hypothesis, evidence: Unkn
     return {name: value / total for name, value in probabilities.items()}
 
 
-def put_effects_first(probabilities: dict[str, float], named: frozenset[str]) -> dict[str, float]:
-    """Exchange probabilities so that the most probable named effect comes first.
+def put_answer_first(probabilities: dict[str, float], named: frozenset[str]) -> dict[str, float]:
+    """Exchange probabilities so that the most probable effect of the answer comes first.
 
-    Similar effects together are evidence that something is missing, although each alone may be less likely than none.
+    Similar effects together are evidence that something is missing, although each alone may be less likely than none;
+    and evidence that no effect is the right one may be divided among them.
     """
     first, most = max(sorted(named), key=probabilities.__getitem__), max(probabilities, key=probabilities.__getitem__)
     return probabilities | {first: probabilities[most], most: probabilities[first]}
@@ -66,8 +69,32 @@ def _are_inseparable(problem: DiagnosisProblem, name: str, other: str, without: 
     return direction_correlation(without, problem.mask((name,)), problem.mask((other,))) > INSEPARABLE_CORRELATION
 
 
+def estimate_shot_spreads(shot_information: ShotInformation, fitted: EffectFit) -> FloatArray:
+    """Estimate the standard deviation (P,) of each strength between shots; 0 where all shots may have the same.
+
+    Shots are compared near the common fit, each by its own gradient, with errors widened by the lack of fit. The
+    estimate is that of DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2, where Cochran's test is clear.
+    """
+    spreads = np.zeros(len(fitted.shared))
+    for k in np.flatnonzero(fitted.free):
+        weights = shot_information.information[:, k, k] / fitted.lack_of_fit
+        usable = weights > 1e-6 * weights.max(initial=0.0)
+        weights, steps = weights[usable], shot_information.score[usable, k] / shot_information.information[usable, k, k]
+        if len(weights) < 2:
+            continue
+        scatter = float(weights @ np.square(steps - weights @ steps / weights.sum()))
+        more = len(weights) - 1
+        if chi2.sf(scatter, more) < SUSPICIOUS_P_VALUE:
+            spreads[k] = np.sqrt((scatter - more) / (weights.sum() - np.square(weights).sum() / weights.sum()))
+    return spreads
+
+
 def summarize_strengths(
-    problem: DiagnosisProblem, fitted: EffectFit, detectable: np.ndarray, names: tuple[str, ...]
+    problem: DiagnosisProblem,
+    fitted: EffectFit,
+    detectable: FloatArray,
+    names: tuple[str, ...],
+    spreads: FloatArray | None = None,
 ) -> tuple[Strength, ...]:
     """Summarize the parameters of effects: as fitted where they were free, else with their detectable strength."""
     sigma = np.full(len(problem.priors), np.inf)
@@ -83,6 +110,7 @@ def summarize_strengths(
             float(sigma[k]),
             float(detectable[k]),
             bool(is_prior_only[k]),
+            0.0 if spreads is None else float(spreads[k]),
         )
         for k in chosen
     )

@@ -9,6 +9,7 @@ import numpy as np
 from diagnosis.fitting.fit_residuals import compute_residuals
 from diagnosis.fitting.gap_closure import GapClosure, estimate_closure, estimate_noise_floor, shapley_shares
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, linearize_fit
+from diagnosis.fitting.noise_estimation import SEGMENT_FRAMES
 from diagnosis.fitting.prediction_windows import (
     HORIZON_S,
     PredictableWindows,
@@ -17,12 +18,17 @@ from diagnosis.fitting.prediction_windows import (
     select_predictable,
 )
 from diagnosis.selection.effect_selection import fit_without_effect
+from diagnosis.selection.hypothesis_trials import try_hypothesis
 from diagnosis.selection.signatures import compute_signatures
 from diagnosis.selection.study import Study
+from diagnosis.unexplained.excess_acceleration import measure_excess_acceleration
+from diagnosis.unexplained.force_law import find_force_law
+from diagnosis.unexplained.local_patch import find_local_patch
 from diagnosis.verdicts.candidate_probabilities import (
     compute_probabilities,
+    estimate_shot_spreads,
     find_group,
-    put_effects_first,
+    put_answer_first,
     rank_candidates,
     summarize_strengths,
 )
@@ -32,7 +38,15 @@ from diagnosis.verdicts.experiment_design import (
     design_unknown_experiment,
 )
 from diagnosis.verdicts.gap_localisation import describe_structure, localise_gap
-from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, EffectShare, Gap, Strength, Verdict
+from diagnosis.verdicts.verdict import (
+    CandidateEffect,
+    DiagnosisReport,
+    EffectShare,
+    Gap,
+    Strength,
+    Unexplained,
+    Verdict,
+)
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene, Recording
 
@@ -61,12 +75,12 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         scene=scene.name,
         model=scene.simulator_effects,
         verdict=verdict,
-        effects=tuple(sorted(best.names)) if verdict == "effects" else (),
-        candidates=_build_candidates(study, groups, detectable, verdict in ("effects", "group")),
+        effects=_order_effects(best.names, per_effect) if verdict == "effects" else (),
+        candidates=_build_candidates(study, groups, detectable, _select_answer(verdict, best.names)),
         where=localise_gap(study.residuals_before, study.base.segments, phases) if verdict != "none" else (),
-        shape=describe_structure(study.structure_after) if verdict == "unknown" else "",
         gap=gap,
         per_effect=per_effect,
+        unexplained=_describe_unexplained(study, gap.closure, rng),
         fitted=_summarize_all_strengths(study, detectable),
         forms=study.full.forms,
         unidentifiable=(*scene.gauges, *_find_unidentifiable(study.problem, detectable, frozenset(study.full.names))),
@@ -75,6 +89,12 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         p_value=study.structure_before.p_value,
         notes=(),
     )
+
+
+def _order_effects(names: frozenset[str], per_effect: tuple[EffectShare, ...]) -> tuple[str, ...]:
+    """Order named effects by the share of the gap that they close; by name where it was not measured."""
+    closed = {one.effect: one.closed for one in per_effect}
+    return tuple(sorted(names, key=lambda name: (-closed.get(name, 0.0), name)))
 
 
 def _list_omitted_shots(study: Study) -> tuple[str, ...]:
@@ -136,18 +156,24 @@ def _effect_phases(scene: GapScene, name: str) -> tuple[str, ...]:
 
 
 def _build_candidates(
-    study: Study, groups: dict[str, tuple[str, ...]], detectable: FloatArray, named: bool
+    study: Study, groups: dict[str, tuple[str, ...]], detectable: FloatArray, answer: frozenset[str]
 ) -> tuple[CandidateEffect, ...]:
     """Build the ranked candidates."""
     problem = study.problem
+    spreads = estimate_shot_spreads(study.linearized.shot_information, study.full)
     parameter_strengths = {
-        name: summarize_strengths(problem, _select_fit_with(study, name), detectable, (name,))
+        name: summarize_strengths(
+            problem, _select_fit_with(study, name), detectable, (name,), spreads if name in study.best.names else None
+        )
         for name in problem.candidates
     }
     probabilities = compute_probabilities(study.search, study.best, study.unknown_evidence)
-    return rank_candidates(
-        put_effects_first(probabilities, study.best.names) if named else probabilities, groups, parameter_strengths
-    )
+    return rank_candidates(put_answer_first(probabilities, answer), groups, parameter_strengths)
+
+
+def _select_answer(verdict: Verdict, names: frozenset[str]) -> frozenset[str]:
+    """Select the candidates, among them `none` and `unknown`, that a verdict names."""
+    return names if verdict in ("effects", "group") else frozenset({"none" if verdict == "none" else "unknown"})
 
 
 def _detectable_strengths(study: Study) -> FloatArray:
@@ -198,13 +224,28 @@ def _measure_gap(
     windows = predictable.windows
     before, after = (predict_windows(problem, windows, one, predictable.starts) for one in (study.base, full))
     least = estimate_noise_floor(problem, windows, full, after)
+    reason = _explain_unknown_floor(study, recordings)
+    if reason:
+        least = np.full(len(windows), np.nan)
     closure = estimate_closure(windows, before.squares, after.squares, least, rng)
     if not study.best.names and not study.unknown_evidence.has_systematic_residuals:
         closure = replace(closure, closed=float("nan"), interval=(-1.0, 1.0), resolved=False)
     shots = tuple(sorted({one.segment.shot for one in windows}))
     horizon = max((float(one.segment.t[-1] - one.segment.t[one.start_rows - 1]) for one in windows), default=HORIZON_S)
-    gap = Gap(f"rms_{problem.scene.unit}", min(horizon, HORIZON_S), shots, closure, windows, before.paths, after.paths)
+    gap = Gap(
+        f"rms_{problem.scene.unit}", min(horizon, HORIZON_S), shots, closure, windows, before.paths, after.paths, reason
+    )
     return gap, _share_closure(study, predictable, before.squares, after.squares, least, closure, rng)
+
+
+def _explain_unknown_floor(study: Study, recordings: tuple[Recording, ...]) -> str:
+    """Explain why the error of a right model is unknown; empty where it follows from the noise."""
+    if study.noise.is_measured or all(one.is_sigma_stated for one in recordings):
+        return ""
+    return (
+        f"the noise is unknown: no sigma is stated, and {study.noise.segment_count} stretches of"
+        f" {SEGMENT_FRAMES} consecutive frames of smooth motion are too few to measure it"
+    )
 
 
 def _share_closure(
@@ -216,31 +257,55 @@ def _share_closure(
     closure: GapClosure,
     rng: np.random.Generator,
 ) -> tuple[EffectShare, ...]:
-    """Share the closure among several effects."""
+    """Share the closure among the named effects; where none is named, measure what the best one would close."""
+    windows, starts = predictable.windows, predictable.starts
     names = tuple(sorted(study.best.names))
-    if not names or not closure.resolved:
+    if not closure.resolved:
         return ()
-    if len(names) == 1:
-        return (EffectShare(names[0], closure.closed, closure.interval),)
-    squares, windows, starts = (
-        {frozenset[str](): before, frozenset(names): after},
-        predictable.windows,
-        predictable.starts,
-    )
+    squares = {frozenset[str](): before, frozenset(names): after}
 
     def squares_with(chosen: frozenset[str]) -> FloatArray:
         if chosen not in squares:
-            one = study.search.hypotheses.get(chosen)
-            squares[chosen] = (
-                before if one is None else predict_windows(study.problem, windows, one.fitted, starts).squares
-            )
+            one = try_hypothesis(study.search, chosen, study.search.base)
+            squares[chosen] = predict_windows(study.problem, windows, one.fitted, starts).squares
         return squares[chosen]
 
+    if not names:
+        single = [one for one in study.search.hypotheses.values() if one.size == 1]
+        names = tuple(max(single, key=study.search.log_evidence).names) if single else ()
     effect_shares = []
     for name, part in shapley_shares(names, squares_with).items():
         one = estimate_closure(windows, before, before - part, least, rng, limit=float("inf"))
-        effect_shares.append(EffectShare(name, one.closed, one.interval))
-    return tuple(effect_shares)
+        alone = estimate_closure(windows, before, squares_with(frozenset({name})), least, rng)
+        effect_shares.append(EffectShare(name, one.closed, one.interval, alone.closed))
+    return tuple(sorted(effect_shares, key=lambda one: one.closed, reverse=True))
+
+
+def _describe_unexplained(study: Study, closure: GapClosure, rng: np.random.Generator) -> Unexplained:
+    """Describe what remains after the named effects, on the shots that chose them; its size on hold-out shots."""
+    is_systematic = study.unknown_evidence.has_systematic_residuals
+    size = float(np.sqrt(np.maximum(closure.after**2 - closure.floor**2, 0.0)))
+    law, patch = None, None
+    if is_systematic:
+        excess = measure_excess_acceleration(study.problem, study.full)
+        law = find_force_law(excess, _name_coordinates(study.problem.scene, excess.position.shape[1]))
+        patch = find_local_patch(excess, rng) if study.problem.scene.unit == "m" else None
+    return Unexplained(
+        share=1.0 - closure.closed,
+        size=size,
+        times_floor=closure.after / closure.floor if closure.floor > 0 else float("nan"),
+        where=localise_gap(study.residuals_after, study.full.segments, frozenset()) if is_systematic else (),
+        shape=describe_structure(study.structure_after) if is_systematic else "",
+        law=law,
+        patch=patch,
+    )
+
+
+def _name_coordinates(scene: GapScene, count: int) -> tuple[str, ...]:
+    """Name the coordinates of a scene; the last one of a flight is height."""
+    if scene.unit == "rad":
+        return ("theta1", "theta2")[:count]
+    return ("x", "y", "z")[3 - count :] if scene.name == "flight" and count == 1 else ("x", "y", "z")[:count]
 
 
 def build_undecidable_report(scene: GapScene, reason: str) -> DiagnosisReport:
@@ -262,9 +327,9 @@ def build_undecidable_report(scene: GapScene, reason: str) -> DiagnosisReport:
         effects=(),
         candidates=(),
         where=(),
-        shape="",
         gap=Gap(f"rms_{scene.unit}", HORIZON_S, (), nothing, (), (), ()),
         per_effect=(),
+        unexplained=Unexplained(unknown, unknown, unknown, (), "", None, None),
         fitted=(),
         forms=tuple(choice.simulator_form for choice in scene.alternatives),
         unidentifiable=scene.gauges,

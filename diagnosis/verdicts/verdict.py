@@ -7,6 +7,8 @@ from typing import Literal
 
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
+from diagnosis.unexplained.force_law import ForceLaw
+from diagnosis.unexplained.local_patch import LocalPatch
 from models.core.typing import FloatArray
 
 Verdict = Literal["effects", "group", "none", "unknown", "undecidable"]
@@ -24,6 +26,8 @@ class Strength:
     """Smallest detectable strength, or change of a simulator's parameter; infinite where there is none."""
     prior_only: bool = False
     """True where the data did not determine the parameter: value and sigma come from the prior."""
+    shot_spread: float = 0.0
+    """Standard deviation of the strength between shots; 0 where all shots may have the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +57,35 @@ class GapLocation:
 
 @dataclass(frozen=True, slots=True)
 class EffectShare:
-    """Part of the gap that one of several effects closes."""
+    """Part of the gap that an effect closes."""
 
     effect: str
     closed: float
+    """Its part of what all named effects close together (Shapley's value); of a single effect, what it closes."""
     interval: tuple[float, float]
+    """95 % interval of `closed`."""
+    alone: float
+    """What it closes without the other named effects."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """What remains of the gap after the named effects."""
+
+    share: float
+    """Share of the squared gap before, both beyond the floor; NaN where it is not resolved."""
+    size: float
+    """rms of the error after beyond the floor, in m or rad; NaN where nothing could be predicted."""
+    times_floor: float
+    """Error after over the floor; NaN without a floor."""
+    where: tuple[GapLocation, ...]
+    """The phases in which the fit leaves more than noise, by their share of it; empty where it leaves only noise."""
+    shape: str
+    """The largest systematic residuals in words; empty where they are noise."""
+    law: ForceLaw | None
+    """How the force that is missing varies, and its nearest formula."""
+    patch: LocalPatch | None
+    """The place where bodies are braked more, or less, than around it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +102,8 @@ class Gap:
     """Predicted positions (T, N, D) of each window, without the effects."""
     after: tuple[FloatArray, ...]
     """The same with the effects."""
+    floor_reason: str = ""
+    """Why the floor is unknown; empty where it is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +117,10 @@ class DiagnosisReport:
     effects: tuple[str, ...]
     candidates: tuple[CandidateEffect, ...]
     where: tuple[GapLocation, ...]
-    shape: str
-    """Description of the residuals where an unknown effect is present; empty otherwise."""
     gap: Gap
     per_effect: tuple[EffectShare, ...]
+    """Shares of the named effects; of the best one where none is named."""
+    unexplained: Unexplained
     fitted: tuple[Strength, ...]
     """All parameters of the improved simulator, named `effect.parameter`."""
     forms: tuple[str, ...]

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, Strength
+from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, GapLocation, Strength, Unexplained
 from pipeline.engine.atomic_write import replace_file
 
 SCHEMA = "trueroll.gap/1"
@@ -50,19 +50,7 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
         "verdict": report.verdict,
         "effects": list(report.effects),
         "candidates": [_format_candidate(one) for one in report.candidates],
-        "where": [
-            {
-                "phase": one.phase,
-                "share": one.share,
-                "ball": one.ball,
-                "shot": one.shot,
-                "span": None if one.span is None else list(one.span),
-                "region": one.region,
-                "grows_with": one.grows_with,
-            }
-            for one in report.where
-        ],
-        "shape": report.shape,
+        "where": [_format_location(one) for one in report.where],
         "gap": {
             "metric": report.gap.metric,
             "horizon_s": report.gap.horizon,
@@ -70,14 +58,21 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
             "before": _finite_or_none(closing.before),
             "after": _finite_or_none(closing.after),
             "floor": _finite_or_none(closing.floor),
+            "floor_unknown_because": report.gap.floor_reason or None,
             "closed": _finite_or_none(closing.closed) if closing.resolved else None,
             "closed_interval": list(closing.interval) if closing.resolved else None,
             "resolved": closing.resolved,
         },
         "per_effect": [
-            {"effect": one.effect, "closed": _finite_or_none(one.closed), "interval": list(one.interval)}
+            {
+                "effect": one.effect,
+                "closed": _finite_or_none(one.closed),
+                "interval": list(one.interval),
+                "alone": _finite_or_none(one.alone),
+            }
             for one in report.per_effect
         ],
+        "unexplained": _format_unexplained(report.unexplained),
         "fitted": {one.name: _format_strength(one) for one in report.fitted},
         "forms": list(report.forms),
         "unidentifiable": list(report.unidentifiable),
@@ -85,6 +80,51 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
         "film_next": report.film_next,
         "p_value": report.p_value,
         "notes": list(report.notes),
+    }
+
+
+def _format_location(one: GapLocation) -> dict[str, Any]:
+    return {
+        "phase": one.phase,
+        "share": one.share,
+        "ball": one.ball,
+        "shot": one.shot,
+        "span": None if one.span is None else list(one.span),
+        "region": one.region,
+        "grows_with": one.grows_with,
+    }
+
+
+def _format_unexplained(one: Unexplained) -> dict[str, Any]:
+    law, patch = one.law, one.patch
+    return {
+        "share": _finite_or_none(one.share),
+        "size": _finite_or_none(one.size),
+        "times_floor": _finite_or_none(one.times_floor),
+        "where": [_format_location(place) for place in one.where],
+        "shape": one.shape or None,
+        "law": None
+        if law is None
+        else {
+            "direction": law.direction,
+            "variable": law.variable,
+            "at": law.at.tolist(),
+            "acceleration": law.acceleration.tolist(),
+            "sigma": law.sigma.tolist(),
+            "formula": law.formula or None,
+            "explained": law.explained,
+        },
+        "patch": None
+        if patch is None
+        else {
+            "centre": patch.centre.tolist(),
+            "centre_sigma": _finite_or_none(patch.centre_sigma),
+            "radius": patch.radius,
+            "radius_sigma": _finite_or_none(patch.radius_sigma),
+            "strength": patch.strength,
+            "strength_sigma": _finite_or_none(patch.strength_sigma),
+            "p_value": patch.p_value,
+        },
     }
 
 
@@ -99,7 +139,13 @@ def _format_candidate(one: CandidateEffect) -> dict[str, Any]:
 
 
 def _format_strength(one: Strength) -> dict[str, Any]:
-    return {"value": one.value, "sigma": _finite_or_none(one.sigma), "unit": one.unit, "prior_only": one.prior_only}
+    return {
+        "value": one.value,
+        "sigma": _finite_or_none(one.sigma),
+        "unit": one.unit,
+        "prior_only": one.prior_only,
+        "shot_spread": one.shot_spread,
+    }
 
 
 def _finite_or_none(value: float) -> float | None:

@@ -206,17 +206,16 @@ def _split_recordings(
     if entry.units == "px" and not entry.px_per_m:
         raise OptionError(f"{path}: positions in px need px_per_m in scene.json")
     places = np.stack([columns[name] for name in names], axis=1) * metres
-    sigma = columns.get("sigma", np.full(count, np.nan)) * metres
-    sigma = np.where(sigma > 0, sigma, _default_noise(entry))
+    stated = columns.get("sigma", np.full(count, np.nan)) * metres
+    sigma = np.where(stated > 0, stated, _default_noise(entry))
     recordings = []
     for number in np.unique(shot):
         here = np.flatnonzero(is_usable & (shot == number))
         if len(here):
-            recordings.append(
-                _build_recording(
-                    int(number), columns["frame"][here], t[here], ids[here], places[here], sigma[here], path
-                )
+            one = _build_recording(
+                int(number), columns["frame"][here], t[here], ids[here], places[here], sigma[here], path
             )
+            recordings.append(replace(one, is_sigma_stated=bool((stated[here] > 0).all())))
     return tuple(recordings)
 
 

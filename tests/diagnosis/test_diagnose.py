@@ -66,7 +66,8 @@ def test_a_force_that_the_library_lacks_is_unknown() -> None:
     assert report.verdict == "unknown"
     assert report.effects == ()
     assert report.candidates[0].effect == "unknown"
-    assert report.shape
+    assert report.unexplained.shape
+    assert report.unexplained.where
     assert report.film_next.startswith("Most of the unexplained gap is")
 
 

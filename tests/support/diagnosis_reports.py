@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from diagnosis.fitting.gap_closure import GapClosure
-from diagnosis.verdicts.verdict import DiagnosisReport, Gap, Strength
+from diagnosis.verdicts.verdict import DiagnosisReport, Gap, Strength, Unexplained
 from models.physics.billiards.tables import TABLE_PRESETS
 
+NOTHING_UNEXPLAINED = Unexplained(0.0, 0.0, 1.0, (), "", None, None)
 TABLE = TABLE_PRESETS["pool-9ft"]
 
 
@@ -13,9 +14,9 @@ def make_report(*fitted: Strength, forms: tuple[str, str] = ("mirror", "inelasti
     """Make a diagnosis whose only content is the fitted parameters and the contact models."""
     nothing = GapClosure(0.0, 0.0, 0.0, float("nan"), (-1.0, 1.0), False)
     return DiagnosisReport(
-        "billiards", ("sliding_friction",), "effects", ("slope",), (), (), "",
+        "billiards", ("sliding_friction",), "effects", ("slope",), (), (),
         Gap("rms_m", 0.85, (), nothing, (), (), ()),
-        (), fitted, forms, (), (), "", 1.0, (),
+        (), NOTHING_UNEXPLAINED, fitted, forms, (), (), "", 1.0, (),
     )  # fmt: skip
 
 

@@ -33,6 +33,8 @@ class Recording:
     """(T, N, D) in the unit of the scene; NaN in all coordinates where a body was not observed."""
     sigma: FloatArray
     """(T, N) standard deviation of each coordinate."""
+    is_sigma_stated: bool = True
+    """Whether the standard deviations were stated with the recording; otherwise they are a usual value."""
 
     def __post_init__(self) -> None:
         rows, bodies = self.positions.shape[:2]

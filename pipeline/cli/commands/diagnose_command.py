@@ -22,7 +22,13 @@ from pipeline.io.profile_export import PROFILE_FILE, write_profile_files
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
 from pipeline.reporting.pages.gap_page import write_gap_page
-from pipeline.reporting.text.gap_sentences import format_gap_closure, format_shot_folders, format_verdict, list_causes
+from pipeline.reporting.text.gap_sentences import (
+    format_gap_closure,
+    format_shot_folders,
+    format_unexplained,
+    format_verdict,
+    list_causes,
+)
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
 from pipeline.terminal.search_display import show_search_progress
 
@@ -80,6 +86,8 @@ def _print_report(report: DiagnosisReport, folder: Path, origins: Mapping[int, s
         for one in list_causes(report)[:_MAX_CAUSES]:
             grid.add_row(one.name, f"{one.probability:.1%}", one.strength)
         screen.print(grid)
+    for sentence in format_unexplained(report):
+        screen.print(escape(sentence))
     for note in report.notes if report.candidates else ():
         screen.print(escape(f"Note: {note}."))
     if report.film_next:

@@ -9,6 +9,8 @@ from types import MappingProxyType
 import numpy as np
 import plotly.graph_objects as go
 
+from diagnosis.unexplained.force_law import ForceLaw
+from diagnosis.unexplained.local_patch import LocalPatch
 from diagnosis.verdicts.verdict import Gap
 from models.core.scene import Table
 from models.core.typing import FloatArray
@@ -26,7 +28,10 @@ Moment = tuple[int, int]
 
 
 def build_gap_figures(
-    gap: Gap, table: Table | None = None, origins: Mapping[int, str] = MappingProxyType({})
+    gap: Gap,
+    table: Table | None = None,
+    origins: Mapping[int, str] = MappingProxyType({}),
+    patch: LocalPatch | None = None,
 ) -> list[tuple[str, go.Figure]]:
     """Build the figures of a diagnosis.
 
@@ -34,6 +39,7 @@ def build_gap_figures(
         gap: Predictions of the hold-out windows before and after effects were added.
         table: The table, drawn in the plans; None for other scenes.
         origins: Folder names of the shots; empty if all are in one folder.
+        patch: Where bodies are braked more, or less, than around it; drawn in the map of the errors.
 
     Returns:
         Titles and figures; none without hold-out shots.
@@ -45,7 +51,7 @@ def build_gap_figures(
     if has_predictions:
         drawn.append(("How the prediction error grows", _draw_error_growth(gap)))
     if has_predictions and _is_plan(gap):
-        drawn.append(("Where predictions are wrong", _draw_error_map(gap, table)))
+        drawn.append(("Where predictions are wrong", _draw_error_map(gap, table, patch)))
     return drawn
 
 
@@ -195,13 +201,35 @@ def _draw_error_growth(gap: Gap) -> go.Figure:
     return figure.update_yaxes(title=f"rms error (m{_coordinate_unit(gap)})", rangemode="tozero")
 
 
-def _draw_error_map(gap: Gap, table: Table | None) -> go.Figure:
+def build_law_figure(law: ForceLaw, unit: str) -> go.Figure:
+    """Draw an unexplained acceleration over the quantity with which it varies, with its standard deviations.
+
+    Args:
+        law: The law.
+        unit: Unit of a coordinate, m or rad.
+
+    Returns:
+        The figure.
+    """
+    units = {"speed": f"{unit}/s", "time": "s"}
+    bars = {"type": "data", "array": law.sigma}
+    points = go.Scatter(x=law.at, y=law.acceleration, error_y=bars, mode="lines+markers", line={"color": BEFORE})
+    figure = go.Figure(points).update_xaxes(title=f"{law.variable} ({units.get(law.variable, unit)})")
+    direction = f"{law.direction} the motion" if law.direction in ("along", "across") else f"along {law.direction}"
+    return figure.update_yaxes(title=f"missing acceleration {direction} ({unit}/s²)")
+
+
+def _draw_error_map(gap: Gap, table: Table | None, patch: LocalPatch | None) -> go.Figure:
     parts = [_prediction_errors(gap, k, gap.before) for k in range(len(gap.windows))]
     miss, place = 1000 * np.concatenate([one[1] for one in parts]), np.concatenate([one[2] for one in parts])
     bar = {"title": f"error (m{_coordinate_unit(gap)})"}
     marker = {"color": miss, "colorscale": "YlOrRd", "cmin": 0, "size": 6, "colorbar": bar}
     points = go.Scatter(x=place[:, 0], y=place[:, -1], mode="markers", marker=marker)
-    return _format_plan(go.Figure(points), table, _coordinate_unit(gap))
+    figure = go.Figure(points)
+    if patch is not None:
+        (left, top), (right, bottom) = patch.centre - patch.radius, patch.centre + patch.radius
+        figure.add_shape(type="circle", x0=left, y0=top, x1=right, y1=bottom, line={"color": FRAME, "width": 2})
+    return _format_plan(figure, table, _coordinate_unit(gap))
 
 
 def _coordinate_unit(gap: Gap) -> str:

@@ -19,13 +19,14 @@ from diagnosis.verdicts.verdict import DiagnosisReport, GapLocation, Strength
 from models.core.scene import Table
 from pipeline.engine.atomic_write import replace_file
 from pipeline.io.profile_export import PROFILE_FILE, has_fitted_model
-from pipeline.reporting.figures.gap_figures import build_gap_figures
+from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_figure
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.gap_sentences import (
     format_gap_closure,
     format_shot_folders,
     format_shot_name,
     format_undecided,
+    format_unexplained,
     format_unidentified,
     format_verdict,
     list_causes,
@@ -72,10 +73,16 @@ def write_gap_page(
             }
             for one in report.where
         ],
+        unexplained=format_unexplained(report),
+        law=""
+        if report.unexplained.law is None
+        else embed_figure(
+            build_law_figure(report.unexplained.law, report.gap.metric.removeprefix("rms_")), "plot-law", _FIGURE_HEIGHT
+        ),
         per_effect=[(format_cause(one.effect), one) for one in report.per_effect],
         plots=[
             (caption, embed_figure(figure, f"plot-{k}", _FIGURE_HEIGHT))
-            for k, (caption, figure) in enumerate(build_gap_figures(gap, table, origins))
+            for k, (caption, figure) in enumerate(build_gap_figures(gap, table, origins, report.unexplained.patch))
         ],
         fitted=[_format_parameter(one) for one in report.fitted if _is_listed(one, report)],
         numbered=format_shot_folders(origins),

@@ -14,7 +14,20 @@ from diagnosis.fitting.display_names import (
     format_parameter,
     format_phase,
 )
+from diagnosis.unexplained.force_law import ForceLaw
+from diagnosis.unexplained.local_patch import LocalPatch
 from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Strength
+
+MANY_TIMES = 3.0
+"""Ratio of the remaining error to the noise from which the first sentence states it: noise is then a tenth of it."""
+_VARIABLES = {
+    "speed": "speed",
+    "time": "the time in the shot",
+    "x": "place along x",
+    "y": "place along y",
+    "z": "height",
+}
+"""Quantities with which a force varies, as sentences name them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,15 +55,118 @@ def format_verdict(report: DiagnosisReport) -> str:
     """
     if report.verdict == "effects":
         missing = " and ".join(_format_missing_effect(name, report.forms) for name in report.effects)
-        return f"Your simulator lacks {missing}."
+        return f"Your simulator lacks {missing}{_format_large_rest(report)}."
     if report.verdict == "group":
         rivals = " or ".join(format_cause(name) for name in report.candidates[0].group)
-        return f"Your simulator lacks {rivals}; these shots cannot distinguish between them."
+        return (
+            f"Your simulator lacks {rivals} (these shots cannot distinguish between them){_format_large_rest(report)}."
+        )
     if report.verdict == "none":
         return "These shots show no effect that your simulator lacks."
     if report.verdict == "unknown":
-        return f"Your simulator lacks an effect that is not in the library{_format_main_place(report)}."
+        return (
+            f"Your simulator lacks an effect that is not in the library{_format_main_place(report)}"
+            f"{_format_best_share(report)}."
+        )
     return f"These shots do not allow a verdict: {'; '.join(report.notes)}."
+
+
+def _format_large_rest(report: DiagnosisReport) -> str:
+    """Format that the error that remains is many times the noise; empty where it is not."""
+    rest, closed = report.unexplained, report.gap.closure.closed
+    if not rest.times_floor >= MANY_TIMES or not math.isfinite(closed):
+        return ""
+    closing = "close" if len(report.effects) > 1 else "closes"
+    return (
+        f", which {closing} {format_share(closed)} of the gap; the error that remains is {rest.times_floor:.2g} times"
+        " what measurement noise explains"
+    )
+
+
+def _format_best_share(report: DiagnosisReport) -> str:
+    """Format what the best effects of the library would close of the gap; empty where it was not measured."""
+    if not report.per_effect:
+        return ""
+    names = " and ".join(format_cause(one.effect) for one in report.per_effect)
+    closed = sum(one.closed for one in report.per_effect)
+    return f"; the best of the library, {names}, would close {format_share(max(closed, 0.0))} of it"
+
+
+def format_share(share: float) -> str:
+    """Format a share in per cent; nearly all or nearly nothing with a decimal.
+
+    Args:
+        share: Between 0 and 1.
+
+    Returns:
+        The share, such as 61 % or 99.4 %.
+    """
+    return f"{100 * share:.1f} %" if 0.95 < share < 0.9995 or 0.0005 < share < 0.05 else f"{100 * share:.0f} %"
+
+
+def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
+    """Format what remains of the gap after the named effects: how much, where, and what is known of its cause.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        Sentences; none where nothing beyond noise remains.
+    """
+    rest, metric = report.unexplained, report.gap.metric
+    if not rest.where:
+        return ()
+    sentences = []
+    place = f"{format_phase(rest.where[0].phase)}"
+    grows = f" and grows with {format_growth_variable(rest.where[0].grows_with)}" if rest.where[0].grows_with else ""
+    if math.isfinite(rest.share) and rest.size > 0:
+        sentences.append(
+            f"{format_share(rest.share)} of the gap remains, an error of {format_error_size(rest.size, metric)}; most"
+            f" of it appears {place}{grows}, and no effect of the library explains it."
+        )
+    else:
+        sentences.append(f"What remains is more than noise; most of it appears {place}{grows}.")
+    if rest.law is not None:
+        sentences.append(_format_law_sentence(rest.law, metric))
+    if rest.patch is not None:
+        sentences.append(_format_patch_sentence(rest.patch))
+    named = {
+        one.effect: one for one in report.candidates if one.effect in {share.effect for share in report.per_effect}
+    }
+    sentences += [
+        f"The strength of {format_cause(name)} differs between shots:"
+        f" {format_parameter(s.name)} scatters by {format_with_unit(f'{s.shot_spread:.2g}', s.unit)}."
+        for name, one in named.items()
+        for s in one.strengths
+        if s.shot_spread > 0
+    ]
+    return tuple(sentences)
+
+
+def _format_law_sentence(law: ForceLaw, metric: str) -> str:
+    """Format the direction of an unexplained force, what it varies with, and its nearest formula."""
+    unit = "rad" if metric.endswith("rad") else "m"
+    units = {"speed": f"{unit}/s", "time": "s"}
+    direction = f"{law.direction} the motion" if law.direction in ("along", "across") else f"along {law.direction}"
+    formula = (
+        f": {law.formula}, with a in {unit}/s² and u the {law.variable} in {units.get(law.variable, unit)}"
+        if law.formula
+        else ", by no short formula"
+    )
+    return (
+        f"It acts like a force {direction} that varies with {_VARIABLES.get(law.variable, law.variable)}{formula}; on"
+        f" other shots this explains {format_share(min(law.explained, 1.0))} of the unexplained acceleration."
+    )
+
+
+def _format_patch_sentence(patch: LocalPatch) -> str:
+    """Format place, size and strength of a patch."""
+    kind = "slowed" if patch.strength < 0 else "sped up"
+    return (
+        f"Within {1000 * patch.radius:.0f} ± {1000 * patch.radius_sigma:.0f} mm of ({patch.centre[0]:.2f},"
+        f" {patch.centre[1]:.2f}) m, bodies are {kind} by {abs(patch.strength):.2g} ± {patch.strength_sigma:.1g}"
+        f" m/s² more than elsewhere (p = {patch.p_value:.2g})."
+    )
 
 
 def _format_missing_effect(effect: str, forms: tuple[str, ...]) -> str:
@@ -112,6 +228,11 @@ def format_gap_closure(report: DiagnosisReport) -> str:
     before, after, floor = (
         format_error_size(value, gap.metric) for value in (closing.before, closing.after, closing.floor)
     )
+    if gap.floor_reason:
+        return (
+            f"On hold-out shots, predicted {gap.horizon:.2f} s ahead, the error goes from {before} to {after}; how much"
+            f" of that is attainable is unknown, because {gap.floor_reason}."
+        )
     if report.verdict == "unknown" and not closing.after < closing.before:
         return (
             f"On hold-out shots, predicted {gap.horizon:.2f} s ahead, the simulator has an error of {before}"

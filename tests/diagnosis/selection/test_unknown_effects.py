@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis.diagnose import diagnose
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence, min_selection_gain
-from diagnosis.verdicts.candidate_probabilities import put_effects_first
+from diagnosis.verdicts.candidate_probabilities import put_answer_first
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
 
@@ -42,12 +42,34 @@ def throws(strength: str, values: np.ndarray, seed: int = 0) -> tuple[Recording,
 def test_a_drag_that_differs_from_shot_to_shot_is_still_named() -> None:
     report = diagnose(FLIGHT, throws("air_drag.k", np.random.default_rng(1).uniform(0.16, 0.24, 8)))
     assert report.effects == ("air_drag",)
+    assert 0.01 < report.candidates[0].strengths[0].shot_spread < 0.05
+    alike = diagnose(FLIGHT, throws("air_drag.k", np.full(8, 0.2)))
+    assert alike.candidates[0].strengths[0].shot_spread == 0.0
 
 
 def test_a_drag_of_a_law_that_the_library_lacks_is_unknown() -> None:
     """A brake that falls with speed is neither of the two drags."""
     report = diagnose(FLIGHT, throws("brake_over_speed.c0", np.full(8, 2.0)))
     assert report.verdict == "unknown"
+    assert report.per_effect, "the best effect of the library is measured too"
+
+
+def test_the_floor_follows_from_the_noise_whatever_the_model_leaves() -> None:
+    """A brake that no effect of the library explains: the floor is that of the true law."""
+    wrong = diagnose(FLIGHT, throws("brake_over_speed.c0", np.full(8, 2.0))).gap.closure
+    right = diagnose(FLIGHT, throws("air_drag.k", np.full(8, 0.2))).gap.closure
+    assert wrong.after > 1.5 * wrong.floor
+    assert wrong.floor < 2 * right.floor
+
+
+def test_a_floor_needs_a_known_noise() -> None:
+    """Flights of 18 frames have no stretch from which their noise could be measured."""
+    short = tuple(one.select_rows(0, 18) for one in throws("air_drag.k", np.full(8, 0.2)))
+    assert np.isfinite(diagnose(FLIGHT, short).gap.closure.floor)
+    unstated = diagnose(FLIGHT, tuple(replace(one, is_sigma_stated=False) for one in short))
+    assert np.isnan(unstated.gap.closure.floor)
+    assert not unstated.gap.closure.resolved
+    assert unstated.gap.floor_reason.startswith("the noise is unknown")
 
 
 def test_a_weak_drag_is_named_or_grouped_with_its_twin() -> None:
@@ -59,25 +81,39 @@ def test_a_weak_drag_is_named_or_grouped_with_its_twin() -> None:
 
 def test_what_is_named_comes_first_though_each_of_two_twins_is_less_likely_than_nothing() -> None:
     chances = {"none": 0.36, "air_drag": 0.34, "viscous_drag": 0.3}
-    assert put_effects_first(chances, frozenset({"air_drag"})) == {"none": 0.34, "air_drag": 0.36, "viscous_drag": 0.3}
-    assert put_effects_first(chances | {"none": 0.1}, frozenset({"air_drag"})) == chances | {"none": 0.1}
+    assert put_answer_first(chances, frozenset({"air_drag"})) == {"none": 0.34, "air_drag": 0.36, "viscous_drag": 0.3}
+    assert put_answer_first(chances | {"none": 0.1}, frozenset({"air_drag"})) == chances | {"none": 0.1}
 
 
 @pytest.mark.parametrize(
     ("explained", "lawful", "missing"),
-    [(0.8, 0.0, True), (0.95, 0.0, False), (0.95, 0.6, True), (0.999, 0.6, False)],
+    [
+        (0.4, float("nan"), True),
+        (0.6, float("nan"), False),
+        (0.6, 0.0, False),
+        (0.95, 0.6, False),
+        (0.95, 0.9, True),
+        (0.999, 0.9, False),
+    ],
 )
-def test_what_is_left_speaks_for_a_missing_law(explained: float, lawful: float, missing: bool) -> None:
-    assert UnknownEvidence(1e-9, 1.0, explained, explained, True, lawful).is_unknown is missing
-
-
-@pytest.mark.parametrize(
-    ("explained", "at_most", "missing"), [(0.92, 0.94, True), (0.92, 0.99, False), (0.85, 0.99, True)]
-)
-def test_without_generic_laws_the_data_must_allow_that_nearly_all_is_explained(
-    explained: float, at_most: float, missing: bool
+def test_effects_are_named_where_they_explain_most_and_no_generic_law_does_far_better(
+    explained: float, lawful: float, missing: bool
 ) -> None:
-    assert UnknownEvidence(1e-9, 1.0, explained, at_most, True, float("nan")).is_unknown is missing
+    evidence = UnknownEvidence(1e-9, 1.0, explained, explained, True, lawful)
+    assert evidence.is_unknown is missing
+    assert (evidence.probability >= 0.49) is missing
+
+
+def test_an_effect_that_surely_explains_most_leaves_little_doubt() -> None:
+    """Residuals are never noise on real tables; that alone must not speak against a named effect."""
+    chances = [UnknownEvidence(1e-12, 1.0, 0.99, most, True, 0.0).probability for most in (0.6, 0.9, 0.99)]
+    assert chances == sorted(chances, reverse=True)
+    assert chances[-1] < 0.02
+
+
+def test_shots_that_lose_from_an_effect_speak_for_another_one() -> None:
+    assert UnknownEvidence(0.5, 0.5, 0.99, 0.9, False, 0.0).is_unknown
+    assert UnknownEvidence(0.5, 0.5, 0.99, 0.9, False, 0.0).probability > 0.25
 
 
 @pytest.mark.parametrize("strength", [0.5, 2.0, 3.5, 8.0])

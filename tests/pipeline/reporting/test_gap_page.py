@@ -8,10 +8,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.diagnosis_reports import NOTHING_UNEXPLAINED
 
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
-from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, EffectShare, Gap, GapLocation, Strength
+from diagnosis.unexplained.force_law import ForceLaw
+from diagnosis.unexplained.local_patch import LocalPatch
+from diagnosis.verdicts.verdict import (
+    CandidateEffect,
+    DiagnosisReport,
+    EffectShare,
+    Gap,
+    GapLocation,
+    Strength,
+    Unexplained,
+)
 from models.core.scene import Table
 from models.estimation.gap_scenes.gap_scene import Recording
 from models.physics.billiards.tables import TABLE_PRESETS
@@ -22,6 +33,7 @@ from pipeline.reporting.text.gap_sentences import (
     format_shot_folders,
     format_strength,
     format_undecided,
+    format_unexplained,
     format_verdict,
     list_causes,
 )
@@ -32,8 +44,9 @@ NOTHING = GapClosure(0.02, 0.02, 0.01, float("nan"), (-1.0, 1.0), False)
 def report(verdict: str, *where: GapLocation) -> DiagnosisReport:
     unknown = CandidateEffect("unknown", 1.0, ("unknown",), ())
     return DiagnosisReport(
-        "billiards", (), verdict, (), (unknown,), where, "along the motion everywhere (21 sigma)",  # type: ignore[arg-type]
-        Gap("rms_m", 0.85, (), NOTHING, (), (), ()), (), (), ("mirror", "inelastic"), (), (), "", 1e-9, (),
+        "billiards", (), verdict, (), (unknown,), where,  # type: ignore[arg-type]
+        Gap("rms_m", 0.85, (), NOTHING, (), (), ()), (), NOTHING_UNEXPLAINED, (),
+        ("mirror", "inelastic"), (), (), "", 1e-9, (),
     )  # fmt: skip
 
 
@@ -51,13 +64,13 @@ def test_an_unknown_effect_is_described_by_where_it_appears_not_in_sigmas() -> N
 
 
 def test_the_page_lists_what_each_of_several_effects_closes(tmp_path: Path) -> None:
-    shares = (EffectShare("air_drag", -0.02, (-0.04, 0.35)), EffectShare("cushion_law", 0.96, (0.66, 0.98)))
+    shares = (EffectShare("air_drag", -0.02, (-0.04, 0.35), 0.1), EffectShare("cushion_law", 0.96, (0.66, 0.98), 0.9))
     diagnosis = replace(report("effects"), effects=("air_drag", "cushion_law"), per_effect=shares)
     write_gap_page(diagnosis, "carom", tmp_path / "gap.html")
     page = (tmp_path / "gap.html").read_text(encoding="utf-8")
     assert "How much of the gap each effect closes" in page
-    assert "<td>96 %</td><td>66 to 98 %</td>" in page
-    write_gap_page(replace(diagnosis, per_effect=shares[:1]), "carom", tmp_path / "gap.html")
+    assert "<td>96 %</td><td>66 to 98 %</td><td>90 %</td>" in page
+    write_gap_page(replace(diagnosis, per_effect=()), "carom", tmp_path / "gap.html")
     assert "each effect closes" not in (tmp_path / "gap.html").read_text(encoding="utf-8")
 
 
@@ -203,7 +216,7 @@ def test_the_page_has_no_words_of_programmers(tmp_path: Path) -> None:
         report("group", at("free_roll", 0.6, "time since contact"), at("cushion_contact", 0.4)),
         model=("rolling_resistance",), candidates=(alike,), unidentifiable=("parallax_shift",),
         not_tested=("lens_distortion",), fitted=(Strength("slope.slope_x", "mm/m", 1.0, 0.1, 0.3),),
-        per_effect=tuple(EffectShare(name, 0.5, (0.4, 0.6)) for name in ("air_drag", "cushion_restitution_speed")),
+        per_effect=tuple(EffectShare(name, 0.5, (0.4, 0.6), 0.5) for name in ("air_drag", "cushion_restitution_speed")),
         gap=gap_of(straight(), 0.006, 0.0004),
     )  # fmt: skip
     write_gap_page(diagnosis, "carom", tmp_path / "gap.html")
@@ -241,3 +254,41 @@ def test_what_comes_nearest_is_not_called_added_and_noise_is_no_larger_than_the_
     assert format_gap_closure(replace(report("none"), gap=replace(gap, closure=noise))).endswith(
         "1.62 mm, which is noise."
     )
+
+
+REST = Unexplained(0.004, 0.0022, 4.5, (at("swing", 1.0, "speed"),), "", None, None)
+
+
+def named(rest: Unexplained, closed: float = 0.996) -> DiagnosisReport:
+    """Make a report that names joint friction, whose errors are angles."""
+    closure = GapClosure(0.0334, 0.0023, 0.0005, closed, (0.99, 1.0), True)
+    shares = (EffectShare("joint_friction", closed, (0.99, 1.0), closed),)
+    friction = CandidateEffect("joint_friction", 0.98, ("joint_friction",), ())
+    return replace(
+        report("effects"), scene="pendulum", effects=("joint_friction",), candidates=(friction,), per_effect=shares,
+        gap=Gap("rms_rad", 0.85, (), closure, (), (), ()), unexplained=rest,
+    )  # fmt: skip
+
+
+def test_the_first_sentence_states_a_rest_of_many_times_the_noise() -> None:
+    sentence = format_verdict(named(REST))
+    assert sentence.startswith("Your simulator lacks joint friction, which closes 99.6 % of the gap")
+    assert "4.5 times what measurement noise explains" in sentence
+    assert format_verdict(named(replace(REST, times_floor=1.2))) == "Your simulator lacks joint friction."
+
+
+def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
+    law = ForceLaw("along", "speed", np.ones(3), np.ones(3), np.ones(3), "a = -0.3 u^1.50", 0.61)
+    patch = LocalPatch(np.array([1.2, 0.4]), 0.02, 0.15, 0.01, -0.12, 0.02, 0.0025)
+    first, second, third = format_unexplained(named(replace(REST, law=law, patch=patch)))
+    assert first.startswith("0.4 % of the gap remains, an error of 2.2 mrad")
+    assert "grows with speed" in first
+    assert "a = -0.3 u^1.50" in second
+    assert "61 % of the unexplained acceleration" in second
+    assert third.startswith("Within 150 ± 10 mm of (1.20, 0.40) m, bodies are slowed by 0.12 ± 0.02 m/s² more")
+    assert format_unexplained(named(replace(REST, where=()))) == ()
+
+
+def test_an_unknown_effect_is_compared_with_the_best_of_the_library() -> None:
+    diagnosis = replace(report("unknown"), per_effect=(EffectShare("air_drag", 0.31, (0.2, 0.4), 0.31),))
+    assert "the best of the library, air drag, would close 31 % of it" in format_verdict(diagnosis)

@@ -1,0 +1,140 @@
+"""A patch of the plane in which bodies are braked more, or less, than around it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.unexplained.excess_acceleration import ExcessAcceleration
+from models.core.typing import BoolArray, FloatArray
+
+_SIGNIFICANCE = 0.005
+"""Probability of a patch in motion that is the same everywhere."""
+_RADII = (0.04, 0.06, 0.09, 0.13, 0.18)
+"""Radii of the discs that are tried, as shares of the largest extent of the motion: each half as large again."""
+_MIN_INSIDE = 4
+"""Least number of pieces of motion inside a patch, and outside."""
+_SHUFFLES = 400
+"""Number of shuffled accelerations that give the significance: twice the inverse of it."""
+_DRAWS = 100
+"""Number of bootstrap draws of shots that give the errors."""
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPatch:
+    """A disc in which the acceleration along the motion differs from that around it."""
+
+    centre: FloatArray
+    """(2,) m."""
+    centre_sigma: float
+    """m, of each coordinate."""
+    radius: float
+    """m."""
+    radius_sigma: float
+    """m."""
+    strength: float
+    """m/s^2 along the motion, inside minus outside; negative where bodies are braked."""
+    strength_sigma: float
+    """m/s^2."""
+    p_value: float
+    """Probability of such a difference in motion that is the same everywhere."""
+
+
+def find_local_patch(excess: ExcessAcceleration, rng: np.random.Generator) -> LocalPatch | None:
+    """Find the disc with the most significant difference of the acceleration along the motion.
+
+    Its significance follows from the same search on shuffled accelerations, its errors from a bootstrap over shots.
+
+    Args:
+        excess: Accelerations of M pieces of motion in a plane.
+        rng: Random generator of the shuffles and of the bootstrap.
+
+    Returns:
+        The patch; None where no disc is significant, or where there are too few pieces.
+    """
+    if len(excess.sigma) < 4 * _MIN_INSIDE or excess.position.shape[1] != 2:
+        return None
+    values = excess.project(excess.velocity / np.maximum(excess.speed, 1e-12)[:, None])
+    weights = 1 / (excess.sigma**2 + np.median(np.maximum((values - np.median(values)) ** 2 - excess.sigma**2, 0.0)))
+    centres, radii, inside = _list_discs(excess.position)
+    if not len(radii):
+        return None
+    best, largest = _most_significant(values[:, None], weights, inside)
+    order = rng.permuted(np.repeat(np.arange(len(values))[:, None], _SHUFFLES, axis=1), axis=0)
+    by_chance = _most_significant(values[order], weights[order], inside)[1]
+    p_value = float((1 + (by_chance >= largest[0]).sum()) / (1 + _SHUFFLES))
+    if p_value > _SIGNIFICANCE:
+        return None
+    disc = int(best[0])
+    drawn = np.array(list(_draw_discs(excess, values, weights, centres, radii, inside, rng)))
+    spread = np.std(drawn, axis=0) if len(drawn) > 1 else np.full(4, np.nan)
+    return LocalPatch(
+        centres[disc],
+        float(np.hypot(spread[0], spread[1]) / np.sqrt(2)),
+        float(radii[disc]),
+        float(spread[2]),
+        float(_difference(values, weights, inside[disc])),
+        float(spread[3]),
+        p_value,
+    )
+
+
+def _list_discs(position: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """List discs around pieces of motion: centres (C, 2), radii (C,), and which pieces are inside (C, M)."""
+    extent = float(np.ptp(position, axis=0).max())
+    apart = np.linalg.norm(position[:, None] - position[None], axis=2)
+    centres, radii, inside = [], [], []
+    for share in _RADII:
+        here = apart < share * extent
+        # the mean of the pieces inside is nearer to the middle of a patch than any of them
+        middle = (here @ position) / here.sum(axis=1)[:, None]
+        within = np.linalg.norm(middle[:, None] - position[None], axis=2) < share * extent
+        count = within.sum(axis=1)
+        kept = (count >= _MIN_INSIDE) & (count <= len(position) - _MIN_INSIDE)
+        centres.append(middle[kept])
+        radii.append(np.full(int(kept.sum()), share * extent))
+        inside.append(within[kept])
+    return np.concatenate(centres), np.concatenate(radii), np.concatenate(inside)
+
+
+def _most_significant(values: FloatArray, weights: FloatArray, inside: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return the disc of largest significance (S,) and that significance (S,) for values (M, S)."""
+    weights = np.broadcast_to(weights if weights.ndim == 2 else weights[:, None], values.shape)
+    centred = values - (weights * values).sum(axis=0) / weights.sum(axis=0)
+    part, total = inside.astype(np.float64), weights.sum(axis=0)
+    own = part @ weights
+    pull = part @ (weights * centred)
+    # difference of the means inside and outside, over its standard deviation if every weight is right
+    score = np.abs(pull) * np.sqrt(total / np.maximum(own * (total - own), 1e-300))
+    best = np.argmax(score, axis=0)
+    return best, np.take_along_axis(score, best[None], axis=0)[0]
+
+
+def _difference(values: FloatArray, weights: FloatArray, inside: BoolArray) -> float:
+    """Return the mean of values (M,) inside minus that outside."""
+    return float(np.average(values[inside], weights=weights[inside])) - float(
+        np.average(values[~inside], weights=weights[~inside])
+    )
+
+
+def _draw_discs(
+    excess: ExcessAcceleration,
+    values: FloatArray,
+    weights: FloatArray,
+    centres: FloatArray,
+    radii: FloatArray,
+    inside: BoolArray,
+    rng: np.random.Generator,
+) -> Iterator[tuple[float, float, float, float]]:
+    """Yield centre, radius and strength of the best disc of each bootstrap draw of shots."""
+    shots, group = np.unique(excess.shot, return_inverse=True)
+    for counts in rng.multinomial(len(shots), np.full(len(shots), 1 / len(shots)), size=_DRAWS):
+        drawn = weights * counts[group]
+        if ((drawn > 0) & inside).sum(axis=1).max() < _MIN_INSIDE:
+            continue
+        best = int(_most_significant(values[:, None], drawn, inside)[0][0])
+        if drawn[inside[best]].sum() > 0 and drawn[~inside[best]].sum() > 0:
+            x, y = centres[best]
+            yield float(x), float(y), float(radii[best]), _difference(values, drawn, inside[best])
