@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -16,14 +16,18 @@ from rich.progress import track
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
-from models.numerics.executor import Executor
 from pipeline.engine.helper_executor import open_executor
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console
+
+if TYPE_CHECKING:
+    from pipeline.experiments.gapcheck.real_sets import OpenedSet
 
 
 @app.command("gapcheck")
 def gapcheck(
-    only: Annotated[str, typer.Option("--only", help="Check only kinds of case whose name contains this word.")] = "",
+    only: Annotated[
+        str, typer.Option("--only", help="Check only kinds of case, or sets of --real, whose name contains this word.")
+    ] = "",
     every: Annotated[
         bool, typer.Option("--all", help="Check all kinds of billiards cases instead of one per question.")
     ] = False,
@@ -32,11 +36,12 @@ def gapcheck(
     shots: Annotated[int, typer.Option("--shots", min=5, help="Number of shots of a case.")] = 12,
     fps: Annotated[float, typer.Option("--fps", min=5, help="Frame rate of the cases, in frames per second.")] = 60.0,
     real: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
             "--real",
             metavar="DIR",
-            help="Folder of real measurements (track folders) to check in addition to the simulated cases.",
+            help="Check sets of real shots instead of simulated cases: a folder with answers.json and one track folder"
+            " per set, or with the public measurements that docs/explanation/diagnosis.md names. May be repeated.",
         ),
     ] = None,
     keep: Annotated[
@@ -45,7 +50,7 @@ def gapcheck(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Check `diagnose` blindly on simulators that withhold an effect, and on measurements with a known effect.
+    """Check `diagnose` blindly on simulators that withhold an effect, or on real shots with a sealed answer.
 
     Each simulator runs in a separate process and writes a track folder. Which effect it withheld is sealed until the
     report is written. The command prints how often the effect was named, false alarms, unknown effects, the closed part
@@ -53,13 +58,26 @@ def gapcheck(
 
     On two idle cores it takes about six minutes, with `--all` about twenty, half a minute per table. Sliding, flying
     and swinging bodies take three minutes together (`--only slide`, `flight` or `pendulum`).
+
+    With `--real`, no case is simulated. The answer to a set is opened once its report is written. The command prints
+    one row per set; a set that cannot be read is one row with the reason, and makes the exit status 1.
     """
+    if real:
+        with TemporaryDirectory() as scratch:
+            opened_sets = _check_real_sets(real, only, seed, keep or Path(scratch))
+        if as_json:
+            print(json.dumps({"cases": [], "measured": [_set_to_json(one) for one in opened_sets]}, allow_nan=False))
+        else:
+            _print_sets(make_output_console(), opened_sets)
+        if any(one.unreadable for one in opened_sets):
+            raise typer.Exit(1)
+        return
     from pipeline.experiments.gapcheck.blind_case import diagnose_case, simulate_case
     from pipeline.experiments.gapcheck.case_catalogue import DEFAULT_KINDS, KINDS
     from pipeline.experiments.gapcheck.case_scores import score_cases
 
     selected = [kind for kind in (KINDS if only or every else DEFAULT_KINDS) if only in kind.name]
-    if not selected and real is None:
+    if not selected:
         raise OptionError(f"--only {only!r} fits no kind of case; there are {'; '.join(kind.name for kind in KINDS)}")
     kinds = [kind for kind in selected if not kind.engine or find_spec(kind.engine)]
     if lacking := sorted({kind.engine for kind in selected} - {kind.engine for kind in kinds}):
@@ -79,19 +97,12 @@ def gapcheck(
                 diagnose_case(kind, own, place / f"{number:04d}", executor)
                 for number, (kind, own) in enumerate(track(cases, "diagnosis", console=console))
             ]
-            measured = list(_diagnose_measurements(real, place, executor)) if real is not None else []
     if as_json:
-        print(json.dumps({"cases": [_case_to_json(one) for one in opened], "measured": measured}, allow_nan=False))
+        print(json.dumps({"cases": [_case_to_json(one) for one in opened], "measured": []}, allow_nan=False))
         return
     screen = make_output_console()
     if opened:
         _print_scores(screen, opened, score_cases(opened))
-    if measured:
-        grid = Grid("measured", "shots", "answer", "right", "error before", "after", "floor", box=None, pad_edge=False)
-        for row in measured:
-            errors = (f"{row[name]:.3g}" if row[name] is not None else "-" for name in ("before", "after", "floor"))
-            grid.add_row(row["set"], str(row["shots"]), row["answer"], "yes" if row["right"] else "no", *errors)
-        screen.print(grid)
 
 
 def _print_scores(screen: Console, cases: list[Any], marks: Any) -> None:
@@ -132,29 +143,64 @@ def _case_to_json(one: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _diagnose_measurements(real: Path, place: Path, executor: Executor) -> Iterator[dict[str, Any]]:
-    """Diagnose each set of measurements in a folder and yield one row per set."""
-    from diagnosis.diagnose import diagnose
-    from pipeline.experiments.gapcheck.measured_cases import MEASURED_SETS, write_measured_set
-    from pipeline.io.gap_files import write_gap_files
-    from pipeline.io.track_folder import read_track_folders
-    from pipeline.io.track_folder_scene import build_gap_scene
+def _check_real_sets(folders: list[Path], only: str, seed: int, place: Path) -> list[OpenedSet]:
+    """Diagnose the sets of folders, with reports in `place`, and open their answers."""
+    from pipeline.experiments.gapcheck.real_sets import diagnose_real_set, list_real_sets
 
-    for one in MEASURED_SETS:
-        folder = place / one.name.replace(" ", "-")
-        try:
-            shots = write_measured_set(one, real, folder)
-        except FileNotFoundError as missing:
-            console.print(f"{one.name}: {missing.filename} is not there; left out", markup=False)
-            continue
-        read = read_track_folders([folder])
-        report = diagnose(build_gap_scene(read), read.recordings, executor=executor)
-        write_gap_files(report, folder / "gap")
-        closing = report.gap.closure
-        answer = report.effects or (report.verdict,)
-        right = bool(set(report.effects) & set(one.missing)) if one.missing else not report.effects
-        errors = {
-            name: None if math.isnan(value) else value
-            for name, value in (("before", closing.before), ("after", closing.after), ("floor", closing.floor))
-        }
-        yield {"set": one.name, "shots": shots, "answer": " + ".join(answer), "right": right, **errors}
+    place.mkdir(parents=True, exist_ok=True)
+    every = [one for folder in folders for one in list_real_sets(folder, place)]
+    names = Counter(one.name for one in every)
+    if repeated := sorted(name for name, count in names.items() if count > 1):
+        raise OptionError(f"--real lists two sets of the same name: {', '.join(repeated)}")
+    selected = [one for one in every if only in one.name]
+    if not selected:
+        raise OptionError(f"--only {only!r} fits no set; there are {', '.join(names)}")
+    with open_executor() as executor:
+        return [
+            diagnose_real_set(one, place / one.name / "gap", seed, executor)
+            for one in track(selected, "diagnosis", console=console)
+        ]
+
+
+def _print_sets(screen: Console, rows: list[OpenedSet]) -> None:
+    """Print one row per set, and the counts."""
+    grid = Grid("set", "answer", "probability", "right", "first right", "closed", box=None, pad_edge=False)
+    for name in ("error before", "after", "floor", "seconds"):
+        grid.add_column(name)
+    read = [one for one in rows if not one.unreadable]
+    for one in read:
+        first = "-" if one.first_right is None else "yes" if one.first_right else "no"
+        numbers = (f"{value:.3g}" if math.isfinite(value) else "-" for value in (one.after, one.floor))
+        grid.add_row(
+            one.name, (" | " if one.verdict == "group" else " + ").join(one.named),
+            f"{one.probability:.2f}" if math.isfinite(one.probability) else "-", "yes" if one.right else "no", first,
+            f"{one.closed:.1%}" if math.isfinite(one.closed) else "-",
+            f"{one.before:.3g} {one.unit}" if math.isfinite(one.before) else "-", *numbers, f"{one.seconds:.1f}",
+        )  # fmt: skip
+    screen.print(grid)
+    for one in rows:
+        if one.unreadable:
+            screen.print(f"{one.name}: {one.unreadable}", markup=False)
+    named = [one for one in read if one.first_right is not None]
+    certain = sum(one.is_falsely_certain for one in read)
+    screen.print(
+        f"right: {sum(one.right for one in read)} of {len(read)}; first named effect right:"
+        f" {sum(bool(one.first_right) for one in named)} of {len(named)}; unknown at 1.00 although an effect closes"
+        f" 90 %: {certain}",
+        highlight=False,
+    )
+
+
+def _set_to_json(one: OpenedSet) -> dict[str, Any]:
+    """Return an opened set as JSON values."""
+    if one.unreadable:
+        return {"set": one.name, "unreadable": one.unreadable}
+    numbers = {
+        name: getattr(one, name) if math.isfinite(getattr(one, name)) else None
+        for name in ("probability", "closed", "before", "after", "floor", "seconds")
+    }
+    return {
+        "set": one.name, "shots": one.shots, "verdict": one.verdict, "answer": " + ".join(one.named),
+        "named": list(one.named), "right": one.right, "first_right": one.first_right, "unit": one.unit,
+        "shares": {name: share for name, share in one.shares.items() if math.isfinite(share)}, **numbers,
+    }  # fmt: skip

@@ -1,6 +1,6 @@
-"""Track folders from public measurements whose missing effect is known.
+"""Track folders and answers from public measurements whose missing effect is known.
 
-Readers for five sets in a local folder (`--real DIR`): tosses of a cube that slides (DAIRLab/contact-nets),
+Readers for six sets in a local folder (`--real DIR`): tosses of a cube that slides (DAIRLab/contact-nets),
 shuttlecocks in flight (morishitamakoto0330/ShuttlecockSimulation), a single and a double pendulum
 (dynamicslab/MultiArm-Pendulum), balls dropped from a bridge (briandesilva/discovery-of-physics-from-data).
 """
@@ -11,6 +11,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -36,13 +37,13 @@ MIN_FRAMES, MAX_SHOTS = 20, 24
 
 @dataclass(frozen=True, slots=True)
 class MeasuredSet:
-    """A set of shots, and the effects that a simulator without any effect lacks there."""
+    """A set of shots, and the effects that a simulator without any effect may lack there."""
 
     name: str
     scene: str
     columns: tuple[str, ...]
-    missing: tuple[str, ...]
-    """Any of these is a right name; empty: nothing may be named."""
+    accepted: tuple[tuple[str, ...], ...]
+    """Sets of effects that are a right answer; an empty one: nothing is named."""
     read: Callable[[Path], list[Shot]]
     facts: Mapping[str, object]
 
@@ -106,41 +107,53 @@ def _read_drops(folder: Path, wanted: Callable[[str], bool]) -> list[Shot]:
     return shots
 
 
+_DRAG = (("air_drag",), ("viscous_drag", "air_drag"))
+_JOINT = (("joint_friction",), ("joint_friction", "gravity_tilt"))
 MEASURED_SETS = (
-    MeasuredSet("sliding cube", "slide", ("x", "y"), ("sliding_friction",), _read_cube, {}),
-    MeasuredSet("shuttlecock", "flight", ("x", "y"), ("air_drag",), _read_shuttlecocks, {}),
     MeasuredSet(
-        "single pendulum", "pendulum", ("theta1",), ("joint_friction",),
+        "sliding_cube", "slide", ("x", "y"), (("sliding_friction",), ("sliding_friction", "slope")), _read_cube, {}
+    ),
+    MeasuredSet("shuttlecock", "flight", ("x", "y"), _DRAG, _read_shuttlecocks, {}),
+    MeasuredSet(
+        "single_pendulum", "pendulum", ("theta1",), (*_JOINT, *((*names, "air_drag") for names in _JOINT)),
         lambda d: _read_pendulum(d, "single_freeswing_200Hz.npz", ("theta",)), {"units": "rad"},
     ),
     MeasuredSet(
-        "double pendulum", "pendulum", ("theta1", "theta2"), ("joint_friction",),
+        "double_pendulum", "pendulum", ("theta1", "theta2"), _JOINT,
         lambda d: _read_pendulum(d, "double_freeswing_200Hz.npz", ("theta1", "theta2")), {"units": "rad"},
     ),
     # a drag, of either law: v v is expected, yet v fits each of the eight drops twice as well
     MeasuredSet(
-        "whiffle balls", "flight", ("x",), ("air_drag", "viscous_drag"),
+        "whiffle_balls", "flight", ("x",), (*_DRAG, ("viscous_drag",)),
         lambda d: _read_drops(d, lambda n: "whiffle" in n), {},
     ),
-    MeasuredSet("bowling ball", "flight", ("x",), (), lambda d: _read_drops(d, lambda n: "bowling" in n), {}),
+    MeasuredSet("bowling_ball", "flight", ("x",), ((),), lambda d: _read_drops(d, lambda n: "bowling" in n), {}),
 )  # fmt: skip
 
 
-def write_measured_set(measured: MeasuredSet, source: Path, folder: Path) -> int:
-    """Write a set as a track folder.
+def write_measured_sets(source: Path, folder: Path) -> dict[str, Any]:
+    """Write the sets that a folder of public measurements holds as track folders.
 
     Args:
-        measured: The set.
-        source: Folder of the public sets.
-        folder: Track folder to write.
+        source: Folder of the public measurements.
+        folder: Folder of the track folders to write, one per set.
 
     Returns:
-        Number of shots.
-
-    Raises:
-        FileNotFoundError: The set is not in `source`.
+        The answers by name of the set, in the format of answers.json; sets that are not in `source` are left out.
     """
-    shots = measured.read(source)
+    answers = {}
+    for measured in MEASURED_SETS:
+        try:
+            shots = measured.read(source)
+        except FileNotFoundError:
+            continue
+        _write_measured_set(measured, shots, folder / measured.name)
+        answers[measured.name] = {"accepted": [list(names) for names in measured.accepted]}
+    return answers
+
+
+def _write_measured_set(measured: MeasuredSet, shots: list[Shot], folder: Path) -> None:
+    """Write the shots of a set, at most `MAX_SHOTS`, as a track folder."""
     shots = shots[:: -(-len(shots) // MAX_SHOTS)]
     count = np.array([len(frames) for frames, _, _ in shots])
     places = np.concatenate([coordinates for _, _, coordinates in shots])
@@ -155,4 +168,3 @@ def write_measured_set(measured: MeasuredSet, source: Path, folder: Path) -> int
     csv.write_csv(pa.table(columns), folder / "tracks.csv")
     facts = {"scene": measured.scene, "units": "m", "model": [], **measured.facts}
     (folder / "scene.json").write_text(json.dumps(facts), encoding="utf-8")
-    return len(shots)
