@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
+from itertools import cycle, product
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +27,8 @@ _AXES = (
     ("angle of incidence from the normal (degrees)", np.linspace(0.0, 80.0, _POINTS)),
     ("side spin: surface speed over speed", np.linspace(-1.0, 1.0, _POINTS)),
 )
-_COLOURS = {"mirror": "#9aa5a0", "han_2005": "#1565c0", "mathavan_2010": "#6a1b9a", "stronge": "#ef6c00"}
+_STYLES = (("#9aa5a0", "dot"), ("#1565c0", "longdash"), ("#6a1b9a", "dot"), ("#ef6c00", "dot"))
+"""Colours and dashes of published models: where two agree, both are visible."""
 
 
 def build_cushion_figure(learned: LearnedTable, table: Table) -> go.Figure:
@@ -42,9 +43,9 @@ def build_cushion_figure(learned: LearnedTable, table: Table) -> go.Figure:
     """
     figure = make_subplots(rows=2, cols=3, shared_xaxes="columns", vertical_spacing=0.06, horizontal_spacing=0.06)
     curves = []
-    for law in CUSHION_MODELS:
+    for law, (colour, dash) in zip(CUSHION_MODELS, cycle(_STYLES)):
         published = parse_learned_table(f'{{"effects": {{}}, "laws": {{"cushion": "{law}"}}}}')
-        style = {"color": _COLOURS.get(law, "#607d8b"), "width": 1.2, "dash": "dot"}
+        style = {"color": colour, "width": 1.4, "dash": dash}
         curves.append((f"{law}, catalogue values", published, style))
     plain = replace(learned, correction=NO_CORRECTION)
     curves.append((f"learned: {learned.cushion_law}", plain, {"color": "#0f5c42", "width": 2, "dash": "dash"}))

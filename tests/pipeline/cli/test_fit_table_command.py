@@ -66,7 +66,11 @@ def test_a_table_is_learned_into_a_profile_that_predict_reads(
     assert document["learned_from"]["shots"] == 5
     assert document["correction"] == {"gain": None, "weights": []}  # too few contacts for a network
     first = profile.read_bytes()
-    assert execute_command_line(command) == 0  # from the cache
+    page = profile.with_suffix(".html").read_text()
+    assert "learned: han_2005" in page
+    assert "stronge, catalogue values" in page
+    assert execute_command_line(command[:-1]) == 0  # from the cache
+    assert "does as well" in capsys.readouterr().out  # the simulated cushions have a constant restitution
     assert profile.read_bytes() == first
     predict = ["predict", str(folder), "--at", "2", "--seconds", "1", "-o", str(tmp_path / "out")]
     assert execute_command_line([*predict, "--profile", str(profile)]) == 0
