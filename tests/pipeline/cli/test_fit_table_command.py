@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -70,7 +71,9 @@ def test_a_table_is_learned_into_a_profile_that_predict_reads(
     assert "learned: han_2005" in page
     assert "stronge, catalogue values" in page
     assert execute_command_line(command[:-1]) == 0  # from the cache
-    assert "does as well" in capsys.readouterr().out  # the simulated cushions have a constant restitution
+    formula = re.search(r"Restitution (0\.\d+) v", capsys.readouterr().out)
+    assert formula is not None
+    assert 0.8 < float(formula[1]) < 0.95  # the spin of a rolling ball changes that of 0.9
     assert profile.read_bytes() == first
     predict = ["predict", str(folder), "--at", "2", "--seconds", "1", "-o", str(tmp_path / "out")]
     assert execute_command_line([*predict, "--profile", str(profile)]) == 0
