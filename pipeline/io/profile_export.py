@@ -21,7 +21,7 @@ from models.core.scene import CUSHIONS, Table
 from models.estimation.table_learning.learn_table import TableLesson
 from models.physics.billiards.ball_cushion.cushion_contact import NOSE_HEIGHT
 from models.physics.billiards.ball_cushion.stronge import FREQUENCY_RATIO
-from models.physics.billiards.parameter_vector import GRAVITY
+from models.physics.billiards.parameter_vector import GRAVITY, PARAMETER_NAMES
 from pipeline.engine.atomic_write import replace_file
 
 SCHEMA = "trueroll.profile/1"
@@ -105,6 +105,11 @@ def write_learned_profile(lesson: TableLesson, table: Table, shot_count: int, pa
         "noses": {
             side: {"value": float(value), "sigma": float(sigma), "unit": "m"}
             for side, value, sigma in zip(CUSHIONS, learned.noses, learned.nose_sigma, strict=True)
+        },
+        "covariance": {
+            "parameters": [PARAMETER_NAMES[k] for k in learned.uncertain],
+            "matrix": learned.covariance.tolist(),
+            "noses": learned.nose_covariance.tolist(),
         },
         "learned_from": {"shots": shot_count, "cushion_contacts": lesson.contact_count},
         "correction": {"gain": lesson.correction_gain, "weights": learned.correction.tolist()},

@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    PositiveFloat,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from models.core.errors import OptionError
 from models.core.scene import CUSHIONS
@@ -71,6 +80,29 @@ class CorrectionEntry(BaseModel):
         return weights
 
 
+class CovarianceEntry(BaseModel):
+    """Covariance of cushion parameters, and of the noses in the order of `CUSHIONS`, m^2."""
+
+    parameters: list[str]
+    matrix: list[list[FiniteFloat]]
+    noses: list[list[FiniteFloat]]
+
+    @model_validator(mode="after")
+    def _require_covariances(self) -> CovarianceEntry:
+        if unknown := set(self.parameters) - set(PARAMETER_NAMES):
+            raise ValueError(f"a table has no {', '.join(sorted(unknown))}, of which `covariance` has a row")
+        for name, rows, size in (("matrix", self.matrix, len(self.parameters)), ("noses", self.noses, len(CUSHIONS))):
+            if len(rows) != size or any(len(row) != size for row in rows):
+                raise ValueError(f"{name} of `covariance` has {size} rows and columns")
+            values = np.reshape(rows, (size, size))
+            scale = np.abs(values).max(initial=0.0)
+            if np.abs(values - values.T).max(initial=0.0) > _ROUNDING * scale:
+                raise ValueError(f"{name} of `covariance` must be symmetric")
+            if size and np.linalg.eigvalsh(values)[0] < -_ROUNDING * scale:
+                raise ValueError(f"{name} of `covariance` must have no negative eigenvalue")
+        return self
+
+
 class ProfileEntry(BaseModel):
     """Content of a profile.json."""
 
@@ -82,6 +114,7 @@ class ProfileEntry(BaseModel):
     correction: CorrectionEntry = CorrectionEntry()
     noses: dict[Literal["left", "right", "top", "bottom"], ProfileNumberEntry] = {}
     """m, offsets of the contact lines towards the table."""
+    covariance: CovarianceEntry | None = None
 
 
 def read_profile_text(path: Path) -> str:
@@ -156,16 +189,22 @@ def parse_learned_table(text: str) -> LearnedTable:
         physics[PARAMETER_NAMES.index(one.name)] = one.value
     noses_by_side = {str(side): one for side, one in entry.noses.items()}
     noses = [noses_by_side.get(side, ProfileNumberEntry(value=0.0)) for side in CUSHIONS]
-    cushions = [one for one in prior.priors if one.name.startswith(("cushion", "spin_decay"))]
     scatter = DEFAULT_SCATTER if entry.scatter is None else ContactScatter(**entry.scatter.model_dump())
+    if entry.covariance is not None:
+        names, covariance = entry.covariance.parameters, np.array(entry.covariance.matrix)
+        nose_covariance = np.array(entry.covariance.noses)
+    else:
+        cushions = [one for one in prior.priors if one.name.startswith(("cushion", "spin_decay"))]
+        names, covariance = [one.name for one in cushions], np.diag([one.sigma**2 for one in cushions])
+        nose_covariance = np.diag([(NOSE_SIGMA if one.sigma is None else one.sigma) ** 2 for one in noses])
     return LearnedTable(
         entry.laws.cushion,
         physics,
         scatter,
         np.array([one.value for one in noses]),
-        np.array([NOSE_SIGMA if one.sigma is None else one.sigma for one in noses]),
-        np.array([PARAMETER_NAMES.index(one.name) for one in cushions], np.int64),
-        np.diag([one.sigma**2 for one in cushions]),
+        nose_covariance,
+        np.array([PARAMETER_NAMES.index(name) for name in names], np.int64),
+        covariance.reshape(len(names), len(names)),
         np.array(entry.correction.weights),
     )
 
@@ -186,5 +225,7 @@ USUAL_PARAMETERS = (
 """Parameters without which no ball behaves as on a table."""
 NEUTRAL_BY_DEFAULT = ("cushion_restitution_speed.slope", "cushion_restitution_power.power")
 """Details that a profile without them leaves out."""
+_ROUNDING = 1e-9
+"""Relative error of a covariance that numbers in a file may cause."""
 _CAMERA_EFFECTS = tuple(effect.name for effect in BILLIARDS_EFFECTS if not effect.is_in_engine)
 """Effects of the camera and of the balls, which may differ in the next clip."""
