@@ -122,15 +122,16 @@ class FitOptions:
         help="Least decrease of chi2 for which a velocity change is accepted, where no ball or cushion is near.",
         minimum=0,
     )
-    laws: bool = option(
-        False,
-        help="Also fit whole shots with published contact models: spin, cushion friction, ball size. It takes up to a"
-        " minute, and two more to compile the first time on a machine.",
+    laws: bool | None = option(
+        None,
+        help="Fit whole shots of up to four moving balls with published contact models, which gives spin, cushion"
+        " friction and ball size. By default the search ends after about 3 s; --laws completes it, which takes up to a"
+        " minute; --no-laws leaves it out.",
     )
     profile: str = option(
         "",
-        help="Table profile (FILE) of trueroll fit-table or diagnose: contact models and parameters to start from, as"
-        " with --laws.",
+        help="Table profile (FILE) of trueroll fit-table or diagnose: contact models and parameters of the fit of whole"
+        " shots, of the report and of --fans.",
     )
     moving_speed: float = option(
         0.02, help="Speed above which a ball counts as moving.", unit="m/s", above=0, maximum=1

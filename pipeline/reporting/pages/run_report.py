@@ -39,6 +39,7 @@ from pipeline.reporting.text.text_formatting import (
     format_textbook_range,
     is_undecided,
 )
+from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.calibration.table_classifier import ALTERNATIVES_PREFIX
 from video.drawing.palette import ball_colour
 from video.io.clip import Clip
@@ -144,7 +145,7 @@ def write_report(
         plotly=read_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
         parameters=[(p, format_parameter_name(p.name), format_textbook_range(p.name)) for p in parameters],
-        refusal=fit.whole_shot_refusal,
+        whole_shot=format_whole_shot(fit),
         flags=assess_quality(clip, scene, tracks, fit),
         notes=[*scene.notes, *clip.notes],
         settings=list(settings),
