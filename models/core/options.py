@@ -131,7 +131,7 @@ class FitOptions:
     profile: str = option(
         "",
         help="Table profile (FILE) of trueroll fit-table or diagnose: contact models and parameters of the fit of whole"
-        " shots, of the report and of --fans.",
+        " shots.",
     )
     moving_speed: float = option(
         0.02, help="Speed above which a ball counts as moving.", unit="m/s", above=0, maximum=1
@@ -147,3 +147,4 @@ class ForecastOptions:
         help="Show forecasts from a few moments of the shot in the recording: where each ball could have gone. It takes"
         " a minute to compile the first time on a machine.",
     )
+    profile: str = option("", help="The predicted paths of --fans follow it too.")

@@ -27,5 +27,7 @@ def _forecast_moments(inputs: Inputs, options: ForecastOptions, folder: Path, pr
     if not options.fans:
         return ForecastFans(())
     from models.estimation.forecast.forecast_fans import predict_fans  # slow to import
+    from pipeline.io.table_profile import parse_learned_table
 
-    return predict_fans(inputs["track"], inputs["calibrate"], inputs["fit"].events)
+    learned = parse_learned_table(options.profile) if options.profile else None
+    return predict_fans(inputs["track"], inputs["calibrate"], inputs["fit"].events, learned)

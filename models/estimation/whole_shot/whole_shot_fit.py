@@ -149,9 +149,7 @@ def _summarize_misfit(search: LawSearch, events: Events, ids: tuple[str, ...]) -
     """Summarize where the model that explains the longest part of the shot fails; of equals, the nearest one."""
     longest = search.unexplained[0][1].explained_until
     rivals = [one for one in search.unexplained if one[1].explained_until == longest]
-    laws, view, ball, cost = min(
-        ((laws, view, *_find_worst_ball(view)) for laws, view in rivals), key=lambda one: one[3]
-    )
+    laws, view, ball, _ = min(((laws, view, *_find_worst_ball(view)) for laws, view in rivals), key=lambda one: one[3])
     k = _find_contact(events, ids[ball], view)
     names = {events.a[k], events.b[k]} - {ids[ball]} if k >= 0 else {""}
     deviation, times_noise = _measure_deviation(view, ball, float(events.t[k]) if k >= 0 else -np.inf)

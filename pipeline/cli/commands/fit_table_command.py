@@ -14,7 +14,7 @@ from rich.table import Table as Grid
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.actions.fit_table import FittedTable, fit_table_of_shots
 from pipeline.engine.helper_executor import open_executor
-from pipeline.io.profile_export import write_learned_profile
+from pipeline.io.profile_export import name_pooltool_file, write_learned_profile
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
@@ -41,7 +41,7 @@ def fit_table(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Learn one table from many shots: cloth, cushions and their scatter, for `--profile` of `run` and `predict`.
+    """Learn one table from many shots, for `--profile` of `run`, `call`, `predict` and `simulate`.
 
     The fit of every shot is cached, so that a second call resumes, and a larger one continues.
     """
@@ -60,14 +60,14 @@ def fit_table(
             bars.update(task, completed=done, total=count, description=text)
 
         fitted = fit_table_of_shots(inputs, store, executor, show)
-    write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out)
+    left_out = write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out)
     if as_json:
         print(json.dumps({"profile": str(out), "refused": list(fitted.refusals), **json.loads(out.read_text())}))
     else:
-        _print_table(fitted, out)
+        _print_table(fitted, out, left_out)
 
 
-def _print_table(fitted: FittedTable, path: Path) -> None:
+def _print_table(fitted: FittedTable, path: Path, left_out: tuple[str, ...]) -> None:
     screen, lesson = make_output_console(), fitted.lesson
     (best, evidence), *others = lesson.candidates
     lead = f", {evidence - others[0][1]:.0f} ahead in log evidence" if others else ""
@@ -94,4 +94,7 @@ def _print_table(fitted: FittedTable, path: Path) -> None:
         )
     for refusal in fitted.refusals:
         screen.print(escape(f"Note: {refusal}"))
+    screen.print(
+        escape(f"{name_pooltool_file(path)} holds the table for pooltool, which has no {', no '.join(left_out)}")
+    )
     print(f"The next prediction on this table can start from it: trueroll predict DIR --profile {path}")

@@ -44,12 +44,12 @@ def _format_misfit(misfit: WholeShotMisfit) -> str:
     where = (
         f"{misfit.ball} then deviates from it by {amount}"
         if contact is None
-        else f"The first contact that it does not explain is {contact} at {misfit.t:.2f} s: {misfit.ball} deviates by"
-        f" {amount}"
+        else f"The first contact whose outcome it does not explain is {contact} at {misfit.t:.2f} s:"
+        f" {misfit.ball} deviates by {amount}"
     )
     sentences = [
         "No published contact model explains the whole shot.",
-        f"{format_law(misfit.cushion_model)} explains it until {misfit.explained_until:.2f} s.",
+        f"{format_law(misfit.cushion_model)} explains all positions until {misfit.explained_until:.2f} s.",
         f"{where[:1].upper() + where[1:]}.",
     ]
     if math.isfinite(misfit.whole_times_noise):
