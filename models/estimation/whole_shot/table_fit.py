@@ -174,11 +174,11 @@ def search_laws(
     fits: list[tuple[ContactModels, ShootingFit]] = []
     with suppress(BudgetSpent):
         _fit_all(models, ShootingOptions(), _make_generator(None), views, fits, to_the_end=budget is None)
-    tried = {*views, *(laws for laws, _ in fits)}
+    finished = {*views, *(laws for laws, _ in fits)}
     return LawSearch(
         _summarize_best(models, fits) if fits else None,
         tuple(sorted(views.items(), key=lambda one: -one[1].explained_until)),
-        tuple(laws for laws in models if laws not in tried),
+        tuple(laws for laws in models if laws not in finished),
     )
 
 
