@@ -24,11 +24,10 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
 from pipeline.engine.value_files import load_value, save_value
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
+from pipeline.io.table_profile import SIZE_TOLERANCE
 
 STAGE = "table-shot"
 """Name of the cached fits."""
-_SIZE_TOLERANCE = 0.02
-"""Largest relative difference of two measured sizes of one table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +105,7 @@ def _require_one_table(shots: list[tuple[str, Tracks, Scene]], refusals: list[st
     first = shots[0][2].table
     for name, _, scene in shots:
         sizes = np.array([scene.table.length, scene.table.width, scene.table.ball_radius])
-        if np.any(np.abs(sizes / [first.length, first.width, first.ball_radius] - 1) > _SIZE_TOLERANCE):
+        if np.any(np.abs(sizes / [first.length, first.width, first.ball_radius] - 1) > SIZE_TOLERANCE):
             raise OptionError(
                 f"one table is learned at a time; {name} is {sizes[0]:g} x {sizes[1]:g} m, the first one"
                 f" {first.length:g} x {first.width:g} m"

@@ -12,7 +12,7 @@ from diagnosis.fitting.display_names import format_cause
 from diagnosis.selection.hypotheses import ProgressCallback
 from models.numerics.first_compilation import notify_first_compilation
 
-COMPILING_NOTE = "compiling the physics, once per installation: about a minute"
+COMPILING_NOTE = "compiling the physics, once per installation: it takes one to four minutes"
 
 
 @contextmanager

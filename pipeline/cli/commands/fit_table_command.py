@@ -16,7 +16,7 @@ from models.estimation.table_learning.rebound_summary import fit_restitution_for
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.actions.fit_table import FittedTable, fit_table_of_shots
 from pipeline.engine.helper_executor import open_executor
-from pipeline.io.profile_export import write_learned_profile
+from pipeline.io.profile_export import name_pooltool_file, write_learned_profile
 from pipeline.reporting.figures.cushion_figures import write_cushion_page
 from pipeline.terminal.command_line import (
     CacheOption,
@@ -44,7 +44,7 @@ def fit_table(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Learn one table from many shots: cloth, cushions and their scatter, for `--profile` of `run` and `predict`.
+    """Learn one table from many shots, for `--profile` of `run`, `call`, `predict` and `simulate`.
 
     The fit of every shot is cached, so that a second call resumes, and a larger one continues.
     """
@@ -63,17 +63,17 @@ def fit_table(
             bars.update(task, completed=done, total=count, description=text)
 
         fitted = fit_table_of_shots(inputs, store, executor, show)
-    write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out)
+    left_out = write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out)
     page = out.with_suffix(".html")
     write_cushion_page(fitted.lesson.table, fitted.table, page)
     if as_json:
         print(json.dumps({"profile": str(out), "refused": list(fitted.refusals), **json.loads(out.read_text())}))
     else:
-        _print_table(fitted, out)
+        _print_table(fitted, out, left_out)
         print(f"What the cushions do, beside published models: {page}")
 
 
-def _print_table(fitted: FittedTable, path: Path) -> None:
+def _print_table(fitted: FittedTable, path: Path, left_out: tuple[str, ...]) -> None:
     screen, lesson = make_output_console(), fitted.lesson
     (best, evidence), *others = lesson.candidates
     lead = f", {evidence - others[0][1]:.0f} ahead in log evidence" if others else ""
@@ -101,6 +101,9 @@ def _print_table(fitted: FittedTable, path: Path) -> None:
     _print_formula(fitted, screen)
     for refusal in fitted.refusals:
         screen.print(escape(f"Note: {refusal}"))
+    screen.print(
+        escape(f"{name_pooltool_file(path)} holds the table for pooltool, which has no {', no '.join(left_out)}")
+    )
     print(f"The next prediction on this table can start from it: trueroll predict DIR --profile {path}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from models.core.scene import Table
 from models.estimation.table_learning.learn_table import TableLesson
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
-from models.physics.billiards.ball_cushion.rebound_correction import WEIGHT_COUNT
+from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION, WEIGHT_COUNT
 from models.physics.billiards.parameter_vector import (
     BALL_E,
     CUSHION_E,
@@ -23,8 +24,16 @@ from models.physics.billiards.parameter_vector import (
     SLIDING_MU,
     neutral_parameters,
 )
+from models.physics.effects.catalogue import find_prior
 from pipeline.io.profile_export import write_learned_profile
-from pipeline.io.table_profile import parse_learned_table, parse_table_prior, read_profile_text
+from pipeline.io.shot_file import ShotSetup, parse_shot
+from pipeline.io.table_profile import (
+    parse_cloth_priors,
+    parse_learned_table,
+    parse_table_prior,
+    place_on_learned_table,
+    read_profile_text,
+)
 
 NOSES = 1e-6 * np.array([[4.0, 1.0, 0, 0], [1.0, 2.0, 0, 0], [0, 0, 17.0, 0], [0, 0, 0, 3.0]])
 CUSHIONS = np.array([[4e-4, -1.5e-4], [-1.5e-4, 1e-4]])
@@ -89,3 +98,63 @@ def test_a_matrix_that_is_no_covariance_is_refused(tmp_path: Path, matrix: list[
     path.write_text(json.dumps(content))
     with pytest.raises(OptionError, match=words):
         read_profile_text(path)
+
+
+def test_noses_of_a_profile_are_priors_of_whole_shots_outwards(tmp_path: Path) -> None:
+    path = tmp_path / "profile.json"
+    write_learned_profile(make_lesson(), TABLE, 9, path)
+    noses = {one.name: (one.value, one.sigma) for one in parse_table_prior(read_profile_text(path)).priors}
+    assert noses["nose.left"] == pytest.approx((0.002, 0.002))
+
+
+def test_a_profile_narrows_the_friction_of_the_contact_test(tmp_path: Path) -> None:
+    path = tmp_path / "profile.json"
+    write_learned_profile(make_lesson(), TABLE, 9, path)
+    sliding, rolling = parse_cloth_priors(read_profile_text(path))
+    assert (sliding.value, rolling.value) == pytest.approx((0.19, 0.0042))
+    assert sliding.sigma < find_prior("sliding_friction", "mu").sigma
+    assert rolling.sigma < find_prior("rolling_resistance", "mu").sigma
+
+
+def test_pooltool_gets_what_it_can_hold_of_a_learned_table(tmp_path: Path) -> None:
+    left_out = write_learned_profile(make_lesson(), TABLE, 9, tmp_path / "club.json")
+    document = json.loads((tmp_path / "club.pooltool.json").read_text())
+    assert (document["ball_cushion"], document["ball_ball_friction"]) == ("han_2005", "alciatore")
+    assert (document["ball_params"]["u_s"], document["ball_params"]["e_c"]) == pytest.approx((0.19, 0.91))
+    assert document["ball_params"]["e_b"] == pytest.approx(find_prior("ball_restitution", "e").value)
+    assert document["not_held"] == [
+        "correction of the cushion model", "offsets of the noses", "scatter of cushion contacts"
+    ]  # fmt: skip
+    assert tuple(document["not_held"]) == left_out
+
+
+def test_a_shot_on_a_learned_table_has_its_cloth_noses_and_correction(tmp_path: Path) -> None:
+    path = tmp_path / "profile.json"
+    write_learned_profile(make_lesson(), TABLE, 9, path)
+    shot = parse_shot(
+        {
+            "table": {"length": 2.84, "width": 1.42},
+            "seconds": 3.0,
+            "balls": [{"id": "a", "x": 0.5, "y": 0.7, "vx": -2.0}],
+        }
+    )
+    placed = place_on_learned_table(shot, read_profile_text(path))
+    contact = next(t for kind, t in zip(*_events_of(placed), strict=True) if kind == "cushion")
+    assert contact > next(
+        t for kind, t in zip(*_events_of(replace(placed, nose_offsets=None)), strict=True) if kind == "cushion"
+    )
+    np.testing.assert_array_equal(placed.correction, make_lesson().table.correction)
+    slight = replace(placed, correction=0.02 * np.ones(WEIGHT_COUNT))  # one that no rule of energy leaves out
+    ends = [
+        one.simulate().states_at(np.array([1.0]))[0, 0, 2]
+        for one in (slight, replace(slight, correction=NO_CORRECTION))
+    ]
+    assert ends[0] != ends[1]
+    small = replace(shot, table=replace(shot.table, length=2.54, width=1.27))
+    with pytest.raises(OptionError, match=r"2\.84 x 1\.42"):
+        place_on_learned_table(small, read_profile_text(path))
+
+
+def _events_of(shot: ShotSetup) -> tuple[tuple[str, ...], list[float]]:
+    events = shot.simulate().list_events(1000.0)
+    return events.kind, events.t.tolist()
