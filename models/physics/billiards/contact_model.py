@@ -89,16 +89,19 @@ def find_model(models: Iterable[ContactModel], name: str) -> ContactModel:
     return by_name[name]
 
 
-def tabulate_parameters(models: Sequence[ContactModel]) -> BoolArray:
-    """Tabulate which model reads which parameter.
+def tabulate_parameters(models: Sequence[ContactModel], generic_law: tuple[int, ...]) -> BoolArray:
+    """Tabulate which parameters act in a contact by which model.
 
     Args:
         models: Models of one folder, by code.
+        generic_law: Indices of the parameters that act beside every model.
 
     Returns:
-        (len(models), P) True where the model reads the parameter of `PARAMETER_NAMES`.
+        (len(models), P) True where the parameter of `PARAMETER_NAMES` acts.
     """
-    return np.array([[name in model.parameters for name in PARAMETER_NAMES] for model in models])
+    return np.array(
+        [[name in model.parameters or k in generic_law for k, name in enumerate(PARAMETER_NAMES)] for model in models]
+    )
 
 
 def compose_dispatch(
