@@ -9,7 +9,7 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.ball_ball.ball_contact import apply_ball_impulse, surface_slip
-from models.physics.billiards.ball_cushion.generic_rebound import ROUNDING, motion_energy
+from models.physics.billiards.contact_model import MAX_ENERGY_RATIO, sphere_energy
 from models.physics.billiards.parameter_vector import IMPULSE_PARAMETERS
 
 _E_0, _E_1, _GRIP_0, _GRIP_1 = IMPULSE_PARAMETERS
@@ -37,9 +37,9 @@ def change_impulse(  # type: ignore[no-untyped-def]
         after[0], after[1], after[2], after[3], after[4], after[5], after[6], after[7], after[8], after[9],
         ra, rb, ma, mb, reduced * (p[_E_0] + p[_E_1] * closing) * closing, -share * st, -share * sz,
     )  # fmt: skip
-    energy = ma.real * motion_energy(a[0], a[1], a[2], a[3], a[4], ra)
-    energy += mb.real * motion_energy(a[5], a[6], a[7], a[8], a[9], rb)
-    limit = ma.real * motion_energy(van, vat, wan, wat, waz, ra) + mb.real * motion_energy(vbn, vbt, wbn, wbt, wbz, rb)
-    if a[0].real > a[5].real or energy > (1.0 + ROUNDING) * limit:
+    energy = ma.real * sphere_energy(a[0], a[1], a[2], a[3], a[4], ra)
+    energy += mb.real * sphere_energy(a[5], a[6], a[7], a[8], a[9], rb)
+    limit = ma.real * sphere_energy(van, vat, wan, wat, waz, ra) + mb.real * sphere_energy(vbn, vbt, wbn, wbt, wbz, rb)
+    if a[0].real > a[5].real or energy > MAX_ENERGY_RATIO * limit:
         return after
     return a

@@ -8,24 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from models.numerics.jit import compile_kernel
-from models.physics.billiards.ball_cushion.rebound_correction import rebound_energy
+from models.physics.billiards.contact_model import MAX_ENERGY_RATIO, sphere_energy
 from models.physics.billiards.parameter_vector import REBOUND_PARAMETERS
 
-ROUNDING = 1e-9
-"""Share of the energy that rounding may add."""
 _E_0, _E_1, _E_2, _GRIP_0, _GRIP_1, _ROLL = REBOUND_PARAMETERS
-
-
-@compile_kernel
-def motion_energy(vn, vt, wn, wt, wz, radius):  # type: ignore[no-untyped-def]
-    """Return twice the energy per mass of a ball, m^2/s^2."""
-    return rebound_energy(
-        vn.real,
-        vt.real,
-        vn.real - radius.real * wt.real,
-        vt.real + radius.real * wn.real,
-        radius.real * wz.real,
-    )
 
 
 @compile_kernel
@@ -61,7 +47,7 @@ def change_rebound(vn, vt, wn, wt, wz, radius, p, after):  # type: ignore[no-unt
         after[3] - p[_ROLL] * wt,
         after[4] + 2.5 / radius * along,
     )
-    energy = motion_energy(changed[0], changed[1], changed[2], changed[3], changed[4], radius)
-    if changed[0].real > 0.0 or energy > (1.0 + ROUNDING) * motion_energy(vn, vt, wn, wt, wz, radius):
+    energy = sphere_energy(changed[0], changed[1], changed[2], changed[3], changed[4], radius)
+    if changed[0].real > 0.0 or energy > MAX_ENERGY_RATIO * sphere_energy(vn, vt, wn, wt, wz, radius):
         return after
     return changed
