@@ -295,7 +295,7 @@ class LinearizedFit:
 
 
 def linearize_fit(problem: DiagnosisProblem, fitted: EffectFit) -> LinearizedFit:
-    """Linearise the windows of a fit by all P parameters.
+    """Linearise the windows of a fit by all P parameters but those of generic laws, which no search considers.
 
     Args:
         problem: Scene and priors.
@@ -306,7 +306,10 @@ def linearize_fit(problem: DiagnosisProblem, fitted: EffectFit) -> LinearizedFit
     """
     everything = np.ones(len(problem.priors), bool)
     model = FixedParameterModel(
-        build_window_model(problem, fitted.segments, fitted.forms, None), fitted.shared, everything, problem.priors
+        build_window_model(problem, fitted.segments, fitted.forms, ~problem.mask(problem.probes)),
+        fitted.shared,
+        everything,
+        problem.priors,
     )
     shooting_problem = build_problem(model, problem.executor)
     point, blocks = linearize_shots(shooting_problem, simulate_shots(shooting_problem, fitted.starts, fitted.shared))

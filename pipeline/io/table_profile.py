@@ -30,7 +30,13 @@ from models.estimation.whole_shot.known_table import TablePrior, build_table_pri
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.rebound_correction import WEIGHT_COUNT
-from models.physics.billiards.parameter_vector import PARAMETER_NAMES, ROLLING_MU, SLIDING_MU, neutral_parameters
+from models.physics.billiards.parameter_vector import (
+    PARAMETER_NAMES,
+    ROLLING_MU,
+    SLIDING_MU,
+    TABLE_PARAMETERS,
+    neutral_parameters,
+)
 from models.physics.billiards.simulation.table_physics import Physics, contact_parameters
 from models.physics.effect import ModelChoice, Prior
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
@@ -175,8 +181,8 @@ def parse_table_prior(text: str) -> TablePrior:
         for name, one in numbers.items()
     }
     table_effects = {name: value for name, value in effects.items() if not name.startswith(_CAMERA_EFFECTS)}
-    if unknown := set(table_effects) - set(PARAMETER_NAMES):
-        raise ValueError(f"a table has {', '.join(PARAMETER_NAMES)}; it has no {', '.join(sorted(unknown))}")
+    if unknown := set(table_effects) - set(TABLE_PARAMETERS):
+        raise ValueError(f"a table has {', '.join(TABLE_PARAMETERS)}; it has no {', '.join(sorted(unknown))}")
     prior = build_table_prior(entry.laws.cushion, entry.laws.ball, table_effects)
     noses = [  # outwards, as in the simulation of whole shots
         Prior(f"nose.{side}", "m", -one.value, one.sigma or NOSE_SIGMA, False, (-_MAX_NOSE_OFFSET, _MAX_NOSE_OFFSET))
