@@ -84,6 +84,7 @@ def _iterate_fits(
     natural[fresh] = problem.natural[fresh]
     if fresh.any():
         linear[fresh] += compute_hypothesis_signatures(search, near).step(fresh)
+        linear = problem.clip_to_bounds(linear)
     best = min(one.fitted.cost for one in search.hypotheses.values())
     for forms in _list_forms(problem, names):
         alike = forms == near.fitted.forms

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from models.core.typing import FloatArray, IntArray
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.physics.effect import Prior
 
 MAX_SENSITIVITY = 40.0
 """|dx/dx0| beyond which a window should have ended: 1 mm at its start becomes 4 cm there."""
+LOST_RESIDUAL = 1e7
+"""Residual of an observation that cannot be simulated, standard deviations: beyond any finite one of real data (3 m in
+steps of a micrometre), and small enough that the cost of all other observations keeps nine digits beside it."""
+_MAX_AMPLIFICATION = float(np.finfo(np.float64).eps) ** -0.5
+"""Ratio to the smallest derivative of a window by its start from which an observation determines nothing: in normal
+equations, its rounding errors are as large as the information of the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,12 +132,71 @@ def simulate_window(
         shared: (P,) shared parameters.
 
     Returns:
-        The simulated or linearized window.
+        The simulated or linearized window; all its numbers are finite, see `linearize_window`.
     """
-    look: Callable[[int, FloatArray, FloatArray], SimulatedWindow | LinearizedWindow] = getattr(
-        model, "simulate", model.linearize
+    simulate: Callable[[int, FloatArray, FloatArray], SimulatedWindow | LinearizedWindow] | None = getattr(
+        model, "simulate", None
     )
-    return look(window, start, shared)
+    if simulate is None:
+        return linearize_window(model, window, start, shared)
+    with np.errstate(over="ignore", invalid="ignore"):
+        prediction = simulate(window, start, shared)
+    if isinstance(prediction, LinearizedWindow):
+        return _limit_jacobians(prediction)
+    residual = _price_lost_observations(prediction.residual)
+    if residual is prediction.residual and np.isfinite(prediction.end).all():
+        return prediction
+    return replace(prediction, residual=residual, end=np.nan_to_num(prediction.end))
+
+
+def linearize_window(model: ShootingModel, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
+    """Predict one window with its Jacobians.
+
+    A simulation that overflows ends what it predicts, not the fit: observations without a finite prediction have a
+    residual of `LOST_RESIDUAL`. They, and those whose derivatives are beyond the precision of numbers, determine
+    nothing: their derivatives are 0.
+
+    Args:
+        model: Model of the windows.
+        window: Index of the window.
+        start: (S,) start state.
+        shared: (P,) shared parameters.
+
+    Returns:
+        The linearized window; all its numbers are finite.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _limit_jacobians(model.linearize(window, start, shared))
+
+
+def is_lost(residual: FloatArray) -> BoolArray:
+    """Return which observations (K,) of a window could not be simulated, from its residuals (K, d)."""
+    return np.asarray((residual == LOST_RESIDUAL).all(axis=1))
+
+
+def _price_lost_observations(residual: FloatArray) -> FloatArray:
+    """Replace the residuals (K, d) of observations without a finite prediction."""
+    if np.isfinite(residual).all():
+        return residual
+    return np.where(np.isfinite(residual).all(axis=1)[:, None], residual, LOST_RESIDUAL)
+
+
+def _limit_jacobians(flow: LinearizedWindow) -> LinearizedWindow:
+    """Replace what is not finite in a linearized window, and derivatives that determine nothing."""
+    by_start, by_shared = (
+        np.abs(one).max(axis=(1, 2), initial=0.0) for one in (flow.start_jacobian, flow.shared_jacobian)
+    )
+    limit = _MAX_AMPLIFICATION * by_start.min(where=by_start > 0, initial=np.inf)
+    usable = (by_start < limit) & (by_shared < limit) & np.isfinite(flow.residual).all(axis=1)
+    ends = (flow.end, flow.end_start_jacobian, flow.end_shared_jacobian)
+    if usable.all() and all(np.abs(one).max(initial=0.0) < _MAX_AMPLIFICATION for one in ends):
+        return flow
+    return LinearizedWindow(
+        _price_lost_observations(flow.residual),
+        *(np.where(usable[:, None, None], one, 0.0) for one in (flow.start_jacobian, flow.shared_jacobian)),
+        *(np.where(np.abs(one) < _MAX_AMPLIFICATION, one, 0.0) for one in ends),
+        flow.event_order,
+    )
 
 
 def copy_contiguous(prediction: LinearizedWindow | SimulatedWindow) -> LinearizedWindow | SimulatedWindow:
@@ -166,6 +231,8 @@ def find_sensitive_observation(start_jacobian: FloatArray, limit: float = MAX_SE
     """
     if start_jacobian.size == 0:
         return len(start_jacobian)
-    size = np.linalg.norm(start_jacobian, axis=(1, 2), ord=2)
+    finite = np.isfinite(start_jacobian).all(axis=(1, 2))
+    size = np.full(len(start_jacobian), np.inf)
+    size[finite] = np.linalg.norm(start_jacobian[finite], axis=(1, 2), ord=2)
     over = np.flatnonzero(~(size <= limit))
     return int(over[0]) if len(over) else len(start_jacobian)
