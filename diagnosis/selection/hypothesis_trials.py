@@ -42,7 +42,7 @@ def try_hypothesis(search: EffectSearch, names: frozenset[str], near: Hypothesis
     existing = search.hypotheses.get(names)
     if existing is not None and not _is_worse_than_subset(search, existing, near):
         return existing
-    search.on_progress("trying", tuple(sorted(names)))
+    search.report_step("trying", names)
     problem = search.problem
     effects = find_added_effects(problem, names)
     effects += tuple(one for one in find_details(problem, names) if one in near.fitted.names and one not in effects)

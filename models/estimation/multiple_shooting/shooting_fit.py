@@ -56,6 +56,11 @@ PRIOR_DOMINATED = 0.8
 """Ratio of posterior to prior standard deviation above which the data did not determine a parameter."""
 _COST_JUMP = 4.0
 """Increase of the cost of one chain, in a step that should lower it, from which its states are fitted again."""
+_NOISE_CHI2 = 1.3
+"""Robust chi2 per observed coordinate up to which noise explains a chain: a wrong guess would not come as near."""
+_GUESS_WINDOWS = 4
+"""Windows of a chain on which its initial guesses are compared, 2 s of billiards: by then a spin has met a cushion or
+has decayed."""
 _EXPLAINED_CHI2 = 4.0
 """Robust chi2 per observation up to which the states of a chain count as found."""
 _EARLY_SHARES, _LATER_SHARES = (0.2, 0.35, 0.5), (0.7, 0.85)
@@ -210,11 +215,14 @@ def _predict_decrease(problem: ShootingProblem, now: Iterate, blocks: list[Chain
 def _refit_worse_chains(problem: ShootingProblem, before: Iterate, trial: Iterate, settling: int) -> Iterate:
     """Refit the states of every chain that a trial step made worse.
 
-    One chain that changes its order of contacts must not block a step that is good for all others.
+    One chain that changes its order of contacts must not block a step that is good for all others. A step that is not
+    good for them is too long; to refit the chains would only hide that.
     """
-    worse = [k for k in range(len(problem.chains)) if not trial.costs[k] <= before.costs[k] + _COST_JUMP]
-    if not worse or len(problem.chains) < 2:
+    gains = before.costs - trial.costs
+    is_worse = ~(gains[:-1] >= -_COST_JUMP)
+    if len(is_worse) < 2 or not is_worse.any() or not gains[np.append(~is_worse, True)].sum() > 0:
         return trial
+    worse = [int(k) for k in np.flatnonzero(is_worse)]
     parts = map_chains(problem, _fit_chain_task, trial, worse, settling)
     return replace_chains(problem, trial, dict(zip(worse, parts, strict=True)))
 
@@ -271,23 +279,43 @@ def _fit_best_guess(
     """Fit the states of one chain from each of its initial guesses and return the best.
 
     `more` are further start states of all windows. Where an alternative guess of a window differs from its first guess,
-    it replaces that coordinate only; the others keep their current values.
+    it replaces that coordinate only; the others keep their current values. In long chains, the guesses are compared on
+    the first windows.
     """
     own = problem.chains[chain]
     guesses = [now.starts] + [
         tuple(other[k] if k in own else start for k, start in enumerate(now.starts)) for other in more
     ]
-    guesses += [
+    alternatives = [
         (*now.starts[:k], np.where(other == problem.windows[k].start, now.starts[k], other), *now.starts[k + 1 :])
         for k in own
         for other in problem.windows[k].alternative_starts
     ]
-    fits = [
-        _fit_chain_states(problem, _simulate_guess(problem, now, chain, starts), chain, options.shot_iterations)
-        for starts in guesses
-    ]
+    if len(own) > _GUESS_WINDOWS and alternatives:
+        heads = replace(problem, chains=tuple(numbers[:_GUESS_WINDOWS] for numbers in problem.chains))
+        starts = _fit_guesses(heads, now, chain, options, [*guesses, *alternatives]).starts
+        first, end = own[0], own[_GUESS_WINDOWS]
+        guesses, alternatives = [(*one[:first], *starts[first:end], *one[end:]) for one in guesses], []
+    return _fit_guesses(problem, now, chain, options, [*guesses, *alternatives])
+
+
+def _fit_guesses(
+    problem: ShootingProblem,
+    now: Iterate,
+    chain: int,
+    options: ShootingOptions,
+    guesses: list[tuple[FloatArray, ...]],
+) -> Iterate:
+    """Fit the states of one chain from each of these start states of all windows and return the best."""
+    own = problem.chains[chain]
+    count = sum(len(problem.windows[k].t) for k in own)
+    fits: list[Iterate] = []
+    for starts in guesses:
+        guess = _simulate_guess(problem, now, chain, starts)
+        fits.append(_fit_chain_states(problem, guess, chain, options.shot_iterations))
+        if fits[-1].costs[chain] <= _NOISE_CHI2 * sum(fits[-1].windows[k].residual.size for k in own):
+            return fits[-1]
     best = min(fits, key=lambda one: float(one.costs[chain]))
-    count = sum(len(problem.windows[k].t) for k in problem.chains[chain])
     if best.costs[chain] <= _EXPLAINED_CHI2 * count:
         return best
     early = [
