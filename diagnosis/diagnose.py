@@ -21,7 +21,7 @@ from models.numerics.executor import SERIAL, Executor
 _FALSE_MOTION_PROBABILITY = 1e-4
 """Probability that a body at rest appears to move."""
 _MAX_FRAME_INTERVAL = 1.0
-"""s between frames beyond which nothing is followed: bodies of these scenes land, stop or swing back within a second."""
+"""s between frames beyond which no motion is followed: bodies land, stop or swing back within a second."""
 
 
 def diagnose(
@@ -63,13 +63,13 @@ def _explain_insufficient_data(scene: GapScene, split: ShotSplit) -> str:
     is_still = not any(_has_motion(one) for one in split.fitting)
     if is_still and any(int(one.is_observed.sum(axis=0).max()) >= MIN_ROWS for one in split.fitting):
         return "nothing moves in these shots"
-    interval = float(np.median(np.concatenate([np.diff(one.t) for one in split.fitting])))
-    if interval > _MAX_FRAME_INTERVAL:
-        return f"the frames are {interval:.3g} s apart; t is in seconds, and a motion needs several frames per second"
     segments = [segment.is_observed for one in split.fitting for segment in scene.split_recording(one)]
     rows = sum(int(is_observed.sum()) for is_observed in segments if is_observed.any(axis=1).sum() >= MIN_ROWS)
     if rows < 2 * MIN_ROWS:
         return f"{rows} observations are too few to test anything; at least {2 * MIN_ROWS} are needed"
+    interval = float(np.median(np.concatenate([np.diff(one.t) for one in split.fitting])))
+    if interval > _MAX_FRAME_INTERVAL:
+        return f"the frames are {interval:.3g} s apart; t is in seconds, and a motion needs several frames per second"
     return ""
 
 

@@ -35,6 +35,9 @@ _SIDE_SAMPLES = 5
 """Samples on one side to which a parabola is fitted."""
 _OUTLIER_SIGMAS = 6.0
 """Deviation from which a sample between consistent neighbours is an outlier, standard deviations."""
+_MAX_OUTLIER_SHARE = 0.25
+"""Share of the samples of a body from which they are no outliers: the noise is estimated too small, or the motion is
+not smooth."""
 _MIN_RELATIVE_SIGMA = 1e-7
 """Smallest standard deviation over the largest coordinate: ten times the error of the simulations themselves, which
 would otherwise be the largest systematic residual of recordings without noise."""
@@ -199,6 +202,8 @@ def _find_outliers(recording: Recording) -> BoolArray:
             apart = [recording.frame[near[-1]] - recording.frame[near[0]] <= 2 * _SIDE_SAMPLES for near, _ in fits]
             if len(fits) >= 2 and all(apart):
                 bad[rows[k], body] = all(_is_off_polynomial(recording, body, int(rows[k]), *one) for one in fits)
+        if bad[:, body].sum() > _MAX_OUTLIER_SHARE * len(rows):
+            bad[:, body] = False
     return bad
 
 

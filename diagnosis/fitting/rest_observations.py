@@ -20,9 +20,9 @@ _ROWS = 2
 
 
 def add_rest_observations(segment: Recording, firsts: IntArray) -> Recording:
-    """Add observations of bodies that rest where a window starts and have no sample there.
+    """Add observations of bodies that rest in the first rows of a window and have no sample there.
 
-    All that are added repeat one sample, and have together the information of one.
+    They repeat other samples; all that are added for a body have together the information of one.
 
     Args:
         segment: Segment of a recording.
@@ -34,12 +34,12 @@ def add_rest_observations(segment: Recording, firsts: IntArray) -> Recording:
     positions, sigma = segment.positions.copy(), segment.sigma.copy()
     for body in range(len(segment.bodies)):
         rows = np.flatnonzero(segment.is_observed[:, body])
-        for first in map(int, firsts[1:-1]):
-            here = slice(first, first + _ROWS)
-            source = -1 if segment.is_observed[here, body].any() else _find_rest_sample(segment, body, rows, first)
-            if source >= 0:
-                positions[here, body] = segment.positions[source, body]
-                sigma[here, body] = segment.sigma[source, body] * np.sqrt(_ROWS * (len(firsts) - 2))
+        empty = [row for row in (firsts[:-1, None] + np.arange(_ROWS)).flat if not segment.is_observed[row, body]]
+        sources = {int(row): _find_rest_sample(segment, body, rows, int(row)) for row in empty}
+        sources = {row: source for row, source in sources.items() if source >= 0}
+        for row, source in sources.items():
+            positions[row, body] = segment.positions[source, body]
+            sigma[row, body] = segment.sigma[source, body] * np.sqrt(len(sources))
     return replace(segment, positions=positions, sigma=sigma)
 
 

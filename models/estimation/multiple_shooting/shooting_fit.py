@@ -56,6 +56,8 @@ PRIOR_DOMINATED = 0.8
 """Ratio of posterior to prior standard deviation above which the data did not determine a parameter."""
 _COST_JUMP = 4.0
 """Increase of the cost of one chain, in a step that should lower it, from which its states are fitted again."""
+_SETTLING_ITERATIONS = 4
+"""Iterations of the states of one chain after a jump of its cost; the next steps of everything move them further."""
 _NOISE_CHI2 = 1.3
 """Robust chi2 per observed coordinate up to which noise explains a chain: a wrong guess would not come as near."""
 _GUESS_WINDOWS = 4
@@ -187,9 +189,10 @@ def convert_to_priors(unknowns: tuple[Prior, ...], fitted: ShootingFit) -> tuple
 
 def _minimize_cost(problem: ShootingProblem, now: Iterate, options: ShootingOptions) -> tuple[Iterate, bool]:
     """Minimize the cost by damped steps; return the last iterate and whether it converged."""
+    settling = min(options.shot_iterations, _SETTLING_ITERATIONS)
 
     def move(now: Iterate, step: tuple[FloatArray, list[FloatArray], FloatArray]) -> tuple[Iterate, float]:
-        trial = _refit_worse_chains(problem, now, _take_step(problem, now, step), options.shot_iterations)
+        trial = _refit_worse_chains(problem, now, _take_step(problem, now, step), settling)
         return trial, trial.cost
 
     best = minimize_cost(
@@ -216,11 +219,12 @@ def _refit_worse_chains(problem: ShootingProblem, before: Iterate, trial: Iterat
     """Refit the states of every chain that a trial step made worse.
 
     One chain that changes its order of contacts must not block a step that is good for all others. A step that is not
-    good for them is too long; to refit the chains would only hide that.
+    good for them is too long; refitting would only hide that.
     """
-    gains = before.costs - trial.costs
+    with np.errstate(invalid="ignore"):
+        gains = before.costs - trial.costs
     is_worse = ~(gains[:-1] >= -_COST_JUMP)
-    if len(is_worse) < 2 or not is_worse.any() or not gains[np.append(~is_worse, True)].sum() > 0:
+    if len(is_worse) < 2 or not is_worse.any() or not gains[np.append(~is_worse, True)].sum() > _COST_JUMP:
         return trial
     worse = [int(k) for k in np.flatnonzero(is_worse)]
     parts = map_chains(problem, _fit_chain_task, trial, worse, settling)

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from models.core.typing import BoolArray, FloatArray, IntArray
+from models.numerics.jit import compile_kernel
 from models.physics.effect import Prior
 
 MAX_SENSITIVITY = 40.0
@@ -16,6 +17,8 @@ MAX_SENSITIVITY = 40.0
 LOST_RESIDUAL = 1e7
 """Residual of an observation that cannot be simulated, standard deviations: beyond any finite one of real data (3 m in
 steps of a micrometre), and small enough that the cost of all other observations keeps nine digits beside it."""
+_MAX_RESIDUAL = 1 / float(np.finfo(np.float64).eps)
+"""Standard deviations beside which the cost of another observation vanishes in rounding errors."""
 _MAX_AMPLIFICATION = float(np.finfo(np.float64).eps) ** -0.5
 """Ratio to the smallest derivative of a window by its start from which an observation determines nothing: in normal
 equations, its rounding errors are as large as the information of the others."""
@@ -176,20 +179,16 @@ def is_lost(residual: FloatArray) -> BoolArray:
 
 def _price_lost_observations(residual: FloatArray) -> FloatArray:
     """Replace the residuals (K, d) of observations without a finite prediction."""
-    if np.isfinite(residual).all():
-        return residual
-    return np.where(np.isfinite(residual).all(axis=1)[:, None], residual, LOST_RESIDUAL)
+    is_possible = np.abs(residual) < _MAX_RESIDUAL
+    return residual if is_possible.all() else np.where(is_possible.all(axis=1)[:, None], residual, LOST_RESIDUAL)
 
 
 def _limit_jacobians(flow: LinearizedWindow) -> LinearizedWindow:
     """Replace what is not finite in a linearized window, and derivatives that determine nothing."""
-    by_start, by_shared = (
-        np.abs(one).max(axis=(1, 2), initial=0.0) for one in (flow.start_jacobian, flow.shared_jacobian)
-    )
-    limit = _MAX_AMPLIFICATION * by_start.min(where=by_start > 0, initial=np.inf)
-    usable = (by_start < limit) & (by_shared < limit) & np.isfinite(flow.residual).all(axis=1)
+    usable = np.empty(len(flow.residual), np.bool_)
     ends = (flow.end, flow.end_start_jacobian, flow.end_shared_jacobian)
-    if usable.all() and all(np.abs(one).max(initial=0.0) < _MAX_AMPLIFICATION for one in ends):
+    is_sound = _mark_usable_rows(flow.residual, flow.start_jacobian, flow.shared_jacobian, _MAX_AMPLIFICATION, usable)
+    if is_sound and all(np.abs(one).max(initial=0.0) < _MAX_AMPLIFICATION for one in ends):
         return flow
     return LinearizedWindow(
         _price_lost_observations(flow.residual),
@@ -197,6 +196,34 @@ def _limit_jacobians(flow: LinearizedWindow) -> LinearizedWindow:
         *(np.where(np.abs(one) < _MAX_AMPLIFICATION, one, 0.0) for one in ends),
         flow.event_order,
     )
+
+
+@compile_kernel
+def _mark_usable_rows(residual, by_start, by_shared, amplification, usable):  # type: ignore[no-untyped-def]
+    """Mark the rows (K,) with finite residuals (K, d) and moderate Jacobians (K, d, S), (K, d, P).
+
+    `amplification` limits their entries relative to the smallest row of `by_start`. Returns whether all are usable.
+    """
+    sizes = np.zeros(len(residual))
+    least = np.inf
+    for k in range(len(residual)):
+        for i in range(residual.shape[1]):
+            for j in range(by_start.shape[2]):
+                sizes[k] = max(sizes[k], abs(by_start[k, i, j]))
+        if 0 < sizes[k] < least:
+            least = sizes[k]
+    sound = True
+    for k in range(len(residual)):
+        fine = sizes[k] < amplification * least
+        for i in range(residual.shape[1]):
+            fine &= abs(residual[k, i]) < _MAX_RESIDUAL
+            for j in range(by_start.shape[2]):
+                fine &= np.isfinite(by_start[k, i, j])
+            for j in range(by_shared.shape[2]):
+                fine &= abs(by_shared[k, i, j]) < amplification * least
+        usable[k] = fine
+        sound &= fine
+    return sound
 
 
 def copy_contiguous(prediction: LinearizedWindow | SimulatedWindow) -> LinearizedWindow | SimulatedWindow:
