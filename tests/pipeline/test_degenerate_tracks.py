@@ -23,10 +23,15 @@ SLOW = {
     ("billiards", name)
     for name in ("an empty shot", "missing places", "rounded places", "infinite places", "wild motion")
 }
-"""These take longer and are part of benchmarks/stress_cases."""
-
-
-CASES = [(scene, name) for scene in COORDINATES for name in SPOILERS if (scene, name) not in SLOW]
+"""These take five to fifteen seconds each."""
+ALTERNATING = {name: ("flight", "pendulum")[k % 2] for k, name in enumerate(SPOILERS)}
+"""Flight and pendulum share their code with sliding: each spoiler is tried on one of them."""
+CASES = [
+    pytest.param(scene, name, marks=[pytest.mark.slow] * ((scene, name) in SLOW))
+    for scene in COORDINATES
+    for name in SPOILERS
+    if scene in ("slide", "billiards", ALTERNATING[name])
+]
 
 
 def diagnose_spoilt(scene: str, name: str, folder: Path) -> DiagnosisReport | str:

@@ -180,7 +180,7 @@ def is_lost(residual: FloatArray) -> BoolArray:
 def _price_lost_observations(residual: FloatArray) -> FloatArray:
     """Replace the residuals (K, d) of observations without a finite prediction."""
     is_possible = np.abs(residual) < _MAX_RESIDUAL
-    return residual if is_possible.all() else np.where(is_possible.all(axis=1)[:, None], residual, LOST_RESIDUAL)
+    return residual if is_possible.all() else np.where(is_possible.all(axis=1, keepdims=True), residual, LOST_RESIDUAL)
 
 
 def _limit_jacobians(flow: LinearizedWindow) -> LinearizedWindow:
@@ -190,12 +190,11 @@ def _limit_jacobians(flow: LinearizedWindow) -> LinearizedWindow:
     is_sound = _mark_usable_rows(flow.residual, flow.start_jacobian, flow.shared_jacobian, _MAX_AMPLIFICATION, usable)
     if is_sound and all(np.abs(one).max(initial=0.0) < _MAX_AMPLIFICATION for one in ends):
         return flow
-    return LinearizedWindow(
-        _price_lost_observations(flow.residual),
-        *(np.where(usable[:, None, None], one, 0.0) for one in (flow.start_jacobian, flow.shared_jacobian)),
-        *(np.where(np.abs(one) < _MAX_AMPLIFICATION, one, 0.0) for one in ends),
-        flow.event_order,
-    )
+    rows = usable[:, None, None]
+    by_start, by_shared = (np.where(rows, one, 0.0) for one in (flow.start_jacobian, flow.shared_jacobian))
+    end, end_by_start, end_by_shared = (np.where(np.abs(one) < _MAX_AMPLIFICATION, one, 0.0) for one in ends)
+    residual = _price_lost_observations(flow.residual)
+    return LinearizedWindow(residual, by_start, by_shared, end, end_by_start, end_by_shared, flow.event_order)
 
 
 @compile_kernel
