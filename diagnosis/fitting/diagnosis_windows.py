@@ -173,7 +173,8 @@ def _split_segment(segment: Recording, span: float, may_leave: bool = False) -> 
     first = 0
     for end in map(int, _find_split_rows(segment, span)[1:]):
         part = segment.select_rows(first, end)
-        if _has_enough_observations(part, segment.is_observed[first:].any(axis=0) | (not may_leave)):
+        needed = np.asarray(segment.is_observed[first:].any(axis=0)) if may_leave else True
+        if _has_enough_observations(part, needed):
             parts, first = [*parts, part], end
     if first < len(segment.t):
         parts = [*parts[:-1], segment.select_rows(first - len(parts[-1].t) if parts else 0, len(segment.t))]

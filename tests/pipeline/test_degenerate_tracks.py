@@ -19,15 +19,14 @@ from pipeline.io.track_folder_scene import build_gap_scene
 REFUSED = ("decreasing times", "equal times", "no places")
 """A file with these is refused when it is read."""
 UNDECIDABLE = ("constant places", "noise alone", "one sample", "times times 1e6")
-SLOW = {
-    ("billiards", name)
-    for name in ("an empty shot", "missing places", "rounded places", "infinite places", "wild motion")
-}
-"""These take five to fifteen seconds each."""
+SLOW_WITH_CONTACTS = (
+    "30000 frames per second", "an empty shot", "infinite places", "missing places", "rounded places", "wild motion",
+)  # fmt: skip
+"""In billiards, these take five to fifteen seconds each."""
 ALTERNATING = {name: ("flight", "pendulum")[k % 2] for k, name in enumerate(SPOILERS)}
 """Flight and pendulum share their code with sliding: each spoiler is tried on one of them."""
 CASES = [
-    pytest.param(scene, name, marks=[pytest.mark.slow] * ((scene, name) in SLOW))
+    pytest.param(scene, name, marks=[pytest.mark.slow] * (scene == "billiards" and name in SLOW_WITH_CONTACTS))
     for scene in COORDINATES
     for name in SPOILERS
     if scene in ("slide", "billiards", ALTERNATING[name])
