@@ -90,7 +90,7 @@ def _iterate_fits(
         linear = problem.clip_to_bounds(linear)
     coarse = [
         _fit_coarsely(search, near, names, effects, forms, linear if forms == near.fitted.forms else natural)
-        for forms in _list_forms(problem, names)
+        for forms in _list_forms(problem, names, near)
     ]
     yield from coarse
     explained = near.fitted.cost - min(one.fitted.cost for one in search.hypotheses.values())
@@ -184,15 +184,18 @@ def _may_be_absorbed(problem: DiagnosisProblem, fitted: EffectFit, fresh: NDArra
     return bool(len(strength) and strength.max() < _ABSORBED_STRENGTH_SHARE and fitted.lack_of_fit > POOR_LACK_OF_FIT)
 
 
-def _list_forms(problem: DiagnosisProblem, names: frozenset[str]) -> list[tuple[str, ...]]:
-    """List the combinations of contact models to try: all others where the choice is under test."""
+def _list_forms(problem: DiagnosisProblem, names: frozenset[str], near: Hypothesis) -> list[tuple[str, ...]]:
+    """List the combinations of contact models to try: all others where the choice is under test.
+
+    A choice that the near hypothesis has made stays: all of its forms were compared there.
+    """
     combinations: list[tuple[str, ...]] = [()]
-    for choice in problem.scene.alternatives:
-        others = (
-            [form for form in choice.forms if form != choice.simulator_form]
-            if choice.name in names
-            else [choice.simulator_form]
-        )
+    for choice, current in zip(problem.scene.alternatives, near.fitted.forms, strict=True):
+        others = [choice.simulator_form]
+        if choice.name in names & near.names:
+            others = [current]
+        elif choice.name in names:
+            others = [form for form in choice.forms if form != choice.simulator_form]
         combinations = [(*forms, form) for forms in combinations for form in others]
     return combinations
 
