@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.normal_equations import simulate_shots
+from models.estimation.multiple_shooting.normal_equations import simulate_chains
 from models.estimation.multiple_shooting.posterior_samples import sample_posterior
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED, ShootingFit, ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_problem import ShootingProblem
@@ -245,7 +245,7 @@ def _select_samples(
         before, previous.starts, previous.shared, _SAMPLE_COUNT, _SAMPLE_WIDENING, rng
     ):
         guess = _add_new_windows(part, ShotGuess(starts, shared))
-        point = simulate_shots(problem, guess.starts, guess.shared)
+        point = simulate_chains(problem, guess.starts, guess.shared)
         candidates.append((point.cost, tuple(flow.event_order for flow in point.windows), guess))
     candidates.sort(key=lambda one: one[0])
     firsts = [k for k, one in enumerate(candidates) if one[1] not in [other[1] for other in candidates[:k]]]
