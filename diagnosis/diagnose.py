@@ -11,7 +11,7 @@ from diagnosis.fitting.diagnosis_windows import MIN_ROWS
 from diagnosis.fitting.identity_switch_correction import undo_identity_switches
 from diagnosis.fitting.noise_estimation import apply_noise_estimate
 from diagnosis.fitting.shot_split import ShotSplit, split_shots
-from diagnosis.selection.hypotheses import ProgressCallback, ignore_progress
+from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook, ignore_progress
 from diagnosis.selection.study import run_study
 from diagnosis.verdicts.diagnosis_report import build_report, build_undecidable_report
 from diagnosis.verdicts.verdict import DiagnosisReport
@@ -20,6 +20,8 @@ from models.numerics.executor import SERIAL, Executor
 
 _FALSE_MOTION_PROBABILITY = 1e-4
 """Probability that a body at rest appears to move."""
+_MAX_FRAME_INTERVAL = 1.0
+"""s between frames beyond which no motion is followed: bodies land, stop or swing back within a second."""
 
 
 def diagnose(
@@ -35,7 +37,8 @@ def diagnose(
         scene: Scene with a catalogue of effects, and the effects that the user's simulator has.
         recordings: One recording per shot.
         seed: Seed of the noise and bootstrap draws.
-        on_progress: Receives a description of each step and the names of the effects that it concerns.
+        on_progress: Receives a description of each step, the names of the effects that it concerns, and the outlook:
+            the best hypothesis so far and the number of steps.
         executor: Distributes the fits over processes; it does not change the report.
 
     Returns:
@@ -46,9 +49,10 @@ def diagnose(
     reason = _explain_insufficient_data(scene, split)
     if reason:
         return build_undecidable_report(scene, reason)
-    on_progress("fitting the simulator", ())
+    on_progress("fitting the simulator", (), SearchOutlook())
     study = run_study(scene, split, np.random.default_rng(seed), on_progress, executor)
-    on_progress("predicting hold-out shots", tuple(sorted(study.best.names)))
+    names, steps = tuple(sorted(study.best.names)), study.search.steps_done
+    on_progress("predicting hold-out shots", names, SearchOutlook(names, steps, 1))
     reporting_shots = tuple(apply_noise_estimate(split.holdout, study.noise))
     report = build_report(study, reporting_shots, np.random.default_rng([seed, 1]))
     return replace(report, notes=tuple(str(switch) for _, switches in restored for switch in switches))
@@ -63,6 +67,9 @@ def _explain_insufficient_data(scene: GapScene, split: ShotSplit) -> str:
     rows = sum(int(is_observed.sum()) for is_observed in segments if is_observed.any(axis=1).sum() >= MIN_ROWS)
     if rows < 2 * MIN_ROWS:
         return f"{rows} observations are too few to test anything; at least {2 * MIN_ROWS} are needed"
+    interval = float(np.median(np.concatenate([np.diff(one.t) for one in split.fitting])))
+    if interval > _MAX_FRAME_INTERVAL:
+        return f"the frames are {interval:.3g} s apart; t is in seconds, and a motion needs several frames per second"
     return ""
 
 

@@ -14,30 +14,33 @@ from diagnosis.diagnose import diagnose as diagnose_recordings
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.typing import ImageArray
 from models.physics.billiards.simulation.simulate_shot import SimulatedShot
-from models.physics.billiards.simulation.simulate_shot import simulate as simulate_balls
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.image_file import read_image
 from pipeline.io.shot_file import parse_shot, read_shot
+from pipeline.io.table_profile import place_on_learned_table, read_profile_text
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 from video.io.video_options import CalibrateOptions
 
 
-def simulate(shot: Mapping[str, Any] | str | Path) -> SimulatedShot:
+def simulate(shot: Mapping[str, Any] | str | Path, profile: str | Path | None = None) -> SimulatedShot:
     """Simulate a shot from its initial state.
 
     Args:
         shot: A dict with the keys of SHOT.json, or the path of such a file: table (m), balls (m, m/s, rad/s),
             effects, laws and seconds (s).
+        profile: Table profile of `trueroll fit-table` or `diagnose`, which replaces the effects and laws of the shot.
 
     Returns:
         The shot: its contacts, and `.states_at(times)` for the state of every ball at any times (T,) in s.
 
     Raises:
-        OptionError: The shot has a mistake; the message names the first one.
+        OptionError: The shot has a mistake, and the message names the first one; or the profile cannot be used.
     """
     parsed = parse_shot(dict(shot)) if isinstance(shot, Mapping) else read_shot(Path(shot))
-    return simulate_balls(parsed.balls, parsed.table, parsed.physics, parsed.seconds)
+    if profile is not None:
+        parsed = place_on_learned_table(parsed, read_profile_text(Path(profile)))
+    return parsed.simulate()
 
 
 def diagnose(*inputs: str | Path, seed: int = 0) -> DiagnosisReport:

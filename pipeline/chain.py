@@ -25,6 +25,7 @@ from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import escape_text
+from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from pipeline.run_options import RunOptions, format_changed_settings
 from pipeline.stages.calibrate_stage import calibrate_stage
 from pipeline.stages.detect_stage import detect_stage
@@ -57,6 +58,8 @@ class FinishedRun:
     folder: Path
     trust: Trust
     events: Events
+    whole_shot: str = ""
+    """Sentences on what explains the whole shot."""
     notes: tuple[str, ...] = ()
     """Sentences about irregularities of the clip."""
 
@@ -211,7 +214,9 @@ def run_clip(
             adapters[name](load_stage_output(stages[name], entries[name]))
     cached_clip: Clip = load_stage_output(stages["read"], entries["read"])
     fit: Fit = load_stage_output(stages["fit"], entries["fit"])
-    return FinishedRun(folder, assess_run_trust(cached_clip, fit), fit.events, cached_clip.notes)
+    return FinishedRun(
+        folder, assess_run_trust(cached_clip, fit), fit.events, format_whole_shot(fit), cached_clip.notes
+    )
 
 
 def _relocate_clip(path: Path, clip: Clip) -> Clip:

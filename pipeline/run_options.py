@@ -57,6 +57,11 @@ class Setting:
         return "--" + self.name.replace("_", "-")
 
     @property
+    def off_flag(self) -> str:
+        """The opposite option, such as `--no-laws`, of a setting that is neither on nor off by default; else empty."""
+        return f"--no-{self.flag.removeprefix('--')}" if self.type == bool | None else ""
+
+    @property
     def help(self) -> str:
         """What the option does in every stage, its range and its unit."""
         return " ".join(_format_help(spec) for _, spec in self.specs)
@@ -101,7 +106,8 @@ def build_parameters(excluded: Collection[str] = ()) -> list[inspect.Parameter]:
         if setting.name in excluded:
             continue
         panel = "For researchers" if setting.stages[0] in EXPERT_STAGES and len(setting.stages) == 1 else None
-        option = typer.Option(setting.default, setting.flag, help=setting.help, rich_help_panel=panel)
+        flags = f"{setting.flag}/{setting.off_flag}" if setting.off_flag else setting.flag
+        option = typer.Option(setting.default, flags, help=setting.help, rich_help_panel=panel)
         kind = inspect.Parameter.KEYWORD_ONLY
         parameters.append(inspect.Parameter(setting.name, kind, default=option, annotation=setting.type))
     return parameters
@@ -164,5 +170,6 @@ def format_changed_settings(options: RunOptions) -> tuple[str, ...]:
         value = getattr(getattr(options, setting.stages[0]), name)
         if value != setting.default:
             is_flag = value is True or name == "profile"  # the value of profile is the content of its file
-            words.append(setting.flag if is_flag else f"{setting.flag} {value}")
+            off = setting.off_flag if value is False else ""
+            words.append(off or (setting.flag if is_flag else f"{setting.flag} {value}"))
     return tuple(words)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_window_model, fit_effects
+from diagnosis.fitting.rest_observations import add_rest_observations
 from diagnosis.fitting.window_continuation import extend_windows, merge_lost_windows
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import ContactRichScene, Recording
 from models.estimation.multiple_shooting.shooting_windows import find_sensitive_observation
 
@@ -97,7 +96,7 @@ def fit_initial_windows(
     if isinstance(problem.scene, ContactRichScene):
         return merge_lost_windows(
             problem,
-            fit_effects(problem, _split_segments(segments, problem.scene.initial_window_length), names, forms, guess),
+            fit_effects(problem, _split_at_rest(segments, problem.scene.initial_window_length), names, forms, guess),
         )
     fitted = _fit_long_segments(problem, segments, names, forms, guess)
     for _ in range(_MAX_ROUNDS):
@@ -150,17 +149,41 @@ def _fit_long_segments(
     return min((long_fit, fit_effects(problem, segments, names, forms, short_fit.shared)), key=lambda one: one.cost)
 
 
-def _split_segment(segment: Recording, span: float) -> list[Recording]:
-    """Split a segment into parts of about `span` seconds."""
+def _split_at_rest(segments: tuple[Recording, ...], span: float) -> tuple[Recording, ...]:
+    """Split segments, also where a recording contains only a few samples of a body that rests."""
+    return tuple(
+        part
+        for segment in segments
+        for part in _split_segment(add_rest_observations(segment, _find_split_rows(segment, span)), span, True)
+    )
+
+
+def _find_split_rows(segment: Recording, span: float) -> IntArray:
+    """Find the first row of every part of about `span` seconds, and the row after the last one."""
     count = min(round(float(segment.t[-1] - segment.t[0]) / span), len(segment.t) // MIN_ROWS)
-    ends = np.linspace(0, len(segment.t), max(count, 1) + 1).astype(int)
-    parts = [segment.select_rows(int(first), int(last)) for first, last in pairwise(ends)]
-    return parts if all(_has_enough_observations(part) for part in parts) else [segment]
+    return np.linspace(0, len(segment.t), max(count, 1) + 1).astype(np.int64)
 
 
-def _has_enough_observations(segment: Recording) -> bool:
-    """Return whether every body has `MIN_OBSERVATIONS` in a segment."""
-    return bool((segment.is_observed.sum(axis=0) >= MIN_OBSERVATIONS).all())
+def _split_segment(segment: Recording, span: float, may_leave: bool = False) -> list[Recording]:
+    """Split a segment into parts of about `span` seconds, or longer where a body is rarely observed.
+
+    With `may_leave`, a body that is not observed any more, such as a pocketed ball, is in none of the later parts.
+    """
+    parts: list[Recording] = []
+    first = 0
+    for end in map(int, _find_split_rows(segment, span)[1:]):
+        part = segment.select_rows(first, end)
+        needed = np.asarray(segment.is_observed[first:].any(axis=0)) if may_leave else True
+        if _has_enough_observations(part, needed):
+            parts, first = [*parts, part], end
+    if first < len(segment.t):
+        parts = [*parts[:-1], segment.select_rows(first - len(parts[-1].t) if parts else 0, len(segment.t))]
+    return parts
+
+
+def _has_enough_observations(segment: Recording, needed: BoolArray | bool = True) -> bool:
+    """Return whether every body (N,) that is `needed` has `MIN_OBSERVATIONS` in a segment."""
+    return bool((segment.is_observed.sum(axis=0) >= np.where(needed, MIN_OBSERVATIONS, 0)).all())
 
 
 def _split_sensitive_segments(problem: DiagnosisProblem, fitted: EffectFit) -> tuple[Recording, ...]:
@@ -172,7 +195,7 @@ def _split_sensitive_segments(problem: DiagnosisProblem, fitted: EffectFit) -> t
         rows, bodies = np.nonzero(segment.is_observed)
         first = find_sensitive_observation(flow.start_jacobian * segment.sigma[rows, bodies][:, None, None])
         cut = int(rows[first]) if first < len(rows) else len(segment.t)
-        if np.median(np.linalg.norm(flow.residual, axis=1)) > _DIVERGED_SIGMAS:
+        if not np.median(np.linalg.norm(flow.residual, axis=1)) <= _DIVERGED_SIGMAS:
             cut = min(cut, len(segment.t) // 2)
         parts += _split_at_row(segment, cut)
     return tuple(parts)

@@ -11,11 +11,11 @@ from diagnosis.fitting.noise_whitening import WhitenedModel, build_noise_chain
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene, Recording, effect_parameter_mask, neutral_values
 from models.estimation.multiple_shooting.fixed_parameters import FixedParameterModel
-from models.estimation.multiple_shooting.normal_equations import linearize_shots, simulate_shots
+from models.estimation.multiple_shooting.normal_equations import linearize_chains, simulate_chains
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_problem import Iterate, ShootingProblem, build_problem
-from models.estimation.multiple_shooting.shooting_windows import ShootingModel, simulate_window
-from models.estimation.multiple_shooting.state_elimination import ShotBlock
+from models.estimation.multiple_shooting.shooting_windows import ShootingModel, is_lost, simulate_window
+from models.estimation.multiple_shooting.state_elimination import ChainBlock
 from models.numerics.executor import SERIAL, Executor
 from models.numerics.least_squares import solve_damped
 from models.physics.effect import Prior
@@ -67,6 +67,11 @@ class DiagnosisProblem:
     def mask(self, names: tuple[str, ...]) -> BoolArray:
         """Return a mask (P,) of the parameters of the named effects."""
         return effect_parameter_mask(self.scene, names)
+
+    def clip_to_bounds(self, values: FloatArray) -> FloatArray:
+        """Limit parameter values (P,) to the bounds of their priors, outside which a scene may not exist."""
+        low, high = np.transpose([prior.bounds for prior in self.priors])
+        return np.asarray(np.clip(values, low, high))
 
 
 def build_diagnosis_problem(scene: GapScene, correlation: float, executor: Executor = SERIAL) -> DiagnosisProblem:
@@ -187,7 +192,7 @@ def fit_effects(
     forms = problem.simulator_forms if forms is None else forms
     free = problem.mask((*problem.scene.simulator_effects, *names))
     values = np.where(free, [prior.value for prior in problem.priors], problem.neutral) if guess is None else guess
-    values = np.where(free, _clip_to_bounds(problem.priors, values), problem.neutral)
+    values = np.where(free, problem.clip_to_bounds(values), problem.neutral)
     model = FixedParameterModel(build_window_model(problem, segments, forms, free), values, free, problem.priors)
     shooting = fit_windows(model, values[free], options, starts, executor=problem.executor)
     return EffectFit(segments, names, forms, free, model.fill_values(shooting.shared), shooting)
@@ -203,11 +208,11 @@ def can_simulate(problem: DiagnosisProblem, like: EffectFit, forms: tuple[str, .
         shared: (P,) values of all parameters.
 
     Returns:
-        True where all residuals are finite.
+        True where all observations can be simulated.
     """
     model = build_window_model(problem, like.segments, forms, np.zeros(len(shared), bool))
     misfits = (simulate_window(model, k, start, shared).residual for k, start in enumerate(like.starts))
-    return all(bool(np.isfinite(misfit).all()) for misfit in misfits)
+    return not any(is_lost(misfit).any() for misfit in misfits)
 
 
 def fit_start_states(
@@ -261,12 +266,6 @@ def refit_effects(
     return EffectFit(segments, like.names, like.forms, like.free, model.fill_values(shooting.shared), shooting)
 
 
-def _clip_to_bounds(priors: tuple[Prior, ...], values: FloatArray) -> FloatArray:
-    low = np.array([prior.bounds[0] for prior in priors])
-    high = np.array([prior.bounds[1] for prior in priors])
-    return np.asarray(np.clip(values, low, high))
-
-
 @dataclass(frozen=True, slots=True)
 class ShotInformation:
     """Information that each of Q shots holds on all P parameters near a fit, with the start states marginalised."""
@@ -295,7 +294,7 @@ class LinearizedFit:
 
 
 def linearize_fit(problem: DiagnosisProblem, fitted: EffectFit) -> LinearizedFit:
-    """Linearise the windows of a fit by all P parameters.
+    """Linearise the windows of a fit by all P parameters but those of generic laws, which no search considers.
 
     Args:
         problem: Scene and priors.
@@ -306,30 +305,30 @@ def linearize_fit(problem: DiagnosisProblem, fitted: EffectFit) -> LinearizedFit
     """
     everything = np.ones(len(problem.priors), bool)
     model = FixedParameterModel(
-        build_window_model(problem, fitted.segments, fitted.forms, None), fitted.shared, everything, problem.priors
+        build_window_model(problem, fitted.segments, fitted.forms, ~problem.mask(problem.probes)),
+        fitted.shared,
+        everything,
+        problem.priors,
     )
     shooting_problem = build_problem(model, problem.executor)
-    point, blocks = linearize_shots(shooting_problem, simulate_shots(shooting_problem, fitted.starts, fitted.shared))
-    score = [-(b.shared_gradient - b.coupling.T @ solve_damped(b.states, b.gradient, 0.0)) for b in blocks]
-    information = np.stack([b.schur_complement() for b in blocks])
-    return LinearizedFit(
-        shooting_problem,
-        point,
-        ShotInformation(
-            np.array(sorted({w.shot for w in shooting_problem.windows})),
-            information,
-            np.stack(score),
-            _compute_start_responses(shooting_problem, point, blocks),
-        ),
-    )
+    point, blocks = linearize_chains(shooting_problem, simulate_chains(shooting_problem, fitted.starts, fitted.shared))
+    chain_shots = [shooting_problem.windows[numbers[0]].shot for numbers in shooting_problem.chains]
+    shots, place = np.unique(chain_shots, return_inverse=True)
+    information = np.zeros((len(shots), len(everything), len(everything)))
+    score = np.zeros((len(shots), len(everything)))
+    for k, block in zip(place, blocks, strict=True):
+        information[k] += block.schur_complement()
+        score[k] -= block.shared_gradient - block.coupling.T @ solve_damped(block.states, block.gradient, 0.0)
+    responses = _compute_start_responses(shooting_problem, point, blocks)
+    return LinearizedFit(shooting_problem, point, ShotInformation(shots, information, score, responses))
 
 
 def _compute_start_responses(
-    shooting_problem: ShootingProblem, point: Iterate, blocks: list[ShotBlock]
+    shooting_problem: ShootingProblem, point: Iterate, blocks: list[ChainBlock]
 ) -> tuple[FloatArray, ...]:
-    """Compute the response (S, P) of the start state of each window, from the normal equations of its shot."""
+    """Compute the response (S, P) of the start state of each window, from the normal equations of its chain."""
     responses: list[FloatArray] = [np.empty((0, 0))] * len(shooting_problem.windows)
-    for numbers, block in zip(shooting_problem.shot_windows, blocks, strict=True):
+    for numbers, block in zip(shooting_problem.chains, blocks, strict=True):
         ends = np.cumsum([len(point.starts[k]) for k in numbers])
         parts = np.split(-solve_damped(block.states, block.coupling, 0.0), ends[:-1])
         for k, part in zip(numbers, parts, strict=True):
@@ -344,7 +343,7 @@ def select_best_starts(
     shared: FloatArray,
     candidates: list[tuple[FloatArray, ...]],
 ) -> tuple[FloatArray, ...]:
-    """Select, shot by shot, the start states from which a simulation is closest to the observations.
+    """Select, chain by chain, the start states from which a simulation is closest to the observations.
 
     Args:
         problem: Scene and priors.
@@ -359,9 +358,9 @@ def select_best_starts(
     none = np.zeros(len(shared), bool)
     model = FixedParameterModel(build_window_model(problem, like.segments, forms, none), shared, none, problem.priors)
     shooting_problem = build_problem(model, problem.executor)
-    candidate_costs = [simulate_shots(shooting_problem, starts, shared[none]).costs[:-1] for starts in candidates]
+    candidate_costs = [simulate_chains(shooting_problem, starts, shared[none]).costs[:-1] for starts in candidates]
     best = list(candidates[0])
-    for numbers, costs in zip(shooting_problem.shot_windows, np.transpose(candidate_costs), strict=True):
+    for numbers, costs in zip(shooting_problem.chains, np.transpose(candidate_costs), strict=True):
         for k in numbers:
             best[k] = candidates[int(np.argmin(costs))][k]
     return tuple(best)

@@ -35,6 +35,12 @@ _SIDE_SAMPLES = 5
 """Samples on one side to which a parabola is fitted."""
 _OUTLIER_SIGMAS = 6.0
 """Deviation from which a sample between consistent neighbours is an outlier, standard deviations."""
+_MAX_OUTLIER_SHARE = 0.25
+"""Share of the samples of a body from which they are no outliers: the noise is estimated too small, or the motion is
+not smooth."""
+_MIN_RELATIVE_SIGMA = 1e-7
+"""Smallest standard deviation over the largest coordinate: ten times the error of the simulations themselves, which
+would otherwise be the largest systematic residual of recordings without noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,10 +183,15 @@ def apply_noise_estimate(recordings: tuple[Recording, ...], noise: NoiseEstimate
     Returns:
         Recordings with scaled sigmas, NaN in place of outliers.
     """
-    scaled = (replace(one, sigma=one.sigma * noise.scale) for one in recordings)
+    scaled = (replace(one, sigma=np.maximum(one.sigma * noise.scale, _smallest_sigma(one))) for one in recordings)
     return tuple(
         replace(one, positions=np.where(_find_outliers(one)[:, :, None], np.nan, one.positions)) for one in scaled
     )
+
+
+def _smallest_sigma(recording: Recording) -> float:
+    """Return the standard deviation below which a simulation is no better than the recording."""
+    return _MIN_RELATIVE_SIGMA * float(np.abs(recording.positions[recording.is_observed]).max(initial=0.0))
 
 
 def _find_outliers(recording: Recording) -> BoolArray:
@@ -196,6 +207,8 @@ def _find_outliers(recording: Recording) -> BoolArray:
             apart = [recording.frame[near[-1]] - recording.frame[near[0]] <= 2 * _SIDE_SAMPLES for near, _ in fits]
             if len(fits) >= 2 and all(apart):
                 bad[rows[k], body] = all(_is_off_polynomial(recording, body, int(rows[k]), *one) for one in fits)
+        if bad[:, body].sum() > _MAX_OUTLIER_SHARE * len(rows):
+            bad[:, body] = False
     return bad
 
 
@@ -210,10 +223,6 @@ def _select_neighbours(rows: IntArray, k: int, part: tuple[int, int]) -> IntArra
 def _is_off_polynomial(recording: Recording, body: int, row: int, near: IntArray, order: int) -> bool:
     """Return whether a sample is far from a polynomial through other rows; at a kink it is so on one side at most."""
     span = recording.t[near[-1]] - recording.t[near[0]]
-    design = np.vander((recording.t[near] - recording.t[row]) / span, order + 1)
-    solved, inverse = (
-        np.linalg.lstsq(design, recording.positions[near, body], rcond=None)[0],
-        np.linalg.inv(design.T @ design),
-    )
-    off = np.abs(recording.positions[row, body] - solved[-1]).max()
-    return bool(off > _OUTLIER_SIGMAS * recording.sigma[row, body] * np.sqrt(1 + inverse[-1, -1]))
+    weights = np.linalg.pinv(np.vander((recording.t[near] - recording.t[row]) / span, order + 1))[-1]
+    off = np.abs(recording.positions[row, body] - weights @ recording.positions[near, body]).max()
+    return bool(off > _OUTLIER_SIGMAS * recording.sigma[row, body] * np.sqrt(1 + weights @ weights))

@@ -72,7 +72,7 @@ def search_effects(
         problem: Scene and priors.
         base: Fit of the simulator.
         longer: Function that refits a hypothesis on windows that are as long as it allows.
-        on_progress: Receives a description of each step and the names of its effects.
+        on_progress: Receives a description of each step, the names of its effects, and the outlook of the search.
 
     Returns:
         The search with all hypotheses on the last windows.
@@ -90,7 +90,7 @@ def search_effects(
         elif rival is not None and search.log_evidence(rival) > search.log_evidence(now):
             now = rival  # better starts have raised its evidence
         elif extended != now.names:
-            on_progress("extending windows", tuple(sorted(now.names)))
+            search.report_step("extending windows", now.names)
             extended, further = now.names, longer(now.fitted)
             if len(further.segments) < len(now.fitted.segments):
                 search = _continue_on_longer_windows(search, Hypothesis(now.names, further))
@@ -109,7 +109,7 @@ def _continue_on_longer_windows(search: EffectSearch, best: Hypothesis) -> Effec
     problem, fitted = search.problem, best.fitted
 
     def longer(one: Hypothesis) -> Hypothesis:
-        search.on_progress("trying on longer windows", tuple(sorted(one.names)))
+        search.report_step("trying on longer windows", one.names)
         own = one.fitted
         refuted = search.log_evidence(search.select_best()) - search.log_evidence(one) > _REFUTED_LOG_EVIDENCE
         options = COARSE_FIT if refuted else FULL_FIT
@@ -118,7 +118,9 @@ def _continue_on_longer_windows(search: EffectSearch, best: Hypothesis) -> Effec
 
     substitutes = find_substitutes(search, search.hypotheses[best.names])
     first, simulator_fit = (longer(search.base), search.simulator_fit) if best.names else (best, fitted)
-    continued = EffectSearch(problem, first, simulator_fit, on_progress=search.on_progress)
+    continued = EffectSearch(
+        problem, first, simulator_fit, on_progress=search.on_progress, steps_done=search.steps_done
+    )
     continued.hypotheses[best.names] = best
     for name in best.names:
         continued.record_shared_starts(best, best.names - {name})
@@ -169,7 +171,9 @@ def _find_larger(search: EffectSearch, now: Hypothesis) -> Hypothesis | None:
 
     Of two effects of similar size, neither alone explains more than it leaves.
     """
-    for names in propose_hypotheses(search, now):
+    proposals = propose_hypotheses(search, now)
+    search.plan_steps(len(proposals))
+    for names in proposals:
         try_hypothesis(search, names, now)
     larger = _select_larger(search, now)
     partial = None if larger is not None else _find_partial_hypothesis(search, now)

@@ -23,16 +23,32 @@ _LOG_STRENGTH_RANGE = float(np.log(1e4))
 """Log of the range of strengths: any order of magnitude from the natural strength to a ten-thousandth is as likely."""
 
 
-ProgressCallback = Callable[[str, tuple[str, ...]], None]
-"""Receives a description of a step and the names of the effects that it concerns."""
+LATER_STEPS = 16
+"""Steps of a search after those that are planned: usually one more round, and one on longer windows."""
 
 
-def ignore_progress(doing: str, names: tuple[str, ...] = ()) -> None:
+@dataclass(frozen=True, slots=True)
+class SearchOutlook:
+    """What a search has so far, and how far it is."""
+
+    best: tuple[str, ...] | None = None
+    """Effects of the best hypothesis so far, empty for the simulator alone; None before there is one to compare."""
+    steps_done: int = 0
+    steps_left: int = LATER_STEPS
+    """Estimated number of further steps."""
+
+
+ProgressCallback = Callable[[str, tuple[str, ...], SearchOutlook], None]
+"""Receives a description of a step, the names of the effects that it concerns, and the outlook of the search."""
+
+
+def ignore_progress(doing: str, names: tuple[str, ...], outlook: SearchOutlook) -> None:
     """Ignore a progress message.
 
     Args:
         doing: Description of the step.
         names: Effects that it concerns.
+        outlook: What the search has so far.
     """
 
 
@@ -67,6 +83,10 @@ class EffectSearch:
     generic_law_fits: dict[frozenset[str], tuple[EffectFit, EffectFit]] = field(default_factory=dict)
     """Fits of hypotheses, and the same with the generic laws beside their effects."""
     on_progress: ProgressCallback = ignore_progress
+    steps_done: int = 0
+    """Number of steps that were reported."""
+    steps_planned: int = LATER_STEPS
+    """Estimated number of all steps."""
 
     def __post_init__(self) -> None:
         self.hypotheses[self.initial.names] = self.initial
@@ -80,6 +100,22 @@ class EffectSearch:
     def choices(self) -> tuple[str, ...]:
         """All effects and contact models that may be missing."""
         return (*self.problem.candidates, *(choice.name for choice in self.problem.scene.alternatives))
+
+    def plan_steps(self, count: int) -> None:
+        """Plan a number of steps, after which `LATER_STEPS` more are expected."""
+        self.steps_planned = self.steps_done + count + LATER_STEPS
+
+    def report_step(self, doing: str, names: frozenset[str]) -> None:
+        """Report that a step begins.
+
+        Args:
+            doing: Description of the step.
+            names: Effects that it concerns.
+        """
+        best = tuple(sorted(self.select_best().names)) if len(self.hypotheses) > 1 else None
+        left = max(self.steps_planned - self.steps_done, 1)
+        self.on_progress(doing, tuple(sorted(names)), SearchOutlook(best, self.steps_done, left))
+        self.steps_done += 1
 
     def replace_fit(self, one: Hypothesis, better: EffectFit) -> Hypothesis:
         """Replace the fit of a hypothesis by a better one, and forget its linearisation."""

@@ -27,6 +27,9 @@ _MIN_DETAIL_GAIN = 20.0
 """chi2 gain that a detail needs: one parameter gains as much by chance once in a hundred thousand cases."""
 _MIN_COARSE_SHARE = 0.25
 """Share of the gain of the best hypothesis that a coarse fit must reach to be fitted fully."""
+_MIN_FORM_SHARE = 0.75
+"""Share of the gain of the best of several contact models that a coarse fit must reach to be fitted fully: only the
+best one of them counts."""
 _HOPELESS_COST_RATIO = 3.0
 """Ratio to the cost of the near hypothesis from which better starts alone cannot help."""
 _ABSORBED_STRENGTH_SHARE = 0.5
@@ -42,7 +45,7 @@ def try_hypothesis(search: EffectSearch, names: frozenset[str], near: Hypothesis
     existing = search.hypotheses.get(names)
     if existing is not None and not _is_worse_than_subset(search, existing, near):
         return existing
-    search.on_progress("trying", tuple(sorted(names)))
+    search.report_step("trying", names)
     problem = search.problem
     effects = find_added_effects(problem, names)
     effects += tuple(one for one in find_details(problem, names) if one in near.fitted.names and one not in effects)
@@ -84,34 +87,53 @@ def _iterate_fits(
     natural[fresh] = problem.natural[fresh]
     if fresh.any():
         linear[fresh] += compute_hypothesis_signatures(search, near).step(fresh)
-    best = min(one.fitted.cost for one in search.hypotheses.values())
-    for forms in _list_forms(problem, names):
-        alike = forms == near.fitted.forms
-        guess = linear if alike else natural
-        guess = guess if can_simulate(problem, near.fitted, forms, guess) else near.fitted.shared
-        starts = _predict_starts(search, near, forms, guess)
-        fitted = fit_effects(problem, near.fitted.segments, effects, forms, guess, starts, COARSE_FIT)
-        # a long step can put some windows on wrong paths
-        if near.names <= names and alike and fitted.cost > near.fitted.cost:
-            fitted = fit_effects(
-                problem, fitted.segments, effects, forms, near.fitted.shared, near.fitted.starts, COARSE_FIT
-            )
-        yield fitted
-        hidden = _may_be_absorbed(problem, fitted, fresh) if alike else fitted.lack_of_fit > POOR_LACK_OF_FIT
-        if hidden and can_simulate(problem, near.fitted, forms, natural):
-            from_guesses = fit_effects(problem, near.fitted.segments, effects, forms, natural, None, COARSE_FIT)
-            fitted = min(fitted, from_guesses, key=lambda one: one.cost)
-        explained = near.fitted.cost - best
-        if explained > CLEAR_GAIN and near.fitted.cost - fitted.cost < _MIN_COARSE_SHARE * explained:
+        linear = problem.clip_to_bounds(linear)
+    coarse = [
+        _fit_coarsely(search, near, names, effects, forms, linear if forms == near.fitted.forms else natural)
+        for forms in _list_forms(problem, names, near)
+    ]
+    yield from coarse
+    explained = near.fitted.cost - min(one.fitted.cost for one in search.hypotheses.values())
+    most = near.fitted.cost - min(fitted.cost for fitted in coarse)
+    for fitted in coarse:
+        gain = near.fitted.cost - fitted.cost
+        if (explained > CLEAR_GAIN and gain < _MIN_COARSE_SHARE * explained) or (
+            most > CLEAR_GAIN and gain < _MIN_FORM_SHARE * most
+        ):
             continue
         if fitted.cost > _HOPELESS_COST_RATIO * near.fitted.cost:
             continue
-        fitted = fit_effects(problem, fitted.segments, effects, forms, fitted.shared, fitted.starts)
+        fitted = fit_effects(problem, fitted.segments, effects, fitted.forms, fitted.shared, fitted.starts)
         yield fitted
         if fitted.lack_of_fit > POOR_LACK_OF_FIT:
             yield from _iterate_detailed_fits(problem, fitted, names)
         if fitted.cost > near.fitted.cost:
             yield restart_poor_shots(problem, fitted)
+
+
+def _fit_coarsely(
+    search: EffectSearch,
+    near: Hypothesis,
+    names: frozenset[str],
+    effects: tuple[str, ...],
+    forms: tuple[str, ...],
+    guess: FloatArray,
+) -> EffectFit:
+    """Fit effects with given contact models in a few iterations, from a near hypothesis or from the data alone."""
+    problem, segments = search.problem, near.fitted.segments
+    fresh, alike = problem.mask(effects) & ~near.fitted.free, forms == near.fitted.forms
+    guess = guess if can_simulate(problem, near.fitted, forms, guess) else near.fitted.shared
+    starts = _predict_starts(search, near, forms, guess)
+    fitted = fit_effects(problem, segments, effects, forms, guess, starts, COARSE_FIT)
+    # a long step can put some windows on wrong paths
+    if near.names <= names and alike and fitted.cost > near.fitted.cost:
+        fitted = fit_effects(problem, segments, effects, forms, near.fitted.shared, near.fitted.starts, COARSE_FIT)
+    natural = np.where(fresh, problem.natural, near.fitted.shared)
+    hidden = _may_be_absorbed(problem, fitted, fresh) if alike else fitted.lack_of_fit > POOR_LACK_OF_FIT
+    if hidden and can_simulate(problem, near.fitted, forms, natural):
+        from_guesses = fit_effects(problem, segments, effects, forms, natural, None, COARSE_FIT)
+        fitted = min(fitted, from_guesses, key=lambda one: one.cost)
+    return fitted
 
 
 def _predict_starts(
@@ -162,15 +184,18 @@ def _may_be_absorbed(problem: DiagnosisProblem, fitted: EffectFit, fresh: NDArra
     return bool(len(strength) and strength.max() < _ABSORBED_STRENGTH_SHARE and fitted.lack_of_fit > POOR_LACK_OF_FIT)
 
 
-def _list_forms(problem: DiagnosisProblem, names: frozenset[str]) -> list[tuple[str, ...]]:
-    """List the combinations of contact models to try: all others where the choice is under test."""
+def _list_forms(problem: DiagnosisProblem, names: frozenset[str], near: Hypothesis) -> list[tuple[str, ...]]:
+    """List the combinations of contact models to try: all others where the choice is under test.
+
+    A choice that the near hypothesis has made stays: all of its forms were compared there.
+    """
     combinations: list[tuple[str, ...]] = [()]
-    for choice in problem.scene.alternatives:
-        others = (
-            [form for form in choice.forms if form != choice.simulator_form]
-            if choice.name in names
-            else [choice.simulator_form]
-        )
+    for choice, current in zip(problem.scene.alternatives, near.fitted.forms, strict=True):
+        others = [choice.simulator_form]
+        if choice.name in names & near.names:
+            others = [current]
+        elif choice.name in names:
+            others = [form for form in choice.forms if form != choice.simulator_form]
         combinations = [(*forms, form) for forms in combinations for form in others]
     return combinations
 

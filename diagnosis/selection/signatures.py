@@ -14,6 +14,7 @@ import numpy as np
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, ShotInformation
 from models.core.typing import BoolArray, FloatArray
+from models.numerics.least_squares import solve_damped
 
 INSEPARABLE_CORRELATION = 0.9
 """Canonical correlation from which two effects cannot be separated."""
@@ -42,7 +43,7 @@ class Signatures:
     def step(self, mask: BoolArray) -> FloatArray:
         """Return the step of the parameters in `mask` when they are freed."""
         here = self.information[np.ix_(mask, mask)] + np.diag(self.prior[mask])
-        return np.asarray(np.linalg.solve(here, self.score[mask]))
+        return solve_damped(here, self.score[mask], 0.0)
 
     def surviving_share(self) -> FloatArray:
         """Return the share (P,) of the amplitude of each signature that the free parameters cannot absorb."""
@@ -80,9 +81,7 @@ def compute_signatures(
     raw = np.diag(information).copy()
     inside = information[np.ix_(free, free)] + np.diag(prior[free])
     across = information[free]
-    taken = (
-        np.linalg.solve(inside, np.column_stack([across, score[free]])) if free.any() else np.zeros((0, len(raw) + 1))
-    )
+    taken = solve_damped(inside, np.column_stack([across, score[free]]), 0.0)
     left = information - across.T @ taken[:, :-1]
     left[free] = left[:, free] = 0.0
     return Signatures((left + left.T) / 2, np.where(free, 0.0, score - across.T @ taken[:, -1]), raw, prior)

@@ -98,8 +98,10 @@ def run_study(
     residuals_before = compute_residuals(problem, base, linearized_base, rng)
     residuals_after = compute_residuals(problem, full, linearized_full, rng)
     structure_before, structure_after = find_structure(residuals_before), find_structure(residuals_after)
+    is_noise_known = noise.is_measured or all(one.is_sigma_stated for one in (*first, *second))
+    scale = residuals_after.scale if is_noise_known else 1.0
     unknown_evidence = _assess_doubt(
-        problem, first, second, search, best, (base, full), structure_after, linearized_full, rng
+        problem, first, second, search, best, (base, full), structure_after, scale, linearized_full, rng
     )
     usable_shots = tuple(sorted(one.shot for one in (*first, *second) if len(split_into_segments(problem, (one,)))))
     return Study(
@@ -142,19 +144,20 @@ def _assess_doubt(
     best: Hypothesis,
     fits: tuple[EffectFit, EffectFit],
     left: ResidualStructure,
+    scale: float,
     linearized: LinearizedFit,
     rng: np.random.Generator,
 ) -> UnknownEvidence:
     """Assess the evidence for an unknown effect: residuals of `best`, and its gain on `second` shots."""
     base, full = fits
     if not best.names:
-        return assess_unknown(left, linearized.shot_information, base, full, None, True)
+        return assess_unknown(left, scale, linearized.shot_information, base, full, None, True)
     before, after = refit_on_shots(problem, first, base), refit_on_shots(problem, first, full)
     gains = not second or cross_shot_gain(problem, full, second, before, after) > min_selection_gain(
         len(first), len(second)
     )
     ahead = measure_closure(problem, second or first, before, after, rng)
-    evidence = assess_unknown(left, linearized.shot_information, search.base.fitted, full, ahead, gains)
+    evidence = assess_unknown(left, scale, linearized.shot_information, search.base.fitted, full, ahead, gains)
     if not (
         evidence.has_systematic_residuals
         and evidence.explained_share > MIN_EXPLAINED_SHARE

@@ -27,6 +27,8 @@ MIN_LAW_SHARE = 0.75
 
 It then halves the error that they leave.
 """
+_MAX_NOISE_SCALE = 2.0
+"""Largest size of residuals that are noise, relative to its estimate: estimates are right to a tenth on most scenes."""
 _PRIOR_ODDS = 0.1
 """Odds of an effect that the library lacks, before the data: one scene in ten or so has one."""
 _EVEN = 0.5
@@ -38,7 +40,9 @@ class UnknownEvidence:
     """Evidence for an unknown effect."""
 
     residual_p_value: float
-    """p-value of the residuals."""
+    """p-value of the structure of the residuals, whatever their size."""
+    residual_scale: float
+    """Size of the residuals relative to the noise; 1 where the size of the noise is unknown."""
     agreement_p_value: float
     """p-value of equal parameters in all shots."""
     explained_share: float
@@ -51,9 +55,16 @@ class UnknownEvidence:
     """Share of the misfit of selection shots that a generic law, fitted to others, explains; NaN without such a law."""
 
     @property
+    def noise_p_value(self) -> float:
+        """p-value of residuals that are only noise, and of equal parameters in all shots."""
+        if self.residual_scale > _MAX_NOISE_SCALE:
+            return 0.0
+        return min(2 * min(self.residual_p_value, self.agreement_p_value), 1.0)
+
+    @property
     def has_systematic_residuals(self) -> bool:
-        """Whether residuals are systematic or shots disagree."""
-        return 2 * min(self.residual_p_value, self.agreement_p_value) < SUSPICIOUS_P_VALUE
+        """Whether residuals are more than noise, or shots disagree."""
+        return self.noise_p_value < SUSPICIOUS_P_VALUE
 
     @property
     def is_law_missing(self) -> bool:
@@ -75,8 +86,8 @@ class UnknownEvidence:
         (Sellke, Bayarri and Berger 2001, doi:10.1198/000313001300339950), times the probability that this is more than
         the named effects explain.
         """
-        smallest = 2 * min(self.residual_p_value, self.agreement_p_value)
-        p = min(max(smallest if self.selection_gains else min(smallest, SUSPICIOUS_P_VALUE), 1e-12), 1 / e)
+        smallest = self.noise_p_value if self.selection_gains else min(self.noise_p_value, SUSPICIOUS_P_VALUE)
+        p = min(max(smallest, 1e-12), 1 / e)
         odds = _PRIOR_ODDS / (-e * p * log(p))
         left = odds / (1 + odds)
         if self.is_unknown:
@@ -134,6 +145,7 @@ def estimate_explained_share(
 
 def assess_unknown(
     left: ResidualStructure,
+    scale: float,
     shot_information: ShotInformation,
     base: EffectFit,
     best: EffectFit,
@@ -147,7 +159,7 @@ def assess_unknown(
         else (0.0, 0.0)
     )
     return UnknownEvidence(
-        left.p_value, agreement_p_value(shot_information, best), *shares, selection_gains, float("nan")
+        left.p_value, scale, agreement_p_value(shot_information, best), *shares, selection_gains, float("nan")
     )
 
 

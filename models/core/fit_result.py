@@ -69,6 +69,34 @@ class WholeShotSolution:
 
 
 @dataclass(frozen=True, slots=True)
+class WholeShotMisfit:
+    """Where the published contact model that explains most of a shot stops to explain it."""
+
+    cushion_model: str
+    """Name of the contact model of ball and cushion."""
+    ball_model: str
+    """Name of the contact model of two balls."""
+    explained_until: float
+    """s, end of the part of the shot that the model explains."""
+    ball: str
+    """Id of the ball whose positions deviate."""
+    contact: str
+    """Kind of the first contact of this ball that the model does not explain, as in `Events.kind`; empty if none."""
+    other: str
+    """The other ball, or the cushion, of this contact."""
+    t: float
+    """s, time of this contact; NaN if there is none."""
+    deviation: float
+    """m, RMS distance of observed positions of the ball from the best fit, from the contact to the end of the view."""
+    times_noise: float
+    """The same deviation over the standard deviation of the measurement noise, per axis."""
+    whole_times_noise: float
+    """RMS deviation of the whole shot over the noise; NaN if the fit did not go on to the end."""
+    untried: tuple[str, ...]
+    """Cushion models that the budget of the search left out."""
+
+
+@dataclass(frozen=True, slots=True)
 class Fit:
     """Fit of a shot with T frames and N balls."""
 
@@ -95,4 +123,6 @@ class Fit:
     whole_shot: WholeShotSolution | None = None
     """Fit of whole shots; None if it was not requested, or no contact model explains them."""
     whole_shot_refusal: str = ""
-    """Sentence on why `whole_shot` is None; empty otherwise."""
+    """Sentence on why no whole shot was fitted; empty otherwise."""
+    whole_shot_misfit: WholeShotMisfit | None = None
+    """Where the best contact model fails; None if one explains the shot, or none was fitted."""

@@ -122,15 +122,16 @@ class FitOptions:
         help="Least decrease of chi2 for which a velocity change is accepted, where no ball or cushion is near.",
         minimum=0,
     )
-    laws: bool = option(
-        False,
-        help="Also fit whole shots with published contact models: spin, cushion friction, ball size. It takes up to a"
-        " minute, and two more to compile the first time on a machine.",
+    laws: bool | None = option(
+        None,
+        help="Fit whole shots of up to four moving balls with published contact models, which gives spin, cushion"
+        " friction and ball size. By default the search ends after about 3 s; --laws completes it, which takes up to a"
+        " minute; --no-laws leaves it out.",
     )
     profile: str = option(
         "",
-        help="Table profile (FILE) of trueroll fit-table or diagnose: contact models and parameters to start from, as"
-        " with --laws.",
+        help="Table profile (FILE) of trueroll fit-table or diagnose: contact models and parameters of the fit of whole"
+        " shots.",
     )
     moving_speed: float = option(
         0.02, help="Speed above which a ball counts as moving.", unit="m/s", above=0, maximum=1
@@ -146,3 +147,4 @@ class ForecastOptions:
         help="Show forecasts from a few moments of the shot in the recording: where each ball could have gone. It takes"
         " a minute to compile the first time on a machine.",
     )
+    profile: str = option("", help="The predicted paths of --fans follow it too.")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,20 +14,20 @@ from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import MIN_NOISE_SPEED
 from models.estimation.joint_fit.fit_solution import JointSolution
+from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.table_learning.learn_table import TableLesson, learn_table
 from models.numerics.executor import Executor
-from models.tracking.track_noise import apply_noise, estimate_noise
+from models.tracking.track_noise import NOISE_FLOOR_RADII, apply_noise, estimate_noise
 from pipeline.engine.cache_key import CacheKey
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
 from pipeline.engine.value_files import load_value, save_value
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
+from pipeline.io.table_profile import SIZE_TOLERANCE
 
 STAGE = "table-shot"
 """Name of the cached fits."""
-_SIZE_TOLERANCE = 0.02
-"""Largest relative difference of two measured sizes of one table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,40 +61,51 @@ def fit_table_of_shots(
         The learned table.
 
     Raises:
-        OptionError: A source cannot be read, or the tables differ.
+        OptionError: No source can be read, or the tables differ.
         TrackError: The shots are too few.
     """
-    shots = list(_read_shots(sources))
-    table = _require_one_table(shots)
-    fits, refusals = [], []
+    shots, refusals = _read_shots(sources)
+    table = _require_one_table(shots, refusals)
+    fits = []
     for done, (name, tracks, scene) in enumerate(shots):
         on_shot(done, len(shots))
-        fit = prepare_shot(tracks, scene, cache)
-        if fit is None:
-            refusals.append(f"{name}: physics could not be fitted")
-        else:
-            fits.append(fit)
+        try:
+            fits.append(prepare_shot(tracks, scene, cache))
+        except (TrackError, ArithmeticError, ValueError) as error:
+            refusals.append(f"{name}: {error}")
     on_shot(len(shots), len(shots))
     if not fits:
-        raise TrackError("physics could be fitted to none of the shots")
+        raise TrackError(f"physics could be fitted to none of the shots; {refusals[0]}")
     return FittedTable(learn_table(fits, table, executor=executor), table, len(fits), tuple(refusals))
 
 
-def _read_shots(sources: list[Path]) -> Iterator[tuple[str, Tracks, Scene]]:
+def _read_shots(sources: list[Path]) -> tuple[list[tuple[str, Tracks, Scene]], list[str]]:
+    """Read all shots; also return one sentence per source or shot that cannot be read."""
+    shots, refusals = [], []
     for source in sources:
-        for number in list_shot_numbers(source):
-            tracks, scene, _ = read_observed_shot(source, number)
-            yield f"{source}, shot {number}", tracks, scene
+        try:
+            numbers = list_shot_numbers(source)
+        except OptionError as error:
+            refusals.append(str(error))
+            continue
+        for number in numbers:
+            try:
+                tracks, scene, _ = read_observed_shot(source, number)
+            except OptionError as error:
+                refusals.append(f"shot {number}: {error}")
+            else:
+                shots.append((f"{source}, shot {number}", tracks, scene))
+    return shots, refusals
 
 
-def _require_one_table(shots: list[tuple[str, Tracks, Scene]]) -> Table:
+def _require_one_table(shots: list[tuple[str, Tracks, Scene]], refusals: list[str]) -> Table:
     """Return the table of all shots."""
     if not shots:
-        raise OptionError("no shot was given: the tracks have no rows")
+        raise OptionError(refusals[0] if refusals else "no shot was given: the tracks have no rows")
     first = shots[0][2].table
     for name, _, scene in shots:
         sizes = np.array([scene.table.length, scene.table.width, scene.table.ball_radius])
-        if np.any(np.abs(sizes / [first.length, first.width, first.ball_radius] - 1) > _SIZE_TOLERANCE):
+        if np.any(np.abs(sizes / [first.length, first.width, first.ball_radius] - 1) > SIZE_TOLERANCE):
             raise OptionError(
                 f"one table is learned at a time; {name} is {sizes[0]:g} x {sizes[1]:g} m, the first one"
                 f" {first.length:g} x {first.width:g} m"
@@ -102,21 +113,27 @@ def _require_one_table(shots: list[tuple[str, Tracks, Scene]]) -> Table:
     return first
 
 
-def prepare_shot(tracks: Tracks, scene: Scene, cache: ResultCache) -> tuple[JointSolution, Tracks] | None:
-    """Fit a shot, and give its tracks realistic sigmas, as `learn_table` needs them.
+def prepare_shot(tracks: Tracks, scene: Scene, cache: ResultCache) -> tuple[JointSolution, Tracks]:
+    """Fit a shot, and give its tracks capture times and realistic sigmas, as `learn_table` needs them.
 
     Args:
-        tracks: Tracks of the shot.
+        tracks: Tracks of the shot, at presentation times.
         scene: Its table and camera.
         cache: Holds the fits.
 
     Returns:
-        Joint fit and tracks; None where physics could not be fitted.
+        Joint fit and tracks, both at capture times.
+
+    Raises:
+        TrackError: Physics could not be fitted.
     """
     solution = fit_cached_shot(tracks, scene, cache)
     if solution is None:
-        return None
-    return solution, apply_noise(tracks, estimate_noise(tracks, MIN_NOISE_SPEED, scene.table.ball_radius))
+        raise TrackError("physics could not be fitted")
+    radius = scene.table.ball_radius
+    clock = estimate_capture_times(tracks, NOISE_FLOOR_RADII * radius)
+    at_capture = replace(tracks, t=clock.capture_time)
+    return solution, apply_noise(at_capture, estimate_noise(at_capture, MIN_NOISE_SPEED, radius))
 
 
 def _hash_shot(tracks: Tracks, scene: Scene) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,8 @@ from models.core.scene import CUSHIONS, Table
 from models.estimation.table_learning.learn_table import TableLesson
 from models.physics.billiards.ball_cushion.cushion_contact import NOSE_HEIGHT
 from models.physics.billiards.ball_cushion.stronge import FREQUENCY_RATIO
-from models.physics.billiards.parameter_vector import GRAVITY
+from models.physics.billiards.parameter_vector import GRAVITY, PARAMETER_NAMES
+from models.physics.effects.catalogue import find_prior
 from pipeline.engine.atomic_write import replace_file
 
 SCHEMA = "trueroll.profile/1"
@@ -36,6 +37,8 @@ _POOLTOOL_NAMES: Mapping[str, tuple[str, float]] = {
     "cushion_restitution.e": ("e_c", 1.0),
 }
 """pooltool's name of each parameter, and the factor from our value to its value."""
+_LEARNED_ONLY = ("offsets of the noses", "scatter of cushion contacts")
+"""Properties of a learned table that pooltool does not have."""
 LEARNED_BALL_MODEL = "alciatore"
 """Ball model of predictions on a learned table."""
 _NEGLIGIBLE_FRICTION = 1e-6
@@ -82,22 +85,26 @@ def write_profile_files(report: DiagnosisReport, table: Table, folder: Path) -> 
     """
     if not has_fitted_model(report):
         return
+    cushion, ball = report.forms
     for name, content in (
         (PROFILE_FILE, build_profile(report, table)),
-        (POOLTOOL_FILE, build_pooltool_parameters(report, table)),
+        (POOLTOOL_FILE, build_pooltool_parameters(report.fitted, cushion, ball, table)),
     ):
         with replace_file(folder / name) as path:
             path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def write_learned_profile(lesson: TableLesson, table: Table, shot_count: int, path: Path) -> None:
-    """Write the profile of a learned table in one step.
+def write_learned_profile(lesson: TableLesson, table: Table, shot_count: int, path: Path) -> tuple[str, ...]:
+    """Write the profile of a learned table and, beside it, what pooltool can hold of it, each in one step.
 
     Args:
         lesson: What was learned.
         table: The table.
         shot_count: Number of shots that taught it.
         path: The file.
+
+    Returns:
+        What pooltool cannot hold.
     """
     learned = lesson.table
     content = _describe_physics(lesson.parameters, learned.cushion_law, LEARNED_BALL_MODEL, table) | {
@@ -106,12 +113,29 @@ def write_learned_profile(lesson: TableLesson, table: Table, shot_count: int, pa
             side: {"value": float(value), "sigma": float(sigma), "unit": "m"}
             for side, value, sigma in zip(CUSHIONS, learned.noses, learned.nose_sigma, strict=True)
         },
+        "covariance": {
+            "parameters": [PARAMETER_NAMES[k] for k in learned.uncertain],
+            "matrix": learned.covariance.tolist(),
+            "noses": learned.nose_covariance.tolist(),
+        },
         "learned_from": {"shots": shot_count, "cushion_contacts": lesson.contact_count},
         "correction": {"gain": lesson.correction_gain, "weights": learned.correction.tolist()},
         "cushion_models": [{"name": name, "log_evidence": value} for name, value in lesson.candidates],
     }
-    with replace_file(path) as part:
-        part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    e = find_prior("ball_restitution", "e")  # as in predictions on a learned table
+    usual = Parameter("ball_restitution.e", e.value, e.sigma, e.unit, True)
+    exported = build_pooltool_parameters((*lesson.parameters, usual), learned.cushion_law, LEARNED_BALL_MODEL, table)
+    corrected = ("correction of the cushion model",) if len(learned.correction) else ()
+    exported["not_held"] = sorted({*exported["not_held"], *_LEARNED_ONLY, *corrected})
+    for target, document in ((path, content), (name_pooltool_file(path), exported)):
+        with replace_file(target) as part:
+            part.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return tuple(exported["not_held"])
+
+
+def name_pooltool_file(path: Path) -> Path:
+    """Name the file of pooltool's parameters beside a profile, such as club.pooltool.json beside club.json."""
+    return path.with_name(f"{path.stem}.pooltool.json")
 
 
 def build_profile(report: DiagnosisReport, table: Table) -> dict[str, Any]:
@@ -139,17 +163,18 @@ def _describe_physics(fitted: Iterable[Parameter | Strength], cushion: str, ball
     }
 
 
-def build_pooltool_parameters(report: DiagnosisReport, table: Table) -> dict[str, Any]:
+def build_pooltool_parameters(
+    fitted: Sequence[Parameter | Strength], cushion: str, ball: str, table: Table
+) -> dict[str, Any]:
     """Build the content of pooltool.json: ball parameters, contact models, and effects that pooltool does not have."""
-    cushion, ball = report.forms
-    exported = [one for one in report.fitted if one.name in _POOLTOOL_NAMES]
+    exported = [one for one in fitted if one.name in _POOLTOOL_NAMES]
     factors = {one.name: _POOLTOOL_NAMES[one.name][1] for one in exported}
     restitution = next((one.value for one in exported if one.name == "ball_restitution.e"), 1.0)
     if "ball_friction.mu" in factors:
         factors["ball_friction.mu"] = (1 + restitution) / (2 * restitution)
     cushion_model, cushion_options = _CUSHION_MODELS[cushion]
     ball_model, friction = _BALL_MODELS[ball]
-    missing = {one.name.split(".")[0] for one in report.fitted if one.name not in _POOLTOOL_NAMES}
+    missing = {one.name.split(".")[0] for one in fitted if one.name not in _POOLTOOL_NAMES}
     if cushion == "mirror" and "cushion_friction.mu" in factors:
         missing |= {"cushion_friction of a mirror"}
     return {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from models.core.typing import FloatArray
 from pipeline.io.explanation_json import describe_explanation
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.run_trust import assess_run_trust, summarize_trust
+from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.io.clip import Clip
 
 Columns = dict[str, Sequence[str] | NDArray[Any]]
@@ -212,8 +213,10 @@ def _describe_parameter(p: Parameter) -> dict[str, Any]:
 
 def _describe_laws(fit: Fit, radius: float) -> dict[str, Any]:
     """Describe the contact models, the radius of contact, and the offsets of the cushion noses."""
+    sentence = format_whole_shot(fit)
     if fit.whole_shot is None:
-        return {"cushion": None, "ball": None, "why": fit.whole_shot_refusal}
+        misfit = None if fit.whole_shot_misfit is None else asdict(fit.whole_shot_misfit)
+        return {"cushion": None, "ball": None, "why": sentence, "misfit": misfit}
     parameters = {p.name: p for p in fit.whole_shot.parameters}
     factor = parameters["collision_radius.factor"]
     size = replace(factor, value=factor.value * radius, sigma=factor.sigma * radius, unit="m")
@@ -223,7 +226,9 @@ def _describe_laws(fit: Fit, radius: float) -> dict[str, Any]:
     return {
         "cushion": fit.whole_shot.cushion_model,
         "ball": fit.whole_shot.ball_model,
+        "why": sentence,
         "chi2_per_dof": fit.whole_shot.chi2_per_dof,
+        "times_noise": math.sqrt(fit.whole_shot.chi2_per_dof),
         "collision_radius": _describe_parameter(size),
         "noses": noses,
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from models.core.errors import OptionError
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from models.physics.billiards.simulation.simulate_shot import BallSet
+from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
+from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
 from models.physics.billiards.simulation.table_physics import Physics
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 
@@ -81,11 +82,21 @@ class ShotSetup:
     physics: Physics
     seconds: float
     hz: float
+    nose_offsets: FloatArray | None = None
+    """(4,) m, outward offsets of the noses in the order of `CUSHIONS`; None for none."""
+    correction: FloatArray = field(default_factory=NO_CORRECTION.copy)
+    """Weights of `rebound_correction`; empty where there is none."""
 
     @property
     def times(self) -> FloatArray:
         """Output times (T,) s, from 0 to the end, `hz` per second."""
         return np.arange(int(np.floor(self.seconds * self.hz + 1e-9)) + 1) / self.hz
+
+    def simulate(self) -> SimulatedShot:
+        """Simulate the shot."""
+        return simulate(
+            self.balls, self.table, self.physics, self.seconds, self.nose_offsets, correction=self.correction
+        )
 
 
 def read_shot(path: Path) -> ShotSetup:

@@ -3,25 +3,44 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    PositiveFloat,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from models.core.errors import OptionError
 from models.core.scene import CUSHIONS
+from models.estimation.contact_test.contact_moment import ClothPriors
+from models.estimation.forecast.current_state import ROLLING_MODEL_SIGMA
 from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
-from models.estimation.table_learning.learned_table import LearnedTable
+from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable
 from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
 from models.estimation.whole_shot.known_table import TablePrior, build_table_prior
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.rebound_correction import WEIGHT_COUNT
-from models.physics.billiards.parameter_vector import PARAMETER_NAMES, neutral_parameters
-from models.physics.billiards.simulation.table_physics import contact_parameters
-from models.physics.effect import ModelChoice
+from models.physics.billiards.parameter_vector import (
+    PARAMETER_NAMES,
+    ROLLING_MU,
+    SLIDING_MU,
+    TABLE_PARAMETERS,
+    neutral_parameters,
+)
+from models.physics.billiards.simulation.table_physics import Physics, contact_parameters
+from models.physics.effect import ModelChoice, Prior
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
+from pipeline.io.shot_file import ShotSetup
 
 
 class ProfileNumberEntry(BaseModel):
@@ -71,17 +90,49 @@ class CorrectionEntry(BaseModel):
         return weights
 
 
+class CovarianceEntry(BaseModel):
+    """Covariance of cushion parameters, and of the noses in the order of `CUSHIONS`, m^2."""
+
+    parameters: list[str]
+    matrix: list[list[FiniteFloat]]
+    noses: list[list[FiniteFloat]]
+
+    @model_validator(mode="after")
+    def _require_covariances(self) -> CovarianceEntry:
+        if unknown := set(self.parameters) - set(PARAMETER_NAMES):
+            raise ValueError(f"a table has no {', '.join(sorted(unknown))}, of which `covariance` has a row")
+        for name, rows, size in (("matrix", self.matrix, len(self.parameters)), ("noses", self.noses, len(CUSHIONS))):
+            if len(rows) != size or any(len(row) != size for row in rows):
+                raise ValueError(f"{name} of `covariance` has {size} rows and columns")
+            values = np.reshape(rows, (size, size))
+            scale = np.abs(values).max(initial=0.0)
+            if np.abs(values - values.T).max(initial=0.0) > _ROUNDING * scale:
+                raise ValueError(f"{name} of `covariance` must be symmetric")
+            if size and np.linalg.eigvalsh(values)[0] < -_ROUNDING * scale:
+                raise ValueError(f"{name} of `covariance` must have no negative eigenvalue")
+        return self
+
+
+class ProfileTableEntry(BaseModel):
+    """Size of the table, m."""
+
+    length: PositiveFloat
+    width: PositiveFloat
+
+
 class ProfileEntry(BaseModel):
     """Content of a profile.json."""
 
     model_config = ConfigDict(extra="allow")
     scene: Literal["billiards"] = "billiards"
+    table: ProfileTableEntry | None = None
     effects: dict[str, dict[str, ProfileNumberEntry]]
     laws: ProfileLawsEntry = ProfileLawsEntry()
     scatter: ScatterEntry | None = None
     correction: CorrectionEntry = CorrectionEntry()
     noses: dict[Literal["left", "right", "top", "bottom"], ProfileNumberEntry] = {}
     """m, offsets of the contact lines towards the table."""
+    covariance: CovarianceEntry | None = None
 
 
 def read_profile_text(path: Path) -> str:
@@ -118,7 +169,7 @@ def parse_table_prior(text: str) -> TablePrior:
         text: Content of the profile, JSON.
 
     Returns:
-        Priors of the table parameters; effects of camera and balls are left out.
+        Priors of the table parameters and of its noses; effects of camera and balls are left out.
 
     Raises:
         ValueError: A parameter is unknown or out of range.
@@ -130,9 +181,14 @@ def parse_table_prior(text: str) -> TablePrior:
         for name, one in numbers.items()
     }
     table_effects = {name: value for name, value in effects.items() if not name.startswith(_CAMERA_EFFECTS)}
-    if unknown := set(table_effects) - set(PARAMETER_NAMES):
-        raise ValueError(f"a table has {', '.join(PARAMETER_NAMES)}; it has no {', '.join(sorted(unknown))}")
-    return build_table_prior(entry.laws.cushion, entry.laws.ball, table_effects)
+    if unknown := set(table_effects) - set(TABLE_PARAMETERS):
+        raise ValueError(f"a table has {', '.join(TABLE_PARAMETERS)}; it has no {', '.join(sorted(unknown))}")
+    prior = build_table_prior(entry.laws.cushion, entry.laws.ball, table_effects)
+    noses = [  # outwards, as in the simulation of whole shots
+        Prior(f"nose.{side}", "m", -one.value, one.sigma or NOSE_SIGMA, False, (-_MAX_NOSE_OFFSET, _MAX_NOSE_OFFSET))
+        for side, one in entry.noses.items()
+    ]
+    return replace(prior, priors=(*prior.priors, *noses))
 
 
 def parse_learned_table(text: str) -> LearnedTable:
@@ -152,22 +208,78 @@ def parse_learned_table(text: str) -> LearnedTable:
     for name in (*contact_parameters(entry.laws.cushion, entry.laws.ball), *USUAL_PARAMETERS):
         if name not in NEUTRAL_BY_DEFAULT:
             physics[PARAMETER_NAMES.index(name)] = find_prior(*name.split(".")).value
-    for one in prior.priors:
+    table_priors = [one for one in prior.priors if one.name in PARAMETER_NAMES]
+    for one in table_priors:
         physics[PARAMETER_NAMES.index(one.name)] = one.value
     noses_by_side = {str(side): one for side, one in entry.noses.items()}
     noses = [noses_by_side.get(side, ProfileNumberEntry(value=0.0)) for side in CUSHIONS]
-    cushions = [one for one in prior.priors if one.name.startswith(("cushion", "spin_decay"))]
     scatter = DEFAULT_SCATTER if entry.scatter is None else ContactScatter(**entry.scatter.model_dump())
+    if entry.covariance is not None:
+        names, covariance = entry.covariance.parameters, np.array(entry.covariance.matrix)
+        nose_covariance = np.array(entry.covariance.noses)
+    else:
+        cushions = [one for one in table_priors if one.name.startswith(("cushion", "spin_decay"))]
+        names, covariance = [one.name for one in cushions], np.diag([one.sigma**2 for one in cushions])
+        nose_covariance = np.diag([(NOSE_SIGMA if one.sigma is None else one.sigma) ** 2 for one in noses])
     return LearnedTable(
         entry.laws.cushion,
         physics,
         scatter,
         np.array([one.value for one in noses]),
-        np.array([NOSE_SIGMA if one.sigma is None else one.sigma for one in noses]),
-        np.array([PARAMETER_NAMES.index(one.name) for one in cushions], np.int64),
-        np.diag([one.sigma**2 for one in cushions]),
+        nose_covariance,
+        np.array([PARAMETER_NAMES.index(name) for name in names], np.int64),
+        covariance.reshape(len(names), len(names)),
         np.array(entry.correction.weights),
     )
+
+
+def parse_cloth_priors(text: str) -> ClothPriors:
+    """Build the priors of sliding and rolling friction from a profile, for the contact test of `trueroll call`.
+
+    Args:
+        text: Content of the profile, JSON.
+
+    Returns:
+        Their values, and standard deviations of their logarithms from one shot to the next.
+
+    Raises:
+        ValueError: A parameter is unknown or out of range.
+    """
+    physics = parse_learned_table(text).physics
+    sliding, rolling = (
+        replace(find_prior(*PARAMETER_NAMES[k].split(".")), value=float(physics[k])) for k in (SLIDING_MU, ROLLING_MU)
+    )
+    return (
+        replace(sliding, sigma=CLOTH_SPREAD),
+        replace(rolling, sigma=float(np.hypot(CLOTH_SPREAD, ROLLING_MODEL_SIGMA))),
+    )
+
+
+def place_on_learned_table(shot: ShotSetup, text: str) -> ShotSetup:
+    """Replace the physics of a shot by that of a profile.
+
+    Args:
+        shot: The shot.
+        text: Content of the profile, JSON.
+
+    Returns:
+        The shot with the cloth, the contact models, the noses and the correction of the profile.
+
+    Raises:
+        OptionError: The profile is that of a table of another size.
+    """
+    entry, learned = ProfileEntry.model_validate(json.loads(text)), parse_learned_table(text)
+    own = entry.table
+    if (
+        own is not None
+        and max(abs(own.length / shot.table.length - 1), abs(own.width / shot.table.width - 1)) > SIZE_TOLERANCE
+    ):
+        raise OptionError(
+            f"--profile is of a table of {own.length:g} x {own.width:g} m; that of the shot is {shot.table.length:g} x"
+            f" {shot.table.width:g} m"
+        )
+    physics = Physics(learned.physics, PARAMETER_NAMES, learned.cushion_law, entry.laws.ball)
+    return replace(shot, physics=physics, nose_offsets=-learned.noses, correction=learned.correction)
 
 
 def _require_form(name: str, choice: ModelChoice) -> str:
@@ -186,5 +298,11 @@ USUAL_PARAMETERS = (
 """Parameters without which no ball behaves as on a table."""
 NEUTRAL_BY_DEFAULT = ("cushion_restitution_speed.slope", "cushion_restitution_power.power")
 """Details that a profile without them leaves out."""
+_ROUNDING = 1e-9
+"""Relative error of a covariance that numbers in a file may cause."""
+SIZE_TOLERANCE = 0.02
+"""Largest relative difference of two measured sizes of one table."""
+_MAX_NOSE_OFFSET = 0.03
+"""m, bound of the offset of a nose, as in the fit of whole shots."""
 _CAMERA_EFFECTS = tuple(effect.name for effect in BILLIARDS_EFFECTS if not effect.is_in_engine)
 """Effects of the camera and of the balls, which may differ in the next clip."""

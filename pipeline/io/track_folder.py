@@ -25,6 +25,9 @@ DEFAULT_NOISE_PX = 0.3
 """px, initial standard deviation of positions without a sigma; the diagnosis re-estimates it."""
 DEFAULT_NOISE = 1e-3
 """m or rad, the same for scenes without an image."""
+_MAX_NUMBER = 1e12
+"""Coordinates, frames, times (s) and reciprocals of sigmas from here on, like NaN, count as missing: no recording has
+them, and their squares would overflow."""
 _SIZE_TOLERANCE = 0.05
 """Largest relative difference of two measured sizes of the same table."""
 COORDINATE_COLUMNS = {
@@ -195,19 +198,19 @@ def _split_recordings(
     entry: SceneEntry, columns: dict[str, FloatArray], ids: NDArray[np.str_], names: tuple[str, ...], path: Path
 ) -> tuple[Recording, ...]:
     count = len(ids)
-    shot = np.nan_to_num(columns.get("shot", np.zeros(count)))
-    is_usable = np.isfinite(np.stack([columns[name] for name in names])).all(axis=0) & (
-        columns.get("observed", shot + 1) > 0
-    )
     if "frame" not in columns or ("t" not in columns and entry.fps is None):
         raise OptionError(f"{path} needs the column frame, and t, or fps in scene.json")
     t = columns["t"] if "t" in columns else columns["frame"] / (entry.fps or 1.0)
+    shot = np.nan_to_num(columns.get("shot", np.zeros(count)))
+    numbers = np.abs([*(columns[name] for name in names), columns["frame"], t, shot])
+    is_usable = (numbers < _MAX_NUMBER).all(axis=0) & (columns.get("observed", np.ones(count)) > 0)
     metres = 1 / entry.px_per_m if entry.units == "px" and entry.px_per_m else 1.0
     if entry.units == "px" and not entry.px_per_m:
         raise OptionError(f"{path}: positions in px need px_per_m in scene.json")
     places = np.stack([columns[name] for name in names], axis=1) * metres
     stated = columns.get("sigma", np.full(count, np.nan)) * metres
-    sigma = np.where(stated > 0, stated, _default_noise(entry))
+    is_stated = (stated > 1 / _MAX_NUMBER) & (stated < _MAX_NUMBER)
+    sigma = np.where(is_stated, stated, _default_noise(entry))
     recordings = []
     for number in np.unique(shot):
         here = np.flatnonzero(is_usable & (shot == number))
@@ -215,7 +218,7 @@ def _split_recordings(
             one = _build_recording(
                 int(number), columns["frame"][here], t[here], ids[here], places[here], sigma[here], path
             )
-            recordings.append(replace(one, is_sigma_stated=bool((stated[here] > 0).all())))
+            recordings.append(replace(one, is_sigma_stated=bool(is_stated[here].all())))
     return tuple(recordings)
 
 

@@ -24,13 +24,13 @@ def fit_stage(options: FitOptions) -> Stage:
 
 
 def _fit_motion(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
-    """Fit the contacts and the motion; on request also published contact models."""
+    """Fit the contacts and the motion, and published contact models to whole shots."""
     from models.estimation.reconstruction.fit_shot import fit_shot  # slow to import
 
     tracks, scene = inputs["track"], inputs["calibrate"]
     fit = fit_shot(tracks, scene, options, progress)
-    if not (options.laws or options.profile):
-        return replace(fit, whole_shot_refusal="It was not requested: give --laws.")
+    if options.laws is False:
+        return replace(fit, whole_shot_refusal="It was switched off by --no-laws.")
     from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
     from pipeline.io.table_profile import parse_table_prior
 

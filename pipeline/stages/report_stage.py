@@ -36,7 +36,9 @@ def report_stage(options: ReportOptions) -> Stage:
     Returns:
         The stage `report`, whose output is a folder with report.html.
     """
-    return Stage("report", __name__, ("read", "calibrate", "track", "fit", "render"), None, _write_page, options)
+    return Stage(
+        "report", __name__, ("read", "calibrate", "track", "fit", "render", "forecast"), None, _write_page, options
+    )
 
 
 def _write_page(inputs: Inputs, options: ReportOptions, folder: Path, progress: Progress) -> None:
@@ -51,4 +53,5 @@ def _write_page(inputs: Inputs, options: ReportOptions, folder: Path, progress: 
     files = ReportFiles(rendered / "slow.mp4", rendered / "poster.png", options.slow, start)
     clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
     scene = note_selection(scene, options.detect)
-    write_report(clip, scene, tracks, fit, files, options.title, options.settings, folder / "report.html")
+    write_report(clip, scene, tracks, fit, files, options.title, options.settings, folder / "report.html",
+                 inputs["forecast"].errors)  # fmt: skip

@@ -1,7 +1,11 @@
-"""Shows the progress of a diagnosis on a terminal; elsewhere only a note while the physics is compiled."""
+"""Shows the progress of a diagnosis on a terminal; elsewhere only a note while the physics is compiled.
+
+The time left is that of the steps so far, times the number of steps that usually follow: right within a factor of two.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -9,10 +13,10 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from diagnosis.fitting.display_names import format_cause
-from diagnosis.selection.hypotheses import ProgressCallback
+from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook
 from models.numerics.first_compilation import notify_first_compilation
 
-COMPILING_NOTE = "compiling the physics, once per installation: about a minute"
+COMPILING_NOTE = "compiling the physics, once per installation: it takes one to four minutes"
 
 
 @contextmanager
@@ -24,14 +28,17 @@ def show_search_progress(console: Console, title: str = "") -> Iterator[Progress
         title: Name of the table, if there are several.
 
     Yields:
-        A function that is called with the activity and the effects that are tried.
+        A function that is called with the activity, the effects that are tried, and the outlook of the search.
     """
     columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bars:
         task = bars.add_task(_format_activity(title, "looking at the tracks", ()))
 
-        def update(activity: str, names: tuple[str, ...]) -> None:
-            bars.update(task, description=_format_activity(title, activity, names))
+        begun = time.monotonic()
+
+        def update(activity: str, names: tuple[str, ...], outlook: SearchOutlook) -> None:
+            text = _format_activity(title, activity, names) + _format_outlook(outlook, time.monotonic() - begun)
+            bars.update(task, description=text)
 
         with notify_first_compilation(lambda: console.print(_format_activity(title, COMPILING_NOTE, ()), markup=False)):
             yield update
@@ -40,3 +47,13 @@ def show_search_progress(console: Console, title: str = "") -> Iterator[Progress
 def _format_activity(title: str, activity: str, names: tuple[str, ...]) -> str:
     """Format table, activity and effects as one line."""
     return ": ".join(part for part in (title, activity, " and ".join(map(format_cause, names))) if part)
+
+
+def _format_outlook(outlook: SearchOutlook, seconds: float) -> str:
+    """Format the best hypothesis so far and the estimated time left after `seconds` as the rest of a line."""
+    parts = []
+    if outlook.best is not None:
+        parts.append(f"best so far: {' and '.join(map(format_cause, outlook.best or ('none',)))}")
+    if outlook.steps_done:
+        parts.append(f"about {seconds / outlook.steps_done * outlook.steps_left:.0f} s left")
+    return f" ({'; '.join(parts)})" if parts else ""

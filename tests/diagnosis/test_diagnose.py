@@ -9,6 +9,7 @@ import pytest
 from support.pucks import CATALOGUE, LENS, SCALE, Filming, Pucks, film
 
 from diagnosis.diagnose import diagnose
+from diagnosis.selection.hypotheses import SearchOutlook
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.estimation.gap_scenes.gap_scene import Recording
 
@@ -140,12 +141,18 @@ def test_bodies_that_lie_still_never_seem_to_move() -> None:
 
 
 def test_who_watches_is_told_what_is_tried() -> None:
-    messages: list[tuple[str, tuple[str, ...]]] = []
+    messages: list[tuple[str, tuple[str, ...], SearchOutlook]] = []
     diagnose(
         Pucks(),
         film(np.random.default_rng(0), FRICTION | LACKING["slope"], SHORT),
         on_progress=lambda *now: messages.append(now),
     )
-    assert messages[0] == ("fitting the simulator", ())
-    assert ("trying", ("slope",)) in messages
+    assert messages[0] == ("fitting the simulator", (), SearchOutlook())
+    assert ("trying", ("slope",)) in [message[:2] for message in messages]
     assert messages[-1][0] == "predicting hold-out shots"
+    outlooks = [outlook for *_, outlook in messages]
+    steps = [outlook.steps_done for outlook in outlooks]
+    assert steps == sorted(steps)
+    assert steps[-1] > 3
+    assert [outlook.best for outlook in outlooks if outlook.best is not None][-1] == ("slope",)
+    assert all(outlook.steps_left > 0 for outlook in outlooks)

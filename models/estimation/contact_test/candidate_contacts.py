@@ -113,14 +113,31 @@ def find_close_passes(record: ShotRecord) -> list[tuple[int, int, ContactTestRes
     for one in range(len(record.ids)):
         for two in range(one + 1, len(record.ids)):
             for t in _list_pass_times(record, one, two):
-                parties = {record.ids[one], record.ids[two]}
-                with suppress(ValueError, np.linalg.LinAlgError):  # too few samples for a test
-                    balls = tuple(cut_ball_window(record, t, ball, parties) for ball in (one, two))
-                    question = PossibleContact(balls, 2 * record.table.ball_radius, record.reach_sigma)
-                    result = evaluate_contact(question, t)
-                    if result.t_sigma < WINDOW_TIME:  # else the two lie beside each other, and neither comes nearer
-                        passes.append((one, two, result))
+                result = evaluate_close_pass(record, one, two, t)
+                if result is not None:
+                    passes.append((one, two, result))
     return passes
+
+
+def evaluate_close_pass(record: ShotRecord, one: int, two: int, t: float) -> ContactTestResult | None:
+    """Test whether two balls touched when they passed each other.
+
+    Args:
+        record: The shot.
+        one: Index of a ball.
+        two: Index of the other ball.
+        t: s, about the time of the pass.
+
+    Returns:
+        The result; None with too few samples, or if the balls lie beside each other, so that neither comes nearer.
+    """
+    parties = {record.ids[one], record.ids[two]}
+    with suppress(ValueError, np.linalg.LinAlgError):  # too few samples for a test
+        balls = tuple(cut_ball_window(record, t, ball, parties) for ball in (one, two))
+        question = PossibleContact(balls, 2 * record.table.ball_radius, record.reach_sigma, cloth=record.cloth)
+        result = evaluate_contact(question, t)
+        return result if result.t_sigma < WINDOW_TIME else None
+    return None
 
 
 def _gap_at(record: ShotRecord, one: int, two: int, t: float) -> tuple[float, float]:

@@ -120,7 +120,7 @@ def _parameter_priors(contact: PossibleContact, size: int) -> tuple[FloatArray, 
                 SLIP_SIGMA_SHARE * float(np.hypot(*ball.start_state[2:4])) + SLIP_SIGMA_FLOOR
             )
     shared = contact.common_column
-    sliding, rolling = find_prior("sliding_friction", "mu"), find_prior("rolling_resistance", "mu")
+    sliding, rolling = contact.cloth
     sigma[shared : shared + 2] = SLOPE_SIGMA
     mean[shared + 2 : shared + SHARED_COUNT] = np.log([sliding.value, rolling.value])
     sigma[shared + 2 : shared + SHARED_COUNT] = sliding.sigma, rolling.sigma

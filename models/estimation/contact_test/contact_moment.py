@@ -20,6 +20,8 @@ from models.physics.billiards.cloth.closed_form_motion import (
     differentiate_kinematics,
     evaluate_kinematics,
 )
+from models.physics.effect import Prior
+from models.physics.effects.catalogue import find_prior
 
 Complex = NDArray[np.complex128]
 
@@ -68,6 +70,11 @@ class BallWindow:
         return 2 if self.rests else 4 if self.rolls else STATE_SIZE
 
 
+ClothPriors = tuple[Prior, Prior]
+"""Priors of sliding and rolling friction; standard deviations are those of their logarithms."""
+USUAL_CLOTH: ClothPriors = find_prior("sliding_friction", "mu"), find_prior("rolling_resistance", "mu")
+
+
 @dataclass(frozen=True, slots=True)
 class CushionLine:
     """A straight nose: centres turn where `inward` @ x = `offset`."""
@@ -88,6 +95,8 @@ class PossibleContact:
     reach_sigma: float
     """m, of the reach, or of the contact line of a cushion."""
     cushion: CushionLine | None = None
+    cloth: ClothPriors = USUAL_CLOTH
+    """What is known about the friction of the cloth."""
 
     @property
     def begin(self) -> float:

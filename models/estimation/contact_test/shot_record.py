@@ -13,6 +13,7 @@ from models.core.shot_explanation import ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
+from models.estimation.contact_test.contact_moment import USUAL_CLOTH, ClothPriors
 from models.estimation.segmentation.track_segmentation import BallSamples
 
 SCALE_SIGMA = 0.005
@@ -69,6 +70,8 @@ class ShotRecord:
     """None where the folder does not contain the calibration."""
     explanation: ShotExplanation
     """What may have happened, with the weight of every hypothesis."""
+    cloth: ClothPriors = USUAL_CLOTH
+    """What is known about the friction of the cloth."""
 
     def ball_index(self, name: str) -> int:
         """Return the index of a ball; raise ValueError for an unknown name."""

@@ -6,6 +6,7 @@ realistic spread instead: spin about the vertical, the level of the table, the f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -40,11 +41,13 @@ from models.estimation.joint_fit.prior_residuals import (
     SLIDING_PRIOR,
 )
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
+from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.segmentation.contact_graph import Segment
 from models.estimation.table_learning.cushion_contacts import (
     CushionContacts,
     SpinHistory,
+    evaluate_segment_state,
     extract_cushion_contacts,
 )
 from models.estimation.table_learning.learn_table import learn_own_cushions
@@ -52,9 +55,9 @@ from models.estimation.table_learning.learned_table import CLOTH_SPREAD, Learned
 from models.estimation.whole_shot.free_paths import ROLLING_SLOPE_FACTOR, SLOPE_SIGMA, UNEVENNESS, WINDOW_LENGTH
 from models.numerics.robust import evaluate_huber_loss
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
-from models.physics.billiards.cloth.closed_form_motion import GRAVITY, SEGMENT_STATE_SIZE, differentiate_kinematics
+from models.physics.billiards.cloth.closed_form_motion import GRAVITY
 from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLIDING_MU, VISCOUS_DRAG
-from models.tracking.track_noise import apply_noise, estimate_noise
+from models.tracking.track_noise import NOISE_FLOOR_RADII, apply_noise, estimate_noise
 
 MIN_FRAMES = 5
 """Least number of frames that give speeds."""
@@ -86,11 +89,31 @@ def estimate_state(tracks: Tracks, scene: Scene, t: float, learned: LearnedTable
     Args:
         tracks: Tracks of N balls over T frames.
         scene: Table and camera.
-        t: s.
+        t: Presentation time, s.
         learned: What other shots taught about the table.
 
     Returns:
         States of the balls on the table, with their covariance.
+
+    Raises:
+        TrackError: If there are too few frames, or physics cannot be fitted.
+    """
+    return estimate_states(tracks, scene, t, (learned,))[0]
+
+
+def estimate_states(
+    tracks: Tracks, scene: Scene, t: float, tables: Sequence[LearnedTable | None]
+) -> tuple[StateEstimate, ...]:
+    """Estimate the state as `estimate_state` for several tables, with one fit.
+
+    Args:
+        tracks: Tracks of N balls over T frames.
+        scene: Table and camera.
+        t: Presentation time, s.
+        tables: What other shots taught about the table, in several ways; None for nothing.
+
+    Returns:
+        One state per table.
 
     Raises:
         TrackError: If there are too few frames, or physics cannot be fitted.
@@ -103,11 +126,20 @@ def estimate_state(tracks: Tracks, scene: Scene, t: float, learned: LearnedTable
     fit, solution = fit_with_solution(observed_tracks, scene)
     if solution is None:
         raise TrackError(f"physics could not be fitted to the frames until {t:g} s; {fit.trust.reasons[0]}")
-    measured = apply_noise(observed_tracks, estimate_noise(observed_tracks, MIN_NOISE_SPEED, scene.table.ball_radius))
+    radius = scene.table.ball_radius
+    clock = estimate_capture_times(observed_tracks, NOISE_FLOOR_RADII * radius)  # that of the solution
+    captured, now = replace(observed_tracks, t=clock.capture_time), float(clock.capture_time_at(np.array(t)))
+    measured = apply_noise(captured, estimate_noise(captured, MIN_NOISE_SPEED, radius))
     inflation = estimate_lack_of_fit(solution, collect_observations(measured))
     events = fit.events
     pocketed = {a for a, kind in zip(events.a, events.kind, strict=True) if kind == "pocket"}
-    return build_state_estimate(solution, observed_tracks.ids, t, scene.table, pocketed, fit.trust, inflation, learned)
+    states = (
+        build_state_estimate(
+            solution, observed_tracks.ids, now, scene.table, pocketed, fit.trust, inflation, learned
+        )
+        for learned in tables
+    )  # fmt: skip
+    return tuple(replace(state, t=t) for state in states)
 
 
 def estimate_lack_of_fit(solution: JointSolution, observations: Observations) -> float:
@@ -140,7 +172,7 @@ def build_state_estimate(
     inflation: float = 1.0,
     learned: LearnedTable | None = None,
 ) -> StateEstimate:
-    """Build the state estimate at t (s) from a fit of everything up to then.
+    """Build the state estimate at the capture time t (s) from a fit of everything up to then.
 
     `pocketed` balls have been potted; `inflation` is a factor on the variances; `learned` is the table, where known.
     """
@@ -155,7 +187,8 @@ def build_state_estimate(
     for row, ball in enumerate(balls):
         segment = graph.segments_of_ball(ball)[-1]
         here = slice(PARAMETERS_PER_BALL * row, PARAMETERS_PER_BALL * row + 6)
-        mean[here], jacobian[here], moving[row] = _ball_state(solution, segment, t, len(covariance))
+        mean[here], jacobian[here, : len(solution.covariance)] = evaluate_segment_state(solution, segment, t)
+        moving[row] = bool(np.any(mean[here][2:4]))
         if moving[row]:
             side[PARAMETERS_PER_BALL * row + 6] = _side_spin_sigma(
                 graph.segments[segment], t - graph.start_time(segment), table.ball_radius
@@ -169,7 +202,7 @@ def build_state_estimate(
     grip = layout_parameters(graph).shared + 9
     laws = law_probabilities(float(solution.rubber[2] + shift[grip]), float(np.sqrt(covariance[grip, grip])))
     state = StateEstimate(t, names, table, mean + jacobian @ shift, (total + total.T) / 2, moving, trust, laws)
-    contacts, histories = extract_cushion_contacts(solution)
+    contacts, histories = extract_cushion_contacts(solution, table)
     used = learn_own_cushions(contacts, solution, table) if learned is None else learned
     return state if used is None else _use_learned_table(state, solution, balls, used, contacts, histories)
 
@@ -237,10 +270,10 @@ def _condition_on_table(
         sigmas += [*np.hypot(CLOTH_SPREAD, [0.0, ROLLING_MODEL_SIGMA]), *learned.nose_sigma]
     if not rows:
         return np.zeros(layout.size + 2), covariance
-    constraints = np.array(rows)
-    gain = np.linalg.solve(
-        constraints @ covariance @ constraints.T + np.diag(np.square(sigmas)), constraints @ covariance
-    ).T
+    constraints, noise = np.array(rows), np.diag(np.square(sigmas))
+    if learned is not None:
+        noise[-4:, -4:] = learned.nose_covariance
+    gain = np.linalg.solve(constraints @ covariance @ constraints.T + noise, constraints @ covariance).T
     return -gain @ np.array(deviations), covariance - gain @ constraints @ covariance
 
 
@@ -268,22 +301,6 @@ def _drag_as_friction(solution: JointSolution, t: float, learned: LearnedTable) 
 def _acceleration_per_slope() -> float:
     """Return the acceleration of a rolling ball, m/s^2, on a slope of 1 mm/m."""
     return ROLLING_SLOPE_FACTOR * GRAVITY * 1e-3
-
-
-def _ball_state(solution: JointSolution, index: int, t: float, columns: int) -> tuple[FloatArray, FloatArray, bool]:
-    """Return place, velocity and slip (6,) of a ball at t, their derivatives (6, columns), and whether it moves."""
-    layout, described = layout_parameters(solution.graph), solution.graph.segments[index]
-    first, jacobian = int(layout.segment[index]), np.zeros((6, columns))
-    if described.static:
-        jacobian[[0, 1], [first, first + 1]] = 1.0
-        return np.concatenate([described.state[:2], np.zeros(4)]), jacobian, False
-    tau = np.array([max(t - solution.graph.start_time(index), 0.0)])
-    value, derivative = differentiate_kinematics(described.state[None], tau, solution.friction)
-    jacobian[:, first : first + SEGMENT_STATE_SIZE] = derivative[0, :, :SEGMENT_STATE_SIZE]
-    jacobian[:, layout.shared : layout.shared + 2] = derivative[0, :, SEGMENT_STATE_SIZE + 1 :]
-    if described.start is not None:
-        jacobian[:, layout.contact + described.start] = -derivative[0, :, SEGMENT_STATE_SIZE]
-    return value[0], jacobian, bool(np.hypot(*value[0, 2:4]) > 0)
 
 
 def _side_spin_sigma(segment: Segment, since: float, radius: float) -> float:

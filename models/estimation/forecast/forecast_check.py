@@ -7,11 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.errors import TrackError
+from models.core.events import Events
+from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.forecast.current_state import MIN_NOISE_SPEED
-from models.estimation.forecast.ensemble_prediction import ShotPrediction
+from models.estimation.forecast.current_state import MIN_NOISE_SPEED, estimate_state
+from models.estimation.forecast.ensemble_prediction import ShotPrediction, forecast_shot
+from models.estimation.forecast.forecast_values import ForecastErrors
+from models.estimation.table_learning.learned_table import LearnedTable
 from models.tracking.track_noise import apply_noise, estimate_noise
+
+OBSERVED_SHARE = 1 / 3
+"""Share of the duration of a shot that a prediction of its rest is made from: most of the shot remains to compare."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +38,47 @@ class PredictionCheck:
     """(K,) share of the probability that is denser, including the measurement noise; NaN where the ball should be in a
     pocket.
     """
+
+
+def compare_rest_of_shot(tracks: Tracks, scene: Scene, events: Events, learned: LearnedTable) -> ForecastErrors | None:
+    """Predict the rest of a shot from its first part, and compare it with what was observed later.
+
+    Args:
+        tracks: Tracks of N balls over T frames.
+        scene: Table and camera.
+        events: Events of the shot.
+        learned: What other shots taught about the table.
+
+    Returns:
+        The errors; None if nothing moves, or the first part cannot be fitted.
+    """
+    if not len(events):
+        return None
+    first, last = float(events.t.min()), float(min(events.t.max(), tracks.t[-1]))
+    t = first + OBSERVED_SHARE * (last - first)
+    times = tracks.t[(tracks.t > t) & (tracks.t <= last)]
+    try:
+        prediction = forecast_shot(estimate_state(tracks, scene, t, learned), times)
+    except (TrackError, ArithmeticError, ValueError):
+        return None
+    check = check_prediction(prediction, tracks)
+    ball = tuple(prediction.state.ids[k] for k in check.ball)
+    moved = np.isin(
+        ball, [one for one, moves in zip(prediction.state.ids, prediction.state.moving, strict=True) if moves]
+    )
+    cushions = np.array(
+        [
+            sum(
+                events.kind[k] == "cushion" and events.a[k] == name and t < events.t[k] <= until
+                for k in range(len(events))
+            )
+            for name, until in zip(ball, check.t, strict=True)
+        ],
+        np.int64,
+    )
+    return ForecastErrors(
+        t, tuple(np.array(ball)[moved]), check.t[moved] - t, cushions[moved], check.error[moved]
+    )  # fmt: skip
 
 
 def check_prediction(prediction: ShotPrediction, tracks: Tracks) -> PredictionCheck:

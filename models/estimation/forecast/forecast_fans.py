@@ -14,6 +14,7 @@ from models.core.typing import FloatArray
 from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import sample_trajectories
 from models.estimation.forecast.forecast_values import ForecastFan, ForecastFans
+from models.estimation.table_learning.learned_table import LearnedTable
 
 FAN_TIME = 1.5
 """s of a fan."""
@@ -37,18 +38,19 @@ MAX_HISTORY_CONTACTS = 4
 MIN_PROBABILITY = 0.5
 
 
-def predict_fans(tracks: Tracks, scene: Scene, events: Events) -> ForecastFans:
+def predict_fans(tracks: Tracks, scene: Scene, events: Events, learned: LearnedTable | None = None) -> ForecastFans:
     """Predict a fan a little after each of the first strikes and ball contacts of a shot.
 
     Args:
         tracks: Tracks of N balls over T frames.
         scene: Table and camera.
         events: Events of the shot.
+        learned: What other shots taught about the table.
 
     Returns:
         The fans; none where nothing can be fitted.
     """
-    fans = (_predict_fan(tracks, scene, t) for t in select_fan_times(events, tracks.t))
+    fans = (_predict_fan(tracks, scene, t, learned) for t in select_fan_times(events, tracks.t))
     return ForecastFans(tuple(fan for fan in fans if fan is not None))
 
 
@@ -82,11 +84,11 @@ def select_fan_times(events: Events, frame_times: FloatArray) -> list[float]:
     return times[:MAX_FANS]
 
 
-def _predict_fan(tracks: Tracks, scene: Scene, t: float) -> ForecastFan | None:
+def _predict_fan(tracks: Tracks, scene: Scene, t: float, learned: LearnedTable | None) -> ForecastFan | None:
     """Predict one fan; None where too little was observed, or too much happens, since a fan is optional."""
     times = np.asarray(t + TIME_STEP * np.arange(round(FAN_TIME / TIME_STEP) + 1), np.float64)
     try:
-        state = estimate_state(_select_tracks_since(tracks, t - HISTORY_TIME), scene, t)
+        state = estimate_state(_select_tracks_since(tracks, t - HISTORY_TIME), scene, t, learned)
         members = sample_trajectories(state, times, 0, FAN_MEMBERS) if state.ids else None
     except (TrackError, ArithmeticError, ValueError):
         return None

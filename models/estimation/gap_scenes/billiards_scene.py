@@ -113,9 +113,12 @@ class BilliardsScene:
         self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
     ) -> Covariates:
         """Compute the covariates of the observations of a segment, from a simulation."""
-        model = self.build_model((segment,), forms)
-        run = model.simulate_run(0, start, shared)
         rows, balls = np.nonzero(segment.is_observed)
+        run = self.build_model((segment,), forms).simulate_possible_run(0, start, shared)
+        if run is None:
+            place, unknown = segment.positions[rows, balls], np.full(len(rows), np.nan)
+            image = (place - self.image.centre) * self.image.px_per_m
+            return Covariates(("rest",) * len(rows), place, np.zeros_like(place), unknown, image)
         t = segment.t - segment.t[0]
         states = np.nan_to_num(run.states_at(t))
         since, contact = find_last_contacts(run, t)

@@ -27,6 +27,9 @@ Integrator = Callable[[RealOrComplexArray, RealOrComplexArray, FloatArray, float
 
 MAX_STEP = 1 / 200
 """s of one step: the fourth-order error of a pendulum of 1 Hz is then below 1e-8 in a second."""
+MAX_STEPS_PER_ROW = 400
+"""Steps between two rows, at most: rows that are further apart than 2 s resolve no motion, and the times of a recording
+in another unit must not make a simulation endless."""
 _COMPLEX_STEP = 1e-30
 _GUESS_ROWS = 12
 """Rows from which an initial guess of position and velocity is estimated."""
@@ -93,7 +96,7 @@ def build_integrator(acceleration: AccelerationFunction, has_brake_probe: bool =
             now[:] = start[:, i]
             states[0, :, i] = now
             for k in range(1, len(t)):
-                steps = int(np.ceil((t[k] - t[k - 1]) / longest - 1e-9))
+                steps = int(min(np.ceil((t[k] - t[k - 1]) / longest - 1e-9), MAX_STEPS_PER_ROW))
                 h = (t[k] - t[k - 1]) / steps
                 for _ in range(steps):
                     sum_of_rates[:] = 0.0

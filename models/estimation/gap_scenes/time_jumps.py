@@ -129,11 +129,8 @@ def _keeps_velocity(t: FloatArray, xy: FloatArray, before: int) -> bool:
 
 def _parabola_chi2(t: FloatArray, xy: FloatArray, sigma: FloatArray, before: int, interval: float) -> FloatArray:
     """Compute chi2 of parabolas through samples (n,) with a pause of 0, 1, ... lost frames after the first `before`."""
-    chi2 = np.empty(_MAX_LOST_FRAMES + 1)
-    for lost in range(_MAX_LOST_FRAMES + 1):
-        s = t - t[before - 1] + np.where(np.arange(len(t)) >= before, lost * interval, 0.0)
-        design = np.vander(s / interval, 3) / sigma[:, None]
-        target = xy / sigma[:, None]
-        coefficients = np.linalg.lstsq(design, target, rcond=None)[0]
-        chi2[lost] = float(((target - design @ coefficients) ** 2).sum())
-    return chi2
+    lost_frames = np.arange(_MAX_LOST_FRAMES + 1)[:, None] * (np.arange(len(t)) >= before)
+    times = (t - t[before - 1]) / interval + lost_frames
+    basis = np.linalg.qr(np.stack([times**2, times, np.ones_like(times)], axis=2) / sigma[:, None])[0]
+    target = xy / sigma[:, None]
+    return np.asarray(np.square(target - basis @ (basis.swapaxes(1, 2) @ target)).sum(axis=(1, 2)))

@@ -10,13 +10,13 @@ from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shared_parameters import prior_cost, value_derivatives
 from models.estimation.multiple_shooting.shooting_problem import (
     NOT_SIMULATED,
+    ChainIterate,
     Iterate,
     ShootingProblem,
-    ShotIterate,
-    embed_shot,
-    extract_shot,
-    map_shots,
-    replace_shots,
+    embed_chain,
+    extract_chain,
+    map_chains,
+    replace_chains,
 )
 from models.estimation.multiple_shooting.shooting_windows import (
     LinearizedWindow,
@@ -24,39 +24,40 @@ from models.estimation.multiple_shooting.shooting_windows import (
     SimulatedWindow,
     Window,
     copy_contiguous,
+    linearize_window,
     simulate_window,
 )
-from models.estimation.multiple_shooting.state_elimination import ShotBlock
+from models.estimation.multiple_shooting.state_elimination import ChainBlock
 from models.numerics.robust import evaluate_huber_loss
 
 
-def linearize_shots(problem: ShootingProblem, point: Iterate) -> tuple[Iterate, list[ShotBlock]]:
-    """Linearize all windows of an iterate and assemble the normal equations of every shot.
+def linearize_chains(problem: ShootingProblem, point: Iterate) -> tuple[Iterate, list[ChainBlock]]:
+    """Linearize all windows of an iterate and assemble the normal equations of every chain.
 
     Args:
         problem: Problem to linearize.
         point: Iterate at which to linearize.
 
     Returns:
-        The iterate with all Jacobians, and one block of normal equations per shot.
+        The iterate with all Jacobians, and one block of normal equations per chain.
     """
-    shots = range(len(problem.shot_windows))
-    results = map_shots(problem, _linearize_shot_task, point, shots)
-    parts = {shot: part for shot, (part, _) in zip(shots, results, strict=True)}
-    return replace_shots(problem, point, parts), [block for _, block in results]
+    chains = range(len(problem.chains))
+    results = map_chains(problem, _linearize_chain_task, point, chains)
+    parts = {chain: part for chain, (part, _) in zip(chains, results, strict=True)}
+    return replace_chains(problem, point, parts), [block for _, block in results]
 
 
-def _linearize_shot_task(
-    problem: ShootingProblem, part: ShotIterate, shared: FloatArray, shot: int
-) -> tuple[ShotIterate, ShotBlock]:
-    point = linearize_windows(problem, embed_shot(problem, part, shared, shot), shot)
-    linearized = extract_shot(problem, point, shot)
-    return replace(linearized, windows=tuple(map(copy_contiguous, linearized.windows))), assemble_shot_block(
-        problem, point, shot
+def _linearize_chain_task(
+    problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int
+) -> tuple[ChainIterate, ChainBlock]:
+    point = linearize_windows(problem, embed_chain(problem, part, shared, chain), chain)
+    linearized = extract_chain(problem, point, chain)
+    return replace(linearized, windows=tuple(map(copy_contiguous, linearized.windows))), assemble_chain_block(
+        problem, point, chain
     )
 
 
-def simulate_shots(problem: ShootingProblem, starts: tuple[FloatArray, ...], shared: FloatArray) -> Iterate:
+def simulate_chains(problem: ShootingProblem, starts: tuple[FloatArray, ...], shared: FloatArray) -> Iterate:
     """Simulate every window, without Jacobians where the model can leave them out.
 
     Args:
@@ -67,29 +68,29 @@ def simulate_shots(problem: ShootingProblem, starts: tuple[FloatArray, ...], sha
     Returns:
         The iterate at these values.
     """
-    point = Iterate(starts, shared, (NOT_SIMULATED,) * len(starts), np.zeros(len(problem.shot_windows) + 1))
-    shots = range(len(problem.shot_windows))
-    parts = map_shots(problem, _simulate_shot_task, point, shots)
-    point = replace_shots(problem, point, dict(zip(shots, parts, strict=True)))
+    point = Iterate(starts, shared, (NOT_SIMULATED,) * len(starts), np.zeros(len(problem.chains) + 1))
+    chains = range(len(problem.chains))
+    parts = map_chains(problem, _simulate_chain_task, point, chains)
+    point = replace_chains(problem, point, dict(zip(chains, parts, strict=True)))
     point.costs[-1] = prior_cost(problem.model.unknowns, shared)
     return point
 
 
-def _simulate_shot_task(problem: ShootingProblem, part: ShotIterate, shared: FloatArray, shot: int) -> ShotIterate:
-    own = zip(problem.shot_windows[shot], part.starts, strict=True)
+def _simulate_chain_task(problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int) -> ChainIterate:
+    own = zip(problem.chains[chain], part.starts, strict=True)
     predictions = tuple(copy_contiguous(simulate_window(problem.model, k, start, shared)) for k, start in own)
-    point = embed_shot(problem, replace(part, windows=predictions), shared, shot)
-    return ShotIterate(part.starts, predictions, shot_cost(problem, point, shot))
+    point = embed_chain(problem, replace(part, windows=predictions), shared, chain)
+    return ChainIterate(part.starts, predictions, chain_cost(problem, point, chain))
 
 
 def linearize_windows(
-    problem: ShootingProblem, point: Iterate, shot: int, model: ShootingModel | None = None
+    problem: ShootingProblem, point: Iterate, chain: int, model: ShootingModel | None = None
 ) -> Iterate:
-    """Linearize those windows of one shot that have no Jacobians yet, by `model` where it is given."""
+    """Linearize those windows of one chain that have no Jacobians yet, by `model` where it is given."""
     predictions, model = list(point.windows), problem.model if model is None else model
-    for k in problem.shot_windows[shot]:
+    for k in problem.chains[chain]:
         if isinstance(predictions[k], SimulatedWindow):
-            predictions[k] = model.linearize(k, point.starts[k], point.shared)
+            predictions[k] = linearize_window(model, k, point.starts[k], point.shared)
     return replace(point, windows=tuple(predictions))
 
 
@@ -101,10 +102,10 @@ def count_first_observations(window: Window, share: float) -> int:
     return int(np.searchsorted(window.t, first + share * (last - first), side="right"))
 
 
-def shot_cost(problem: ShootingProblem, point: Iterate, shot: int, share: float = 1.0) -> float:
-    """Compute the robust chi2 of the first `share` of a shot's windows, with the priors and links of its states."""
+def chain_cost(problem: ShootingProblem, point: Iterate, chain: int, share: float = 1.0) -> float:
+    """Compute the robust chi2 of the first `share` of a chain's windows, with the priors and links of its states."""
     cost = 0.0
-    for k in problem.shot_windows[shot]:
+    for k in problem.chains[chain]:
         window, prediction = problem.windows[k], point.windows[k]
         cost += evaluate_huber_loss(prediction.residual[: count_first_observations(window, share)])[1]
         cost += float((((point.starts[k] - window.start) / window.sigma) ** 2).sum())
@@ -113,44 +114,46 @@ def shot_cost(problem: ShootingProblem, point: Iterate, shot: int, share: float 
     return cost if np.isfinite(cost) else float("inf")
 
 
-def assemble_normal_equations(problem: ShootingProblem, point: Iterate) -> list[ShotBlock]:
-    """Assemble the normal equations of every shot."""
-    return map_shots(problem, _assemble_shot_task, point, range(len(problem.shot_windows)))
+def assemble_normal_equations(problem: ShootingProblem, point: Iterate) -> list[ChainBlock]:
+    """Assemble the normal equations of every chain."""
+    return map_chains(problem, _assemble_chain_task, point, range(len(problem.chains)))
 
 
-def _assemble_shot_task(problem: ShootingProblem, part: ShotIterate, shared: FloatArray, shot: int) -> ShotBlock:
-    return assemble_shot_block(problem, embed_shot(problem, part, shared, shot), shot)
+def _assemble_chain_task(problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int) -> ChainBlock:
+    return assemble_chain_block(problem, embed_chain(problem, part, shared, chain), chain)
 
 
-def assemble_shot_block(problem: ShootingProblem, point: Iterate, shot: int) -> ShotBlock:
-    """Assemble the normal equations of one shot: states, shared search coordinates, and their coupling."""
+def assemble_chain_block(problem: ShootingProblem, point: Iterate, chain: int) -> ChainBlock:
+    """Assemble the normal equations of one chain: states, shared search coordinates, and their coupling."""
     scale = value_derivatives(problem.model.unknowns, point.shared)
-    return _assemble_block(problem, linearize_windows(problem, point, shot), shot, 1.0, scale)
+    return _assemble_block(problem, linearize_windows(problem, point, chain), chain, 1.0, scale)
 
 
-def assemble_state_block(problem: ShootingProblem, point: Iterate, shot: int, share: float) -> ShotBlock:
-    """Assemble the normal equations of the states of one shot alone, of the first `share` of its windows."""
+def assemble_state_block(problem: ShootingProblem, point: Iterate, chain: int, share: float) -> ChainBlock:
+    """Assemble the normal equations of the states of one chain alone, of the first `share` of its windows."""
     return _assemble_block(
-        problem, linearize_windows(problem, point, shot, problem.state_model), shot, share, np.empty(0)
+        problem, linearize_windows(problem, point, chain, problem.state_model), chain, share, np.empty(0)
     )
 
 
-def _assemble_block(problem: ShootingProblem, point: Iterate, shot: int, share: float, scale: FloatArray) -> ShotBlock:
-    """Assemble the block of one shot.
+def _assemble_block(
+    problem: ShootingProblem, point: Iterate, chain: int, share: float, scale: FloatArray
+) -> ChainBlock:
+    """Assemble the block of one chain.
 
     Args:
         problem: Problem to linearize.
-        point: Iterate whose windows of this shot are linearized.
-        shot: Index of the shot.
+        point: Iterate whose windows of this chain are linearized.
+        chain: Index of the chain.
         share: Share of each window's duration that is used.
         scale: (P,) derivatives of the shared parameters by their search coordinates; may be empty.
 
     Returns:
         Normal equations of the states and the first `len(scale)` shared coordinates.
     """
-    numbers = problem.shot_windows[shot]
+    numbers = problem.chains[chain]
     offsets = np.concatenate([[0], np.cumsum([len(point.starts[k]) for k in numbers])])
-    block = ShotBlock.empty(int(offsets[-1]), len(scale))
+    block = ChainBlock.empty(int(offsets[-1]), len(scale))
     for place, k in enumerate(numbers):
         window, linearized = problem.windows[k], require_linearized(point, k)
         here = slice(offsets[place], offsets[place + 1])
@@ -186,14 +189,12 @@ def require_linearized(point: Iterate, k: int) -> LinearizedWindow:
 
 
 def _add_link(
-    block: ShotBlock, here: slice, before: slice, sigma: FloatArray, point: Iterate, k: int, scale: FloatArray
+    block: ChainBlock, here: slice, before: slice, sigma: FloatArray, point: Iterate, k: int, scale: FloatArray
 ) -> None:
     """Add the continuity of the start of window `k` with the end of the previous window."""
     tied = np.flatnonzero(np.isfinite(sigma))
     prediction = require_linearized(point, k - 1)
-    rows = np.zeros((len(tied), len(block.gradient)))
-    rows[:, here] = np.eye(len(sigma))[tied]
-    rows[:, before] = -prediction.end_start_jacobian[tied]
-    rows /= sigma[tied, None]
+    rows = np.hstack([-prediction.end_start_jacobian[tied], np.eye(len(sigma))[tied]]) / sigma[tied, None]
     shared = -prediction.end_shared_jacobian[tied, : len(scale)] * scale / sigma[tied, None]
-    block.add_rows(slice(None), rows, shared, ((point.starts[k] - prediction.end) / sigma)[tied])
+    both = slice(before.start, here.stop)
+    block.add_rows(both, rows, shared, ((point.starts[k] - prediction.end) / sigma)[tied])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.normal_equations import linearize_shots, simulate_shots
+from models.estimation.multiple_shooting.normal_equations import linearize_chains, simulate_chains
 from models.estimation.multiple_shooting.shared_parameters import (
     coordinate_bounds,
     prior_terms,
@@ -38,7 +38,7 @@ def sample_posterior(
         Pairs of start states and shared parameters.
     """
     problem = ShootingProblem(model, model.windows, (tuple(range(len(model.windows))),))
-    _, (block,) = linearize_shots(problem, simulate_shots(problem, starts, shared))
+    _, (block,) = linearize_chains(problem, simulate_chains(problem, starts, shared))
     size = len(block.gradient)
     whole = np.block([[block.states, block.coupling], [block.coupling.T, block.shared]])
     whole[size:, size:] += np.diag(prior_terms(model.unknowns, shared)[1])

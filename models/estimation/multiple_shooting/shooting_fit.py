@@ -20,10 +20,10 @@ from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.multiple_shooting.normal_equations import (
     assemble_normal_equations,
     assemble_state_block,
-    linearize_shots,
+    chain_cost,
+    linearize_chains,
     require_linearized,
-    shot_cost,
-    simulate_shots,
+    simulate_chains,
 )
 from models.estimation.multiple_shooting.shared_parameters import (
     coordinate_bounds,
@@ -32,18 +32,18 @@ from models.estimation.multiple_shooting.shared_parameters import (
     values_from_coordinates,
 )
 from models.estimation.multiple_shooting.shooting_problem import (
+    ChainIterate,
     Iterate,
     ShootingProblem,
-    ShotIterate,
     build_problem,
-    embed_shot,
-    extract_shot,
-    map_shots,
-    replace_shots,
+    embed_chain,
+    extract_chain,
+    map_chains,
+    replace_chains,
 )
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel, simulate_window
 from models.estimation.multiple_shooting.state_elimination import (
-    ShotBlock,
+    ChainBlock,
     eliminate_states,
     log_determinant,
 )
@@ -55,9 +55,16 @@ from models.physics.effect import Prior
 PRIOR_DOMINATED = 0.8
 """Ratio of posterior to prior standard deviation above which the data did not determine a parameter."""
 _COST_JUMP = 4.0
-"""Increase of the cost of one shot, in a step that should lower it, from which its states are fitted again."""
+"""Increase of the cost of one chain, in a step that should lower it, from which its states are fitted again."""
+_SETTLING_ITERATIONS = 4
+"""Iterations of the states of one chain after a jump of its cost; the next steps of everything move them further."""
+_NOISE_CHI2 = 1.3
+"""Robust chi2 per observed coordinate up to which noise explains a chain: a wrong guess would not come as near."""
+_GUESS_WINDOWS = 4
+"""Windows of a chain on which its initial guesses are compared, 2 s of billiards: by then a spin has met a cushion or
+has decayed."""
 _EXPLAINED_CHI2 = 4.0
-"""Robust chi2 per observation up to which the states of a shot count as found."""
+"""Robust chi2 per observation up to which the states of a chain count as found."""
 _EARLY_SHARES, _LATER_SHARES = (0.2, 0.35, 0.5), (0.7, 0.85)
 """Growing shares of the windows to which the states are fitted, one after another."""
 _FOLLOWED_GUESSES = 2
@@ -69,7 +76,7 @@ _SEARCH = SearchOptions(
     iterations=40, attempts=10, min_gain=0.02, min_relative_gain=1e-6, least_damping=1e-9, raising_offset=1e-4,
     largest_damping=1e8,
 )  # fmt: skip
-"""Of the states of a shot."""
+"""Of the states of a chain."""
 _REMAINING_DECREASE = 2.0
 """Predicted decrease of the cost up to which a stopped search counts as converged."""
 
@@ -81,7 +88,7 @@ class ShootingOptions:
     iterations: int = 40
     """Iterations of all windows together."""
     shot_iterations: int = 12
-    """Iterations of the states of one shot alone, after a jump of its cost or for its initial guesses."""
+    """Iterations of the states of one chain alone, after a jump of its cost or for its initial guesses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +138,7 @@ def fit_windows(
         options: Iteration limits.
         starts: (S,) start state of each window from an earlier fit, which is continued.
         retry_guesses: With `starts`: also try the initial guesses of the windows, and keep the better ones.
-        executor: Distributes the shots over processes; it does not change the result.
+        executor: Distributes the chains over processes; it does not change the result.
 
     Returns:
         The fit; `converged` is False where the iterations ended first.
@@ -139,11 +146,11 @@ def fit_windows(
     problem = build_problem(model, executor)
     first = np.array([prior.value for prior in model.unknowns]) if shared is None else np.array(shared, float)
     guesses = tuple(w.start.copy() for w in problem.windows)
-    point = simulate_shots(problem, guesses if starts is None else starts, first)
+    point = simulate_chains(problem, guesses if starts is None else starts, first)
     if starts is None or retry_guesses:
-        shots, more = range(len(problem.shot_windows)), () if starts is None else (guesses,)
-        parts = map_shots(problem, _fit_best_guess_task, point, shots, options, more)
-        point = replace_shots(problem, point, dict(zip(shots, parts, strict=True)))
+        chains, more = range(len(problem.chains)), () if starts is None else (guesses,)
+        parts = map_chains(problem, _fit_best_guess_task, point, chains, options, more)
+        point = replace_chains(problem, point, dict(zip(chains, parts, strict=True)))
     point, converged = _minimize_cost(problem, point, options)
     return _summarize_fit(problem, point, converged)
 
@@ -182,9 +189,10 @@ def convert_to_priors(unknowns: tuple[Prior, ...], fitted: ShootingFit) -> tuple
 
 def _minimize_cost(problem: ShootingProblem, now: Iterate, options: ShootingOptions) -> tuple[Iterate, bool]:
     """Minimize the cost by damped steps; return the last iterate and whether it converged."""
+    settling = min(options.shot_iterations, _SETTLING_ITERATIONS)
 
     def move(now: Iterate, step: tuple[FloatArray, list[FloatArray], FloatArray]) -> tuple[Iterate, float]:
-        trial = _refit_worse_shots(problem, now, _take_step(problem, now, step), options.shot_iterations)
+        trial = _refit_worse_chains(problem, now, _take_step(problem, now, step), settling)
         return trial, trial.cost
 
     best = minimize_cost(
@@ -200,45 +208,51 @@ def _minimize_cost(problem: ShootingProblem, now: Iterate, options: ShootingOpti
     return best.point, best.outcome == "converged"
 
 
-def _predict_decrease(problem: ShootingProblem, now: Iterate, blocks: list[ShotBlock]) -> float:
+def _predict_decrease(problem: ShootingProblem, now: Iterate, blocks: list[ChainBlock]) -> float:
     """Predict the remaining decrease of the cost from the derivatives: large where a search is stuck at a kink."""
     shared_step, state_steps, gradient = _solve_step(problem, now, blocks, 0.0)
     gain = float(gradient @ shared_step)
     return -gain - sum(float(block.gradient @ step) for block, step in zip(blocks, state_steps, strict=True))
 
 
-def _refit_worse_shots(problem: ShootingProblem, before: Iterate, trial: Iterate, settling: int) -> Iterate:
-    """Refit the states of every shot that a trial step made worse.
+def _refit_worse_chains(problem: ShootingProblem, before: Iterate, trial: Iterate, settling: int) -> Iterate:
+    """Refit the states of every chain that a trial step made worse.
 
-    One shot that changes its order of contacts must not block a step that is good for all others.
+    One chain that changes its order of contacts must not block a step that is good for all others. A step that is not
+    good for them is too long; refitting would only hide that.
     """
-    worse = [k for k in range(len(problem.shot_windows)) if not trial.costs[k] <= before.costs[k] + _COST_JUMP]
-    if not worse or len(problem.shot_windows) < 2:
+    with np.errstate(invalid="ignore"):
+        gains = before.costs - trial.costs
+    is_worse = ~(gains[:-1] >= -_COST_JUMP)
+    if len(is_worse) < 2 or not is_worse.any() or not gains[np.append(~is_worse, True)].sum() > _COST_JUMP:
         return trial
-    parts = map_shots(problem, _fit_shot_task, trial, worse, settling)
-    return replace_shots(problem, trial, dict(zip(worse, parts, strict=True)))
+    worse = [int(k) for k in np.flatnonzero(is_worse)]
+    parts = map_chains(problem, _fit_chain_task, trial, worse, settling)
+    return replace_chains(problem, trial, dict(zip(worse, parts, strict=True)))
 
 
-def _fit_shot_task(
-    problem: ShootingProblem, part: ShotIterate, shared: FloatArray, shot: int, iterations: int
-) -> ShotIterate:
-    return extract_shot(
-        problem, _fit_shot_states(problem, embed_shot(problem, part, shared, shot), shot, iterations), shot
+def _fit_chain_task(
+    problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int, iterations: int
+) -> ChainIterate:
+    return extract_chain(
+        problem, _fit_chain_states(problem, embed_chain(problem, part, shared, chain), chain, iterations), chain
     )
 
 
-def _fit_shot_states(problem: ShootingProblem, now: Iterate, shot: int, iterations: int, share: float = 1.0) -> Iterate:
-    """Fit the states of one shot to the first `share` of each of its windows, with fixed shared parameters."""
-    cost = shot_cost(problem, now, shot, share)
+def _fit_chain_states(
+    problem: ShootingProblem, now: Iterate, chain: int, iterations: int, share: float = 1.0
+) -> Iterate:
+    """Fit the states of one chain to the first `share` of each of its windows, with fixed shared parameters."""
+    cost = chain_cost(problem, now, chain, share)
 
     def move(now: Iterate, step: FloatArray) -> tuple[Iterate, float]:
-        trial = _step_states(problem, now, shot, step)
-        return trial, shot_cost(problem, trial, shot, share)
+        trial = _step_states(problem, now, chain, step)
+        return trial, chain_cost(problem, trial, chain, share)
 
     best = minimize_cost(
         now,
         cost,
-        lambda now: assemble_state_block(problem, now, shot, share),
+        lambda now: assemble_state_block(problem, now, chain, share),
         lambda block, damping: -solve_damped(block.states, block.gradient, damping),
         move,
         replace(_SEARCH, iterations=iterations if np.isfinite(cost) else 0),
@@ -248,72 +262,94 @@ def _fit_shot_states(problem: ShootingProblem, now: Iterate, shot: int, iteratio
 
 def _fit_best_guess_task(
     problem: ShootingProblem,
-    part: ShotIterate,
+    part: ChainIterate,
     shared: FloatArray,
-    shot: int,
+    chain: int,
     options: ShootingOptions,
     more: tuple[tuple[FloatArray, ...], ...],
-) -> ShotIterate:
-    return extract_shot(
-        problem, _fit_best_guess(problem, embed_shot(problem, part, shared, shot), shot, options, more), shot
+) -> ChainIterate:
+    return extract_chain(
+        problem, _fit_best_guess(problem, embed_chain(problem, part, shared, chain), chain, options, more), chain
     )
 
 
 def _fit_best_guess(
     problem: ShootingProblem,
     now: Iterate,
-    shot: int,
+    chain: int,
     options: ShootingOptions,
     more: tuple[tuple[FloatArray, ...], ...] = (),
 ) -> Iterate:
-    """Fit the states of one shot from each of its initial guesses and return the best.
+    """Fit the states of one chain from each of its initial guesses and return the best.
 
     `more` are further start states of all windows. Where an alternative guess of a window differs from its first guess,
-    it replaces that coordinate only; the others keep their current values.
+    it replaces that coordinate only; the others keep their current values. In long chains, the guesses are compared on
+    the first windows.
     """
-    own = problem.shot_windows[shot]
+    own = problem.chains[chain]
     guesses = [now.starts] + [
         tuple(other[k] if k in own else start for k, start in enumerate(now.starts)) for other in more
     ]
-    guesses += [
+    alternatives = [
         (*now.starts[:k], np.where(other == problem.windows[k].start, now.starts[k], other), *now.starts[k + 1 :])
         for k in own
         for other in problem.windows[k].alternative_starts
     ]
-    fits = [
-        _fit_shot_states(problem, _simulate_guess(problem, now, shot, starts), shot, options.shot_iterations)
-        for starts in guesses
-    ]
-    best = min(fits, key=lambda one: float(one.costs[shot]))
-    count = sum(len(problem.windows[k].t) for k in problem.shot_windows[shot])
-    if best.costs[shot] <= _EXPLAINED_CHI2 * count:
+    if len(own) > _GUESS_WINDOWS and alternatives:
+        heads = replace(problem, chains=tuple(numbers[:_GUESS_WINDOWS] for numbers in problem.chains))
+        starts = _fit_guesses(heads, now, chain, options, [*guesses, *alternatives]).starts
+        first, end = own[0], own[_GUESS_WINDOWS]
+        guesses, alternatives = [(*one[:first], *starts[first:end], *one[end:]) for one in guesses], []
+    return _fit_guesses(problem, now, chain, options, [*guesses, *alternatives])
+
+
+def _fit_guesses(
+    problem: ShootingProblem,
+    now: Iterate,
+    chain: int,
+    options: ShootingOptions,
+    guesses: list[tuple[FloatArray, ...]],
+) -> Iterate:
+    """Fit the states of one chain from each of these start states of all windows and return the best."""
+    own = problem.chains[chain]
+    count = sum(len(problem.windows[k].t) for k in own)
+    fits: list[Iterate] = []
+    for starts in guesses:
+        guess = _simulate_guess(problem, now, chain, starts)
+        fits.append(_fit_chain_states(problem, guess, chain, options.shot_iterations))
+        if fits[-1].costs[chain] <= _NOISE_CHI2 * sum(fits[-1].windows[k].residual.size for k in own):
+            return fits[-1]
+    best = min(fits, key=lambda one: float(one.costs[chain]))
+    if best.costs[chain] <= _EXPLAINED_CHI2 * count:
         return best
     early = [
-        _fit_growing_share(problem, _simulate_guess(problem, now, shot, starts), shot, options, _EARLY_SHARES)
+        _fit_growing_share(problem, _simulate_guess(problem, now, chain, starts), chain, options, _EARLY_SHARES)
         for starts in guesses
     ]
-    early.sort(key=lambda one: shot_cost(problem, one, shot, _EARLY_SHARES[-1]))
-    slow = [_fit_growing_share(problem, one, shot, options, (*_LATER_SHARES, 1.0)) for one in early[:_FOLLOWED_GUESSES]]
-    return min([best, *slow], key=lambda one: float(one.costs[shot]))
+    early.sort(key=lambda one: chain_cost(problem, one, chain, _EARLY_SHARES[-1]))
+    slow = [
+        _fit_growing_share(problem, one, chain, options, (*_LATER_SHARES, 1.0)) for one in early[:_FOLLOWED_GUESSES]
+    ]
+    return min([best, *slow], key=lambda one: float(one.costs[chain]))
 
 
-def _simulate_guess(problem: ShootingProblem, now: Iterate, shot: int, starts: tuple[FloatArray, ...]) -> Iterate:
-    """Replace the start states of one shot and simulate it."""
+def _simulate_guess(problem: ShootingProblem, now: Iterate, chain: int, starts: tuple[FloatArray, ...]) -> Iterate:
+    """Replace the start states of one chain and simulate it."""
     predictions, costs = list(now.windows), now.costs.copy()
-    for k in problem.shot_windows[shot]:
+    for k in problem.chains[chain]:
         predictions[k] = simulate_window(problem.model, k, starts[k], now.shared)
     guess = Iterate(starts, now.shared, tuple(predictions), costs)
-    costs[shot] = shot_cost(problem, guess, shot)
+    costs[chain] = chain_cost(problem, guess, chain)
     return guess
 
 
 def _fit_growing_share(
-    problem: ShootingProblem, point: Iterate, shot: int, options: ShootingOptions, shares: tuple[float, ...]
+    problem: ShootingProblem, point: Iterate, chain: int, options: ShootingOptions, shares: tuple[float, ...]
 ) -> Iterate:
-    """Fit the states to growing shares of a shot's windows, so that contacts are included one after another."""
+    """Fit the states to growing shares of a chain's windows, so that contacts are included one after another."""
     for share in shares:
-        point = _fit_shot_states(
-            problem, point, shot, options.shot_iterations if share == 1.0 else options.shot_iterations // 3 + 1, share
+        point = _fit_chain_states(
+            problem, point, chain, options.shot_iterations if share == 1.0 else options.shot_iterations // 3 + 1, share
         )
     return point
 
@@ -326,18 +362,18 @@ def _take_step(
     coordinates, low, high = coordinate_bounds(problem.model.unknowns, now.shared)
     moved = np.clip(coordinates + shared_step, low, high)
     starts = list(now.starts)
-    for numbers, moves in zip(problem.shot_windows, state_steps, strict=True):
+    for numbers, moves in zip(problem.chains, state_steps, strict=True):
         offset = 0
         for k in numbers:
             starts[k] = now.starts[k] + moves[offset : offset + len(now.starts[k])]
             offset += len(now.starts[k])
-    return simulate_shots(problem, tuple(starts), values_from_coordinates(problem.model.unknowns, moved))
+    return simulate_chains(problem, tuple(starts), values_from_coordinates(problem.model.unknowns, moved))
 
 
 def _solve_step(
-    problem: ShootingProblem, now: Iterate, blocks: list[ShotBlock], damping: float
+    problem: ShootingProblem, now: Iterate, blocks: list[ChainBlock], damping: float
 ) -> tuple[FloatArray, list[FloatArray], FloatArray]:
-    """Compute the steps of the shared parameters (P,) and of the states of every shot, and the gradient (P,)."""
+    """Compute the steps of the shared parameters (P,) and of the states of every chain, and the gradient (P,)."""
     scale, prior_h, prior_g = prior_terms(problem.model.unknowns, now.shared)
     coordinates, low, high = coordinate_bounds(problem.model.unknowns, now.shared)
     gradient: FloatArray = prior_g + sum(block.shared_gradient for block in blocks)
@@ -349,20 +385,20 @@ def _solve_step(
     return *eliminate_states(blocks, np.diag(prior_h), prior_g, damping, is_fixed, reach), gradient
 
 
-def _step_states(problem: ShootingProblem, now: Iterate, shot: int, step: FloatArray) -> Iterate:
-    """Move the states of one shot by a step (M,) and simulate it."""
+def _step_states(problem: ShootingProblem, now: Iterate, chain: int, step: FloatArray) -> Iterate:
+    """Move the states of one chain by a step (M,) and simulate it."""
     starts, offset = list(now.starts), 0
-    for k in problem.shot_windows[shot]:
+    for k in problem.chains[chain]:
         size = len(starts[k])
         starts[k] = starts[k] + step[offset : offset + size]
         offset += size
-    return _simulate_guess(problem, now, shot, tuple(starts))
+    return _simulate_guess(problem, now, chain, tuple(starts))
 
 
 def _summarize_fit(problem: ShootingProblem, point: Iterate, converged: bool) -> ShootingFit:
     """Compute the covariances, evidence and lack of fit at the end of a search."""
     unknowns = problem.model.unknowns
-    point, blocks = linearize_shots(problem, point)
+    point, blocks = linearize_chains(problem, point)
     chi2, inflation = _lack_of_fit(problem, point)
     scale, prior_information, _ = prior_terms(unknowns, point.shared)
     data = sum((block.schur_complement() for block in blocks), np.zeros((len(scale), len(scale))))
@@ -383,7 +419,7 @@ def _summarize_fit(problem: ShootingProblem, point: Iterate, converged: bool) ->
     )
 
 
-def _log_evidence(problem: ShootingProblem, point: Iterate, blocks: list[ShotBlock], prior: FloatArray) -> float:
+def _log_evidence(problem: ShootingProblem, point: Iterate, blocks: list[ChainBlock], prior: FloatArray) -> float:
     """Compute the Laplace approximation of the log evidence.
 
     It is the height of the maximum times its width, divided by the widths of the priors; a state without a prior counts
@@ -418,11 +454,11 @@ def _lack_of_fit(problem: ShootingProblem, point: Iterate) -> tuple[float, float
 
 
 def _start_covariances(
-    problem: ShootingProblem, point: Iterate, blocks: list[ShotBlock], shared: FloatArray, inflation: float
+    problem: ShootingProblem, point: Iterate, blocks: list[ChainBlock], shared: FloatArray, inflation: float
 ) -> tuple[FloatArray, ...]:
-    """Compute the covariance (S, S) of each start state: that of its shot, plus the errors of the shared parameters."""
+    """Compute the covariance (S, S) of each start state: of its chain, plus the errors of the shared parameters."""
     covariances: list[FloatArray] = [np.empty((0, 0))] * len(problem.windows)
-    for numbers, block in zip(problem.shot_windows, blocks, strict=True):
+    for numbers, block in zip(problem.chains, blocks, strict=True):
         inner = solve_damped(block.states, np.eye(len(block.gradient)), 0.0) * inflation
         response = solve_damped(block.states, block.coupling, 0.0)
         whole, offset = inner + response @ shared @ response.T, 0

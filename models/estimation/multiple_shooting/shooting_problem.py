@@ -1,9 +1,14 @@
-"""The fixed data of a multiple-shooting fit, its current iterate, and the part of both that belongs to one shot."""
+"""The fixed data of a multiple-shooting fit, its current iterate, and the part of both that belongs to one chain.
+
+A chain is a window with those that are linked to it by continuity. Chains share nothing but the shared parameters, so
+that the cost of a fit grows linearly with their number, however many of them belong to one shot.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -33,7 +38,7 @@ class Iterate:
     windows: tuple[LinearizedWindow | SimulatedWindow, ...]
     """Simulation of each window; linearized only where a step needed the Jacobians."""
     costs: FloatArray
-    """(Q,) cost of each shot; the cost of the priors of the shared parameters comes last."""
+    """(Q,) cost of each chain; the cost of the priors of the shared parameters comes last."""
 
     @property
     def cost(self) -> float:
@@ -47,10 +52,10 @@ class ShootingProblem:
 
     model: ShootingModel
     windows: tuple[Window, ...]
-    shot_windows: tuple[tuple[int, ...], ...]
-    """Indices of the windows of each shot."""
+    chains: tuple[tuple[int, ...], ...]
+    """Indices of the windows of each chain, in the order of time."""
     executor: Executor = field(default=SERIAL, repr=False, compare=False)
-    """Distributes the shots over processes."""
+    """Distributes the chains over processes."""
     state_model: ShootingModel = field(init=False, repr=False)
     """Model for steps of the start states alone; it may leave out Jacobians by the shared parameters."""
 
@@ -63,79 +68,79 @@ class ShootingProblem:
 
 
 def build_problem(model: ShootingModel, executor: Executor = SERIAL) -> ShootingProblem:
-    """Group the windows of a model by shot.
+    """Group the windows of a model into chains.
 
     Args:
         model: Model to fit.
-        executor: Distributes the shots over processes.
+        executor: Distributes the chains over processes.
 
     Returns:
         The problem that a fit works on.
     """
     windows = model.windows
-    numbers = sorted({window.shot for window in windows})
-    shots = tuple(tuple(k for k, w in enumerate(windows) if w.shot == n) for n in numbers)
-    return ShootingProblem(model, windows, shots, executor)
+    firsts = [k for k, window in enumerate(windows) if window.link_sigma is None]
+    chains = tuple(tuple(range(first, end)) for first, end in pairwise([*firsts, len(windows)]))
+    return ShootingProblem(model, windows, chains, executor)
 
 
 @dataclass(frozen=True, slots=True)
-class ShotIterate:
-    """The part of an iterate that belongs to one shot: one entry per window, in their order."""
+class ChainIterate:
+    """The part of an iterate that belongs to one chain: one entry per window, in their order."""
 
     starts: tuple[FloatArray, ...]
     windows: tuple[LinearizedWindow | SimulatedWindow, ...]
     cost: float
 
 
-def extract_shot(problem: ShootingProblem, point: Iterate, shot: int) -> ShotIterate:
-    """Extract the part of an iterate that belongs to one shot."""
-    own = problem.shot_windows[shot]
-    return ShotIterate(
-        tuple(point.starts[k] for k in own), tuple(point.windows[k] for k in own), float(point.costs[shot])
+def extract_chain(problem: ShootingProblem, point: Iterate, chain: int) -> ChainIterate:
+    """Extract the part of an iterate that belongs to one chain."""
+    own = problem.chains[chain]
+    return ChainIterate(
+        tuple(point.starts[k] for k in own), tuple(point.windows[k] for k in own), float(point.costs[chain])
     )
 
 
-def replace_shots(problem: ShootingProblem, point: Iterate, parts: Mapping[int, ShotIterate]) -> Iterate:
-    """Replace the parts of some shots in an iterate.
+def replace_chains(problem: ShootingProblem, point: Iterate, parts: Mapping[int, ChainIterate]) -> Iterate:
+    """Replace the parts of some chains in an iterate.
 
     Args:
         problem: Problem that the iterate belongs to.
         point: Iterate to change; it stays as it is.
-        parts: New parts by the index of their shot.
+        parts: New parts by the index of their chain.
 
     Returns:
         The changed iterate.
     """
     starts, predictions, costs = list(point.starts), list(point.windows), point.costs.copy()
-    for shot, part in parts.items():
-        for k, start, prediction in zip(problem.shot_windows[shot], part.starts, part.windows, strict=True):
+    for chain, part in parts.items():
+        for k, start, prediction in zip(problem.chains[chain], part.starts, part.windows, strict=True):
             starts[k], predictions[k] = start, prediction
-        costs[shot] = part.cost
+        costs[chain] = part.cost
     return Iterate(tuple(starts), point.shared, tuple(predictions), costs)
 
 
-def map_shots(
-    problem: ShootingProblem, work: Callable[..., Any], point: Iterate, shots: Sequence[int], *more: Any
+def map_chains(
+    problem: ShootingProblem, work: Callable[..., Any], point: Iterate, chains: Sequence[int], *more: Any
 ) -> list[Any]:
-    """Run one task per shot through the executor.
+    """Run one task per chain through the executor.
 
     Args:
         problem: Problem that the iterate belongs to.
         point: Iterate whose parts the tasks receive.
-        shots: Indices of the shots to work on.
-        work: Function `work(problem, part, shared, shot, *more)`, importable in a worker process.
+        chains: Indices of the chains to work on.
+        work: Function `work(problem, part, shared, chain, *more)`, importable in a worker process.
         more: Further arguments of every task.
 
     Returns:
-        Results in the order of `shots`.
+        Results in the order of `chains`.
     """
-    jobs = [(extract_shot(problem, point, shot), point.shared, shot, *more) for shot in shots]
+    jobs = [(extract_chain(problem, point, chain), point.shared, chain, *more) for chain in chains]
     return problem.executor.map_tasks(problem, work, jobs)
 
 
-def embed_shot(problem: ShootingProblem, part: ShotIterate, shared: FloatArray, shot: int) -> Iterate:
-    """Build an iterate in which one shot is simulated; all others stay at their initial guess and cost nothing."""
+def embed_chain(problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int) -> Iterate:
+    """Build an iterate in which one chain is simulated; all others stay at their initial guess and cost nothing."""
     starts = [window.start for window in problem.windows]
-    costs = np.zeros(len(problem.shot_windows) + 1)
+    costs = np.zeros(len(problem.chains) + 1)
     point = Iterate(tuple(starts), shared, (NOT_SIMULATED,) * len(starts), costs)
-    return replace_shots(problem, point, {shot: part})
+    return replace_chains(problem, point, {chain: part})

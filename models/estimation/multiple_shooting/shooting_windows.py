@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from models.core.typing import FloatArray, IntArray
+from models.core.typing import BoolArray, FloatArray, IntArray
+from models.numerics.jit import compile_kernel
 from models.physics.effect import Prior
 
 MAX_SENSITIVITY = 40.0
 """|dx/dx0| beyond which a window should have ended: 1 mm at its start becomes 4 cm there."""
+LOST_RESIDUAL = 1e7
+"""Residual of an observation that cannot be simulated, standard deviations: beyond any finite one of real data (3 m in
+steps of a micrometre), and small enough that the cost of all other observations keeps nine digits beside it."""
+_MAX_RESIDUAL = 1 / float(np.finfo(np.float64).eps)
+"""Standard deviations beside which the cost of another observation vanishes in rounding errors."""
+_MAX_AMPLIFICATION = float(np.finfo(np.float64).eps) ** -0.5
+"""Ratio to the smallest derivative of a window by its start from which an observation determines nothing: in normal
+equations, its rounding errors are as large as the information of the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,12 +135,94 @@ def simulate_window(
         shared: (P,) shared parameters.
 
     Returns:
-        The simulated or linearized window.
+        The simulated or linearized window; all its numbers are finite, see `linearize_window`.
     """
-    look: Callable[[int, FloatArray, FloatArray], SimulatedWindow | LinearizedWindow] = getattr(
-        model, "simulate", model.linearize
+    simulate: Callable[[int, FloatArray, FloatArray], SimulatedWindow | LinearizedWindow] | None = getattr(
+        model, "simulate", None
     )
-    return look(window, start, shared)
+    if simulate is None:
+        return linearize_window(model, window, start, shared)
+    with np.errstate(over="ignore", invalid="ignore"):
+        prediction = simulate(window, start, shared)
+    if isinstance(prediction, LinearizedWindow):
+        return _limit_jacobians(prediction)
+    residual = _price_lost_observations(prediction.residual)
+    if residual is prediction.residual and np.isfinite(prediction.end).all():
+        return prediction
+    return replace(prediction, residual=residual, end=np.nan_to_num(prediction.end))
+
+
+def linearize_window(model: ShootingModel, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
+    """Predict one window with its Jacobians.
+
+    A simulation that overflows ends what it predicts, not the fit: observations without a finite prediction have a
+    residual of `LOST_RESIDUAL`. They, and those whose derivatives are beyond the precision of numbers, determine
+    nothing: their derivatives are 0.
+
+    Args:
+        model: Model of the windows.
+        window: Index of the window.
+        start: (S,) start state.
+        shared: (P,) shared parameters.
+
+    Returns:
+        The linearized window; all its numbers are finite.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _limit_jacobians(model.linearize(window, start, shared))
+
+
+def is_lost(residual: FloatArray) -> BoolArray:
+    """Return which observations (K,) of a window could not be simulated, from its residuals (K, d)."""
+    return np.asarray((residual == LOST_RESIDUAL).all(axis=1))
+
+
+def _price_lost_observations(residual: FloatArray) -> FloatArray:
+    """Replace the residuals (K, d) of observations without a finite prediction."""
+    is_possible = np.abs(residual) < _MAX_RESIDUAL
+    return residual if is_possible.all() else np.where(is_possible.all(axis=1, keepdims=True), residual, LOST_RESIDUAL)
+
+
+def _limit_jacobians(flow: LinearizedWindow) -> LinearizedWindow:
+    """Replace what is not finite in a linearized window, and derivatives that determine nothing."""
+    usable = np.empty(len(flow.residual), np.bool_)
+    ends = (flow.end, flow.end_start_jacobian, flow.end_shared_jacobian)
+    is_sound = _mark_usable_rows(flow.residual, flow.start_jacobian, flow.shared_jacobian, _MAX_AMPLIFICATION, usable)
+    if is_sound and all(np.abs(one).max(initial=0.0) < _MAX_AMPLIFICATION for one in ends):
+        return flow
+    rows = usable[:, None, None]
+    by_start, by_shared = (np.where(rows, one, 0.0) for one in (flow.start_jacobian, flow.shared_jacobian))
+    end, end_by_start, end_by_shared = (np.where(np.abs(one) < _MAX_AMPLIFICATION, one, 0.0) for one in ends)
+    residual = _price_lost_observations(flow.residual)
+    return LinearizedWindow(residual, by_start, by_shared, end, end_by_start, end_by_shared, flow.event_order)
+
+
+@compile_kernel
+def _mark_usable_rows(residual, by_start, by_shared, amplification, usable):  # type: ignore[no-untyped-def]
+    """Mark the rows (K,) with finite residuals (K, d) and moderate Jacobians (K, d, S), (K, d, P).
+
+    `amplification` limits their entries relative to the smallest row of `by_start`. Returns whether all are usable.
+    """
+    sizes = np.zeros(len(residual))
+    least = np.inf
+    for k in range(len(residual)):
+        for i in range(residual.shape[1]):
+            for j in range(by_start.shape[2]):
+                sizes[k] = max(sizes[k], abs(by_start[k, i, j]))
+        if 0 < sizes[k] < least:
+            least = sizes[k]
+    sound = True
+    for k in range(len(residual)):
+        fine = sizes[k] < amplification * least
+        for i in range(residual.shape[1]):
+            fine &= abs(residual[k, i]) < _MAX_RESIDUAL
+            for j in range(by_start.shape[2]):
+                fine &= np.isfinite(by_start[k, i, j])
+            for j in range(by_shared.shape[2]):
+                fine &= abs(by_shared[k, i, j]) < amplification * least
+        usable[k] = fine
+        sound &= fine
+    return sound
 
 
 def copy_contiguous(prediction: LinearizedWindow | SimulatedWindow) -> LinearizedWindow | SimulatedWindow:
@@ -166,6 +257,8 @@ def find_sensitive_observation(start_jacobian: FloatArray, limit: float = MAX_SE
     """
     if start_jacobian.size == 0:
         return len(start_jacobian)
-    size = np.linalg.norm(start_jacobian, axis=(1, 2), ord=2)
+    finite = np.isfinite(start_jacobian).all(axis=(1, 2))
+    size = np.full(len(start_jacobian), np.inf)
+    size[finite] = np.linalg.norm(start_jacobian[finite], axis=(1, 2), ord=2)
     over = np.flatnonzero(~(size <= limit))
     return int(over[0]) if len(over) else len(start_jacobian)

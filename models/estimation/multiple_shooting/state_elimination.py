@@ -1,7 +1,7 @@
-"""Elimination of the states of each shot from normal equations with a few shared parameters.
+"""Elimination of the states of each chain from normal equations with a few shared parameters.
 
 The matrix has the shape of an arrow: blocks of states on the diagonal, the shared parameters at the border. Its Schur
-complement has the size of the shared parameters, so that the cost grows linearly with the number of shots (Triggs et
+complement has the size of the shared parameters, so that the cost grows linearly with the number of chains (Triggs et
 al. 2000, "Bundle adjustment", section 6.1, doi:10.1007/3-540-44480-7_21).
 """
 
@@ -17,8 +17,8 @@ from models.numerics.least_squares import MIN_INFORMATION, solve_damped
 
 
 @dataclass(slots=True)
-class ShotBlock:
-    """Normal equations of one shot; M state variables, P shared parameters."""
+class ChainBlock:
+    """Normal equations of one chain; M state variables, P shared parameters."""
 
     states: FloatArray
     """(M, M)"""
@@ -32,7 +32,7 @@ class ShotBlock:
     """(P,)"""
 
     @classmethod
-    def empty(cls, states: int, shared: int) -> ShotBlock:
+    def empty(cls, states: int, shared: int) -> ChainBlock:
         """Create a block of zeros."""
         return cls(
             np.zeros((states, states)), np.zeros((states, shared)), np.zeros((shared, shared)),
@@ -61,7 +61,7 @@ class ShotBlock:
         self.gradient[where] += inverse_sigma * (residual / sigma)
 
     def schur_complement(self) -> FloatArray:
-        """Compute the information (P, P) of the shot about the shared parameters, its states being unknown."""
+        """Compute the information (P, P) of the chain about the shared parameters, its states being unknown."""
         return self.shared - self.coupling.T @ solve_damped(self.states, self.coupling, 0.0)
 
 
@@ -72,17 +72,17 @@ def log_determinant(normal: FloatArray) -> float:
 
 
 def eliminate_states(
-    blocks: list[ShotBlock],
+    blocks: list[ChainBlock],
     prior: FloatArray,
     prior_gradient: FloatArray,
     damping: float,
     is_fixed: NDArray[np.bool_],
     step_bounds: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[FloatArray, list[FloatArray]]:
-    """Compute a Levenberg-Marquardt step of the shared parameters and of the states of each shot.
+    """Compute a Levenberg-Marquardt step of the shared parameters and of the states of each chain.
 
     Args:
-        blocks: Normal equations of each shot.
+        blocks: Normal equations of each chain.
         prior: (P, P) information of the priors of the shared parameters.
         prior_gradient: (P,) gradient of the priors.
         damping: Levenberg-Marquardt damping.
@@ -91,7 +91,7 @@ def eliminate_states(
             step.
 
     Returns:
-        Step (P,) of the shared parameters and step (M,) of the states of each shot.
+        Step (P,) of the shared parameters and step (M,) of the states of each chain.
     """
     whole, right = prior.copy(), -prior_gradient
     inner = []

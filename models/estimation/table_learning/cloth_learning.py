@@ -13,6 +13,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import JointSolution, layout_parameters
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions, fit_windows, summarize_parameters
+from models.estimation.segmentation.contact_graph import ContactGraph
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.estimation.whole_shot.shot_windows import ShotWindows
 from models.numerics.executor import SERIAL, Executor
@@ -75,7 +76,7 @@ def extract_free_segments(solution: JointSolution, tracks: Tracks, first: int) -
     for k, segment in enumerate(graph.segments):
         if segment.static:
             continue
-        begin, end = graph.start_time(k), graph.end_time(k)
+        begin, end = graph.start_time(k), _end_of_free_path(graph, k)
         begin += 0.0 if segment.start is None else max(CONTACT_MARGIN, CONTACT_SIGMAS * float(sigma[segment.start]))
         end -= 0.0 if segment.end is None else max(CONTACT_MARGIN, CONTACT_SIGMAS * float(sigma[segment.end]))
         rows = np.flatnonzero(tracks.is_observed[:, segment.ball] & (tracks.t >= begin) & (tracks.t <= end))
@@ -90,6 +91,13 @@ def extract_free_segments(solution: JointSolution, tracks: Tracks, first: int) -
         xy, whitening = tracks.xy[rows, segment.ball][:, None], tracks.whitening[rows, segment.ball][:, None]
         yield ShotSegment(number, t, tracks.t[rows], xy, whitening, start, np.ones(1, bool))
         number += 1
+
+
+def _end_of_free_path(graph: ContactGraph, k: int) -> float:
+    """Return when the path of a segment meets its next contact, s: the first one of a break."""
+    end = graph.segments[k].end
+    contact = None if end is None else graph.contacts[end]
+    return contact.break_start if contact is not None and contact.kind == "break" else graph.end_time(k)
 
 
 def _cloth_priors() -> tuple[Prior, ...]:

@@ -83,23 +83,49 @@ def train_correction(
     if len(contacts.t) < MIN_TRAINING_CONTACTS or len(np.unique(contacts.shot)) < MIN_TRAINING_SHOTS:
         return None
     rng = np.random.default_rng(seed)
-    part = _split_shots(contacts, rng)
+    part = split_shots(contacts, rng)
     decay, weights = float(physics[SPIN_DECAY]), _draw_weights(rng)
     plain = predict_rebounds(contacts, law, physics, radius, mass)
-    before = _measure_deviation(contacts, plain, radius, scatter, decay)
     for _ in range(ROUNDS):
         rebounds = predict_rebounds(contacts, law, physics, radius, mass, weights)
         spin = filter_side_spin(contacts, rebounds, radius, scatter, decay).mean_before
         weights = _fit_weights(contacts, plain, spin, scatter, weights, part)
-    after = _measure_deviation(
-        contacts, predict_rebounds(contacts, law, physics, radius, mass, weights), radius, scatter, decay
-    )
-    reporting = part == 2
-    return TrainedCorrection(weights, 1.0 - _trimmed_mean(after[reporting]) / _trimmed_mean(before[reporting]))
+    corrected = predict_rebounds(contacts, law, physics, radius, mass, weights)
+    return TrainedCorrection(weights, measure_gain(contacts, plain, corrected, part == 2, radius, scatter, decay))
 
 
-def _split_shots(contacts: CushionContacts, rng: np.random.Generator) -> FloatArray:
-    """Return 0 for contacts (K,) of fitting shots (three fifths), 1 for selection shots, 2 for reporting shots."""
+def measure_gain(
+    contacts: CushionContacts, plain: Rebounds, better: Rebounds, rows: FloatArray, radius: float,
+    scatter: ContactScatter, decay: float,
+) -> float:  # fmt: skip
+    """Measure the share of the mean squared deviation that other predictions remove.
+
+    Args:
+        contacts: K contacts.
+        plain: Predictions of a cushion model.
+        better: Other predictions.
+        rows: (K,) mask of the contacts that count.
+        radius: m, of the balls.
+        scatter: Scatter of contacts about the model.
+        decay: rad/s^2, deceleration of side spin.
+
+    Returns:
+        The share, without the largest deviations.
+    """
+    before, after = (_measure_deviation(contacts, one, radius, scatter, decay)[rows] for one in (plain, better))
+    return 1.0 - _trimmed_mean(after) / _trimmed_mean(before)
+
+
+def split_shots(contacts: CushionContacts, rng: np.random.Generator) -> FloatArray:
+    """Split shots at random.
+
+    Args:
+        contacts: K contacts.
+        rng: Random numbers.
+
+    Returns:
+        (K,) 0 for contacts of fitting shots (three fifths), 1 for selection shots, 2 for reporting shots.
+    """
     shots = np.unique(contacts.shot)
     role = np.array([0, 0, 0, 1, 2])[rng.permutation(len(shots)) % 5]
     return np.asarray(role[np.searchsorted(shots, contacts.shot)])

@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from models.core.scene import CUSHIONS
+from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray, IntArray
-from models.estimation.joint_fit.fit_solution import JointSolution, layout_parameters
+from models.estimation.joint_fit.fit_arrays import build_graph_arrays, extract_parameters
+from models.estimation.joint_fit.fit_solution import SHARED_COUNT, JointSolution, layout_parameters
+from models.estimation.joint_fit.prior_residuals import evaluate_priors
 from models.estimation.segmentation.contact_classification import INWARD_NORMALS
 from models.physics.billiards.cloth.closed_form_motion import SEGMENT_STATE_SIZE, differentiate_kinematics
 
@@ -23,6 +25,11 @@ STRUCK_SPIN, STRUCK_SPIN_AT_REST = 0.6, 0.1
 hits at R/2 from the centre gives 5/4."""
 DRIVEN_SPIN = 0.15
 """The same share for a ball that another one set in motion: throw, friction 0.06."""
+_RUBBER_ROWS = slice(3, 7)
+"""Pseudo-observations of a cushion contact that concern rubber, after two of continuity and one of the nose:
+restitution, friction, and two of spin."""
+_LEAST_PATH_SHARE = 0.05
+"""Least share of the information about one of them that comes from the paths: what is smaller is rounding."""
 BALL_CONTACT_SPIN = 0.1
 """Change of that surface speed in a contact of balls, over the speed: friction 0.06 acts on 5/2 of the impulse."""
 
@@ -82,11 +89,14 @@ class SpinHistory:
     link: SpinLink
 
 
-def extract_cushion_contacts(solution: JointSolution, shot: int = 0) -> tuple[CushionContacts, tuple[SpinHistory, ...]]:
-    """Extract the cushion contacts of one shot.
+def extract_cushion_contacts(
+    solution: JointSolution, table: Table, shot: int = 0
+) -> tuple[CushionContacts, tuple[SpinHistory, ...]]:
+    """Extract the cushion contacts of one shot, without what the joint fit assumes about rubber.
 
     Args:
         solution: Joint fit with covariance.
+        table: Dimensions of the table.
         shot: Number of the shot.
 
     Returns:
@@ -115,7 +125,7 @@ def extract_cushion_contacts(solution: JointSolution, shot: int = 0) -> tuple[Cu
             contact = graph.contacts[segment.end]
             if contact.kind != "cushion":
                 continue
-            before, after, covariance = _states_around(solution, k, following, contact.cushion)
+            before, after, covariance = _states_around(solution, k, following, table)
             if before[0] <= 0 or after[0] >= 0 or not _is_covariance(covariance):  # it does not bounce, or is not known
                 continue
             side = CUSHIONS.index(contact.cushion)
@@ -128,6 +138,36 @@ def join_contacts(parts: Iterable[CushionContacts]) -> CushionContacts:
     """Join the contacts of several shots."""
     shots = list(parts)
     return CushionContacts(*(np.concatenate([getattr(p, one.name) for p in shots]) for one in fields(CushionContacts)))
+
+
+def evaluate_segment_state(
+    solution: JointSolution, k: int, t: float, contact: int | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Evaluate a segment at a time, with derivatives by the parameters of the fit.
+
+    Args:
+        solution: Joint fit with covariance of P parameters.
+        k: Index of the segment.
+        t: s.
+        contact: The contact whose time t is, which is a parameter too; None for a given time.
+
+    Returns:
+        Place (m), velocity and slip (m/s) (6,), and their derivatives (6, P).
+    """
+    layout, segment = layout_parameters(solution.graph), solution.graph.segments[k]
+    first, jacobian = int(layout.segment[k]), np.zeros((6, layout.size))
+    if segment.static:
+        jacobian[[0, 1], [first, first + 1]] = 1.0
+        return np.concatenate([segment.state[:2], np.zeros(4)]), jacobian
+    tau = np.array([max(t - solution.graph.start_time(k), 0.0)])
+    value, slope = differentiate_kinematics(segment.state[None], tau, solution.friction)
+    jacobian[:, first : first + SEGMENT_STATE_SIZE] = slope[0, :, :SEGMENT_STATE_SIZE]
+    jacobian[:, layout.shared : layout.shared + 2] = slope[0, :, SEGMENT_STATE_SIZE + 1 :]
+    if segment.start is not None:
+        jacobian[:, layout.contact + segment.start] -= slope[0, :, SEGMENT_STATE_SIZE]
+    if contact is not None:
+        jacobian[:, layout.contact + contact] += slope[0, :, SEGMENT_STATE_SIZE]
+    return value[0], jacobian
 
 
 def _begin_segment(solution: JointSolution, k: int, link: SpinLink, last: int) -> tuple[SpinLink, int]:
@@ -144,28 +184,44 @@ def _begin_segment(solution: JointSolution, k: int, link: SpinLink, last: int) -
 
 
 def _states_around(
-    solution: JointSolution, k: int, following: int, cushion: str
+    solution: JointSolution, k: int, following: int, table: Table
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the states (4,) before and after the cushion contact that ends segment `k`, with covariance (8, 8)."""
-    n = -np.asarray(INWARD_NORMALS[CUSHIONS.index(cushion)])
+    """Return the states (4,) before and after the cushion contact that ends segment `k`, with covariance (8, 8).
+
+    What the joint fit assumes about rubber at this contact is taken out: the contact model would count it again.
+    """
+    number = solution.graph.segments[k].end
+    contact = solution.graph.contacts[number]  # type: ignore[index]
+    n = -np.asarray(INWARD_NORMALS[CUSHIONS.index(contact.cushion)])
     turn = np.zeros((4, 6))
     turn[0, 2:4] = turn[2, 4:6] = n
     turn[1, 2:4] = turn[3, 4:6] = (-n[1], n[0])
-    end, by_end = _evaluate_state(solution, k, solution.graph.end_time(k))
-    start, by_start = _evaluate_state(solution, following, solution.graph.start_time(following))
+    end, by_end = evaluate_segment_state(solution, k, contact.t, number)
+    start, by_start = evaluate_segment_state(solution, following, contact.t, number)
     jacobian = np.vstack([turn @ by_end, turn @ by_start])
-    return turn @ end, turn @ start, jacobian @ solution.covariance @ jacobian.T
+    residual, derivative = _differentiate_rubber(solution, number, table)  # type: ignore[arg-type]
+    effect = solution.covariance @ derivative.T
+    values, vectors = np.linalg.eigh(np.eye(len(residual)) - derivative @ effect)
+    gain = jacobian @ effect @ (vectors / np.maximum(values, _LEAST_PATH_SHARE)) @ vectors.T
+    moved = gain @ residual
+    covariance = jacobian @ solution.covariance @ jacobian.T + gain @ (jacobian @ effect).T
+    return turn @ end + moved[:4], turn @ start + moved[4:], covariance
 
 
-def _evaluate_state(solution: JointSolution, k: int, t: float) -> tuple[FloatArray, FloatArray]:
-    """Evaluate place, velocity and slip (6,) of a segment at t (s), and their derivatives (6, P)."""
-    layout, segment = layout_parameters(solution.graph), solution.graph.segments[k]
-    first, jacobian = int(layout.segment[k]), np.zeros((6, len(solution.covariance)))
-    tau = np.array([max(t - solution.graph.start_time(k), 0.0)])
-    value, slope = differentiate_kinematics(segment.state[None], tau, solution.friction)
-    jacobian[:, first : first + SEGMENT_STATE_SIZE] = slope[0, :, :SEGMENT_STATE_SIZE]
-    jacobian[:, layout.shared : layout.shared + 2] = slope[0, :, SEGMENT_STATE_SIZE + 1 :]
-    return value[0], jacobian
+def _differentiate_rubber(solution: JointSolution, contact: int, table: Table) -> tuple[FloatArray, FloatArray]:
+    """Return the pseudo-observations (4,) of rubber at a cushion contact, and their derivatives (4, P), in sigmas."""
+    local, chosen = solution.graph.extract_contact(contact)
+    arrays, parameters = build_graph_arrays(local), extract_parameters(solution, local)
+    rows, layout = evaluate_priors(arrays, parameters, parameters, table), layout_parameters(solution.graph)
+    columns = np.concatenate(
+        [*(layout.segment[k] + np.arange(SEGMENT_STATE_SIZE) for k in chosen), [layout.contact + contact],
+         layout.shared + np.arange(SHARED_COUNT)]
+    )  # fmt: skip
+    derivative = np.zeros((_RUBBER_ROWS.stop - _RUBBER_ROWS.start, layout.size))
+    for k, row in enumerate(range(_RUBBER_ROWS.start, _RUBBER_ROWS.stop)):
+        entries = slice(rows.first[row], rows.first[row + 1])
+        np.add.at(derivative[k], columns[rows.column[entries]], rows.derivative[entries])
+    return rows.residual[_RUBBER_ROWS], derivative
 
 
 def _is_covariance(matrix: FloatArray) -> bool:

@@ -11,13 +11,14 @@ from models.core.fit_result import Parameter
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
-from models.estimation.joint_fit.fit_solution import JointSolution
+from models.estimation.joint_fit.fit_arrays import NOSE_COLUMN
+from models.estimation.joint_fit.fit_solution import JointSolution, layout_parameters
+from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
 from models.estimation.table_learning.cloth_learning import learn_cloth
 from models.estimation.table_learning.cushion_contacts import CushionContacts, extract_cushion_contacts, join_contacts
 from models.estimation.table_learning.cushion_learning import CushionFit, learn_cushions, refit_scatter
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.numerics.executor import SERIAL, Executor
-from models.numerics.robust import MAD_TO_SIGMA
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.parameter_vector import BALL_E, BALL_MU, PARAMETER_NAMES, ROLLING_MU
@@ -30,7 +31,9 @@ MIN_OWN_CONTACTS = 2
 OWN_LAWS = ("mirror", "han_2005", "stronge")
 """Cushion models of one shot; that of Mathavan 2010 costs 140 us per contact, and Han's is its nearest neighbour."""
 MIN_NOSE_SIGMA = 1e-3
-"""m"""
+"""m, least spread of nose offsets between shots: calibration is no better."""
+_SPREADS = 9
+"""Tried spreads of nose offsets up to their prior; neighbours differ by a fifth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +71,7 @@ def learn_table(
     Raises:
         TrackError: The shots have fewer than `MIN_CONTACTS` cushion contacts, or no free path.
     """
-    contacts = join_contacts(extract_cushion_contacts(solution, k)[0] for k, (solution, _) in enumerate(shots))
+    contacts = join_contacts(extract_cushion_contacts(solution, table, k)[0] for k, (solution, _) in enumerate(shots))
     if len(contacts.t) < MIN_CONTACTS:
         raise TrackError(
             f"{len(contacts.t)} cushion contacts are too few to learn a table from; at least {MIN_CONTACTS} are needed"
@@ -84,9 +87,9 @@ def learn_table(
     is_corrected = trained is not None and trained.is_worthwhile
     correction = trained.weights if trained is not None and is_corrected else NO_CORRECTION
     best = refit_scatter(contacts, fits[0], correction, *size) if is_corrected else fits[0]
-    noses, nose_sigma = _summarize_noses([solution for solution, _ in shots])
+    noses, nose_covariance = combine_noses([solution for solution, _ in shots])
     learned = LearnedTable(
-        best.law, _add_ball_contacts(best), best.scatter, noses, nose_sigma,
+        best.law, _add_ball_contacts(best), best.scatter, noses, nose_covariance,
         _list_indices(best), best.covariance, correction,
     )  # fmt: skip
     candidates = tuple((one.law, one.log_evidence) for one in fits)
@@ -112,7 +115,7 @@ def learn_own_cushions(contacts: CushionContacts, solution: JointSolution, table
     physics = _add_ball_contacts(best)
     physics[ROLLING_MU] = solution.friction.rolling
     return LearnedTable(
-        best.law, physics, best.scatter, solution.nose_offsets, np.full(4, MIN_NOSE_SIGMA),
+        best.law, physics, best.scatter, solution.nose_offsets, MIN_NOSE_SIGMA**2 * np.eye(4),
         _list_indices(best), best.covariance,
     )  # fmt: skip
 
@@ -130,9 +133,38 @@ def _add_ball_contacts(fit: CushionFit) -> FloatArray:
     return physics
 
 
-def _summarize_noses(solutions: list[JointSolution]) -> tuple[FloatArray, FloatArray]:
-    """Return median and spread (4,) m of the nose offsets of all shots."""
-    offsets = np.array([one.nose_offsets for one in solutions])
-    middle = np.median(offsets, axis=0)
-    spread = MAD_TO_SIGMA * np.median(np.abs(offsets - middle), axis=0)
-    return middle, np.maximum(spread, MIN_NOSE_SIGMA)
+def combine_noses(solutions: list[JointSolution]) -> tuple[FloatArray, FloatArray]:
+    """Combine the nose offsets of shots, weighted by their covariance.
+
+    A shot contains the prior of the joint fit, `NOSE_SIGMA`, which is taken out and counted once: a nose that no shot
+    touched keeps it. Offsets differ between shots by calibration; the spread, at least `MIN_NOSE_SIGMA`, has the
+    greatest marginal likelihood.
+
+    Args:
+        solutions: Joint fit with covariance of each shot.
+
+    Returns:
+        Mean (4,) m, and covariance (4, 4) m^2 of the offsets in one more shot.
+    """
+    prior, informations, vectors = np.eye(4) / NOSE_SIGMA**2, [], []
+    for one in solutions:
+        first = layout_parameters(one.graph).shared + NOSE_COLUMN
+        precision = np.linalg.inv(one.covariance[first : first + 4, first : first + 4])
+        values, directions = np.linalg.eigh(precision - prior)
+        informations.append((directions * np.maximum(values, 0.0)) @ directions.T)
+        vectors.append(precision @ one.nose_offsets)
+    information, vector = np.array(informations), np.array(vectors)
+
+    def combine(spread: float) -> tuple[float, FloatArray, FloatArray]:
+        """Return log likelihood of a spread (m), and mean and covariance of the common offsets."""
+        inflated = np.eye(4) + spread**2 * information
+        total = prior + np.linalg.solve(inflated, information).sum(axis=0)
+        weighted = np.linalg.solve(inflated, vector[..., None])[..., 0]
+        mean = np.linalg.solve(total, weighted.sum(axis=0))
+        explained = spread**2 * float(np.sum(vector * weighted)) + float(mean @ total @ mean)
+        determinants = np.linalg.slogdet(inflated)[1].sum() + np.linalg.slogdet(total)[1]
+        return 0.5 * (explained - float(determinants)), mean, np.linalg.inv(total)
+
+    spread = max(np.geomspace(MIN_NOSE_SIGMA, NOSE_SIGMA, _SPREADS), key=lambda one: combine(one)[0])
+    _, mean, covariance = combine(float(spread))
+    return mean, covariance + spread**2 * np.eye(4)

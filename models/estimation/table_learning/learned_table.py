@@ -38,8 +38,8 @@ class LearnedTable:
     scatter: ContactScatter
     noses: FloatArray
     """(4,) m, mean offset of each contact line towards the table, as in the joint fit."""
-    nose_sigma: FloatArray
-    """(4,) m"""
+    nose_covariance: FloatArray
+    """(4, 4) m^2, of the offsets in one more shot."""
     uncertain: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     """(M,) indices of the parameters of `physics` that are drawn anew for every ensemble member, and their covariance
     (M, M)."""
@@ -56,6 +56,11 @@ class LearnedTable:
         bounds = [find_prior(*PARAMETER_NAMES[k].split(".")).bounds for k in self.uncertain]
         low, high = np.transpose(bounds)
         return np.asarray(np.clip(self.physics[self.uncertain] + drawn, low, high))
+
+    @property
+    def nose_sigma(self) -> FloatArray:
+        """(4,) m, of the offset of each nose in one more shot."""
+        return np.asarray(np.sqrt(np.diag(self.nose_covariance)))
 
     @property
     def law_code(self) -> int:

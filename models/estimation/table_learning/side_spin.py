@@ -28,8 +28,9 @@ GRID_REACH_AT_REST = 0.2
 """m/s, added to that."""
 DEGREES_OF_FREEDOM = 4.0
 """Of Student's t distribution of deviations from the contact model: a few contacts are cut wrongly."""
-_DIFFERENCE_STEP = 1e-5
-"""m/s, step of the derivative of a contact model by its inputs."""
+_LEAST_STEP = 1e-3
+"""m/s, least step of the mean slopes of a contact model by its inputs, which are taken over their standard deviations:
+a nose that slips or sticks makes a kink, at which a derivative would jump."""
 _LEAST_VARIANCE = 1e-8
 """(m/s)^2"""
 
@@ -89,7 +90,7 @@ class Rebounds:
     predicted: FloatArray
     """(K, G, 5) after it: velocity along n and t, slip along n and t, surface speed of side spin."""
     by_before: FloatArray
-    """(K, 4, 4) derivatives of the first four by the state before, without side spin."""
+    """(K, 4, 4) mean slopes of the first four by the state before, within its errors, without side spin."""
 
 
 def predict_rebounds(
@@ -114,14 +115,17 @@ def predict_rebounds(
     nodes = np.empty((count, (GRID_SIZE - 1) // NODE_STRIDE + 1, 5))
     places = np.ascontiguousarray(grid[:, ::NODE_STRIDE])
     _predict_contacts(law, contacts.before, places, radius, mass, physics, correction, nodes)
-    zero, centre, moved = np.zeros((count, 1)), np.empty((count, 1, 5)), np.empty((count, 1, 5))
-    _predict_contacts(law, contacts.before, zero, radius, mass, physics, correction, centre)
+    zero, ahead, behind = np.zeros((count, 1)), np.empty((count, 1, 5)), np.empty((count, 1, 5))
+    spread = np.sqrt(np.einsum("kii->ki", contacts.covariance)[:, :4])
     by_before = np.empty((count, 4, 4))
     for k in range(4):
-        inputs = contacts.before.copy()
-        inputs[:, k] += _DIFFERENCE_STEP
-        _predict_contacts(law, inputs, zero, radius, mass, physics, correction, moved)
-        by_before[:, :, k] = (moved[:, 0, :4] - centre[:, 0, :4]) / _DIFFERENCE_STEP
+        low, high = contacts.before.copy(), contacts.before.copy()
+        low[:, k] -= np.maximum(spread[:, k], _LEAST_STEP)
+        high[:, k] += np.maximum(spread[:, k], _LEAST_STEP)
+        low[:, 0] = np.maximum(low[:, 0], 0.5 * contacts.before[:, 0])  # it moves into the cushion
+        _predict_contacts(law, low, zero, radius, mass, physics, correction, behind)
+        _predict_contacts(law, high, zero, radius, mass, physics, correction, ahead)
+        by_before[:, :, k] = (ahead[:, 0, :4] - behind[:, 0, :4]) / (high[:, k] - low[:, k])[:, None]
     return Rebounds(grid, _interpolate_nodes(nodes), by_before)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.normal_equations import simulate_shots
+from models.estimation.multiple_shooting.normal_equations import simulate_chains
 from models.estimation.multiple_shooting.posterior_samples import sample_posterior
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED, ShootingFit, ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_problem import ShootingProblem
@@ -61,6 +61,17 @@ class ShotGuess:
     shared: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class UnexplainedView:
+    """The first part of a shot that a model does not explain, with the best fit to it."""
+
+    model: ShotWindows
+    """Model of this part."""
+    guess: ShotGuess
+    explained_until: float
+    """s, end of the part that is explained."""
+
+
 def fit_by_continuation(
     model: ShotWindows, shared: FloatArray, rng: np.random.Generator, options: ShootingOptions
 ) -> ShootingFit:
@@ -81,7 +92,7 @@ def fit_by_continuation(
 
 def fit_if_explained(
     model: ShotWindows, shared: FloatArray, rng: np.random.Generator, options: ShootingOptions
-) -> ShootingFit | None:
+) -> ShootingFit | UnexplainedView:
     """Fit one shot over a growing time span; stop when no posterior sample agrees with the next observations.
 
     A wrong contact model shows at the first cushion; following it to the end costs more than the whole fit of the right
@@ -94,39 +105,38 @@ def fit_if_explained(
         options: Iteration limits of the final fit.
 
     Returns:
-        The fit; None where the model does not explain the shot.
+        The fit, or the first view that the model does not explain.
     """
-    guess, is_lawful = _extend_view(model, shared, rng, to_the_end=False)
-    return _fit_whole_view(model, guess, options) if is_lawful else None
+    guess, unexplained = _extend_view(model, shared, rng, to_the_end=False)
+    return _fit_whole_view(model, guess, options) if unexplained is None else unexplained
 
 
 def _extend_view(
     model: ShotWindows, shared: FloatArray, rng: np.random.Generator, to_the_end: bool
-) -> tuple[ShotGuess, bool]:
-    """Extend the fitted part to all observations; also return whether the model explained them on the way.
+) -> tuple[ShotGuess, UnexplainedView | None]:
+    """Extend the fitted part to all observations; also return the first view that the model does not explain.
 
-    Where it does not, the search goes on without posterior samples, or stops unless `to_the_end`.
+    From there, the search goes on without posterior samples, or stops unless `to_the_end`.
     """
     begin, last = float(model.segments[0].t[0]), max(float(segment.t[-1]) for segment in model.segments)
     guess, variance_ratio = _fit_first_view(model, shared)
-    viewed, is_lawful = begin, True
+    viewed, unexplained = begin, None
     while viewed < last:
         view = min(next_view_time(model, guess, viewed), last)
         part, before = model.truncate(view), guess
         guess = _add_new_windows(part, before)
         if not is_explained(part, guess, variance_ratio):
             fitted = fit_windows(part, guess.shared, _GROWTH_OPTIONS, guess.starts)
-            if is_lawful and not is_explained(part, _to_guess(fitted), variance_ratio):
+            if unexplained is None and not is_explained(part, _to_guess(fitted), variance_ratio):
                 previous_view = model.truncate(min(max(viewed, begin + FIRST_VIEW), view))
                 fitted = _refit_from_samples(previous_view, part, before, fitted, rng)
-                is_lawful = is_explained(
-                    part, _to_guess(fitted), variance_ratio
-                )  # samples do not repair wrong contact models
+                if not is_explained(part, _to_guess(fitted), variance_ratio):  # no sample repairs a wrong contact model
+                    unexplained = UnexplainedView(part, _to_guess(fitted), viewed)
             guess = _to_guess(fitted)
-            if not (is_lawful or to_the_end):
+            if unexplained is not None and not to_the_end:
                 break
         viewed = view
-    return guess, is_lawful
+    return guess, unexplained
 
 
 def _fit_whole_view(model: ShotWindows, guess: ShotGuess, options: ShootingOptions) -> ShootingFit:
@@ -235,7 +245,7 @@ def _select_samples(
         before, previous.starts, previous.shared, _SAMPLE_COUNT, _SAMPLE_WIDENING, rng
     ):
         guess = _add_new_windows(part, ShotGuess(starts, shared))
-        point = simulate_shots(problem, guess.starts, guess.shared)
+        point = simulate_chains(problem, guess.starts, guess.shared)
         candidates.append((point.cost, tuple(flow.event_order for flow in point.windows), guess))
     candidates.sort(key=lambda one: one[0])
     firsts = [k for k, one in enumerate(candidates) if one[1] not in [other[1] for other in candidates[:k]]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from models.physics.billiards.parameter_vector import PARAMETER_NAMES
+from models.physics.billiards.parameter_vector import TABLE_PARAMETERS
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from models.physics.billiards.simulation.table_physics import contact_parameters
 from models.physics.effect import Prior
@@ -51,8 +51,8 @@ def build_table_prior(cushion: str, ball: str, effects: dict[str, tuple[float, f
     """
     priors = []
     for name, (value, sigma) in effects.items():
-        if name not in PARAMETER_NAMES:
-            raise ValueError(f"a table has {', '.join(PARAMETER_NAMES)}; it has no {name}")
+        if name not in TABLE_PARAMETERS:
+            raise ValueError(f"a table has {', '.join(TABLE_PARAMETERS)}; it has no {name}")
         default = find_prior(*name.split("."))
         spread = default.sigma * (abs(default.value) if default.relative else 1.0)
         low, high = min(default.bounds[0], 0.0), default.bounds[1]

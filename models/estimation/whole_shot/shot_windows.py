@@ -14,6 +14,7 @@ import numpy as np
 from models.core.scene import Table
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
+from models.estimation.whole_shot.evaluation_budget import EvaluationBudget
 from models.estimation.whole_shot.shot_segments import ShotSegment, build_window
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.image_distortion import (
@@ -26,8 +27,11 @@ from models.physics.billiards.parameter_vector import NAP_MU, PARAMETER_NAMES, R
 from models.physics.billiards.simulation.parametrised_shot import (
     DROPPED_FRAMES,
     IMAGE_START,
+    MASS_RATIO,
     MOVING_BALL_SIZE,
     NEUTRAL_SHOT_PARAMETERS,
+    RADIUS_FACTOR,
+    RADIUS_RATIO,
     SHOT_PARAMETERS,
     SHUTTER_READOUT,
     ContactModels,
@@ -44,6 +48,8 @@ VIEW_PARAMETERS = slice(IMAGE_START, IMAGE_START + len(IMAGE_PARAMETERS))
 _SECANT_SLIDING_MU = 0.2
 """Sliding friction at which a secant replaces the derivative where friction is absent: without it, slip does not
 exist."""
+_MAX_START = 1e6
+"""m or m/s: largest number of a start state, far beyond the place of a ball that was never observed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +67,8 @@ class ShotWindows:
     """Camera view; None: observed positions are true positions."""
     jacobian_mask: BoolArray | None = None
     """(P,) unknowns whose Jacobian is needed; None: all."""
+    budget: EvaluationBudget | None = field(default=None, compare=False, repr=False)
+    """Evaluations that may still be made; None: any number."""
     guess_spins: bool = True
     """Whether the slips of the initial states are guesses, so that others are to be tried."""
     windows: tuple[Window, ...] = field(init=False)
@@ -115,14 +123,14 @@ class ShotWindows:
         Raises:
             ArithmeticError: The balls touch endlessly.
         """
-        segment = self.segments[window]
-        last, end = segment.t[-1] + 1.0 / 60 - segment.begin, self._handover_time(window)
-        last = last if end == np.inf else max(last, end)
-        return simulate_start(start, segment.moving, self.table, self.fill_values(shared), self.laws, last)
+        moving, values = self.segments[window].moving, self.fill_values(shared)
+        return simulate_start(start, moving, self.table, values, self.laws, self._simulated_seconds(window))
 
     def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
         """Predict the observed positions and the start of the next window, with Jacobians."""
         segment, values = self.segments[window], self.fill_values(shared)
+        if self.budget is not None:
+            self.budget.spend(len(segment.observations), self.laws.cushion, linearized=True)
         run = self.simulate_possible_run(window, start, shared)
         if run is None:
             return self._infinite_cost_window(window, len(start))
@@ -151,6 +159,8 @@ class ShotWindows:
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow:
         """Predict the observed positions and the start of the next window, without Jacobians."""
         segment, values = self.segments[window], self.fill_values(shared)
+        if self.budget is not None:
+            self.budget.spend(len(segment.observations))
         run = self.simulate_possible_run(window, start, shared)
         if run is None:
             failed = self._infinite_cost_window(window, len(start))
@@ -177,11 +187,13 @@ class ShotWindows:
             shared: (P,) unknown parameters.
 
         Returns:
-            (T, N, 2) m.
+            (T, N, 2) m; NaN where the start state or the parameters are impossible.
         """
         segment, values, view = self.segments[window], self.fill_values(shared), self._camera_view
         t = _frame_times(segment, values)
-        run = simulate_start(start, segment.moving, self.table, values, self.laws, max(float(t.max()), 0.0) + 1.0)
+        run = self._simulate_possible_start(window, start, values, max(float(t.max()), 0.0) + 1.0)
+        if run is None:
+            return np.full(segment.xy.shape, np.nan)
         positions = _hold_pocketed_balls(run.states_at(np.maximum(t, 0.0))[..., :2])
         if segment.image_row is not None and values[SHUTTER_READOUT] != 0:
             later = np.maximum(t[:, None] + values[SHUTTER_READOUT] * view.image_rows(positions), 0.0)
@@ -195,12 +207,23 @@ class ShotWindows:
 
     def simulate_possible_run(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedShot | None:
         """Simulate the shot of a window; None where the parameters are unphysical or the balls touch endlessly."""
-        if not is_possible(start, self.fill_values(shared)):
+        return self._simulate_possible_start(window, start, self.fill_values(shared), self._simulated_seconds(window))
+
+    def _simulate_possible_start(
+        self, window: int, start: FloatArray, values: FloatArray, seconds: float
+    ) -> SimulatedShot | None:
+        if not is_possible(start, values):
             return None
         try:
-            return self.simulate_run(window, start, shared)
+            return simulate_start(start, self.segments[window].moving, self.table, values, self.laws, seconds)
         except ArithmeticError:
             return None
+
+    def _simulated_seconds(self, window: int) -> float:
+        """Compute the s that a simulation of a window lasts: past its last frame, and up to the next window."""
+        segment, end = self.segments[window], self._handover_time(window)
+        last = segment.t[-1] + 1.0 / 60 - segment.begin
+        return float(last if end == np.inf else max(last, end))
 
     @property
     def _camera_view(self) -> ImagePlacement:
@@ -374,8 +397,9 @@ def _contact_order(run: SimulatedShot) -> tuple[tuple[int, ...], ...]:
 
 def is_possible(start: FloatArray, values: FloatArray) -> bool:
     """Return whether a start state and parameters are finite and physically possible."""
-    finite = np.isfinite(start).all() and np.isfinite(values).all()
-    return bool(finite and (abs(values[NAP_MU]) < values[ROLLING_MU] or values[NAP_MU] == 0))
+    finite = np.abs(start).max(initial=0.0) < _MAX_START and np.isfinite(values).all()
+    solid = min(values[MASS_RATIO], values[RADIUS_RATIO] * values[RADIUS_FACTOR]) > 0
+    return bool(finite and solid and (abs(values[NAP_MU]) < values[ROLLING_MU] or values[NAP_MU] == 0))
 
 
 def _radius_derivatives(states: FloatArray, run: SimulatedShot, values: FloatArray) -> FloatArray:

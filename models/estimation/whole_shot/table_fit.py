@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -17,8 +18,9 @@ from models.estimation.multiple_shooting.shooting_fit import (
     fit_windows,
     summarize_parameters,
 )
-from models.estimation.whole_shot.continuation_fit import fit_by_continuation, fit_if_explained
+from models.estimation.whole_shot.continuation_fit import UnexplainedView, fit_by_continuation, fit_if_explained
 from models.estimation.whole_shot.cushion_chains import NOSE_SIGMA
+from models.estimation.whole_shot.evaluation_budget import BudgetSpent, EvaluationBudget
 from models.estimation.whole_shot.known_table import TablePrior
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.estimation.whole_shot.shot_windows import ShotWindows
@@ -36,8 +38,9 @@ from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 
 CANDIDATE_LAWS = tuple(
-    ContactModels(cushion, "inelastic") for cushion in ("mirror", "han_2005", "mathavan_2010", "stronge")
+    ContactModels(cushion, "inelastic") for cushion in ("han_2005", "mathavan_2010", "mirror", "stronge")
 )
+"""Pairs of contact models; first those that came nearest to recorded tables."""
 CLOTH_PARAMETERS = ("sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate")
 FACTOR_SIGMA = 0.01
 """Prior standard deviation of the distance at which balls touch over two radii: uncertainty of a calibration."""
@@ -70,6 +73,18 @@ class TableFit:
     def is_explained(self) -> bool:
         """Whether contact models and parameters explain the observations to within their nominal noise."""
         return self.converged and self.chi2_per_dof < _EXPLAINED_CHI2
+
+
+@dataclass(frozen=True, slots=True)
+class LawSearch:
+    """Result of a search for contact models that explain whole shots."""
+
+    best: TableFit | None
+    """The fit of greatest evidence; None if the search stopped at the views that no model explains."""
+    unexplained: tuple[tuple[ContactModels, UnexplainedView], ...]
+    """The first view that each pair of contact models does not explain; the longest explained part first."""
+    untried: tuple[ContactModels, ...]
+    """Pairs of contact models that the budget left out."""
 
 
 _NOT_IDENTIFIABLE = ("cushion_restitution_power.power",)
@@ -125,51 +140,84 @@ def fit_table(
     if not segments or not candidates:
         raise ValueError(f"a fit needs shots and contact models; got {len(segments)} and {len(candidates)}")
     models = {laws: ShotWindows(segments, table, table_priors(laws), laws) for laws in candidates}
-    return _select_laws(models, options, rng)
+    fits = _fit_all(models, ShootingOptions() if options is None else options, _make_generator(rng), {})
+    return _summarize_best(models, fits)
 
 
-def fit_known_table(segments: tuple[ShotSegment, ...], table: Table, table_prior: TablePrior) -> TableFit:
-    """Fit whole shots on a table with known physics: its contact models, and its parameters as priors.
+def search_laws(
+    segments: tuple[ShotSegment, ...], table: Table, table_prior: TablePrior | None = None,
+    budget: EvaluationBudget | None = None,
+) -> LawSearch:  # fmt: skip
+    """Search for contact models that explain whole shots.
 
     Args:
         segments: Segments of all shots.
         table: Dimensions of the table.
-        table_prior: Contact models and parameters of an earlier fit, with further effects.
+        table_prior: Contact models and parameters of an earlier fit, with further effects; None: all candidates.
+        budget: Evaluations of the search, which then gives a model up at the first contact that it does not explain.
+            None: every model is fitted to the end.
 
     Returns:
-        The fit.
+        The best fit, and where each model stops to explain the shots.
 
     Raises:
         ValueError: There is no segment.
     """
     if not segments:
         raise ValueError("a fit needs shots; got none")
-    return _select_laws(
-        {
-            table_prior.laws: ShotWindows(
-                segments, table, table_prior.merge_priors(table_priors(table_prior.laws)), table_prior.laws
-            )
-        },
-        None,
-        None,
+    if table_prior is None:
+        priors = {laws: table_priors(laws) for laws in CANDIDATE_LAWS}
+    else:
+        priors = {table_prior.laws: table_prior.merge_priors(table_priors(table_prior.laws))}
+    models = {laws: ShotWindows(segments, table, own, laws, budget=budget) for laws, own in priors.items()}
+    views: dict[ContactModels, UnexplainedView] = {}
+    fits: list[tuple[ContactModels, ShootingFit]] = []
+    with suppress(BudgetSpent):
+        _fit_all(models, ShootingOptions(), _make_generator(None), views, fits, to_the_end=budget is None)
+    finished = {*views, *(laws for laws, _ in fits)}
+    return LawSearch(
+        _summarize_best(models, fits) if fits else None,
+        tuple(sorted(views.items(), key=lambda one: -one[1].explained_until)),
+        tuple(laws for laws in models if laws not in finished),
     )
 
 
-def _select_laws(
-    models: dict[ContactModels, ShotWindows], options: ShootingOptions | None, rng: np.random.Generator | None
+def _make_generator(rng: np.random.Generator | None) -> np.random.Generator:
+    return np.random.default_rng(_DEFAULT_SEED) if rng is None else rng
+
+
+def _fit_all(
+    models: dict[ContactModels, ShotWindows],
+    options: ShootingOptions,
+    rng: np.random.Generator,
+    views: dict[ContactModels, UnexplainedView],
+    fits: list[tuple[ContactModels, ShootingFit]] | None = None,
+    to_the_end: bool = True,
+) -> list[tuple[ContactModels, ShootingFit]]:
+    """Fit every model; `fits` and `views` receive the results as they come.
+
+    Unless `to_the_end`, nothing is fitted where no model explains the shots.
+    """
+    results = [] if fits is None else fits
+    if len(models) > 1 or not to_the_end:
+        results += _fit_first_explaining(models, options, rng, views)
+    first = [laws for laws, _ in results]
+    if not first and not to_the_end:
+        return results
+    for laws in (one for one in models if one not in first):
+        results.append((laws, _fit_laws(models[laws], results, options, rng)))
+    best = _rank_by_evidence(results)[0][0]
+    if first and best != first[0]:  # spins that suit other contact models may have misled its fit
+        results += _fit_first_explaining({best: models[best]}, options, rng, {})
+    return results
+
+
+def _summarize_best(
+    models: dict[ContactModels, ShotWindows], fits: list[tuple[ContactModels, ShootingFit]]
 ) -> TableFit:
-    """Fit every model and return the fit of greatest evidence."""
-    settings = ShootingOptions() if options is None else options
-    generator = np.random.default_rng(_DEFAULT_SEED) if rng is None else rng
-    segments = next(iter(models.values())).segments
-    first_fits = _fit_first_explaining(models, settings, generator) if len(models) > 1 else []
-    fits = list(first_fits)
-    for laws in (one for one in models if one not in [other for other, _ in fits]):
-        fits.append((laws, _fit_laws(models[laws], fits, settings, generator)))
+    """Summarize the fit of greatest evidence."""
     ranked = _rank_by_evidence(fits)
-    if first_fits and ranked[0][0] != first_fits[0][0]:  # spins that suit other contact models may have misled its fit
-        fits += _fit_first_explaining({ranked[0][0]: models[ranked[0][0]]}, settings, generator)
-        ranked = _rank_by_evidence(fits)
+    segments = next(iter(models.values())).segments
     least = max(1.0, min(fit.chi2_per_dof for _, fit in ranked))
     laws, best = ranked[0]
     return TableFit(
@@ -190,19 +238,26 @@ def _rank_by_evidence(fits: list[tuple[ContactModels, ShootingFit]]) -> list[tup
 
 
 def _fit_first_explaining(
-    models: dict[ContactModels, ShotWindows], options: ShootingOptions, rng: np.random.Generator
+    models: dict[ContactModels, ShotWindows],
+    options: ShootingOptions,
+    rng: np.random.Generator,
+    views: dict[ContactModels, UnexplainedView],
 ) -> list[tuple[ContactModels, ShootingFit]]:
-    """Fit the first pair of contact models that explains all shots, if any: the others can start from its states."""
-    for laws, model in models.items():
+    """Fit the first pair of contact models that explains all shots, if any: the others can start from its states.
+
+    `views` receives the first view that each of the others does not explain.
+    """
+    for (laws, model), own in zip(models.items(), rng.spawn(len(models)), strict=True):
         numbers = list(dict.fromkeys(one.shot for one in model.segments))
         values, alone = _prior_values(model), {}
         for number in numbers:
-            fitted = fit_if_explained(_select_shots(model, [number]), values, rng, options)
-            if fitted is None:
+            fitted = fit_if_explained(_select_shots(model, [number]), values, own, options)
+            if isinstance(fitted, UnexplainedView):
+                views[laws] = fitted
                 break
             alone[number] = fitted
         else:
-            return [(laws, _combine_shots(model, alone, options, rng))]
+            return [(laws, _combine_shots(model, alone, options, own))]
     return []
 
 

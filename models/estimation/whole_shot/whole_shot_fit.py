@@ -12,14 +12,18 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.fit_result import Fit, WholeShotSolution
+from models.core.events import Events
+from models.core.fit_result import Fit, WholeShotMisfit, WholeShotSolution
 from models.core.options import FitOptions
 from models.core.scene import Table
 from models.core.tracks import Tracks
+from models.estimation.whole_shot.continuation_fit import VIEW_BEYOND_CONTACT, UnexplainedView
+from models.estimation.whole_shot.evaluation_budget import EvaluationBudget
 from models.estimation.whole_shot.initial_states import estimate_initial_states
 from models.estimation.whole_shot.known_table import TablePrior
 from models.estimation.whole_shot.shot_segments import ShotSegment
-from models.estimation.whole_shot.table_fit import TableFit, fit_known_table, fit_table
+from models.estimation.whole_shot.table_fit import LawSearch, TableFit, search_laws
+from models.numerics.robust import huber_losses
 from models.physics.billiards.simulation.parametrised_shot import convert_to_starts, convert_to_states
 from models.tracking.track_noise import apply_noise, estimate_noise
 
@@ -61,12 +65,15 @@ def fit_shot_laws(
     if not segments:
         return replace(fit, whole_shot_refusal="No shot was recorded from its strike on.")
     try:
-        table_fit = fit_table(segments, table) if table_prior is None else fit_known_table(segments, table, table_prior)
+        search = search_laws(segments, table, table_prior, None if options.laws else EvaluationBudget())
     except np.linalg.LinAlgError as failure:
         return replace(fit, whole_shot_refusal=f"The fit of whole shots failed: {failure}.")
-    if not (table_fit.converged and table_fit.chi2_per_dof < MAX_CHI2):
-        return replace(fit, whole_shot_refusal=_format_failure(table_fit))
-    return replace(fit, whole_shot=_summarize_laws(table_fit, segments, tuple(tracks.ids[k] for k in balls), table))
+    best, ids = search.best, tuple(tracks.ids[k] for k in balls)
+    if best is not None and best.converged and best.chi2_per_dof < MAX_CHI2:
+        return replace(fit, whole_shot=_summarize_laws(best, segments, ids, table))
+    if search.unexplained:
+        return replace(fit, whole_shot_misfit=_summarize_misfit(search, fit.events, ids))
+    return replace(fit, whole_shot_refusal=_format_failure(best))
 
 
 def extract_segments(
@@ -127,13 +134,65 @@ def _find_refusal(fit: Fit, tracks: Tracks) -> str:
     return ""
 
 
-def _format_failure(table_fit: TableFit) -> str:
-    if table_fit.chi2_per_dof < MAX_CHI2:
+def _format_failure(best: TableFit | None) -> str:
+    if best is None:
+        return "The search for contact models reached its limit; --laws completes it."
+    if best.chi2_per_dof < MAX_CHI2:
         return "The fit of whole shots did not converge."
     return (
-        f"No published contact models explain the whole shots: the best, {table_fit.laws.cushion} with"
-        f" {table_fit.laws.ball}, leave {table_fit.chi2_per_dof:.1f} times the variance of the noise."
+        f"No published contact models explain the whole shots: the best, {best.laws.cushion} with {best.laws.ball},"
+        f" leave {np.sqrt(best.chi2_per_dof):.1f} times the measurement noise."
     )
+
+
+def _summarize_misfit(search: LawSearch, events: Events, ids: tuple[str, ...]) -> WholeShotMisfit:
+    """Summarize where the model that explains the longest part of the shot fails; of equals, the nearest one."""
+    longest = search.unexplained[0][1].explained_until
+    rivals = [one for one in search.unexplained if one[1].explained_until == longest]
+    laws, view, ball, _ = min(((laws, view, *_find_worst_ball(view)) for laws, view in rivals), key=lambda one: one[3])
+    k = _find_contact(events, ids[ball], view)
+    names = {events.a[k], events.b[k]} - {ids[ball]} if k >= 0 else {""}
+    deviation, times_noise = _measure_deviation(view, ball, float(events.t[k]) if k >= 0 else -np.inf)
+    return WholeShotMisfit(
+        laws.cushion, laws.ball, longest, ids[ball], events.kind[k] if k >= 0 else "", "".join(names),
+        float(events.t[k]) if k >= 0 else float("nan"), deviation, times_noise,
+        float("nan") if search.best is None else float(np.sqrt(search.best.chi2_per_dof)),
+        tuple(one.cushion for one in search.untried),
+    )  # fmt: skip
+
+
+def _find_worst_ball(view: UnexplainedView) -> tuple[int, float]:
+    """Find the ball with the largest mean cost in the last window, and return it with the total cost of this window."""
+    last = len(view.model.windows) - 1
+    window = view.model.windows[last]
+    free = replace(view.model, budget=None)  # that of the search may be spent
+    cost = huber_losses(free.simulate(last, view.guess.starts[last], view.guess.shared).residual)
+    balls = np.unique(window.body)
+    return int(balls[np.argmax([cost[window.body == ball].mean() for ball in balls])]), float(cost.sum())
+
+
+def _find_contact(events: Events, ball: str, view: UnexplainedView) -> int:
+    """Find the first contact of a ball whose outcome the explained part does not show; else its last one; else -1."""
+    end = float(view.model.segments[-1].t[-1])
+    own = [
+        k
+        for k in np.argsort(events.t, kind="stable")
+        if events.kind[k] in ("strike", "ball", "cushion") and ball in (events.a[k], events.b[k]) and events.t[k] < end
+    ]
+    late = [k for k in own if events.t[k] > view.explained_until - VIEW_BEYOND_CONTACT]
+    return int(late[0]) if late else int(own[-1]) if own else -1
+
+
+def _measure_deviation(view: UnexplainedView, ball: int, since: float) -> tuple[float, float]:
+    """Return the RMS distance (m) of a ball from the best fit since a time (s), and per axis over the noise."""
+    last = len(view.model.segments) - 1
+    segment = view.model.segments[last]
+    path = view.model.predict_observed_path(last, view.guess.starts[last], view.guess.shared)[:, ball]
+    distance = path - segment.xy[:, ball]
+    shown = np.isfinite(distance[:, 0])
+    rows = shown & (segment.t > since) if (shown & (segment.t > since)).any() else shown
+    whitened = np.einsum("tij,tj->ti", segment.whitening[rows, ball], distance[rows])
+    return float(np.sqrt(np.mean(np.sum(distance[rows] ** 2, axis=1)))), float(np.sqrt(np.mean(whitened**2)))
 
 
 def _summarize_laws(

@@ -16,8 +16,11 @@ from typing import Any, final
 import numpy as np
 
 from models.core.typing import BoolArray
+from models.numerics.jit import compile_kernel
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 
+MAX_ENERGY_RATIO = 1.0 + 1e-9
+"""Energy after a contact over that before it that rounding explains."""
 LAST = sys.maxsize
 """Rank of a model behind all that have a number."""
 
@@ -48,6 +51,25 @@ class ContactModel:
                 f"contact model {self.name} reads {', '.join(sorted(unknown))}; "
                 f"the parameters are {', '.join(PARAMETER_NAMES)}"
             )
+
+
+@compile_kernel
+def sphere_energy(vn, vt, wn, wt, wz, radius):  # type: ignore[no-untyped-def]
+    """Return twice the energy over the mass of a solid sphere.
+
+    Args:
+        vn: Velocity along the normal of a contact, m/s.
+        vt: Velocity along the tangent, m/s.
+        wn: Spin about the normal, rad/s.
+        wt: Spin about the tangent, rad/s.
+        wz: Side spin, rad/s.
+        radius: m.
+
+    Returns:
+        m^2/s^2, of the real parts of the arguments.
+    """
+    spin = wn.real * wn.real + wt.real * wt.real + wz.real * wz.real
+    return vn.real * vn.real + vt.real * vt.real + 0.4 * radius.real * radius.real * spin
 
 
 def collect_models(modules: Iterable[ModuleType]) -> tuple[ContactModel, ...]:
@@ -89,16 +111,19 @@ def find_model(models: Iterable[ContactModel], name: str) -> ContactModel:
     return by_name[name]
 
 
-def tabulate_parameters(models: Sequence[ContactModel]) -> BoolArray:
-    """Tabulate which model reads which parameter.
+def tabulate_parameters(models: Sequence[ContactModel], generic_law: tuple[int, ...]) -> BoolArray:
+    """Tabulate which parameters act in a contact by which model.
 
     Args:
         models: Models of one folder, by code.
+        generic_law: Indices of the parameters that act beside every model.
 
     Returns:
-        (len(models), P) True where the model reads the parameter of `PARAMETER_NAMES`.
+        (len(models), P) True where the parameter of `PARAMETER_NAMES` acts.
     """
-    return np.array([[name in model.parameters for name in PARAMETER_NAMES] for model in models])
+    return np.array(
+        [[name in model.parameters or k in generic_law for k, name in enumerate(PARAMETER_NAMES)] for model in models]
+    )
 
 
 def compose_dispatch(

@@ -22,6 +22,8 @@ ENGINE_EFFECTS = tuple(
 """Effects whose parameters the engine reads, in the order of its vector."""
 PARAMETER_NAMES: tuple[str, ...] = tuple(name for effect in ENGINE_EFFECTS for name in effect.parameter_names)
 """Effect and parameter, such as `slope.slope_x`, in the order of the vector and in the units of the effects."""
+TABLE_PARAMETERS = tuple(name for effect in ENGINE_EFFECTS if effect.kind != "probe" for name in effect.parameter_names)
+"""Those of them that a table may be given; generic laws are left to the diagnosis."""
 
 
 def parameter_index(name: str) -> int:
@@ -66,6 +68,26 @@ BALL_E = parameter_index("ball_restitution.e")
 """Restitution of two balls."""
 BALL_MU = parameter_index("ball_friction.mu")
 """Coefficient of friction between two balls."""
+
+
+def list_parameters(effect: str) -> tuple[int, ...]:
+    """List the places of the parameters of an effect in the vector.
+
+    Args:
+        effect: Name of an effect that the engine reads.
+
+    Returns:
+        The indices, in the order of the effect.
+    """
+    return tuple(k for k, name in enumerate(PARAMETER_NAMES) if name.partition(".")[0] == effect)
+
+
+BRAKE_1, BRAKE_2, BRAKE_3, TURN_0, TURN_1, PULL_X, PULL_Y = list_parameters("cloth_force")
+"""Generic law of the cloth, see `models.physics.effects.cloth.cloth_force`."""
+REBOUND_PARAMETERS = list_parameters("cushion_rebound")
+"""Generic law of cushions."""
+IMPULSE_PARAMETERS = list_parameters("ball_impulse")
+"""Generic law of two balls."""
 
 IS_CLOTH_PARAMETER = np.array([effect.site == "cloth" for effect in ENGINE_EFFECTS for _ in effect.parameters])
 """(P,) True where a parameter acts on a ball alone on the cloth."""

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from models.estimation.contact_test.call_answers import CallAnswer
+from models.estimation.reconstruction.shot_moments import reevaluate_close_passes
 from pipeline.actions.answer_call import answer_question, write_call_images
 from pipeline.chain import require_writable_folder
 from pipeline.io.run_folder import read_shot_record
+from pipeline.io.table_profile import parse_cloth_priors, read_profile_text
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, parse_output_path
 
 
@@ -38,11 +41,21 @@ def call(
         ),
     ] = None,
     shot: Annotated[int, typer.Option("--shot", help="Number of the shot in the folder.")] = 0,
+    profile: Annotated[
+        Path | None,
+        typer.Option(
+            "--profile",
+            metavar="FILE",
+            help="Table profile of trueroll fit-table or diagnose: its friction decides close passes of two balls.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
     """Answer an umpire's question: a probability, a time, a margin in mm, and a close-up of the moment."""
     record = read_shot_record(folder, shot)
+    if profile is not None:
+        record = reevaluate_close_passes(replace(record, cloth=parse_cloth_priors(read_profile_text(profile))))
     target = folder if out is None else out
     require_writable_folder(target)
     answer = answer_question(record, question, edge)

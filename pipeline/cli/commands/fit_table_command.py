@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
+from models.estimation.table_learning.rebound_summary import fit_restitution_formula
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.actions.fit_table import FittedTable, fit_table_of_shots
 from pipeline.engine.helper_executor import open_executor
-from pipeline.io.profile_export import write_learned_profile
+from pipeline.io.profile_export import name_pooltool_file, write_learned_profile
+from pipeline.reporting.figures.cushion_figures import write_cushion_page
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
@@ -41,7 +44,7 @@ def fit_table(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Learn one table from many shots: cloth, cushions and their scatter, for `--profile` of `run` and `predict`.
+    """Learn one table from many shots, for `--profile` of `run`, `call`, `predict` and `simulate`.
 
     The fit of every shot is cached, so that a second call resumes, and a larger one continues.
     """
@@ -60,14 +63,17 @@ def fit_table(
             bars.update(task, completed=done, total=count, description=text)
 
         fitted = fit_table_of_shots(inputs, store, executor, show)
-    write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out)
+    left_out = write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out)
+    page = out.with_suffix(".html")
+    write_cushion_page(fitted.lesson.table, fitted.table, page)
     if as_json:
         print(json.dumps({"profile": str(out), "refused": list(fitted.refusals), **json.loads(out.read_text())}))
     else:
-        _print_table(fitted, out)
+        _print_table(fitted, out, left_out)
+        print(f"What the cushions do, beside published models: {page}")
 
 
-def _print_table(fitted: FittedTable, path: Path) -> None:
+def _print_table(fitted: FittedTable, path: Path, left_out: tuple[str, ...]) -> None:
     screen, lesson = make_output_console(), fitted.lesson
     (best, evidence), *others = lesson.candidates
     lead = f", {evidence - others[0][1]:.0f} ahead in log evidence" if others else ""
@@ -92,6 +98,22 @@ def _print_table(fitted: FittedTable, path: Path) -> None:
             f"On shots that it has not seen, a network removes {lesson.correction_gain:.0%} of the squared deviation"
             f" from the cushion model: switched {state}"
         )
+    _print_formula(fitted, screen)
     for refusal in fitted.refusals:
         screen.print(escape(f"Note: {refusal}"))
+    screen.print(
+        escape(f"{name_pooltool_file(path)} holds the table for pooltool, which has no {', no '.join(left_out)}")
+    )
     print(f"The next prediction on this table can start from it: trueroll predict DIR --profile {path}")
+
+
+def _print_formula(fitted: FittedTable, screen: Console) -> None:
+    """Print a short formula of the restitution, and whether it does as well as the learned model."""
+    learned, table = fitted.lesson.table, fitted.table
+    formula = fit_restitution_formula(learned, table.ball_radius, table.ball_mass)
+    scatter = learned.scatter.velocity
+    verdict = "does as well" if formula.misfit <= scatter else "does not do as well"
+    screen.print(
+        f"Restitution {formula.factor:.3f} v^{-formula.power:+.3f} (v into the cushion in m/s) {verdict}: it deviates"
+        f" from the learned cushion by {formula.misfit:.1%} of the speed, contacts scatter by {scatter:.1%}"
+    )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table as Grid
 
+from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.result_cache import ResultCache
 from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
@@ -27,6 +29,7 @@ from pipeline.terminal.command_line import (
     open_cache,
 )
 from pipeline.terminal.progress_display import StageDisplay
+from pipeline.terminal.search_display import COMPILING_NOTE
 
 
 @app.command("run")
@@ -51,9 +54,14 @@ def run(
     if live:
         _run_live(clip, folder, options, store, as_json)
         return
-    with StageDisplay(console, str(clip)) as display:
+    with StageDisplay(console, str(clip)) as display, _announce_compilation():
         finished = run_clip(clip, folder, options, store, display)
     _print_run(finished, as_json)
+
+
+def _announce_compilation() -> AbstractContextManager[None]:
+    """Print a sentence when the physics is compiled, which the first run on a machine does."""
+    return notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False, soft_wrap=True))
 
 
 def _run_live(clip: Path, folder: Path, options: RunOptions, cache: ResultCache, as_json: bool) -> None:
@@ -65,7 +73,7 @@ def _run_live(clip: Path, folder: Path, options: RunOptions, cache: ResultCache,
         if viewer.page_url:
             console.print(f"Look at {viewer.page_url} (end with Ctrl-C)", markup=False, soft_wrap=True)
         recording = LiveRecording(viewer.recording_url, clip.name)
-        with StageDisplay(console, str(clip)) as display:
+        with StageDisplay(console, str(clip)) as display, _announce_compilation():
             finished = run_clip(clip, folder, options, cache, LiveWatcher(display, recording), recording.record_value)
         recording.close()
         _print_run(finished, as_json)
@@ -87,7 +95,8 @@ def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
     events = finished.events
     names = ("kind", "t", "t_sigma", "a", "b", "probability")
     rows = [{name: getattr(events, name)[k] for name in names} for k in range(len(events))]
-    return {"folder": str(finished.folder), "trust": summarize_trust(finished.trust), "events": rows}
+    return {"folder": str(finished.folder), "trust": summarize_trust(finished.trust), "whole_shot": finished.whole_shot,
+            "events": rows}  # fmt: skip
 
 
 def _print_events(finished: FinishedRun) -> None:
@@ -105,6 +114,8 @@ def _print_events(finished: FinishedRun) -> None:
     else:
         screen.print("Nothing moves in this clip.")
     screen.print(format_trust_line(finished.trust))
+    if finished.whole_shot:
+        screen.print(finished.whole_shot, markup=False)
     print(f"Look at {finished.folder / 'slow.mp4'} and {finished.folder / 'report.html'}")
 
 

@@ -13,11 +13,11 @@ from rich.table import Table as Grid
 
 from models.core.events import Events
 from models.core.trajectory import State
-from models.physics.billiards.simulation.simulate_shot import simulate
 from pipeline.chain import require_writable_folder
 from pipeline.engine.atomic_write import replace_file
 from pipeline.io.run_tables import write_events, write_states
 from pipeline.io.shot_file import ShotSetup, read_shot
+from pipeline.io.table_profile import place_on_learned_table, read_profile_text
 from pipeline.reporting.text.text_formatting import format_event
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, make_output_console, parse_output_path
 from video.drawing.table_plan import draw_table_plan
@@ -32,14 +32,25 @@ def simulate_shot(
             "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: out/<shot>."
         ),
     ] = None,
+    profile: Annotated[
+        Path | None,
+        typer.Option(
+            "--profile",
+            metavar="FILE",
+            help="Table profile of trueroll fit-table or diagnose: its cloth, cushions and noses replace effects"
+            " and laws of the shot.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
     """Simulate a shot from its initial state: trajectory.csv (m, m/s, rad/s), events.csv and a plan of the table."""
     wanted = read_shot(shot)
+    if profile is not None:
+        wanted = place_on_learned_table(wanted, read_profile_text(profile))
     folder = out if out is not None else Path("out") / shot.stem
     require_writable_folder(folder)
-    simulation = simulate(wanted.balls, wanted.table, wanted.physics, wanted.seconds)
+    simulation = wanted.simulate()
     events, state = simulation.list_events(wanted.hz), simulation.to_state(wanted.times)
     folder.mkdir(parents=True, exist_ok=True)
     with replace_file(folder / "trajectory.csv") as path:

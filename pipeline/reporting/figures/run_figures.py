@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
@@ -11,6 +11,7 @@ from plotly.subplots import make_subplots
 from models.core.fit_result import Fit, Parameter
 from models.core.scene import Scene
 from models.core.typing import FloatArray
+from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.reporting.figures.motion_samples import find_moving_balls, kinetic_energy, sample_times
 from pipeline.reporting.text.text_formatting import (
     find_textbook_range,
@@ -148,6 +149,36 @@ def _build_time_figure(
     ]
     figure.update_layout(shapes=marks)  # all at once: plotly validates all shapes again whenever one is added
     return figure.update_xaxes(title="time of the clip (s)")
+
+
+def build_forecast_figure(errors: ForecastErrors, colours: Mapping[str, str]) -> go.Figure:
+    """Build a plot of the error of a prediction over time, and over the cushion contacts since its start.
+
+    Args:
+        errors: Comparison of the rest of a shot with its prediction.
+        colours: CSS colours by ball.
+
+    Returns:
+        The figure, in mm.
+    """
+    figure = make_subplots(rows=1, cols=2, shared_yaxes=True, horizontal_spacing=0.04)
+    balls = np.array(errors.ball)
+    for ball in dict.fromkeys(errors.ball):
+        rows = balls == ball
+        error = 1000 * errors.error[rows]
+        shown = {"name": ball, "legendgroup": ball}
+        figure.add_scatter(
+            x=errors.seconds[rows], y=error, mode="lines", line_color=colours[ball], row=1, col=1, **shown
+        )
+        counts = np.unique(errors.cushions[rows])
+        median = [float(np.median(error[errors.cushions[rows] == count])) for count in counts]
+        figure.add_scatter(
+            x=counts, y=median, mode="markers", marker={"color": colours[ball], "size": 10}, row=1, col=2,
+            showlegend=False, **shown,
+        )  # fmt: skip
+    figure.update_xaxes(title="time since the prediction (s)", row=1, col=1)
+    figure.update_xaxes(title="cushion contacts since the prediction", dtick=1, row=1, col=2)
+    return figure.update_yaxes(title="error (mm)", rangemode="tozero", row=1, col=1)
 
 
 def build_parameter_figure(parameters: Sequence[Parameter]) -> go.Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import combinations
@@ -17,10 +17,12 @@ from models.core.tracks import Tracks
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
+from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.engine.atomic_write import replace_file
 from pipeline.reporting.figures.run_figures import PARAMETER_ROW_PX as PARAMETER_PX
 from pipeline.reporting.figures.run_figures import (
     build_energy_figure,
+    build_forecast_figure,
     build_parameter_figure,
     build_plan_figure,
     build_speed_figure,
@@ -39,6 +41,7 @@ from pipeline.reporting.text.text_formatting import (
     format_textbook_range,
     is_undecided,
 )
+from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.calibration.table_classifier import ALTERNATIVES_PREFIX
 from video.drawing.palette import ball_colour
 from video.io.clip import Clip
@@ -100,6 +103,7 @@ def write_report(
     title: str,
     settings: Sequence[str],
     path: Path,
+    errors: ForecastErrors | None = None,
 ) -> None:
     """Write the page of a run.
 
@@ -112,6 +116,7 @@ def write_report(
         title: Heading of the page.
         settings: Options that reproduce the run.
         path: File to write.
+        errors: Comparison of the rest of the shot with its prediction, if there is one.
     """
     colours = [darken_for_page(ball_colour(*ball)) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
     carried = {VIDEO_PLACEHOLDER: (files.slow, "video/mp4")} if files.slow.stat().st_size <= EMBED_LIMIT_BYTES else {}
@@ -144,7 +149,9 @@ def write_report(
         plotly=read_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
         parameters=[(p, format_parameter_name(p.name), format_textbook_range(p.name)) for p in parameters],
-        refusal=fit.whole_shot_refusal,
+        whole_shot=format_whole_shot(fit),
+        forecast_plot=_embed_forecast_plot(errors, dict(zip(tracks.ids, colours, strict=True))),
+        forecast_time=None if errors is None else errors.t,
         flags=assess_quality(clip, scene, tracks, fit),
         notes=[*scene.notes, *clip.notes],
         settings=list(settings),
@@ -169,6 +176,13 @@ def _embed_parameter_plot(fit: Fit) -> str:
         if parameters
         else ""
     )
+
+
+def _embed_forecast_plot(errors: ForecastErrors | None, colours: Mapping[str, str]) -> str:
+    """Embed the figure of the errors of a prediction; empty if there is none."""
+    if errors is None or not len(errors.error):
+        return ""
+    return embed_figure(build_forecast_figure(errors, colours), "forecast", 330)
 
 
 def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float | bool]]:

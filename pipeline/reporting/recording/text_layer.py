@@ -14,6 +14,7 @@ from pipeline.reporting.recording.recorded_shot import RecordedShot
 from pipeline.reporting.recording.recording_stream import build_time_columns
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import format_textbook_range
+from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.io.clip import Clip
 
 LogLine = tuple[str, str]
@@ -62,7 +63,8 @@ def describe_fit(clip: Clip, fit: Fit) -> list[LogLine]:
     trust = assess_run_trust(clip, fit)
     level = {"green": "INFO", "amber": "WARN", "red": "ERROR"}[trust.level]
     quality = f"noise {1000 * fit.noise:.2f} mm, chi2 per degree of freedom {fit.chi2_per_dof:.2f}"
-    laws = [("INFO", fit.whole_shot_refusal)] if fit.whole_shot_refusal else []
+    sentence = format_whole_shot(fit)
+    laws = [("INFO", sentence)] if sentence else []
     return [("INFO", quality), *laws, *((level, f"trust {trust.level}: {reason}") for reason in trust.reasons)]
 
 

@@ -99,21 +99,27 @@ def test_what_is_named_comes_first_though_each_of_two_twins_is_less_likely_than_
 def test_effects_are_named_where_they_explain_most_and_no_generic_law_does_far_better(
     explained: float, lawful: float, missing: bool
 ) -> None:
-    evidence = UnknownEvidence(1e-9, 1.0, explained, explained, True, lawful)
+    evidence = UnknownEvidence(1e-9, 1.0, 1.0, explained, explained, True, lawful)
     assert evidence.is_unknown is missing
     assert (evidence.probability >= 0.49) is missing
 
 
 def test_an_effect_that_surely_explains_most_leaves_little_doubt() -> None:
     """Residuals are never noise on real tables; that alone must not speak against a named effect."""
-    chances = [UnknownEvidence(1e-12, 1.0, 0.99, most, True, 0.0).probability for most in (0.6, 0.9, 0.99)]
+    chances = [UnknownEvidence(1e-12, 1.0, 1.0, 0.99, most, True, 0.0).probability for most in (0.6, 0.9, 0.99)]
     assert chances == sorted(chances, reverse=True)
     assert chances[-1] < 0.02
 
 
 def test_shots_that_lose_from_an_effect_speak_for_another_one() -> None:
-    assert UnknownEvidence(0.5, 0.5, 0.99, 0.9, False, 0.0).is_unknown
-    assert UnknownEvidence(0.5, 0.5, 0.99, 0.9, False, 0.0).probability > 0.25
+    assert UnknownEvidence(0.5, 1.0, 0.5, 0.99, 0.9, False, 0.0).is_unknown
+    assert UnknownEvidence(0.5, 1.0, 0.5, 0.99, 0.9, False, 0.0).probability > 0.25
+
+
+def test_residuals_far_larger_than_the_noise_are_no_noise_whatever_their_structure() -> None:
+    """Heights that a filter lets swing by metres have no structure by speed, place or shot."""
+    assert UnknownEvidence(0.3, 8.0, 1.0, 0.0, 0.0, True, float("nan")).is_unknown
+    assert not UnknownEvidence(0.3, 1.3, 1.0, 0.0, 0.0, True, float("nan")).is_unknown
 
 
 @pytest.mark.parametrize("strength", [0.5, 2.0, 3.5, 8.0])

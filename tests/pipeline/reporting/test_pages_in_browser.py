@@ -16,7 +16,17 @@ from support.browser import accessibility_violations, console_messages, open_chr
 
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
-from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, GapLocation, Strength
+from diagnosis.unexplained.force_law import ForceLaw
+from diagnosis.unexplained.local_patch import LocalPatch
+from diagnosis.verdicts.verdict import (
+    CandidateEffect,
+    DiagnosisReport,
+    EffectShare,
+    Gap,
+    GapLocation,
+    Strength,
+    Unexplained,
+)
 from models.estimation.gap_scenes.gap_scene import Recording
 from pipeline.batch.batch_summary import render_summary_page
 from pipeline.batch.clip_job import ClipResult
@@ -29,6 +39,11 @@ from pipeline.reporting.pages.run_report import ReportFiles, write_report
 
 SLOWER = 2.0
 WIDTHS = (1280, 390)
+REST = Unexplained(
+    0.01, 0.001, 4.0, (GapLocation("slide", 1.0, None, None, None, None, "speed"),), "along the motion everywhere",
+    ForceLaw("along", "speed", np.arange(3.0), np.arange(3.0), np.ones(3), "a = 1 u^1.00", 0.6),
+    LocalPatch(np.array([0.2, 0.1]), 0.01, 0.1, 0.01, -0.2, 0.02, 0.0025),
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -169,10 +184,11 @@ def make_diagnosis() -> DiagnosisReport:
         "slide", ("sliding_friction",), "effects", ("viscous_drag",),
         (CandidateEffect("viscous_drag", 0.9, ("viscous_drag",), (drag,)),
          CandidateEffect("air_drag", 0.1, ("air_drag",), (none,))),
-        (GapLocation("free_roll", 1.0, "cube", 3, (0.0, 0.6), None, "speed"),), "",
+        (GapLocation("free_roll", 1.0, "cube", 3, (0.0, 0.6), None, "speed"),),
         Gap("rms_m", 0.5, (3, 5), GapClosure(0.03, 0.001, 0.001, 1.0, (0.98, 1.0), True), tuple(windows), tuple(before),
             tuple(after)),
-        (), (drag,), (), ("frame_rate",), ("lens_distortion",), "Film faster shots.", 1e-9, (),
+        (EffectShare("viscous_drag", 0.99, (0.98, 1.0), 0.99),), REST,
+        (drag,), (), ("frame_rate",), ("lens_distortion",), "Film faster shots.", 1e-9, (),
     )  # fmt: skip
 
 

@@ -17,8 +17,9 @@ from models.core.fit_result import Trust, TrustLevel
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
+from models.estimation.forecast.forecast_values import ForecastErrors
 from models.estimation.shot_hypotheses import weigh_hypotheses
-from pipeline.reporting.figures.run_figures import build_plan_figure, build_speed_figure
+from pipeline.reporting.figures.run_figures import build_forecast_figure, build_plan_figure, build_speed_figure
 from pipeline.reporting.pages import run_report
 from pipeline.reporting.pages.run_report import ReportFiles, build_event_rows, write_report
 from pipeline.reporting.text import text_formatting
@@ -191,3 +192,14 @@ def test_an_event_counts_as_undecided_where_the_fit_and_the_slow_motion_count_it
         assert module.SURE_PROBABILITY == 0.9
     assert weigh_hypotheses.MIN_LISTED_PROBABILITY == text_formatting.MIN_LISTED_PROBABILITY
     assert motion_paths.MIN_PROBABILITY == text_formatting.MIN_LISTED_PROBABILITY
+
+
+def test_the_error_of_a_prediction_is_drawn_over_time_and_cushions() -> None:
+    errors = ForecastErrors(
+        0.5, ("white",) * 4, np.array([0.1, 0.2, 0.3, 0.4]), np.array([0, 0, 1, 1]),
+        np.array([0.001, 0.003, 0.010, 0.020]),
+    )  # fmt: skip
+    over_time, over_cushions = build_forecast_figure(errors, {"white": "rgb(1,2,3)"}).data
+    np.testing.assert_allclose(over_time.y, [1, 3, 10, 20])
+    assert list(over_cushions.x) == [0, 1]
+    np.testing.assert_allclose(over_cushions.y, [2, 15])

@@ -9,7 +9,10 @@ import numba
 import pytest
 from rich.console import Console
 
+from diagnosis.selection.hypotheses import SearchOutlook
 from pipeline.terminal.search_display import COMPILING_NOTE, show_search_progress
+
+NOTHING_YET = SearchOutlook()
 
 
 @numba.njit
@@ -17,16 +20,22 @@ def compile_each_time(x: float) -> float:
     return x + 1
 
 
-def show_activity(terminal: bool) -> str:
+def show_activity(terminal: bool, outlook: SearchOutlook = NOTHING_YET) -> str:
     console = Console(file=StringIO(), force_terminal=terminal, width=100)
     with show_search_progress(console, "table-01") as watch:
-        watch("trying", ("cushion_friction", "slope"))
+        watch("trying", ("cushion_friction", "slope"), outlook)
     assert isinstance(console.file, StringIO)
     return console.file.getvalue()
 
 
 def test_a_terminal_shows_which_effects_are_tried() -> None:
     assert "table-01: trying: cushion friction and slope" in show_activity(terminal=True)
+
+
+def test_a_terminal_shows_the_best_answer_so_far_and_the_time_left() -> None:
+    text = show_activity(terminal=True, outlook=SearchOutlook(("slope",), 3, 9))
+    assert "(best so far: slope; about 0 s left)" in text
+    assert "best so far: nothing" in show_activity(terminal=True, outlook=SearchOutlook((), 3, 9))
 
 
 def test_a_file_gets_no_output() -> None:

@@ -8,14 +8,15 @@ from typing import Any
 from models.core.module_discovery import discover_modules
 from models.numerics.jit import compile_inline_closure
 from models.physics.billiards.contact_model import collect_models, compose_dispatch, tabulate_parameters
+from models.physics.billiards.parameter_vector import IMPULSE_PARAMETERS
 from models.physics.effect import ModelChoice
 
 REGISTERED_BALL_MODELS = collect_models(discover_modules("models.physics.billiards.ball_ball"))
 """All ball models, by code."""
 BALL_MODELS = tuple(model.name for model in REGISTERED_BALL_MODELS)
 """Names of the ball models; the position of a name is the code of the model in compiled functions."""
-BALL_MODEL_READS = tabulate_parameters(REGISTERED_BALL_MODELS)
-"""(models, P) whether a ball model reads a parameter."""
+BALL_MODEL_READS = tabulate_parameters(REGISTERED_BALL_MODELS, IMPULSE_PARAMETERS)
+"""(models, P) whether a parameter acts in a contact by a ball model."""
 GENTLE_MODEL = BALL_MODELS.index("elastic")
 """Code of the model of gentle contacts, which lose no energy."""
 

@@ -8,14 +8,15 @@ from typing import Any
 from models.core.module_discovery import discover_modules
 from models.numerics.jit import compile_inline_closure
 from models.physics.billiards.contact_model import collect_models, compose_dispatch, tabulate_parameters
+from models.physics.billiards.parameter_vector import REBOUND_PARAMETERS
 from models.physics.effect import ModelChoice
 
 REGISTERED_CUSHION_MODELS = collect_models(discover_modules("models.physics.billiards.ball_cushion"))
 """All cushion models, by code."""
 CUSHION_MODELS = tuple(model.name for model in REGISTERED_CUSHION_MODELS)
 """Names of the cushion models; the position of a name is the code of the model in compiled functions."""
-CUSHION_MODEL_READS = tabulate_parameters(REGISTERED_CUSHION_MODELS)
-"""(models, P) whether a cushion model reads a parameter."""
+CUSHION_MODEL_READS = tabulate_parameters(REGISTERED_CUSHION_MODELS, REBOUND_PARAMETERS)
+"""(models, P) whether a parameter acts in a contact by a cushion model."""
 
 
 def _prepend_model(own_code: int, resolve: Callable[..., Any], others: Any) -> Any:

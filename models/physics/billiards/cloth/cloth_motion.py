@@ -5,7 +5,8 @@ changes the slip: u' = -7/2 mu g u/|u|, a constant direction, so the path is a p
 Pocket Billiards). When the slip is 0 the ball rolls straight on, decelerates at mu_r g, and stops. Side spin decays at
 a constant rate in every phase, and does not act on the path. All this has a closed form.
 
-Three more effects act on the centre of a moving ball. The paths under slope and drag are integrated (`curved_paths`).
+Three more effects act on the centre of a moving ball. The paths under slope and drag are integrated (`curved_paths`),
+and so are those under the generic law of the cloth, see `models.physics.effects.cloth.cloth_force`.
 Slope: g s, of which a rolling ball spends 2/7 on rotation; a ball at rest stays while rolling resistance exceeds it.
 Drag: -k v v and -k v. Nap, the direction of the cloth's fibres towards +x, needs no integration: a ball that rolls at
 an angle a to it decelerates at (mu_r - nap cos a) g. Without sliding friction slip has no effect: every ball then moves
@@ -25,13 +26,14 @@ from models.physics.billiards.cloth.curved_paths import integrate_path
 from models.physics.billiards.cloth.forces import (
     ROLLING_SHARE,
     contact_slip,
+    downhill_slope,
     evaluate_state_rate,
     has_curved_path,
     rolling_deceleration,
     travel_direction,
 )
 from models.physics.billiards.cloth.motion_pieces import CLOCK, GLIDE, REST, REST_DURATION, ROLL, SLIDE, write_parabola
-from models.physics.billiards.parameter_vector import GRAVITY, ROLLING_MU, SLIDING_MU, SLOPE_X, SLOPE_Y
+from models.physics.billiards.parameter_vector import GRAVITY, ROLLING_MU, SLIDING_MU
 
 SLIP_THRESHOLD = 1e-10
 """m/s; a slip below this is rounding error of a ball that rolls."""
@@ -56,8 +58,8 @@ def remaining_time(s, radius, p, phase):  # type: ignore[no-untyped-def]
     if phase == SLIDE:
         _, _, size = contact_slip(s, radius)
         return 2.0 / 7.0 * size / (p[SLIDING_MU] * GRAVITY)
-    hx, hy, speed = travel_direction(s[2], s[3])
-    slow = rolling_deceleration(hx, p) - ROLLING_SHARE * GRAVITY * 1e-3 * (p[SLOPE_X] * hx + p[SLOPE_Y] * hy)
+    (hx, hy, speed), (sx, sy) = travel_direction(s[2], s[3]), downhill_slope(p)
+    slow = rolling_deceleration(hx, p) - ROLLING_SHARE * GRAVITY * 1e-3 * (sx * hx + sy * hy)
     if slow.real * REST_DURATION <= speed.real:
         return 0.0 * speed + REST_DURATION
     return speed / slow
@@ -79,10 +81,11 @@ def complete_phase(s, radius, p, phase, curves, horizon, rows, phases, count):  
 @compile_kernel
 def start_downhill(s, radius, p, phase, rows, phases, count):  # type: ignore[no-untyped-def]
     """Set a ball at rest in motion on a slope that exceeds rolling resistance; return the number of pieces."""
-    steep = np.sqrt(p[SLOPE_X] * p[SLOPE_X] + p[SLOPE_Y] * p[SLOPE_Y])
+    sx, sy = downhill_slope(p)
+    steep = np.sqrt(sx * sx + sy * sy)
     pull = (ROLLING_SHARE * 1e-3 * steep - p[ROLLING_MU]) * GRAVITY / steep
     rate = np.zeros(6, rows.dtype)
-    rate[2], rate[3] = pull * p[SLOPE_X], pull * p[SLOPE_Y]
+    rate[2], rate[3] = pull * sx, pull * sy
     if phase == ROLL:
         rate[4], rate[5] = -rate[3] / radius, rate[2] / radius
     write_parabola(s, rate, 0.0 * s[CLOCK] + DOWNHILL_START_DURATION, phase, rows, phases, count)
@@ -117,7 +120,8 @@ def plan_motion(state, radius, p, horizon, rows, phases):  # type: ignore[no-unt
         phase = ROLL
     if p[SLIDING_MU].real > 0.0 and s[CLOCK].real < horizon:
         remove_remaining_slip(s, radius)
-    stays_at_rest = ROLLING_SHARE * 1e-3 * np.hypot(p[SLOPE_X].real, p[SLOPE_Y].real) <= p[ROLLING_MU].real
+    sx, sy = downhill_slope(p)
+    stays_at_rest = ROLLING_SHARE * 1e-3 * np.hypot(sx.real, sy.real) <= p[ROLLING_MU].real
     while s[CLOCK].real < horizon and count < len(rows) - 2:
         if travel_direction(s[2], s[3])[2].real > 0.0:
             count = complete_phase(s, radius, p, phase, curves, horizon, rows, phases, count)

@@ -1,4 +1,7 @@
-"""Accelerations of a ball on the cloth: friction against its slip, rolling resistance with nap, slope and drag."""
+"""Accelerations of a ball on the cloth: friction against its slip, rolling resistance with nap, slope and drag.
+
+The generic law of the cloth adds its pull to the slope, its brake to the drag, and turns the motion to the left.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +11,27 @@ from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.motion_pieces import GLIDE, SLIDE
 from models.physics.billiards.parameter_vector import (
     AIR_DRAG,
+    BRAKE_1,
+    BRAKE_2,
+    BRAKE_3,
     GRAVITY,
     NAP_MU,
     PATH_BENDING_PARAMETERS,
+    PULL_X,
+    PULL_Y,
     ROLLING_MU,
     SLIDING_MU,
     SLOPE_X,
     SLOPE_Y,
+    TURN_0,
+    TURN_1,
     VISCOUS_DRAG,
 )
 
 ROLLING_SHARE = 5.0 / 7.0
 """Part of a force along the cloth that accelerates the centre of a solid sphere that rolls."""
+TURN_FADE_SPEED = 0.02
+"""m/s below which the constant part of the generic turn vanishes."""
 
 
 @compile_kernel
@@ -77,10 +89,35 @@ def rolling_deceleration(hx, p):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
+def downhill_slope(p):  # type: ignore[no-untyped-def]
+    """Return x and y (mm/m) of the slope and the generic pull."""
+    return p[SLOPE_X] + p[PULL_X], p[SLOPE_Y] + p[PULL_Y]
+
+
+@compile_kernel
+def drag_and_turn(speed, slow, p):  # type: ignore[no-untyped-def]
+    """Compute the deceleration and the turn of a ball over its speed.
+
+    Args:
+        speed: m/s.
+        slow: Deceleration by rolling resistance, m/s^2; the generic brake offsets at most this and the drag.
+        p: (P,) physical parameters.
+
+    Returns:
+        Deceleration by drag and the generic brake, and acceleration to the left, both over the speed, 1/s.
+    """
+    drag = p[AIR_DRAG] * speed + p[VISCOUS_DRAG] + (p[BRAKE_1] + speed * (p[BRAKE_2] + speed * p[BRAKE_3]))
+    if drag.real * speed.real < -slow.real:
+        drag = -slow / speed
+    return drag, p[TURN_0] / np.sqrt(speed * speed + TURN_FADE_SPEED * TURN_FADE_SPEED) + p[TURN_1]
+
+
+@compile_kernel
 def slope_and_drag(vx, vy, p):  # type: ignore[no-untyped-def]
-    """Return the acceleration (m/s^2) of the centre of a sliding ball at (vx, vy) m/s by slope and drag."""
-    drag = p[AIR_DRAG] * np.sqrt(vx * vx + vy * vy) + p[VISCOUS_DRAG]
-    return GRAVITY * 1e-3 * p[SLOPE_X] - drag * vx, GRAVITY * 1e-3 * p[SLOPE_Y] - drag * vy
+    """Return the acceleration (m/s^2) of a sliding ball at (vx, vy) m/s by all but sliding friction."""
+    speed = np.sqrt(vx * vx + vy * vy)
+    (sx, sy), (drag, turn) = downhill_slope(p), drag_and_turn(speed, p[ROLLING_MU] * GRAVITY, p)
+    return GRAVITY * 1e-3 * sx - drag * vx - turn * vy, GRAVITY * 1e-3 * sy - drag * vy + turn * vx
 
 
 @compile_kernel
@@ -103,10 +140,10 @@ def evaluate_state_rate(s, radius, p, phase, rate):  # type: ignore[no-untyped-d
         rate[4], rate[5] = 2.5 / radius * fy, -2.5 / radius * fx
         return
     hx, hy, speed = travel_direction(s[2], s[3])
-    drag, tilt = p[AIR_DRAG] * speed + p[VISCOUS_DRAG], ROLLING_SHARE * GRAVITY * 1e-3
-    slow = rolling_deceleration(hx, p)
-    rate[2] = -slow * hx + tilt * p[SLOPE_X] - drag * s[2]
-    rate[3] = -slow * hy + tilt * p[SLOPE_Y] - drag * s[3]
+    slow, tilt = rolling_deceleration(hx, p), ROLLING_SHARE * GRAVITY * 1e-3
+    (sx, sy), (drag, turn) = downhill_slope(p), drag_and_turn(speed, slow, p)
+    rate[2] = -slow * hx + tilt * sx - drag * s[2] - turn * s[3]
+    rate[3] = -slow * hy + tilt * sy - drag * s[3] + turn * s[2]
     rate[4], rate[5] = -rate[3] / radius, rate[2] / radius
     if phase == GLIDE:
         rate[4:6] = 0.0

@@ -12,12 +12,14 @@ import numpy as np
 from models.numerics.jit import compile_kernel
 from models.numerics.roots import CONTACT_DEPTH
 from models.physics.billiards.ball_ball.ball_models import GENTLE_MODEL, dispatch_ball_model
+from models.physics.billiards.ball_ball.generic_impulse import change_impulse
 from models.physics.billiards.ball_cushion.cushion_models import dispatch_cushion_model
+from models.physics.billiards.ball_cushion.generic_rebound import change_rebound
 
 
 @compile_kernel
 def rebound(code, vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
-    """Resolve a contact with a cushion by the model of a code.
+    """Resolve a contact with a cushion by the model of a code and the generic law.
 
     Args:
         code: Index in `CUSHION_MODELS`.
@@ -33,7 +35,8 @@ def rebound(code, vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyp
     Returns:
         (vn, vt, wn, wt, wz) after the contact.
     """
-    return dispatch_cushion_model(code, vn, vt, wn, wt, wz, radius, mass, p)
+    after = dispatch_cushion_model(code, vn, vt, wn, wt, wz, radius, mass, p)
+    return change_rebound(vn, vt, wn, wt, wz, radius, p, after)
 
 
 @compile_kernel
@@ -111,9 +114,12 @@ def resolve_ball_contact(a, b, ra, rb, ma, mb, p, code, gentle, out):  # type: i
     nx, ny = nx / size, ny / size
     van, vat, vbn, vbt = nx * a[2] + ny * a[3], nx * a[3] - ny * a[2], nx * b[2] + ny * b[3], nx * b[3] - ny * b[2]
     wan, wat, wbn, wbt = nx * a[4] + ny * a[5], nx * a[5] - ny * a[4], nx * b[4] + ny * b[5], nx * b[5] - ny * b[4]
-    van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz = collide(
+    after = collide(
         GENTLE_MODEL if gentle else code, van, vat, wan, wat, a[6], vbn, vbt, wbn, wbt, b[6], ra, rb, ma, mb, p
     )
+    if not gentle:
+        after = change_impulse(van, vat, wan, wat, a[6], vbn, vbt, wbn, wbt, b[6], ra, rb, ma, mb, p, after)
+    van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz = after
     back = CONTACT_DEPTH / (ma + mb) if gentle else 0.0 * ma
     out[0], out[1], out[7], out[8] = (
         a[0] - back * mb * nx,

@@ -16,7 +16,7 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.numerics.roots import MAX_DEGREE, NEVER, find_meeting
-from models.physics.billiards.ball_cushion.rebound_correction import correct_rebound
+from models.physics.billiards.ball_cushion.rebound_correction import correct_rebound, rebound_energy
 from models.physics.billiards.cloth.cloth_motion import plan_motion
 from models.physics.billiards.cloth.motion_pieces import (
     PIECE_END,
@@ -207,16 +207,37 @@ def cushion_normal(kind, row, s, lines, arcs):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def disturb_rebound(s, nx, ny, radius, speed, shares):  # type: ignore[no-untyped-def]
-    """Add `shares` (5,) of `speed` (m/s) to the state s (7,) after a cushion contact, as `simulate_events` describes.
+def disturb_rebound(s, nx, ny, radius, before, shares):  # type: ignore[no-untyped-def]
+    """Add `shares` (5,) of the speed to the state s (7,) after a cushion contact, as `simulate_events` describes.
 
-    The ball keeps leaving the cushion: its normal velocity does not change sign.
+    The ball keeps leaving the cushion: its normal velocity does not change sign. A disturbance that would create energy
+    is reduced until the ball leaves with as much as it came with: near grazing incidence, little can be lost.
+
+    Args:
+        s: State after the contact by the model; disturbed.
+        nx: x of the normal into the cushion.
+        ny: y of the normal.
+        radius: m.
+        before: (5,) state before the contact, as of `to_cushion_axes`.
+        shares: Disturbance.
     """
     after = to_cushion_axes(s, nx, ny, radius)
-    normal = after[0]
-    after += speed * shares
-    after[0] = min(after[0], 0.5 * normal)
+    change = np.hypot(before[0], before[1]) * shares
+    change[0] = min(change[0], -0.5 * after[0])
+    excess = energy_of_axes(after) - energy_of_axes(before)
+    both, own = energy_of_axes(after + change), energy_of_axes(change)
+    share = 1.0
+    if both > energy_of_axes(before):  # energy over the share: own share^2 + 2 half share + excess = 0
+        half = 0.5 * (both - energy_of_axes(after) - own)
+        share = max((np.sqrt(max(half * half - own * excess, 0.0)) - half) / max(own, 1e-30), 0.0)
+    after += share * change
     from_cushion_axes(after, nx, ny, radius, s)
+
+
+@compile_kernel
+def energy_of_axes(axes):  # type: ignore[no-untyped-def]
+    """Return twice the energy per mass (m^2/s^2) of what `to_cushion_axes` returns."""
+    return rebound_energy(axes[0], axes[1], axes[2], axes[3], axes[4])
 
 
 @compile_kernel
@@ -276,7 +297,8 @@ def simulate_events(start, radius, mass, p, models, table, seconds, capacity, co
         capacity: Number of pieces that one segment may have.
         correction: Weights of `rebound_correction` for contacts with cushions; empty for none.
         errors: (D, 5) added after the first D contacts with cushions that are not gentle, as shares of the speed
-            before: to the velocity along n and t and to the slip along n and t, and to the surface speed of side spin.
+            before: to the velocity along n and t and to the slip along n and t, and to the surface speed of side spin;
+            reduced where they would create energy.
         events: (E, EVENT_WIDTH) receives the events by time.
         segments: (L, SEGMENT_WIDTH) receives the segments by time.
 
@@ -370,15 +392,13 @@ def simulate_events(start, radius, mass, p, models, table, seconds, capacity, co
             on_table[a] = False
             continue
         nx, ny = cushion_normal(int(event[EVENT_KIND]), int(event[EVENT_SECOND]), state[a], lines, arcs)
-        speed = np.hypot(state[a, 2], state[a, 3])
-        if len(correction):
-            before[:] = to_cushion_axes(state[a], nx, ny, radius[a])
+        before[:] = to_cushion_axes(state[a], nx, ny, radius[a])
         resolve_cushion_contact(state[a], nx, ny, radius[a], mass[a], p, models[0], event[EVENT_GENTLE] > 0, out[:7])
         if len(correction) and not event[EVENT_GENTLE] > 0:
             after[:] = to_cushion_axes(out[:7], nx, ny, radius[a])
             correct_rebound(correction, before, after)
             from_cushion_axes(after, nx, ny, radius[a], out)
         if bounces < len(errors) and not event[EVENT_GENTLE] > 0:
-            disturb_rebound(out, nx, ny, radius[a], speed, errors[bounces])
+            disturb_rebound(out, nx, ny, radius[a], before, errors[bounces])
             bounces += 1
         state[a] = out[:7]

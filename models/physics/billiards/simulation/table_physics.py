@@ -114,7 +114,7 @@ def contact_parameters(cushion: str, ball: str) -> tuple[str, ...]:
 
 
 def _find_effect(name: str) -> BilliardsEffect:
-    by_name = {effect.name: effect for effect in ENGINE_EFFECTS}
+    by_name = {effect.name: effect for effect in ENGINE_EFFECTS if effect.kind != "probe"}
     if name not in by_name:
         raise ValueError(f"effects are {', '.join(sorted(by_name))}; got {name!r}")
     return by_name[name]

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from models.core.events import Events
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
+from models.estimation.forecast.forecast_check import OBSERVED_SHARE, compare_rest_of_shot
 from models.estimation.forecast.forecast_fans import MAX_FANS, MIN_FAN_SPACING, predict_fans, select_fan_times
+from models.estimation.table_learning.learned_table import LearnedTable
+from models.estimation.table_learning.side_spin import DEFAULT_SCATTER
+from models.physics.billiards.parameter_vector import ROLLING_MU, SLIDING_MU, neutral_parameters
 
 R = 0.028575
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, R, 0.17, False)
@@ -103,3 +109,22 @@ def test_a_ball_that_appears_just_then_causes_no_error() -> None:
         np.where(np.isfinite(both), 0.0, np.nan), np.where(np.isfinite(there), 10.0, np.nan), np.zeros((2, 3)),
     )  # fmt: skip
     assert len(predict_fans(more, scene, events_at(("strike", 0.5, 1.0))).fans) == 1
+
+
+def test_the_rest_of_a_shot_is_compared_with_a_prediction_from_its_first_part() -> None:
+    tracks, scene = rolling()
+    physics = neutral_parameters()
+    physics[[SLIDING_MU, ROLLING_MU]] = 0.2, 0.01
+    learned = LearnedTable("mirror", physics, DEFAULT_SCATTER, np.zeros(4), np.full(4, 1e-3))
+    events = events_at(("strike", 0.5, 1.0), ("cushion", 1.3, 1.0), ("rest", 1.55, 1.0))
+    errors = compare_rest_of_shot(tracks, scene, events, learned)
+    assert errors is not None
+    assert errors.t == pytest.approx(0.5 + OBSERVED_SHARE * 1.05)
+    assert set(errors.ball) == {"cue"}
+    assert errors.error.max() < 0.02
+    np.testing.assert_array_equal(errors.cushions, (errors.t + errors.seconds >= 1.3).astype(int))
+    later = tracks.t > errors.t
+    moved = replace(tracks, xy=np.where(later[:, None, None], tracks.xy + np.array([0.0, 0.1]), tracks.xy))
+    far = compare_rest_of_shot(moved, scene, events, learned)
+    assert far is not None
+    assert far.error.min() > 0.08, "the prediction uses no later frame"

@@ -7,7 +7,7 @@ import pytest
 
 from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
-from models.estimation.multiple_shooting.state_elimination import ShotBlock, eliminate_states, log_determinant
+from models.estimation.multiple_shooting.state_elimination import ChainBlock, eliminate_states, log_determinant
 
 SHARED, STATES = 3, (4, 6)
 
@@ -20,10 +20,10 @@ def rows(rng: np.random.Generator) -> list[tuple[FloatArray, FloatArray, FloatAr
     ]  # fmt: skip
 
 
-def blocks(shots: list[tuple[FloatArray, FloatArray, FloatArray]]) -> list[ShotBlock]:
+def blocks(shots: list[tuple[FloatArray, FloatArray, FloatArray]]) -> list[ChainBlock]:
     result = []
     for by_states, by_shared, residual in shots:
-        block = ShotBlock.empty(by_states.shape[1], SHARED)
+        block = ChainBlock.empty(by_states.shape[1], SHARED)
         for part in (slice(0, 11), slice(11, None)):
             block.add_rows(slice(None), by_states[part], by_shared[part], residual[part])
         result.append(block)

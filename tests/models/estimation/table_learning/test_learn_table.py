@@ -10,8 +10,12 @@ from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import forecast_shot
+from models.estimation.joint_fit.fit_solution import JointSolution
+from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
 from models.estimation.reconstruction.fit_shot import fit_with_solution
-from models.estimation.table_learning.learn_table import learn_table
+from models.estimation.segmentation.contact_graph import ContactGraph
+from models.estimation.table_learning.learn_table import combine_noses, learn_table
+from models.physics.billiards.cloth.closed_form_motion import ClothFriction
 from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
 from models.physics.billiards.simulation.table_physics import Physics
 from models.tracking.track_noise import apply_noise, estimate_noise
@@ -95,3 +99,30 @@ def test_a_ball_that_meets_no_cushion_teaches_no_table() -> None:
     assert solution is not None
     with pytest.raises(TrackError, match="too few"):
         learn_table([(solution, tracks)], TABLE)
+
+
+def make_noses(offsets: list[float], sigmas: list[float]) -> JointSolution:
+    """Make a fit without segments that measured its noses (m) with independent errors, besides the prior."""
+    graph, covariance = ContactGraph((), ()), np.eye(10)
+    precision = 1 / np.square(sigmas)
+    posterior = 1 / (precision + NOSE_SIGMA**-2)
+    covariance[3:7, 3:7] = np.diag(posterior)
+    fitted = np.array(offsets) * precision * posterior
+    return JointSolution(graph, ClothFriction(0.2, 0.01), 1.0, fitted, np.zeros(3), 0.0, covariance)
+
+
+def test_noses_weigh_by_their_errors_and_an_untouched_one_keeps_its_prior() -> None:
+    rng, never = np.random.default_rng(4), 10.0
+    true = np.array([-3e-3, 2e-3, 1e-3, 0.0])
+    shots = [
+        make_noses((true + rng.normal(0, 1e-3, 4)).tolist(), [5e-4, 5e-4, 5e-4 if k == 0 else never, never])
+        for k in range(12)
+    ]
+    noses, covariance = combine_noses(shots)
+    sigma = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(noses[:2], true[:2], atol=1e-3)
+    assert abs(noses[2] - 1e-3) < 3 * sigma[2]  # one shot touched it: eleven others do not count as zero
+    assert noses[2] > 2e-4
+    assert noses[3] == pytest.approx(0.0, abs=1e-5)
+    assert sigma[3] > NOSE_SIGMA > 2 * sigma[0]
+    assert sigma[0] > 0.9e-3  # spread from shot to shot

@@ -18,7 +18,7 @@ ODD = {
     "perspective__p_y": -0.006, "scale__seen": 1.01, "rolling_shutter__readout": 0.01, "dropped_frames__frames": 1.0,
 }  # fmt: skip
 
-CURVING = ("slope.", "air_drag.", "viscous_drag.")
+CURVING = ("slope.", "air_drag.", "viscous_drag.", "cloth_force.")
 """Their paths have an integration error of 3e-10 m, so that finite differences need large steps."""
 
 

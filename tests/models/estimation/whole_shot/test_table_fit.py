@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.simulated_shots import SIGMA, TABLE, filmed, numbers
 
-from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
+from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions
 from models.estimation.whole_shot.continuation_fit import fit_if_explained
 from models.estimation.whole_shot.initial_states import estimate_initial_states
 from models.estimation.whole_shot.shot_segments import ShotSegment
@@ -65,4 +65,4 @@ def test_a_fit_stops_where_a_contact_model_cannot_explain_the_shot() -> None:
         model = ShotWindows(segments, TABLE, table_priors(laws), laws)
         usual = np.array([prior.value for prior in model.unknowns])
         result = fit_if_explained(model, usual, np.random.default_rng(0), options)
-        assert (result is not None) == explains, laws
+        assert isinstance(result, ShootingFit) == explains, laws

@@ -10,7 +10,7 @@ from support.simulated_shots import SIGMA, TABLE, filmed, numbers
 
 from models.estimation.whole_shot.initial_states import estimate_initial_states
 from models.estimation.whole_shot.known_table import build_table_prior
-from models.estimation.whole_shot.table_fit import fit_known_table, table_priors
+from models.estimation.whole_shot.table_fit import search_laws, table_priors
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 
 KNOWN = {
@@ -47,9 +47,10 @@ def test_one_shot_on_a_known_slope_is_explained_with_it() -> None:
     one = filmed(np.random.default_rng(3), values, 0, 1.2, ContactModels())
     start, moving = estimate_initial_states(one.t, one.xy, np.full(one.xy.shape[:2], SIGMA))
     segment = replace(one, start=start, moving=moving, image_row=None, dropped_frame_delay=None)
-    fitted = fit_known_table(
+    fitted = search_laws(
         (segment,), TABLE, build_table_prior("mirror", "inelastic", {**KNOWN, "slope.slope_x": (2.1, 0.2)})
-    )
+    ).best
+    assert fitted is not None
     by_name = {parameter.name: parameter for parameter in fitted.parameters}
     assert fitted.is_explained
     assert abs(by_name["slope.slope_x"].value - 2.0) < 4 * by_name["slope.slope_x"].sigma

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from models.core.typing import FloatArray
 from models.physics.billiards.cloth.forces import evaluate_state_rate
-from models.physics.billiards.cloth.motion_pieces import PIECE_END, SLIDE
+from models.physics.billiards.cloth.motion_pieces import PIECE_END, ROLL, SLIDE
+from models.physics.billiards.parameter_vector import parameter_index
 from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
 from models.physics.billiards.simulation.table_physics import Physics
 from models.physics.billiards.tables import TABLE_PRESETS
@@ -79,3 +82,47 @@ def test_derivatives_hold_where_an_effect_is_absent() -> None:
         )
         exact = run.jacobian(times, (name,))[..., 0]
         np.testing.assert_allclose(exact[..., :2], (2 * small - large)[..., :2], rtol=3e-5, atol=1e-6)
+
+
+def generic_rate(state: list[float], law: dict[str, float], phase: int = ROLL) -> FloatArray:
+    """Return the time derivative (6,) of a state on a cloth with rolling resistance and this generic law."""
+    p, rate = Physics.from_effects(CLOTH).values, np.zeros(6)
+    for name, value in law.items():
+        p[parameter_index(f"cloth_force.{name}")] = value
+    evaluate_state_rate(np.array(state), RADIUS, p, phase, rate)
+    return rate
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_the_generic_law_equals_the_named_forces_of_its_powers(start: list[float]) -> None:
+    generic = {"brake_1": 0.05, "brake_2": 0.03, "pull_x": 3.0, "pull_y": -2.0}
+    usual = roll_ball(start, {}, 1.0)
+    values = usual.physics.values.copy()
+    values[[parameter_index(f"cloth_force.{name}") for name in generic]] = list(generic.values())
+    times = np.linspace(0, 1, 30)
+    run = simulate(usual.balls, TABLE_PRESETS["carom-match"], replace(usual.physics, values=values), 1.0)
+    expected = roll_ball(start, {**SLOPE, **DRAG}, 1.0).states_at(times)
+    np.testing.assert_allclose(run.states_at(times), expected, atol=1e-9)
+    assert not np.allclose(usual.states_at(times), expected, atol=1e-3)
+
+
+def test_the_generic_law_turns_and_brakes_by_its_formula() -> None:
+    """With 3 m/s along (0.6, 0.8): the left is (-0.8, 0.6)."""
+    state, plain = [0.0, 0.0, 1.8, 2.4, -80.0, 60.0], generic_rate([0.0, 0.0, 1.8, 2.4, -80.0, 60.0], {})
+    left = np.array([-0.8, 0.6])
+    for law, expected in (
+        ({"turn_1": 0.1}, 0.3 * left),
+        ({"turn_0": 0.1}, 0.1 * 3.0 / np.hypot(3.0, 0.02) * left),
+        ({"brake_3": 0.01}, -0.27 * np.array([0.6, 0.8])),
+    ):
+        np.testing.assert_allclose((generic_rate(state, law) - plain)[2:4], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("phase", [ROLL, SLIDE])
+def test_a_negative_generic_brake_drives_no_rolling_ball(phase: int) -> None:
+    state = [0.0, 0.0, 1.0, 0.0, 0.0, 1.0 / RADIUS + (5.0 if phase == SLIDE else 0.0)]
+    rates = [generic_rate(state, {"brake_2": brake}, phase)[2] for brake in (-0.05, -1.0)]
+    assert rates[0] < rates[1]
+    assert generic_rate(state, {"brake_2": -2.0}, phase)[2] == rates[1], "the brake offsets rolling resistance at most"
+    if phase == ROLL:
+        assert rates[1] == pytest.approx(0.0, abs=1e-12)

@@ -41,7 +41,8 @@ def test_the_order_of_candidates_and_parameters_is_explicit() -> None:
 
 
 def test_the_engine_knows_every_parameter_of_the_catalogue_that_acts_on_balls() -> None:
-    named = [f"{e.name}.{p.name}" for e in BILLIARDS_EFFECTS for p in e.parameters if e.kind in ("physics", "detail")]
+    moving = ("physics", "detail", "probe")
+    named = [f"{e.name}.{p.name}" for e in BILLIARDS_EFFECTS for p in e.parameters if e.kind in moving]
     assert set(PARAMETER_NAMES) == {
         name for name in named if not name.startswith("unequal") and name not in IMAGE_PARAMETERS
     }

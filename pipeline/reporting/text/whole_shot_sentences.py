@@ -1,0 +1,60 @@
+"""Sentences on what explains a whole shot: a published contact model, or how far the best one reaches."""
+
+from __future__ import annotations
+
+import math
+
+from models.core.fit_result import Fit, WholeShotMisfit
+
+
+def format_law(name: str) -> str:
+    """Format the name of a contact model for readers, such as "Han 2005" for `han_2005`."""
+    words = name.replace("_", " ")
+    return words[:1].upper() + words[1:]
+
+
+def format_whole_shot(fit: Fit) -> str:
+    """Format what explains the whole shot.
+
+    Args:
+        fit: Fit of a shot.
+
+    Returns:
+        Sentences with the contact model, and the deviation from it over the measurement noise; or the reason why no
+        model was fitted.
+    """
+    if fit.whole_shot is not None:
+        return (
+            f"{format_law(fit.whole_shot.cushion_model)} explains the shot to"
+            f" {math.sqrt(fit.whole_shot.chi2_per_dof):.1f} times the measurement noise."
+        )
+    if fit.whole_shot_misfit is not None:
+        return _format_misfit(fit.whole_shot_misfit)
+    return fit.whole_shot_refusal
+
+
+def _format_misfit(misfit: WholeShotMisfit) -> str:
+    """Format how far the best contact model explains a shot, and the first contact that it does not explain."""
+    amount = f"{1000 * misfit.deviation:.1f} mm (RMS), {misfit.times_noise:.1f} times the measurement noise"
+    contact = {
+        "strike": f"the strike of {misfit.ball}",
+        "ball": f"that of {misfit.ball} and {misfit.other}",
+        "cushion": f"that of {misfit.ball} and the {misfit.other} cushion",
+    }.get(misfit.contact)
+    where = (
+        f"{misfit.ball} then deviates from it by {amount}"
+        if contact is None
+        else f"The first contact whose outcome it does not explain is {contact} at {misfit.t:.2f} s:"
+        f" {misfit.ball} deviates by {amount}"
+    )
+    sentences = [
+        "No published contact model explains the whole shot.",
+        f"{format_law(misfit.cushion_model)} explains all positions until {misfit.explained_until:.2f} s.",
+        f"{where[:1].upper() + where[1:]}.",
+    ]
+    if math.isfinite(misfit.whole_times_noise):
+        sentences.append(f"Over the whole shot, the best model leaves {misfit.whole_times_noise:.1f} times the noise.")
+    if misfit.untried:
+        names = " and ".join(format_law(name) for name in misfit.untried)
+        sentences.append(f"The search reached its limit before {names}; --laws completes it.")
+    return " ".join(sentences)
