@@ -45,7 +45,7 @@ from benchmarks.table_cases.rival_predictions import (  # noqa: E402
     remove_network,
     use_catalogue,
 )
-from benchmarks.table_cases.whole_shots import WholeShotRow, print_whole_shots, score_whole_shot  # noqa: E402
+from benchmarks.table_cases.whole_shot_predictions import WholeShotRow, print_whole_shots, score_whole_shot  # noqa: E402
 from models.core.errors import TrackError  # noqa: E402
 from models.core.scene import Scene, Table  # noqa: E402
 from models.core.tracks import Tracks  # noqa: E402

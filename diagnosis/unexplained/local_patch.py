@@ -92,10 +92,10 @@ def _list_discs(position: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray
         middle = (here @ position) / here.sum(axis=1)[:, None]
         within = np.linalg.norm(middle[:, None] - position[None], axis=2) < share * extent
         count = within.sum(axis=1)
-        kept = (count >= _MIN_INSIDE) & (count <= len(position) - _MIN_INSIDE)
-        centres.append(middle[kept])
-        radii.append(np.full(int(kept.sum()), share * extent))
-        inside.append(within[kept])
+        usable = (count >= _MIN_INSIDE) & (count <= len(position) - _MIN_INSIDE)
+        centres.append(middle[usable])
+        radii.append(np.full(int(usable.sum()), share * extent))
+        inside.append(within[usable])
     return np.concatenate(centres), np.concatenate(radii), np.concatenate(inside)
 
 

@@ -115,7 +115,7 @@ def test_the_rest_of_a_shot_is_compared_with_a_prediction_from_its_first_part() 
     tracks, scene = rolling()
     physics = neutral_parameters()
     physics[[SLIDING_MU, ROLLING_MU]] = 0.2, 0.01
-    learned = LearnedTable("mirror", physics, DEFAULT_SCATTER, np.zeros(4), np.full(4, 1e-3))
+    learned = LearnedTable("mirror", physics, DEFAULT_SCATTER, np.zeros(4), 1e-6 * np.eye(4))
     events = events_at(("strike", 0.5, 1.0), ("cushion", 1.3, 1.0), ("rest", 1.55, 1.0))
     errors = compare_rest_of_shot(tracks, scene, events, learned)
     assert errors is not None
