@@ -148,7 +148,7 @@ def open_answer(one: RealSet, read: TrackFolder, report: DiagnosisReport, second
     Raises:
         OptionError: The answers cannot be read.
     """
-    accepted = {frozenset(names) for names in _read_answers(one.answers)[one.name].accepted}
+    accepted = read_accepted_answers(one)
     names = report.candidates[0].group if report.verdict == "group" else report.effects
     closure = report.gap.closure
     return OpenedSet(
@@ -167,6 +167,21 @@ def open_answer(one: RealSet, read: TrackFolder, report: DiagnosisReport, second
         unit="rad" if report.gap.metric.endswith("rad") else "m",
         seconds=seconds,
     )
+
+
+def read_accepted_answers(one: RealSet) -> set[frozenset[str]]:
+    """Read the sets of effects that are a right answer.
+
+    Args:
+        one: The set.
+
+    Returns:
+        The accepted sets of effects.
+
+    Raises:
+        OptionError: The answers cannot be read.
+    """
+    return {frozenset(names) for names in _read_answers(one.answers)[one.name].accepted}
 
 
 def _list_answers(report: DiagnosisReport) -> Iterator[frozenset[str]]:
