@@ -55,7 +55,8 @@ def diagnose(
     on_progress("predicting hold-out shots", names, SearchOutlook(names, steps, 1))
     reporting_shots = tuple(apply_noise_estimate(split.holdout, study.noise))
     report = build_report(study, reporting_shots, np.random.default_rng([seed, 1]))
-    return replace(report, notes=tuple(str(switch) for _, switches in restored for switch in switches))
+    switches = tuple(str(switch) for _, switches in restored for switch in switches)
+    return replace(report, notes=(*switches, *report.notes))
 
 
 def _explain_insufficient_data(scene: GapScene, split: ShotSplit) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from models.estimation.gap_scenes.gap_scene import Recording
 
 MIN_SHOTS_FOR_SELECTION = 6
@@ -39,3 +41,26 @@ def split_shots(recordings: tuple[Recording, ...]) -> ShotSplit:
     for place, one in enumerate(ordered):
         by_use[("fit", "select", "fit", "report")[place % 4]].append(one)
     return ShotSplit(*(tuple(by_use[use]) for use in ("fit", "select", "report")))
+
+
+def find_common_duration(recordings: tuple[Recording, ...], total: float) -> float:
+    """Find the duration to which recordings are shortened so that all together last no longer than `total`.
+
+    Args:
+        recordings: One recording per shot.
+        total: s of all recordings together.
+
+    Returns:
+        s; infinite where nothing needs to be shortened.
+    """
+    durations = np.sort([one.t[-1] - one.t[0] for one in recordings])
+    for k, duration in enumerate(durations):
+        if duration * (len(durations) - k) >= total:
+            return float(total / (len(durations) - k))
+        total -= duration
+    return float("inf")
+
+
+def shorten_recordings(recordings: tuple[Recording, ...], duration: float) -> tuple[Recording, ...]:
+    """Shorten recordings to their first `duration` s."""
+    return tuple(one.select_rows(0, int(np.searchsorted(one.t, one.t[0] + duration, "right"))) for one in recordings)

@@ -20,7 +20,7 @@ from diagnosis.fitting.hypothesis_fits import (
 )
 from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate, estimate_noise
 from diagnosis.fitting.residual_structure import ResidualStructure, find_structure
-from diagnosis.fitting.shot_split import ShotSplit
+from diagnosis.fitting.shot_split import ShotSplit, find_common_duration, shorten_recordings
 from diagnosis.fitting.window_continuation import find_unreachable_shots
 from diagnosis.selection.cross_shot_evidence import (
     confirm_effects,
@@ -40,6 +40,12 @@ from diagnosis.selection.unknown_effects import (
 from models.estimation.gap_scenes.gap_scene import ContactRichScene, GapScene, Recording
 from models.numerics.executor import SERIAL, Executor
 
+ENOUGH_SECONDS = 36.0
+"""s of all shots together that a search uses in a contact-rich scene, where its cost grows with the number of contacts.
+
+Nine shots of four seconds: with shots of two seconds nearly all effects of usual strength are named.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Study:
@@ -57,6 +63,8 @@ class Study:
     """Linearisation of `full`."""
     usable_shots: tuple[int, ...]
     """Indices of the shots that could be used."""
+    used_duration: float
+    """s from the start of each shot that were used; infinite where all of it was."""
     residuals_before: FitResiduals
     """Residuals of `base`."""
     residuals_after: FitResiduals
@@ -91,6 +99,10 @@ def run_study(
     noise = estimate_noise((*split.fitting, *split.selection))
     problem = build_diagnosis_problem(scene, noise.correlation, executor)
     first, second = apply_noise_estimate(split.fitting, noise), apply_noise_estimate(split.selection, noise)
+    duration = float("inf")
+    if isinstance(scene, ContactRichScene):
+        duration = find_common_duration((*first, *second), ENOUGH_SECONDS)
+        first, second = shorten_recordings(first, duration), shorten_recordings(second, duration)
     search = _run_search(problem, (*first, *second), on_progress)
     best = confirm_effects(problem, search, first, second)
     base, full = search.simulator_fit, best.fitted
@@ -113,6 +125,7 @@ def run_study(
         full,
         linearized_full,
         usable_shots,
+        duration,
         residuals_before,
         residuals_after,
         structure_before,

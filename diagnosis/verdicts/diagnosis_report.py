@@ -87,8 +87,15 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         not_tested=(*scene.not_tested, *_list_omitted_shots(study)),
         film_next=_recommend_experiment(study, verdict, film),
         p_value=study.structure_before.p_value,
-        notes=(),
+        notes=_note_shortened_shots(study),
     )
+
+
+def _note_shortened_shots(study: Study) -> tuple[str, ...]:
+    """Note that the search used a part of long shots; hold-out shots are always predicted as a whole."""
+    if not np.isfinite(study.used_duration):
+        return ()
+    return (f"the search used the first {study.used_duration:.1f} s of each shot",)
 
 
 def _order_effects(names: frozenset[str], per_effect: tuple[EffectShare, ...]) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ def _fit_motion(inputs: Inputs, options: FitOptions, folder: Path, progress: Pro
     tracks, scene = inputs["track"], inputs["calibrate"]
     fit = fit_shot(tracks, scene, options, progress)
     if options.laws is False:
-        return replace(fit, whole_shot_refusal="It was switched off by --no-laws.")
+        return replace(fit, whole_shot_refusal="The fit of whole shots was switched off by --no-laws.")
     from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
     from pipeline.io.table_profile import parse_table_prior
 
