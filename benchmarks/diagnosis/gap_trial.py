@@ -66,7 +66,7 @@ def run_trial(case: GapCase, seed: int, folder: Path) -> GapRow:
     drawn["noise"] *= case.noise
     if case.question == "near":
         drawn = _weaken_effects(case, drawn, rng, folder / "absent")
-    read = _play_case(case, drawn, folder / "case")
+    read = play_case(case, drawn, folder / "case")
     scene = _disable_effects(build_gap_scene(read), case.hidden)
     begun = time.process_time()
     report = diagnose(scene, read.recordings, seed)
@@ -84,7 +84,7 @@ def run_trial(case: GapCase, seed: int, folder: Path) -> GapRow:
     )  # fmt: skip
 
 
-def _play_case(case: GapCase, drawn: dict[str, Any], folder: Path) -> TrackFolder:
+def play_case(case: GapCase, drawn: dict[str, Any], folder: Path) -> TrackFolder:
     sealed = folder.with_suffix(".json")
     sealed.parent.mkdir(parents=True, exist_ok=True)
     sealed.write_text(json.dumps(drawn), encoding="utf-8")
@@ -108,7 +108,7 @@ def _weaken_effects(case: GapCase, drawn: dict[str, Any], rng: np.random.Generat
     """Weaken the withheld effects to NEAR standard deviations, all else adjusted."""
     missing = {name: drawn["effects"][name] for name in case.kind.withheld}
     absent = {name: values for name, values in drawn["effects"].items() if name not in missing}
-    read = _play_case(case, {**drawn, "effects": absent}, folder)
+    read = play_case(case, {**drawn, "effects": absent}, folder)
     oracle = build_oracle(build_gap_scene(read), read.recordings)
     wanted = [
         missing[effect.name][prior.name]
@@ -194,7 +194,7 @@ def _score_closing(
     missing = frozenset(oracle.problem.candidates) & (case.kind.withheld | case.kind.family)
     scores["oracle"] = _evaluate_closing(oracle, missing, oracle.holdout_shots)
     if case.question == "natural" and report.effects:
-        fresh = _play_case(case, {**drawn, "seed": drawn["seed"] + 1, "shots": FRESH}, folder / "fresh")
+        fresh = play_case(case, {**drawn, "seed": drawn["seed"] + 1, "shots": FRESH}, folder / "fresh")
         scores["fresh"] = _evaluate_closing(oracle, frozenset(report.effects), fresh.recordings)
     return scores
 
