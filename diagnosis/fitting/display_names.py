@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS
 
 CAUSES: Mapping[str, str] = {
     "none": "nothing",
-    "unknown": "something unknown",
+    "unknown": "mostly something that trueroll does not know",
     **{effect.name: effect.phrase for effect in BILLIARDS_EFFECTS if effect.phrase},
     **{choice.name: choice.phrase for choice in BILLIARDS_MODEL_CHOICES},
     "rods": "make of the rods",
@@ -67,9 +67,6 @@ _DIRECTIONS: Mapping[str, str] = {
     "along": "along the motion",
     "across": "across the motion",
     "waves": "slowly in time",
-    "0": "along the first axis",
-    "1": "along the second axis",
-    "2": "along the third axis",
 }
 
 
@@ -150,16 +147,19 @@ def format_group(family: str, label: str) -> str:
     return _GROUPS.get(family, f"at {_replace_underscores(family)} {{}}").format(label)
 
 
-def format_direction(name: str) -> str:
+def format_direction(name: str, coordinates: Sequence[str]) -> str:
     """Format the direction in which residuals deviate.
 
     Args:
         name: `along`, `across`, `waves`, or the number of a coordinate.
+        coordinates: Names of the coordinates.
 
     Returns:
         The direction in words.
     """
-    return _DIRECTIONS.get(name, _replace_underscores(name))
+    if name.isdecimal():
+        return f"in {coordinates[int(name)]}"
+    return _DIRECTIONS[name]
 
 
 def _replace_underscores(name: str) -> str:

@@ -82,12 +82,12 @@ def search_effects(
     while True:
         now = add_details(search, restart_poor_windows(search, now))
         larger = _find_larger(search, now) if now.size < MAX_EFFECTS else None
-        rival = _select_of_size(search, now.size)
+        rival = _select_of_size(search, now.size, search.log_evidence(now))
         if larger is not None:
             now = _try_rivals(search, larger)
         elif search.hypotheses[now.names] is not now:
             now = search.hypotheses[now.names]  # a larger one gave it better starts
-        elif rival is not None and search.log_evidence(rival) > search.log_evidence(now):
+        elif rival is not None and rival is not now:
             now = rival  # better starts have raised its evidence
         elif extended != now.names:
             search.report_step("extending windows", now.names)
@@ -220,12 +220,21 @@ def select_hypothesis(search: EffectSearch) -> Hypothesis:
     return next((one for one in chosen if one is not None), search.base)
 
 
-def _select_of_size(search: EffectSearch, size: int) -> Hypothesis | None:
-    """Select, of a number of effects, the hypothesis of greatest evidence in which every one is needed."""
-    alike = sorted(
-        (one for one in search.hypotheses.values() if one.size == size), key=search.log_evidence, reverse=True
-    )
-    return next((one for one in alike if needs_all_effects(search, one)), None)
+def _select_of_size(search: EffectSearch, size: int, least: float = -np.inf) -> Hypothesis | None:
+    """Select, of a number of effects, the hypothesis of greatest evidence in which every one is needed.
+
+    Its log evidence is above `least` and not below that of a smaller hypothesis: whether a less probable one needs all
+    effects decides nothing, and takes a fit without each of them.
+    """
+    fitted = tuple(search.hypotheses.values())
+    smaller = max((search.log_evidence(one) for one in fitted if one.size < size), default=-np.inf)
+    alike = [
+        one
+        for one in fitted
+        if one.size == size and search.log_evidence(one) > least and search.log_evidence(one) >= smaller
+    ]
+    ranked = sorted(alike, key=search.log_evidence, reverse=True)
+    return next((one for one in ranked if needs_all_effects(search, one)), None)
 
 
 def needs_all_effects(search: EffectSearch, hypothesis: Hypothesis) -> bool:

@@ -31,6 +31,8 @@ _BINS = 8
 """Number of points of a curve."""
 _CURVE_DEGREE = 3
 """Degree of the polynomial that stands for any smooth curve."""
+_CURVE_POINTS = 60
+"""Number of points of the fitted curve."""
 _MAX_POWER = 4.0
 """Largest size of an exponent."""
 
@@ -49,6 +51,8 @@ class ForceLaw:
     """(B,) mean acceleration there, in the unit of the scene per s^2."""
     sigma: FloatArray
     """(B,) its standard deviation, from the scatter of the pieces."""
+    curve: FloatArray
+    """(2, _CURVE_POINTS) the variable, and the fitted acceleration: of the formula, else of a smooth curve."""
     formula: str
     """The nearest short formula with its fitted numbers, `a` in terms of `u`; empty where none comes near the curve."""
     explained: float
@@ -80,13 +84,11 @@ def find_force_law(excess: ExcessAcceleration, coordinates: tuple[str, ...]) -> 
     success, direction, variable, values, at = max(clear, key=lambda one: one[0].share)
     if success.share < MIN_LAW_SHARE:
         return None
-    return ForceLaw(
-        direction,
-        variable,
-        *_average_in_bins(values, excess.sigma, at),
-        _find_formula(values, excess.sigma, at, group, success.share),
-        success.share,
-    )
+    formula, fit = _find_formula(values, excess.sigma, at, group, success.share)
+    points = _average_in_bins(values, excess.sigma, at)
+    even = np.linspace(points[0][0], points[0][-1], _CURVE_POINTS)
+    curve = np.stack([even, fit(values, _robust_weights(values, excess.sigma), at)(even)])
+    return ForceLaw(direction, variable, *points, curve, formula, success.share)
 
 
 def _iterate_components(excess: ExcessAcceleration, coordinates: tuple[str, ...]) -> Iterator[tuple[str, FloatArray]]:
@@ -199,13 +201,15 @@ def _fit_saturation_numbers(values: FloatArray, weights: FloatArray, at: FloatAr
     return _fit_factor(values, weights, at / (np.abs(at) + middle)), middle
 
 
-def _find_formula(values: FloatArray, sigma: FloatArray, at: FloatArray, group: IntArray, curve_share: float) -> str:
-    """Find the shortest formula that explains nearly as much as a curve on other shots; empty where there is none."""
+def _find_formula(
+    values: FloatArray, sigma: FloatArray, at: FloatArray, group: IntArray, curve_share: float
+) -> tuple[str, LawFit]:
+    """Find the shortest formula that explains nearly as much as a curve on other shots; else none, and the curve."""
     weights = _robust_weights(values, sigma)
     families: tuple[tuple[LawFit, Callable[[], str]], ...] = (
         (_fit_constant, lambda: f"a = {_fit_factor(values, weights, np.ones(len(at))):.3g}"),
         (_fit_power, lambda: "a = {:.3g} u^{:.2f}".format(*_fit_power_numbers(values, weights, at))),
-        (_fit_line, lambda: "a = {:.3g} u {:+.3g}".format(*np.polyfit(at, values, 1, w=np.sqrt(weights)))),
+        (_fit_line, lambda: _format_line(*np.polyfit(at, values, 1, w=np.sqrt(weights)))),
         (
             _fit_saturation,
             lambda: "a = {:.3g} u / (|u| + {:.2g})".format(*_fit_saturation_numbers(values, weights, at)),
@@ -213,10 +217,16 @@ def _find_formula(values: FloatArray, sigma: FloatArray, at: FloatArray, group: 
     )
     shares = [_measure_law(values, sigma, at, group, fit).share for fit, _ in families]
     if max(shares) < _NEARLY_AS_GOOD * curve_share:
-        return ""
+        return "", _fit_curve
     return next(
-        describe() for share, (_, describe) in zip(shares, families, strict=True) if share >= _ALIKE * max(shares)
+        (describe(), fit)
+        for share, (fit, describe) in zip(shares, families, strict=True)
+        if share >= _ALIKE * max(shares)
     )
+
+
+def _format_line(slope: float, offset: float) -> str:
+    return f"a = {slope:.3g} u {'-' if offset < 0 else '+'} {abs(offset):.3g}"
 
 
 def _average_in_bins(

@@ -293,16 +293,17 @@ def _describe_unexplained(study: Study, closure: GapClosure, rng: np.random.Gene
     is_systematic = study.unknown_evidence.has_systematic_residuals
     size = float(np.sqrt(np.maximum(closure.after**2 - closure.floor**2, 0.0)))
     law, patch = None, None
+    coordinates = _name_coordinates(study.problem.scene, study.residuals_after.values.shape[1])
     if is_systematic:
         excess = measure_excess_acceleration(study.problem, study.full)
-        law = find_force_law(excess, _name_coordinates(study.problem.scene, excess.position.shape[1]))
+        law = find_force_law(excess, coordinates)
         patch = find_local_patch(excess, rng) if study.problem.scene.unit == "m" else None
     return Unexplained(
         share=1.0 - closure.closed,
         size=size,
         times_floor=closure.after / closure.floor if closure.floor > 0 else float("nan"),
         where=localise_gap(study.residuals_after, study.full.segments, frozenset()) if is_systematic else (),
-        shape=describe_structure(study.structure_after) if is_systematic else "",
+        shape=describe_structure(study.structure_after, coordinates) if is_systematic else "",
         law=law,
         patch=patch,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.stats import spearmanr
 
@@ -118,17 +120,17 @@ def _find_growth_variable(residuals: FitResiduals, left: FloatArray, here: np.nd
     return name
 
 
-def describe_structure(structure: ResidualStructure) -> str:
-    """Describe the largest findings in words."""
+def describe_structure(structure: ResidualStructure, coordinates: Sequence[str]) -> str:
+    """Describe the largest findings in words; `coordinates` are the names of the D coordinates."""
     descriptions = [
-        _describe_finding(one.group.family, one.group.label, one.direction, one.z)
+        _describe_finding(one.group.family, one.group.label, format_direction(one.direction, coordinates), one.z)
         for one in structure.findings
         if one.z > 4
     ]
     return "; ".join(descriptions[:3])
 
 
-def _describe_finding(family: str, label: str, way: str, z: float) -> str:
+def _describe_finding(family: str, label: str, direction: str, z: float) -> str:
     """Describe one finding in words."""
     place = label if family == "slow" else format_group(family, label)
-    return f"{format_direction(way)} {place} ({z:.0f} times chance)"
+    return f"{direction} {place} ({z:.0f} standard deviations of noise)"

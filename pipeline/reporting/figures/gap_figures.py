@@ -197,6 +197,11 @@ def _draw_error_growth(gap: Gap) -> go.Figure:
         here = [(t > low) & (t <= high) for low, high in pairwise(edges)]
         rms = [float(1000 * np.sqrt(np.mean(np.square(miss[part])))) if part.any() else None for part in here]
         figure.add_scatter(x=(edges[1:] + edges[:-1]) / 2, y=rms, name=label, line=line, connectgaps=True)
+    floor = gap.closure.floor
+    if np.isfinite(floor):
+        figure.add_hline(
+            1000 * floor, line={"color": OBSERVED, "width": 1, "dash": "dot"}, annotation_text="attainable, mean"
+        )
     figure.update_xaxes(title="time since the start of the prediction (s)")
     return figure.update_yaxes(title=f"rms error (m{_coordinate_unit(gap)})", rangemode="tozero")
 
@@ -213,8 +218,10 @@ def build_law_figure(law: ForceLaw, unit: str) -> go.Figure:
     """
     units = {"speed": f"{unit}/s", "time": "s"}
     bars = {"type": "data", "array": law.sigma}
-    points = go.Scatter(x=law.at, y=law.acceleration, error_y=bars, mode="lines+markers", line={"color": BEFORE})
-    figure = go.Figure(points).update_xaxes(title=f"{law.variable} ({units.get(law.variable, unit)})")
+    points = go.Scatter(x=law.at, y=law.acceleration, error_y=bars, mode="markers", marker={"color": BEFORE})
+    fitted = go.Scatter(x=law.curve[0], y=law.curve[1], mode="lines", line={"color": AFTER})
+    figure = go.Figure([points, fitted], {"showlegend": False}).add_hline(0, line={"color": OBSERVED, "width": 1})
+    figure.update_xaxes(title=f"{law.variable} ({units.get(law.variable, unit)})")
     direction = f"{law.direction} the motion" if law.direction in ("along", "across") else f"along {law.direction}"
     return figure.update_yaxes(title=f"missing acceleration {direction} ({unit}/s²)")
 

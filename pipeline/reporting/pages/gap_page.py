@@ -23,11 +23,14 @@ from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.gap_sentences import (
     format_gap_closure,
+    format_p_value,
+    format_share,
     format_shot_folders,
     format_shot_name,
     format_undecided,
     format_unexplained,
     format_unidentified,
+    format_unit,
     format_verdict,
     list_causes,
 )
@@ -67,19 +70,23 @@ def write_gap_page(
         where=[
             {
                 "phase": format_phase(one.phase),
-                "share": one.share,
+                "share": format_share(one.share),
                 "mostly": ", ".join(_format_subjects(one, origins)),
                 "grows_with": format_growth_variable(one.grows_with or ""),
             }
             for one in report.where
         ],
         unexplained=format_unexplained(report),
+        residual_p_value=format_p_value(report.p_value),
         law=""
         if report.unexplained.law is None
         else embed_figure(
             build_law_figure(report.unexplained.law, report.gap.metric.removeprefix("rms_")), "plot-law", _FIGURE_HEIGHT
         ),
-        per_effect=[(format_cause(one.effect), one) for one in report.per_effect],
+        per_effect=[
+            (format_cause(one.effect), *map(format_share, (one.closed, *one.interval, one.alone)))
+            for one in report.per_effect
+        ],
         plots=[
             (caption, embed_figure(figure, f"plot-{k}", _FIGURE_HEIGHT))
             for k, (caption, figure) in enumerate(build_gap_figures(gap, table, origins, report.unexplained.patch))
@@ -87,7 +94,7 @@ def write_gap_page(
         fitted=[_format_parameter(one) for one in report.fitted if _is_listed(one, report)],
         numbered=format_shot_folders(origins),
         laws=" and ".join(format_law(name) for name in report.forms),
-        model=", ".join(format_cause(name) for name in report.model) or "no effect",
+        model=", ".join(format_cause(name) for name in report.model) or "none",
         undecided=format_undecided(report),
         profile=escape_text(path.parent / PROFILE_FILE) if table is not None and has_fitted_model(report) else "",
         plotly=read_plotly_source(),
@@ -112,7 +119,7 @@ def _is_listed(one: Strength, report: DiagnosisReport) -> bool:
 
 def _format_parameter(one: Strength) -> dict[str, str]:
     """Format a parameter as a table row; a parameter that is not identifiable has no value."""
-    name, unit = format_parameter(one.name), one.unit if one.unit != "1" else ""
+    name, unit = format_parameter(one.name), format_unit(one.unit)
     if one.prior_only:
         return {"name": name, "unidentified": format_unidentified(one)}
     return {"name": name, "unidentified": "", "value": f"{one.value:.4g}", "sigma": f"{one.sigma:.2g}", "unit": unit}

@@ -65,7 +65,7 @@ def format_verdict(report: DiagnosisReport) -> str:
         return "These shots show no effect that your simulator lacks."
     if report.verdict == "unknown":
         return (
-            f"Your simulator lacks an effect that is not in the library{_format_main_place(report)}"
+            f"Your simulator lacks an effect that trueroll does not know{_format_main_place(report)}"
             f"{_format_best_share(report)}."
         )
     return f"These shots do not allow a verdict: {'; '.join(report.notes)}."
@@ -89,7 +89,7 @@ def _format_best_share(report: DiagnosisReport) -> str:
         return ""
     names = " and ".join(format_cause(one.effect) for one in report.per_effect)
     closed = sum(one.closed for one in report.per_effect)
-    return f"; the best of the library, {names}, would close {format_share(max(closed, 0.0))} of it"
+    return f"; the best that it knows, {names}, would close {format_share(max(closed, 0.0))} of it"
 
 
 def format_share(share: float) -> str:
@@ -101,7 +101,7 @@ def format_share(share: float) -> str:
     Returns:
         The share, such as 61 % or 99.4 %.
     """
-    return f"{100 * share:.1f} %" if 0.95 < share < 0.9995 or 0.0005 < share < 0.05 else f"{100 * share:.0f} %"
+    return f"{100 * share:.1f} %" if 0.95 < share < 0.9995 or 0.0005 < abs(share) < 0.05 else f"{100 * share:.0f} %"
 
 
 def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
@@ -117,15 +117,17 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     if not rest.where:
         return ()
     sentences = []
-    place = f"{format_phase(rest.where[0].phase)}"
-    grows = f" and grows with {format_growth_variable(rest.where[0].grows_with)}" if rest.where[0].grows_with else ""
+    first = rest.where[0]
+    place = f"most of it appears {format_phase(first.phase)}" if len(rest.where) > 1 else ""
+    grows = f"it grows with {format_growth_variable(first.grows_with)}" if first.grows_with else ""
+    details = "".join(f"; {one}" for one in (place, grows) if one)
     if math.isfinite(rest.share) and rest.size > 0:
         sentences.append(
-            f"{format_share(rest.share)} of the gap remains, an error of {format_error_size(rest.size, metric)}; most"
-            f" of it appears {place}{grows}, and no effect of the library explains it."
+            f"{format_share(rest.share)} of the gap remains: an error of {format_error_size(rest.size, metric)} beyond"
+            f" the attainable one, which no effect that trueroll knows explains{details}."
         )
     else:
-        sentences.append(f"What remains is more than noise; most of it appears {place}{grows}.")
+        sentences.append(f"What remains is more than noise{details}.")
     if rest.law is not None:
         sentences.append(_format_law_sentence(rest.law, metric))
     if rest.patch is not None:
@@ -154,8 +156,9 @@ def _format_law_sentence(law: ForceLaw, metric: str) -> str:
         else ", by no short formula"
     )
     return (
-        f"It acts like a force {direction} that varies with {_VARIABLES.get(law.variable, law.variable)}{formula}; on"
-        f" other shots this explains {format_share(min(law.explained, 1.0))} of the unexplained acceleration."
+        f"It acts like an acceleration {direction} that varies with {_VARIABLES.get(law.variable, law.variable)}"
+        f"{formula}; on other shots this explains {format_share(min(law.explained, 1.0))} of the unexplained"
+        " acceleration."
     )
 
 
@@ -165,7 +168,7 @@ def _format_patch_sentence(patch: LocalPatch) -> str:
     return (
         f"Within {1000 * patch.radius:.0f} ± {1000 * patch.radius_sigma:.0f} mm of ({patch.centre[0]:.2f},"
         f" {patch.centre[1]:.2f}) m, bodies are {kind} by {abs(patch.strength):.2g} ± {patch.strength_sigma:.1g}"
-        f" m/s² more than elsewhere (p = {patch.p_value:.2g})."
+        f" m/s² more than elsewhere (p-value {format_p_value(patch.p_value)})."
     )
 
 
@@ -208,7 +211,7 @@ def _format_main_place(report: DiagnosisReport) -> str:
         return ""
     most = report.where[0]
     grows = f", growing with {format_growth_variable(most.grows_with)}" if most.grows_with else ""
-    return f": {most.share:.0%} of the gap appears {format_phase(most.phase)}{grows}"
+    return f": {format_share(most.share)} of the gap appears {format_phase(most.phase)}{grows}"
 
 
 def format_gap_closure(report: DiagnosisReport) -> str:
@@ -236,7 +239,7 @@ def format_gap_closure(report: DiagnosisReport) -> str:
     if report.verdict == "unknown" and not closing.after < closing.before:
         return (
             f"On hold-out shots, predicted {gap.horizon:.2f} s ahead, the simulator has an error of {before}"
-            f" (attainable: {floor}); no effect of the library reduces it."
+            f" (attainable: {floor}); no effect that trueroll knows reduces it."
         )
     if not closing.floor < closing.before:
         return f"Predicted {gap.horizon:.2f} s ahead, the simulator has an error of {before}, which is noise."
@@ -248,8 +251,8 @@ def format_gap_closure(report: DiagnosisReport) -> str:
     change = "the most similar effect" if report.verdict == "unknown" else change
     return (
         f"On hold-out shots, predicted {gap.horizon:.2f} s ahead, {change} reduces the error from {before} "
-        f"to {after} (attainable: {floor}): {closing.closed:.0%} of the gap closed "
-        f"(95 % interval: {closing.interval[0]:.0%} to {closing.interval[1]:.0%})."
+        f"to {after} (attainable: {floor}): {format_share(closing.closed)} of the gap closed "
+        f"(95 % interval: {format_share(closing.interval[0])} to {format_share(closing.interval[1])})."
     )
 
 
@@ -353,4 +356,14 @@ def format_undecided(report: DiagnosisReport) -> str:
 
 def format_with_unit(number: str, unit: str) -> str:
     """Format a number with its unit; a dimensionless number has none."""
-    return number if unit == "1" else f"{number} {unit}"
+    return number if unit == "1" else f"{number} {format_unit(unit)}"
+
+
+def format_unit(unit: str) -> str:
+    """Format a unit with a raised square, such as rad/s² for `rad/s2`; nothing for a dimensionless number."""
+    return "" if unit == "1" else unit.replace("s2", "s²")
+
+
+def format_p_value(p: float) -> str:
+    """Format a p-value; one below a millionth is only that."""
+    return f"{p:.2g}" if p >= 1e-6 else "below 0.000001"

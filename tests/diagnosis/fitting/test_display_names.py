@@ -48,7 +48,7 @@ def test_groups_of_observations_are_places_and_times() -> None:
     assert display_names.format_group("since_contact", "0.1 to 0.2") == "0.1 to 0.2 s after a contact"
     assert display_names.format_group("phase", "free_roll") == "in free roll"
     assert display_names.format_group("all", "all") == "everywhere"
-    assert display_names.format_direction(str(np.int64(1))) == "along the second axis"
+    assert display_names.format_direction(str(np.int64(1)), ("x", "y")) == "in y"
 
 
 def test_what_no_table_holds_is_still_legible() -> None:

@@ -56,11 +56,11 @@ def at(phase: str, share: float, grows: str | None = None) -> GapLocation:
 
 def test_an_unknown_effect_is_described_by_where_it_appears_not_in_sigmas() -> None:
     sentence = format_verdict(report("unknown", at("cushion_contact", 0.86), at("rest", 0.14)))
-    assert "86% of the gap" in sentence
+    assert "86 % of the gap" in sentence
     assert "at cushions" in sentence
     assert "sigma" not in sentence
     assert "growing with time" in format_verdict(report("unknown", at("free_roll", 1.0, "time")))
-    assert format_verdict(report("unknown")).endswith("not in the library.")
+    assert format_verdict(report("unknown")).endswith("trueroll does not know.")
 
 
 def test_the_page_lists_what_each_of_several_effects_closes(tmp_path: Path) -> None:
@@ -69,7 +69,7 @@ def test_the_page_lists_what_each_of_several_effects_closes(tmp_path: Path) -> N
     write_gap_page(diagnosis, "carom", tmp_path / "gap.html")
     page = (tmp_path / "gap.html").read_text(encoding="utf-8")
     assert "How much of the gap each effect closes" in page
-    assert "<td>96 %</td><td>66 to 98 %</td><td>90 %</td>" in page
+    assert "<td>96.0 %</td><td>66 % to 98.0 %</td><td>90 %</td>" in page
     write_gap_page(replace(diagnosis, per_effect=()), "carom", tmp_path / "gap.html")
     assert "each effect closes" not in (tmp_path / "gap.html").read_text(encoding="utf-8")
 
@@ -174,13 +174,13 @@ def test_what_is_only_the_prior_is_no_finding(tmp_path: Path) -> None:
     rate = Strength("spin_decay.rate", "rad/s2", 10.0, 15.0, 47.0, prior_only=True)
     friction = Strength("sliding_friction.mu", "1", 0.2, 0.01, 0.03)
     assert format_strength(replace(rate, name="rate")) == (
-        "rate: not identifiable from these shots, which would reveal 47 rad/s2 or more"
+        "rate: not identifiable from these shots, which would reveal 47 rad/s² or more"
     )
     assert "10" not in format_strength(replace(rate, detectable_from=float("inf")))
     write_gap_page(replace(report("none"), fitted=(rate, friction)), "carom", tmp_path / "gap.html")
     page = (tmp_path / "gap.html").read_text(encoding="utf-8")
     row = page[page.index("decay of side spin, rate") :].partition("</tr>")[0]
-    assert "would reveal 47 rad/s2 or more" in row
+    assert "would reveal 47 rad/s² or more" in row
     assert "15" not in row
     assert "<td>0.2</td><td>0.01</td>" in page
 
@@ -235,11 +235,14 @@ def test_effects_that_are_missing_together_are_one_cause_of_their_whole_probabil
     diagnosis = replace(report("effects"), effects=("air_drag", "magnus"))
     diagnosis = replace(diagnosis, candidates=(*alike, CandidateEffect("unknown", 0.1, ("unknown",), ())))
     together, unknown = list_causes(diagnosis)
-    assert (together.name, unknown.name) == ("air drag and lift by spin", "something unknown")
+    assert (together.name, unknown.name) == (
+        "air drag and lift by spin",
+        "mostly something that trueroll does not know",
+    )
     assert together.probability == pytest.approx(0.9)
     assert together.strength == "air drag k = 0.2 ± 0.01; lift by spin s = 0.2 ± 0.01"
     apart = list_causes(replace(diagnosis, effects=("air_drag",)))
-    assert [one.name for one in apart] == ["air drag", "lift by spin", "something unknown"]
+    assert [one.name for one in apart] == ["air drag", "lift by spin", "mostly something that trueroll does not know"]
     assert [one.probability for one in apart] == [0.46, 0.44, 0.1]
 
 
@@ -249,7 +252,7 @@ def test_what_comes_nearest_is_not_called_added_and_noise_is_no_larger_than_the_
     diagnosis = replace(report("unknown"), gap=replace(gap, closure=nearest))
     assert "the most similar effect reduces the error from 67 mm to 50 mm" in format_gap_closure(diagnosis)
     worse = replace(diagnosis, gap=replace(gap, closure=replace(nearest, after=0.068)))
-    assert "no effect of the library reduces it" in format_gap_closure(worse)
+    assert "no effect that trueroll knows reduces it" in format_gap_closure(worse)
     noise = replace(nearest, before=0.00162, after=0.00162, floor=0.00173, resolved=False)
     assert format_gap_closure(replace(report("none"), gap=replace(gap, closure=noise))).endswith(
         "1.62 mm, which is noise."
@@ -278,10 +281,10 @@ def test_the_first_sentence_states_a_rest_of_many_times_the_noise() -> None:
 
 
 def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
-    law = ForceLaw("along", "speed", np.ones(3), np.ones(3), np.ones(3), "a = -0.3 u^1.50", 0.61)
+    law = ForceLaw("along", "speed", np.ones(3), np.ones(3), np.ones(3), np.ones((2, 3)), "a = -0.3 u^1.50", 0.61)
     patch = LocalPatch(np.array([1.2, 0.4]), 0.02, 0.15, 0.01, -0.12, 0.02, 0.0025)
     first, second, third = format_unexplained(named(replace(REST, law=law, patch=patch)))
-    assert first.startswith("0.4 % of the gap remains, an error of 2.2 mrad")
+    assert first.startswith("0.4 % of the gap remains: an error of 2.2 mrad")
     assert "grows with speed" in first
     assert "a = -0.3 u^1.50" in second
     assert "61 % of the unexplained acceleration" in second
@@ -291,4 +294,4 @@ def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
 
 def test_an_unknown_effect_is_compared_with_the_best_of_the_library() -> None:
     diagnosis = replace(report("unknown"), per_effect=(EffectShare("air_drag", 0.31, (0.2, 0.4), 0.31),))
-    assert "the best of the library, air drag, would close 31 % of it" in format_verdict(diagnosis)
+    assert "the best that it knows, air drag, would close 31 % of it" in format_verdict(diagnosis)
