@@ -244,8 +244,9 @@ def needs_all_effects(search: EffectSearch, hypothesis: Hypothesis) -> bool:
     """
     return all(_has_strength(search.problem, hypothesis.fitted, name) for name in hypothesis.names) and all(
         effect_p_value(search, hypothesis, name) < SIGNIFICANCE
-        and fit_without_effect(search, hypothesis, name).cost - hypothesis.fitted.cost
-        >= _excess_cost(search, hypothesis)
+        and _exceeds_rest(
+            search, hypothesis, fit_without_effect(search, hypothesis, name).cost - hypothesis.fitted.cost
+        )
         for name in hypothesis.names
     )
 
@@ -264,8 +265,8 @@ def _has_strength(problem: DiagnosisProblem, fitted: EffectFit, name: str) -> bo
     return bool(square > chi2.isf(_STRENGTH_SIGNIFICANCE, len(strength)))
 
 
-def _excess_cost(search: EffectSearch, hypothesis: Hypothesis) -> float:
-    """Return the cost that each effect of a hypothesis must explain: what it leaves beyond noise.
+def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, gain: float) -> bool:
+    """Return whether an effect of a hypothesis explains more cost than the hypothesis leaves beyond noise.
 
     The size of the noise may be off a little; where shots disagree about several effects and are few, any cost may be
     systematic. Real motion keeps a rest that no law explains, and which refutes no effect: where generic laws explain
@@ -274,10 +275,10 @@ def _excess_cost(search: EffectSearch, hypothesis: Hypothesis) -> float:
     few = len({segment.shot for segment in hypothesis.fitted.segments}) < MIN_SHOTS_FOR_SELECTION
     disputed = few and hypothesis.size > 1 and not _do_shots_agree(search, hypothesis)
     beyond_noise = hypothesis.fitted.upper_excess_cost if disputed else hypothesis.fitted.lower_excess_cost
-    if beyond_noise == 0 or not search.problem.probes:
-        return beyond_noise
+    if gain >= beyond_noise or not search.problem.probes:
+        return gain >= beyond_noise
     least = _MIN_SHARE_BESIDE_REST * search.base.fitted.lower_excess_cost
-    return min(beyond_noise, max(search.generic_law_gain(hypothesis), least))
+    return gain >= least and gain >= search.generic_law_gain(hypothesis)
 
 
 def _do_shots_agree(search: EffectSearch, hypothesis: Hypothesis) -> bool:
