@@ -70,6 +70,7 @@ class SceneEntry(BaseModel):
     image: ImageEntry | None = None
     gravity: PositiveNumber = 9.81
     model: list[str] | dict[str, Any] | None = None
+    laws: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,8 @@ from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
+from models.physics.billiards.simulation.parametrised_shot import ContactModels
+from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 from pipeline.io.track_folder import SceneEntry, TrackFolder
 
@@ -75,15 +77,32 @@ def _build_billiards(folder: TrackFolder) -> GapScene:
     radius = entry.ball_radius or preset.ball_radius
     mass = scale_ball_mass(preset, radius)
     table = Table(f"{length:g}x{width:g}", preset.game, length, width, radius, mass, False)
-    return build_billiards_scene(table, folder.recordings, _image_geometry(entry), _list_assumed_effects(entry))
+    effects, laws = _list_assumed_effects(entry), _read_contact_models(entry)
+    return build_billiards_scene(table, folder.recordings, _image_geometry(entry), effects, laws)
+
+
+def _read_contact_models(entry: SceneEntry) -> ContactModels:
+    """Read the contact models of the user's simulator; those of a run folder explain its shot, and are not assumed."""
+    laws = {} if entry.laws is None or _is_run_folder(entry) else entry.laws
+    forms = {"cushion": BILLIARDS_MODEL_CHOICES[0].forms, "ball": BILLIARDS_MODEL_CHOICES[1].forms}
+    for kind, name in laws.items():
+        if name not in forms.get(kind, ()):
+            raise OptionError(
+                f"laws in scene.json are cushion ({', '.join(forms['cushion'])}) and ball ({', '.join(forms['ball'])});"
+                f" got {kind}: {name}"
+            )
+    return ContactModels(**laws)
+
+
+def _is_run_folder(entry: SceneEntry) -> bool:
+    return "calibration" in (entry.model_extra or {})
 
 
 def _list_assumed_effects(entry: SceneEntry) -> tuple[str, ...]:
     """List the effects of the user's simulator; for a run folder, whose fit may lack contacts, the default ones too."""
     if entry.model is None:
         return DEFAULT_EFFECTS
-    ran = "calibration" in (entry.model_extra or {})
-    return tuple(dict.fromkeys((*DEFAULT_EFFECTS, *entry.model) if ran else entry.model))
+    return tuple(dict.fromkeys((*DEFAULT_EFFECTS, *entry.model) if _is_run_folder(entry) else entry.model))
 
 
 def _image_geometry(entry: SceneEntry) -> ImageGeometry | None:

@@ -9,6 +9,7 @@ import pytest
 
 from models.core.errors import OptionError
 from pipeline.io.track_folder import read_track_folders
+from pipeline.io.track_folder_scene import build_gap_scene
 
 ROWS = "0,0,0.0,cue,1.0,0.5\n0,1,0.1,cue,1.1,0.5\n"
 
@@ -128,3 +129,24 @@ def test_a_clip_or_nothing_in_place_of_a_folder_is_reported_as_that(tmp_path: Pa
         read_track_folders([tmp_path / "clip.mp4"])
     with pytest.raises(OptionError, match=r"There is no folder .*nowhere; name one"):
         read_track_folders([tmp_path / "nowhere"])
+
+
+def with_laws(place: Path, **more: object) -> Path:
+    source = folder(place)
+    scene = json.loads((source / "scene.json").read_text())
+    (source / "scene.json").write_text(json.dumps({**scene, **more}))
+    return source
+
+
+def test_the_contact_models_of_a_simulator_are_its_own(tmp_path: Path) -> None:
+    laws = {"cushion": "han_2005", "ball": "elastic"}
+    scene = build_gap_scene(read_track_folders([with_laws(tmp_path / "own", laws=laws)]))
+    assert [one.simulator_form for one in scene.alternatives] == ["han_2005", "elastic"]
+    run = build_gap_scene(read_track_folders([with_laws(tmp_path / "run", laws=laws, calibration={})]))
+    assert [one.simulator_form for one in run.alternatives] == ["mirror", "inelastic"]
+
+
+@pytest.mark.parametrize("laws", [{"cushion": "rubber"}, {"cloth": "mirror"}])
+def test_a_contact_model_that_does_not_exist_is_named(tmp_path: Path, laws: dict[str, str]) -> None:
+    with pytest.raises(OptionError, match=r"cushion \(.*han_2005.*\) and ball \(.*\); got cushion: rubber|got cloth"):
+        build_gap_scene(read_track_folders([with_laws(tmp_path / "odd", laws=laws)]))
