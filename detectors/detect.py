@@ -22,8 +22,6 @@ from video.io.clip import Clip, read_frames
 
 BACKGROUND_FRAMES = 15
 """Frames, spread over the clip, from which the empty table is learnt."""
-BACKGROUND_FRAMES_QUICK = 7
-"""The same with the option `quick`."""
 
 M = TypeVar("M")
 
@@ -59,7 +57,7 @@ def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Pro
         ModelError: The file of the network cannot be used.
     """
     if select_detector(options, scene) == "hough":
-        return _detect_all_frames(prepare_hough_detector(clip, scene, options), clip, progress)
+        return _detect_all_frames(prepare_hough_detector(clip, scene), clip, progress)
     return _detect_all_frames(prepare_network_detector(clip, scene, options), clip, progress)
 
 
@@ -95,18 +93,17 @@ def detect_in_image(rgb: ByteArray, scene: Scene, options: DetectOptions | None 
     return build_network_detector(scene, images, open_ball_model(select_model_file(options))).detect(rgb)
 
 
-def prepare_hough_detector(clip: Clip, scene: Scene, options: DetectOptions) -> HoughDetector:
+def prepare_hough_detector(clip: Clip, scene: Scene) -> HoughDetector:
     """Prepare the detector without a network for a clip.
 
     Args:
         clip: The clip.
         scene: Table and camera.
-        options: Number of frames to learn from.
 
     Returns:
         The detector.
     """
-    return build_hough_detector(scene, read_frames(clip, indices=_select_background_frames(clip, options)))
+    return build_hough_detector(scene, read_frames(clip, indices=_select_background_frames(clip)))
 
 
 def prepare_network_detector(clip: Clip, scene: Scene, options: DetectOptions) -> NetworkDetector:
@@ -115,7 +112,7 @@ def prepare_network_detector(clip: Clip, scene: Scene, options: DetectOptions) -
     Args:
         clip: The clip.
         scene: Table and camera.
-        options: Which network, and number of frames to learn from.
+        options: Which network.
 
     Returns:
         The detector.
@@ -124,7 +121,7 @@ def prepare_network_detector(clip: Clip, scene: Scene, options: DetectOptions) -
         ModelError: The file of the network cannot be used.
     """
     model = open_ball_model(select_model_file(options))
-    return build_network_detector(scene, read_frames(clip, indices=_select_background_frames(clip, options)), model)
+    return build_network_detector(scene, read_frames(clip, indices=_select_background_frames(clip)), model)
 
 
 def select_model_file(options: DetectOptions) -> Path:
@@ -139,9 +136,9 @@ def select_model_file(options: DetectOptions) -> Path:
     return SHIPPED_BALL_MODEL if options.model is None else Path(options.model)
 
 
-def _select_background_frames(clip: Clip, options: DetectOptions) -> NDArray[np.int64]:
+def _select_background_frames(clip: Clip) -> NDArray[np.int64]:
     """Select frames, spread over a clip, from which the empty table is learnt."""
-    return _spread_evenly(clip.distinct_frames, BACKGROUND_FRAMES_QUICK if options.quick else BACKGROUND_FRAMES)
+    return _spread_evenly(clip.distinct_frames, BACKGROUND_FRAMES)
 
 
 def _spread_evenly(frames: NDArray[np.int64], count: int) -> NDArray[np.int64]:

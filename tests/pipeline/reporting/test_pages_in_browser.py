@@ -53,7 +53,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
     Image.fromarray(np.full((140, 240, 3), 90, np.uint8)).save(folder / "poster.png")
-    files = ReportFiles(folder / "slow.mp4", folder / "poster.png", SLOWER, start=0.2)
+    files = ReportFiles("slow.mp4", folder / "poster.png", SLOWER, start=0.2)
     name = "<b>shot</b>&\"'.mp4"
     write_report(clip, scene, tracks, shot.make_unsure_fit(tracks.t), files, name, ["--slow 2"], folder / "report.html")
     return folder / "report.html"
