@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,16 @@ from models.core.detections import Detections
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
 from models.core.typing import ByteArray
+from models.numerics.executor import SERIAL, Executor
 from video.io.clip import Clip, read_frames
+from video.io.prefetch import prefetch_items
 
 BACKGROUND_FRAMES = 15
 """Frames, spread over the clip, from which the empty table is learnt."""
+
+PARTS, LEAST_PART_FRAMES = 2, 24
+"""Parts of a clip that are searched independently of each other, and the fewest frames of a part. Their number does not
+depend on the machine, because a search remembers the frame before: another division gives slightly other results."""
 
 M = TypeVar("M")
 
@@ -38,7 +45,13 @@ class Detector(Protocol[M]):
         ...
 
 
-def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Progress = ignore_progress) -> Detections:
+def detect_balls(
+    clip: Clip,
+    scene: Scene,
+    options: DetectOptions,
+    progress: Progress = ignore_progress,
+    executor: Executor = SERIAL,
+) -> Detections:
     """Detect the balls in every distinct frame of a clip.
 
     The clip is decoded twice, and only a few small images are kept. Every frame is measured again, also where nothing
@@ -49,6 +62,7 @@ def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Pro
         scene: Table and camera.
         options: Which detector and network.
         progress: Called with the share that is done.
+        executor: Where the parts of the clip are searched; it changes no result.
 
     Returns:
         Detections sorted by frame, px of the original frames.
@@ -56,20 +70,46 @@ def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Pro
     Raises:
         ModelError: The file of the network cannot be used.
     """
-    if select_detector(options, scene) == "hough":
-        return _detect_all_frames(prepare_hough_detector(clip, scene), clip, progress)
-    return _detect_all_frames(prepare_network_detector(clip, scene, options), clip, progress)
+    count = len(clip.distinct_frames)
+    borders = np.linspace(0, count, PARTS + 1 if count >= PARTS * LEAST_PART_FRAMES else 2).round().astype(int).tolist()
+    parts = list(pairwise(borders))
+    return concatenate_detections(executor.map_tasks(ClipDetection(clip, scene, options, progress), detect_part, parts))
 
 
-def _detect_all_frames(detector: Detector[M], clip: Clip, progress: Progress) -> Detections:
-    frames = clip.distinct_frames
-    detections: list[Detections] = []
-    memory: M | None = None
-    for done, (frame, rgb) in enumerate(read_frames(clip, indices=frames)):
-        frame_detections, memory = detector.detect_next(rgb, frame, memory)
-        detections.append(frame_detections)
-        progress((done + 1) / max(len(frames), 1))
-    return concatenate_detections(detections)
+def detect_part(detection: ClipDetection, first: int, stop: int) -> Detections:
+    """Detect the balls in distinct frames `first` to `stop` - 1 of a clip, a task of an executor."""
+    return detection.detect_frames(first, stop)
+
+
+class ClipDetection:
+    """Detection of the balls of one clip; sent to another process, it prepares its detector there."""
+
+    def __init__(self, clip: Clip, scene: Scene, options: DetectOptions, progress: Progress = ignore_progress) -> None:
+        self._clip, self._scene, self._options, self._progress = clip, scene, options, progress
+        self._detector: HoughDetector | NetworkDetector | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ClipDetection, (self._clip, self._scene, self._options)
+
+    def detect_frames(self, first: int, stop: int) -> Detections:
+        """Detect the balls in distinct frames `first` to `stop` - 1."""
+        if self._detector is None:
+            self._detector = (
+                prepare_hough_detector(self._clip, self._scene)
+                if select_detector(self._options, self._scene) == "hough"
+                else prepare_network_detector(self._clip, self._scene, self._options)
+            )
+        return self._search_frames(self._detector, first, stop)
+
+    def _search_frames(self, detector: Detector[M], first: int, stop: int) -> Detections:
+        frames = self._clip.distinct_frames[first:stop]
+        detections: list[Detections] = []
+        memory: M | None = None
+        for done, (frame, rgb) in enumerate(prefetch_items(read_frames(self._clip, indices=frames), 2), start=1):
+            frame_detections, memory = detector.detect_next(rgb, frame, memory)
+            detections.append(frame_detections)
+            self._progress((first + done) / max(len(self._clip.distinct_frames), 1))
+        return concatenate_detections(detections)
 
 
 def detect_in_image(rgb: ByteArray, scene: Scene, options: DetectOptions | None = None) -> Detections:

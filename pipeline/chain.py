@@ -18,6 +18,7 @@ from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.scene import Scene
 from models.core.tracks import Tracks
+from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
@@ -66,13 +67,16 @@ class FinishedRun:
     """Sentences about irregularities of the clip."""
 
 
-def build_run_graph(clip: Path, options: RunOptions, shot: ClipShot | None = None) -> StageGraph:
+def build_run_graph(
+    clip: Path, options: RunOptions, shot: ClipShot | None = None, executor: Executor = SERIAL
+) -> StageGraph:
     """Build the graph of all stages of a run.
 
     Args:
         clip: Path of the clip.
         options: Options of all stages.
         shot: The shot of the clip to run; None for the whole clip.
+        executor: Where stages run parts of their work; it changes no result.
 
     Returns:
         The graph.
@@ -86,7 +90,7 @@ def build_run_graph(clip: Path, options: RunOptions, shot: ClipShot | None = Non
         escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}"),
     )
     stages: tuple[Stage, ...] = (
-        *_build_fit_stages(clip, digest, options, shot),
+        *_build_fit_stages(clip, digest, options, shot, executor),
         export_stage(options.detect),
         poster_stage(options.render),
         forecast_stage(options.forecast),
@@ -115,12 +119,14 @@ def build_fit_graph(clip: Path, options: RunOptions) -> StageGraph:
     return StageGraph.from_stages(_build_fit_stages(clip, digest, options), digest)
 
 
-def _build_fit_stages(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None) -> tuple[Stage, ...]:
+def _build_fit_stages(
+    clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None, executor: Executor = SERIAL
+) -> tuple[Stage, ...]:
     """Build the stages up to the fit, of a clip or of one shot."""
     return (
         read_stage(clip, digest, options.read) if shot is None else shot_stage(shot, digest, options.read.fps),
         calibrate_stage(options.calibrate),
-        detect_stage(options.detect),
+        detect_stage(options.detect, executor),
         track_stage(options.track),
         motion_stage(options.fit),
         fit_stage(options.fit),
@@ -178,6 +184,7 @@ def run_clip(
     snapshot: SourceSnapshot | None = None,
     shot: ClipShot | None = None,
     answer_listener: Callable[[FinishedRun], None] | None = None,
+    executor: Executor = SERIAL,
 ) -> FinishedRun:
     """Run the chain on one clip and publish its files in a folder.
 
@@ -194,6 +201,7 @@ def run_clip(
         snapshot: The project's code when this process started; see `StageGraph.run`.
         shot: The shot of the clip to run; None for the whole clip.
         answer_listener: Called with the summary of the run when the report is published, unless everything was cached.
+        executor: Where stages run parts of their work; it changes no result.
 
     Returns:
         Summary of the run.
@@ -202,7 +210,7 @@ def run_clip(
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
     require_unchanged = make_change_check(clip) if shot is None else shot.require_unchanged
-    graph = build_run_graph(clip, options, shot)
+    graph = build_run_graph(clip, options, shot, executor)
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}

@@ -16,6 +16,7 @@ from detectors.network.network_detector import build_network_detector
 from detectors.select_detector import select_detector
 from models.core.detections import Detections
 from models.core.scene import Scene
+from models.core.typing import ImageArray
 from video.filming_check.clip_sample import ClipSample, sample_clip
 from video.filming_check.filming_limits import FilmingLimits
 from video.filming_check.image_measurements import table_mask
@@ -47,8 +48,10 @@ class FilmingReport:
     bits_per_pixel: float
     """Mean over the clip; NaN for images."""
     view: FilmedView
+    still: ImageArray
+    """(H, W, 3) the first frame of the part."""
     detections: Detections
-    """Balls in a few frames, px."""
+    """Balls in the first and in a few other frames, px."""
 
 
 def check_clip(
@@ -76,8 +79,9 @@ def check_clip(
     values = measure_filming(sample, view, measure_exposure_time(detections, sample.clip.t))
     measurements = grade_measurements(values, limits)
     return FilmingReport(
-        sample.clip, measurements, _judge(measurements), view.refusal, sample.bits_per_pixel, view, detections
-    )
+        sample.clip, measurements, _judge(measurements), view.refusal, sample.bits_per_pixel, view, sample.stills[0],
+        detections,
+    )  # fmt: skip
 
 
 def _judge(measurements: tuple[FilmingMeasurement, ...]) -> Verdict:
@@ -87,7 +91,7 @@ def _judge(measurements: tuple[FilmingMeasurement, ...]) -> Verdict:
 
 
 def _detect_fast_balls(sample: ClipSample, view: FilmedView, scene: Scene) -> Detections:
-    """Detect the balls in the frames in which they are fastest."""
+    """Detect the balls in the first frame and in those in which they are fastest."""
     size = sample.thumbnails.shape[2], sample.thumbnails.shape[1]
     runs = select_lively_runs(sample.thumbnails, table_mask(size, view.corners, size[0] / sample.clip.width))
     images = [(k, image) for k, image in zip(sample.still_frames, sample.stills, strict=True)]
@@ -95,7 +99,7 @@ def _detect_fast_balls(sample: ClipSample, view: FilmedView, scene: Scene) -> De
         detector = build_hough_detector(scene, images)
     else:
         detector = build_network_detector(scene, images, open_ball_model(SHIPPED_BALL_MODEL))
-    frames = np.unique(np.concatenate([np.asarray(run) for run in runs]))
+    frames = np.unique(np.concatenate([[0], *runs]))
     return concatenate_detections(
         [detector.detect(rgb, frame) for frame, rgb in read_frames(sample.clip, indices=frames)]
     )

@@ -10,13 +10,14 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any
 
 from models.numerics.executor import SERIAL, Executor, TaskFunction
-from pipeline.engine.process_setup import available_cores
+from pipeline.engine.process_setup import available_cores, limit_garbage_collection
 
 _BATCHES_AHEAD = 2
 """Batches that the helper has at most: the next one waits when the helper finishes one."""
@@ -29,8 +30,11 @@ _SUBJECT, _BATCH, _CANCEL = range(3)
 
 
 @contextmanager
-def open_executor() -> Iterator[Executor]:
+def open_executor(preload: str = "") -> Iterator[Executor]:
     """Start an executor that suits this machine; it ends with the `with` block.
+
+    Args:
+        preload: Module that a helper process imports before it takes tasks, as that may take a second.
 
     Yields:
         An executor with a helper process where this process may use a second core, else the serial executor.
@@ -39,7 +43,7 @@ def open_executor() -> Iterator[Executor]:
         yield SERIAL
         return
     try:
-        executor = HelperExecutor()
+        executor = HelperExecutor(preload)
     except OSError:  # no process can be started: the serial executor is only slower
         yield SERIAL
         return
@@ -55,10 +59,10 @@ class HelperExecutor:
     The helper gets no tasks until it has started. If it dies, this process runs the remaining tasks.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, preload: str = "") -> None:
         context = get_context("spawn")
         self._connection, helper_end = context.Pipe()
-        self._process = context.Process(target=_run_helper, args=(helper_end,), daemon=True)
+        self._process = context.Process(target=_run_helper, args=(helper_end, preload), daemon=True)
         self._process.start()
         helper_end.close()
         self.submitted_batches = 0
@@ -213,9 +217,12 @@ class _TaskRound:
         self._results[k] = self._executor.run_here(self._function, self._arguments[k])
 
 
-def _run_helper(connection: Connection) -> None:
+def _run_helper(connection: Connection, preload: str) -> None:
     """Run batches in the helper process until the connection closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process decides what an interrupt ends
+    limit_garbage_collection()
+    if preload:
+        import_module(preload)
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
     messages: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
     cancelled: set[int] = set()

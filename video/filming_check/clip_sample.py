@@ -28,11 +28,11 @@ from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
 from video.io.image_sequence import ImageSequence
 from video.io.timestamps import compute_presentation_times, nominal_fps
 
-PIXEL_BUDGET = 150_000_000
-"""Pixels that are decoded: 160 frames of 720p or 72 of 1080p, about a second on one core."""
+PIXEL_BUDGET = 100_000_000
+"""Pixels that are decoded: 108 frames of 720p or 48 of 1080p, half a second on one core."""
 FRAME_RANGE = (24, 300)
 """Fewest and most frames of a sample; fewer do not show flicker, more are no use."""
-STILLS = 9
+STILLS = 5
 """Colour frames, spread over the sample, from which the table is located."""
 THUMBNAIL_WIDTH = 320
 """px, width of the small grey frames."""

@@ -45,12 +45,12 @@ class FilmingLimits:
     motion_blur: Limit = Limit(5.0, 20.0)
     """ms of exposure. At the 5 m/s of a firm shot a ball moves 25 mm in 5 ms, less than its radius, and 100 mm in 20
     ms: two diameters, the longest streak whose ends are measured well (docs/how-to/film-a-shot.md)."""
-    frame_rate: Limit = Limit(45.0, 20.0)
-    """Distinct frames per second. A segment of a path should span three frames; a ball at 3 m/s crosses 20 cm in three
-    frames at 45 fps, and 45 cm at 20 fps, the distance of two contacts in most shots."""
-    duplicates: Limit = Limit(2.0, 45.0)
-    """% of the frames that show the one before again. Single ones are recognised; from 45 % on the container has
-    twice the rate of the camera, so that half of the time resolution is missing."""
+    frame_rate: Limit = Limit(45.0, 14.0)
+    """Distinct frames per second. A segment of a path should span three frames: at 3 m/s they span 20 cm at 45 fps; at
+    14 fps the same length is reached at 1 m/s, so that only slow shots are resolved."""
+    duplicates: Limit = Limit(2.0, 75.0)
+    """% of the frames that show the one before again. They are recognised where something moves, not always, so none
+    are better; above 75 % the container has four times the rate of the camera. The rate itself is `frame_rate`."""
     irregular_times: Limit = Limit(5.0, 50.0)
     """% of the steps between frames that differ by more than a quarter from the usual one: a variable frame rate."""
     corners: Limit = Limit(4.0, 3.0)
@@ -58,9 +58,9 @@ class FilmingLimits:
     ball_size: Limit = Limit(12.0, 7.0)
     """px, diameter of a ball at the far end of the table. A circle of 12 px has some 38 px of outline, enough for a
     tenth of a pixel; at 7 px the detectors miss one ball in ten (docs/explanation/detection.md)."""
-    camera_drift: Limit = Limit(1.0, 40.0)
-    """px that the table moves in the image. Below one pixel the camera counts as still; trueroll follows slow drift,
-    but outlines of the rails are lost where a view moves by several per cent of its width."""
+    camera_drift: Limit = Limit(1.0, 100.0)
+    """px that the table moves in the image. Below one pixel the camera counts as still. trueroll follows slow motion of
+    the camera, and states less certain positions; 100 px are a twelfth of the width of 720p: rails leave the image."""
     compression: Limit = Limit(22.0, 70.0)
     """Grey levels, mean step of the quantiser (0.625 x 2^(QP / 6) for H.264). QP 31 (22 levels) is the default
     quality of phones and players; at QP 41 (70 levels) dark balls on dark cloth vanish."""

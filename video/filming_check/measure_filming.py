@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import cv2
@@ -10,7 +11,7 @@ import numpy as np
 from models.core.errors import TableNotFound
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray, ImageArray
-from video.calibration.table_finder import calibrate_image, compute_median_image
+from video.calibration.table_finder import calibrate_clip, calibrate_image, compute_median_image
 from video.filming_check import image_measurements
 from video.filming_check.clip_sample import ClipSample
 from video.filming_check.filming_limits import FilmingLimits, Level
@@ -77,14 +78,15 @@ def locate_view(sample: ClipSample, options: CalibrateOptions) -> FilmedView:
     margin = UNKNOWN_INSET * np.array([width, height])
     inset = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (np.array([width, height]) - 2 * margin) + margin
     greys = [_to_grey(image) for image in sample.stills]
-    background, scene, refusal = compute_median_image(list(sample.stills)), None, ""
-    for image in (background, sample.stills[0]):
-        try:
-            scene = calibrate_image(image, options, sample.clip.path.name)
-            background = image
-            break
-        except TableNotFound as missing:
-            refusal = refusal or str(missing)
+    scene, refusal = None, ""
+    try:
+        scene = calibrate_clip(sample.clip, options)
+    except TableNotFound as missing:
+        refusal = str(missing)
+        with suppress(TableNotFound):  # a moving camera may have been the reason
+            scene = calibrate_image(sample.stills[0], options, sample.clip.path.name)
+    is_still = scene is not None and scene.camera.motion is None and not refusal
+    background = compute_median_image(list(sample.stills)) if is_still else sample.stills[0]
     corners = inset if scene is None else scene.camera.corners_px
     radius = UNKNOWN_RADIUS_SHARE * width if scene is None else _far_ball_radius(scene)
     mask = image_measurements.table_mask((width, height), corners)

@@ -17,8 +17,10 @@ CHANGED_LEVELS = 14
 """Grey levels by which a thumbnail pixel changes where something moves."""
 LARGE_SHARE = 0.03
 """Share of the table that changes where a player or the camera moves, not a ball."""
-FAST_RADII, REACH_RADII = 1.2, 14.0
-"""Ball radii that a fast ball moves from one frame to the next, and at most."""
+STILL_RADII, REACH_RADII = 0.5, 14.0
+"""Ball radii that a resting ball seems to move from one frame to the next, and that a fast one moves at most."""
+SHARP_RADII = 3.0
+"""Ball radii that a ball moves where no streak shows a short exposure: detectors report streaks from a radius on."""
 RADIUS_RATIO = 1.35
 """Largest ratio of the radii of one ball in two frames."""
 SIDEWAYS_SHARE = 0.3
@@ -74,34 +76,33 @@ def _list_exposure_times(
 ) -> list[float]:
     """List the exposure times (s) of the balls that are fast between two frames."""
     times = []
-    still = _find_still_balls(detections, here, after)
-    here, after = here[~np.isin(here, still)], after[~np.isin(after, still)]
-    for one in here:
-        radius = detections.radius[one]
-        matches = []
-        for other in after:
-            shift = detections.centre[other] - detections.centre[one]
-            distance = float(np.hypot(*shift))
-            ratio = detections.radius[other] / radius
-            if FAST_RADII * radius < distance < REACH_RADII * radius and 1 / RADIUS_RATIO < ratio < RADIUS_RATIO:
-                matches.append((float(np.linalg.norm(detections.colour[other] - detections.colour[one])), other, shift))
-        if len(matches) != 1 and len(here) > 1:
-            matches = sorted(matches, key=lambda match: match[0])[:1]
-        for _, other, shift in matches[:1]:
-            lengths = [_streak_along(detections.streak[k], shift) for k in (one, other)]
-            share = float(np.mean(lengths)) / float(np.hypot(*shift))
-            if np.isfinite(share) and share < LARGEST_SHARE:
-                times.append(share * float(t[detections.frame[other]] - t[detections.frame[one]]))
+    for one, other in _match_moving_balls(detections, here, after):
+        shift, radius = detections.centre[other] - detections.centre[one], float(detections.radius[one])
+        distance = float(np.hypot(*shift))
+        first, second = (_streak_along(detections.streak[k], shift) for k in (one, other))
+        is_sharp = first == second == 0 and distance > SHARP_RADII * radius
+        share = (first + second) / (2 * distance)
+        if (is_sharp or min(first, second) > 0) and share < LARGEST_SHARE:
+            times.append(share * float(t[detections.frame[other]] - t[detections.frame[one]]))
     return times
 
 
-def _find_still_balls(detections: Detections, here: NDArray[np.intp], after: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Find the detections of two frames that lie at the same place in both."""
+def _match_moving_balls(
+    detections: Detections, here: NDArray[np.intp], after: NDArray[np.intp]
+) -> list[tuple[int, int]]:
+    """Match the moving balls of two frames that are the nearest of each other, and equally large."""
     if not len(here) or not len(after):
-        return np.empty(0, dtype=np.intp)
+        return []
     distance = np.linalg.norm(detections.centre[here][:, None] - detections.centre[after][None], axis=-1)
-    near = distance < 0.5 * detections.radius[here][:, None]
-    return np.concatenate([here[near.any(axis=1)], after[near.any(axis=0)]])
+    radius = detections.radius[here][:, None]
+    ratio = radius / detections.radius[after][None]
+    distance[(ratio > RADIUS_RATIO) | (ratio < 1 / RADIUS_RATIO) | (distance > REACH_RADII * radius)] = np.inf
+    nearest = distance.argmin(axis=1)
+    return [
+        (int(here[k]), int(after[n]))
+        for k, n in enumerate(nearest)
+        if distance[:, n].argmin() == k and STILL_RADII * float(radius[k, 0]) < distance[k, n] < np.inf
+    ]
 
 
 def _streak_along(streak: FloatArray, shift: FloatArray) -> float:

@@ -12,6 +12,7 @@ from rich.table import Table as Grid
 
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
+from pipeline.engine.helper_executor import open_executor
 from pipeline.engine.result_cache import ResultCache
 from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
@@ -55,7 +56,11 @@ def run(
         _run_live(clip, folder, options, store, as_json)
         return
     answers: list[FinishedRun] = []
-    with StageDisplay(console, str(clip)) as display, _announce_compilation():
+    with (
+        open_executor("detectors.detect") as executor,
+        StageDisplay(console, str(clip)) as display,
+        _announce_compilation(),
+    ):
 
         def print_answer(answer: FinishedRun) -> None:
             """Print the answer while the rest is still made."""
@@ -63,7 +68,9 @@ def run(
             with display.pause():
                 _print_answer(answer)
 
-        finished = run_clip(clip, folder, options, store, display, answer_listener=None if as_json else print_answer)
+        finished = run_clip(
+            clip, folder, options, store, display, answer_listener=None if as_json else print_answer, executor=executor
+        )
     _print_run(finished, options, as_json, is_answered=bool(answers))
 
 

@@ -41,7 +41,7 @@ from video.overlay.filming_still import PanelLine, TableOutline, count_panel_let
 
 SIGNS = {"good": "[green]✓[/]", "doubt": "[yellow]![/]", "bad": "[red]✗[/]", "unknown": "[dim]–[/]"}
 """Signs of the levels on a terminal."""
-PANEL_SIGNS = {"good": "✓", "doubt": "!", "bad": "✗", "unknown": "–"}
+PANEL_SIGNS = {"good": "+", "doubt": "!", "bad": "x", "unknown": "?"}
 LEVEL_COLOURS = {
     "good": TRUST_COLOURS["green"], "doubt": TRUST_COLOURS["amber"], "bad": TRUST_COLOURS["red"], "unknown": MUTED_GREY,
 }  # fmt: skip
@@ -129,8 +129,8 @@ def _write_still(report: FilmingReport, path: Path) -> None:
 
 def _draw_still(report: FilmingReport) -> ImageArray:
     """Draw the annotated still."""
-    view, first = report.view, report.detections.frame == report.detections.frame.min(initial=0)
-    letters = count_panel_letters(view.background.shape)
+    view, first = report.view, report.detections.frame == 0
+    letters = count_panel_letters(report.still.shape)
     lines = [
         PanelLine(text, LEVEL_COLOURS[VERDICT_LEVELS[report.verdict]], True)
         for text in wrap(VERDICT_WORDS[report.verdict], letters)
@@ -146,4 +146,4 @@ def _draw_still(report: FilmingReport) -> ImageArray:
     if view.scene is not None:
         balls = report.detections
         outline = TableOutline(view.corners, np.asarray(balls.centre[first]), np.asarray(balls.radius[first]))
-    return draw_filming_still(view.background, outline, view.glare, lines)
+    return draw_filming_still(report.still, outline, view.glare, lines)
