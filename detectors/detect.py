@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from detectors.detect_options import DetectOptions
 from detectors.hough.hough_detector import HoughDetector, build_hough_detector
 from detectors.measurement.array_columns import concatenate_rows
+from detectors.measurement.cloth_background import ClothBackground
+from detectors.measurement.working_view import WorkingView
 from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
 from detectors.network.network_detector import NetworkDetector, build_network_detector
 from detectors.select_detector import select_detector
@@ -70,10 +72,15 @@ def detect_balls(
     Raises:
         ModelError: The file of the network cannot be used.
     """
+    detector: HoughDetector | NetworkDetector = (
+        prepare_hough_detector(clip, scene)
+        if select_detector(options, scene) == "hough"
+        else prepare_network_detector(clip, scene, options)
+    )
     count = len(clip.distinct_frames)
     borders = np.linspace(0, count, PARTS + 1 if count >= PARTS * LEAST_PART_FRAMES else 2).round().astype(int).tolist()
-    parts = list(pairwise(borders))
-    return concatenate_detections(executor.map_tasks(ClipDetection(clip, scene, options, progress), detect_part, parts))
+    detection = ClipDetection(clip, detector, options, progress)
+    return concatenate_detections(executor.map_tasks(detection, detect_part, list(pairwise(borders))))
 
 
 def detect_part(detection: ClipDetection, first: int, stop: int) -> Detections:
@@ -82,23 +89,22 @@ def detect_part(detection: ClipDetection, first: int, stop: int) -> Detections:
 
 
 class ClipDetection:
-    """Detection of the balls of one clip; sent to another process, it prepares its detector there."""
+    """Detection of the balls of one clip, which can be sent to another process: there the network is opened again."""
 
-    def __init__(self, clip: Clip, scene: Scene, options: DetectOptions, progress: Progress = ignore_progress) -> None:
-        self._clip, self._scene, self._options, self._progress = clip, scene, options, progress
-        self._detector: HoughDetector | NetworkDetector | None = None
+    def __init__(
+        self,
+        clip: Clip,
+        detector: HoughDetector | NetworkDetector,
+        options: DetectOptions,
+        progress: Progress = ignore_progress,
+    ) -> None:
+        self._clip, self._detector, self._options, self._progress = clip, detector, options, progress
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return ClipDetection, (self._clip, self._scene, self._options)
+        return _restore_detection, (self._clip, self._detector.view, self._detector.cloth, self._options)
 
     def detect_frames(self, first: int, stop: int) -> Detections:
         """Detect the balls in distinct frames `first` to `stop` - 1."""
-        if self._detector is None:
-            self._detector = (
-                prepare_hough_detector(self._clip, self._scene)
-                if select_detector(self._options, self._scene) == "hough"
-                else prepare_network_detector(self._clip, self._scene, self._options)
-            )
         return self._search_frames(self._detector, first, stop)
 
     def _search_frames(self, detector: Detector[M], first: int, stop: int) -> Detections:
@@ -110,6 +116,13 @@ class ClipDetection:
             detections.append(frame_detections)
             self._progress((first + done) / max(len(self._clip.distinct_frames), 1))
         return concatenate_detections(detections)
+
+
+def _restore_detection(clip: Clip, view: WorkingView, cloth: ClothBackground, options: DetectOptions) -> ClipDetection:
+    """Restore the detection of a clip in another process."""
+    if select_detector(options, view.scene) == "hough":
+        return ClipDetection(clip, HoughDetector(view, cloth), options)
+    return ClipDetection(clip, NetworkDetector(view, cloth, open_ball_model(select_model_file(options))), options)
 
 
 def detect_in_image(rgb: ByteArray, scene: Scene, options: DetectOptions | None = None) -> Detections:

@@ -2,7 +2,7 @@
 
     python -m benchmarks.clips.filming_checks [--clips 200] [--seed 1] [--rows FILE.csv] [--minutes 60] [--keep DIR]
 
-The clips are parts of the rendered sample clips, played at twice their rate, mirrored, resized, with other brightness
+The clips are parts of the rendered sample clips, played at 50 or 60 fps, mirrored, resized, with other brightness
 and colours; one fault of random strength is added, by operations on the frames or by the encoder. Takes about 5 s a
 clip; --rows continues an interrupted run. Prints the confusion table: fault of the clip against the first fault named.
 """
@@ -36,6 +36,8 @@ Image = NDArray[np.uint8]
 
 FRAMES = 40
 """Frames of a clip before the fault: two thirds of a second, from shortly before the strike on."""
+SLOW_RATE = 50
+"""Frames per second up to which a sample clip is played twice as fast."""
 NONE = "none"
 SMALL_CRF, TIME_BASE = 18, Fraction(1, 90_000)
 GOAL = 0.95
@@ -71,7 +73,7 @@ class CheckedRow:
 
 
 def read_sample(name: str) -> FilmedPart:
-    """Read the part of a sample clip after the strike, at twice its rate, with its true balls."""
+    """Read the part of a sample clip around the strike, at 50 or 60 fps, with its true balls."""
     clip = open_clip(ROOT / "sample_videos" / f"{name}.mp4")
     first = max(int(np.searchsorted(clip.t, 0.45)) - 6, 0)
     wanted = np.arange(first, min(first + FRAMES, clip.frame_count))
@@ -89,7 +91,7 @@ def read_sample(name: str) -> FilmedPart:
             if here is not None and after is not None and np.hypot(after[0] - here[0], after[1] - here[1]) > 1:
                 moving.append((np.array(here[:2]), np.subtract(after[:2], here[:2]), here[2]))
         balls.append(moving)
-    rate = 2 * float(clip.fps)
+    rate = float(clip.fps) * (1 if clip.fps > SLOW_RATE else 2)
     radius = min(value[2] for value in places.values())
     return FilmedPart(frames, np.arange(len(frames)) / rate, rate, balls, radius)
 

@@ -44,18 +44,19 @@ def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress:
     """Draw the poster, and note when the slow motion begins."""
     from video.io.clip import read_frames
     from video.matting.ball_timeline import build_ball_timeline
+    from video.matting.frame_store import FrameStore
+    from video.matting.hidden_background import estimate_hidden_background
     from video.overlay.poster import Poster
-    from video.overlay.slow_motion import find_output_times
-    from video.synthesis.frame_synthesis import estimate_clip_appearance  # slow to import
+    from video.overlay.slow_motion import find_output_times  # slow to import
 
     clip, tracks, fit = (inputs[name] for name in ("read", "track", "motion"))
-    appearance = estimate_clip_appearance(build_ball_timeline(inputs["calibrate"], tracks, fit), clip)
-    poster = Poster.for_clip(appearance)
+    timeline = build_ball_timeline(inputs["calibrate"], tracks, fit)
+    poster = Poster.for_timeline(timeline, estimate_hidden_background(timeline, FrameStore(timeline, clip)))
     rows = sorted(poster.rows)
-    for row, (_, image) in zip(rows, read_frames(clip, indices=appearance.timeline.frame[rows]), strict=True):
+    for row, (_, image) in zip(rows, read_frames(clip, indices=timeline.frame[rows]), strict=True):
         poster.add_frame(row, image)
     poster.write(tracks, fit, folder / "poster.png", options)
-    start = float(find_output_times(clip, appearance.timeline, options)[0])
+    start = float(find_output_times(clip, timeline, options)[0])
     (folder / START_FILE).write_text(json.dumps(start), encoding="utf-8")
 
 

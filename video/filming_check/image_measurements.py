@@ -12,14 +12,16 @@ CLIPPED_LEVEL = 250
 GLARE_RATIO, GLARE_GREY = 1.6, 0.5
 """A pixel of glare is so many times brighter than the median of the cloth, and has at most this share of its
 saturation."""
-GLARE_LEVEL = 150
-"""Level of 255 that glare has at least."""
+GLARE_LEVELS = (150, 240)
+"""Limits of the level of 255 from which a pixel is glare: no dark grey is, and nearly white always is."""
 SPOT_RADII = 1.6
 """Radius of the smallest spot that is no ball, ball radii."""
 EDGE_WINDOW, STRONG_EDGE = 21, 40.0
 """px around an edge within which both sides are seen, and the least step of a strong edge, grey levels."""
 SHARPEST_SHARE = 0.2
 """Quantile of the blur over strong edges: many edges are soft by themselves, the sharpest show the focus."""
+SLOPE_VARIANCE = 5 / 12
+"""px^2 that a slope over two pixels (4 / 12) and the pixels themselves (1 / 12) add to the variance of the blur."""
 LEAST_EDGES = 60
 """Pixels of strong edges below which the focus is not measured."""
 STEADY_SHARES = (25, 75)
@@ -89,11 +91,11 @@ def find_glare(image: ImageArray, mask: BoolArray, ball_radius: float) -> BoolAr
     Returns:
         Mask (H, W) of the spots.
     """
-    hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
-    value, saturation = hsv[..., 2].astype(np.float32), hsv[..., 1].astype(np.float32)
-    cloth_value, cloth_saturation = float(np.median(value[mask])), float(np.median(saturation[mask]))
-    bright = mask & (value > max(GLARE_RATIO * cloth_value, GLARE_LEVEL))
-    bright &= (saturation < GLARE_GREY * cloth_saturation) | (value >= CLIPPED_LEVEL)
+    saturation = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)[..., 1].astype(np.float32)
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    cloth_grey, cloth_saturation = float(np.median(grey[mask])), float(np.median(saturation[mask]))
+    bright = mask & (grey > np.clip(GLARE_RATIO * cloth_grey, *GLARE_LEVELS))
+    bright &= (saturation < GLARE_GREY * cloth_saturation) | (grey >= CLIPPED_LEVEL)
     size = 2 * max(round(SPOT_RADII * ball_radius), 1) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     return np.asarray(cv2.morphologyEx(bright.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0)
@@ -120,4 +122,5 @@ def measure_edge_blur(grey: ByteArray, mask: BoolArray) -> float:
     strong = mask & (step >= STRONG_EDGE) & (slope >= near) & (slope > 0.02 * step)
     if np.count_nonzero(strong) < LEAST_EDGES:
         return float("nan")
-    return float(np.quantile(step[strong] / (slope[strong] * np.sqrt(2 * np.pi)), SHARPEST_SHARE))
+    seen = float(np.quantile(step[strong] / (slope[strong] * np.sqrt(2 * np.pi)), SHARPEST_SHARE))
+    return float(np.sqrt(max(seen**2 - SLOPE_VARIANCE, 0.0)))

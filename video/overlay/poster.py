@@ -23,7 +23,6 @@ from video.matting.compositing import SpriteLayer, composite_balls
 from video.overlay.annotation import DEFAULT_OPTIONS, MAX_LABEL_OVERLAP, Annotation, prepare_annotation
 from video.overlay.frame_overlay import FrameBalls, Label, draw_disc, draw_ring, mask_without_balls
 from video.overlay.trails import draw_trail
-from video.synthesis.frame_synthesis import ClipAppearance
 
 GHOST_SPACING_RADII = 5.0
 """Ball radii between two ghosts of a ball."""
@@ -52,18 +51,19 @@ class Poster:
     last: ImageArray | None = None
 
     @classmethod
-    def for_clip(cls, appearance: ClipAppearance) -> Poster:
+    def for_timeline(cls, timeline: BallTimeline, plate: BackgroundPlate) -> Poster:
         """Create a poster that has received no frame.
 
         Args:
-            appearance: Appearance of the clip.
+            timeline: Positions of the balls.
+            plate: Background of the clip without its moving balls.
 
         Returns:
             The poster; its `rows` are the frames that it needs.
         """
-        timeline, positions = appearance.timeline, _select_ghost_positions(appearance.timeline)
+        positions = _select_ghost_positions(timeline)
         rows = frozenset({0, len(timeline.t) - 1, *(row for row, _ in positions)})
-        return cls(timeline, appearance.plate, positions, rows)
+        return cls(timeline, plate, positions, rows)
 
     def add_frame(self, row: int, image: ImageArray) -> None:
         """Take what the poster needs from a frame.

@@ -35,7 +35,7 @@ def appearance_of(clip: Clip, tracks: Tracks | None = None, fit: Fit | None = No
 
 def render_poster(clip: Clip, appearance: ClipAppearance, tracks: Tracks, fit: Fit, path: Path) -> None:
     """Write the poster of a clip from all of its frames."""
-    poster = Poster.for_clip(appearance)
+    poster = Poster.for_timeline(appearance.timeline, appearance.plate)
     for row, (_, image) in enumerate(read_frames(clip, indices=appearance.timeline.frame)):
         poster.add_frame(row, image)
     poster.write(tracks, fit, path)
