@@ -23,7 +23,6 @@ from models.core.scene import Scene
 from models.core.typing import ByteArray
 from models.numerics.executor import SERIAL, Executor
 from video.io.clip import Clip, read_frames
-from video.io.prefetch import prefetch_items
 
 BACKGROUND_FRAMES = 15
 """Frames, spread over the clip, from which the empty table is learnt."""
@@ -111,7 +110,7 @@ class ClipDetection:
         frames = self._clip.distinct_frames[first:stop]
         detections: list[Detections] = []
         memory: M | None = None
-        for done, (frame, rgb) in enumerate(prefetch_items(read_frames(self._clip, indices=frames), 2), start=1):
+        for done, (frame, rgb) in enumerate(read_frames(self._clip, indices=frames), start=1):
             frame_detections, memory = detector.detect_next(rgb, frame, memory)
             detections.append(frame_detections)
             self._progress((first + done) / max(len(self._clip.distinct_frames), 1))

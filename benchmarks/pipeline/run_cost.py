@@ -5,8 +5,9 @@
 Without CLIP, the largest 720p sample is cut or repeated to 5 s. Each round runs the clip with --quick --no-video and in
 full, each from an empty cache, and measures the reference beside them: decoding the clip once and encoding its slow
 motion once. Ratios therefore hold on a busy machine, wall-clock times do not. Compiled code is expected to be cached:
-the first run on a machine compiles. The last round repeats the full run from its cache; --long adds a clip ten times as
-long. Takes about two minutes per round. Memory is the largest resident set as counted by the operating system.
+the first run on a machine compiles. The bytecode of Python is written even where the environment forbids it. At the end
+the full run is repeated from its cache; --long adds a clip ten times as long. Takes about two minutes per round. Memory
+is the largest resident set as counted by the operating system.
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ def run_measured(clip: Path, out: Path, cache: Path, *options: str) -> RunCost:
     """Measure one `trueroll run` as a separate process."""
     command = [sys.executable, "-m", "trueroll", "run", str(clip), "-o", str(out), "--cache", str(cache), *options]
     start = time.perf_counter()
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     assert process.stdout is not None
     answer = float("nan")
     for line in process.stdout:

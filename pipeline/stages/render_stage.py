@@ -42,18 +42,17 @@ def render_stage(options: RenderOptions) -> Stage:
 
 def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
     """Draw the poster, and note when the slow motion begins."""
-    from video.io.clip import read_frames
     from video.matting.ball_timeline import build_ball_timeline
     from video.matting.frame_store import FrameStore
     from video.matting.hidden_background import estimate_hidden_background
-    from video.overlay.poster import Poster
+    from video.overlay.poster import Poster, find_poster_rows
     from video.overlay.slow_motion import find_output_times  # slow to import
 
     clip, tracks, fit = (inputs[name] for name in ("read", "track", "motion"))
     timeline = build_ball_timeline(inputs["calibrate"], tracks, fit)
-    poster = Poster.for_timeline(timeline, estimate_hidden_background(timeline, FrameStore(timeline, clip)))
-    rows = sorted(poster.rows)
-    for row, (_, image) in zip(rows, read_frames(clip, indices=timeline.frame[rows]), strict=True):
+    frames = FrameStore(timeline, clip, find_poster_rows(timeline))
+    poster = Poster.for_timeline(timeline, estimate_hidden_background(timeline, frames))
+    for row, image in frames.read_rows(poster.rows):
         poster.add_frame(row, image)
     poster.write(tracks, fit, folder / "poster.png", options)
     start = float(find_output_times(clip, timeline, options)[0])

@@ -61,9 +61,7 @@ class Poster:
         Returns:
             The poster; its `rows` are the frames that it needs.
         """
-        positions = _select_ghost_positions(timeline)
-        rows = frozenset({0, len(timeline.t) - 1, *(row for row, _ in positions)})
-        return cls(timeline, plate, positions, rows)
+        return cls(timeline, plate, _select_ghost_positions(timeline), find_poster_rows(timeline))
 
     def add_frame(self, row: int, image: ImageArray) -> None:
         """Take what the poster needs from a frame.
@@ -101,6 +99,11 @@ class Poster:
             height, width = still.shape[:2]
             raise ClipError(f"the poster {path.name} was to be a PNG of {width} x {height} px; it failed")
         path.write_bytes(data.tobytes())
+
+
+def find_poster_rows(timeline: BallTimeline) -> frozenset[int]:
+    """Find the rows of a timeline whose frames a poster shows: the first, the last, and those of the ghosts."""
+    return frozenset({0, len(timeline.t) - 1, *(row for row, _ in _select_ghost_positions(timeline))})
 
 
 def _select_ghost_positions(timeline: BallTimeline) -> list[tuple[int, int]]:

@@ -117,6 +117,15 @@ def test_the_report_keeps_nobody_out(report: Path, browser: webdriver.Chrome) ->
     assert accessibility_violations(open_page(report, browser)) == []
 
 
+def test_a_report_without_its_slow_motion_says_so(report: Path, browser: webdriver.Chrome, tmp_path: Path) -> None:
+    open_page(report, browser)
+    assert not browser.find_element(By.ID, "missing").is_displayed()
+    (tmp_path / "report.html").write_bytes(report.read_bytes())
+    open_page(tmp_path / "report.html", browser)
+    WebDriverWait(browser, 10).until(lambda b: b.find_element(By.ID, "missing").is_displayed())
+    assert not browser.find_element(By.ID, "playing").is_displayed()
+
+
 def test_the_report_is_no_wider_than_the_screen(report: Path, browser: webdriver.Chrome) -> None:
     open_page(report, browser)
     wide, screen = browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
