@@ -104,12 +104,10 @@ class ClipDetection:
 
     def detect_frames(self, first: int, stop: int) -> Detections:
         """Detect the balls in distinct frames `first` to `stop` - 1."""
-        return self._search_frames(self._detector, first, stop)
-
-    def _search_frames(self, detector: Detector[M], first: int, stop: int) -> Detections:
+        detector: Detector[Any] = self._detector
+        memory: Any = None
         frames = self._clip.distinct_frames[first:stop]
         detections: list[Detections] = []
-        memory: M | None = None
         for done, (frame, rgb) in enumerate(read_frames(self._clip, indices=frames), start=1):
             frame_detections, memory = detector.detect_next(rgb, frame, memory)
             detections.append(frame_detections)

@@ -55,9 +55,9 @@ class FilmingLimits:
     """% of the steps between frames that differ by more than a quarter from the usual one: a variable frame rate."""
     corners: Limit = Limit(4.0, 3.0)
     """Corners of the playing surface inside the image. A fourth corner follows from three; two leave the scale open."""
-    ball_size: Limit = Limit(12.0, 7.0)
+    ball_size: Limit = Limit(12.0, 8.0)
     """px, diameter of a ball at the far end of the table. A circle of 12 px has some 38 px of outline, enough for a
-    tenth of a pixel; at 7 px the detectors miss one ball in ten (docs/explanation/detection.md)."""
+    tenth of a pixel; the networks are trained on balls of 8 px and more (docs/explanation/detection.md)."""
     camera_drift: Limit = Limit(1.0, 100.0)
     """px that the table moves in the image. Below one pixel the camera counts as still. trueroll follows slow motion of
     the camera, and states less certain positions; 100 px are a twelfth of the width of 720p: rails leave the image."""

@@ -78,7 +78,8 @@ def locate_view(sample: ClipSample, options: CalibrateOptions) -> FilmedView:
     margin = UNKNOWN_INSET * np.array([width, height])
     inset = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (np.array([width, height]) - 2 * margin) + margin
     greys = [_to_grey(image) for image in sample.stills]
-    scene, refusal = None, ""
+    scene: Scene | None = None
+    refusal = ""
     try:
         scene = calibrate_clip(sample.clip, options)
     except TableNotFound as missing:
