@@ -12,7 +12,6 @@ This package is the public API: it re-exports documented names of other packages
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,22 +21,23 @@ if TYPE_CHECKING:
 
 __all__ = ["Run", "TruerollError", "detect", "diagnose", "run", "simulate"]
 
-_MODULES = {
-    "Run": "pipeline.api",
-    "TruerollError": "models.core.errors",
-    "detect": "pipeline.analysis_api",
-    "diagnose": "pipeline.analysis_api",
-    "run": "pipeline.api",
-    "simulate": "pipeline.analysis_api",
-}
-"""Module of each name."""
-
 
 def __getattr__(name: str) -> Any:
     """Import a name at its first use: `import trueroll` and `python -m trueroll` would take seconds otherwise."""
-    if name not in _MODULES:
-        raise AttributeError(f"module 'trueroll' has no attribute {name!r}")
-    return getattr(import_module(_MODULES[name]), name)
+    match name:
+        case "Run" | "run":
+            from pipeline import api
+
+            return getattr(api, name)
+        case "detect" | "diagnose" | "simulate":
+            from pipeline import analysis_api
+
+            return getattr(analysis_api, name)
+        case "TruerollError":
+            from models.core import errors
+
+            return errors.TruerollError
+    raise AttributeError(f"module 'trueroll' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -33,6 +33,11 @@ def detect_stage(options: DetectOptions, executor: Executor = SERIAL) -> Stage:
     )
 
 
+def import_detectors() -> None:
+    """Import the detectors, which takes a second, so that a helper process is ready when the stage begins."""
+    from detectors import detect as detect
+
+
 def _hash_model(model: Path) -> str:
     """Return the SHA-256 of the file: another network under the same name is another detector."""
     try:

@@ -122,5 +122,5 @@ def measure_edge_blur(grey: ByteArray, mask: BoolArray) -> float:
     strong = mask & (step >= STRONG_EDGE) & (slope >= near) & (slope > 0.02 * step)
     if np.count_nonzero(strong) < LEAST_EDGES:
         return float("nan")
-    seen = float(np.quantile(step[strong] / (slope[strong] * np.sqrt(2 * np.pi)), SHARPEST_SHARE))
-    return float(np.sqrt(max(seen**2 - SLOPE_VARIANCE, 0.0)))
+    apparent = float(np.quantile(step[strong] / (slope[strong] * np.sqrt(2 * np.pi)), SHARPEST_SHARE))
+    return float(np.sqrt(max(apparent**2 - SLOPE_VARIANCE, 0.0)))
