@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from detectors.detect_options import DetectOptions
 from detectors.hough.hough_detector import HoughDetector, build_hough_detector
 from detectors.measurement.array_columns import concatenate_rows
+from detectors.measurement.cloth_background import ClothBackground
+from detectors.measurement.working_view import WorkingView
 from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
 from detectors.network.network_detector import NetworkDetector, build_network_detector
 from detectors.select_detector import select_detector
@@ -18,12 +21,15 @@ from models.core.detections import Detections
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
 from models.core.typing import ByteArray
+from models.numerics.executor import SERIAL, Executor
 from video.io.clip import Clip, read_frames
 
 BACKGROUND_FRAMES = 15
 """Frames, spread over the clip, from which the empty table is learnt."""
-BACKGROUND_FRAMES_QUICK = 7
-"""The same with the option `quick`."""
+
+PARTS, LEAST_PART_FRAMES = 2, 24
+"""Parts of a clip that are searched independently of each other, and the fewest frames of a part. Their number does not
+depend on the machine, because a search remembers the frame before: another division gives slightly other results."""
 
 M = TypeVar("M")
 
@@ -40,7 +46,13 @@ class Detector(Protocol[M]):
         ...
 
 
-def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Progress = ignore_progress) -> Detections:
+def detect_balls(
+    clip: Clip,
+    scene: Scene,
+    options: DetectOptions,
+    progress: Progress = ignore_progress,
+    executor: Executor = SERIAL,
+) -> Detections:
     """Detect the balls in every distinct frame of a clip.
 
     The clip is decoded twice, and only a few small images are kept. Every frame is measured again, also where nothing
@@ -51,6 +63,7 @@ def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Pro
         scene: Table and camera.
         options: Which detector and network.
         progress: Called with the share that is done.
+        executor: Where the parts of the clip are searched; it changes no result.
 
     Returns:
         Detections sorted by frame, px of the original frames.
@@ -58,20 +71,55 @@ def detect_balls(clip: Clip, scene: Scene, options: DetectOptions, progress: Pro
     Raises:
         ModelError: The file of the network cannot be used.
     """
-    if select_detector(options, scene) == "hough":
-        return _detect_all_frames(prepare_hough_detector(clip, scene, options), clip, progress)
-    return _detect_all_frames(prepare_network_detector(clip, scene, options), clip, progress)
+    detector: HoughDetector | NetworkDetector = (
+        prepare_hough_detector(clip, scene)
+        if select_detector(options, scene) == "hough"
+        else prepare_network_detector(clip, scene, options)
+    )
+    count = len(clip.distinct_frames)
+    borders = np.linspace(0, count, PARTS + 1 if count >= PARTS * LEAST_PART_FRAMES else 2).round().astype(int).tolist()
+    detection = ClipDetection(clip, detector, options, progress)
+    return concatenate_detections(executor.map_tasks(detection, detect_part, list(pairwise(borders))))
 
 
-def _detect_all_frames(detector: Detector[M], clip: Clip, progress: Progress) -> Detections:
-    frames = clip.distinct_frames
-    detections: list[Detections] = []
-    memory: M | None = None
-    for done, (frame, rgb) in enumerate(read_frames(clip, indices=frames)):
-        frame_detections, memory = detector.detect_next(rgb, frame, memory)
-        detections.append(frame_detections)
-        progress((done + 1) / max(len(frames), 1))
-    return concatenate_detections(detections)
+def detect_part(detection: ClipDetection, first: int, stop: int) -> Detections:
+    """Detect the balls in distinct frames `first` to `stop` - 1 of a clip, a task of an executor."""
+    return detection.detect_frames(first, stop)
+
+
+class ClipDetection:
+    """Detection of the balls of one clip, which can be sent to another process: there the network is opened again."""
+
+    def __init__(
+        self,
+        clip: Clip,
+        detector: HoughDetector | NetworkDetector,
+        options: DetectOptions,
+        progress: Progress = ignore_progress,
+    ) -> None:
+        self._clip, self._detector, self._options, self._progress = clip, detector, options, progress
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restore_detection, (self._clip, self._detector.view, self._detector.cloth, self._options)
+
+    def detect_frames(self, first: int, stop: int) -> Detections:
+        """Detect the balls in distinct frames `first` to `stop` - 1."""
+        detector: Detector[Any] = self._detector
+        memory: Any = None
+        frames = self._clip.distinct_frames[first:stop]
+        detections: list[Detections] = []
+        for done, (frame, rgb) in enumerate(read_frames(self._clip, indices=frames), start=1):
+            frame_detections, memory = detector.detect_next(rgb, frame, memory)
+            detections.append(frame_detections)
+            self._progress((first + done) / max(len(self._clip.distinct_frames), 1))
+        return concatenate_detections(detections)
+
+
+def _restore_detection(clip: Clip, view: WorkingView, cloth: ClothBackground, options: DetectOptions) -> ClipDetection:
+    """Restore the detection of a clip in another process."""
+    if select_detector(options, view.scene) == "hough":
+        return ClipDetection(clip, HoughDetector(view, cloth), options)
+    return ClipDetection(clip, NetworkDetector(view, cloth, open_ball_model(select_model_file(options))), options)
 
 
 def detect_in_image(rgb: ByteArray, scene: Scene, options: DetectOptions | None = None) -> Detections:
@@ -95,18 +143,17 @@ def detect_in_image(rgb: ByteArray, scene: Scene, options: DetectOptions | None 
     return build_network_detector(scene, images, open_ball_model(select_model_file(options))).detect(rgb)
 
 
-def prepare_hough_detector(clip: Clip, scene: Scene, options: DetectOptions) -> HoughDetector:
+def prepare_hough_detector(clip: Clip, scene: Scene) -> HoughDetector:
     """Prepare the detector without a network for a clip.
 
     Args:
         clip: The clip.
         scene: Table and camera.
-        options: Number of frames to learn from.
 
     Returns:
         The detector.
     """
-    return build_hough_detector(scene, read_frames(clip, indices=_select_background_frames(clip, options)))
+    return build_hough_detector(scene, read_frames(clip, indices=_select_background_frames(clip)))
 
 
 def prepare_network_detector(clip: Clip, scene: Scene, options: DetectOptions) -> NetworkDetector:
@@ -115,7 +162,7 @@ def prepare_network_detector(clip: Clip, scene: Scene, options: DetectOptions) -
     Args:
         clip: The clip.
         scene: Table and camera.
-        options: Which network, and number of frames to learn from.
+        options: Which network.
 
     Returns:
         The detector.
@@ -124,7 +171,7 @@ def prepare_network_detector(clip: Clip, scene: Scene, options: DetectOptions) -
         ModelError: The file of the network cannot be used.
     """
     model = open_ball_model(select_model_file(options))
-    return build_network_detector(scene, read_frames(clip, indices=_select_background_frames(clip, options)), model)
+    return build_network_detector(scene, read_frames(clip, indices=_select_background_frames(clip)), model)
 
 
 def select_model_file(options: DetectOptions) -> Path:
@@ -139,9 +186,9 @@ def select_model_file(options: DetectOptions) -> Path:
     return SHIPPED_BALL_MODEL if options.model is None else Path(options.model)
 
 
-def _select_background_frames(clip: Clip, options: DetectOptions) -> NDArray[np.int64]:
+def _select_background_frames(clip: Clip) -> NDArray[np.int64]:
     """Select frames, spread over a clip, from which the empty table is learnt."""
-    return _spread_evenly(clip.distinct_frames, BACKGROUND_FRAMES_QUICK if options.quick else BACKGROUND_FRAMES)
+    return _spread_evenly(clip.distinct_frames, BACKGROUND_FRAMES)
 
 
 def _spread_evenly(frames: NDArray[np.int64], count: int) -> NDArray[np.int64]:

@@ -18,4 +18,3 @@ class DetectOptions:
     model: str | None = option(
         None, help="File of an ONNX ball detector for the onnx detector. Default: the network of trueroll."
     )
-    quick: bool = option(False, help="Estimate the empty table from fewer frames.")

@@ -18,6 +18,7 @@ from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.scene import Scene
 from models.core.tracks import Tracks
+from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
@@ -30,23 +31,25 @@ from pipeline.run_options import RunOptions, format_changed_settings
 from pipeline.stages.calibrate_stage import calibrate_stage
 from pipeline.stages.detect_stage import detect_stage
 from pipeline.stages.export_stage import export_stage
-from pipeline.stages.fit_stage import fit_stage
+from pipeline.stages.fit_stage import fit_stage, motion_stage
 from pipeline.stages.forecast_stage import forecast_stage
 from pipeline.stages.read_stage import read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage
-from pipeline.stages.render_stage import render_stage
-from pipeline.stages.report_stage import ReportOptions, report_stage
+from pipeline.stages.render_stage import poster_stage, render_stage
+from pipeline.stages.report_stage import ReportOptions, page_stage, report_stage
 from pipeline.stages.shot_stages import ClipShot, shot_stage
 from pipeline.stages.track_stage import track_stage
 from video.io.clip import Clip, compute_clip_digest, require_readable_file
 
 STAGE_FILES: Mapping[str, tuple[str, ...]] = {
     "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
-    "render": ("slow.mp4", "poster.png"),
-    "record": ("recording.rrd",),
+    "poster": ("poster.png",),
     "report": ("report.html",),
+    "record": ("recording.rrd",),
+    "render": ("slow.mp4",),
+    "page": ("report.html",),
 }
-"""Files of a run folder by the stage that writes them."""
+"""Files of a run folder by the stage that writes them; of two stages with the same file, the later one counts."""
 SOURCE_FILE = "source.json"
 """File of a run folder that names the source clip."""
 
@@ -64,13 +67,16 @@ class FinishedRun:
     """Sentences about irregularities of the clip."""
 
 
-def build_run_graph(clip: Path, options: RunOptions, shot: ClipShot | None = None) -> StageGraph:
+def build_run_graph(
+    clip: Path, options: RunOptions, shot: ClipShot | None = None, executor: Executor = SERIAL
+) -> StageGraph:
     """Build the graph of all stages of a run.
 
     Args:
         clip: Path of the clip.
         options: Options of all stages.
         shot: The shot of the clip to run; None for the whole clip.
+        executor: Where stages run parts of their work; it changes no result.
 
     Returns:
         The graph.
@@ -80,17 +86,19 @@ def build_run_graph(clip: Path, options: RunOptions, shot: ClipShot | None = Non
     """
     digest = hash_clip(clip) if shot is None else shot.whole.digest
     settings, title = (
-        format_changed_settings(options),
+        format_changed_settings(replace(options, render=replace(options.render, no_video=False))),
         escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}"),
     )
-    stages = (
-        *_build_fit_stages(clip, digest, options, shot),
+    stages: tuple[Stage, ...] = (
+        *_build_fit_stages(clip, digest, options, shot, executor),
         export_stage(options.detect),
-        render_stage(options.render),
+        poster_stage(options.render),
         forecast_stage(options.forecast),
-        record_stage(RecordOptions(title)),
         report_stage(ReportOptions(title, options.render.slow, settings, options.detect)),
+        record_stage(RecordOptions(title)),
     )
+    if not options.render.no_video:
+        stages = (*stages, render_stage(options.render), page_stage())
     return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
 
 
@@ -111,13 +119,16 @@ def build_fit_graph(clip: Path, options: RunOptions) -> StageGraph:
     return StageGraph.from_stages(_build_fit_stages(clip, digest, options), digest)
 
 
-def _build_fit_stages(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None) -> tuple[Stage, ...]:
+def _build_fit_stages(
+    clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None, executor: Executor = SERIAL
+) -> tuple[Stage, ...]:
     """Build the stages up to the fit, of a clip or of one shot."""
     return (
         read_stage(clip, digest, options.read) if shot is None else shot_stage(shot, digest, options.read.fps),
         calibrate_stage(options.calibrate),
-        detect_stage(options.detect),
+        detect_stage(options.detect, executor),
         track_stage(options.track),
+        motion_stage(options.fit),
         fit_stage(options.fit),
     )
 
@@ -172,8 +183,12 @@ def run_clip(
     value_listener: Callable[[str, Any], None] | None = None,
     snapshot: SourceSnapshot | None = None,
     shot: ClipShot | None = None,
+    answer_listener: Callable[[FinishedRun], None] | None = None,
+    executor: Executor = SERIAL,
 ) -> FinishedRun:
     """Run the chain on one clip and publish its files in a folder.
+
+    Tables, poster and report are published as soon as they exist, the recording and the slow motion at the end.
 
     Args:
         clip: Path of the clip.
@@ -185,6 +200,8 @@ def run_clip(
             else at the end.
         snapshot: The project's code when this process started; see `StageGraph.run`.
         shot: The shot of the clip to run; None for the whole clip.
+        answer_listener: Called with the summary of the run when the report is published, unless everything was cached.
+        executor: Where stages run parts of their work; it changes no result.
 
     Returns:
         Summary of the run.
@@ -193,7 +210,7 @@ def run_clip(
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
     require_unchanged = make_change_check(clip) if shot is None else shot.require_unchanged
-    graph = build_run_graph(clip, options, shot)
+    graph = build_run_graph(clip, options, shot, executor)
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
@@ -206,12 +223,30 @@ def run_clip(
             for name in stages
             if stages[name].output is not None
         }
-    entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot)
+    is_answered = False
+
+    def publish_answer(before: Mapping[str, CacheEntry]) -> None:
+        """Publish tables, poster and report before a later stage runs."""
+        nonlocal is_answered
+        if "report" not in before:
+            return
+        publish_files(before, folder)
+        write_source(clip, folder, shot)
+        if answer_listener is not None and not is_answered:
+            answer_listener(_summarize_run(folder, stages, before))
+        is_answered = True
+
+    entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot, publish_answer)
     publish_files(entries, folder)
     write_source(clip, folder, shot)
     if value_listener is not None:
         for name in [name for name in stages if name in adapters and name not in shown]:
             adapters[name](load_stage_output(stages[name], entries[name]))
+    return _summarize_run(folder, stages, entries)
+
+
+def _summarize_run(folder: Path, stages: Mapping[str, Stage], entries: Mapping[str, CacheEntry]) -> FinishedRun:
+    """Summarize a run whose fit is done."""
     cached_clip: Clip = load_stage_output(stages["read"], entries["read"])
     fit: Fit = load_stage_output(stages["fit"], entries["fit"])
     return FinishedRun(
@@ -299,17 +334,23 @@ def require_clip_not_overwritten(clip: Path, folder: Path) -> None:
 def publish_files(entries: Mapping[str, CacheEntry], folder: Path) -> None:
     """Copy the files of a run from the cache to a folder, each atomically.
 
+    Where a table changes, files of later stages that are not there yet are removed: they show another result.
+
     Args:
-        entries: Cache entries of the stages by name.
+        entries: Cache entries of the finished stages by name.
         folder: Folder of the results.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for stage, names in STAGE_FILES.items():
-        for name in names:
-            source, target = entries[stage].folder / name, folder / name
-            if not _is_published(source, target):
-                with replace_file(target) as path:
-                    shutil.copyfile(source, path)
+    sources = {name: entries[stage].folder / name for stage, names in STAGE_FILES.items() if stage in entries
+               for name in names}  # fmt: skip
+    changed = [name for name, source in sources.items() if not _is_published(source, folder / name)]
+    if not set(changed).isdisjoint(STAGE_FILES["export"]):
+        for names in STAGE_FILES.values():
+            for name in set(names) - sources.keys():
+                (folder / name).unlink(missing_ok=True)
+    for name in changed:
+        with replace_file(folder / name) as path:
+            shutil.copyfile(sources[name], path)
 
 
 def _is_published(source: Path, target: Path) -> bool:

@@ -7,11 +7,39 @@
     shot.trajectory.at(1.25).xy       # where every ball was at 1.25 s, m
     report = trueroll.diagnose("out/shot-1", "out/shot-2")
 
-This package is the public API: it re-exports documented names of `pipeline` and holds no code of its own.
+This package is the public API: it re-exports documented names of other packages, and imports them at their first use.
 """
 
-from models.core.errors import TruerollError
-from pipeline.analysis_api import detect, diagnose, simulate
-from pipeline.api import Run, run
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from models.core.errors import TruerollError
+    from pipeline.analysis_api import detect, diagnose, simulate
+    from pipeline.api import Run, run
 
 __all__ = ["Run", "TruerollError", "detect", "diagnose", "run", "simulate"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name at its first use: `import trueroll` and `python -m trueroll` would take seconds otherwise."""
+    match name:
+        case "Run" | "run":
+            from pipeline import api
+
+            return getattr(api, name)
+        case "detect" | "diagnose" | "simulate":
+            from pipeline import analysis_api
+
+            return getattr(analysis_api, name)
+        case "TruerollError":
+            from models.core import errors
+
+            return errors.TruerollError
+    raise AttributeError(f"module 'trueroll' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return __all__

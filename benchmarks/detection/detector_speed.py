@@ -46,8 +46,9 @@ def main() -> None:
             continue
         clip = open_clip(path)
         scene = calibrate_clip(clip, CalibrateOptions())
-        for name, prepare in (("hough", prepare_hough_detector), ("onnx", prepare_network_detector)):
-            spent, balls = _measure_detector(prepare(clip, scene, options), clip, arguments.frames)
+        hough, network = prepare_hough_detector(clip, scene), prepare_network_detector(clip, scene, options)
+        for name, detector in (("hough", hough), ("onnx", network)):
+            spent, balls = _measure_detector(detector, clip, arguments.frames)
             low, high = np.median(spent), np.quantile(spent, 0.9)
             print(
                 f"| {path.stem} | {clip.width} x {clip.height} | {name} | {low:.1f} | {spent.mean():.1f} | {high:.1f} "

@@ -24,7 +24,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from fractions import Fraction
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -39,6 +38,7 @@ import psutil  # noqa: E402
 
 from benchmarks.pipeline.fault_runs import BatchFolder  # noqa: E402
 from benchmarks.pipeline.small_clips import SAMPLES, write_clips, write_small  # noqa: E402
+from benchmarks.pipeline.video_passes import measure_cpu, measure_least_cost  # noqa: E402
 from benchmarks.support.machine import MachineCeiling  # noqa: E402
 
 BAD_SHARE = 0.05
@@ -211,18 +211,15 @@ def measure_clip(folder: Path, clip: Path) -> ClipCost:
     from video.io.clip import open_clip
 
     watch, out = Stopwatch(), folder / f"out {clip.stem}"
-    whole = _measure_cpu(
+    whole = measure_cpu(
         lambda: run_clip(clip, out, RunOptions(), ResultCache(folder / f"cache {clip.stem}"), watch) and None
     )
     places = folder / f"next {clip.stem}", ResultCache(folder / f"next cache {clip.stem}")
-    following = _measure_cpu(lambda: run_clip(clip, places[0], RunOptions(), places[1], Stopwatch()) and None)
-    decode = _measure_cpu(lambda: _decode_clip(clip))
-    encode = _mean_cpu(lambda: _encode_clip(out / "slow.mp4", folder / "again.mp4")) - _mean_cpu(
-        lambda: _decode_clip(out / "slow.mp4")
-    )
+    following = measure_cpu(lambda: run_clip(clip, places[0], RunOptions(), places[1], Stopwatch()) and None)
+    decode, encode = measure_least_cost(clip, out / "slow.mp4", folder / "again.mp4")
     watch.cost["(keys and files)"] = whole - sum(watch.cost.values())
     opened_clip = open_clip(clip)
-    watch.cost["(shots, of long recordings only)"] = _measure_cpu(lambda: segment_shots(opened_clip) and None)
+    watch.cost["(shots, of long recordings only)"] = measure_cpu(lambda: segment_shots(opened_clip) and None)
     cache_mb, results_mb = _folder_megabytes(folder / f"cache {clip.stem}"), _folder_megabytes(out)
     return ClipCost(whole, following, decode, encode, watch.cost, cache_mb, results_mb)
 
@@ -251,40 +248,6 @@ def measure_median(folder: Path, clip: Path, times: int) -> tuple[Line, list[tup
 
 def _folder_megabytes(folder: Path) -> float:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6
-
-
-def _measure_cpu(work: Callable[[], None]) -> float:
-    began = time.process_time()
-    work()
-    return time.process_time() - began
-
-
-def _mean_cpu(work: Callable[[], None]) -> float:
-    """Return the mean CPU seconds of two runs, because the speed of a shared machine varies."""
-    return (_measure_cpu(work) + _measure_cpu(work)) / 2
-
-
-def _decode_clip(clip: Path) -> None:
-    with av.open(str(clip)) as film:
-        film.streams.video[0].thread_type = "AUTO"
-        film.streams.video[0].codec_context.thread_count = 2
-        for _ in film.decode(video=0):
-            pass
-
-
-def _encode_clip(slow: Path, target: Path) -> None:
-    """Decode and encode the slow motion once more; the caller subtracts the cost of decoding."""
-    with av.open(str(slow)) as film, av.open(str(target), "w") as again:
-        video = film.streams.video[0]
-        video.thread_type = "AUTO"
-        stream = again.add_stream("libx264", rate=video.average_rate or Fraction(30))
-        stream.width, stream.height, stream.pix_fmt = video.width, video.height, "yuv420p"
-        stream.codec_context.options = {"crf": "20", "preset": "veryfast"}
-        stream.codec_context.thread_count = 2
-        for k, frame in enumerate(film.decode(video)):
-            frame.pts, frame.time_base = k, 1 / Fraction(stream.codec_context.rate)
-            again.mux(stream.encode(frame))
-        again.mux(stream.encode(None))
 
 
 def write_cost_clips(folder: Path) -> list[Path]:

@@ -111,7 +111,9 @@ class TrackOptions:
 class FitOptions:
     """Options of the fit of a shot."""
 
-    quick: bool = option(False, help="Fit with fewer iterations of the joint refinement.")
+    quick: bool = option(
+        False, help="Leave out the search for published contact models of whole shots, unless --laws asks for it."
+    )
     break_price: float = option(
         20.0,
         help="Least decrease of chi2 for which a contact is accepted, where a ball or cushion is near enough.",

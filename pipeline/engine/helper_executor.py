@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -16,7 +16,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from models.numerics.executor import SERIAL, Executor, TaskFunction
-from pipeline.engine.process_setup import available_cores
+from pipeline.engine.process_setup import available_cores, limit_garbage_collection
 
 _BATCHES_AHEAD = 2
 """Batches that the helper has at most: the next one waits when the helper finishes one."""
@@ -29,8 +29,11 @@ _SUBJECT, _BATCH, _CANCEL = range(3)
 
 
 @contextmanager
-def open_executor() -> Iterator[Executor]:
+def open_executor(prepare: Callable[[], None] | None = None) -> Iterator[Executor]:
     """Start an executor that suits this machine; it ends with the `with` block.
+
+    Args:
+        prepare: Function of a module that a helper process calls before it takes tasks, e.g. for slow imports.
 
     Yields:
         An executor with a helper process where this process may use a second core, else the serial executor.
@@ -39,7 +42,7 @@ def open_executor() -> Iterator[Executor]:
         yield SERIAL
         return
     try:
-        executor = HelperExecutor()
+        executor = HelperExecutor(prepare)
     except OSError:  # no process can be started: the serial executor is only slower
         yield SERIAL
         return
@@ -55,10 +58,10 @@ class HelperExecutor:
     The helper gets no tasks until it has started. If it dies, this process runs the remaining tasks.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, prepare: Callable[[], None] | None = None) -> None:
         context = get_context("spawn")
         self._connection, helper_end = context.Pipe()
-        self._process = context.Process(target=_run_helper, args=(helper_end,), daemon=True)
+        self._process = context.Process(target=_run_helper, args=(helper_end, prepare), daemon=True)
         self._process.start()
         helper_end.close()
         self.submitted_batches = 0
@@ -213,9 +216,12 @@ class _TaskRound:
         self._results[k] = self._executor.run_here(self._function, self._arguments[k])
 
 
-def _run_helper(connection: Connection) -> None:
+def _run_helper(connection: Connection, prepare: Callable[[], None] | None) -> None:
     """Run batches in the helper process until the connection closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process decides what an interrupt ends
+    limit_garbage_collection()
+    if prepare is not None:
+        prepare()
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
     messages: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
     cancelled: set[int] = set()

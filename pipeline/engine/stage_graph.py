@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -69,10 +68,10 @@ class StageGraph:
 
     @classmethod
     def from_stages(cls, stages: Iterable[Stage], clip: str) -> StageGraph:
-        """Order stages by their inputs.
+        """Order stages by their inputs; otherwise they keep their order.
 
         Args:
-            stages: The stages in any order.
+            stages: The stages, preferably in the order in which their results are wanted.
             clip: Digest of the clip.
 
         Raises:
@@ -82,8 +81,14 @@ class StageGraph:
         for stage in by_name.values():
             if missing := set(stage.needs) - by_name.keys():
                 raise ValueError(f"stage {stage.name} needs {sorted(missing)}, which is not there")
-        order = TopologicalSorter({name: stage.needs for name, stage in by_name.items()}).static_order()
-        return cls(tuple(by_name[name] for name in order), clip)
+        order: list[Stage] = []
+        while len(order) < len(by_name):
+            done = {stage.name for stage in order}
+            ready = [s for s in by_name.values() if s.name not in done and done.issuperset(s.needs)]
+            if not ready:
+                raise ValueError(f"stages {sorted(by_name.keys() - done)} form a cycle: they need each other")
+            order.append(ready[0])
+        return cls(tuple(order), clip)
 
     def list_statuses(self, cache: ResultCache) -> list[StageStatus]:
         """List the state of every stage in the order of a run, without running any."""
@@ -115,6 +120,7 @@ class StageGraph:
         adapters: Mapping[str, Callable[[Any], Any]] | None = None,
         check: Callable[[], None] = accept_result,
         snapshot: SourceSnapshot | None = None,
+        listener: Callable[[Mapping[str, CacheEntry]], None] | None = None,
     ) -> dict[str, CacheEntry]:
         """Run the stages that are not cached.
 
@@ -124,6 +130,7 @@ class StageGraph:
             adapters: By stage name, a function that converts the output of the stage before other stages get it.
             check: Called after every stage that ran; raises if its result must not be stored.
             snapshot: The project's code when this process started, which is the code that it runs; None reads it now.
+            listener: Called before a stage runs, with the entries of the stages before it.
 
         Returns:
             The cache entries of all stages by name.
@@ -137,6 +144,8 @@ class StageGraph:
             entry = cache.find(key)
             cached = entry is not None
             if entry is None:
+                if listener is not None:
+                    listener(entries)
                 inputs = {name: self._load_output(name, entries, values, adapters or {}) for name in stage.needs}
                 entry = cache.find_or_build(key, partial(_run_and_save, stage, inputs, progress, check))
             if cache.recall(stage.name, self.clip) != key.json_parts:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+from functools import partial
 from pathlib import Path
 
 from detectors.detect_options import DetectOptions
 from models.core.detections import Detections
 from models.core.errors import OptionError
 from models.core.progress import Progress
+from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.stage import Inputs, Stage
 
 
-def detect_stage(options: DetectOptions) -> Stage:
+def detect_stage(options: DetectOptions, executor: Executor = SERIAL) -> Stage:
     """Build the stage that detects balls.
 
     Args:
         options: Options of the stage.
+        executor: Where parts of the clip are searched; it changes no result.
 
     Returns:
         The stage `detect`, whose output is `Detections`.
@@ -25,7 +28,14 @@ def detect_stage(options: DetectOptions) -> Stage:
         OptionError: The file of the network cannot be read.
     """
     facts = {} if options.model is None else {"model": _hash_model(Path(options.model))}
-    return Stage("detect", __name__, ("read", "calibrate"), Detections, _detect_balls, options, facts)
+    return Stage(
+        "detect", __name__, ("read", "calibrate"), Detections, partial(_detect_balls, executor), options, facts
+    )
+
+
+def import_detectors() -> None:
+    """Import the detectors, which takes a second, so that a helper process is ready when the stage begins."""
+    from detectors import detect as detect
 
 
 def _hash_model(model: Path) -> str:
@@ -37,8 +47,10 @@ def _hash_model(model: Path) -> str:
         raise OptionError(f"--model is the file of an ONNX ball detector; {model}: {error.strerror}") from error
 
 
-def _detect_balls(inputs: Inputs, options: DetectOptions, folder: Path, progress: Progress) -> Detections:
+def _detect_balls(
+    executor: Executor, inputs: Inputs, options: DetectOptions, folder: Path, progress: Progress
+) -> Detections:
     """Detect the balls in every frame."""
     from detectors.detect import detect_balls  # slow to import
 
-    return detect_balls(inputs["read"], inputs["calibrate"], options, progress)
+    return detect_balls(inputs["read"], inputs["calibrate"], options, progress, executor)

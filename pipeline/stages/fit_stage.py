@@ -1,4 +1,4 @@
-"""The fit stage: estimates events and motion from tracks."""
+"""The stages of the fit: events and motion from tracks, then published contact models for whole shots."""
 
 from __future__ import annotations
 
@@ -11,29 +11,49 @@ from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
 
 
+def motion_stage(options: FitOptions) -> Stage:
+    """Build the stage that fits events and motion.
+
+    Args:
+        options: Options of the stage; those of whole shots are ignored.
+
+    Returns:
+        The stage `motion`, whose output is a `Fit` without contact models of whole shots.
+    """
+    own = replace(options, quick=False, laws=None, profile="")  # another search for models leaves the motion as it is
+    return Stage("motion", __name__, ("calibrate", "track"), Fit, _fit_motion, own)
+
+
 def fit_stage(options: FitOptions) -> Stage:
-    """Build the stage that fits the motion.
+    """Build the stage that fits published contact models to whole shots.
 
     Args:
         options: Options of the stage.
 
     Returns:
-        The stage `fit`, whose output is a `Fit`.
+        The stage `fit`, whose output is the `Fit` of the stage `motion` with the contact models of whole shots.
     """
-    return Stage("fit", __name__, ("calibrate", "track"), Fit, _fit_motion, options)
+    return Stage("fit", __name__, ("calibrate", "track", "motion"), Fit, _fit_whole_shots, options)
 
 
 def _fit_motion(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
-    """Fit the contacts and the motion, and published contact models to whole shots."""
+    """Fit the contacts and the motion."""
     from models.estimation.reconstruction.fit_shot import fit_shot  # slow to import
 
-    tracks, scene = inputs["track"], inputs["calibrate"]
-    fit = fit_shot(tracks, scene, options, progress)
+    return fit_shot(inputs["track"], inputs["calibrate"], options, progress)
+
+
+def _fit_whole_shots(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
+    """Fit published contact models to whole shots."""
+    fit: Fit = inputs["motion"]
     if options.laws is False:
         return replace(fit, whole_shot_refusal="The fit of whole shots was switched off by --no-laws.")
-    from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
+    if options.quick and options.laws is None:
+        return replace(fit, whole_shot_refusal="The fit of whole shots was left out by --quick.")
+    from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws  # slow to import
     from pipeline.io.table_profile import parse_table_prior
 
     return fit_shot_laws(
-        fit, tracks, scene.table, options, parse_table_prior(options.profile) if options.profile else None
-    )
+        fit, inputs["track"], inputs["calibrate"].table, options,
+        parse_table_prior(options.profile) if options.profile else None,
+    )  # fmt: skip

@@ -20,7 +20,7 @@ def forecast_stage(options: ForecastOptions) -> Stage:
     Returns:
         The stage `forecast`, whose output is `ForecastFans`.
     """
-    return Stage("forecast", __name__, ("calibrate", "track", "fit"), ForecastFans, _forecast_moments, options)
+    return Stage("forecast", __name__, ("calibrate", "track", "motion"), ForecastFans, _forecast_moments, options)
 
 
 def _forecast_moments(inputs: Inputs, options: ForecastOptions, folder: Path, progress: Progress) -> ForecastFans:
@@ -32,6 +32,6 @@ def _forecast_moments(inputs: Inputs, options: ForecastOptions, folder: Path, pr
     from pipeline.io.table_profile import parse_learned_table
 
     learned = parse_learned_table(options.profile) if options.profile else None
-    tracks, scene, events = inputs["track"], inputs["calibrate"], inputs["fit"].events
+    tracks, scene, events = inputs["track"], inputs["calibrate"], inputs["motion"].events
     fans = predict_fans(tracks, scene, events, learned) if options.fans else ForecastFans(())
     return fans if learned is None else replace(fans, errors=compare_rest_of_shot(tracks, scene, events, learned))

@@ -1,4 +1,4 @@
-"""The render stage: the annotated slow motion and the poster."""
+"""The stages of images: the poster, and the annotated slow motion."""
 
 from __future__ import annotations
 
@@ -11,8 +11,21 @@ from pipeline.engine.stage import Inputs, Stage
 from pipeline.reporting.text.run_trust import assess_run_trust
 from video.io.video_options import RenderOptions
 
-START_FILE = "start.json"
-"""File with the time in the clip of the first frame of the slow motion, s."""
+SLOW_FILE, START_FILE = "slow.mp4", "start.json"
+"""The slow motion; and the file with the time in the clip of its first frame, s."""
+
+
+def poster_stage(options: RenderOptions) -> Stage:
+    """Build the stage that draws the poster.
+
+    Args:
+        options: Options of the slow motion.
+
+    Returns:
+        The stage `poster`, whose output is a folder with poster.png and start.json.
+    """
+    own = RenderOptions(slow=options.slow, trim_still=options.trim_still)  # the others do not change it
+    return Stage("poster", __name__, ("read", "calibrate", "track", "motion"), None, _draw_poster, own)
 
 
 def render_stage(options: RenderOptions) -> Stage:
@@ -22,22 +35,37 @@ def render_stage(options: RenderOptions) -> Stage:
         options: Options of the stage.
 
     Returns:
-        The stage `render`, whose output is a folder with slow.mp4, poster.png and start.json.
+        The stage `render`, whose output is a folder with slow.mp4.
     """
-    return Stage("render", __name__, ("read", "calibrate", "track", "fit"), None, _render_slow_motion, options)
+    return Stage("render", __name__, ("read", "calibrate", "track", "motion"), None, _render_slow_motion, options)
+
+
+def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
+    """Draw the poster, and note when the slow motion begins."""
+    from video.matting.ball_timeline import build_ball_timeline
+    from video.matting.frame_store import FrameStore
+    from video.matting.hidden_background import estimate_hidden_background
+    from video.overlay.poster import Poster, find_poster_rows
+    from video.overlay.slow_motion import find_output_times  # slow to import
+
+    clip, tracks, fit = (inputs[name] for name in ("read", "track", "motion"))
+    timeline = build_ball_timeline(inputs["calibrate"], tracks, fit)
+    frames = FrameStore(timeline, clip, find_poster_rows(timeline))
+    poster = Poster.for_timeline(timeline, estimate_hidden_background(timeline, frames))
+    for row, image in frames.read_rows(poster.rows):
+        poster.add_frame(row, image)
+    poster.write(tracks, fit, folder / "poster.png", options)
+    start = float(find_output_times(clip, timeline, options)[0])
+    (folder / START_FILE).write_text(json.dumps(start), encoding="utf-8")
 
 
 def _render_slow_motion(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
-    """Render the slow motion and the poster."""
+    """Render the slow motion."""
     from video.matting.ball_timeline import build_ball_timeline
-    from video.overlay.poster import Poster
     from video.overlay.slow_motion import render_slow_motion
     from video.synthesis.frame_synthesis import estimate_clip_appearance  # slow to import
 
-    clip, tracks, fit = (inputs[name] for name in ("read", "track", "fit"))
+    clip, tracks, fit = (inputs[name] for name in ("read", "track", "motion"))
     fit = replace(fit, trust=assess_run_trust(clip, fit))
-    scenery = estimate_clip_appearance(build_ball_timeline(inputs["calibrate"], tracks, fit), clip)
-    poster = Poster.for_clip(scenery)
-    start = render_slow_motion(clip, scenery, tracks, fit, folder / "slow.mp4", options, progress, poster.add_frame)
-    poster.write(tracks, fit, folder / "poster.png", options)
-    (folder / START_FILE).write_text(json.dumps(start), encoding="utf-8")
+    appearance = estimate_clip_appearance(build_ball_timeline(inputs["calibrate"], tracks, fit), clip)
+    render_slow_motion(clip, appearance, tracks, fit, folder / SLOW_FILE, options, progress)

@@ -1,4 +1,4 @@
-"""The report stage: writes the page of a run."""
+"""The stages of the page of a run: the report, then the same page with the slow motion inside."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from detectors.detect_options import DetectOptions
 from detectors.select_detector import note_selection
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
-from pipeline.stages.render_stage import START_FILE
+from pipeline.stages.render_stage import SLOW_FILE, START_FILE
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,20 +37,41 @@ def report_stage(options: ReportOptions) -> Stage:
         The stage `report`, whose output is a folder with report.html.
     """
     return Stage(
-        "report", __name__, ("read", "calibrate", "track", "fit", "render", "forecast"), None, _write_page, options
+        "report", __name__, ("read", "calibrate", "track", "fit", "poster", "forecast"), None, _write_report, options
     )
 
 
-def _write_page(inputs: Inputs, options: ReportOptions, folder: Path, progress: Progress) -> None:
-    """Write report.html."""
+@dataclass(frozen=True, slots=True)
+class PageOptions:
+    """Options of the final page: none."""
+
+
+def page_stage() -> Stage:
+    """Build the stage that embeds the slow motion in the report.
+
+    Returns:
+        The stage `page`, whose output is a folder with report.html.
+    """
+    return Stage("page", __name__, ("render", "report"), None, _embed_slow_motion, PageOptions())
+
+
+def _embed_slow_motion(inputs: Inputs, options: PageOptions, folder: Path, progress: Progress) -> None:
+    """Write report.html with the slow motion inside."""
+    from pipeline.reporting.pages.page_embedding import embed_video  # slow to import
+
+    embed_video(inputs["report"] / "report.html", inputs["render"] / SLOW_FILE, folder / "report.html")
+
+
+def _write_report(inputs: Inputs, options: ReportOptions, folder: Path, progress: Progress) -> None:
+    """Write report.html, which links to the slow motion."""
     from pipeline.reporting.pages.run_report import (  # slow to import
         ReportFiles,
         write_report,
     )
 
-    rendered = inputs["render"]
-    start = float(json.loads((rendered / START_FILE).read_text(encoding="utf-8")))
-    files = ReportFiles(rendered / "slow.mp4", rendered / "poster.png", options.slow, start)
+    drawn = inputs["poster"]
+    start = float(json.loads((drawn / START_FILE).read_text(encoding="utf-8")))
+    files = ReportFiles(SLOW_FILE, drawn / "poster.png", options.slow, start)
     clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
     scene = note_selection(scene, options.detect)
     write_report(clip, scene, tracks, fit, files, options.title, options.settings, folder / "report.html",

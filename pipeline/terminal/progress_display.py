@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console
@@ -37,6 +39,17 @@ class StageDisplay:
     def _print_title(self, title: str) -> None:
         if self._bars.console.is_terminal:
             self._bars.console.print(title, highlight=False, markup=False)
+
+    @contextmanager
+    def pause(self) -> Iterator[None]:
+        """Stop drawing inside the `with` block, which may print; afterwards only unfinished stages are drawn."""
+        self._bars.stop()
+        try:
+            yield
+        finally:
+            for task in self._bars.tasks:
+                self._bars.update(task.id, visible=not task.finished)
+            self._bars.start()
 
     def start_stage(self, stage: str) -> Progress:
         """Add the bar of a stage; the result moves it."""

@@ -23,7 +23,6 @@ from video.matting.compositing import SpriteLayer, composite_balls
 from video.overlay.annotation import DEFAULT_OPTIONS, MAX_LABEL_OVERLAP, Annotation, prepare_annotation
 from video.overlay.frame_overlay import FrameBalls, Label, draw_disc, draw_ring, mask_without_balls
 from video.overlay.trails import draw_trail
-from video.synthesis.frame_synthesis import ClipAppearance
 
 GHOST_SPACING_RADII = 5.0
 """Ball radii between two ghosts of a ball."""
@@ -52,18 +51,17 @@ class Poster:
     last: ImageArray | None = None
 
     @classmethod
-    def for_clip(cls, appearance: ClipAppearance) -> Poster:
+    def for_timeline(cls, timeline: BallTimeline, plate: BackgroundPlate) -> Poster:
         """Create a poster that has received no frame.
 
         Args:
-            appearance: Appearance of the clip.
+            timeline: Positions of the balls.
+            plate: Background of the clip without its moving balls.
 
         Returns:
             The poster; its `rows` are the frames that it needs.
         """
-        timeline, positions = appearance.timeline, _select_ghost_positions(appearance.timeline)
-        rows = frozenset({0, len(timeline.t) - 1, *(row for row, _ in positions)})
-        return cls(timeline, appearance.plate, positions, rows)
+        return cls(timeline, plate, _select_ghost_positions(timeline), find_poster_rows(timeline))
 
     def add_frame(self, row: int, image: ImageArray) -> None:
         """Take what the poster needs from a frame.
@@ -101,6 +99,11 @@ class Poster:
             height, width = still.shape[:2]
             raise ClipError(f"the poster {path.name} was to be a PNG of {width} x {height} px; it failed")
         path.write_bytes(data.tobytes())
+
+
+def find_poster_rows(timeline: BallTimeline) -> frozenset[int]:
+    """Find the rows of a timeline whose frames a poster shows: the first, the last, and those of the ghosts."""
+    return frozenset({0, len(timeline.t) - 1, *(row for row, _ in _select_ghost_positions(timeline))})
 
 
 def _select_ghost_positions(timeline: BallTimeline) -> list[tuple[int, int]]:

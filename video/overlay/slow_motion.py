@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain, islice
@@ -25,9 +25,6 @@ from video.overlay.frame_overlay import FrameBalls
 from video.overlay.motion_paths import select_contact_marks
 from video.overlay.replays import render_replays, replay_times, select_replay_marks
 from video.synthesis.frame_synthesis import ClipAppearance, FrameInterval, prepare_interval
-
-FrameObserver = Callable[[int, ImageArray], None]
-"""Function that receives the row and the image (H, W, 3) of every decoded frame; it must not modify it."""
 
 MIN_RATE, MAX_RATE = Fraction(25), Fraction(60)
 """Limits of the frame rate of the output video, 1/s."""
@@ -52,10 +49,6 @@ SNAP_SHARE = 0.05
 """Share of the output frame interval within which a decoded frame replaces a synthesized one."""
 
 
-def ignore_frame(row: int, image: ImageArray) -> None:
-    """Observe a frame without any effect."""
-
-
 @dataclass(frozen=True, slots=True)
 class _SynthesizedFrame:
     """A frame of the slow motion before annotation, and the balls on it."""
@@ -75,8 +68,7 @@ def render_slow_motion(
     path: Path,
     options: RenderOptions = DEFAULT_OPTIONS,
     progress: Progress = ignore_progress,
-    observer: FrameObserver = ignore_frame,
-) -> float:
+) -> None:
     """Write the annotated slow motion of a shot as H.264; the umpire style appends replays of the contacts.
 
     Args:
@@ -87,13 +79,8 @@ def render_slow_motion(
         path: Output file; its frame rate is that of the clip, limited to 25 to 60 frames per second.
         options: Slowdown, style and quality.
         progress: Function that receives the finished share.
-        observer: Function that receives every decoded frame and its row.
-
-    Returns:
-        Time of the clip, s, at the first output frame.
     """
-    rate = min(max(clip.fps, MIN_RATE), MAX_RATE)
-    times = _output_times(appearance.timeline, rate, options)
+    rate, times = _output_rate(clip), find_output_times(clip, appearance.timeline, options)
     preset = "ultrafast" if options.quick else "veryfast"
     tuning = SLOW_TUNING if options.slow >= TUNING_MIN_SLOWDOWN and not options.quick else ""
     marks = select_replay_marks(select_contact_marks(appearance.timeline, fit)) if options.style == "umpire" else []
@@ -109,22 +96,35 @@ def render_slow_motion(
         threads=ENCODER_THREADS,
         key_s=KEYFRAME_INTERVAL_S,
     ) as writer:
-        shot = _annotate_frames(clip, appearance, tracks, fit, times, options, observer)
+        shot = _annotate_frames(clip, appearance, tracks, fit, times, options)
         closer = render_replays(clip, appearance, marks, float(rate), options.slow) if marks else iter(())
         for done, image in enumerate(prefetch_items(chain(shot, closer), PREFETCHED_FRAMES), start=1):
             writer.write(image)
             progress(done / (len(times) + again))
-    return float(times[0])
 
 
-def _output_times(timeline: BallTimeline, rate: Fraction, options: RenderOptions) -> FloatArray:
-    """Return the times (K,) s of the output frames, exactly regular; decoded frames are used where they coincide."""
+def _output_rate(clip: Clip) -> Fraction:
+    """Return the frame rate of the slow motion, 1/s."""
+    return min(max(clip.fps, MIN_RATE), MAX_RATE)
+
+
+def find_output_times(clip: Clip, timeline: BallTimeline, options: RenderOptions) -> FloatArray:
+    """Find the times in the clip of the frames of the slow motion.
+
+    Args:
+        clip: The clip.
+        timeline: Positions of its balls.
+        options: Slowdown, and whether still parts are left out.
+
+    Returns:
+        (K,) s, exactly regular, except that a decoded frame is used where it nearly coincides.
+    """
     first, last = float(timeline.t[0]), float(timeline.t[-1])
     if options.trim_still and timeline.moving.any():
         rows = np.flatnonzero(timeline.moving.any(axis=1))
         first = max(first, float(timeline.t[rows[0]]) - TRIM_MARGIN_S)
         last = min(last, float(timeline.t[rows[-1] + 1]) + TRIM_MARGIN_S)
-    step = 1 / (float(rate) * options.slow)
+    step = 1 / (float(_output_rate(clip)) * options.slow)
     times = np.asarray(first + step * np.arange(int((last - first) / step + SNAP_SHARE) + 1), dtype=np.float64)
     nearest = timeline.t[np.clip(np.searchsorted(timeline.t, times), 0, len(timeline.t) - 1)]
     before = timeline.t[np.clip(np.searchsorted(timeline.t, times) - 1, 0, None)]
@@ -139,11 +139,10 @@ def _annotate_frames(
     fit: Fit,
     times: FloatArray,
     options: RenderOptions,
-    observer: FrameObserver,
 ) -> Iterator[ImageArray]:
     """Yield the output frames in order: frames are annotated while later ones are synthesized."""
     annotation: Annotation | None = None
-    for frame in prefetch_items(_synthesize_frames(clip, appearance, fit, times, observer), PREFETCHED_FRAMES):
+    for frame in prefetch_items(_synthesize_frames(clip, appearance, fit, times), PREFETCHED_FRAMES):
         annotation = annotation or prepare_annotation(
             appearance.timeline, tracks, fit, frame.image, options.slow, options.style
         )
@@ -152,7 +151,7 @@ def _annotate_frames(
 
 
 def _synthesize_frames(
-    clip: Clip, appearance: ClipAppearance, fit: Fit, times: FloatArray, observer: FrameObserver
+    clip: Clip, appearance: ClipAppearance, fit: Fit, times: FloatArray
 ) -> Iterator[_SynthesizedFrame]:
     """Yield the frames in order; at most two decoded frames are held in memory."""
     timeline = appearance.timeline
@@ -162,7 +161,6 @@ def _synthesize_frames(
     before: ImageArray | None = None
     interval: FrameInterval | None = None
     for row, (_, after) in enumerate(read_frames(clip, indices=timeline.frame), start=-1):
-        observer(row + 1, after)
         if before is not None and count[row]:
             interval = prepare_interval(
                 timeline, appearance.plate, row, before, after, sharp_balls=appearance.sharp_balls, previous=interval

@@ -205,14 +205,12 @@ def _fit_tracks(
     all_observations = observations = collect_observations(selected)
     if len(observations.t) == 0:
         return _fit_without_physics(tracks, options, "No ball was detected."), None
-    prices, rounds = (options.break_price, options.free_price), 1 if options.quick else 3
+    prices, rounds = (options.break_price, options.free_price), 3
 
     def log(name: str, after: JointSolution) -> JointSolution:
         return log_pass(name, solution, after, prices)
 
-    solution = refine_graph(
-        _build_initial_graph(selected, table, options), observations, table, iterations=10 if options.quick else 30
-    )
+    solution = refine_graph(_build_initial_graph(selected, table, options), observations, table, iterations=30)
     progress(0.4)
     solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
     solution = log("strike times", refit_strikes(solution, observations, table))
@@ -228,13 +226,11 @@ def _fit_tracks(
         solution = log("structure search", revise_graph(solution, observations, table, *prices, rounds))
     solution = log("strike times", refit_strikes(solution, observations, table))
     solution = log("rebounds", refit_rebounds(solution, observations, table))
-    breaks: tuple[BreakPosterior, ...] = ()
-    if not options.quick:
-        after_breaks, observations, breaks = reconstruct_breaks(solution, observations, table)
-        solution = log("simulated breaks", after_breaks)
-        if breaks:
-            all_observations = select_outside_breaks(all_observations, breaks)
-            solution = log("structure search", revise_graph(solution, observations, table, *prices, 1))
+    after_breaks, observations, breaks = reconstruct_breaks(solution, observations, table)
+    solution = log("simulated breaks", after_breaks)
+    if breaks:
+        all_observations = select_outside_breaks(all_observations, breaks)
+        solution = log("structure search", revise_graph(solution, observations, table, *prices, 1))
     excess = _excess_chi2(solution, observations)
     if np.any(excess > 1.5):  # systematic model errors count as noise
         observations = replace(observations, whiten=observations.whiten / np.sqrt(excess)[:, None, None])

@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.terminal.command_line import app
 
 COMMAND_NAMES = (
-    "run", "batch", "view", "call", "predict", "interpolate", "diagnose", "gapcheck", "fit-table", "simulate",
+    "check", "run", "batch", "view", "call", "predict", "interpolate", "diagnose", "gapcheck", "fit-table", "simulate",
     "detect", "train-detector", "reproduce", "graph", "cache",
 )  # fmt: skip
 """Names of the commands in the order of `--help`: as a new user needs them."""
@@ -56,6 +56,8 @@ def _raise_not_loaded() -> None:
 def _import_command(name: str) -> None:
     """Import the file of a command. Imports are static here, so that tools see them."""
     match name:
+        case "check":
+            from pipeline.cli.commands.filming import check_command as check_command
         case "run":
             from pipeline.cli.commands import run_command as run_command
         case "batch":

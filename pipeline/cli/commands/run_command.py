@@ -12,10 +12,12 @@ from rich.table import Table as Grid
 
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
+from pipeline.engine.helper_executor import open_executor
 from pipeline.engine.result_cache import ResultCache
 from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
 from pipeline.run_options import RunOptions
+from pipeline.stages.detect_stage import import_detectors
 from pipeline.terminal.command_line import (
     CacheOption,
     ClipArgument,
@@ -54,9 +56,23 @@ def run(
     if live:
         _run_live(clip, folder, options, store, as_json)
         return
-    with StageDisplay(console, str(clip)) as display, _announce_compilation():
-        finished = run_clip(clip, folder, options, store, display)
-    _print_run(finished, as_json)
+    answers: list[FinishedRun] = []
+    with (
+        open_executor(import_detectors) as executor,
+        StageDisplay(console, str(clip)) as display,
+        _announce_compilation(),
+    ):
+
+        def print_answer(answer: FinishedRun) -> None:
+            """Print the answer while the rest is still made."""
+            answers.append(answer)
+            with display.pause():
+                _print_answer(answer)
+
+        finished = run_clip(
+            clip, folder, options, store, display, answer_listener=None if as_json else print_answer, executor=executor
+        )
+    _print_run(finished, options, as_json, is_answered=bool(answers))
 
 
 def _announce_compilation() -> AbstractContextManager[None]:
@@ -76,18 +92,26 @@ def _run_live(clip: Path, folder: Path, options: RunOptions, cache: ResultCache,
         with StageDisplay(console, str(clip)) as display, _announce_compilation():
             finished = run_clip(clip, folder, options, cache, LiveWatcher(display, recording), recording.record_value)
         recording.close()
-        _print_run(finished, as_json)
+        _print_run(finished, options, as_json)
         viewer.process.wait()
 
 
-def _print_run(finished: FinishedRun, as_json: bool) -> None:
-    """Print the notes and the result of a run."""
+def _print_run(finished: FinishedRun, options: RunOptions, as_json: bool, *, is_answered: bool = False) -> None:
+    """Print the result of a run, unless the answer was printed before, and the path of the slow motion."""
+    if as_json:
+        _print_notes(finished)
+        print(json.dumps(_run_to_json(finished), allow_nan=False))
+        return
+    if not is_answered:
+        _print_answer(finished)
+    if not options.render.no_video:
+        print(f"Slow motion: {finished.folder / 'slow.mp4'}")
+
+
+def _print_notes(finished: FinishedRun) -> None:
+    """Print the notes on the clip."""
     for note in finished.notes:
         console.print(f"Note: {note}", markup=False, soft_wrap=True)
-    if as_json:
-        print(json.dumps(_run_to_json(finished), allow_nan=False))
-    else:
-        _print_events(finished)
 
 
 def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
@@ -99,8 +123,9 @@ def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
             "events": rows}  # fmt: skip
 
 
-def _print_events(finished: FinishedRun) -> None:
-    """Print the events, the trust level and the paths of the results."""
+def _print_answer(finished: FinishedRun) -> None:
+    """Print the notes, the events and the trust level."""
+    _print_notes(finished)
     screen = make_output_console()
     if len(finished.events):
         grid = Grid("time", "what", "probability", box=None, pad_edge=False)
@@ -116,7 +141,7 @@ def _print_events(finished: FinishedRun) -> None:
     screen.print(format_trust_line(finished.trust))
     if finished.whole_shot:
         screen.print(finished.whole_shot, markup=False)
-    print(f"Look at {finished.folder / 'slow.mp4'} and {finished.folder / 'report.html'}")
+    print(f"Look at {finished.folder / 'poster.png'} and {finished.folder / 'report.html'}", flush=True)
 
 
 def _format_probability(probability: float) -> str:

@@ -12,6 +12,10 @@ from PIL import Image
 from models.core.typing import ImageArray
 
 JPEG_QUALITY = 82
+EMBED_LIMIT_BYTES = 48_000_000
+"""Largest video that is embedded in a page; a larger one is linked."""
+VIDEO_PLACEHOLDER = "slow-motion/carried-here"
+"""Placeholder of the video in the page; no clip can have this name."""
 CHUNK_BYTES = 3 << 20
 """Bytes read at a time; a multiple of three, so that the base64 of the parts equals the base64 of the whole file."""
 
@@ -54,6 +58,22 @@ def write_page(html: str, carried: Mapping[str, tuple[Path, str]], target: Path)
                     out.write(base64.b64encode(part))
             done = at + len(mark)
         out.write(html[done:].encode())
+
+
+def embed_video(page: Path, video: Path, target: Path) -> None:
+    """Write a page that links to a video again, with the video inside.
+
+    Args:
+        page: A page that links to the name of the video, once.
+        video: An mp4 file; if it is larger than `EMBED_LIMIT_BYTES`, the page keeps the link.
+        target: File to write.
+    """
+    html = page.read_text(encoding="utf-8")
+    if video.stat().st_size > EMBED_LIMIT_BYTES:
+        write_page(html, {}, target)
+        return
+    html = html.replace(f'src="{video.name}"', f'src="{VIDEO_PLACEHOLDER}"')
+    write_page(html, {VIDEO_PLACEHOLDER: (video, "video/mp4")}, target)
 
 
 def _data_uri_head(media_type: str) -> str:

@@ -29,7 +29,7 @@ from pipeline.reporting.figures.run_figures import (
     darken_for_page,
 )
 from pipeline.reporting.pages.check_views import build_check_views
-from pipeline.reporting.pages.page_embedding import build_data_uri, write_page
+from pipeline.reporting.pages.page_embedding import build_data_uri
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_hypotheses
@@ -46,10 +46,6 @@ from video.calibration.table_classifier import ALTERNATIVES_PREFIX
 from video.drawing.palette import ball_colour
 from video.io.clip import Clip
 
-EMBED_LIMIT_BYTES = 48_000_000
-"""Largest slow.mp4 that is embedded in the page; a larger one is linked."""
-VIDEO_PLACEHOLDER = "slow-motion/carried-here"
-"""Placeholder of the video in the page; no clip can have this name."""
 LEAD_IN_SECONDS = 0.15
 """s of the clip before an event, from which the video plays."""
 MOMENT_TIME = 0.1
@@ -65,10 +61,12 @@ MIN_EXPLAINED_SHARE, MAX_CHI2, MAX_NOISE_PX = 0.9, 3.0, 1.0
 
 @dataclass(frozen=True, slots=True)
 class ReportFiles:
-    """Files of a run that the page embeds, already written."""
+    """Files of a run that the page shows."""
 
-    slow: Path
+    slow: str
+    """File name of the slow motion, which the page links to; it may be made later, or be left out."""
     poster: Path
+    """Embedded, so already written."""
     slow_factor: float
     start: float = 0.0
     """s of the clip at which the slow motion begins."""
@@ -112,14 +110,13 @@ def write_report(
         scene: Table and camera.
         tracks: Tracks of T frames and N balls.
         fit: The fit of the shot.
-        files: Slow motion and still image.
+        files: Slow motion and poster.
         title: Heading of the page.
         settings: Options that reproduce the run.
         path: File to write.
         errors: Comparison of the rest of the shot with its prediction, if there is one.
     """
     colours = [darken_for_page(ball_colour(*ball)) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
-    carried = {VIDEO_PLACEHOLDER: (files.slow, "video/mp4")} if files.slow.stat().st_size <= EMBED_LIMIT_BYTES else {}
     parameters = [*fit.parameters, *(fit.whole_shot.parameters if fit.whole_shot is not None else ())]
     trust = assess_run_trust(clip, fit)
     fit = replace(fit, trust=trust)
@@ -134,7 +131,7 @@ def write_report(
         balls=list_ball_colours(tracks),
         numbered=any(ball[-1:].isdigit() for ball in tracks.ids),
         poster=build_data_uri(files.poster, "image/png"),
-        video=VIDEO_PLACEHOLDER if carried else files.slow.name,
+        video=files.slow,
         slow=files.slow_factor,
         start=files.start,
         events=build_event_rows(fit, files),
@@ -159,7 +156,7 @@ def write_report(
         digest=clip.digest,
     )
     with replace_file(path) as fresh:
-        write_page(html, carried, fresh)
+        fresh.write_text(html, encoding="utf-8")
 
 
 def list_ball_colours(tracks: Tracks) -> list[tuple[str, str]]:

@@ -53,7 +53,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
     Image.fromarray(np.full((140, 240, 3), 90, np.uint8)).save(folder / "poster.png")
-    files = ReportFiles(folder / "slow.mp4", folder / "poster.png", SLOWER, start=0.2)
+    files = ReportFiles("slow.mp4", folder / "poster.png", SLOWER, start=0.2)
     name = "<b>shot</b>&\"'.mp4"
     write_report(clip, scene, tracks, shot.make_unsure_fit(tracks.t), files, name, ["--slow 2"], folder / "report.html")
     return folder / "report.html"
@@ -115,6 +115,15 @@ def test_the_contact_that_is_shown_is_marked_in_the_list(report: Path, browser: 
 
 def test_the_report_keeps_nobody_out(report: Path, browser: webdriver.Chrome) -> None:
     assert accessibility_violations(open_page(report, browser)) == []
+
+
+def test_a_report_without_its_slow_motion_says_so(report: Path, browser: webdriver.Chrome, tmp_path: Path) -> None:
+    open_page(report, browser)
+    assert not browser.find_element(By.ID, "missing").is_displayed()
+    (tmp_path / "report.html").write_bytes(report.read_bytes())
+    open_page(tmp_path / "report.html", browser)
+    WebDriverWait(browser, 10).until(lambda b: b.find_element(By.ID, "missing").is_displayed())
+    assert not browser.find_element(By.ID, "playing").is_displayed()
 
 
 def test_the_report_is_no_wider_than_the_screen(report: Path, browser: webdriver.Chrome) -> None:

@@ -41,7 +41,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
     (folder / "poster.png").write_bytes(b"\x89PNG")
-    files = ReportFiles(folder / "clip.mp4", folder / "poster.png", 8.0)
+    files = ReportFiles("clip.mp4", folder / "poster.png", 8.0)
     hostile = "<script>alert(1)</script>.mp4"
     fit = shot.make_fit(tracks.t)
     write_report(clip, scene, tracks, fit, files, hostile, ["--slow 8"], folder / "report.html")
@@ -65,7 +65,7 @@ def test_each_event_seeks_the_slow_motion_to_a_little_before_it(page: str) -> No
 
 def test_events_seek_where_a_slow_motion_without_its_still_beginning_shows_them() -> None:
     fit = shot.make_fit(np.linspace(0, 0.8, 25))
-    rows = build_event_rows(fit, ReportFiles(Path("slow.mp4"), Path("poster.png"), 8.0, start=0.2))
+    rows = build_event_rows(fit, ReportFiles("slow.mp4", Path("poster.png"), 8.0, start=0.2))
     assert [row["seek"] for row in rows] == pytest.approx([0.0, (0.5 - 0.15 - 0.2) * 8.0])
 
 
@@ -109,7 +109,7 @@ def unsure_page(tmp_path_factory: pytest.TempPathFactory) -> str:
     clip = shot.write_clip(folder / "clip.mp4")
     scene, tracks = shot.make_scene(), shot.make_tracks(clip, shot.make_scene())
     (folder / "poster.png").write_bytes(b"\x89PNG")
-    files = ReportFiles(folder / "clip.mp4", folder / "poster.png", 8.0)
+    files = ReportFiles("clip.mp4", folder / "poster.png", 8.0)
     write_report(clip, scene, tracks, shot.make_unsure_fit(tracks.t), files, "shot", [], folder / "report.html")
     return (folder / "report.html").read_text(encoding="utf-8").replace("\N{NO-BREAK SPACE}", " ")
 

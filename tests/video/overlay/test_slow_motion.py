@@ -22,7 +22,7 @@ from video.io.video_options import RenderOptions
 from video.matting.ball_timeline import build_ball_timeline
 from video.overlay.frame_balls import balls_at_times
 from video.overlay.poster import Poster
-from video.overlay.slow_motion import render_slow_motion
+from video.overlay.slow_motion import find_output_times, render_slow_motion
 from video.synthesis.frame_synthesis import ClipAppearance, estimate_clip_appearance
 
 
@@ -35,7 +35,7 @@ def appearance_of(clip: Clip, tracks: Tracks | None = None, fit: Fit | None = No
 
 def render_poster(clip: Clip, appearance: ClipAppearance, tracks: Tracks, fit: Fit, path: Path) -> None:
     """Write the poster of a clip from all of its frames."""
-    poster = Poster.for_clip(appearance)
+    poster = Poster.for_timeline(appearance.timeline, appearance.plate)
     for row, (_, image) in enumerate(read_frames(clip, indices=appearance.timeline.frame)):
         poster.add_frame(row, image)
     poster.write(tracks, fit, path)
@@ -121,18 +121,14 @@ def test_still_ends_are_trimmed_only_on_request(tmp_path: Path) -> None:
     assert 25 <= lengths[1] <= 35
 
 
-def test_the_start_time_in_the_clip_is_returned(tmp_path: Path) -> None:
+def test_trimming_begins_half_a_second_before_the_motion(tmp_path: Path) -> None:
     clip = shot.clip_in(tmp_path, 40)
     tracks = shot.tracks(clip.t)
     still = replace(tracks, xy=np.repeat(tracks.xy[:1], 40, axis=0), px=np.repeat(tracks.px[:1], 40, axis=0))
     late = replace(shot.fit(clip.t).trajectory, start=np.array([0.0, 1.0, 0.0]), end=np.array([1.0, 1.2, clip.t[-1]]))
     fit = replace(shot.fit(clip.t), trajectory=late)
-    begins = []
-    for trim in (False, True):
-        options = RenderOptions(slow=1.0, trim_still=trim)
-        begins.append(
-            render_slow_motion(clip, appearance_of(clip, still, fit), still, fit, tmp_path / "slow.mp4", options)
-        )
+    timeline = build_ball_timeline(shot.scene(), still, fit)
+    begins = [find_output_times(clip, timeline, RenderOptions(slow=1.0, trim_still=trim))[0] for trim in (False, True)]
     assert begins[0] == 0
     assert begins[1] == pytest.approx(0.5, abs=0.05)
 

@@ -9,7 +9,6 @@ import pytest
 from support.filmed_shots import PX_PER_M, RADIUS, film, match, position_rms_px, random_shot, scene
 from support.fixed_step_table import GRIPPING, MIRROR, SPEED_DEPENDENT
 
-from models.core.options import FitOptions
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.fit_shot import fit_shot
 
@@ -242,7 +241,7 @@ def test_empty_tracks_give_an_empty_fit() -> None:
 
 def test_the_same_tracks_give_the_same_bytes() -> None:
     shot = random_shot(2)
-    one, two = (fit_shot(shot.tracks, shot.scene, FitOptions(quick=True)) for _ in range(2))
+    one, two = (fit_shot(shot.tracks, shot.scene) for _ in range(2))
     assert one.trajectory.position.tobytes() == two.trajectory.position.tobytes()
     assert one.events.t.tobytes() == two.events.t.tobytes()
 
@@ -250,6 +249,6 @@ def test_the_same_tracks_give_the_same_bytes() -> None:
 def test_progress_ends_at_one() -> None:
     shot = random_shot(2, balls=2)
     values: list[float] = []
-    fit_shot(shot.tracks, shot.scene, FitOptions(quick=True), values.append)
+    fit_shot(shot.tracks, shot.scene, progress=values.append)
     assert values == sorted(values)
     assert values[-1] == 1.0

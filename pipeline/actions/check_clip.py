@@ -1,0 +1,106 @@
+"""Check how a clip is filmed, in a few seconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from detectors.detect import concatenate_detections
+from detectors.detect_options import DetectOptions
+from detectors.hough.hough_detector import HoughDetector, build_hough_detector
+from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
+from detectors.network.network_detector import NetworkDetector, build_network_detector
+from detectors.select_detector import select_detector
+from models.core.detections import Detections
+from models.core.scene import Scene
+from models.core.typing import ImageArray
+from video.filming_check.clip_sample import ClipSample, sample_clip
+from video.filming_check.filming_limits import FilmingLimits
+from video.filming_check.image_measurements import table_mask
+from video.filming_check.measure_filming import (
+    FilmedView,
+    FilmingMeasurement,
+    grade_measurements,
+    locate_view,
+    measure_filming,
+)
+from video.filming_check.motion_measurements import measure_exposure_time, select_lively_runs
+from video.io.clip import Clip, read_frames
+from video.io.video_options import CalibrateOptions
+
+Verdict = Literal["go", "doubts", "no-go"]
+DEFAULT_OPTIONS, DEFAULT_LIMITS = CalibrateOptions(), FilmingLimits()
+
+
+@dataclass(frozen=True, slots=True)
+class FilmingReport:
+    """How a clip is filmed."""
+
+    clip: Clip
+    """The part of the clip that was looked at."""
+    measurements: tuple[FilmingMeasurement, ...]
+    verdict: Verdict
+    refusal: str
+    """Why no table was located; empty otherwise."""
+    bits_per_pixel: float
+    """Mean over the clip; NaN for images."""
+    view: FilmedView
+    still: ImageArray
+    """(H, W, 3) the first frame of the part."""
+    detections: Detections
+    """Balls in the first and in a few other frames, px."""
+
+
+def check_clip(
+    path: Path, options: CalibrateOptions = DEFAULT_OPTIONS, limits: FilmingLimits = DEFAULT_LIMITS
+) -> FilmingReport:
+    """Check how a clip is filmed.
+
+    Args:
+        path: A video, or a folder of numbered images.
+        options: Corners, table and ball radius if the user gave them.
+        limits: Limits of good filming.
+
+    Returns:
+        All measurements, and the verdict.
+
+    Raises:
+        ClipError: The clip cannot be read.
+        OptionError: An option is not meaningful.
+    """
+    sample = sample_clip(path)
+    view = locate_view(sample, options)
+    detections = concatenate_detections([])
+    if view.scene is not None:
+        detections = _detect_fast_balls(sample, view, view.scene)
+    values = measure_filming(sample, view, measure_exposure_time(detections, sample.clip.t))
+    measurements = grade_measurements(values, limits)
+    return FilmingReport(
+        sample.clip, measurements, _judge(measurements), view.refusal, sample.bits_per_pixel, view, sample.stills[0],
+        detections,
+    )  # fmt: skip
+
+
+def _judge(measurements: tuple[FilmingMeasurement, ...]) -> Verdict:
+    """Return the verdict that the worst measurement gives."""
+    levels = {one.level for one in measurements}
+    return "no-go" if "bad" in levels else "doubts" if "doubt" in levels else "go"
+
+
+def _detect_fast_balls(sample: ClipSample, view: FilmedView, scene: Scene) -> Detections:
+    """Detect the balls in the first frame and in those in which they are fastest."""
+    size = sample.thumbnails.shape[2], sample.thumbnails.shape[1]
+    runs = select_lively_runs(sample.thumbnails, table_mask(size, view.corners, size[0] / sample.clip.width))
+    images = [(k, image) for k, image in zip(sample.still_frames, sample.stills, strict=True)]
+    detector: HoughDetector | NetworkDetector = (
+        build_hough_detector(scene, images)
+        if select_detector(DetectOptions(), scene) == "hough"
+        else build_network_detector(scene, images, open_ball_model(SHIPPED_BALL_MODEL))
+    )
+    frames = np.unique(np.concatenate([[0], *runs]))
+    return concatenate_detections(
+        [detector.detect(rgb, frame) for frame, rgb in read_frames(sample.clip, indices=frames)]
+    )

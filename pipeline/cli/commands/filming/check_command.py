@@ -1,0 +1,149 @@
+"""`trueroll check`: check how a clip is filmed, before filming on."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from textwrap import wrap
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import typer
+from rich.table import Table as Grid
+
+from models.core.errors import ClipError, OptionError
+from models.core.typing import ImageArray
+from pipeline.actions.check_clip import FilmingReport, check_clip
+from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import replace_file
+from pipeline.reporting.text.filming_sentences import (
+    VERDICT_WORDS,
+    WORDS,
+    format_advice,
+    format_limit,
+    format_value,
+    rank_faults,
+)
+from pipeline.terminal.command_line import (
+    ClipArgument,
+    DebugOption,
+    JsonOption,
+    app,
+    make_output_console,
+    parse_output_path,
+)
+from video.drawing.palette import MUTED_GREY, TRUST_COLOURS, WHITE
+from video.filming_check.filming_limits import FilmingLimits
+from video.io.video_options import CalibrateOptions
+from video.overlay.filming_still import PanelLine, TableOutline, count_panel_letters, draw_filming_still
+
+SIGNS = {"good": "[green]✓[/]", "doubt": "[yellow]![/]", "bad": "[red]✗[/]", "unknown": "[dim]–[/]"}
+"""Signs of the levels on a terminal."""
+PANEL_SIGNS = {"good": "+", "doubt": "!", "bad": "x", "unknown": "?"}
+LEVEL_COLOURS = {
+    "good": TRUST_COLOURS["green"], "doubt": TRUST_COLOURS["amber"], "bad": TRUST_COLOURS["red"], "unknown": MUTED_GREY,
+}  # fmt: skip
+VERDICT_LEVELS = {"go": "good", "doubts": "doubt", "no-go": "bad"}
+
+
+@app.command("check")
+def check(
+    clip: ClipArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--out", parser=parse_output_path, metavar="FILE.png",
+            help="Write a still with the table, the balls and what is wrong.",
+        ),
+    ] = None,
+    corners: Annotated[str | None, typer.Option(help="Corners of the playing surface: x,y,x,y,x,y,x,y in px.")] = None,
+    table: Annotated[str | None, typer.Option(help="Playing surface, such as 2.54x1.27 (m) or pool-9ft.")] = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:  # fmt: skip
+    """Check in a few seconds how a clip is filmed: go or no-go before filming on (exit status 0 or 1)."""
+    if out is not None:
+        if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+            raise OptionError(f"-o is an image, .png or .jpg; got {out.name}")
+        require_writable_folder(out.parent)
+    report = check_clip(clip, CalibrateOptions(corners, table))
+    if as_json:
+        print(json.dumps(_report_to_json(report), allow_nan=False))
+    else:
+        _print_report(report)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        _write_still(report, out)
+    if report.verdict == "no-go":
+        raise typer.Exit(1)
+
+
+def _report_to_json(report: FilmingReport) -> dict[str, Any]:
+    """Return verdict and measurements as JSON values; a value that was not measured is null."""
+    limits = FilmingLimits()
+    return {
+        "verdict": report.verdict,
+        "faults": [one.code for one in rank_faults(report.measurements, limits)],
+        "refusal": report.refusal,
+        "bits_per_pixel": report.bits_per_pixel if math.isfinite(report.bits_per_pixel) else None,
+        "measurements": [
+            {
+                "code": one.code,
+                "value": one.value if math.isfinite(one.value) else None,
+                "unit": WORDS[one.code].unit,
+                "level": one.level,
+                "good": getattr(limits, one.code).good,
+                "bad": getattr(limits, one.code).bad,
+                "advice": WORDS[one.code].advice if one.level in ("doubt", "bad") else "",
+            }
+            for one in report.measurements
+        ],
+    }
+
+
+def _print_report(report: FilmingReport) -> None:
+    """Print the verdict, all measurements and what to change."""
+    screen = make_output_console()
+    grid = Grid("", "", "measured", "good", box=None, pad_edge=False)
+    for one in report.measurements:
+        grid.add_row(SIGNS[one.level], WORDS[one.code].name, format_value(one), format_limit(one.code, FilmingLimits()))
+    screen.print(grid)
+    for line in format_advice(report.measurements, report.refusal):
+        screen.print(f"- {line}", markup=False, soft_wrap=True)
+    screen.print(VERDICT_WORDS[report.verdict], markup=False)
+
+
+def _write_still(report: FilmingReport, path: Path) -> None:
+    """Write the annotated still."""
+    image, encoding = _draw_still(report), path.suffix.lower()
+    encoded, data = cv2.imencode(encoding, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    if not encoded:
+        raise ClipError(
+            f"the still {path.name} was to be an image of {image.shape[1]} x {image.shape[0]} px; it failed"
+        )
+    with replace_file(path) as fresh:
+        fresh.write_bytes(data.tobytes())
+
+
+def _draw_still(report: FilmingReport) -> ImageArray:
+    """Draw the annotated still."""
+    view, first = report.view, report.detections.frame == 0
+    letters = count_panel_letters(report.still.shape)
+    lines = [
+        PanelLine(text, LEVEL_COLOURS[VERDICT_LEVELS[report.verdict]], True)
+        for text in wrap(VERDICT_WORDS[report.verdict], letters)
+    ]
+    lines.append(PanelLine("", WHITE))
+    for one in report.measurements:
+        words = f"{PANEL_SIGNS[one.level]} {WORDS[one.code].name}: {format_value(one)}"
+        lines += [PanelLine(text, LEVEL_COLOURS[one.level]) for text in wrap(words, letters, subsequent_indent="   ")]
+    for advice in format_advice(report.measurements, report.refusal):
+        lines.append(PanelLine("", WHITE))
+        lines += [PanelLine(text, WHITE) for text in wrap(advice, letters)]
+    outline = None
+    if view.scene is not None:
+        balls = report.detections
+        outline = TableOutline(view.corners, np.asarray(balls.centre[first]), np.asarray(balls.radius[first]))
+    return draw_filming_still(report.still, outline, view.glare, lines)

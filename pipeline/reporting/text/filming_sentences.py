@@ -1,0 +1,169 @@
+"""Sentences on how a clip is filmed: what was measured, what is good, and what to change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from video.filming_check.filming_limits import FilmingLimits, Limit
+from video.filming_check.measure_filming import FilmingMeasurement
+
+VERDICT_WORDS = {
+    "go": "Go: the clip is filmed well.",
+    "doubts": "Go with doubts: the clip can be used, and could be better.",
+    "no-go": "No-go: change this before you film on.",
+}
+"""The verdict as a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilmingWords:
+    """How a measurement is written."""
+
+    name: str
+    unit: str
+    digits: int
+    advice: str
+    """What to change if it is not good."""
+    unknown: str = "not measured"
+    """Why there is no value."""
+
+
+WORDS = {
+    "exposure": FilmingWords(
+        "brightness of the table",
+        "of 255",
+        0,
+        "Add light over the table, or raise the exposure.",
+    ),
+    "clipping": FilmingWords(
+        "clipped pixels",
+        "%",
+        1,
+        "Lower the exposure, or lock it on the cloth: parts of the table are plain white.",
+    ),
+    "flicker": FilmingWords(
+        "change of the light",
+        "%",
+        1,
+        "Lock the exposure; if the lamps flicker, choose a rate of 50 or 25 fps (60 or 30 where mains have 60 Hz).",
+    ),
+    "glare": FilmingWords(
+        "glare on the cloth",
+        "% of it",
+        1,
+        "Move the lamp or the camera until its reflection leaves the cloth.",
+    ),
+    "motion_blur": FilmingWords(
+        "exposure time",
+        "ms",
+        1,
+        "Shorten the exposure (1/500 s): set it by hand, and add light.",
+        "no fast ball was seen; film a firm shot to measure it",
+    ),
+    "frame_rate": FilmingWords(
+        "distinct frames",
+        "per s",
+        1,
+        "Choose 60 fps or more in the camera.",
+    ),
+    "duplicates": FilmingWords(
+        "duplicate frames",
+        "%",
+        0,
+        "Use the file as the camera wrote it; a converter or a screen recorder repeated frames.",
+    ),
+    "irregular_times": FilmingWords(
+        "irregular frame steps",
+        "%",
+        0,
+        "Switch off the variable frame rate of the camera or screen recorder.",
+    ),
+    "corners": FilmingWords(
+        "corners of the table in view",
+        "of 4",
+        0,
+        "Move the camera back or up until all four corners are visible, or give them with --corners.",
+    ),
+    "ball_size": FilmingWords(
+        "diameter of a far ball",
+        "px",
+        1,
+        "Go nearer, use the full resolution, or film from higher up.",
+        "no table was found",
+    ),
+    "camera_drift": FilmingWords(
+        "motion of the camera",
+        "px",
+        1,
+        "Fix the camera to a tripod or the ceiling, and do not zoom.",
+        "too little detail around the table",
+    ),
+    "compression": FilmingWords(
+        "compression step",
+        "grey levels",
+        0,
+        "Use the original file at a higher bit rate, not one sent by a messenger.",
+        "the codec does not state it",
+    ),
+    "focus": FilmingWords(
+        "blur of edges",
+        "ball radii",
+        2,
+        "Focus on the middle of the table and lock the focus; clean the lens.",
+        "too few clear edges",
+    ),
+}
+"""Words for each measurement."""
+
+
+def format_value(one: FilmingMeasurement) -> str:
+    """Format a value with its unit."""
+    words = WORDS[one.code]
+    if math.isnan(one.value):
+        return words.unknown
+    if one.code == "motion_blur" and one.value == 0:
+        return "no streaks"
+    if math.isinf(one.value):
+        return "another view"
+    return f"{one.value:.{words.digits}f} {words.unit}"
+
+
+def format_limit(code: str, limits: FilmingLimits) -> str:
+    """Format from or up to which value a measurement is good, and from where it is bad."""
+    limit: Limit = getattr(limits, code)
+    good, bad = ("at least", "below") if limit.bad < limit.good else ("at most", "above")
+    return f"{good} {limit.good:g}; no-go {bad} {limit.bad:g}"
+
+
+def format_advice(measurements: Sequence[FilmingMeasurement], refusal: str) -> list[str]:
+    """Format what to change, the worst first.
+
+    Args:
+        measurements: All measurements.
+        refusal: Why no table was located; empty otherwise.
+
+    Returns:
+        One sentence per measurement that is not good.
+    """
+    lines = [
+        f"{WORDS[one.code].name}: {format_value(one)}. {WORDS[one.code].advice}"
+        for one in rank_faults(measurements, FilmingLimits())
+    ]
+    return [*lines, f"No table was found: {refusal}."] if refusal else lines
+
+
+def rank_faults(measurements: Sequence[FilmingMeasurement], limits: FilmingLimits) -> list[FilmingMeasurement]:
+    """Rank the measurements that are not good, the worst first; a table that is out of view comes last of its level.
+
+    A table may be missing because of another fault, so the other fault is named first.
+    """
+    faults = [one for one in measurements if one.level in ("doubt", "bad")]
+    return sorted(faults, key=lambda one: (one.level != "bad", one.code == "corners", -_excess(one, limits)))
+
+
+def _excess(one: FilmingMeasurement, limits: FilmingLimits) -> float:
+    """Return how far a value is beyond the last good one, relative to the last one that is not bad."""
+    limit: Limit = getattr(limits, one.code)
+    return (one.value - limit.good) / (limit.bad - limit.good)

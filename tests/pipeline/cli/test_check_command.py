@@ -1,0 +1,50 @@
+"""`trueroll check`: a rendered clip passes, a clip of no table does not, and scripts get a status and JSON."""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.sample_clips import SAMPLES
+
+from pipeline.cli.execute import execute_command_line
+from video.filming_check.filming_limits import CODES
+from video.io.video_writer import VideoWriter
+
+
+def test_a_good_clip_is_a_go_with_a_still(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip, still = SAMPLES / "oblique_pool.mp4", tmp_path / "still.png"
+    assert execute_command_line(["check", str(clip), "--json", "-o", str(still)]) == 0
+    report = json.loads(capsys.readouterr().out)
+    values = {one["code"]: one["value"] for one in report["measurements"]}
+    assert report["verdict"] == "go"
+    assert report["faults"] == []
+    assert tuple(values) == CODES
+    assert values["frame_rate"] == pytest.approx(60)
+    assert values["corners"] == 4
+    truth = json.loads((SAMPLES / "oblique_pool.truth.json").read_text())
+    with Image.open(still) as image:
+        assert image.width > truth["width_px"]
+        assert image.height >= truth["height_px"]
+
+
+def test_a_clip_without_a_table_is_a_no_go_for_scripts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip = tmp_path / "wall.mp4"
+    with VideoWriter(clip, 320, 240, Fraction(60)) as writer:
+        for k in range(40):
+            writer.write(np.full((240, 320, 3), 60 + k % 3, np.uint8))
+    assert execute_command_line(["check", str(clip)]) == 1
+    out = capsys.readouterr().out
+    assert "No-go" in out
+    assert "No table was found" in out
+    assert "corners of the table in view: 0 of 4" in out
+
+
+def test_a_file_that_is_no_video_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "notes.mp4").write_text("no video")
+    assert execute_command_line(["check", str(tmp_path / "notes.mp4")]) == 1
+    assert capsys.readouterr().err.count("\n") == 1

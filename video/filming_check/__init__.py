@@ -1,0 +1,1 @@
+"""Measurements of how well a clip is filmed, before it is processed."""

@@ -1,0 +1,190 @@
+"""A sample of a clip for checks that must be fast: all timestamps, and the frames of its liveliest part."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+
+from models.core.errors import ClipError
+from models.core.typing import BoolArray, FloatArray, ImageArray
+from video.io.clip import DEFAULT_FPS, Clip, open_clip, require_readable_file
+from video.io.decoder import (
+    convert_to_rgb,
+    decode_frames_from,
+    demux_packets,
+    extract_luma,
+    open_container,
+    read_orientation,
+)
+from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
+from video.io.image_sequence import ImageSequence
+from video.io.timestamps import compute_presentation_times, nominal_fps
+
+PIXEL_BUDGET = 100_000_000
+"""Pixels that are decoded: 108 frames of 720p or 48 of 1080p, half a second on one core."""
+FRAME_RANGE = (24, 300)
+"""Fewest and most frames of a sample; fewer do not show flicker, more are no use."""
+STILLS = 5
+"""Colour frames, spread over the sample, from which the table is located."""
+THUMBNAIL_WIDTH = 320
+"""px, width of the small grey frames."""
+QUANTISER_STRUCT = "IxxxxQQii"
+"""Start of FFmpeg's AVVideoEncParams: blocks, offset and size of a block, kind of quantiser, quantiser of the frame."""
+H264_KIND, MPEG2_KIND = 1, 2
+"""Kinds of quantiser: AV_VIDEO_ENC_PARAMS_H264 and AV_VIDEO_ENC_PARAMS_MPEG2."""
+QUANTISER_FRAMES = 40
+"""Frames whose quantiser is read; PyAV frees a frame late once its side data was read."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClipSample:
+    """Timestamps of a whole clip, and the K frames of a part of it."""
+
+    times: FloatArray
+    """(T,) s, presentation times of all frames."""
+    bits_per_pixel: float
+    """Mean over the whole clip; NaN for images."""
+    clip: Clip
+    """The part that was decoded, as a clip of K frames."""
+    thumbnails: ImageArray
+    """(K, h, w) small grey frames."""
+    stills: tuple[ImageArray, ...]
+    """Colour frames (H, W, 3), evenly spread."""
+    still_frames: tuple[int, ...]
+    """Their indices in the part."""
+    quantiser_step: float
+    """Grey levels, mean step of the quantiser; NaN where the codec does not state it."""
+
+
+@dataclass(slots=True)
+class _PacketList:
+    """Packets of a video in presentation order."""
+
+    times: FloatArray
+    size: FloatArray
+    """(T,) bytes."""
+    is_key: BoolArray
+    fps: Fraction
+    pixels: int
+
+
+def sample_clip(path: Path) -> ClipSample:
+    """Read the timestamps of a clip and decode its liveliest part.
+
+    Args:
+        path: A video, or a folder of numbered images.
+
+    Returns:
+        The sample.
+
+    Raises:
+        ClipError: The file cannot be used; the message is one sentence for the user.
+    """
+    require_readable_file(path)
+    if path.is_dir():
+        return _decode_part(open_clip(path), np.empty(0), float("nan"))
+    packets = _read_packets(path)
+    count = int(np.clip(PIXEL_BUDGET // max(packets.pixels, 1), *FRAME_RANGE))
+    first, stop = _select_liveliest_part(packets, count)
+    t = packets.times[first:stop] - packets.times[first]
+    clip = Clip(
+        path, "", 0, 0, packets.fps, t, np.zeros(len(t), np.bool_), False, (), first, float(packets.times[first]),
+        stop - first == len(packets.times),
+    )  # fmt: skip
+    return _decode_part(clip, packets.times, float(8 * packets.size.mean() / packets.pixels))
+
+
+def _read_packets(path: Path) -> _PacketList:
+    """Read the packets of a video without decoding them."""
+    with open_container(path) as (container, stream):
+        packets = [p for p in _iterate_packets(container, stream) if p.size]
+        pixels, fps = stream.width * stream.height, stream.guessed_rate or stream.average_rate or DEFAULT_FPS
+        time_base = stream.time_base
+    if len(packets) < 2 or not pixels:
+        raise ClipError(f"{path.name} has {len(packets)} frames; a check needs a clip of a second or more")
+    has_times = all(p.pts is not None for p in packets)
+    packets = sorted(packets, key=lambda p: p.pts) if has_times else packets
+    times, _ = compute_presentation_times([p.pts for p in packets], [p.dts for p in packets], time_base, fps)
+    return _PacketList(
+        times, np.array([p.size for p in packets], dtype=np.float64), np.array([p.is_keyframe for p in packets]),
+        nominal_fps(times, fps), pixels,
+    )  # fmt: skip
+
+
+def _iterate_packets(container: Any, stream: Any) -> Iterator[Any]:
+    """Yield packets up to the first damage."""
+    try:
+        yield from demux_packets(container, stream)
+    except av.error.FFmpegError:
+        return
+
+
+def _select_liveliest_part(packets: _PacketList, count: int) -> tuple[int, int]:
+    """Select up to `count` frames from a key frame on whose other frames need the most bytes: there something moves."""
+    total = len(packets.times)
+    if total <= count:
+        return 0, total
+    moving = np.concatenate([[0.0], np.cumsum(np.where(packets.is_key, 0.0, packets.size))])
+    starts = np.unique(np.append(np.flatnonzero(packets.is_key[: total - count + 1]), 0))
+    first = int(starts[np.argmax(moving[starts + count] - moving[starts])])
+    return first, first + count
+
+
+def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSample:
+    """Decode the frames of a clip once."""
+    wanted = set(np.linspace(0, clip.frame_count - 1, STILLS).round().astype(int).tolist())
+    meter, changes, thumbnails = FrameChangeMeter(), list[tuple[float, float]](), list[ImageArray]()
+    stills, places, steps = list[ImageArray](), list[int](), list[float]()
+    with open_container(clip.path) as (container, stream):
+        if not isinstance(container, ImageSequence):
+            stream.codec_context.options = {"export_side_data": "venc_params"}
+        orientation = None
+        for k, frame in enumerate(decode_frames_from(container, stream, clip.first_frame, clip.start_time)):
+            if k == clip.frame_count:
+                break
+            orientation = read_orientation(frame) if orientation is None else orientation
+            if k < QUANTISER_FRAMES:
+                steps += [step for step in [_read_quantiser_step(frame)] if np.isfinite(step)]
+            grey = orientation.rotate_upright(extract_luma(frame))
+            changes.append(meter.measure_change(grey))
+            size = (THUMBNAIL_WIDTH, max(round(THUMBNAIL_WIDTH * grey.shape[0] / grey.shape[1]), 1))
+            thumbnails.append(np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8))
+            if k in wanted:
+                stills.append(orientation.rotate_upright(convert_to_rgb(frame)))
+                places.append(k)
+    if len(thumbnails) < FRAME_RANGE[0] // 2:
+        raise ClipError(
+            f"{clip.path.name} has {len(thumbnails)} frames that can be decoded; a check needs {FRAME_RANGE[0] // 2}"
+        )
+    decoded = len(thumbnails)
+    whole = Clip(
+        clip.path, clip.digest, grey.shape[1], grey.shape[0], clip.fps, clip.t[:decoded],
+        find_duplicate_frames(*np.array(changes).T), clip.has_audio, clip.notes, clip.first_frame, clip.start_time,
+        clip.is_whole_file,
+    )  # fmt: skip
+    return ClipSample(
+        times if len(times) else clip.t, bits_per_pixel, whole, np.stack(thumbnails), tuple(stills), tuple(places),
+        float(np.mean(steps)) if steps else float("nan"),
+    )  # fmt: skip
+
+
+def _read_quantiser_step(frame: Any) -> float:
+    """Read the mean step of the quantiser of a frame, grey levels; NaN where the codec does not state it."""
+    data = next((bytes(one) for one in getattr(frame, "side_data", ()) if one.type.name == "VIDEO_ENC_PARAMS"), None)
+    if data is None:
+        return float("nan")
+    blocks, offset, size, kind, quantiser = struct.unpack_from(QUANTISER_STRUCT, data)
+    if blocks:
+        fields = np.frombuffer(data, np.uint8, offset=offset, count=blocks * size).reshape(blocks, size).view(np.int32)
+        quantiser = quantiser + float(fields[:, 4].mean())
+    if kind == H264_KIND:
+        return float(0.625 * 2 ** (quantiser / 6))
+    return 2.0 * quantiser if kind == MPEG2_KIND else float("nan")

@@ -1,0 +1,157 @@
+"""All measurements of how a clip is filmed, except those that need a ball detector."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from models.core.errors import TableNotFound
+from models.core.scene import Scene
+from models.core.typing import BoolArray, ByteArray, FloatArray, ImageArray
+from video.calibration.table_finder import calibrate_clip, calibrate_image, compute_median_image
+from video.filming_check import image_measurements
+from video.filming_check.clip_sample import ClipSample
+from video.filming_check.filming_limits import FilmingLimits, Level
+from video.filming_check.motion_measurements import measure_drift
+from video.io.video_options import CalibrateOptions
+
+UNKNOWN_RADIUS_SHARE = 0.012
+"""Radius of a ball, share of the image width, where no table was located: a table of 2.54 m that fills the image."""
+UNKNOWN_INSET = 0.2
+"""Share of the image on each side outside the assumed table, where none was located."""
+RAIL_SHARE = 0.06
+"""Share of the table's size around it in which edges count for the focus: the rails."""
+IRREGULAR_SHARE = 0.25
+"""Deviation of a step between frames from the usual one from which it is irregular."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilmingMeasurement:
+    """One property of a clip."""
+
+    code: str
+    """One of `filming_limits.CODES`, where unit and limits are stated."""
+    value: float
+    """NaN where it could not be measured."""
+    level: Level
+
+
+@dataclass(frozen=True, slots=True)
+class FilmedView:
+    """The view of a clip: the table in it, and where its light does harm."""
+
+    background: ImageArray
+    """(H, W, 3) what stands still in the clip."""
+    scene: Scene | None
+    """Table and camera; None where no table was located."""
+    refusal: str
+    """Why no table was located, one sentence; empty otherwise."""
+    corners: FloatArray
+    """(4, 2) px of the playing surface; of the assumed one where no table was located."""
+    mask: BoolArray
+    """(H, W) of the playing surface."""
+    ball_radius: float
+    """px, of a ball at the far end of the table."""
+    drift: float
+    """px."""
+    glare: BoolArray
+    """(H, W) bright spots on the cloth."""
+
+
+def locate_view(sample: ClipSample, options: CalibrateOptions) -> FilmedView:
+    """Locate the table in a sample of a clip.
+
+    Args:
+        sample: The sample.
+        options: Corners, table and ball radius if the user gave them.
+
+    Returns:
+        The view, with or without a table.
+
+    Raises:
+        OptionError: An option is not meaningful.
+    """
+    height, width = sample.stills[0].shape[:2]
+    margin = UNKNOWN_INSET * np.array([width, height])
+    inset = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (np.array([width, height]) - 2 * margin) + margin
+    greys = [_to_grey(image) for image in sample.stills]
+    scene: Scene | None = None
+    refusal = ""
+    try:
+        scene = calibrate_clip(sample.clip, options)
+    except TableNotFound as missing:
+        refusal = str(missing)
+        with suppress(TableNotFound):  # a moving camera may have been the reason
+            scene = calibrate_image(sample.stills[0], options, sample.clip.path.name)
+    is_still = scene is not None and scene.camera.motion is None and not refusal
+    background = compute_median_image(list(sample.stills)) if is_still else sample.stills[0]
+    corners = inset if scene is None else scene.camera.corners_px
+    radius = UNKNOWN_RADIUS_SHARE * width if scene is None else _far_ball_radius(scene)
+    mask = image_measurements.table_mask((width, height), corners)
+    return FilmedView(
+        background, scene, "" if scene is not None else refusal, corners, mask, radius, measure_drift(greys, corners),
+        image_measurements.find_glare(background, mask, radius),
+    )  # fmt: skip
+
+
+def measure_filming(sample: ClipSample, view: FilmedView, exposure_ms: float) -> dict[str, float]:
+    """Measure all properties of a clip.
+
+    Args:
+        sample: Sample of the clip.
+        view: The table in it.
+        exposure_ms: Exposure time, ms; NaN if unknown.
+
+    Returns:
+        Values by code, in the units that `FilmingLimits` states; NaN where a property could not be measured.
+    """
+    height, width = view.background.shape[:2]
+    thumbnail = sample.thumbnails.shape[2], sample.thumbnails.shape[1]
+    small_mask = image_measurements.table_mask(thumbnail, view.corners, thumbnail[0] / width)
+    steps = np.diff(sample.times)
+    usual = float(np.median(steps))
+    distinct = float((~sample.clip.is_duplicate).mean())
+    inside = ((view.corners >= 0) & (view.corners <= (width - 1, height - 1))).all(axis=1)
+    blur = image_measurements.measure_edge_blur(_to_grey(sample.stills[0]), _mask_with_rails(view))
+    return {
+        "exposure": image_measurements.measure_exposure(view.background, view.mask),
+        "clipping": image_measurements.measure_clipping(view.background, view.mask & ~view.glare),
+        "flicker": image_measurements.measure_flicker(sample.thumbnails, small_mask),
+        "glare": 100 * float(view.glare.sum() / max(view.mask.sum(), 1)),
+        "motion_blur": exposure_ms,
+        "frame_rate": distinct / usual,
+        "duplicates": 100 * (1 - distinct),
+        "irregular_times": 100 * float((np.abs(steps / usual - 1) > IRREGULAR_SHARE).mean()),
+        "corners": 0.0 if view.scene is None else float(inside.sum()),
+        "ball_size": float("nan") if view.scene is None else 2 * view.ball_radius,
+        "camera_drift": view.drift,
+        "compression": sample.quantiser_step,
+        "focus": blur / view.ball_radius,
+    }
+
+
+def grade_measurements(values: dict[str, float], limits: FilmingLimits) -> tuple[FilmingMeasurement, ...]:
+    """Grade values by code."""
+    return tuple(FilmingMeasurement(code, value, limits.grade(code, value)) for code, value in values.items())
+
+
+def _to_grey(image: ImageArray) -> ByteArray:
+    """Convert an image (H, W, 3) to grey levels (H, W)."""
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
+def _far_ball_radius(scene: Scene) -> float:
+    """Return the least radius of a ball anywhere on the table, px."""
+    table = scene.table
+    return float(min(scene.camera.radius_px(corner, table.ball_radius) for corner in table.corners))
+
+
+def _mask_with_rails(view: FilmedView) -> BoolArray:
+    """Draw the playing surface and the rails around it, (H, W)."""
+    centre = view.corners.mean(axis=0)
+    outer = centre + (1 + 2 * RAIL_SHARE) * (view.corners - centre)
+    height, width = view.mask.shape
+    return image_measurements.table_mask((width, height), outer)
