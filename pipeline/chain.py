@@ -23,15 +23,17 @@ from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
+from pipeline.io.corrections_file import read_corrections
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
-from pipeline.run_options import RunOptions, format_changed_settings
+from pipeline.run_options import RunOptions, apply_corrections, format_changed_settings
 from pipeline.stages.calibrate_stage import calibrate_stage
 from pipeline.stages.detect_stage import detect_stage
 from pipeline.stages.export_stage import export_stage
 from pipeline.stages.fit_stage import fit_stage
 from pipeline.stages.forecast_stage import forecast_stage
+from pipeline.stages.place_stage import name_detections, place_stages
 from pipeline.stages.read_stage import read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage
 from pipeline.stages.render_stage import render_stage
@@ -79,17 +81,20 @@ def build_run_graph(clip: Path, options: RunOptions, shot: ClipShot | None = Non
         ClipError: The clip is no video or cannot be read.
     """
     digest = hash_clip(clip) if shot is None else shot.whole.digest
+    options = honour_corrections(clip, digest, options, shot)
     settings, title = (
         format_changed_settings(options),
         escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}"),
     )
     stages = (
         *_build_fit_stages(clip, digest, options, shot),
-        export_stage(options.detect),
+        export_stage(options.detect, options.corrections),
         render_stage(options.render),
         forecast_stage(options.forecast),
-        record_stage(RecordOptions(title)),
-        report_stage(ReportOptions(title, options.render.slow, settings, options.detect)),
+        record_stage(RecordOptions(title, name_detections(options.corrections))),
+        report_stage(
+            ReportOptions(title, options.render.slow, settings, options.detect, options.corrections)
+        ),
     )
     return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
 
@@ -108,7 +113,27 @@ def build_fit_graph(clip: Path, options: RunOptions) -> StageGraph:
         ClipError: The clip is no video or cannot be read.
     """
     digest = hash_clip(clip)
+    options = honour_corrections(clip, digest, options)
     return StageGraph.from_stages(_build_fit_stages(clip, digest, options), digest)
+
+
+def honour_corrections(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None) -> RunOptions:
+    """Apply the corrections file beside a clip: the command line beats it, and it beats the defaults.
+
+    Args:
+        clip: Path of the clip.
+        digest: SHA-256 of the clip.
+        options: Options of the command line.
+        shot: The shot of the clip to run, for which its part counts; None for the whole clip.
+
+    Returns:
+        The options with the corrections.
+
+    Raises:
+        OptionError: The file cannot be used.
+    """
+    corrections = read_corrections(clip, digest).corrections
+    return apply_corrections(options, corrections if shot is None else corrections.extract_span(shot.first, shot.stop))
 
 
 def _build_fit_stages(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None) -> tuple[Stage, ...]:
@@ -117,8 +142,9 @@ def _build_fit_stages(clip: Path, digest: str, options: RunOptions, shot: ClipSh
         read_stage(clip, digest, options.read) if shot is None else shot_stage(shot, digest, options.read.fps),
         calibrate_stage(options.calibrate),
         detect_stage(options.detect),
-        track_stage(options.track),
-        fit_stage(options.fit),
+        *place_stages(options.corrections),
+        track_stage(options.track, options.corrections),
+        fit_stage(options.fit, options.corrections),
     )
 
 
