@@ -92,9 +92,7 @@ def build_run_graph(clip: Path, options: RunOptions, shot: ClipShot | None = Non
         render_stage(options.render),
         forecast_stage(options.forecast),
         record_stage(RecordOptions(title, name_detections(options.corrections))),
-        report_stage(
-            ReportOptions(title, options.render.slow, settings, options.detect, options.corrections)
-        ),
+        report_stage(ReportOptions(title, options.render.slow, settings, options.detect, options.corrections)),
     )
     return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
 
@@ -168,6 +166,66 @@ def run_fit_graph(
         load_stage_output(stages[n], entries[n]) for n in ("read", "calibrate", "track", "fit")
     )
     return _relocate_clip(clip, cached_clip), scene, tracks, fit
+
+
+def run_tables(
+    clip: Path, folder: Path, options: RunOptions, cache: ResultCache, watcher: RunWatcher, shot: ClipShot | None = None
+) -> tuple[Clip, Scene, Tracks, Fit]:
+    """Run the stages up to the tables, and publish these alone: video, recording and report take longer.
+
+    Args:
+        clip: Path of the clip.
+        folder: Folder of the results.
+        options: Options of all stages.
+        cache: The cache.
+        watcher: Follows the run.
+        shot: The shot of the clip to run; None for the whole clip.
+
+    Returns:
+        Clip, scene, tracks and fit.
+
+    Raises:
+        TruerollError: The clip or an option cannot be used. No unfinished file remains.
+    """
+    graph = build_run_graph(clip, options, shot)
+    require_writable_folder(folder)
+    require_clip_not_overwritten(clip, folder)
+    names = ("read", "calibrate", "detect", "place", "track", "fit", "export")
+    stages = {stage.name: stage for stage in graph.stages if stage.name in names}
+    tables = StageGraph.from_stages(stages.values(), graph.clip)
+    entries = tables.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
+    publish_files(entries, folder)
+    write_source(clip, folder, shot)
+    cached_clip, scene, tracks, fit = (
+        load_stage_output(stages[n], entries[n]) for n in ("read", "calibrate", "track", "fit")
+    )
+    return _relocate_clip(clip, cached_clip), scene, tracks, fit
+
+
+def read_shot(
+    clip: Path, options: RunOptions, span: tuple[int, int], number: int, cache: ResultCache, watcher: RunWatcher
+) -> ClipShot:
+    """Read a recording, with the frame rate of its corrections, and cut one shot out of it.
+
+    Args:
+        clip: Path of the recording.
+        options: Options of all stages.
+        span: First frame of the shot, and the frame after its last.
+        number: Number of the shot, from 0.
+        cache: The cache.
+        watcher: Follows the run.
+
+    Returns:
+        The shot.
+
+    Raises:
+        TruerollError: The recording or an option cannot be used.
+    """
+    unchanged, digest = make_change_check(clip), hash_clip(clip)
+    read = read_stage(clip, digest, honour_corrections(clip, digest, options).read)
+    graph = StageGraph.from_stages([read], digest)
+    whole: Clip = load_stage_output(read, graph.run(cache, watcher)["read"])
+    return ClipShot(_relocate_clip(clip, whole), number, *span, unchanged)
 
 
 def hash_clip(path: Path) -> str:
@@ -331,7 +389,7 @@ def publish_files(entries: Mapping[str, CacheEntry], folder: Path) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     for stage, names in STAGE_FILES.items():
-        for name in names:
+        for name in names if stage in entries else ():
             source, target = entries[stage].folder / name, folder / name
             if not _is_published(source, target):
                 with replace_file(target) as path:

@@ -100,9 +100,7 @@ def find_false_detections(
     return is_false
 
 
-def keep_placed_balls(
-    balls: list[Tracklet], mark: IntArray, pixels: TrackPixels
-) -> list[Tracklet]:
+def keep_placed_balls(balls: list[Tracklet], mark: IntArray, pixels: TrackPixels) -> list[Tracklet]:
     """Add the balls that a person placed and that no track contains.
 
     Args:

@@ -31,8 +31,12 @@ def record_stage(options: RecordOptions) -> Stage:
         The stage `record`, whose output is a folder with recording.rrd.
     """
     return Stage(
-        "record", __name__, ("read", "calibrate", options.detections, "track", "fit", "forecast"), None, _record_layers,
-        options
+        "record",
+        __name__,
+        ("read", "calibrate", options.detections, "track", "fit", "forecast"),
+        None,
+        _record_layers,
+        options,
     )
 
 

@@ -53,9 +53,7 @@ def resolve_marks(
     """
     resolved, missing = [], []
     for mark in marks:
-        balls = [
-            NO_BALL if place is None else find_tracked_ball(tracks, place) for place in (mark.ball, mark.other)
-        ]
+        balls = [NO_BALL if place is None else find_tracked_ball(tracks, place) for place in (mark.ball, mark.other)]
         times = [float(np.interp(frame, tracks.frame, tracks.t)) for frame in (mark.at, mark.frame)]
         interval = float(np.median(np.diff(tracks.t))) if len(tracks.t) > 1 else 0.0
         if None in balls or balls[0] == balls[1]:
