@@ -82,9 +82,8 @@ class TrackEdit:
         if self.kind == "class" and self.name not in KINDS:
             raise ValueError(f"class is one of {', '.join(KINDS)}; got {self.name!r}")
         if self.kind == "rename" and not is_ball_name(self.name):
-            raise ValueError(
-                f"a name has 1 to {NAME_CHARACTERS} letters, digits, '.', '_' or '-', and is no cushion; got {self.name!r}"
-            )
+            allowed = f"1 to {NAME_CHARACTERS} letters, digits, '.', '_' or '-'"
+            raise ValueError(f"a name has {allowed} and is no cushion; got {self.name!r}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,30 +149,38 @@ class Corrections:
 
     def extract_span(self, first: int, stop: int) -> Corrections:
         """Return the corrections of frames `first` to `stop` - 1 of a recording, with frames from `first` on."""
+
+        def is_inside(*places: BallPlace | None) -> bool:
+            return all(place is None or first <= place.frame < stop for place in places)
+
+        def move(place: BallPlace) -> BallPlace:
+            return replace(place, frame=place.frame - first)
+
+        def move_frame(frame: int | None) -> int | None:
+            return None if frame is None else max(frame - first, 0)
+
         return replace(
             self,
             balls=tuple(
-                replace(one, ball=_shift_place(one.ball, first), **_shift_span(one.first, one.last, first))
+                replace(one, ball=move(one.ball), first=move_frame(one.first), last=move_frame(one.last))
                 for one in self.balls
-                if first <= one.ball.frame < stop
+                if is_inside(one.ball)
             ),
             tracks=tuple(
                 replace(
-                    one, ball=_shift_place(one.ball, first),
-                    other=None if one.other is None else _shift_place(one.other, first),
-                    **_shift_span(one.first, one.last, first),
+                    one, ball=move(one.ball), other=None if one.other is None else move(one.other),
+                    first=move_frame(one.first), last=move_frame(one.last),
                 )
                 for one in self.tracks
-                if _lies_within((one.ball, one.other), first, stop)
+                if is_inside(one.ball, one.other)
             ),
             contacts=tuple(
                 replace(
                     one, frame=one.frame - first, to_frame=None if one.to_frame is None else one.to_frame - first,
-                    ball=_shift_place(one.ball, first),
-                    other=None if one.other is None else _shift_place(one.other, first),
+                    ball=move(one.ball), other=None if one.other is None else move(one.other),
                 )
                 for one in self.contacts
-                if _lies_within((one.ball, one.other), first, stop) and min(one.frame, one.at) >= first
+                if is_inside(one.ball, one.other) and min(one.frame, one.at) >= first
             ),
         )  # fmt: skip
 
@@ -221,18 +228,3 @@ def _require_span(first: int | None, last: int | None) -> None:
             _require_frame(frame)
     if first is not None and last is not None and last < first:
         raise ValueError(f"a span ends at its first frame or later; got {first} to {last}")
-
-
-def _shift_place(place: BallPlace, first: int) -> BallPlace:
-    return replace(place, frame=place.frame - first)
-
-
-def _shift_span(begin: int | None, end: int | None, first: int) -> dict[str, int | None]:
-    return {
-        "first": None if begin is None else max(begin - first, 0),
-        "last": None if end is None else max(end - first, 0),
-    }
-
-
-def _lies_within(places: tuple[BallPlace | None, ...], first: int, stop: int) -> bool:
-    return all(place is None or first <= place.frame < stop for place in places)

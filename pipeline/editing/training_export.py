@@ -61,7 +61,9 @@ def _list_balls(run: ClipRun, frame: int) -> list[tuple[object, ...]]:
     tracks = run.tracks
     row = int(np.searchsorted(tracks.frame, frame))
     return [
-        _make_row(run, frame, *tracks.px[row, k], tracks.radius_px[row, k], tracks.kinds[k], 1.0)
+        _make_row(
+            run, frame, tracks.px[row, k, 0], tracks.px[row, k, 1], tracks.radius_px[row, k], tracks.kinds[k], 1.0
+        )
         for k in np.flatnonzero(tracks.is_observed[row])
     ]
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -98,8 +99,7 @@ def _add_event(
     nan = float("nan")
     values = (mark.mark.cause, mark.t, HAND_TIME_FRAMES * interval, row, a, other, xy, p, nan, nan, nan)
     at = int(np.searchsorted(events.t, mark.t))
-    columns = (events.kind, events.t, events.t_sigma, events.frame, events.a, events.b, events.xy, events.probability,
-               events.gap, events.gap_sigma, events.speed)  # fmt: skip
+    columns: list[Any] = [getattr(events, one.name) for one in fields(Events)]
     added = Events(*(_insert_value(column, at, value) for column, value in zip(columns, values, strict=True)))
     hypotheses = (CauseHypothesis(mark.mark.cause, other, p), CauseHypothesis("none", "", 1 - p))
     moment = Moment(a, mark.t, HAND_TIME_FRAMES * interval, xy, hypotheses)
@@ -107,21 +107,21 @@ def _add_event(
     return added, replace(explanation, moments=moments)
 
 
-def _insert_value(column: object, at: int, value: object) -> object:
+def _insert_value(column: Any, at: int, value: Any) -> Any:
     """Insert a value into a column, a tuple or an array."""
     if isinstance(column, np.ndarray):
-        return np.insert(column, at, value, axis=0)  # type: ignore[call-overload]
-    assert isinstance(column, tuple)
+        return np.insert(column, at, value, axis=0)
     return (*column[:at], value, *column[at:])
 
 
 def _select_events(events: Events, rows: list[int]) -> Events:
     if len(rows) == len(events):
         return events
-    columns = (getattr(events, name) for name in Events.__dataclass_fields__)
-    return Events(
-        *(column[rows] if isinstance(column, np.ndarray) else tuple(column[k] for k in rows) for column in columns)
-    )
+    columns: list[Any] = [getattr(events, one.name) for one in fields(Events)]
+    selected: list[Any] = [
+        column[rows] if isinstance(column, np.ndarray) else tuple(column[k] for k in rows) for column in columns
+    ]
+    return Events(*selected)
 
 
 def _find_events(events: Events, mark: ResolvedMark, t: float, ids: tuple[str, ...]) -> list[int]:

@@ -53,13 +53,14 @@ def resolve_marks(
     """
     resolved, missing = [], []
     for mark in marks:
-        balls = [NO_BALL if place is None else find_tracked_ball(tracks, place) for place in (mark.ball, mark.other)]
-        times = [float(np.interp(frame, tracks.frame, tracks.t)) for frame in (mark.at, mark.frame)]
+        a = find_tracked_ball(tracks, mark.ball)
+        b = NO_BALL if mark.other is None else find_tracked_ball(tracks, mark.other)
+        t, earlier_t = (float(np.interp(frame, tracks.frame, tracks.t)) for frame in (mark.at, mark.frame))
         interval = float(np.median(np.diff(tracks.t))) if len(tracks.t) > 1 else 0.0
-        if None in balls or balls[0] == balls[1]:
-            missing.append(MarkOutcome(mark.kind, "ball_missing", _name_places(mark), mark.cushion, times[0]))
+        if a is None or b is None or a == b:
+            missing.append(MarkOutcome(mark.kind, "ball_missing", _name_places(mark), mark.cushion, t))
         else:
-            resolved.append(ResolvedMark(mark, balls[0], balls[1], *times, TIME_FRAMES * interval))  # type: ignore[arg-type]
+            resolved.append(ResolvedMark(mark, a, b, t, earlier_t, TIME_FRAMES * interval))
     return tuple(resolved), tuple(missing)
 
 
