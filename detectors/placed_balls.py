@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detectors.measurement.array_columns import concatenate_rows
 from detectors.measurement.circle_fit import fit_circles, smooth_image
 from detectors.measurement.cloth_background import build_colour_basis
 from detectors.measurement.frame_detections import FrameDetections, add_colours
@@ -219,7 +218,8 @@ def _merge_rows(detections: Detections, rows: list[tuple[int, Detections]]) -> M
             np.hypot(*(kept.centre - row.centre[0]).T) < OTHER_RADII * float(row.radius[0])
         )
         kept = kept.select_rows(~same) if same.any() else kept
-    merged = concatenate_rows([kept, *(row for _, row in rows)])
+    parts = [kept, *(row for _, row in rows)]
     mark = np.concatenate([np.full(len(kept), -1, np.int64), np.array([number for number, _ in rows], np.int64)])
-    order = np.argsort(merged.frame, kind="stable")
-    return MarkedDetections(merged.select_rows(order), mark[order])
+    order = np.argsort(np.concatenate([part.frame for part in parts]), kind="stable")
+    columns = (np.concatenate([getattr(part, one.name) for part in parts])[order] for one in fields(Detections))
+    return MarkedDetections(Detections(*columns), mark[order])

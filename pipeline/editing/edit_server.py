@@ -48,7 +48,7 @@ class EditServer:
     """The server of one editing session."""
 
     def __init__(self, session: EditSession, port: int = 0) -> None:
-        self._session = session
+        self.session = session
         self.token = secrets.token_urlsafe(18)
         self._socket = socket.create_server((HOST, port))
         config = uvicorn.Config(build_app(session, self.token), log_level="error", lifespan="off", access_log=False,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,38 +11,21 @@ import pytest
 from support.planted_mistakes import (
     FALSE_PLACE,
     FALSE_STRIKE_FRAME,
+    LOST_FRAME,
     MISTAKES,
-    OPTIONS,
     SPLIT_FRAME,
+    CleanRun,
     Mistake,
-    SilentWatcher,
     list_differences,
+    make_clean_run,
     plant,
     point_of,
     run_clip_tables,
 )
-from support.sample_clips import SAMPLES
 
 from models.core.corrections import BallMark, BallPlace, ContactMark, Corrections, TrackEdit
-from models.core.detections import Detections
-from pipeline.chain import build_fit_graph
 from pipeline.editing.run_view import ClipRun
-from pipeline.engine.result_cache import ResultCache
-from pipeline.engine.stage_graph import StageGraph, load_stage_output
 from pipeline.io.corrections_file import CorrectionsFile, write_corrections
-
-
-@dataclass(frozen=True, slots=True)
-class CleanRun:
-    """A run without mistakes."""
-
-    clip: Path
-    run: ClipRun
-    detections: Detections
-    located: Path
-    """Cache with the stages up to the calibration."""
-    detected: Path
-    """Cache with the stages up to the detection."""
 
 
 @pytest.fixture(scope="module")
@@ -51,32 +33,9 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> CleanRun:
     return make_clean_run(tmp_path_factory.mktemp("clean"))
 
 
-def make_clean_run(folder: Path) -> CleanRun:
-    clip = Path(shutil.copy(SAMPLES / "overhead_pool.mp4", folder))
-    stages = {stage.name: stage for stage in build_fit_graph(clip, OPTIONS).stages}
-    graphs = [("read", "calibrate"), ("read", "calibrate", "detect")]
-    for names, cache in zip(graphs, ("located", "detected"), strict=True):
-        if cache == "detected":
-            shutil.copytree(folder / "located", folder / "detected")
-        graph = StageGraph.from_stages([stages[name] for name in names], build_fit_graph(clip, OPTIONS).clip)
-        at = {"read": lambda value: type(value)(**{**{n: getattr(value, n) for n in value.__slots__}, "path": clip})}
-        entries = graph.run(ResultCache(folder / cache), SilentWatcher(), at)
-    detections = load_stage_output(stages["detect"], entries["detect"])
-    shutil.copytree(folder / "detected", folder / "cache")
-    run = run_clip_tables(clip, folder / "out", folder / "cache")
-    return CleanRun(clip, run, detections, folder / "located", folder / "detected")
-
-
 def place(run: ClipRun, ball: str, frame: int) -> BallPlace:
     x, y = point_of(run, ball, frame)
     return BallPlace(frame, float(x), float(y), ball)
-
-
-def _contact_frame(run: ClipRun) -> float:
-    events = run.fit.events
-    return next(
-        float(events.frame[k]) for k in range(len(events)) if {events.a[k], events.b[k]} == {"solid-1", "solid-2"}
-    )
 
 
 REPAIRS: dict[str, Callable[[ClipRun], Corrections]] = {
@@ -96,11 +55,7 @@ REPAIRS: dict[str, Callable[[ClipRun], Corrections]] = {
     "missed ball": lambda run: Corrections(balls=(BallMark("placed", place(run, "stripe-1", 30)),)),
     "false ball": lambda run: Corrections(balls=(BallMark("false", BallPlace(20, *map(float, FALSE_PLACE))),)),
     "missed contact": lambda run: Corrections(
-        contacts=(
-            ContactMark(
-                "mark", "ball", round(_contact_frame(run)), place(run, "solid-1", 37), place(run, "solid-2", 37)
-            ),
-        )
+        contacts=(ContactMark("mark", "cushion", LOST_FRAME, place(run, "solid-1", LOST_FRAME), cushion="bottom"),)
     ),
     "false contact": lambda run: Corrections(
         contacts=(ContactMark("delete", "strike", FALSE_STRIKE_FRAME, place(run, "cue", FALSE_STRIKE_FRAME)),)
