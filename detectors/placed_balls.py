@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from detectors.measurement.circle_fit import fit_circles, smooth_image
 from detectors.measurement.cloth_background import build_colour_basis
 from detectors.measurement.frame_detections import FrameDetections, add_colours
-from models.core.corrections import BallMark
+from models.core.by_hand.corrections import BallMark
 from models.core.detections import Detections, MarkedDetections
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
@@ -212,14 +212,14 @@ def _is_detected(detections: Detections, frame: int, centre: FloatArray, radius:
 
 def _merge_rows(detections: Detections, rows: list[tuple[int, Detections]]) -> MarkedDetections:
     """Merge the detections of the detector with those of marks; a placed ball replaces detections at its place."""
-    kept = detections
+    rest = detections
     for _, row in rows:
-        same = (kept.frame == row.frame[0]) & (
-            np.hypot(*(kept.centre - row.centre[0]).T) < OTHER_RADII * float(row.radius[0])
+        same = (rest.frame == row.frame[0]) & (
+            np.hypot(*(rest.centre - row.centre[0]).T) < OTHER_RADII * float(row.radius[0])
         )
-        kept = kept.select_rows(~same) if same.any() else kept
-    parts = [kept, *(row for _, row in rows)]
-    mark = np.concatenate([np.full(len(kept), -1, np.int64), np.array([number for number, _ in rows], np.int64)])
+        rest = rest.select_rows(~same) if same.any() else rest
+    parts = [rest, *(row for _, row in rows)]
+    mark = np.concatenate([np.full(len(rest), -1, np.int64), np.array([number for number, _ in rows], np.int64)])
     order = np.argsort(np.concatenate([part.frame for part in parts]), kind="stable")
     columns = (np.concatenate([getattr(part, one.name) for part in parts])[order] for one in fields(Detections))
     return MarkedDetections(Detections(*columns), mark[order])

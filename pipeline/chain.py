@@ -23,7 +23,7 @@ from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
-from pipeline.io.corrections_file import read_corrections
+from pipeline.io.by_hand.corrections_file import read_corrections
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot

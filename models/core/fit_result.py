@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.corrections import MarkOutcome
 from models.core.events import Events
-from models.core.shot_explanation import ShotExplanation
+from models.core.shot_explanation import MarkOutcome, ShotExplanation
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 

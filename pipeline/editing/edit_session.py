@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from models.core.corrections import Corrections
+from models.core.by_hand.corrections import Corrections
 from models.core.errors import TruerollError
 from models.core.progress import Progress
 from pipeline.chain import read_shot, run_clip, run_tables
@@ -15,7 +15,12 @@ from pipeline.editing.edited_clip import EditedClip, FrameImages
 from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.editing.training_export import export_training_data
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.corrections_file import CorrectionsFile, describe_corrections, read_corrections, write_corrections
+from pipeline.io.by_hand.corrections_file import (
+    CorrectionsFile,
+    describe_corrections,
+    read_corrections,
+    write_corrections,
+)
 from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import RunOptions, apply_corrections

@@ -14,14 +14,14 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from models.core.corrections import NO_CORRECTIONS, Corrections
+from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
 from models.core.events import Events
 from models.core.fit_result import Fit, Parameter
 from models.core.scene import Camera, Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import State, Trajectory
 from models.core.typing import FloatArray
-from pipeline.io.corrections_file import describe_corrections
+from pipeline.io.by_hand.corrections_file import describe_corrections
 from pipeline.io.explanation_json import describe_explanation
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.correction_sentences import note_corrections

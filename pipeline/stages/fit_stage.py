@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from models.core.corrections import NO_CORRECTIONS, ContactMark, Corrections
+from models.core.by_hand.corrections import NO_CORRECTIONS, ContactCorrection, Corrections
 from models.core.fit_result import Fit
 from models.core.options import FitOptions
 from models.core.progress import Progress
@@ -30,7 +30,7 @@ def fit_stage(options: FitOptions, corrections: Corrections = NO_CORRECTIONS) ->
 
 
 def _fit_motion(
-    marks: tuple[ContactMark, ...], inputs: Inputs, options: FitOptions, folder: Path, progress: Progress
+    marks: tuple[ContactCorrection, ...], inputs: Inputs, options: FitOptions, folder: Path, progress: Progress
 ) -> Fit:
     """Fit the contacts and the motion, and published contact models to whole shots."""
     from models.estimation.reconstruction.fit_shot import fit_shot  # slow to import

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from models.core.corrections import BallMark, Corrections
+from models.core.by_hand.corrections import BallMark, Corrections
 from models.core.detections import MarkedDetections
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from detectors.detect_options import DetectOptions
 from detectors.select_detector import note_selection
-from models.core.corrections import NO_CORRECTIONS, Corrections
+from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
 from pipeline.reporting.text.correction_sentences import note_corrections

@@ -23,9 +23,9 @@ from support.planted_mistakes import (
     run_clip_tables,
 )
 
-from models.core.corrections import BallMark, BallPlace, ContactMark, Corrections, TrackEdit
+from models.core.by_hand.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
 from pipeline.editing.run_view import ClipRun
-from pipeline.io.corrections_file import CorrectionsFile, write_corrections
+from pipeline.io.by_hand.corrections_file import CorrectionsFile, write_corrections
 
 
 @pytest.fixture(scope="module")
@@ -55,10 +55,12 @@ REPAIRS: dict[str, Callable[[ClipRun], Corrections]] = {
     "missed ball": lambda run: Corrections(balls=(BallMark("placed", place(run, "stripe-1", 30)),)),
     "false ball": lambda run: Corrections(balls=(BallMark("false", BallPlace(20, *map(float, FALSE_PLACE))),)),
     "missed contact": lambda run: Corrections(
-        contacts=(ContactMark("mark", "cushion", LOST_FRAME, place(run, "solid-1", LOST_FRAME), cushion="bottom"),)
+        contacts=(
+            ContactCorrection("mark", "cushion", LOST_FRAME, place(run, "solid-1", LOST_FRAME), cushion="bottom"),
+        )
     ),
     "false contact": lambda run: Corrections(
-        contacts=(ContactMark("delete", "strike", FALSE_STRIKE_FRAME, place(run, "cue", FALSE_STRIKE_FRAME)),)
+        contacts=(ContactCorrection("delete", "strike", FALSE_STRIKE_FRAME, place(run, "cue", FALSE_STRIKE_FRAME)),)
     ),
     "split track": lambda run: Corrections(
         tracks=(TrackEdit("merge", place(run, "cue", SPLIT_FRAME - 1), place(run, "cue", SPLIT_FRAME)),)

@@ -16,7 +16,7 @@ from support.sample_clips import SAMPLES
 import detectors.detect
 import models.estimation.reconstruction.fit_shot as fit_shot
 import models.tracking.build_tracks as build_tracks
-from models.core.corrections import Corrections
+from models.core.by_hand.corrections import Corrections
 from models.core.detections import Detections
 from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from models.core.corrections import MarkOutcome
 from models.core.events import Events
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.core.shot_explanation import CauseHypothesis, MarkOutcome, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.estimation.hand_marks.graph_marks import HAND_ODDS, HAND_TIME_FRAMES
 from models.estimation.hand_marks.resolved_marks import NO_BALL, ResolvedMark
@@ -59,12 +58,12 @@ def _weigh_time(
     for k in rows:
         probability[k] = _multiply_odds(float(probability[k]), odds)
     weighed = replace(events, probability=probability)
-    listed = [k for k in range(len(events)) if k not in rows or probability[k] >= MIN_LISTED_PROBABILITY]
+    likely = [k for k in range(len(events)) if k not in rows or probability[k] >= MIN_LISTED_PROBABILITY]
     moments = tuple(
         _weigh_moment(moment, mark, odds, ids) if abs(moment.t - t) <= mark.tolerance else moment
         for moment in explanation.moments
     )
-    return _select_events(weighed, listed), replace(explanation, moments=moments)
+    return _select_events(weighed, likely), replace(explanation, moments=moments)
 
 
 def _weigh_moment(moment: Moment, mark: ResolvedMark, odds: float, ids: tuple[str, ...]) -> Moment:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.corrections import MarkOutcome, MarkOutcomeCode
 from models.core.scene import CUSHIONS, Table
+from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
 from models.core.typing import FloatArray
 from models.estimation.hand_marks.resolved_marks import NO_BALL, ResolvedMark, describe_outcome
 from models.estimation.joint_fit.contact_cascades import (
@@ -173,15 +173,15 @@ def _apply_mark(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> 
 def _hold_contact(solution: JointSolution, number: int, mark: ResolvedMark, fit: MarkedFit) -> JointSolution:
     """Keep a contact through the search; a moved one starts from its new time."""
     contact = solution.graph.contacts[number]
-    held = replace(contact, gain=HELD_GAIN)
+    fixed = replace(contact, gain=HELD_GAIN)
     if mark.mark.kind == "move" and abs(contact.t - mark.t) > mark.tolerance / 2:
-        trial = _replace_contact(solution.graph, number, replace(held, t=mark.t))
-        spans = [(trial.start_time(k), trial.end_time(k)) for k in (*held.before, *held.after)]
+        trial = _replace_contact(solution.graph, number, replace(fixed, t=mark.t))
+        spans = [(trial.start_time(k), trial.end_time(k)) for k in (*fixed.before, *fixed.after)]
         if all(end > start + MIN_CONTACT_INTERVAL for start, end in spans):
             moved = refine_graph(trial, fit.observations, fit.table, initial=solution)
             if moved.chi2 < solution.chi2 + HAND_CHI2:
                 return moved
-    return replace(solution, graph=_replace_contact(solution.graph, number, held))
+    return replace(solution, graph=_replace_contact(solution.graph, number, fixed))
 
 
 def _delete_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> tuple[JointSolution, Outcome]:
@@ -216,8 +216,8 @@ def _insert_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit)
     number = find_contact(trial.graph, mark, mark.t)
     if number is None:  # the motion puts it at another time
         return solution, ("no_change", solution.chi2 - trial.chi2)
-    held = replace(trial.graph.contacts[number], gain=HELD_GAIN)
-    return replace(trial, graph=_replace_contact(trial.graph, number, held)), ("confirmed", np.nan)
+    fixed = replace(trial.graph.contacts[number], gain=HELD_GAIN)
+    return replace(trial, graph=_replace_contact(trial.graph, number, fixed)), ("confirmed", np.nan)
 
 
 def _measure_gap(solution: JointSolution, mark: ResolvedMark, table: Table) -> float:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.core.corrections import BallPlace, ContactMark, MarkOutcome, MarkOutcomeCode
+from models.core.by_hand.corrections import BallPlace, ContactCorrection
+from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
 from models.core.tracks import Tracks
 
 PLACE_RADII = 2.0
@@ -22,7 +23,7 @@ NO_BALL = -1
 class ResolvedMark:
     """A mark of a contact with the balls and times that it names."""
 
-    mark: ContactMark
+    mark: ContactCorrection
     a: int
     b: int
     """Numbers of the balls; `NO_BALL` for none."""
@@ -40,7 +41,7 @@ class ResolvedMark:
 
 
 def resolve_marks(
-    marks: Sequence[ContactMark], tracks: Tracks
+    marks: Sequence[ContactCorrection], tracks: Tracks
 ) -> tuple[tuple[ResolvedMark, ...], tuple[MarkOutcome, ...]]:
     """Find the balls and times that marks name.
 
@@ -106,5 +107,5 @@ def describe_outcome(
     return MarkOutcome(resolved.mark.kind, code, names, resolved.mark.cushion, resolved.t, value)
 
 
-def _name_places(mark: ContactMark) -> tuple[str, ...]:
+def _name_places(mark: ContactCorrection) -> tuple[str, ...]:
     return tuple(place.id for place in (mark.ball, mark.other) if place is not None)

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.by_hand.corrections import ContactCorrection
 from models.core.capture_clock import CaptureClock
-from models.core.corrections import ContactMark, MarkOutcome
 from models.core.events import Events
 from models.core.fit_result import Fit, Parameter, Trust
 from models.core.options import FitOptions
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene, Table
-from models.core.shot_explanation import ShotExplanation
+from models.core.shot_explanation import MarkOutcome, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.break_shot.break_posterior import BreakPosterior
@@ -83,7 +83,7 @@ def fit_shot(
     scene: Scene,
     options: FitOptions = FitOptions(),
     progress: Progress = ignore_progress,
-    marks: tuple[ContactMark, ...] = (),
+    marks: tuple[ContactCorrection, ...] = (),
 ) -> Fit:
     """Fit events, motion and coefficients of one clip.
 
@@ -108,7 +108,7 @@ def fit_with_solution(
     scene: Scene,
     options: FitOptions = FitOptions(),
     progress: Progress = ignore_progress,
-    marks: tuple[ContactMark, ...] = (),
+    marks: tuple[ContactCorrection, ...] = (),
 ) -> tuple[Fit, JointSolution | None]:
     """Fit a clip as `fit_shot`, and return the parameters behind it with their covariance.
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from models.core.corrections import BallPlace, ContactMark, Corrections, MarkOutcome, TrackEdit
+from models.core.by_hand.corrections import BallPlace, ContactCorrection, Corrections, TrackEdit
 from models.core.scene import Scene
+from models.core.shot_explanation import MarkOutcome
 
 
 def note_corrections(scene: Scene, corrections: Corrections) -> Scene:
@@ -68,7 +69,7 @@ def format_track_edit(edit: TrackEdit) -> str:
     }[edit.kind]
 
 
-def format_contact_mark(mark: ContactMark) -> str:
+def format_contact_mark(mark: ContactCorrection) -> str:
     """Format a mark of a contact as a phrase.
 
     Args:

@@ -14,7 +14,7 @@ from support.browser import accessibility_violations, console_messages, open_chr
 from support.edit_servers import serve_synthetic_run, wait_for_result
 
 from pipeline.editing.edit_server import EditServer
-from pipeline.io.corrections_file import read_corrections
+from pipeline.io.by_hand.corrections_file import read_corrections
 
 WIDTHS = (1280, 390)
 

@@ -33,7 +33,7 @@ from support.planted_mistakes import (
 from models.core.typing import FloatArray
 from pipeline.editing.edit_server import EditServer
 from pipeline.editing.run_view import ClipRun
-from pipeline.io.corrections_file import CorrectionsFile, write_corrections
+from pipeline.io.by_hand.corrections_file import CorrectionsFile, write_corrections
 
 pytestmark = pytest.mark.slow
 
@@ -194,10 +194,12 @@ def test_a_mistake_is_repaired_in_three_clicks(
         REPAIRS[mistake.name](editor, clean.run)
         WebDriverWait(browser, 30).until(lambda _: _read_revision(server) == 2)
         wait_for_result(server)
+        messages = console_messages(browser)
+        browser.get("about:blank")
         corrected = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")
     assert list_differences(corrected, clean.run) == []
     assert editor.count <= 3
-    assert console_messages(browser) == []
+    assert messages == []
 
 
 def _read_revision(server: EditServer) -> int:

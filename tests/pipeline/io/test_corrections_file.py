@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from models.core.corrections import BallMark, BallPlace, ContactMark, Corrections, TrackEdit
+from models.core.by_hand.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
 from models.core.errors import OptionError
-from pipeline.io.corrections_file import (
+from pipeline.io.by_hand.corrections_file import (
     SCHEMA,
     CorrectionsFile,
     corrections_path,
@@ -34,9 +34,9 @@ EVERYTHING = Corrections(
         TrackEdit("swap", CUE, RED, first=5, last=9),
     ),
     contacts=(
-        ContactMark("mark", "ball", 12.5, CUE, RED),
-        ContactMark("move", "cushion", 20.0, CUE, cushion="left", to_frame=21.25),
-        ContactMark("delete", "strike", 3.0, CUE),
+        ContactCorrection("mark", "ball", 12.5, CUE, RED),
+        ContactCorrection("move", "cushion", 20.0, CUE, cushion="left", to_frame=21.25),
+        ContactCorrection("delete", "strike", 3.0, CUE),
     ),
 )
 

@@ -14,7 +14,7 @@ BallMarkKind = Literal["placed", "false"]
 TrackEditKind = Literal["rename", "class", "merge", "split", "swap"]
 """`rename` sets the id of a ball and `class` its ball class; `merge` joins two tracks of one ball; `split` cuts a track
 of two balls; `swap` exchanges two balls over a span of frames."""
-ContactMarkKind = Literal["mark", "move", "delete"]
+ContactCorrectionKind = Literal["mark", "move", "delete"]
 """`mark`: there is a contact at this frame; `move`: the contact of this frame is at another one; `delete`: there is no
 contact at this frame."""
 ContactCause = Literal["ball", "cushion", "strike"]
@@ -87,10 +87,10 @@ class TrackEdit:
 
 
 @dataclass(frozen=True, slots=True)
-class ContactMark:
+class ContactCorrection:
     """A contact that was missed, is at another time, or did not happen."""
 
-    kind: ContactMarkKind
+    kind: ContactCorrectionKind
     cause: ContactCause
     frame: float
     """Time of the contact in frames, fractional, as in events.csv."""
@@ -133,7 +133,7 @@ class Corrections:
     """Frame rate as in the option --fps."""
     balls: tuple[BallMark, ...] = ()
     tracks: tuple[TrackEdit, ...] = ()
-    contacts: tuple[ContactMark, ...] = ()
+    contacts: tuple[ContactCorrection, ...] = ()
 
     def __post_init__(self) -> None:
         corners = self.corners or ((0.0, 0.0),) * 4
@@ -183,29 +183,6 @@ class Corrections:
                 if is_inside(one.ball, one.other) and min(one.frame, one.at) >= first
             ),
         )  # fmt: skip
-
-
-MarkOutcomeCode = Literal["confirmed", "no_change", "change_remains", "other_time", "too_far", "ball_missing"]
-"""What the fit makes of a mark: the motion agrees; it shows no change at a marked contact; it changes where a contact
-was deleted; it puts the contact at another time; the balls, or ball and cushion, are too far apart; a ball that the
-mark names is not tracked there."""
-
-
-@dataclass(frozen=True, slots=True)
-class MarkOutcome:
-    """What the fitted motion says about a contact that was set by hand."""
-
-    kind: str
-    """One of `ContactMarkKind`."""
-    code: MarkOutcomeCode
-    balls: tuple[str, ...]
-    """Ids of the balls; as in the corrections where they are not tracked."""
-    cushion: str
-    t: float
-    """s, time that was set by hand."""
-    value: float = float("nan")
-    """chi2 that the contact gains of `confirmed` and `no_change`, or that its removal costs of `change_remains`; fitted
-    minus set time of `other_time`, s; distance of the surfaces of `too_far`, m."""
 
 
 NO_CORRECTIONS = Corrections()
