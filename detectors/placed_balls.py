@@ -30,6 +30,9 @@ at rest; cloth and other balls give less than 0.6."""
 MIN_SUPPORT, MAX_REFINEMENT_RADII = 0.6, 0.5
 """Share of a fitted outline from which it replaces the chosen place, as for the detector, and the largest move of it in
 ball radii."""
+START_RADII, START_DIRECTIONS = 0.3, np.array([[0.0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+"""Ball radii: distance of the places from which the outline is fitted. How far the results differ is part of the error.
+"""
 PATCH_RADII, SEARCH_RADII = 1.3, 1.5
 """Half width of the compared image, and reach of the search about the predicted place, ball radii."""
 OTHER_RADII = 1.0
@@ -45,6 +48,8 @@ class _Template:
     patch: ByteArray
     radius: float
     """px."""
+    sigma: float
+    """px, standard deviation of its centre, an error that all followed places share."""
 
 
 def add_placed_balls(
@@ -97,15 +102,21 @@ def _list_span(mark: BallMark, frames: NDArray[np.int64], start: int, is_forward
 
 def _measure_placed_ball(rgb: ByteArray, mark: BallMark, scene: Scene, frame: int) -> Detections:
     """Measure a placed ball by its outline if it has one near the chosen place; else the place counts."""
-    place = np.array([[mark.ball.x_px, mark.ball.y_px]])
-    radius = np.array([_expect_radius(scene, place[0], frame)])
-    cloth = _sample_surroundings(rgb, place[0], radius[0])
-    circle = fit_circles(rgb, smooth_image(rgb), place, radius, cloth[None], build_colour_basis(cloth))
-    moved = float(np.hypot(*(circle.centre[0] - place[0])))
-    if circle.support[0] > MIN_SUPPORT and moved < MAX_REFINEMENT_RADII * radius[0]:
-        centre, radius, sigma = circle.centre, circle.radius, circle.sigma
+    place = np.array([mark.ball.x_px, mark.ball.y_px])
+    expected = _expect_radius(scene, place, frame)
+    cloth = _sample_surroundings(rgb, place, expected)
+    starts = place + START_RADII * expected * START_DIRECTIONS
+    count = len(starts)
+    circles = fit_circles(
+        rgb, smooth_image(rgb), starts, np.full(count, expected), np.tile(cloth, (count, 1)), build_colour_basis(cloth)
+    )
+    circles = circles.take(np.hypot(*(circles.centre - place).T) < MAX_REFINEMENT_RADII * expected)
+    circles = circles.take(circles.support > MIN_SUPPORT)
+    if len(circles.centre) > count / 2:
+        centre, radius = circles.centre.mean(axis=0)[None], np.array([circles.radius.mean()])
+        sigma = np.array([np.hypot(circles.sigma.mean(), circles.centre.std(axis=0).max())])
     else:
-        centre, sigma = place, np.array([HAND_SIGMA_PX])
+        centre, radius, sigma = place[None], np.array([expected]), np.array([HAND_SIGMA_PX])
     return _make_row(rgb, centre, radius, sigma, 1.0, frame)
 
 
@@ -133,7 +144,7 @@ def _make_row(
 def _cut_template(rgb: ByteArray, seed: Detections) -> _Template:
     """Cut the image of a ball out of its frame."""
     radius = float(seed.radius[0])
-    return _Template(_cut_patch(rgb, seed.centre[0], PATCH_RADII * radius), radius)
+    return _Template(_cut_patch(rgb, seed.centre[0], PATCH_RADII * radius), radius, float(seed.sigma[0]))
 
 
 def _cut_patch(rgb: ByteArray, centre: FloatArray, reach: float) -> ByteArray:
@@ -190,7 +201,7 @@ def _find_ball(rgb: ByteArray, frame: int, predicted: FloatArray, template: _Tem
         return None
     middle = (score.shape[0] - 1) / 2
     offset = np.array([x + _find_vertex(score[y], x), y + _find_vertex(score[:, x], y)]) - middle
-    sigma = np.array([max(FOLLOW_SIGMA_RADII * template.radius, 0.1)])
+    sigma = np.array([np.hypot(template.sigma, FOLLOW_SIGMA_RADII * template.radius)])
     return _make_row(rgb, (predicted + offset)[None], np.array([template.radius]), sigma, float(best), frame)
 
 

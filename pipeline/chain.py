@@ -23,7 +23,8 @@ from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
-from pipeline.io.by_hand.corrections_file import read_corrections
+from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
+from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
@@ -63,7 +64,7 @@ class FinishedRun:
     whole_shot: str = ""
     """Sentences on what explains the whole shot."""
     notes: tuple[str, ...] = ()
-    """Sentences about irregularities of the clip."""
+    """Sentences about irregularities of the clip, and on corrections by hand."""
 
 
 def build_run_graph(clip: Path, options: RunOptions, shot: ClipShot | None = None) -> StageGraph:
@@ -298,8 +299,10 @@ def run_clip(
             adapters[name](load_stage_output(stages[name], entries[name]))
     cached_clip: Clip = load_stage_output(stages["read"], entries["read"])
     fit: Fit = load_stage_output(stages["fit"], entries["fit"])
+    by_hand = len(format_corrections(honour_corrections(clip, digest, options, shot).corrections))
+    notes = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
     return FinishedRun(
-        folder, assess_run_trust(cached_clip, fit), fit.events, format_whole_shot(fit), cached_clip.notes
+        folder, assess_run_trust(cached_clip, fit), fit.events, format_whole_shot(fit), (*cached_clip.notes, *notes)
     )
 
 

@@ -25,7 +25,6 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from models.core.errors import OptionError
-from models.core.tracks import KINDS
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.editing.edit_session import ConflictError, EditSession
 from pipeline.io.by_hand.corrections_file import MAX_BYTES, SCHEMA, parse_corrections
@@ -52,7 +51,7 @@ class EditServer:
         self.token = secrets.token_urlsafe(18)
         self._socket = socket.create_server((HOST, port))
         config = uvicorn.Config(build_app(session, self.token), log_level="error", lifespan="off", access_log=False,
-                                server_header=False)  # fmt: skip
+                                server_header=False, timeout_graceful_shutdown=1)  # fmt: skip
         self._server = uvicorn.Server(config)
 
     @property
@@ -105,7 +104,8 @@ async def _guard(request: Request, call_next: Callable[[Request], Awaitable[Resp
         response: Response = _refuse(403, "Changes are accepted from the page of the editor only.")
     else:
         response = await call_next(request)
-    response.headers.update(SECURITY_HEADERS)
+    for name, value in SECURITY_HEADERS.items():
+        response.headers.setdefault(name, value)
     return response
 
 
@@ -136,7 +136,7 @@ class _SessionHandlers:
     async def send_state(self, request: Request) -> Response:
         """Send corrections and run; the ETag is the revision."""
         state = await run_in_threadpool(self._session.describe)
-        state |= {"tables": list(TABLE_PRESETS), "classes": list(KINDS)}
+        state |= {"tables": list(TABLE_PRESETS)}
         return JSONResponse(state, headers={"ETag": f'"{state["revision"]}"'})
 
     async def send_frame(self, request: Request) -> Response:

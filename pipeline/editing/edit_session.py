@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from models.core.by_hand.corrections import Corrections
-from models.core.errors import TruerollError
 from models.core.progress import Progress
 from pipeline.chain import read_shot, run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip, FrameImages
@@ -214,7 +213,7 @@ class EditSession:
                     self._show(self._run_tables(watcher, before), revision, "")
             except SupersededError:
                 continue
-            except (TruerollError, OSError, ValueError) as error:
+            except Exception as error:  # no error of a run may end the session
                 self._fail(format_error(error), revision)
 
     def _run_tables(self, watcher: _SessionWatcher, before: ClipRun | None) -> tuple[ClipRun, dict[str, Any]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from models.core.events import Events
 from models.core.fit_result import Fit
-from models.core.scene import Scene
+from models.core.scene import Game, Scene
 from models.core.tracks import Tracks
 from models.estimation.contact_test.shot_record import make_shot_record
 from pipeline.reporting.pages.run_report import answer_calls
@@ -26,6 +26,12 @@ SAME_EVENT_S = 0.1
 """s within which events of two runs with the same bodies are one."""
 NOTED_SIGMAS, NOTED_SHARE = 2.0, 0.05
 """Standard deviations of time, and probability, by which an event must differ to be listed as changed."""
+GAME_CLASSES: dict[Game, tuple[str, ...]] = {
+    "pool": ("cue", "solid", "stripe", "eight", "red", "yellow", "ball"),
+    "snooker": ("cue", "red", "yellow", "green", "brown", "blue", "pink", "black", "ball"),
+    "carom": ("white", "yellow", "red", "ball"),
+}
+"""Ball classes that the page offers, by game."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +69,7 @@ def describe_run(run: ClipRun, offset: int, before: ClipRun | None) -> dict[str,
         "moves": scene.camera.motion is not None,
         "fps": round(float(clip.fps), 4),
         "corners": np.round(scene.camera.corners_px, 3).tolist(),
+        "classes": list(GAME_CLASSES[scene.table.game]),
         "table": {"name": scene.table.name, "length": scene.table.length, "width": scene.table.width},
         "ball_radius": scene.table.ball_radius,
         "balls": _describe_balls(run, offset),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,19 +14,27 @@ from support.planted_mistakes import (
     FALSE_STRIKE_FRAME,
     LOST_FRAME,
     MISTAKES,
+    OPTIONS,
     SPLIT_FRAME,
     CleanRun,
     Mistake,
+    SilentWatcher,
     list_differences,
     make_clean_run,
     plant,
     point_of,
     run_clip_tables,
 )
+from support.sample_clips import SAMPLES
 
 from models.core.by_hand.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
+from pipeline.batch.clip_job import ClipJob, list_setting_values
+from pipeline.batch.clip_run import run_job
+from pipeline.chain import build_fit_graph, honour_corrections
 from pipeline.editing.run_view import ClipRun
-from pipeline.io.by_hand.corrections_file import CorrectionsFile, write_corrections
+from pipeline.engine.result_cache import ResultCache
+from pipeline.io.by_hand.corrections_file import CorrectionsFile, corrections_path, write_corrections
+from pipeline.run_options import build_options
 
 
 @pytest.fixture(scope="module")
@@ -87,3 +96,53 @@ def test_a_corrected_run_equals_the_run_without_the_mistake(mistake: Mistake, cl
         write_corrections(clip, CorrectionsFile(2, "", REPAIRS[mistake.name](clean.run)))
         corrected = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")
     assert list_differences(corrected, clean.run) == []
+
+
+def test_the_command_line_beats_the_file_and_the_file_beats_the_defaults(tmp_path: Path) -> None:
+    clip = tmp_path / "shot.mp4"
+    write_corrections(clip, CorrectionsFile(1, "", Corrections(fps="25", table="pool-8ft", ball_radius=0.0286)))
+    typed = build_options({"fps": "50", "ball_radius": None})
+    honoured = honour_corrections(clip, "ab", typed)
+    assert (honoured.read.fps, honoured.calibrate.table, honoured.calibrate.ball_radius) == ("50", "pool-8ft", 0.0286)
+    assert honour_corrections(tmp_path / "other.mp4", "ab", typed) == typed
+
+
+PLACE = BallPlace(3, 100.0, 50.0)
+FIRST_STAGES: dict[str, tuple[Corrections, str]] = {
+    "fps": (Corrections(fps="25"), "read"),
+    "corners": (Corrections(corners=((10, 10), (200, 10), (200, 100), (10, 100))), "calibrate"),
+    "table": (Corrections(table="pool-8ft"), "calibrate"),
+    "ball radius": (Corrections(ball_radius=0.02), "calibrate"),
+    "placed ball": (Corrections(balls=(BallMark("placed", PLACE),)), "place"),
+    "false ball": (Corrections(balls=(BallMark("false", PLACE),)), "track"),
+    "track": (Corrections(tracks=(TrackEdit("rename", PLACE, name="nine"),)), "track"),
+    "contact": (Corrections(contacts=(ContactCorrection("delete", "strike", 3.0, PLACE),)), "fit"),
+}
+
+
+@pytest.mark.parametrize(("corrections", "first"), FIRST_STAGES.values(), ids=FIRST_STAGES)
+def test_a_correction_changes_the_key_of_its_stage_and_of_none_before(
+    corrections: Corrections, first: str, tmp_path: Path
+) -> None:
+    clip = Path(shutil.copy(SAMPLES / "overhead_pool.mp4", tmp_path))
+
+    def keys() -> dict[str, tuple[object, ...]]:
+        stages = build_fit_graph(clip, OPTIONS).stages
+        return {one.name: (json.dumps([one.json_options, one.facts], sort_keys=True), one.needs) for one in stages}
+
+    before = keys()
+    write_corrections(clip, CorrectionsFile(1, "", corrections))
+    after = keys()
+    changed = [name for name in after if after[name] != before.get(name)]
+    assert changed[0] == first
+
+
+def test_a_hostile_corrections_file_fails_one_clip_of_a_batch_with_a_sentence(tmp_path: Path) -> None:
+    clip = Path(shutil.copy(SAMPLES / "overhead_pool.mp4", tmp_path))
+    corrections_path(clip).write_text('{"schema": "trueroll.corrections/1", "balls": 3}')
+    cache = ResultCache(tmp_path / "cache")
+    job = ClipJob(str(clip), "shot", str(tmp_path / "out"), str(cache.root), cache.mark, list_setting_values(OPTIONS))
+    result = run_job(job, SilentWatcher())
+    assert result.status == "failed"
+    assert "is no corrections file: balls is a list; got 3; mend it, or move it away" in result.sentence
+    assert not (tmp_path / "out").exists()

@@ -126,7 +126,9 @@ def condition_on_marks(
         column = layout_parameters(solution.graph).contact + number
         variance = max(float(solution.covariance[column, column]), 0.0)
         difference = solution.graph.contacts[number].t - mark.t
-        if abs(difference) > CONTRADICTION_SIGMAS * np.hypot(np.sqrt(variance), sigma):
+        if outcomes[k].code != "no_change" and abs(difference) > CONTRADICTION_SIGMAS * np.hypot(
+            np.sqrt(variance), sigma
+        ):
             final[k] = replace(final[k], code="other_time", value=difference)
         else:
             solution = condition_on_contact_time(solution, number, mark.t, sigma)

@@ -146,6 +146,7 @@ function placeOf(id, number = frame()) { // how corrections name a ball
   return point && { frame: point[0], x_px: point[1], y_px: point[2], id };
 }
 
+const showsCorners = () => !run().moves || page.row === 0; // of a moving camera they belong to its first frame
 const corners = () => page.corners ?? page.state.corrections.corners ?? run().corners;
 const add = (list, name, entry) => { list[name] = [...(list[name] ?? []), entry]; };
 
@@ -166,9 +167,9 @@ function draw() {
   const [width, height] = run().image;
   const scale = width / Math.max(svg.clientWidth, 1);
   svg.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
-  const points = corners();
-  make("polygon", { class: "table-line", points: points.map((p) => p.join(",")).join(" ") }, svg);
-  if (page.ask?.cushions) {
+  const points = showsCorners() ? corners() : [];
+  if (points.length) make("polygon", { class: "table-line", points: points.map((p) => p.join(",")).join(" ") }, svg);
+  if (page.ask?.cushions && points.length) {
     for (const [side, [a, b]] of Object.entries(SIDES)) {
       const line = make("line", { class: "cushion", x1: points[a][0], y1: points[a][1], x2: points[b][0], y2: points[b][1],
         "data-cushion": side }, svg);
@@ -544,7 +545,7 @@ function renderBall(box, ball) {
   const classes = Object.assign(document.createElement("div"), { className: "row" });
   classes.setAttribute("role", "group");
   classes.setAttribute("aria-label", "Class of the ball");
-  for (const kind of page.state.classes) {
+  for (const kind of run().classes) {
     const button = makeButton(kind, "", () => change((c) => {
       c.tracks = (c.tracks ?? []).filter((edit) => edit.kind !== "class" || nameAt(edit.ball) !== ball.id);
       add(c, "tracks", { kind: "class", ball: placeOf(ball.id), name: kind });

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +35,7 @@ def edit(
         console.print(f"Correct the run at {server.url} (end with Ctrl-C)", markup=False, soft_wrap=True)
         if browser:
             webbrowser.open(server.url)
-        server.run()
+        with suppress(KeyboardInterrupt):  # the way to end it
+            server.run()
     finally:
         session.close()
