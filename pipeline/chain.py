@@ -24,15 +24,18 @@ from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
+from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
+from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
-from pipeline.run_options import RunOptions, format_changed_settings
+from pipeline.run_options import RunOptions, apply_corrections, format_changed_settings
 from pipeline.stages.calibrate_stage import calibrate_stage
 from pipeline.stages.detect_stage import detect_stage
 from pipeline.stages.export_stage import export_stage
 from pipeline.stages.fit_stage import fit_stage, motion_stage
 from pipeline.stages.forecast_stage import forecast_stage
+from pipeline.stages.place_stage import name_detections, place_stages
 from pipeline.stages.read_stage import read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage
 from pipeline.stages.render_stage import poster_stage, render_stage
@@ -64,7 +67,7 @@ class FinishedRun:
     whole_shot: str = ""
     """Sentences on what explains the whole shot."""
     notes: tuple[str, ...] = ()
-    """Sentences about irregularities of the clip."""
+    """Sentences about irregularities of the clip, and on corrections by hand."""
 
 
 def build_run_graph(
@@ -85,17 +88,18 @@ def build_run_graph(
         ClipError: The clip is no video or cannot be read.
     """
     digest = hash_clip(clip) if shot is None else shot.whole.digest
+    options = honour_corrections(clip, digest, options, shot)
     settings, title = (
         format_changed_settings(replace(options, render=replace(options.render, no_video=False))),
         escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}"),
     )
     stages: tuple[Stage, ...] = (
         *_build_fit_stages(clip, digest, options, shot, executor),
-        export_stage(options.detect),
+        export_stage(options.detect, options.corrections),
         poster_stage(options.render),
         forecast_stage(options.forecast),
-        report_stage(ReportOptions(title, options.render.slow, settings, options.detect)),
-        record_stage(RecordOptions(title)),
+        report_stage(ReportOptions(title, options.render.slow, settings, options.detect, options.corrections)),
+        record_stage(RecordOptions(title, name_detections(options.corrections))),
     )
     if not options.render.no_video:
         stages = (*stages, render_stage(options.render), page_stage())
@@ -116,7 +120,27 @@ def build_fit_graph(clip: Path, options: RunOptions) -> StageGraph:
         ClipError: The clip is no video or cannot be read.
     """
     digest = hash_clip(clip)
+    options = honour_corrections(clip, digest, options)
     return StageGraph.from_stages(_build_fit_stages(clip, digest, options), digest)
+
+
+def honour_corrections(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None) -> RunOptions:
+    """Apply the corrections file beside a clip: the command line beats it, and it beats the defaults.
+
+    Args:
+        clip: Path of the clip.
+        digest: SHA-256 of the clip.
+        options: Options of the command line.
+        shot: The shot of the clip to run, for which its part counts; None for the whole clip.
+
+    Returns:
+        The options with the corrections.
+
+    Raises:
+        OptionError: The file cannot be used.
+    """
+    corrections = read_corrections(clip, digest).corrections
+    return apply_corrections(options, corrections if shot is None else corrections.extract_span(shot.first, shot.stop))
 
 
 def _build_fit_stages(
@@ -127,8 +151,9 @@ def _build_fit_stages(
         read_stage(clip, digest, options.read) if shot is None else shot_stage(shot, digest, options.read.fps),
         calibrate_stage(options.calibrate),
         detect_stage(options.detect, executor),
-        track_stage(options.track),
-        motion_stage(options.fit),
+        *place_stages(options.corrections),
+        track_stage(options.track, options.corrections),
+        motion_stage(options.fit, options.corrections),
         fit_stage(options.fit),
     )
 
@@ -153,6 +178,66 @@ def run_fit_graph(
         load_stage_output(stages[n], entries[n]) for n in ("read", "calibrate", "track", "fit")
     )
     return _relocate_clip(clip, cached_clip), scene, tracks, fit
+
+
+def run_tables(
+    clip: Path, folder: Path, options: RunOptions, cache: ResultCache, watcher: RunWatcher, shot: ClipShot | None = None
+) -> tuple[Clip, Scene, Tracks, Fit]:
+    """Run the stages up to the tables, and publish these alone: video, recording and report take longer.
+
+    Args:
+        clip: Path of the clip.
+        folder: Folder of the results.
+        options: Options of all stages.
+        cache: The cache.
+        watcher: Follows the run.
+        shot: The shot of the clip to run; None for the whole clip.
+
+    Returns:
+        Clip, scene, tracks and fit.
+
+    Raises:
+        TruerollError: The clip or an option cannot be used. No unfinished file remains.
+    """
+    graph = build_run_graph(clip, options, shot)
+    require_writable_folder(folder)
+    require_clip_not_overwritten(clip, folder)
+    names = ("read", "calibrate", "detect", "place", "track", "motion", "fit", "export")
+    stages = {stage.name: stage for stage in graph.stages if stage.name in names}
+    tables = StageGraph.from_stages(stages.values(), graph.clip)
+    entries = tables.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
+    publish_files(entries, folder)
+    write_source(clip, folder, shot)
+    cached_clip, scene, tracks, fit = (
+        load_stage_output(stages[n], entries[n]) for n in ("read", "calibrate", "track", "fit")
+    )
+    return _relocate_clip(clip, cached_clip), scene, tracks, fit
+
+
+def read_shot(
+    clip: Path, options: RunOptions, span: tuple[int, int], number: int, cache: ResultCache, watcher: RunWatcher
+) -> ClipShot:
+    """Read a recording, with the frame rate of its corrections, and cut one shot out of it.
+
+    Args:
+        clip: Path of the recording.
+        options: Options of all stages.
+        span: First frame of the shot, and the frame after its last.
+        number: Number of the shot, from 0.
+        cache: The cache.
+        watcher: Follows the run.
+
+    Returns:
+        The shot.
+
+    Raises:
+        TruerollError: The recording or an option cannot be used.
+    """
+    unchanged, digest = make_change_check(clip), hash_clip(clip)
+    read = read_stage(clip, digest, honour_corrections(clip, digest, options).read)
+    graph = StageGraph.from_stages([read], digest)
+    whole: Clip = load_stage_output(read, graph.run(cache, watcher)["read"])
+    return ClipShot(_relocate_clip(clip, whole), number, *span, unchanged)
 
 
 def hash_clip(path: Path) -> str:
@@ -223,6 +308,8 @@ def run_clip(
             for name in stages
             if stages[name].output is not None
         }
+    by_hand = len(format_corrections(honour_corrections(clip, digest, options, shot).corrections))
+    notes = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
     is_answered = False
 
     def publish_answer(before: Mapping[str, CacheEntry]) -> None:
@@ -233,7 +320,7 @@ def run_clip(
         publish_files(before, folder)
         write_source(clip, folder, shot)
         if answer_listener is not None and not is_answered:
-            answer_listener(_summarize_run(folder, stages, before))
+            answer_listener(_summarize_run(folder, stages, before, notes))
         is_answered = True
 
     entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot, publish_answer)
@@ -242,15 +329,17 @@ def run_clip(
     if value_listener is not None:
         for name in [name for name in stages if name in adapters and name not in shown]:
             adapters[name](load_stage_output(stages[name], entries[name]))
-    return _summarize_run(folder, stages, entries)
+    return _summarize_run(folder, stages, entries, notes)
 
 
-def _summarize_run(folder: Path, stages: Mapping[str, Stage], entries: Mapping[str, CacheEntry]) -> FinishedRun:
-    """Summarize a run whose fit is done."""
+def _summarize_run(
+    folder: Path, stages: Mapping[str, Stage], entries: Mapping[str, CacheEntry], notes: tuple[str, ...]
+) -> FinishedRun:
+    """Summarize a run whose fit is done; `notes` are added to those of the clip."""
     cached_clip: Clip = load_stage_output(stages["read"], entries["read"])
     fit: Fit = load_stage_output(stages["fit"], entries["fit"])
     return FinishedRun(
-        folder, assess_run_trust(cached_clip, fit), fit.events, format_whole_shot(fit), cached_clip.notes
+        folder, assess_run_trust(cached_clip, fit), fit.events, format_whole_shot(fit), (*cached_clip.notes, *notes)
     )
 
 

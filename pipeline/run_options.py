@@ -12,6 +12,7 @@ from typing import Any, get_type_hints
 import typer
 
 from detectors.detect_options import DetectOptions
+from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
 from models.core.errors import OptionError
 from models.core.options import FitOptions, ForecastOptions, OptionSpec, TrackOptions, list_option_specs
 from pipeline.stages.read_stage import ReadOptions
@@ -34,6 +35,8 @@ class RunOptions:
     fit: FitOptions = field(default_factory=FitOptions)
     render: RenderOptions = field(default_factory=RenderOptions)
     forecast: ForecastOptions = field(default_factory=ForecastOptions)
+    corrections: Corrections = NO_CORRECTIONS
+    """What a person corrected in this clip; not an option of the command line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +141,40 @@ def build_options(values: dict[str, Any]) -> RunOptions:
                 raise OptionError(f"{setting.flag} {value} cannot be used: {error}") from error
             options = replace(options, **{stage: changed})
     return options
+
+
+def apply_corrections(options: RunOptions, corrections: Corrections) -> RunOptions:
+    """Apply the corrections of a clip: the command line beats them, and they beat the defaults.
+
+    Args:
+        options: Options of the command line.
+        corrections: What a person corrected.
+
+    Returns:
+        The options with the corrections.
+
+    Raises:
+        OptionError: A correction cannot be used.
+    """
+    corners = corrections.corners
+    values = {
+        "corners": None if corners is None else ",".join(f"{value:g}" for corner in corners for value in corner),
+        "table": corrections.table,
+        "ball_radius": corrections.ball_radius,
+        "fps": corrections.fps,
+    }
+    for name, setting in list_settings().items():
+        if values.get(name) is None or any(
+            getattr(getattr(options, stage), name) != setting.default for stage in setting.stages
+        ):
+            continue
+        for stage in setting.stages:
+            try:
+                changed = replace(getattr(options, stage), **{name: values[name]})
+            except ValueError as error:
+                raise OptionError(f"The corrections of the clip set {name} to {values[name]}: {error}") from error
+            options = replace(options, **{stage: changed})
+    return replace(options, corrections=corrections)
 
 
 def _read_file_content(name: str, value: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,3 +54,16 @@ class Detections:
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    def select_rows(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Detections:
+        """Return the detections of a mask (K,) or of rows in their order."""
+        return Detections(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+
+@dataclass(frozen=True, slots=True)
+class MarkedDetections:
+    """Detections with the balls that a person placed."""
+
+    detections: Detections
+    mark: NDArray[np.int64]
+    """(K,) number of the mark that a detection was placed by; -1 for those of the detector."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.events import Events
-from models.core.shot_explanation import ShotExplanation
+from models.core.shot_explanation import MarkOutcome, ShotExplanation
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 
@@ -120,6 +120,8 @@ class Fit:
     """Trust level, with reasons."""
     explanation: ShotExplanation = field(default_factory=ShotExplanation)
     """What may have happened at each moment, with the weight of every hypothesis."""
+    mark_outcomes: tuple[MarkOutcome, ...] = ()
+    """What the motion says about the contacts that were set by hand."""
     whole_shot: WholeShotSolution | None = None
     """Fit of whole shots; None if it was not requested, or no contact model explains them."""
     whole_shot_refusal: str = ""

@@ -19,6 +19,12 @@ cause was found.
 """
 
 
+MarkOutcomeCode = Literal["confirmed", "no_change", "change_remains", "other_time", "too_far", "ball_missing"]
+"""What the fit makes of a mark: the motion agrees; it shows no change at a marked contact; it changes where a contact
+was deleted; it puts the contact at another time; the balls, or ball and cushion, are too far apart; a ball that the
+mark names is not tracked there."""
+
+
 @dataclass(frozen=True, slots=True)
 class CauseHypothesis:
     """One possible cause."""
@@ -70,6 +76,23 @@ class ShotExplanation:
             if p > 0:
                 contacts.append((moment, p))
         return contacts
+
+
+@dataclass(frozen=True, slots=True)
+class MarkOutcome:
+    """What the fitted motion says about a contact that was set by hand."""
+
+    kind: str
+    """Of the correction: mark, move or delete."""
+    code: MarkOutcomeCode
+    balls: tuple[str, ...]
+    """Ids of the balls; as in the corrections where they are not tracked."""
+    cushion: str
+    t: float
+    """s, time that was set by hand."""
+    value: float = float("nan")
+    """chi2 that the contact gains of `confirmed` and `no_change`, or that its removal costs of `change_remains`; fitted
+    minus set time of `other_time`, s; distance of the surfaces of `too_far`, m."""
 
 
 def explain_by_events(events: Events) -> ShotExplanation:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.core.detections import Detections
+from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
+from models.core.detections import Detections, MarkedDetections
 from models.core.errors import TrackError
 from models.core.options import TrackOptions
 from models.core.progress import Progress, ignore_progress
@@ -19,8 +20,17 @@ from models.tracking.appearance import summarize_appearance
 from models.tracking.ball_classes import assign_ids, classify_balls
 from models.tracking.clutter_filter import is_ball, looks_like_ball, moves_like_ball
 from models.tracking.cue_ball import find_struck_ball
+from models.tracking.hand_edits import (
+    EditedBall,
+    TrackPixels,
+    edit_tracks,
+    find_false_detections,
+    keep_placed_balls,
+    set_classes,
+    set_names,
+)
 from models.tracking.identity_switches import correct_identity_switches
-from models.tracking.table_detections import TableDetections, project_detections
+from models.tracking.table_detections import project_detections
 from models.tracking.track_completion import complete_tracks
 from models.tracking.track_hypotheses import track_balls
 from models.tracking.tracklet_linking import Tracklet, cut_tracklets, link_tracklets
@@ -30,22 +40,24 @@ MIN_FRAMES = 5
 
 
 def build_tracks(
-    detections: Detections,
+    detections: Detections | MarkedDetections,
     frame: IntArray,
     t: FloatArray,
     scene: Scene,
     options: TrackOptions = TrackOptions(),
     progress: Progress = ignore_progress,
+    corrections: Corrections = NO_CORRECTIONS,
 ) -> Tracks:
     """Build the tracks of all balls from detections.
 
     Args:
-        detections: Detections of all frames, px.
+        detections: Detections of all frames, px, with those that a person placed.
         frame: (T,) numbers of the distinct frames.
         t: (T,) presentation times of these frames, s.
         scene: Table, camera and cloth colour.
         options: Breadth, patience and number of balls.
         progress: Called with the finished share of the work.
+        corrections: What a person corrected: false balls and edits of tracks.
 
     Returns:
         Tracks of N balls over T frames. Every detection belongs to at most one ball.
@@ -58,19 +70,44 @@ def build_tracks(
         raise ValueError(f"one time per frame is needed; got {len(t)} times for {len(frame)} frames")
     if len(frame) < MIN_FRAMES:
         raise TrackError(f"Tracking needs at least {MIN_FRAMES} distinct frames; the clip has {len(frame)}.")
+    marked = detections if isinstance(detections, MarkedDetections) else _mark_none(detections)
+    balls, pixels = _find_balls(marked, frame, t, scene, options, progress)
+    is_false = find_false_detections(balls, [one for one in corrections.balls if one.kind == "false"], pixels)
+    if is_false.any():  # again without them: they took part in the assignment
+        marked = MarkedDetections(marked.detections.select_rows(~is_false), marked.mark[~is_false])
+        balls, pixels = _find_balls(marked, frame, t, scene, options, progress)
+    return _make_tracks(edit_tracks(balls, corrections.tracks, pixels), pixels, scene)
+
+
+def _mark_none(detections: Detections) -> MarkedDetections:
+    return MarkedDetections(detections, np.full(len(detections), -1, np.int64))
+
+
+def _find_balls(
+    marked: MarkedDetections, frame: IntArray, t: FloatArray, scene: Scene, options: TrackOptions, progress: Progress
+) -> tuple[list[Tracklet], TrackPixels]:
+    """Find the tracks of all balls; those that a person placed need not look or move like one."""
+    detections = marked.detections
     table_detections = project_detections(detections, frame, scene)
+    pixels = TrackPixels(table_detections, detections, frame, t)
+    is_placed = marked.mark[table_detections.row] >= 0
     chains = track_balls(table_detections, t, scene.table, options.breadth, options.patience, progress)
     tracklets = [
         tracklet
         for tracklet in cut_tracklets(chains, table_detections, t)
-        if looks_like_ball(tracklet, table_detections, t, scene)
+        if is_placed[tracklet.row].any() or looks_like_ball(tracklet, table_detections, t, scene)
     ]
     linked = link_tracklets(tracklets, table_detections, t, scene.table)
-    likely = [tracklet for tracklet in linked if is_ball(tracklet, table_detections, t, scene)]
+    likely = [
+        tracklet
+        for tracklet in linked
+        if is_placed[tracklet.row].any() or is_ball(tracklet, table_detections, t, scene)
+    ]
     balls = [
         tracklet
         for tracklet in likely
-        if moves_like_ball(
+        if is_placed[tracklet.row].any()
+        or moves_like_ball(
             tracklet, [other for other in likely if other is not tracklet], table_detections, t, scene.table
         )
     ]
@@ -78,14 +115,14 @@ def build_tracks(
         balls = _select_lasting_balls(balls, len(t))
     if options.balls:
         balls = sorted(balls, key=lambda tracklet: -len(tracklet.frame_index))[: options.balls]
+    balls = keep_placed_balls(balls, marked.mark, pixels)
     if not balls:
         raise TrackError(
             f"Tracking needs balls that are detected in several frames; {len(detections)} detections contain none: "
             "check the calibration of the table, or give --corners and --ball-radius."
         )
     balls = complete_tracks(balls, table_detections, t, scene.table)
-    balls = correct_identity_switches(balls, table_detections, t, scene.table.ball_radius)
-    return _make_tracks(balls, table_detections, detections, frame, t, scene)
+    return correct_identity_switches(balls, table_detections, t, scene.table.ball_radius), pixels
 
 
 def _select_lasting_balls(balls: list[Tracklet], frame_count: int) -> list[Tracklet]:
@@ -97,22 +134,17 @@ def _select_lasting_balls(balls: list[Tracklet], frame_count: int) -> list[Track
     return [tracklet for tracklet in balls if any(tracklet is other for other in lasting)]
 
 
-def _make_tracks(
-    balls: list[Tracklet],
-    table_detections: TableDetections,
-    detections: Detections,
-    frame: IntArray,
-    t: FloatArray,
-    scene: Scene,
-) -> Tracks:
+def _make_tracks(edited: list[EditedBall], pixels: TrackPixels, scene: Scene) -> Tracks:
     """Make the columns of `Tracks`; balls are ordered by class and id."""
+    balls = [one.tracklet for one in edited]
+    table_detections, detections, frame, t = pixels.table_detections, pixels.detections, pixels.frame, pixels.t
     rows = [table_detections.row[ball.row] for ball in balls]
     appearance = summarize_appearance([ball.colour for ball in balls], rows, detections)
     struck_ball = find_struck_ball(
         [(ball.frame_index, table_detections.xy[ball.row]) for ball in balls], scene.table.ball_radius
     )
-    kinds = classify_balls(appearance, scene.table.game, struck_ball)
-    ids = assign_ids(kinds, np.array([table_detections.xy[ball.row[0]] for ball in balls]))
+    kinds = set_classes(classify_balls(appearance, scene.table.game, struck_ball), edited, scene.table.game)
+    ids = set_names(assign_ids(kinds, np.array([table_detections.xy[ball.row[0]] for ball in balls])), edited)
     order = sorted(range(len(balls)), key=lambda i: (kinds[i], len(ids[i]), ids[i]))
     shape = (len(frame), len(balls))
     xy, px, streak = (np.full((*shape, 2), np.nan) for _ in range(3))

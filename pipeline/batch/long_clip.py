@@ -10,7 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipeline.chain import FinishedRun, hash_clip, make_change_check, require_writable_folder, run_clip, write_source
+from pipeline.chain import (
+    FinishedRun,
+    hash_clip,
+    honour_corrections,
+    make_change_check,
+    require_writable_folder,
+    run_clip,
+    write_source,
+)
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
@@ -46,7 +54,7 @@ def find_recording_shots(
     """Find the shots of a recording; empty if it is too short for several, or is a single shot."""
     unchanged, digest = make_change_check(clip), hash_clip(clip)
     check = partial(unchanged, digest)
-    read = read_stage(clip, digest, options.read)
+    read = read_stage(clip, digest, honour_corrections(clip, digest, options).read)
     whole: Clip = _run_stage(StageGraph.from_stages([read], digest), "read", clip, cache, watcher, check, snapshot)
     if whole.t[-1] < LONG_RECORDING_S:
         return []

@@ -14,14 +14,17 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
+from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
 from models.core.events import Events
 from models.core.fit_result import Fit, Parameter
 from models.core.scene import Camera, Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import State, Trajectory
 from models.core.typing import FloatArray
+from pipeline.io.by_hand.corrections_file import describe_corrections
 from pipeline.io.explanation_json import describe_explanation
 from pipeline.reporting.text.check_list import select_check_places
+from pipeline.reporting.text.correction_sentences import note_corrections
 from pipeline.reporting.text.run_trust import assess_run_trust, summarize_trust
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.io.clip import Clip
@@ -127,7 +130,9 @@ def write_states(ids: tuple[str, ...], t: FloatArray, state: State, path: Path) 
     write_columns(columns, path)
 
 
-def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
+def write_scene(
+    clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path, corrections: Corrections = NO_CORRECTIONS
+) -> None:
     """Write scene.json: table, calibration, fitted model, trust level, explanation and places to check.
 
     Args:
@@ -136,8 +141,9 @@ def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) 
         tracks: Tracks of T frames and N balls.
         fit: The fit of the shot.
         path: File to write.
+        corrections: What a person corrected.
     """
-    table, trust = scene.table, assess_run_trust(clip, fit)
+    table, trust, scene = scene.table, assess_run_trust(clip, fit), note_corrections(scene, corrections)
     document = {
         "scene": "billiards",
         "units": "m",
@@ -157,6 +163,7 @@ def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) 
         "trust": summarize_trust(trust),
         "explanation": describe_explanation(fit.explanation),
         "check_here": _describe_check_places(scene, tracks, fit),
+        "set_by_hand": {**describe_corrections(corrections), "outcomes": [asdict(one) for one in fit.mark_outcomes]},
         "notes": [*clip.notes, *scene.notes],
         "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct_frames),
                  "repeats": np.flatnonzero(clip.is_duplicate).tolist(), "seconds": float(clip.t[-1])},

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+from models.core.by_hand.corrections import NO_CORRECTIONS, ContactCorrection, Corrections
 from models.core.fit_result import Fit
 from models.core.options import FitOptions
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
+from pipeline.stages.place_stage import describe_facts
 
 
-def motion_stage(options: FitOptions) -> Stage:
+def motion_stage(options: FitOptions, corrections: Corrections = NO_CORRECTIONS) -> Stage:
     """Build the stage that fits events and motion.
 
     Args:
         options: Options of the stage; those of whole shots are ignored.
+        corrections: What a person corrected, of which contacts matter here.
 
     Returns:
         The stage `motion`, whose output is a `Fit` without contact models of whole shots.
     """
     own = replace(options, quick=False, laws=None, profile="")  # another search for models leaves the motion as it is
-    return Stage("motion", __name__, ("calibrate", "track"), Fit, _fit_motion, own)
+    marks = Corrections(contacts=corrections.contacts)
+    run = partial(_fit_motion, marks.contacts)
+    return Stage("motion", __name__, ("calibrate", "track"), Fit, run, own, describe_facts(marks))
 
 
 def fit_stage(options: FitOptions) -> Stage:
@@ -36,11 +42,13 @@ def fit_stage(options: FitOptions) -> Stage:
     return Stage("fit", __name__, ("calibrate", "track", "motion"), Fit, _fit_whole_shots, options)
 
 
-def _fit_motion(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
+def _fit_motion(
+    marks: tuple[ContactCorrection, ...], inputs: Inputs, options: FitOptions, folder: Path, progress: Progress
+) -> Fit:
     """Fit the contacts and the motion."""
     from models.estimation.reconstruction.fit_shot import fit_shot  # slow to import
 
-    return fit_shot(inputs["track"], inputs["calibrate"], options, progress)
+    return fit_shot(inputs["track"], inputs["calibrate"], options, progress, marks)
 
 
 def _fit_whole_shots(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:

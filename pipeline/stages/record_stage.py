@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from models.core.detections import MarkedDetections
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
 
@@ -16,6 +17,8 @@ class RecordOptions:
 
     title: str
     """Name of the clip in the viewer."""
+    detections: str = "detect"
+    """Stage whose detections are shown."""
 
 
 def record_stage(options: RecordOptions) -> Stage:
@@ -28,7 +31,12 @@ def record_stage(options: RecordOptions) -> Stage:
         The stage `record`, whose output is a folder with recording.rrd.
     """
     return Stage(
-        "record", __name__, ("read", "calibrate", "detect", "track", "fit", "forecast"), None, _record_layers, options
+        "record",
+        __name__,
+        ("read", "calibrate", options.detections, "track", "fit", "forecast"),
+        None,
+        _record_layers,
+        options,
     )
 
 
@@ -37,7 +45,9 @@ def _record_layers(inputs: Inputs, options: RecordOptions, folder: Path, progres
     os.environ.setdefault("RUST_LOG", "off")  # read at import: rerun would print what it raises
     from pipeline.reporting.recording.recording_file import write_recording  # slow to import
 
+    shown = inputs[options.detections]
+    detections = shown.detections if isinstance(shown, MarkedDetections) else shown
     write_recording(
-        inputs["read"], inputs["calibrate"], inputs["detect"], inputs["track"], inputs["fit"], inputs["forecast"],
+        inputs["read"], inputs["calibrate"], detections, inputs["track"], inputs["fit"], inputs["forecast"],
         folder / "recording.rrd", options.title,
     )  # fmt: skip

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from detectors.detect_options import DetectOptions
 from detectors.select_detector import note_selection
+from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
+from pipeline.reporting.text.correction_sentences import note_corrections
 from pipeline.stages.render_stage import SLOW_FILE, START_FILE
 
 
@@ -25,6 +27,8 @@ class ReportOptions:
     """Options of the command line that reproduce the run."""
     detect: DetectOptions
     """Options of the detection."""
+    corrections: Corrections = NO_CORRECTIONS
+    """What a person corrected, which the page notes."""
 
 
 def report_stage(options: ReportOptions) -> Stage:
@@ -73,6 +77,6 @@ def _write_report(inputs: Inputs, options: ReportOptions, folder: Path, progress
     start = float(json.loads((drawn / START_FILE).read_text(encoding="utf-8")))
     files = ReportFiles(SLOW_FILE, drawn / "poster.png", options.slow, start)
     clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
-    scene = note_selection(scene, options.detect)
+    scene = note_corrections(note_selection(scene, options.detect), options.corrections)
     write_report(clip, scene, tracks, fit, files, options.title, options.settings, folder / "report.html",
                  inputs["forecast"].errors)  # fmt: skip

@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
+from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
 from models.core.options import TrackOptions
 from models.core.progress import Progress
 from models.core.tracks import Tracks
 from pipeline.engine.stage import Inputs, Stage
+from pipeline.stages.place_stage import describe_facts, name_detections
 
 
-def track_stage(options: TrackOptions) -> Stage:
+def track_stage(options: TrackOptions, corrections: Corrections = NO_CORRECTIONS) -> Stage:
     """Build the stage that tracks balls.
 
     Args:
         options: Options of the stage.
+        corrections: What a person corrected; with placed balls, it needs the stage that adds them.
 
     Returns:
         The stage `track`, whose output is `Tracks`.
     """
-    return Stage("track", __name__, ("read", "calibrate", "detect"), Tracks, _build_tracks, options)
+    own = Corrections(balls=corrections.balls, tracks=corrections.tracks)
+    detections = name_detections(corrections)
+    run = partial(_build_tracks, own, detections)
+    return Stage("track", __name__, ("read", "calibrate", detections), Tracks, run, options, describe_facts(own))
 
 
-def _build_tracks(inputs: Inputs, options: TrackOptions, folder: Path, progress: Progress) -> Tracks:
+def _build_tracks(
+    corrections: Corrections, detections: str, inputs: Inputs, options: TrackOptions, folder: Path, progress: Progress
+) -> Tracks:
     """Link the detections of all distinct frames to tracks."""
     from models.tracking.build_tracks import build_tracks  # slow to import
 
     clip = inputs["read"]
     return build_tracks(
-        inputs["detect"], clip.distinct_frames, clip.t[clip.distinct_frames], inputs["calibrate"], options, progress
+        inputs[detections], clip.distinct_frames, clip.t[clip.distinct_frames], inputs["calibrate"], options, progress,
+        corrections,
     )  # fmt: skip

@@ -287,7 +287,7 @@ def _locate_from_option(option: str, background: ImageArray) -> TableLocation:
         perspective,
         colour,
         None,
-        ("corners were given with --corners",),
+        ("corners were given by the user",),
         True,
     )
 
@@ -349,7 +349,7 @@ def _identify_table(
     sizes = measure_ball_sizes(images, background, _build_table_camera(location, background, trial), trial)
     warnings: tuple[str, ...] = ()
     if requested is not None:
-        table, notes = requested, ("table size was given with --table",)
+        table, notes = requested, ("table size was given by the user",)
         nominal = estimate_preset_ball_size(table)
     else:
         pockets = (

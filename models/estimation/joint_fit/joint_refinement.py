@@ -161,6 +161,28 @@ def add_covariance(solution: JointSolution, observations: Observations, table: T
     return replace(solution, covariance=solve_damped(normal, np.eye(arrays.size), 0.0, lower=True))
 
 
+def condition_on_contact_time(solution: JointSolution, contact: int, t: float, sigma: float) -> JointSolution:
+    """Combine the time of a contact with an independent measurement of it, to first order.
+
+    Args:
+        solution: A solution with its covariance.
+        contact: Number of the contact.
+        t: Measured time, s.
+        sigma: Its standard deviation, s.
+
+    Returns:
+        The solution with all parameters and their covariance updated; unchanged if a segment would not last.
+    """
+    arrays, parameters = build_graph_arrays(solution.graph), extract_parameters(solution, solution.graph)
+    column = arrays.first_contact + contact
+    gain = solution.covariance[:, column] / (solution.covariance[column, column] + sigma**2)
+    moved = _apply_step(arrays, parameters, gain * (t - solution.graph.contacts[contact].t))
+    if not _has_valid_order(arrays, moved.t):
+        return solution
+    covariance = solution.covariance - np.outer(gain, solution.covariance[column])
+    return replace(apply_parameters(solution, solution.graph, moved), covariance=covariance)
+
+
 def _build_normal_equations(linear: _Linearization, size: int) -> NormalEquations:
     """Build the normal equations of P = `size` parameters."""
     observed = linear.jacobian.shape[0] * 2

@@ -7,18 +7,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.by_hand.corrections import ContactCorrection
 from models.core.capture_clock import CaptureClock
 from models.core.events import Events
 from models.core.fit_result import Fit, Parameter, Trust
 from models.core.options import FitOptions
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene, Table
-from models.core.shot_explanation import ShotExplanation
+from models.core.shot_explanation import MarkOutcome, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.break_shot.break_posterior import BreakPosterior
 from models.estimation.contact_test.candidate_contacts import find_close_passes
 from models.estimation.contact_test.shot_record import make_shot_record
+from models.estimation.hand_marks.event_marks import weigh_marks
+from models.estimation.hand_marks.graph_marks import MarkedFit, apply_marks, condition_on_marks, settle_marks
+from models.estimation.hand_marks.resolved_marks import ResolvedMark, resolve_marks
 from models.estimation.joint_fit.fit_arrays import DIAMETER_COLUMN
 from models.estimation.joint_fit.fit_solution import (
     JointSolution,
@@ -75,7 +79,11 @@ _MAX_LISTED = 3
 
 
 def fit_shot(
-    tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), progress: Progress = ignore_progress
+    tracks: Tracks,
+    scene: Scene,
+    options: FitOptions = FitOptions(),
+    progress: Progress = ignore_progress,
+    marks: tuple[ContactCorrection, ...] = (),
 ) -> Fit:
     """Fit events, motion and coefficients of one clip.
 
@@ -87,15 +95,20 @@ def fit_shot(
         scene: Table and camera.
         options: Prices and limits.
         progress: Called with the finished share of the work.
+        marks: Contacts that a person marked, moved or deleted: strong priors.
 
     Returns:
         The fit.
     """
-    return fit_with_solution(tracks, scene, options, progress)[0]
+    return fit_with_solution(tracks, scene, options, progress, marks)[0]
 
 
 def fit_with_solution(
-    tracks: Tracks, scene: Scene, options: FitOptions = FitOptions(), progress: Progress = ignore_progress
+    tracks: Tracks,
+    scene: Scene,
+    options: FitOptions = FitOptions(),
+    progress: Progress = ignore_progress,
+    marks: tuple[ContactCorrection, ...] = (),
 ) -> tuple[Fit, JointSolution | None]:
     """Fit a clip as `fit_shot`, and return the parameters behind it with their covariance.
 
@@ -104,6 +117,7 @@ def fit_with_solution(
         scene: Table and camera.
         options: Prices and limits.
         progress: Called with the finished share of the work.
+        marks: Contacts that a person marked, moved or deleted: strong priors.
 
     Returns:
         The fit and the joint solution; None where physics could not be fitted.
@@ -111,23 +125,27 @@ def fit_with_solution(
     solution = None
     clock = estimate_capture_times(tracks, NOISE_FLOOR_RADII * scene.table.ball_radius)
     capture_tracks = replace(tracks, t=clock.capture_time)
+    resolved, missing = resolve_marks(marks, capture_tracks)
     try:
-        fit, solution = _fit_tracks(capture_tracks, clock.sigma, scene.table, options, progress)
+        fit, solution = _fit_tracks(capture_tracks, clock.sigma, scene.table, options, progress, resolved)
     except np.linalg.LinAlgError as failure:
         fit = _fit_without_physics(capture_tracks, options, f"The fit failed: {failure}; paths are as measured.")
     if len(tracks.t):
-        fit = _refine_events(fit, capture_tracks, scene)
+        fit = _refine_events(fit, capture_tracks, scene, resolved)
+    fit = replace(fit, mark_outcomes=(*fit.mark_outcomes, *missing))
     warnings = (*scene.warnings, *warn_of_contact_ball_size(fit.parameters, scene))
     return _convert_to_presentation_time(replace(fit, trust=add_warnings(fit.trust, warnings)), tracks, clock), solution
 
 
-def _refine_events(fit: Fit, tracks: Tracks, scene: Scene) -> Fit:
-    """Refine the times of ball contacts by exact physics, and test the passes that may have been grazes."""
+def _refine_events(fit: Fit, tracks: Tracks, scene: Scene, marks: tuple[ResolvedMark, ...] = ()) -> Fit:
+    """Refine the times of ball contacts by exact physics, test the passes that may have been grazes, weigh marks."""
     arguments = fit.trajectory, scene.table, scene.camera
     events = refine_contact_times(make_shot_record(tracks, fit.events, *arguments))
     explanation = align_moments(fit.explanation, events)
     passes = find_close_passes(make_shot_record(tracks, events, *arguments, explanation))
     events, explanation = add_close_passes(events, explanation, passes, tracks)
+    if fit.mark_outcomes:
+        events, explanation = weigh_marks(events, explanation, marks, fit.mark_outcomes, tracks)
     explanation = mark_unexplained_motion(explanation, fit.trajectory, tracks)
     trust = add_warnings(fit.trust, _warn_of_unexplained_changes(explanation))
     return replace(fit, events=events, explanation=explanation, trust=trust)
@@ -177,6 +195,9 @@ def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock)
         frame=frame_at(tracks, t),
     )
     explanation = convert_times(fit.explanation, clock)
+    outcomes = tuple(
+        replace(one, t=float(clock.presentation_time_at(np.array([one.t]))[0])) for one in fit.mark_outcomes
+    )
     motion = fit.trajectory
     motion = replace(
         motion, start=clock.presentation_time_at(motion.start), end=clock.presentation_time_at(motion.end), clock=clock
@@ -190,12 +211,18 @@ def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock)
         events=events,
         trajectory=motion,
         explanation=explanation,
+        mark_outcomes=outcomes,
         trust=Trust(fit.trust.level, (*fit.trust.reasons, note)),
     )
 
 
 def _fit_tracks(
-    tracks: Tracks, capture_sigma: FloatArray, table: Table, options: FitOptions, progress: Progress
+    tracks: Tracks,
+    capture_sigma: FloatArray,
+    table: Table,
+    options: FitOptions,
+    progress: Progress,
+    marks: tuple[ResolvedMark, ...] = (),
 ) -> tuple[Fit, JointSolution | None]:
     """Fit tracks at their capture times (T,), known to `capture_sigma` (T,) s."""
     noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
@@ -215,6 +242,8 @@ def _fit_tracks(
     solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
     solution = log("strike times", refit_strikes(solution, observations, table))
     solution = log("rebounds", refit_rebounds(solution, observations, table))
+    if marks:
+        solution = log("marks by hand", apply_marks(solution, marks, MarkedFit(observations, table, prices)))
     progress(0.6)
     solution = log("structure search", revise_graph(solution, observations, table, *prices, rounds))
     solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
@@ -238,8 +267,15 @@ def _fit_tracks(
         fewer = remove_unexplained_contacts(solution, observations, table, options.free_price)
         solution = log("remove needless contacts", fewer)
     progress(0.9)
+    outcomes: tuple[MarkOutcome, ...] = ()
+    if marks:
+        marked, outcomes = settle_marks(solution, marks, MarkedFit(observations, table, prices), tracks.ids)
+        solution = log("marks by hand", marked)
     solution = add_covariance(solution, observations, table)
+    if marks:
+        solution, outcomes = condition_on_marks(solution, marks, outcomes, observations)
     fit = _build_fit_result(solution, breaks, tracks, selected, all_observations, table, options)
+    fit = replace(fit, mark_outcomes=outcomes)
     progress(1.0)
     return fit, solution
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.terminal.command_line import app
 
 COMMAND_NAMES = (
-    "check", "run", "batch", "view", "call", "predict", "interpolate", "diagnose", "gapcheck", "fit-table", "simulate",
+    "check", "run", "batch", "view", "edit", "call", "predict", "interpolate", "diagnose", "gapcheck", "fit-table", "simulate",
     "detect", "train-detector", "reproduce", "graph", "cache",
 )  # fmt: skip
 """Names of the commands in the order of `--help`: as a new user needs them."""
@@ -64,6 +64,8 @@ def _import_command(name: str) -> None:
             from pipeline.cli.commands import batch_command as batch_command
         case "view":
             from pipeline.cli.commands import view_command as view_command
+        case "edit":
+            from pipeline.cli.commands.correction import edit_command as edit_command
         case "call":
             from pipeline.cli.commands import call_command as call_command
         case "predict":

@@ -6,6 +6,7 @@ from rich.markup import escape
 
 from models.core.fit_result import Fit, Trust
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from pipeline.reporting.text.correction_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import is_undecided
 from video.io.clip import INCOMPLETE_PREFIXES, Clip
 
@@ -26,10 +27,10 @@ def assess_run_trust(clip: Clip, fit: Fit) -> Trust:
 
     Returns:
         The trust level of the fit; at most amber if the clip is incomplete, because its later part is missing, or if
-        strikes, contacts of balls or pocketed balls are undecided.
+        strikes, contacts of balls or pocketed balls are undecided, or if the motion contradicts what was set by hand.
     """
     before = tuple(f"The clip is incomplete: {note}." for note in clip.notes if note.startswith(INCOMPLETE_PREFIXES))
-    after = _format_undecided(fit.explanation)
+    after = (*format_outcomes(fit.mark_outcomes), *_format_undecided(fit.explanation))
     if not before and not after:
         return fit.trust
     level = "amber" if fit.trust.level == "green" else fit.trust.level

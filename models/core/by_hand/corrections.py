@@ -1,0 +1,207 @@
+"""Corrections of a run that a person made by hand: strong priors on what the stages measure and conclude."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from models.core.scene import CUSHIONS
+from models.core.tracks import KINDS
+
+BallMarkKind = Literal["placed", "false"]
+"""`placed`: a ball that the detector missed; `false`: what was tracked there is no ball."""
+TrackEditKind = Literal["rename", "class", "merge", "split", "swap"]
+"""`rename` sets the id of a ball and `class` its ball class; `merge` joins two tracks of one ball; `split` cuts a track
+of two balls; `swap` exchanges two balls over a span of frames."""
+ContactCorrectionKind = Literal["mark", "move", "delete"]
+"""`mark`: there is a contact at this frame; `move`: the contact of this frame is at another one; `delete`: there is no
+contact at this frame."""
+ContactCause = Literal["ball", "cushion", "strike"]
+"""What changes the velocity of the ball at a contact."""
+
+NAME_CHARACTERS = 32
+"""Characters of the longest name of a ball."""
+
+
+@dataclass(frozen=True, slots=True)
+class BallPlace:
+    """A ball, named by a place where it is in the image: ids change when tracks are corrected, places do not."""
+
+    frame: int
+    """Index of the frame in presentation order."""
+    x_px: float
+    """px, to the right, of the original frame."""
+    y_px: float
+    """px, down."""
+    id: str = ""
+    """Id of the ball when it was pointed at, for readers of the file only."""
+
+    def __post_init__(self) -> None:
+        _require_frame(self.frame)
+        if not (math.isfinite(self.x_px) and math.isfinite(self.y_px)):
+            raise ValueError("a place has finite x_px and y_px")
+
+
+@dataclass(frozen=True, slots=True)
+class BallMark:
+    """A ball that was missed, or what is no ball."""
+
+    kind: BallMarkKind
+    ball: BallPlace
+    first: int | None = None
+    """First frame for which it holds; None from the start of the clip."""
+    last: int | None = None
+    """Last frame for which it holds; None to the end of the clip."""
+
+    def __post_init__(self) -> None:
+        _require_span(self.first, self.last)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackEdit:
+    """A change of tracks; edits apply in their order, each to the result of the ones before."""
+
+    kind: TrackEditKind
+    ball: BallPlace
+    other: BallPlace | None = None
+    """The second ball of `merge` and `swap`."""
+    name: str = ""
+    """The new id of `rename`, or the ball class of `class`."""
+    first: int | None = None
+    """First frame of the second ball of `split`; first frame of `swap`, None from the start of the clip."""
+    last: int | None = None
+    """Last frame of `swap`; None to the end of the clip."""
+
+    def __post_init__(self) -> None:
+        _require_span(self.first, self.last)
+        if (self.other is None) == (self.kind in ("merge", "swap")):
+            raise ValueError(f"{self.kind} needs {'a second' if self.other is None else 'only one'} ball")
+        if self.kind == "split" and self.first is None:
+            raise ValueError("split needs the first frame of the second ball")
+        if self.kind == "class" and self.name not in KINDS:
+            raise ValueError(f"class is one of {', '.join(KINDS)}; got {self.name!r}")
+        if self.kind == "rename" and not is_ball_name(self.name):
+            allowed = f"1 to {NAME_CHARACTERS} letters, digits, '.', '_' or '-'"
+            raise ValueError(f"a name has {allowed} and is no cushion; got {self.name!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class ContactCorrection:
+    """A contact that was missed, is at another time, or did not happen."""
+
+    kind: ContactCorrectionKind
+    cause: ContactCause
+    frame: float
+    """Time of the contact in frames, fractional, as in events.csv."""
+    ball: BallPlace
+    other: BallPlace | None = None
+    """The other ball, where the cause is a ball."""
+    cushion: str = ""
+    """The cushion, where it is a cushion."""
+    to_frame: float | None = None
+    """New time in frames of `move`."""
+
+    def __post_init__(self) -> None:
+        _require_frame(self.frame)
+        if (self.other is None) == (self.cause == "ball"):
+            raise ValueError("a contact with a ball, and no other one, names the other ball")
+        if (self.cushion in CUSHIONS) != (self.cause == "cushion") or (self.cushion and self.cause != "cushion"):
+            raise ValueError(f"a contact with a cushion, and no other one, names one of {', '.join(CUSHIONS)}")
+        if (self.to_frame is None) == (self.kind == "move"):
+            raise ValueError("move, and no other mark, has a new time to_frame")
+        if self.to_frame is not None:
+            _require_frame(self.to_frame)
+
+    @property
+    def at(self) -> float:
+        """Time in frames at which the contact is, or of a deleted one at which it is not."""
+        return self.frame if self.to_frame is None else self.to_frame
+
+
+@dataclass(frozen=True, slots=True)
+class Corrections:
+    """All corrections of a clip; None and empty where nothing was set by hand."""
+
+    corners: tuple[tuple[float, float], ...] | None = None
+    """Corners of the playing surface, px."""
+    table: str | None = None
+    """Table as in the option --table."""
+    ball_radius: float | None = None
+    """m."""
+    fps: str | None = None
+    """Frame rate as in the option --fps."""
+    balls: tuple[BallMark, ...] = ()
+    tracks: tuple[TrackEdit, ...] = ()
+    contacts: tuple[ContactCorrection, ...] = ()
+
+    def __post_init__(self) -> None:
+        corners = self.corners or ((0.0, 0.0),) * 4
+        if len(corners) != 4 or not all(math.isfinite(value) for corner in corners for value in corner):
+            raise ValueError("corners are four points")
+        if self.ball_radius is not None and not 0 < self.ball_radius < math.inf:
+            raise ValueError(f"ball_radius is more than 0 m; got {self.ball_radius}")
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was set by hand."""
+        return self == Corrections()
+
+    def extract_span(self, first: int, stop: int) -> Corrections:
+        """Return the corrections of frames `first` to `stop` - 1 of a recording, with frames from `first` on."""
+
+        def is_inside(*places: BallPlace | None) -> bool:
+            return all(place is None or first <= place.frame < stop for place in places)
+
+        def move(place: BallPlace) -> BallPlace:
+            return replace(place, frame=place.frame - first)
+
+        def move_frame(frame: int | None) -> int | None:
+            return None if frame is None else max(frame - first, 0)
+
+        return replace(
+            self,
+            balls=tuple(
+                replace(one, ball=move(one.ball), first=move_frame(one.first), last=move_frame(one.last))
+                for one in self.balls
+                if is_inside(one.ball)
+            ),
+            tracks=tuple(
+                replace(
+                    one, ball=move(one.ball), other=None if one.other is None else move(one.other),
+                    first=move_frame(one.first), last=move_frame(one.last),
+                )
+                for one in self.tracks
+                if is_inside(one.ball, one.other)
+            ),
+            contacts=tuple(
+                replace(
+                    one, frame=one.frame - first, to_frame=None if one.to_frame is None else one.to_frame - first,
+                    ball=move(one.ball), other=None if one.other is None else move(one.other),
+                )
+                for one in self.contacts
+                if is_inside(one.ball, one.other) and min(one.frame, one.at) >= first
+            ),
+        )  # fmt: skip
+
+
+NO_CORRECTIONS = Corrections()
+
+
+def is_ball_name(name: str) -> bool:
+    """Return whether a word can be the id of a ball: it is a column of CSV files and an argument of commands."""
+    allowed = name.isascii() and name.replace("-", "").replace("_", "").replace(".", "").isalnum()
+    return allowed and len(name) <= NAME_CHARACTERS and name not in CUSHIONS
+
+
+def _require_frame(frame: float) -> None:
+    if not (math.isfinite(frame) and frame >= 0):
+        raise ValueError(f"a frame is a number of 0 or more; got {frame}")
+
+
+def _require_span(first: int | None, last: int | None) -> None:
+    for frame in (first, last):
+        if frame is not None:
+            _require_frame(frame)
+    if first is not None and last is not None and last < first:
+        raise ValueError(f"a span ends at its first frame or later; got {first} to {last}")

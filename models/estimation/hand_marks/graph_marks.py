@@ -1,0 +1,292 @@
+"""Marks of contacts applied to a contact graph; the physics goes on from there and may contradict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.core.scene import CUSHIONS, Table
+from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
+from models.core.typing import FloatArray
+from models.estimation.hand_marks.resolved_marks import NO_BALL, ResolvedMark, describe_outcome
+from models.estimation.joint_fit.contact_cascades import (
+    MIN_CONTACT_INTERVAL,
+    evaluate_state,
+    find_segment_at,
+    find_unexplained_change,
+    insert_cascade,
+    predict_cascade,
+)
+from models.estimation.joint_fit.fit_solution import (
+    JointSolution,
+    Observations,
+    assign_observations,
+    layout_parameters,
+)
+from models.estimation.joint_fit.joint_refinement import condition_on_contact_time, refine_graph
+from models.estimation.segmentation.contact_classification import INWARD_NORMALS, cushion_distances
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.estimation.structure_search.ball_encounters import frame_interval, total_cost
+from models.estimation.structure_search.contact_removal import separate_balls
+
+HAND_ODDS = 1000.0
+"""Odds of a mark of a person who looked at the frames: one in a thousand is a slip. Guess."""
+HAND_CHI2 = 2 * float(np.log(HAND_ODDS))
+"""chi2 that stands for these odds: the physics contradicts a mark where it costs more."""
+HAND_TIME_FRAMES = 0.5
+"""Frame intervals: standard deviation of a time that a person chose between two frames."""
+HELD_GAIN = 1e5
+"""chi2: stands for the gain of a marked contact while the structure is searched, which does not question it."""
+CLEAR_GAIN = 20.0
+"""chi2 from which the motion shows a contact: its price in the structure search."""
+REACH_RADII = 1.0
+"""Ball radii between two surfaces beyond which they cannot have met."""
+CONTRADICTION_SIGMAS = 3.0
+"""Standard deviations by which the fitted time differs from the one that was set: one in 400 by chance."""
+
+
+@dataclass(frozen=True, slots=True)
+class MarkedFit:
+    """What marks are applied to."""
+
+    observations: Observations
+    table: Table
+    prices: tuple[float, float]
+    """chi2 that contacts with a cause and without cost."""
+
+
+def apply_marks(solution: JointSolution, marks: Sequence[ResolvedMark], fit: MarkedFit) -> JointSolution:
+    """Apply marks to a contact graph and refine it, before its structure is searched.
+
+    Args:
+        solution: A refined solution.
+        marks: The marks.
+        fit: Observations, table and prices.
+
+    Returns:
+        The solution with marked contacts, which a search keeps, and without deleted ones.
+    """
+    for mark in marks:
+        solution, _ = _apply_mark(solution, mark, fit)
+    return solution
+
+
+def settle_marks(
+    solution: JointSolution, marks: Sequence[ResolvedMark], fit: MarkedFit, ids: tuple[str, ...]
+) -> tuple[JointSolution, tuple[MarkOutcome, ...]]:
+    """Apply marks to the contact graph after the last search, and compare them with the motion.
+
+    Args:
+        solution: A refined solution.
+        marks: The marks.
+        fit: Observations, table and prices.
+        ids: Ids of the N balls.
+
+    Returns:
+        The solution, in which every marked contact has the gain that the motion gives it, and the outcomes.
+    """
+    outcomes = []
+    for mark in marks:
+        solution, outcome = _apply_mark(solution, mark, fit)
+        number = find_contact(solution.graph, mark, mark.t)
+        if mark.mark.kind != "delete" and number is not None:
+            gain = _evaluate_gain(solution, number, fit)
+            graph = _replace_contact(solution.graph, number, replace(solution.graph.contacts[number], gain=gain))
+            solution = replace(solution, graph=graph)
+            outcome = ("confirmed" if gain >= CLEAR_GAIN else "no_change", gain)
+        outcomes.append(describe_outcome(mark, ids, *outcome))
+    return solution, tuple(outcomes)
+
+
+def condition_on_marks(
+    solution: JointSolution,
+    marks: Sequence[ResolvedMark],
+    outcomes: tuple[MarkOutcome, ...],
+    observations: Observations,
+) -> tuple[JointSolution, tuple[MarkOutcome, ...]]:
+    """Combine the fitted times of marked contacts with those that a person set.
+
+    Args:
+        solution: A solution with its covariance.
+        marks: The marks.
+        outcomes: The outcome of each mark so far.
+        observations: K observations.
+
+    Returns:
+        The solution, and the outcomes; where the motion contradicts a time, it stays and the outcome says so.
+    """
+    sigma = HAND_TIME_FRAMES * frame_interval(observations)
+    final = list(outcomes)
+    for k, mark in enumerate(marks):
+        number = None if mark.mark.kind == "delete" else find_contact(solution.graph, mark, mark.t)
+        if number is None:
+            continue
+        column = layout_parameters(solution.graph).contact + number
+        variance = max(float(solution.covariance[column, column]), 0.0)
+        difference = solution.graph.contacts[number].t - mark.t
+        if outcomes[k].code != "no_change" and abs(difference) > CONTRADICTION_SIGMAS * np.hypot(
+            np.sqrt(variance), sigma
+        ):
+            final[k] = replace(final[k], code="other_time", value=difference)
+        else:
+            solution = condition_on_contact_time(solution, number, mark.t, sigma)
+    return solution, tuple(final)
+
+
+def find_contact(graph: ContactGraph, mark: ResolvedMark, t: float) -> int | None:
+    """Find the contact of a graph that a mark means.
+
+    Args:
+        graph: The contact graph.
+        mark: The mark.
+        t: s.
+
+    Returns:
+        Number of the contact nearest to t within the tolerance; None for none.
+    """
+    near = [
+        (abs(contact.t - t), number)
+        for number, contact in enumerate(graph.contacts)
+        if contact.kind == mark.mark.cause
+        and contact.cushion == mark.mark.cushion
+        and graph.balls_at(contact) == mark.balls
+        and abs(contact.t - t) <= mark.tolerance
+    ]
+    return min(near)[1] if near else None
+
+
+Outcome = tuple[MarkOutcomeCode, float]
+
+
+def _apply_mark(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> tuple[JointSolution, Outcome]:
+    """Apply one mark; return also its outcome as far as it is known."""
+    if mark.mark.kind == "delete":
+        return _delete_contact(solution, mark, fit)
+    number = find_contact(solution.graph, mark, mark.t)
+    if mark.mark.kind == "move" and number is None:
+        number = find_contact(solution.graph, mark, mark.earlier_t)
+    if number is not None:
+        return _hold_contact(solution, number, mark, fit), ("confirmed", np.nan)
+    return _insert_contact(solution, mark, fit)
+
+
+def _hold_contact(solution: JointSolution, number: int, mark: ResolvedMark, fit: MarkedFit) -> JointSolution:
+    """Keep a contact through the search; a moved one starts from its new time."""
+    contact = solution.graph.contacts[number]
+    fixed = replace(contact, gain=HELD_GAIN)
+    if mark.mark.kind == "move" and abs(contact.t - mark.t) > mark.tolerance / 2:
+        trial = _replace_contact(solution.graph, number, replace(fixed, t=mark.t))
+        spans = [(trial.start_time(k), trial.end_time(k)) for k in (*fixed.before, *fixed.after)]
+        if all(end > start + MIN_CONTACT_INTERVAL for start, end in spans):
+            moved = refine_graph(trial, fit.observations, fit.table, initial=solution)
+            if moved.chi2 < solution.chi2 + HAND_CHI2:
+                return moved
+    return replace(solution, graph=_replace_contact(solution.graph, number, fixed))
+
+
+def _delete_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> tuple[JointSolution, Outcome]:
+    """Remove a contact; where the velocity changes nevertheless, the change stays without a cause."""
+    number = find_contact(solution.graph, mark, mark.t)
+    if number is None:
+        return solution, ("confirmed", 0.0)
+    graph = solution.graph
+    trials = [_refine(graph.remove_contact(number).mark_pushed_strikes(), solution, fit)]
+    if graph.contacts[number].kind == "ball":
+        trials.append(_refine(separate_balls(graph, number), solution, fit))
+    else:
+        free = replace(graph.contacts[number], kind="free", cushion="", gain=0.0)
+        trials.append(_refine(_replace_contact(graph, number, free), solution, fit))
+    best = min(trials, key=lambda trial: total_cost(trial, fit.prices))
+    if best is trials[0]:
+        return best, ("confirmed", best.chi2 - solution.chi2)
+    return best, ("change_remains", trials[0].chi2 - solution.chi2)
+
+
+def _insert_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> tuple[JointSolution, Outcome]:
+    """Insert a missed contact; no change if its bodies are too far apart or the physics contradicts it."""
+    gap = _measure_gap(solution, mark, fit.table)
+    if gap > REACH_RADII * fit.table.ball_radius:
+        return solution, ("too_far", gap)
+    graph = _insert_ball_contact(solution, mark, fit) if mark.b != NO_BALL else _insert_single(solution, mark, fit)
+    if graph is None:
+        return solution, ("no_change", np.nan)
+    trial = _refine(graph.mark_pushed_strikes(), solution, fit)
+    if not trial.chi2 < solution.chi2 + HAND_CHI2:
+        return solution, ("no_change", solution.chi2 - trial.chi2)
+    number = find_contact(trial.graph, mark, mark.t)
+    if number is None:  # the motion puts it at another time
+        return solution, ("no_change", solution.chi2 - trial.chi2)
+    fixed = replace(trial.graph.contacts[number], gain=HELD_GAIN)
+    return replace(trial, graph=_replace_contact(trial.graph, number, fixed)), ("confirmed", np.nan)
+
+
+def _measure_gap(solution: JointSolution, mark: ResolvedMark, table: Table) -> float:
+    """Return the distance of the surfaces that a mark lets meet, m; 0 for a strike."""
+    place = _evaluate_ball(solution, mark.a, mark.t)[:2]
+    if mark.b != NO_BALL:
+        return float(np.hypot(*(_evaluate_ball(solution, mark.b, mark.t)[:2] - place))) - 2 * table.ball_radius
+    if mark.mark.cushion:
+        return float(cushion_distances(place, table)[CUSHIONS.index(mark.mark.cushion)]) - table.ball_radius
+    return 0.0
+
+
+def _evaluate_ball(solution: JointSolution, ball: int, t: float) -> FloatArray:
+    """Return the state (6,) of a ball at t, s."""
+    graph = solution.graph
+    return evaluate_state(graph, solution.friction, find_segment_at(graph, ball, t), t)
+
+
+def _insert_ball_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> ContactGraph | None:
+    """Insert a contact of two balls; a velocity change without a cause nearby becomes part of it."""
+    graph, interval = solution.graph, frame_interval(fit.observations)
+    radius = fit.table.ball_radius * solution.diameter_factor
+    owner = assign_observations(graph, fit.observations)
+    changes = (find_unexplained_change(graph, ball, mark.t, mark.tolerance) for ball in (mark.a, mark.b))
+    times = [graph.contacts[number].t for number in changes if number is not None]
+    t = float(np.mean(times)) if times else mark.t
+    contacts = predict_cascade(graph, solution.friction, mark.a, mark.b, t, interval, radius)[:1]
+    return insert_cascade(graph, solution.friction, fit.observations, owner, contacts, mark.tolerance)
+
+
+def _insert_single(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> ContactGraph | None:
+    """Insert a contact with a cushion, or a strike; a velocity change without a cause nearby becomes it."""
+    graph = solution.graph
+    change = find_unexplained_change(graph, mark.a, mark.t, mark.tolerance)
+    if change is not None:
+        return _replace_contact(
+            graph, change, replace(graph.contacts[change], kind=mark.mark.cause, cushion=mark.mark.cushion)
+        )
+    k = find_segment_at(graph, mark.a, mark.t)
+    if not graph.start_time(k) + MIN_CONTACT_INTERVAL < mark.t < graph.end_time(k) - MIN_CONTACT_INTERVAL:
+        return None
+    state = np.concatenate([_evaluate_ball(solution, mark.a, mark.t), np.zeros(2)])
+    later = (fit.observations.ball == mark.a) & (fit.observations.t >= mark.t)
+    if mark.mark.cushion:
+        inward = INWARD_NORMALS[CUSHIONS.index(mark.mark.cushion)]
+        push = -1.75 * min(float(inward @ state[2:4]), 0.0) * inward
+        state[2:4] += push
+        state[4:6] += push
+    elif later.sum() > 1:
+        rows = np.flatnonzero(later & (fit.observations.t < graph.end_time(k)))[:6]
+        if len(rows) > 1:
+            state[2:4] = np.polynomial.polynomial.polyfit(fit.observations.t[rows], fit.observations.xy[rows], 1)[1]
+            state[4:6] = state[2:4]
+    contact = Contact(mark.mark.cause, mark.t, (k,), (), mark.mark.cushion)
+    return graph.insert_contact(contact, (state,))
+
+
+def _evaluate_gain(solution: JointSolution, number: int, fit: MarkedFit) -> float:
+    """Return the chi2 that the whole clip gains by a contact."""
+    without = _refine(solution.graph.remove_contact(number).mark_pushed_strikes(), solution, fit)
+    return without.chi2 - solution.chi2
+
+
+def _refine(graph: ContactGraph, initial: JointSolution, fit: MarkedFit) -> JointSolution:
+    return refine_graph(graph, fit.observations, fit.table, initial=initial)
+
+
+def _replace_contact(graph: ContactGraph, number: int, contact: Contact) -> ContactGraph:
+    contacts = tuple(contact if k == number else one for k, one in enumerate(graph.contacts))
+    return ContactGraph(graph.segments, contacts)

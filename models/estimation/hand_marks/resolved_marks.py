@@ -1,0 +1,111 @@
+"""Marks of contacts with the balls and times that they name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.core.by_hand.corrections import BallPlace, ContactCorrection
+from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
+from models.core.tracks import Tracks
+
+PLACE_RADII = 2.0
+"""Ball radii: largest distance of a place from the ball that it names, as for edits of tracks."""
+TIME_FRAMES = 2.5
+"""Frame intervals within which a contact is the marked one: a person points at one of the two frames around it, and the
+fit may place it one further."""
+NO_BALL = -1
+
+
+@dataclass(frozen=True, slots=True)
+class ResolvedMark:
+    """A mark of a contact with the balls and times that it names."""
+
+    mark: ContactCorrection
+    a: int
+    b: int
+    """Numbers of the balls; `NO_BALL` for none."""
+    t: float
+    """s, capture time at which the contact is, or is not."""
+    earlier_t: float
+    """s, capture time from which it was moved; equal to `t` otherwise."""
+    tolerance: float
+    """s within which a contact is the marked one."""
+
+    @property
+    def balls(self) -> set[int]:
+        """Numbers of the balls that take part."""
+        return {self.a, self.b} - {NO_BALL}
+
+
+def resolve_marks(
+    marks: Sequence[ContactCorrection], tracks: Tracks
+) -> tuple[tuple[ResolvedMark, ...], tuple[MarkOutcome, ...]]:
+    """Find the balls and times that marks name.
+
+    Args:
+        marks: Marks of contacts.
+        tracks: Tracks of N balls over T frames, at their capture times.
+
+    Returns:
+        The marks whose balls are tracked, and the outcomes of the others.
+    """
+    resolved, missing = [], []
+    for mark in marks:
+        a = find_tracked_ball(tracks, mark.ball)
+        b = NO_BALL if mark.other is None else find_tracked_ball(tracks, mark.other)
+        t, earlier_t = (float(np.interp(frame, tracks.frame, tracks.t)) for frame in (mark.at, mark.frame))
+        interval = float(np.median(np.diff(tracks.t))) if len(tracks.t) > 1 else 0.0
+        if a is None or b is None or a == b:
+            missing.append(MarkOutcome(mark.kind, "ball_missing", _name_places(mark), mark.cushion, t))
+        else:
+            resolved.append(ResolvedMark(mark, a, b, t, earlier_t, TIME_FRAMES * interval))
+    return tuple(resolved), tuple(missing)
+
+
+def find_tracked_ball(tracks: Tracks, place: BallPlace) -> int | None:
+    """Find the ball that a place names.
+
+    Args:
+        tracks: Tracks of N balls over T frames.
+        place: A place in the image.
+
+    Returns:
+        Number of the nearest ball; None if none is within `PLACE_RADII`.
+    """
+    best, number = PLACE_RADII, None
+    for ball in range(len(tracks.ids)):
+        rows = np.flatnonzero(tracks.is_observed[:, ball])
+        if not len(rows):
+            continue
+        frames = tracks.frame[rows]
+        centre = [np.interp(place.frame, frames, tracks.px[rows, ball, axis]) for axis in (0, 1)]
+        radius = float(np.nanmedian(tracks.radius_px[rows, ball]))
+        distance = float(np.hypot(centre[0] - place.x_px, centre[1] - place.y_px)) / radius
+        if distance < best:
+            best, number = distance, ball
+    return number
+
+
+def describe_outcome(
+    resolved: ResolvedMark, ids: tuple[str, ...], code: MarkOutcomeCode, value: float = float("nan")
+) -> MarkOutcome:
+    """Describe what the motion says about a mark.
+
+    Args:
+        resolved: The mark.
+        ids: Ids of the N balls.
+        code: The outcome.
+        value: Its value, see `MarkOutcome.value`.
+
+    Returns:
+        The outcome.
+    """
+    names = tuple(ids[ball] for ball in (resolved.a, resolved.b) if ball != NO_BALL)
+    return MarkOutcome(resolved.mark.kind, code, names, resolved.mark.cushion, resolved.t, value)
+
+
+def _name_places(mark: ContactCorrection) -> tuple[str, ...]:
+    return tuple(place.id for place in (mark.ball, mark.other) if place is not None)

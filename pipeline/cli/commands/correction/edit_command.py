@@ -1,0 +1,41 @@
+"""`trueroll edit`: correct a run by hand in the browser."""
+
+from __future__ import annotations
+
+import webbrowser
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.run_options import RunOptions
+from pipeline.terminal.command_line import CacheOption, DebugOption, OutOption, add_settings, app, console, open_cache
+
+
+@app.command("edit")
+@add_settings
+def edit(
+    target: Annotated[Path, typer.Argument(metavar="DIR|CLIP", help="Folder of a run, or a clip to run first.")],
+    options: RunOptions,
+    out: OutOption = None,
+    port: Annotated[int, typer.Option("--port", help="Port of the page; 0 takes a free one.", min=0, max=65535)] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    cache: CacheOption = None,
+    debug: DebugOption = False,
+) -> None:
+    """Correct a run by hand on a page in the browser, without code; later runs of the clip honour the corrections."""
+    from pipeline.editing.edit_server import EditServer  # slow to import
+    from pipeline.editing.edit_session import EditSession
+    from pipeline.editing.edited_clip import find_edited_clip
+
+    session = EditSession(find_edited_clip(target, out), options, open_cache(cache))
+    try:
+        server = EditServer(session, port)
+        console.print(f"Correct the run at {server.url} (end with Ctrl-C)", markup=False, soft_wrap=True)
+        if browser:
+            webbrowser.open(server.url)
+        with suppress(KeyboardInterrupt):  # the way to end it
+            server.run()
+    finally:
+        session.close()

@@ -1,0 +1,271 @@
+"""One session of the editor: the corrections with undo and redo, and the runs that follow them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from models.core.by_hand.corrections import Corrections
+from models.core.progress import Progress
+from pipeline.chain import read_shot, run_clip, run_tables
+from pipeline.editing.edited_clip import EditedClip, FrameImages
+from pipeline.editing.run_view import ClipRun, describe_run
+from pipeline.editing.training_export import export_training_data
+from pipeline.engine.result_cache import ResultCache
+from pipeline.io.by_hand.corrections_file import (
+    CorrectionsFile,
+    describe_corrections,
+    read_corrections,
+    write_corrections,
+)
+from pipeline.reporting.text.correction_sentences import format_corrections
+from pipeline.reporting.text.text_formatting import format_error
+from pipeline.run_options import RunOptions, apply_corrections
+from pipeline.stages.shot_stages import ClipShot
+
+MAX_UNDO = 200
+"""Corrections that can be taken back."""
+
+
+class ConflictError(Exception):
+    """Another editor has changed the corrections in the meantime."""
+
+
+class SupersededError(Exception):
+    """A newer correction makes the present run useless."""
+
+
+@dataclass(frozen=True, slots=True)
+class EditStatus:
+    """What the page asks for again and again."""
+
+    revision: int
+    """Of the corrections."""
+    result: int
+    """Revision of the corrections that the shown run has; -1 before the first one."""
+    stage: str
+    """Stage that runs; empty for none."""
+    share: float
+    """Finished share of it, 0 to 1."""
+    error: str
+    """Why the run of the present corrections failed; empty if it did not."""
+    note: str
+    """What was finished last, as a sentence."""
+    can_undo: bool
+    can_redo: bool
+
+
+class EditSession:
+    """The corrections of one clip and its runs; safe to use from several threads."""
+
+    def __init__(self, edited: EditedClip, options: RunOptions, cache: ResultCache) -> None:
+        self.edited = edited
+        self._options, self._cache = options, cache
+        self._lock = threading.Condition()
+        self._file = read_corrections(edited.path, edited.digest)
+        self._undo: list[Corrections] = []
+        self._redo: list[Corrections] = []
+        self._run: ClipRun | None = None
+        self._view: dict[str, Any] | None = None
+        self._result, self._stage, self._share, self._error, self._note = -1, "", 0.0, "", ""
+        self._wanted: str = "tables"
+        self._is_closed = False
+        self._frames: FrameImages | None = None
+        self._worker = threading.Thread(target=self._work, daemon=True)
+        self._worker.start()
+
+    @property
+    def status(self) -> EditStatus:
+        """What the page asks for again and again."""
+        with self._lock:
+            return EditStatus(
+                self._file.revision, self._result, self._stage, self._share, self._error, self._note,
+                bool(self._undo), bool(self._redo),
+            )  # fmt: skip
+
+    def describe(self) -> dict[str, Any]:
+        """Describe corrections and run for the page."""
+        with self._lock:
+            return {
+                "name": self.edited.name,
+                "revision": self._file.revision,
+                "result": self._result,
+                "corrections": describe_corrections(self._file.corrections),
+                "set_by_hand": [note.partition(": ")[2] for note in format_corrections(self._file.corrections)],
+                "run": self._view,
+            }
+
+    def read_frame(self, frame: int) -> bytes | None:
+        """Read a frame of the recording as JPEG; None if there is none."""
+        with self._lock:
+            frames = self._frames
+        return None if frames is None else frames.read(frame - (self.edited.first or 0))
+
+    def change(self, corrections: Corrections, revision: int) -> None:
+        """Replace the corrections, write them and run the clip again.
+
+        Args:
+            corrections: The new corrections.
+            revision: Revision of those that they were made from.
+
+        Raises:
+            ConflictError: Somebody else has changed them since.
+            OptionError: They cannot be used or written.
+        """
+        apply_corrections(self._options, corrections)
+        with self._lock:
+            before = self._file.corrections
+            self._write(corrections, revision)
+            self._undo = [*self._undo[-MAX_UNDO + 1 :], before]
+            self._redo.clear()
+
+    def step(self, revision: int, *, forward: bool) -> None:
+        """Undo the last correction, or with `forward` redo it.
+
+        Args:
+            revision: Revision of the present corrections.
+            forward: Whether to redo.
+
+        Raises:
+            ConflictError: Somebody else has changed the corrections since, or there is nothing to undo or redo.
+            OptionError: They cannot be written.
+        """
+        with self._lock:
+            source, target = (self._redo, self._undo) if forward else (self._undo, self._redo)
+            if not source:
+                raise ConflictError(f"There is nothing to {'redo' if forward else 'undo'}.")
+            before = self._file.corrections
+            self._write(source[-1], revision)
+            source.pop()
+            target.append(before)
+
+    def finish(self) -> None:
+        """Write all files of the run, with video and report."""
+        with self._lock:
+            self._wanted, self._note = "all", ""
+            self._lock.notify_all()
+
+    def export(self) -> str:
+        """Write the placed and false balls as training data.
+
+        Returns:
+            A sentence on what was written.
+        """
+        with self._lock:
+            run, corrections = self._run, self._file.corrections
+        if run is None:
+            return "The run is not finished yet."
+        offset = self.edited.first or 0
+        own = corrections if self.edited.stop is None else corrections.extract_span(offset, self.edited.stop)
+        return export_training_data(run, own, self.edited.folder / "training")
+
+    def close(self) -> None:
+        """End the session; a run in progress is given up."""
+        with self._lock:
+            self._is_closed = True
+            self._lock.notify_all()
+        self._worker.join()
+        if self._frames is not None:
+            self._frames.close()
+
+    def _write(self, corrections: Corrections, revision: int) -> None:
+        """Write corrections if `revision` is still that of the file; the caller holds the lock."""
+        saved = read_corrections(self.edited.path, self.edited.digest)
+        if saved.revision != self._file.revision:
+            self._file = saved
+            self._undo.clear()
+            self._redo.clear()
+            self._request()
+        if revision != self._file.revision:
+            raise ConflictError(
+                f"The corrections were changed in another tab or program (revision {self._file.revision}, yours is"
+                f" {revision}); they are shown now, please make your change again."
+            )
+        content = CorrectionsFile(revision + 1, self.edited.digest, corrections)
+        write_corrections(self.edited.path, content)
+        self._file = content
+        self._request()
+
+    def _request(self) -> None:
+        """Ask the worker for a run of the present corrections."""
+        self._wanted, self._error, self._note = "tables", "", ""
+        self._lock.notify_all()
+
+    def _work(self) -> None:
+        """Run the clip whenever that is asked for."""
+        while True:
+            with self._lock:
+                while not self._wanted and not self._is_closed:
+                    self._lock.wait()
+                if self._is_closed:
+                    return
+                wanted, self._wanted = self._wanted, ""
+                revision, before = self._file.revision, self._run
+            watcher = _SessionWatcher(self._note_progress)
+            try:
+                if wanted == "all":
+                    shot = self._read_shot(watcher)
+                    run_clip(self.edited.path, self.edited.folder, self._options, self._cache, watcher, shot=shot)
+                    self._show(None, revision, "Video, report and recording are up to date.")
+                else:
+                    self._show(self._run_tables(watcher, before), revision, "")
+            except SupersededError:
+                continue
+            except Exception as error:  # no error of a run may end the session
+                self._fail(format_error(error), revision)
+
+    def _run_tables(self, watcher: _SessionWatcher, before: ClipRun | None) -> tuple[ClipRun, dict[str, Any]]:
+        """Run the stages up to the tables and describe the result."""
+        path, folder, shot = self.edited.path, self.edited.folder, self._read_shot(watcher)
+        run = ClipRun(*run_tables(path, folder, self._options, self._cache, watcher, shot))
+        if self._frames is None:
+            frames = FrameImages(run.clip)
+            with self._lock:
+                self._frames = frames
+        return run, describe_run(run, self.edited.first or 0, before)
+
+    def _read_shot(self, watcher: _SessionWatcher) -> ClipShot | None:
+        """Read the shot of a recording; None for a whole clip."""
+        first, stop = self.edited.first, self.edited.stop
+        if first is None or stop is None:
+            return None
+        number = int("".join(filter(str.isdigit, self.edited.folder.name)) or 1) - 1
+        return read_shot(self.edited.path, self._options, (first, stop), number, self._cache, watcher)
+
+    def _show(self, result: tuple[ClipRun, dict[str, Any]] | None, revision: int, note: str) -> None:
+        with self._lock:
+            self._stage, self._share, self._note = "", 0.0, note
+            if result is not None:
+                (self._run, self._view), self._result = result, revision
+
+    def _fail(self, sentence: str, revision: int) -> None:
+        with self._lock:
+            self._stage, self._share = "", 0.0
+            if revision == self._file.revision:
+                self._error = sentence
+
+    def _note_progress(self, stage: str, share: float) -> None:
+        """Note the progress of the run; stop it if it is out of date."""
+        with self._lock:
+            if self._is_closed or self._wanted == "tables":
+                self._stage = ""
+                raise SupersededError
+            self._stage, self._share = stage, share
+
+
+class _SessionWatcher:
+    """Follows a run for the page."""
+
+    def __init__(self, note: Callable[[str, float], None]) -> None:
+        self._note = note
+
+    def start_stage(self, stage: str) -> Progress:
+        """Note that a stage begins."""
+        self._note(stage, 0.0)
+        return lambda share: self._note(stage, share)
+
+    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
+        """Note that a stage is done."""
+        self._note(stage, 1.0)

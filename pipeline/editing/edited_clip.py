@@ -1,0 +1,127 @@
+"""The clip that a run folder was computed from, and its frames as images for the page."""
+
+from __future__ import annotations
+
+import json
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+import numpy as np
+
+from models.core.errors import OptionError, TruerollError
+from pipeline.chain import SOURCE_FILE, default_run_folder, hash_clip
+from pipeline.io.run_folder import read_scene_document
+from video.io.clip import Clip, read_frames
+
+JPEG_QUALITY = 88
+"""Of the frames of the page: no visible block at four times magnification."""
+FRAME_WAIT_S = 20.0
+"""Longest wait of a request for a frame that is not decoded yet, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class EditedClip:
+    """A clip, or one shot of a recording, and the folder of its run."""
+
+    path: Path
+    folder: Path
+    digest: str
+    """SHA-256 of the clip."""
+    first: int | None = None
+    """First frame of the shot in the recording; None for a whole clip."""
+    stop: int | None = None
+    """Frame after its last."""
+
+    @property
+    def name(self) -> str:
+        """Name that the page shows."""
+        return self.path.name if self.first is None else f"{self.path.name}, {self.folder.name}"
+
+
+def find_edited_clip(target: Path, out: Path | None) -> EditedClip:
+    """Find the clip and the run folder to edit.
+
+    Args:
+        target: A run folder, or a clip.
+        out: Folder of the run of a clip; None for the default.
+
+    Returns:
+        Clip and folder.
+
+    Raises:
+        OptionError: There is no run folder with a clip, or the clip has been moved or changed.
+    """
+    if not target.is_dir() or not (target / SOURCE_FILE).exists():
+        if target.is_dir() and not any(target.glob("*.png")):
+            raise OptionError(f"A run folder or a clip was expected; {target} is neither: first do trueroll run CLIP")
+        return EditedClip(target, out if out is not None else default_run_folder(target), hash_clip(target))
+    try:
+        noted = json.loads((target / SOURCE_FILE).read_text(encoding="utf-8"))
+        path = Path(noted["path"])
+        span = (int(noted["first"]), int(noted["stop"])) if "first" in noted else (None, None)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise OptionError(f"{target / SOURCE_FILE} does not name the clip of the run; run it again") from error
+    if not path.exists():
+        raise OptionError(f"The clip of this run is no longer at {path}; move it back, or run it where it is now")
+    digest = hash_clip(path)
+    expected = (read_scene_document(target / "scene.json").get("clip") or {}).get("sha256", digest)
+    if expected != digest:
+        raise OptionError(f"{path} has changed since {target} was computed; run it again")
+    return EditedClip(path, target, digest, *span)
+
+
+class FrameImages:
+    """Frames of a clip as JPEG files in a temporary folder, decoded once in the background."""
+
+    def __init__(self, clip: Clip) -> None:
+        self._clip = clip
+        self._folder = TemporaryDirectory(prefix="trueroll-edit-")
+        self._ready = [threading.Event() for _ in range(clip.frame_count)]
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._decode, daemon=True)
+        self._thread.start()
+
+    def read(self, frame: int) -> bytes | None:
+        """Read a frame.
+
+        Args:
+            frame: Its index in the clip.
+
+        Returns:
+            JPEG; None if there is no such frame, or it cannot be decoded.
+        """
+        if not 0 <= frame < self._clip.frame_count or not self._ready[frame].wait(FRAME_WAIT_S):
+            return None
+        try:
+            return self._path(frame).read_bytes()
+        except OSError:
+            return None
+
+    def close(self) -> None:
+        """End the decoding and remove the files."""
+        self._stop.set()
+        self._thread.join()
+        self._folder.cleanup()
+
+    def _path(self, frame: int) -> Path:
+        return Path(self._folder.name) / f"{frame:06d}.jpg"
+
+    def _decode(self) -> None:
+        """Decode all frames in order."""
+        try:
+            for frame, rgb in read_frames(self._clip, indices=np.arange(self._clip.frame_count)):
+                if self._stop.is_set():
+                    return
+                _, code = cv2.imencode(
+                    ".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY)
+                )
+                self._path(frame).write_bytes(code.tobytes())
+                self._ready[frame].set()
+        except (TruerollError, OSError):  # the page shows which frame is missing
+            pass
+        finally:
+            for event in self._ready:
+                event.set()

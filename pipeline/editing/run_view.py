@@ -1,0 +1,204 @@
+"""What the page shows of a run, as JSON values, and what changed since the run before."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from models.core.events import Events
+from models.core.fit_result import Fit
+from models.core.scene import Game, Scene
+from models.core.tracks import Tracks
+from models.estimation.contact_test.shot_record import make_shot_record
+from pipeline.reporting.pages.run_report import answer_calls
+from pipeline.reporting.text.check_list import select_check_places
+from pipeline.reporting.text.check_sentences import format_check_place
+from pipeline.reporting.text.correction_sentences import format_outcome
+from pipeline.reporting.text.run_trust import assess_run_trust
+from pipeline.reporting.text.text_formatting import format_event
+from video.drawing.palette import ball_colour
+from video.io.clip import Clip
+
+SAME_EVENT_S = 0.1
+"""s within which events of two runs with the same bodies are one."""
+NOTED_SIGMAS, NOTED_SHARE = 2.0, 0.05
+"""Standard deviations of time, and probability, by which an event must differ to be listed as changed."""
+GAME_CLASSES: dict[Game, tuple[str, ...]] = {
+    "pool": ("cue", "solid", "stripe", "eight", "red", "yellow", "ball"),
+    "snooker": ("cue", "red", "yellow", "green", "brown", "blue", "pink", "black", "ball"),
+    "carom": ("white", "yellow", "red", "ball"),
+}
+"""Ball classes that the page offers, by game."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClipRun:
+    """The values of the stages of a run that the page needs."""
+
+    clip: Clip
+    scene: Scene
+    tracks: Tracks
+    fit: Fit
+
+
+def describe_run(run: ClipRun, offset: int, before: ClipRun | None) -> dict[str, Any]:
+    """Describe a run for the page.
+
+    Args:
+        run: The run.
+        offset: Frame of the recording at which the clip begins; all frames count from the recording's first.
+        before: The run before the last correction; None for the first one.
+
+    Returns:
+        JSON values.
+    """
+    clip, scene, tracks, fit = run.clip, run.scene, run.tracks, run.fit
+    trust = assess_run_trust(clip, fit)
+    calls = list_calls(run)
+    return {
+        "frames": {
+            "first": offset,
+            "count": clip.frame_count,
+            "distinct": (clip.distinct_frames + offset).tolist(),
+            "t": np.round(clip.t, 5).tolist(),
+        },
+        "image": [scene.camera.width_px, scene.camera.height_px],
+        "moves": scene.camera.motion is not None,
+        "fps": round(float(clip.fps), 4),
+        "corners": np.round(scene.camera.corners_px, 3).tolist(),
+        "classes": list(GAME_CLASSES[scene.table.game]),
+        "table": {"name": scene.table.name, "length": scene.table.length, "width": scene.table.width},
+        "ball_radius": scene.table.ball_radius,
+        "balls": _describe_balls(run, offset),
+        "events": _describe_events(run, offset),
+        "checks": [
+            {
+                "frame": place.frame + offset, "t": place.t, "balls": list(place.balls),
+                "px": _round_pixels(scene, place.xy, place.frame), "reason": format_check_place(place),
+            }
+            for place in select_check_places(tracks, fit, scene.table)
+        ],
+        "trust": {"level": trust.level, "reasons": list(trust.reasons)},
+        "contradictions": [sentence for one in fit.mark_outcomes if (sentence := format_outcome(one))],
+        "calls": calls,
+        "changes": [] if before is None else [*compare_events(before.fit.events, fit.events),
+                                              *compare_calls(list_calls(before), calls)],
+    }  # fmt: skip
+
+
+def list_calls(run: ClipRun) -> dict[str, str]:
+    """List the answers to the questions that the report asks.
+
+    Args:
+        run: The run.
+
+    Returns:
+        Answer by question.
+    """
+    fit, scene = run.fit, run.scene
+    if not len(fit.trajectory.start):
+        return {}
+    record = make_shot_record(run.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
+    return {row.question: row.call for row in answer_calls(record)}
+
+
+def compare_events(before: Events, after: Events) -> list[dict[str, str]]:
+    """Compare the events of two runs.
+
+    Args:
+        before: Events of the earlier run.
+        after: Events of the later run.
+
+    Returns:
+        Per difference its `kind`, added, removed or changed, and a `text`.
+    """
+    changes = []
+    unmatched = list(range(len(before)))
+    for k in range(len(after)):
+        same = [
+            i for i in unmatched
+            if before.kind[i] == after.kind[k] and {before.a[i], before.b[i]} == {after.a[k], after.b[k]}
+            and abs(before.t[i] - after.t[k]) <= SAME_EVENT_S
+        ]  # fmt: skip
+        text = f"{after.t[k]:.3f} s: {format_event(after, k)}"
+        if not same:
+            changes.append({"kind": "added", "text": text})
+            continue
+        i = min(same, key=lambda row: abs(before.t[row] - after.t[k]))
+        unmatched.remove(i)
+        moved = float(after.t[k] - before.t[i])
+        if abs(moved) > NOTED_SIGMAS * math.hypot(before.t_sigma[i], after.t_sigma[k]):
+            changes.append({"kind": "changed", "text": f"{text}, {1000 * abs(moved):.1f} ms "
+                            f"{'later' if moved > 0 else 'earlier'} than before"})  # fmt: skip
+        elif abs(after.probability[k] - before.probability[i]) > NOTED_SHARE:
+            old, new = (100 * float(p) for p in (before.probability[i], after.probability[k]))
+            changes.append({"kind": "changed", "text": f"{text}: probability {new:.0f} % instead of {old:.0f} %"})
+    changes += [{"kind": "removed", "text": f"{before.t[i]:.3f} s: {format_event(before, i)}"} for i in unmatched]
+    return changes
+
+
+def compare_calls(before: dict[str, str], after: dict[str, str]) -> list[dict[str, str]]:
+    """Compare the answers of two runs.
+
+    Args:
+        before: Answers of the earlier run by question.
+        after: Answers of the later run.
+
+    Returns:
+        Per different answer the `kind` call and a `text`.
+    """
+    return [
+        {"kind": "call", "text": f"{question} {answer} (before: {before.get(question, 'no answer')})"}
+        for question, answer in after.items()
+        if before.get(question) != answer
+    ]
+
+
+def _describe_balls(run: ClipRun, offset: int) -> list[dict[str, Any]]:
+    """Describe every ball with its path: frame, x, y, radius (px), and whether it was detected."""
+    tracks, scene = run.tracks, run.scene
+    fitted = run.fit.trajectory.at(tracks.t).xy
+    rows = []
+    for k, name in enumerate(tracks.ids):
+        observed = tracks.is_observed[:, k]
+        shown = observed | np.isfinite(fitted[:, k, 0])
+        px = np.where(
+            observed[:, None],
+            tracks.px[:, k],
+            scene.camera.to_pixels(fitted[:, k], scene.table.ball_radius, tracks.frame),
+        )
+        radius = float(np.nanmedian(tracks.radius_px[:, k])) if observed.any() else 6.0
+        colour = ball_colour(tracks.kinds[k], tracks.colour[k])
+        path = [
+            [int(tracks.frame[row]) + offset, round(float(px[row, 0]), 2), round(float(px[row, 1]), 2),
+             int(observed[row])]
+            for row in np.flatnonzero(shown & np.isfinite(px[:, 0]))
+        ]  # fmt: skip
+        rows.append({"id": name, "kind": tracks.kinds[k], "radius": round(radius, 2),
+                     "colour": "#{:02x}{:02x}{:02x}".format(*colour), "path": path})  # fmt: skip
+    return rows
+
+
+def _describe_events(run: ClipRun, offset: int) -> list[dict[str, Any]]:
+    """Describe every event with its place in the image."""
+    events = run.fit.events
+    return [
+        {
+            "kind": events.kind[k], "t": round(float(events.t[k]), 5), "t_sigma": float(events.t_sigma[k]),
+            "frame": round(float(events.frame[k]) + offset, 3), "a": events.a[k], "b": events.b[k],
+            "px": _round_pixels(run.scene, events.xy[k], max(int(events.frame[k]), 0)),
+            "probability": round(float(events.probability[k]), 4), "text": format_event(events, k),
+        }
+        for k in range(len(events))
+    ]  # fmt: skip
+
+
+def _round_pixels(scene: Scene, xy: np.ndarray, frame: int) -> list[float] | None:
+    """Return the pixel of a place (2,) on the table; None where it is unknown."""
+    motion = scene.camera.motion
+    at = None if motion is None else min(frame, len(motion) - 1)
+    px = scene.camera.to_pixels(np.asarray(xy, float), scene.table.ball_radius, at)
+    return [round(float(px[0]), 2), round(float(px[1]), 2)] if np.isfinite(px).all() else None

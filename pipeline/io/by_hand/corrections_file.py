@@ -1,0 +1,211 @@
+"""The corrections file of a clip: one small JSON file beside it, which every later run of the clip honours."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import types
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
+from models.core.errors import OptionError
+from pipeline.engine.atomic_write import replace_file
+
+SCHEMA = "trueroll.corrections/1"
+SUFFIX = ".corrections.json"
+MAX_BYTES = 2_000_000
+"""Size of the largest file that is read: ten thousand corrections."""
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionsFile:
+    """Content of a corrections file."""
+
+    revision: int = 0
+    """Number of changes so far: two editors of one file compare it before they write."""
+    clip_sha256: str = ""
+    """Digest of the clip that was corrected; empty in a file that a person wrote."""
+    corrections: Corrections = NO_CORRECTIONS
+
+
+def corrections_path(clip: Path) -> Path:
+    """Return the path of the corrections file of a clip.
+
+    Args:
+        clip: Path of the clip.
+
+    Returns:
+        `<clip>.corrections.json` beside it.
+    """
+    return clip.with_name(clip.name + SUFFIX)
+
+
+def read_corrections(clip: Path, digest: str = "") -> CorrectionsFile:
+    """Read the corrections of a clip.
+
+    Args:
+        clip: Path of the clip.
+        digest: SHA-256 of the clip; empty to accept the corrections of another clip of this name.
+
+    Returns:
+        The content of the file beside the clip; no corrections if there is none.
+
+    Raises:
+        OptionError: The file cannot be read, is malformed, or belongs to another clip.
+    """
+    path = corrections_path(clip)
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        return CorrectionsFile()
+    except OSError as error:
+        raise OptionError(f"The corrections of the clip cannot be read; {path}: {error.strerror}") from error
+    try:
+        if len(content) > MAX_BYTES:
+            raise ValueError(f"it has more than {MAX_BYTES // 1_000_000} MB")
+        read = parse_corrections(json.loads(content.decode("utf-8")))
+    except (ValueError, RecursionError, OverflowError) as error:
+        what = "it is nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
+        raise OptionError(f"{path} is no corrections file: {what}; mend it, or move it away") from error
+    if digest and read.clip_sha256 and read.clip_sha256 != digest:
+        raise OptionError(f"{path} belongs to another clip than {clip.name}; move it away to run without it")
+    return read
+
+
+def write_corrections(clip: Path, content: CorrectionsFile) -> None:
+    """Write the corrections file of a clip atomically.
+
+    Args:
+        clip: Path of the clip.
+        content: Revision and corrections.
+
+    Raises:
+        OptionError: The folder of the clip cannot be written.
+    """
+    path = corrections_path(clip)
+    try:
+        with replace_file(path) as part:
+            part.write_text(format_corrections(content), encoding="utf-8")
+    except OSError as error:
+        raise OptionError(f"Corrections are saved beside the clip; {path}: {error.strerror}") from error
+
+
+def parse_corrections(document: Any) -> CorrectionsFile:
+    """Parse the document of a corrections file strictly.
+
+    Args:
+        document: The JSON value.
+
+    Returns:
+        Its content.
+
+    Raises:
+        ValueError: It is malformed; the message names the place.
+    """
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        raise ValueError(f'an object with "schema": "{SCHEMA}" was expected')
+    rest = {name: value for name, value in document.items() if name not in ("schema", "revision", "clip_sha256")}
+    head = {name: document[name] for name in ("revision", "clip_sha256") if name in document}
+    content: CorrectionsFile = _decode(CorrectionsFile, {**head, "corrections": rest}, "")
+    if content.revision < 0:
+        raise ValueError(f"revision is 0 or more; got {content.revision}")
+    return content
+
+
+def describe_corrections(corrections: Corrections) -> dict[str, Any]:
+    """Describe corrections as JSON values; what is not set is left out.
+
+    Args:
+        corrections: The corrections.
+
+    Returns:
+        The keys of a corrections file, without its head.
+    """
+    described: dict[str, Any] = _drop_unset(dataclasses.asdict(corrections))
+    return described
+
+
+def format_corrections(content: CorrectionsFile) -> str:
+    """Format a corrections file for people: one line per correction.
+
+    Args:
+        content: Revision and corrections.
+
+    Returns:
+        The text.
+    """
+    head = {"schema": SCHEMA, "revision": content.revision, "clip_sha256": content.clip_sha256}
+    lines = []
+    for name, value in {**head, **describe_corrections(content.corrections)}.items():
+        if isinstance(value, list) and name != "corners":
+            rows = ",\n".join(f"  {json.dumps(row)}" for row in value)
+            lines.append(f" {json.dumps(name)}: [\n{rows}\n ]")
+        elif value != "":
+            lines.append(f" {json.dumps(name)}: {json.dumps(value)}")
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _drop_unset(value: Any) -> Any:
+    """Drop the fields of a description that are None or empty."""
+    if isinstance(value, dict):
+        return {name: _drop_unset(part) for name, part in value.items() if part is not None and part not in ("", ())}
+    return [_drop_unset(part) for part in value] if isinstance(value, tuple) else value
+
+
+def _decode(kind: Any, data: Any, place: str) -> Any:
+    """Convert a JSON value to a value of type `kind`; no conversion between types, no unknown names."""
+    origin = get_origin(kind)
+    if dataclasses.is_dataclass(kind):
+        return _decode_object(kind, data, place)
+    if origin in (Union, types.UnionType):
+        choice = next(choice for choice in get_args(kind) if choice is not type(None))
+        return None if data is None else _decode(choice, data, place)
+    if origin is Literal:
+        if data not in get_args(kind):
+            raise ValueError(f"{place} is one of {', '.join(get_args(kind))}; got {_shorten(data)}")
+        return data
+    if origin is tuple:
+        parts = get_args(kind)
+        is_open = parts[1:] == (Ellipsis,)
+        if not isinstance(data, list) or not (is_open or len(data) == len(parts)):
+            raise ValueError(f"{place} is a list{'' if is_open else f' of {len(parts)}'}; got {_shorten(data)}")
+        kinds = [parts[0]] * len(data) if is_open else parts
+        return tuple(_decode(one, part, f"{place}[{k}]") for k, (one, part) in enumerate(zip(kinds, data, strict=True)))
+    allowed = (int, float) if kind is float else kind
+    if not isinstance(data, allowed) or isinstance(data, bool):
+        noun = {int: "a whole number", float: "a number", str: "a text"}[kind]
+        raise ValueError(f"{place} is {noun}; got {_shorten(data)}")
+    return kind(data)
+
+
+def _decode_object(kind: Any, data: Any, place: str) -> Any:
+    """Convert a JSON object to a dataclass."""
+    if not isinstance(data, dict):
+        raise ValueError(f"{_name_place(place)} is an object; got {_shorten(data)}")
+    hints = get_type_hints(kind)
+    where = f"{place}." if place and place != "corrections" else ""
+    if unknown := data.keys() - hints.keys():
+        raise ValueError(f"{_name_place(place)} has no {_shorten(min(unknown))}")
+    fields = dataclasses.fields(kind)
+    required = [one.name for one in fields if one.default is dataclasses.MISSING]
+    if missing := [name for name in required if name not in data]:
+        raise ValueError(f"{_name_place(place)} lacks {missing[0]}")
+    values = {name: _decode(hints[name], value, f"{where}{name}") for name, value in data.items()}
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise ValueError(f"{_name_place(place)}: {error}") from error
+
+
+def _shorten(data: Any) -> str:
+    """Shorten a JSON value for a message."""
+    text = json.dumps(data, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _name_place(place: str) -> str:
+    """Name a place of the file in a message; the corrections are its top level."""
+    return "the file" if place in ("", "corrections") else place

@@ -1,0 +1,133 @@
+"""Sentences about what a person set by hand, and what the motion says about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from models.core.by_hand.corrections import BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.scene import Scene
+from models.core.shot_explanation import MarkOutcome
+
+
+def note_corrections(scene: Scene, corrections: Corrections) -> Scene:
+    """Add notes on what was set by hand to a scene.
+
+    Args:
+        scene: Table and camera.
+        corrections: What a person corrected.
+
+    Returns:
+        The scene with one more note per correction.
+    """
+    return replace(scene, notes=(*scene.notes, *format_corrections(corrections)))
+
+
+def format_corrections(corrections: Corrections) -> tuple[str, ...]:
+    """Format all corrections, each as a note.
+
+    Args:
+        corrections: What a person corrected.
+
+    Returns:
+        The notes; empty where nothing was set by hand.
+    """
+    settings = {
+        "the corners of the table": corrections.corners,
+        f"the table, {corrections.table}": corrections.table,
+        f"the ball radius, {1000 * (corrections.ball_radius or 0):g} mm": corrections.ball_radius,
+        f"the frame rate, {corrections.fps} frames per second": corrections.fps,
+    }
+    marks = [
+        f"{'a missed ball' if mark.kind == 'placed' else 'what is no ball'}, {_format_place(mark.ball)}"
+        for mark in corrections.balls
+    ]
+    edits = [format_track_edit(edit) for edit in corrections.tracks]
+    contacts = [format_contact_mark(mark) for mark in corrections.contacts]
+    words = [*(what for what, value in settings.items() if value is not None), *marks, *edits, *contacts]
+    return tuple(f"set by hand: {what}" for what in words)
+
+
+def format_track_edit(edit: TrackEdit) -> str:
+    """Format an edit of tracks as a phrase.
+
+    Args:
+        edit: The edit.
+
+    Returns:
+        The phrase.
+    """
+    ball, place = edit.ball.id or "a ball", _format_place(edit.ball)
+    other = "another ball" if edit.other is None else edit.other.id or "another ball"
+    span = f"frames {edit.first or 0} to {'the last' if edit.last is None else edit.last}"
+    return {
+        "rename": f"the name {edit.name} of {ball}, {place}",
+        "class": f"the ball class {edit.name} of {ball}, {place}",
+        "merge": f"{ball} and {other} are one ball",
+        "split": f"{ball} is another ball from frame {edit.first} on",
+        "swap": f"{ball} and {other} are exchanged in {span}",
+    }[edit.kind]
+
+
+def format_contact_mark(mark: ContactCorrection) -> str:
+    """Format a mark of a contact as a phrase.
+
+    Args:
+        mark: The mark.
+
+    Returns:
+        The phrase.
+    """
+    what = _name_contact(mark.ball.id or "a ball", "" if mark.other is None else mark.other.id or "another ball",
+                         mark.cushion)  # fmt: skip
+    return {
+        "mark": f"{what} at frame {mark.frame:.1f}",
+        "move": f"{what} at frame {mark.at:.1f}, not {mark.frame:.1f}",
+        "delete": f"no {what} at frame {mark.frame:.1f}",
+    }[mark.kind]
+
+
+def format_outcomes(outcomes: Sequence[MarkOutcome]) -> tuple[str, ...]:
+    """Format where the motion contradicts what was set by hand.
+
+    Args:
+        outcomes: The outcome of every mark.
+
+    Returns:
+        One sentence per contradiction.
+    """
+    return tuple(sentence for one in outcomes if (sentence := format_outcome(one)))
+
+
+def format_outcome(outcome: MarkOutcome) -> str:
+    """Format what the motion says about a contact that was set by hand.
+
+    Args:
+        outcome: The outcome.
+
+    Returns:
+        A sentence; empty where the motion agrees.
+    """
+    names = (*outcome.balls, "", "")
+    what = f"{_name_contact(names[0] or 'a ball', names[1], outcome.cushion)} at {outcome.t:.2f} s"
+    what = f"The {what} {'was deleted' if outcome.kind == 'delete' else 'was set'} by hand"
+    return {
+        "confirmed": "",
+        "no_change": f"{what}, but the fitted motion shows no change there.",
+        "change_remains": f"{what}, but the motion changes there nevertheless, without a known cause.",
+        "other_time": f"{what}, but the motion puts it {1000 * abs(outcome.value):.0f} ms"
+        f" {'later' if outcome.value > 0 else 'earlier'}.",
+        "too_far": f"{what}, but the surfaces are {1000 * outcome.value:.0f} mm apart there.",
+        "ball_missing": f"{what}, but a ball of it is not tracked there.",
+    }[outcome.code]
+
+
+def _name_contact(ball: str, other: str, cushion: str) -> str:
+    """Name a contact."""
+    if cushion:
+        return f"contact of {ball} with the {cushion} cushion"
+    return f"contact of {ball} and {other}" if other else f"strike of {ball}"
+
+
+def _format_place(place: BallPlace) -> str:
+    return f"at {place.x_px:.0f}, {place.y_px:.0f} px in frame {place.frame}"

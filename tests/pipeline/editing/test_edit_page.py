@@ -1,0 +1,128 @@
+"""The page of the editor in a real browser: by mouse, by touch and by keys, on a desk and on a phone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
+from support.browser import accessibility_violations, console_messages, open_chromium
+from support.edit_servers import serve_synthetic_run, wait_for_result
+
+from pipeline.editing.edit_server import EditServer
+from pipeline.io.by_hand.corrections_file import read_corrections
+
+WIDTHS = (1280, 390)
+
+
+@pytest.fixture(scope="module", params=WIDTHS)
+def browser(request: pytest.FixtureRequest) -> Iterator[webdriver.Chrome]:
+    with open_chromium(request.param) as opened:
+        yield opened
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[EditServer]:
+    with serve_synthetic_run(tmp_path) as served:
+        yield served
+
+
+def open_editor(browser: webdriver.Chrome, server: EditServer) -> None:
+    browser.get(server.url)
+    WebDriverWait(browser, 20).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
+    WebDriverWait(browser, 20).until(lambda b: b.execute_script("return document.getElementById('frame').naturalWidth"))
+
+
+def press(browser: webdriver.Chrome, *keys: str) -> None:
+    webdriver.ActionChains(browser).send_keys(*keys).perform()
+
+
+def saved_keys(folder: Path) -> tuple[object, ...]:
+    corrections = read_corrections(folder / "shot.mp4").corrections
+    return corrections.balls, corrections.tracks, corrections.contacts
+
+
+def test_the_page_complains_about_nothing_and_fits_the_screen(browser: webdriver.Chrome, server: EditServer) -> None:
+    open_editor(browser, server)
+    browser.find_elements(By.CSS_SELECTOR, "#balls button")[0].click()
+    assert accessibility_violations(browser) == []
+    browser.find_elements(By.CSS_SELECTOR, "#events button")[0].click()
+    assert accessibility_violations(browser) == []
+    wide, screen = browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
+    assert wide <= screen
+    assert console_messages(browser) == []
+
+
+def test_one_key_goes_through_the_places_to_check(browser: webdriver.Chrome, server: EditServer) -> None:
+    open_editor(browser, server)
+    reasons = [one.text.partition(" s\n")[2] for one in browser.find_elements(By.CSS_SELECTOR, "#checks button")]
+    shown = []
+    for _ in reasons:
+        press(browser, "n")
+        shown.append(browser.find_element(By.ID, "hint-text").text.partition(": ")[2])
+        assert browser.find_element(By.ID, "when").text != "frame 0, 0.000 s"
+    assert len(reasons) > 1
+    assert [one.replace("\n", " ") for one in shown] == [one.replace("\n", " ") for one in reasons]
+
+
+def test_a_missed_ball_is_placed_by_keys_alone(browser: webdriver.Chrome, server: EditServer, tmp_path: Path) -> None:
+    open_editor(browser, server)
+    press(browser, "b", Keys.ARROW_LEFT, Keys.ARROW_UP)
+    assert browser.find_element(By.ID, "lens").is_displayed()
+    press(browser, Keys.ENTER)
+    wait_for_result(server)
+    (mark,) = read_corrections(tmp_path / "shot.mp4").corrections.balls
+    assert (mark.kind, mark.ball.frame, mark.ball.x_px, mark.ball.y_px) == ("placed", 0, 119.0, 69.0)
+    press(browser, "z")
+    WebDriverWait(browser, 10).until(lambda _: saved_keys(tmp_path) == ((), (), ()))
+
+
+def test_a_corner_is_moved_by_arrow_keys(browser: webdriver.Chrome, server: EditServer, tmp_path: Path) -> None:
+    open_editor(browser, server)
+    corner = browser.find_elements(By.CSS_SELECTOR, ".corner")[2]
+    browser.execute_script("arguments[0].focus()", corner)
+    press(browser, Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
+    WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.corners)
+    corners = read_corrections(tmp_path / "shot.mp4").corrections.corners
+    assert corners == ((20.0, 20.0), (220.0, 20.0), (221.0, 120.0), (20.0, 120.0))
+
+
+def test_a_ball_is_touched_and_renamed(browser: webdriver.Chrome, server: EditServer, tmp_path: Path) -> None:
+    open_editor(browser, server)
+    ring = browser.find_element(By.CSS_SELECTOR, "[data-ball=red]")
+    webdriver.ActionChains(browser).move_to_element(ring).click().perform()
+    field = browser.find_element(By.ID, "ball-name")
+    field.clear()
+    field.send_keys("object", Keys.ENTER)
+    wait_for_result(server)
+    WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.tracks)
+    assert read_corrections(tmp_path / "shot.mp4").corrections.tracks[0].name == "object"
+
+
+def test_a_second_tab_shows_what_the_first_one_changed_and_a_late_change_is_refused(
+    browser: webdriver.Chrome, server: EditServer, tmp_path: Path
+) -> None:
+    open_editor(browser, server)
+    # stop the polling of this tab, so that it does not hear of the change of another one
+    browser.execute_script("window.fetch = ((real) => (path, ...rest) => path === 'status' ? new Promise(() => {})"
+                           " : real(path, ...rest))(window.fetch)")  # fmt: skip
+    first = browser.current_window_handle
+    browser.switch_to.new_window("tab")
+    try:
+        open_editor(browser, server)
+        press(browser, "1", Keys.DELETE)
+        WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.balls)
+    finally:
+        browser.close()
+        browser.switch_to.window(first)
+    press(browser, "2", "s")
+    message = WebDriverWait(browser, 10).until(lambda b: b.find_element(By.ID, "message").text)
+    assert "The corrections were changed in another tab or program (revision 1, yours is 0)" in message
+    assert len(read_corrections(tmp_path / "shot.mp4").corrections.tracks) == 0
+    press(browser, "2", "s")
+    WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.tracks)
+    assert len(read_corrections(tmp_path / "shot.mp4").corrections.balls) == 1

@@ -1,0 +1,206 @@
+"""Twelve kinds of mistakes repaired on the page, each in at most three clicks or keys."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import Select, WebDriverWait
+from support.browser import console_messages, open_chromium
+from support.edit_servers import serve, wait_for_result
+from support.planted_mistakes import (
+    FALSE_PLACE,
+    LOST_FRAME,
+    MISTAKES,
+    OPTIONS,
+    SPLIT_FRAME,
+    CleanRun,
+    Mistake,
+    list_differences,
+    make_clean_run,
+    plant,
+    point_of,
+    run_clip_tables,
+)
+
+from models.core.typing import FloatArray
+from pipeline.editing.edit_server import EditServer
+from pipeline.editing.run_view import ClipRun
+from pipeline.io.by_hand.corrections_file import CorrectionsFile, write_corrections
+
+pytestmark = pytest.mark.slow
+
+
+@dataclass(slots=True)
+class Editor:
+    """The page, and how often it was clicked or a key was pressed."""
+
+    browser: webdriver.Chrome
+    server: EditServer
+    count: int = 0
+
+    def show(self, frame: int) -> None:
+        """Show a frame, which is no repair."""
+        self.browser.execute_script(
+            "const s = document.getElementById('slider'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))",
+            frame,
+        )
+
+    def click(self, css: str, text: str = "") -> None:
+        """Click the last button with a text."""
+        self.count += 1
+        [one for one in self.browser.find_elements(By.CSS_SELECTOR, css) if text in one.text][-1].click()
+
+    def click_at(self, px: FloatArray) -> None:
+        """Click a place of the frame."""
+        self.count += 1
+        self._move_to(px).click().perform()
+
+    def drag(self, start: FloatArray, end: FloatArray) -> None:
+        """Drag from one place of the frame to another."""
+        self.count += 1
+        chain = self._move_to(start).click_and_hold()
+        dx, dy = self._offset(end) - self._offset(start)
+        chain.move_by_offset(round(dx), round(dy)).release().perform()
+
+    def press(self, key: str) -> None:
+        """Press a key."""
+        self.count += 1
+        webdriver.ActionChains(self.browser).send_keys(key).perform()
+
+    def choose(self, name: str, value: str) -> None:
+        """Choose from a list: one click opens it, another one selects."""
+        self.count += 2
+        Select(self.browser.find_element(By.ID, name)).select_by_value(value)
+
+    def _offset(self, px: FloatArray) -> FloatArray:
+        width, height = self.browser.execute_script(
+            "const b = document.getElementById('overlay').getBoundingClientRect(); return [b.width, b.height]"
+        )
+        image = self.browser.execute_script("return document.getElementById('frame').naturalWidth")
+        return np.asarray((px + 0.5) * width / image - np.array([width, height]) / 2)
+
+    def _move_to(self, px: FloatArray) -> webdriver.ActionChains:
+        overlay = self.browser.find_element(By.ID, "overlay")
+        x, y = self._offset(px)
+        return webdriver.ActionChains(self.browser).move_to_element_with_offset(overlay, round(x), round(y))
+
+
+def _exchange_back(editor: Editor, truth: ClipRun) -> None:
+    editor.show(SPLIT_FRAME)
+    editor.click_at(point_of(truth, "solid-1", SPLIT_FRAME))
+    editor.press("x")
+    editor.click_at(point_of(truth, "solid-2", SPLIT_FRAME))
+
+
+def _place_ball(editor: Editor, truth: ClipRun) -> None:
+    editor.press("b")
+    editor.click_at(point_of(truth, "stripe-1", 0))
+
+
+def _reject_ball(editor: Editor, truth: ClipRun) -> None:
+    editor.show(20)
+    editor.click_at(FALSE_PLACE)
+    editor.press(Keys.DELETE)
+
+
+def _mark_contact(editor: Editor, truth: ClipRun) -> None:
+    editor.show(LOST_FRAME)
+    editor.click_at(point_of(truth, "solid-1", LOST_FRAME))
+    editor.press("c")
+    _, _, right, left = truth.scene.camera.corners_px
+    editor.click_at(0.3 * right + 0.7 * left)
+
+
+def _reject_contact(editor: Editor, truth: ClipRun) -> None:
+    editor.click("#events button", "cue is struck")
+    editor.press(Keys.DELETE)
+
+
+def _join_tracks(editor: Editor, truth: ClipRun) -> None:
+    state = wait_for_result(editor.server)
+    (later,) = [ball["id"] for ball in state["run"]["balls"] if ball["path"][0][0] >= SPLIT_FRAME - 1]
+    editor.show(SPLIT_FRAME - 5)
+    editor.click_at(point_of(truth, "cue", SPLIT_FRAME - 5))
+    editor.press("m")
+    editor.click("#selection button", later)
+
+
+def _cut_track(editor: Editor, truth: ClipRun) -> None:
+    editor.show(SPLIT_FRAME)
+    editor.click_at(point_of(truth, "stripe-2", SPLIT_FRAME))
+    editor.press("s")
+
+
+def _set_class(editor: Editor, truth: ClipRun) -> None:
+    editor.click_at(point_of(truth, "cue", 0))
+    editor.click("#selection [data-focus=class-cue]")
+
+
+def _drag_corner(editor: Editor, truth: ClipRun) -> None:
+    state = wait_for_result(editor.server)
+    editor.drag(np.array(state["run"]["corners"][0]), truth.scene.camera.corners_px[0])
+
+
+REPAIRS: dict[str, Callable[[Editor, ClipRun], None]] = {
+    "one corner off": _drag_corner,
+    "all corners off": lambda editor, _: editor.click("#find-table"),
+    "wrong table": lambda editor, _: editor.choose("table", "pool-9ft"),
+    "wrong frame rate": lambda editor, _: editor.choose("fps", "30"),
+    "identity switch": _exchange_back,
+    "missed ball": _place_ball,
+    "false ball": _reject_ball,
+    "missed contact": _mark_contact,
+    "false contact": _reject_contact,
+    "split track": _join_tracks,
+    "merged tracks": _cut_track,
+    "wrong ball class": _set_class,
+}
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory: pytest.TempPathFactory) -> CleanRun:
+    return make_clean_run(tmp_path_factory.mktemp("clean"))
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[webdriver.Chrome]:
+    with open_chromium(1400) as opened:
+        yield opened
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda one: one.name)
+def test_a_mistake_is_repaired_in_three_clicks(
+    mistake: Mistake, clean: CleanRun, browser: webdriver.Chrome, tmp_path: Path
+) -> None:
+    shutil.copytree(clean.located if mistake.detects else clean.detected, tmp_path / "cache")
+    clip = Path(shutil.copy(clean.clip, tmp_path))
+    write_corrections(clip, CorrectionsFile(1, "", mistake.corrections(clean.run)))
+    with (
+        plant(mistake, clean.run, clean.detections),
+        serve(clip, tmp_path / "out", OPTIONS, tmp_path / "cache") as server,
+    ):
+        wait_for_result(server)
+        browser.get(server.url)
+        WebDriverWait(browser, 30).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
+        editor = Editor(browser, server)
+        REPAIRS[mistake.name](editor, clean.run)
+        WebDriverWait(browser, 30).until(lambda _: _read_revision(server) == 2)
+        wait_for_result(server)
+        messages = console_messages(browser)
+        browser.get("about:blank")
+        corrected = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")
+    assert list_differences(corrected, clean.run) == []
+    assert editor.count <= 3
+    assert messages == []
+
+
+def _read_revision(server: EditServer) -> int:
+    return server.session.status.revision
