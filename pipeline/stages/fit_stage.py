@@ -29,11 +29,15 @@ def _fit_motion(inputs: Inputs, options: FitOptions, folder: Path, progress: Pro
 
     tracks, scene = inputs["track"], inputs["calibrate"]
     fit = fit_shot(tracks, scene, options, progress)
+    if options.profile:
+        from pipeline.io.tables.view_profile import list_profile_misfits
+
+        fit = replace(fit, profile_misfits=list_profile_misfits(options.profile, scene.cloth_lab, fit.parameters))
     if options.laws is False:
         return replace(fit, whole_shot_refusal="The fit of whole shots was switched off by --no-laws.")
     from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
     from pipeline.io.table_profile import parse_table_prior
 
-    return fit_shot_laws(
-        fit, tracks, scene.table, options, parse_table_prior(options.profile) if options.profile else None
-    )
+    is_usable = bool(options.profile) and not fit.profile_misfits
+    prior = parse_table_prior(options.profile) if is_usable else None
+    return fit_shot_laws(fit, tracks, scene.table, options, prior)

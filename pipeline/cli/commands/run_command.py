@@ -15,7 +15,7 @@ from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.result_cache import ResultCache
 from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
-from pipeline.run_options import RunOptions
+from pipeline.run_options import RunOptions, use_growing_profile
 from pipeline.terminal.command_line import (
     CacheOption,
     ClipArgument,
@@ -44,6 +44,14 @@ def run(
             "--live", help="Show results as they come in the rerun viewer, or in the browser where there is no display."
         ),
     ] = False,
+    update_profile: Annotated[
+        Path | None,
+        typer.Option(
+            "--update-profile",
+            metavar="FILE",
+            help="Table profile that this run starts from, as with --profile, and improves; a missing file is started.",
+        ),
+    ] = None,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
@@ -51,12 +59,14 @@ def run(
     """Turn a clip into annotated slow motion, tracks, contacts and a fitted model."""
     folder = out if out is not None else default_run_folder(clip)
     store = open_cache(cache)
+    if update_profile is not None:
+        options = use_growing_profile(options, update_profile)
     if live:
-        _run_live(clip, folder, options, store, as_json)
+        _run_live(clip, folder, options, store, update_profile, as_json)
         return
     with StageDisplay(console, str(clip)) as display, _announce_compilation():
         finished = run_clip(clip, folder, options, store, display)
-    _print_run(finished, as_json)
+    _print_run(finished, update_profile, as_json)
 
 
 def _announce_compilation() -> AbstractContextManager[None]:
@@ -64,7 +74,9 @@ def _announce_compilation() -> AbstractContextManager[None]:
     return notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False, soft_wrap=True))
 
 
-def _run_live(clip: Path, folder: Path, options: RunOptions, cache: ResultCache, as_json: bool) -> None:
+def _run_live(
+    clip: Path, folder: Path, options: RunOptions, cache: ResultCache, update_profile: Path | None, as_json: bool
+) -> None:
     """Run while a viewer shows the results, and wait until it is closed."""
     from pipeline.reporting.recording.live_recording import LiveRecording, LiveWatcher
     from pipeline.reporting.recording.rerun_viewer import has_display, open_viewer
@@ -76,13 +88,18 @@ def _run_live(clip: Path, folder: Path, options: RunOptions, cache: ResultCache,
         with StageDisplay(console, str(clip)) as display, _announce_compilation():
             finished = run_clip(clip, folder, options, cache, LiveWatcher(display, recording), recording.record_value)
         recording.close()
-        _print_run(finished, as_json)
+        _print_run(finished, update_profile, as_json)
         viewer.process.wait()
 
 
-def _print_run(finished: FinishedRun, as_json: bool) -> None:
-    """Print the notes and the result of a run."""
-    for note in finished.notes:
+def _print_run(finished: FinishedRun, profile: Path | None, as_json: bool) -> None:
+    """Print the notes and the result of a run, and improve the profile by it."""
+    notes = finished.notes
+    if profile is not None:
+        from pipeline.io.tables.view_profile import update_profile  # pydantic is slow to import
+
+        notes = (*notes, *update_profile(profile, finished.folder), f"{profile} now holds this run too")
+    for note in notes:
         console.print(f"Note: {note}", markup=False, soft_wrap=True)
     if as_json:
         print(json.dumps(_run_to_json(finished), allow_nan=False))
