@@ -12,7 +12,9 @@ from detectors.network.ball_model import open_ball_model
 from detectors.network.peak_decoding import APPEARANCES
 from detectors.select_detector import explain_selection
 from detectors.table_free_detection import detect_without_table
+from models.core.detections import Detections
 from models.core.errors import TableNotFound
+from models.core.scene import Game
 from models.core.typing import ByteArray, FloatArray
 from models.tracking.appearance import Appearance
 from models.tracking.ball_classes import classify_balls
@@ -68,16 +70,27 @@ def detect_in_still(rgb: ByteArray, name: str, detect: DetectOptions, calibrate:
             raise
         return _detect_without_table(rgb, detect, f"{missing}; balls were searched for in the whole image")
     detections = detect_in_image(rgb, scene, detect)
-    kinds = classify_balls(
-        Appearance(detections.colour, detections.white, detections.white, detections.white_rim, detections.value),
-        scene.table.game,
-    )
+    kinds = classify_detections(detections, scene.table.game)
     made_by = explain_selection(detect, scene, is_still=True)
     return _sort_left_to_right(
         StillDetections(
             detections.centre, detections.radius, kinds, detections.score, detections.sigma, detector=made_by
         )
     )
+
+
+def classify_detections(detections: Detections, game: Game) -> tuple[str, ...]:
+    """Classify the balls of a single image.
+
+    Args:
+        detections: The K balls of the image.
+        game: Game that the table is for.
+
+    Returns:
+        One of `models.core.tracks.KINDS` per ball.
+    """
+    looks = Appearance(detections.colour, detections.white, detections.white, detections.white_rim, detections.value)
+    return classify_balls(looks, game)
 
 
 def _detect_without_table(rgb: ByteArray, detect: DetectOptions, note: str) -> StillDetections:

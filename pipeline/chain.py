@@ -42,6 +42,7 @@ from pipeline.stages.render_stage import poster_stage, render_stage
 from pipeline.stages.report_stage import ReportOptions, page_stage, report_stage
 from pipeline.stages.shot_stages import ClipShot, shot_stage
 from pipeline.stages.track_stage import track_stage
+from video.calibration.view_prior import PROFILE_NOTE
 from video.io.clip import Clip, compute_clip_digest, require_readable_file
 
 STAGE_FILES: Mapping[str, tuple[str, ...]] = {
@@ -338,9 +339,10 @@ def _summarize_run(
     """Summarize a run whose fit is done; `notes` are added to those of the clip."""
     cached_clip: Clip = load_stage_output(stages["read"], entries["read"])
     fit: Fit = load_stage_output(stages["fit"], entries["fit"])
-    return FinishedRun(
-        folder, assess_run_trust(cached_clip, fit), fit.events, format_whole_shot(fit), (*cached_clip.notes, *notes)
-    )
+    scene: Scene = load_stage_output(stages["calibrate"], entries["calibrate"])
+    of_profile = (note for note in (*scene.notes, *fit.profile_misfits) if note.startswith(PROFILE_NOTE))
+    all_notes = (*cached_clip.notes, *notes, *dict.fromkeys(of_profile))
+    return FinishedRun(folder, assess_run_trust(cached_clip, fit), fit.events, format_whole_shot(fit), all_notes)
 
 
 def _relocate_clip(path: Path, clip: Clip) -> Clip:

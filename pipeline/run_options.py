@@ -177,6 +177,28 @@ def apply_corrections(options: RunOptions, corrections: Corrections) -> RunOptio
     return replace(options, corrections=corrections)
 
 
+def use_growing_profile(options: RunOptions, path: Path) -> RunOptions:
+    """Use a table profile that the run will improve; a missing file holds nothing yet.
+
+    Args:
+        options: Options of all stages.
+        path: File of the profile.
+
+    Returns:
+        The options with its content.
+
+    Raises:
+        OptionError: The file cannot be used, or another profile is in use.
+    """
+    if options.fit.profile:
+        raise OptionError("--update-profile reads its file too: leave --profile out")
+    if not path.exists():
+        return options
+    content = _read_file_content("profile", str(path))
+    stages = list_settings()["profile"].stages
+    return replace(options, **{stage: replace(getattr(options, stage), profile=content) for stage in stages})
+
+
 def _read_file_content(name: str, value: Any) -> Any:
     """Read the file of a setting whose value is the content of a file."""
     if name != "profile" or not value or value.startswith("{"):

@@ -128,3 +128,5 @@ class Fit:
     """Sentence on why no whole shot was fitted; empty otherwise."""
     whole_shot_misfit: WholeShotMisfit | None = None
     """Where the best contact model fails; None if one explains the shot, or none was fitted."""
+    profile_misfits: tuple[str, ...] = ()
+    """Why the physics of the table profile was not used; empty if it fits, or none was given."""

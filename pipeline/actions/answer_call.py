@@ -96,12 +96,12 @@ def write_call_images(
     """
     if not np.isfinite(call.t) or record.camera is None:
         return [], "the answer has no time." if record.camera else "the folder has no calibration."
-    source, why_not = _find_clip(folder, clip)
+    source, why_not = find_run_clip(folder, clip)
     if source is None:
         return [], why_not
     shown = record.frame[np.argsort(np.abs(record.shown - call.t), kind="stable")[: 2 * STRIP_NEIGHBOURS + 1]]
     try:
-        frames = dict(read_frames(_select_subclip(folder, open_clip(source)), indices=np.sort(shown)))
+        frames = dict(read_frames(select_run_subclip(folder, open_clip(source)), indices=np.sort(shown)))
     except (TruerollError, ValueError) as error:
         if clip is not None:
             raise
@@ -135,8 +135,19 @@ def _format_close_up_lines(call: CallAnswer) -> list[str]:
     return lines
 
 
-def _find_clip(folder: Path, clip: Path | None) -> tuple[Path | None, str]:
-    """Find the video of a run: the given one, otherwise the one that the run noted if it is still the same file."""
+def find_run_clip(folder: Path, clip: Path | None) -> tuple[Path | None, str]:
+    """Find the video of a run: the given one, otherwise the one that the run noted if it is still the same file.
+
+    Args:
+        folder: Run folder.
+        clip: Video that the user named; None for the noted one.
+
+    Returns:
+        The path and an empty string, or None and the reason.
+
+    Raises:
+        OptionError: The given clip is no file.
+    """
     if clip is not None:
         if not clip.is_file():
             raise OptionError(f"A clip was expected; {clip} is not a file")
@@ -150,8 +161,16 @@ def _find_clip(folder: Path, clip: Path | None) -> tuple[Path | None, str]:
     return (noted, "") if same else (None, f"{noted} is now another clip; name the right one with --clip.")
 
 
-def _select_subclip(folder: Path, clip: Clip) -> Clip:
-    """Return the part of the clip that the run was computed from."""
+def select_run_subclip(folder: Path, clip: Clip) -> Clip:
+    """Return the part of the clip that the run was computed from.
+
+    Args:
+        folder: Run folder.
+        clip: The whole clip.
+
+    Returns:
+        The part with the frames and times of the run.
+    """
     with suppress(OSError, ValueError, KeyError, TypeError):
         noted = json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))
         return clip.extract_subclip(int(noted["first"]), int(noted["stop"]))
@@ -175,7 +194,7 @@ def _build_close_up_frame(
 ) -> CloseUpFrame:
     """Build a close-up frame with the fitted outlines of the balls concerned and the line (n, 2) m in question."""
     t = float(record.shown[np.searchsorted(record.frame, frame)])
-    drift = _estimate_drift(record, camera, t)
+    drift = estimate_drift(record, camera, t)
     outlines = _build_outlines(record, camera, call, t, drift)
     line_px = None if line is None else camera.to_pixels(line, record.table.ball_radius) + drift
     return CloseUpFrame(image, frame, t, outlines, _build_outlines(record, camera, call, call.t, drift), line_px)
@@ -194,8 +213,17 @@ def _build_outlines(
     return tuple(outlines)
 
 
-def _estimate_drift(record: ShotRecord, camera: Camera, t: float) -> FloatArray:
-    """Estimate the shift (2,) px of the frame at t (s) from the reference frame by the positions of its balls."""
+def estimate_drift(record: ShotRecord, camera: Camera, t: float) -> FloatArray:
+    """Estimate the shift of a frame from the reference frame by the positions of its balls.
+
+    Args:
+        record: Observations of a shot.
+        camera: The calibration.
+        t: Time of the frame, s.
+
+    Returns:
+        Shift (2,), px; 0 where the frame has no ball.
+    """
     rows = np.abs(record.t - t) < 1e-9
     if not rows.any():
         return np.zeros(2)

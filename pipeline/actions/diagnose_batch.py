@@ -20,6 +20,7 @@ from pipeline.batch.clip_job import ClipResult
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import write_gap_files
 from pipeline.io.profile_export import write_profile_files
+from pipeline.io.tables.view_profile import collect_views
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
 from pipeline.reporting.pages.gap_page import write_gap_page
@@ -102,7 +103,7 @@ def _diagnose_table(table: TableShots, folder: Path, console: Console, workers: 
     report = replace(report, notes=(*report.notes, *read.notes))
     write_gap_files(report, folder)
     if (played_on := billiards_table(scene)) is not None:
-        write_profile_files(report, played_on, folder)
+        write_profile_files(report, played_on, folder, collect_views(table.folders))
     write_gap_page(report, table.name, folder / "gap.html", played_on, read.origins)
     return report
 

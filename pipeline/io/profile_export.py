@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from diagnosis.verdicts.verdict import DiagnosisReport, Strength
@@ -75,26 +76,31 @@ def has_fitted_model(report: DiagnosisReport) -> bool:
     return bool(report.fitted)
 
 
-def write_profile_files(report: DiagnosisReport, table: Table, folder: Path) -> None:
+def write_profile_files(
+    report: DiagnosisReport, table: Table, folder: Path, views: Mapping[str, Any] = MappingProxyType({})
+) -> None:
     """Write profile.json and pooltool.json, each in one step, if parameters were fitted.
 
     Args:
         report: Result of a diagnosis of billiards.
         table: The table.
         folder: Folder of the files.
+        views: View, cloth and balls of the shots, of `collect_views`.
     """
     if not has_fitted_model(report):
         return
     cushion, ball = report.forms
     for name, content in (
-        (PROFILE_FILE, build_profile(report, table)),
+        (PROFILE_FILE, {**build_profile(report, table), **views}),
         (POOLTOOL_FILE, build_pooltool_parameters(report.fitted, cushion, ball, table)),
     ):
         with replace_file(folder / name) as path:
             path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def write_learned_profile(lesson: TableLesson, table: Table, shot_count: int, path: Path) -> tuple[str, ...]:
+def write_learned_profile(
+    lesson: TableLesson, table: Table, shot_count: int, path: Path, views: Mapping[str, Any] = MappingProxyType({})
+) -> tuple[str, ...]:
     """Write the profile of a learned table and, beside it, what pooltool can hold of it, each in one step.
 
     Args:
@@ -102,6 +108,7 @@ def write_learned_profile(lesson: TableLesson, table: Table, shot_count: int, pa
         table: The table.
         shot_count: Number of shots that taught it.
         path: The file.
+        views: View, cloth and balls of the shots, of `collect_views`.
 
     Returns:
         What pooltool cannot hold.
@@ -121,6 +128,7 @@ def write_learned_profile(lesson: TableLesson, table: Table, shot_count: int, pa
         "learned_from": {"shots": shot_count, "cushion_contacts": lesson.contact_count},
         "correction": {"gain": lesson.correction_gain, "weights": learned.correction.tolist()},
         "cushion_models": [{"name": name, "log_evidence": value} for name, value in lesson.candidates],
+        **views,
     }
     e = find_prior("ball_restitution", "e")  # as in predictions on a learned table
     usual = Parameter("ball_restitution.e", e.value, e.sigma, e.unit, True)

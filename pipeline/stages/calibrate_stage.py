@@ -24,6 +24,8 @@ def calibrate_stage(options: CalibrateOptions) -> Stage:
 
 def _locate_table(inputs: Inputs, options: CalibrateOptions, folder: Path, progress: Progress) -> Scene:
     """Locate the table and calibrate the camera."""
-    from video.calibration.table_finder import calibrate_clip  # slow to import
+    from pipeline.io.tables.view_profile import parse_view_prior  # slow to import
+    from video.calibration.table_finder import calibrate_clip
 
-    return calibrate_clip(inputs["read"], options, progress)
+    prior = parse_view_prior(options.profile) if options.profile else None
+    return calibrate_clip(inputs["read"], options, progress, prior)

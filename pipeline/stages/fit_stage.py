@@ -54,6 +54,11 @@ def _fit_motion(
 def _fit_whole_shots(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
     """Fit published contact models to whole shots."""
     fit: Fit = inputs["motion"]
+    if options.profile:
+        from pipeline.io.tables.view_profile import list_profile_misfits
+
+        misfits = list_profile_misfits(options.profile, inputs["calibrate"].cloth_lab, fit.parameters)
+        fit = replace(fit, profile_misfits=misfits)
     if options.laws is False:
         return replace(fit, whole_shot_refusal="The fit of whole shots was switched off by --no-laws.")
     if options.quick and options.laws is None:
@@ -61,7 +66,7 @@ def _fit_whole_shots(inputs: Inputs, options: FitOptions, folder: Path, progress
     from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws  # slow to import
     from pipeline.io.table_profile import parse_table_prior
 
-    return fit_shot_laws(
-        fit, inputs["track"], inputs["calibrate"].table, options,
-        parse_table_prior(options.profile) if options.profile else None,
-    )  # fmt: skip
+    tracks, scene = inputs["track"], inputs["calibrate"]
+    is_usable = bool(options.profile) and not fit.profile_misfits
+    prior = parse_table_prior(options.profile) if is_usable else None
+    return fit_shot_laws(fit, tracks, scene.table, options, prior)

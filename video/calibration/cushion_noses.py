@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.scene import apply_homography
 from models.core.typing import FloatArray, ImageArray
 from video.calibration.camera_model import estimate_camera_position, fit_perspective, homography_between
 from video.calibration.cloth_region import intersect_lines, line_through
@@ -36,6 +37,8 @@ HIDDEN_COST = 7.0
 """Cost of a nose that is not visible, in squared standard deviations."""
 SKIPPED_COST = 4.0
 """Cost of skipping a line further out: shadows end inside the nose, never outside it."""
+NEAR_SIGMAS = 3.0
+"""Standard deviations of an expected nose within which a line is that nose."""
 MAX_LINES_PER_SIDE = 4
 """Largest number of candidate lines per side."""
 
@@ -93,6 +96,52 @@ def find_cushion_noses(image: ImageArray, outer: FloatArray) -> CushionNoses | N
         return None
     bend = max(fitted.bend for fitted, visible in zip(lines, choice.is_visible, strict=True) if visible)
     return CushionNoses(corners, _corner_covariance(lines), choice.cushion, choice.is_visible, choice.misfit, bend)
+
+
+def find_noses_near(image: ImageArray, corners: FloatArray, covariance: FloatArray) -> CushionNoses | None:
+    """Locate the four cushion noses near expected corners.
+
+    A nose without a line within `NEAR_SIGMAS` standard deviations of its expected place is taken from there.
+
+    Args:
+        image: (H, W, 3) RGB.
+        corners: (4, 2) px, expected corners; the first side is a long one.
+        covariance: (8, 8) px^2.
+
+    Returns:
+        The nose rectangle; None where fewer than two noses are visible.
+    """
+    plan = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [0.0, 0.5]])
+    outwards = USUAL_CUSHION * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    outer = apply_homography(homography_between(plan, corners), plan + outwards)
+    lines, is_visible = [], []
+    for k in range(4):
+        side, expected = sample_side_profiles(image, outer, k), _expect_line(corners, covariance, k)
+        px_per_depth = side.step / (DEPTHS[1] - DEPTHS[0])
+        reach = (NEAR_SIGMAS * expected.offset_sigma + side.step) / px_per_depth
+        depth = find_side_lines(side)[0]
+        near = depth[np.abs(depth - USUAL_CUSHION) < reach]
+        is_visible.append(bool(len(near)))
+        nearest = near[np.argmin(np.abs(near - USUAL_CUSHION))] if len(near) else 0.0
+        lines.append(fit_side_line(side, float(nearest), USUAL_CUSHION) if len(near) else expected)
+    found = intersect_lines([line.coefficients for line in lines])
+    if sum(is_visible) < 2 or found is None:
+        return None
+    bend = max(line.bend for line in lines)
+    return CushionNoses(found, _corner_covariance(lines), USUAL_CUSHION, tuple(is_visible), 0.0, bend)
+
+
+def _expect_line(corners: FloatArray, covariance: FloatArray, side: int) -> FittedLine:
+    """Return the line through two expected corners with its uncertainty."""
+    ends = (side, (side + 1) % 4)
+    start, end = corners[ends[0]], corners[ends[1]]
+    line = line_through(start, end)
+    rows = [slice(2 * k, 2 * k + 2) for k in ends]
+    normal = line[:2]
+    (aa, ab), (ba, bb) = [[float(normal @ covariance[i, j] @ normal) for j in rows] for i in rows]
+    length = float(np.linalg.norm(end - start))
+    offset, angle = np.sqrt(max(aa + bb + ab + ba, 0.0)) / 2, np.sqrt(max(aa + bb - ab - ba, 0.0)) / length
+    return FittedLine(line, (start + end) / 2, float(offset), float(angle), 0.0)
 
 
 def _select_nose_lines(sides: list[SideProfiles], outer: FloatArray, width_px: int, height_px: int) -> _NoseSelection:

@@ -12,6 +12,7 @@ from models.core.errors import OptionError, TableNotFound
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import BallSize, Camera, Scene, Table, combine_ball_sizes, find_contradictions
 from models.core.typing import FloatArray, ImageArray
+from models.numerics.covariance_intersection import intersect_estimates
 from models.physics.billiards.nominal_ball_size import (
     estimate_preset_ball_size,
     estimate_typed_ball_size,
@@ -22,8 +23,9 @@ from video.calibration.ball_size import measure_ball_sizes
 from video.calibration.camera_model import PerspectiveFit, build_camera, orient_corners
 from video.calibration.camera_motion import detect_camera_motion, estimate_camera_motion, select_reference_features
 from video.calibration.cloth_region import find_cloth_regions, intersect_lines, line_through
-from video.calibration.cushion_noses import CushionNoses, find_cushion_noses
+from video.calibration.cushion_noses import CushionNoses, find_cushion_noses, find_noses_near
 from video.calibration.table_classifier import classify_table, has_snooker_d, measure_pocket_share
+from video.calibration.view_prior import PROFILE_NOTE, ViewPrior
 from video.io.clip import Clip, read_frames
 from video.io.video_options import CalibrateOptions
 
@@ -41,6 +43,9 @@ UNSUPPORTED_COST = 20.0
 """Cost of a cloth without straight sides, in squared standard deviations."""
 MAX_LOST_SHARE = 0.1
 """Largest share of frames that may fail to register when the camera moves."""
+MIN_EXPECTED_NOSES = 3
+"""Noses at their expected places that show the table where it cannot be located without earlier clips: two pairs of
+parallel noses leave no room for another place, a single pair does."""
 USER_CORNER_SIGMA_PX = 2.0
 """px, standard deviation of corners given by the user."""
 
@@ -59,13 +64,16 @@ class TableLocation:
     """Whether the user gave the corners."""
 
 
-def calibrate_clip(clip: Clip, options: CalibrateOptions, progress: Progress = ignore_progress) -> Scene:
+def calibrate_clip(
+    clip: Clip, options: CalibrateOptions, progress: Progress = ignore_progress, prior: ViewPrior | None = None
+) -> Scene:
     """Locate the table in a clip and calibrate the camera; the first frame is the reference of a moving camera.
 
     Args:
         clip: the clip.
         options: corners, table and ball radius if the user gave them.
         progress: is called with the share of the work done, 0 to 1.
+        prior: table and view of earlier clips; what does not fit is named in the notes and not used.
 
     Returns:
         Table and camera, with notes and warnings for the user.
@@ -74,11 +82,11 @@ def calibrate_clip(clip: Clip, options: CalibrateOptions, progress: Progress = i
         TableNotFound: no table can be trusted; the message is one sentence for the user.
         OptionError: an option is not meaningful.
     """
-    requested = parse_table(options.table) if options.table is not None else None
+    requested = _choose_table(options, prior)
     frames = _sample_frame_indices(clip)
     images = [image for _, image in read_frames(clip, indices=frames)]
     progress(0.3)
-    location, background = _locate_in_clip(clip, images, options.corners)
+    location, background = _locate_in_clip(clip, images, options.corners, prior)
     motion, lost = _estimate_motion(clip, images, location)
     progress(0.7)
     if motion is not None:
@@ -86,11 +94,13 @@ def calibrate_clip(clip: Clip, options: CalibrateOptions, progress: Progress = i
         images = [_warp_to_reference(image, motion[frame]) for image, frame in zip(images, frames, strict=True)]
         background = compute_median_image(images)
         location = _locate_in_image(background, clip, options.corners)
-    table, ball_sizes, table_notes, warnings = _identify_table(location, background, images, requested, options)
+    table, ball_sizes, table_notes, warnings = _identify_table(location, background, images, requested, options, prior)
     camera = _build_table_camera(location, background, table)
     progress(1.0)
     notes = (*location.notes, *table_notes, _height_note(camera, location.perspective), *_motion_notes(motion, lost))
     cloth = _convert_rgb_to_lab(location.cloth_colour)
+    if prior is not None and not prior.agrees_with_cloth(cloth):
+        notes += (f"{PROFILE_NOTE} the cloth has another colour than in it; its friction is not used",)
     return Scene(table, replace(camera, motion=motion), cloth, notes, warnings, ball_sizes)
 
 
@@ -128,15 +138,75 @@ def _locate_in_image(image: ImageArray, clip: Clip, corners: str | None) -> Tabl
     return locate_table(image, clip.path.name) if corners is None else _locate_from_option(corners, image)
 
 
-def _locate_in_clip(clip: Clip, images: list[ImageArray], corners: str | None) -> tuple[TableLocation, ImageArray]:
+def _locate_in_clip(
+    clip: Clip, images: list[ImageArray], corners: str | None, prior: ViewPrior | None
+) -> tuple[TableLocation, ImageArray]:
     """Locate the table in the median of the sampled frames, or in the first one where the camera moves too much."""
     background = compute_median_image(images)
     if corners is not None:
         return _locate_from_option(corners, background), background
+    if prior is not None and prior.corners is not None:
+        return _locate_with_prior(background, clip.path.name, prior), background
     try:
         return locate_table(background, clip.path.name), background
     except TableNotFound:
         return locate_table(images[0], clip.path.name), images[0]
+
+
+def _choose_table(options: CalibrateOptions, prior: ViewPrior | None) -> Table | None:
+    """Return the table of the user, else that of earlier clips, else None."""
+    if options.table is not None:
+        return parse_table(options.table)
+    return None if prior is None else prior.table
+
+
+def _locate_with_prior(image: ImageArray, name: str, prior: ViewPrior) -> TableLocation:
+    """Locate the table near the corners of earlier clips, or anew where the camera has moved."""
+    height, width = image.shape[:2]
+    assert prior.corners is not None
+    assert prior.covariance is not None
+    if (width, height) != prior.image_size:
+        why = "the image has another size than in it; its view is not used"
+        return _add_note(locate_table(image, name), why)
+    noses = find_noses_near(image, prior.corners, prior.covariance)
+    is_complete = noses is not None and all(noses.is_visible)
+    location = None if is_complete else _locate_if_possible(image, name, noses)
+    found = noses if location is None else location
+    assert found is not None
+    if prior.agrees_with_corners(found.corners, found.covariance):
+        corners, covariance = intersect_estimates(
+            (prior.corners.ravel(), prior.covariance), (found.corners.ravel(), found.covariance)
+        )
+        ordered, perspective = orient_corners(corners.reshape(4, 2), width, height, _mean_sigma(covariance))
+        if np.allclose(ordered, corners.reshape(4, 2)):
+            note = f"table located from the view of {prior.shot_count} earlier shots"
+            colour = _median_colour(image, ordered)
+            return TableLocation(ordered, covariance, perspective, colour, None, (note,))
+    location = locate_table(image, name) if location is None else location
+    shift = float(np.linalg.norm(location.corners - prior.corners, axis=1).max())
+    why = f"the corners of the table are up to {shift:.1f} px away: the camera has moved; its view is not used"
+    return _add_note(location, why)
+
+
+def _locate_if_possible(image: ImageArray, name: str, noses: CushionNoses | None) -> TableLocation | None:
+    """Locate the table without earlier clips; None where only three noses near their expected places show it."""
+    try:
+        return locate_table(image, name)
+    except TableNotFound:
+        if noses is None or sum(noses.is_visible) < MIN_EXPECTED_NOSES:
+            raise
+        return None
+
+
+def _add_note(location: TableLocation, why: str) -> TableLocation:
+    return replace(location, notes=(*location.notes, f"{PROFILE_NOTE} {why}"))
+
+
+def _median_colour(image: ImageArray, corners: FloatArray) -> FloatArray:
+    """Return the median colour (3,), RGB, inside corners (4, 2) px."""
+    inside = np.zeros(image.shape[:2], np.uint8)
+    cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
+    return np.asarray(np.median(image[inside > 0], axis=0), np.float64)
 
 
 def _estimate_motion(clip: Clip, images: list[ImageArray], location: TableLocation) -> tuple[FloatArray | None, int]:
@@ -278,14 +348,11 @@ def _locate_from_option(option: str, background: ImageArray) -> TableLocation:
         raise OptionError(
             f"--corners must be those of a table about twice as long as wide; these are {perspective.aspect:.2f} times"
         )
-    inside = np.zeros((height, width), np.uint8)
-    cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
-    colour = np.median(background[inside > 0], axis=0).astype(np.float64)
     return TableLocation(
         corners,
         np.eye(8) * USER_CORNER_SIGMA_PX**2,
         perspective,
-        colour,
+        _median_colour(background, corners),
         None,
         ("corners were given by the user",),
         True,
@@ -338,6 +405,7 @@ def _identify_table(
     images: list[ImageArray],
     requested: Table | None,
     options: CalibrateOptions,
+    prior: ViewPrior | None = None,
 ) -> tuple[Table, tuple[BallSize, ...], tuple[str, ...], tuple[str, ...]]:
     """Identify table and ball size.
 
@@ -351,6 +419,8 @@ def _identify_table(
     if requested is not None:
         table, notes = requested, ("table size was given by the user",)
         nominal = estimate_preset_ball_size(table)
+        if options.table is None and prior is not None:
+            notes, nominal = ("table and ball size are those of the profile",), prior.ball_size
     else:
         pockets = (
             location.outer_corners is None

@@ -8,8 +8,8 @@ from pathlib import Path
 from pipeline.terminal.command_line import app
 
 COMMAND_NAMES = (
-    "check", "run", "batch", "view", "edit", "call", "predict", "interpolate", "diagnose", "gapcheck", "fit-table", "simulate",
-    "detect", "train-detector", "reproduce", "graph", "cache",
+    "check", "run", "batch", "view", "edit", "call", "predict", "put-back", "interpolate", "diagnose", "gapcheck",
+    "fit-table", "simulate", "detect", "train-detector", "reproduce", "graph", "cache",
 )  # fmt: skip
 """Names of the commands in the order of `--help`: as a new user needs them."""
 
@@ -70,6 +70,8 @@ def _import_command(name: str) -> None:
             from pipeline.cli.commands import call_command as call_command
         case "predict":
             from pipeline.cli.commands import predict_command as predict_command
+        case "put-back":
+            from pipeline.cli.commands.table import put_back_command as put_back_command
         case "interpolate":
             from pipeline.cli.commands import interpolate_command as interpolate_command
         case "diagnose":

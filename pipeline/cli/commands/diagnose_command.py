@@ -19,6 +19,7 @@ from pipeline.chain import require_writable_folder
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import build_gap_document, write_gap_files
 from pipeline.io.profile_export import PROFILE_FILE, write_profile_files
+from pipeline.io.tables.view_profile import collect_views
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
 from pipeline.reporting.pages.gap_page import write_gap_page
@@ -59,7 +60,7 @@ def diagnose_folders(
     report = replace(report, notes=(*report.notes, *read.notes))
     write_gap_files(report, folder)
     if (table := billiards_table(scene)) is not None:
-        write_profile_files(report, table, folder)
+        write_profile_files(report, table, folder, collect_views(inputs))
     write_gap_page(report, _format_title(inputs), folder / "gap.html", table, read.origins)
     os.environ.setdefault("RUST_LOG", "off")  # read at import: rerun would print what it raises
     from pipeline.reporting.recording.gap_recording import write_gap_recording  # slow to import

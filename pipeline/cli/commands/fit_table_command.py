@@ -17,6 +17,7 @@ from models.numerics.first_compilation import notify_first_compilation
 from pipeline.actions.fit_table import FittedTable, fit_table_of_shots
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.profile_export import name_pooltool_file, write_learned_profile
+from pipeline.io.tables.view_profile import collect_views
 from pipeline.reporting.figures.cushion_figures import write_cushion_page
 from pipeline.terminal.command_line import (
     CacheOption,
@@ -63,7 +64,7 @@ def fit_table(
             bars.update(task, completed=done, total=count, description=text)
 
         fitted = fit_table_of_shots(inputs, store, executor, show)
-    left_out = write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out)
+    left_out = write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out, collect_views(inputs))
     page = out.with_suffix(".html")
     write_cushion_page(fitted.lesson.table, fitted.table, page)
     if as_json:

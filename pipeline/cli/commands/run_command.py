@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +17,7 @@ from pipeline.engine.helper_executor import open_executor
 from pipeline.engine.result_cache import ResultCache
 from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
-from pipeline.run_options import RunOptions
+from pipeline.run_options import RunOptions, use_growing_profile
 from pipeline.stages.detect_stage import import_detectors
 from pipeline.terminal.command_line import (
     CacheOption,
@@ -46,6 +47,14 @@ def run(
             "--live", help="Show results as they come in the rerun viewer, or in the browser where there is no display."
         ),
     ] = False,
+    update_profile: Annotated[
+        Path | None,
+        typer.Option(
+            "--update-profile",
+            metavar="FILE",
+            help="Table profile that this run starts from, as with --profile, and improves; a missing file is started.",
+        ),
+    ] = None,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
@@ -53,8 +62,10 @@ def run(
     """Turn a clip into annotated slow motion, tracks, contacts and a fitted model."""
     folder = out if out is not None else default_run_folder(clip)
     store = open_cache(cache)
+    if update_profile is not None:
+        options = use_growing_profile(options, update_profile)
     if live:
-        _run_live(clip, folder, options, store, as_json)
+        _run_live(clip, folder, options, store, update_profile, as_json)
         return
     answers: list[FinishedRun] = []
     with (
@@ -72,7 +83,7 @@ def run(
         finished = run_clip(
             clip, folder, options, store, display, answer_listener=None if as_json else print_answer, executor=executor
         )
-    _print_run(finished, options, as_json, is_answered=bool(answers))
+    _print_run(finished, options, update_profile, as_json, is_answered=bool(answers))
 
 
 def _announce_compilation() -> AbstractContextManager[None]:
@@ -80,7 +91,9 @@ def _announce_compilation() -> AbstractContextManager[None]:
     return notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False, soft_wrap=True))
 
 
-def _run_live(clip: Path, folder: Path, options: RunOptions, cache: ResultCache, as_json: bool) -> None:
+def _run_live(
+    clip: Path, folder: Path, options: RunOptions, cache: ResultCache, update_profile: Path | None, as_json: bool
+) -> None:
     """Run while a viewer shows the results, and wait until it is closed."""
     from pipeline.reporting.recording.live_recording import LiveRecording, LiveWatcher
     from pipeline.reporting.recording.rerun_viewer import has_display, open_viewer
@@ -92,25 +105,31 @@ def _run_live(clip: Path, folder: Path, options: RunOptions, cache: ResultCache,
         with StageDisplay(console, str(clip)) as display, _announce_compilation():
             finished = run_clip(clip, folder, options, cache, LiveWatcher(display, recording), recording.record_value)
         recording.close()
-        _print_run(finished, options, as_json)
+        _print_run(finished, options, update_profile, as_json)
         viewer.process.wait()
 
 
-def _print_run(finished: FinishedRun, options: RunOptions, as_json: bool, *, is_answered: bool = False) -> None:
-    """Print the result of a run, unless the answer was printed before, and the path of the slow motion."""
+def _print_run(
+    finished: FinishedRun, options: RunOptions, profile: Path | None, as_json: bool, *, is_answered: bool = False
+) -> None:
+    """Print the result of a run, unless the answer was printed before, improve the profile by it, name the video."""
     if as_json:
-        _print_notes(finished)
-        print(json.dumps(_run_to_json(finished), allow_nan=False))
-        return
-    if not is_answered:
+        _print_notes(finished.notes)
+    elif not is_answered:
         _print_answer(finished)
-    if not options.render.no_video:
+    if profile is not None:
+        from pipeline.io.tables.view_profile import update_profile  # pydantic is slow to import
+
+        _print_notes((*update_profile(profile, finished.folder), f"{profile} now holds this run too"))
+    if as_json:
+        print(json.dumps(_run_to_json(finished), allow_nan=False))
+    elif not options.render.no_video:
         print(f"Slow motion: {finished.folder / 'slow.mp4'}")
 
 
-def _print_notes(finished: FinishedRun) -> None:
-    """Print the notes on the clip."""
-    for note in finished.notes:
+def _print_notes(notes: Iterable[str]) -> None:
+    """Print notes."""
+    for note in notes:
         console.print(f"Note: {note}", markup=False, soft_wrap=True)
 
 
@@ -125,7 +144,7 @@ def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
 
 def _print_answer(finished: FinishedRun) -> None:
     """Print the notes, the events and the trust level."""
-    _print_notes(finished)
+    _print_notes(finished.notes)
     screen = make_output_console()
     if len(finished.events):
         grid = Grid("time", "what", "probability", box=None, pad_edge=False)

@@ -1,0 +1,279 @@
+"""Drawings and pages of `trueroll put-back`, and the loop over a live camera."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from models.core.errors import OptionError, TableNotFound
+from models.core.scene import CUSHIONS, NOSE_HEIGHT_RADII
+from models.core.typing import FloatArray, ImageArray
+from models.estimation.ball_placement.ball_places import measure_cushion_distances
+from pipeline.actions.put_back import PLACED_M, PlacementGuide, PlacementState, WantedPlaces
+from pipeline.engine.atomic_write import replace_file
+from pipeline.reporting.pages.page_template import render_template
+from video.drawing.palette import WHITE, Colour
+from video.drawing.placement_plan import draw_placement_plan
+from video.overlay.placement_overlay import (
+    MISPLACED_COLOUR,
+    MISSING_COLOUR,
+    NOTE_COLOUR,
+    PLACED_COLOUR,
+    WANTED_COLOUR,
+    PlacedRing,
+    draw_places,
+)
+
+FRAME_IMAGE, PLAN_IMAGE = "put_back_frame.png", "put_back_plan.png"
+LIVE_IMAGE, LIVE_TABLE, LIVE_PAGE = "live.png", "live.json", "live.html"
+FAST_PNG_LEVEL = 1
+"""zlib level of live images: they are replaced within a second."""
+
+
+def draw_wanted_plan(wanted: WantedPlaces) -> ImageArray:
+    """Draw the plan of the wanted places.
+
+    Args:
+        wanted: The places.
+
+    Returns:
+        Image (h, w, 3).
+    """
+    places, table = wanted.places, wanted.table
+    title = (
+        f"{places.t:.3f} s: mm from the centre of each ball to the noses of its two nearest cushions;"
+        f" the gap at the nose is {1e3 * table.ball_radius:.1f} mm less"
+    )
+    return draw_placement_plan(table, places.ids, places.xy, measure_cushion_distances(table, places.xy), title)
+
+
+def draw_wanted_frame(wanted: WantedPlaces) -> ImageArray | None:
+    """Draw the wanted places on their frame of the clip.
+
+    Args:
+        wanted: The places.
+
+    Returns:
+        Image (H, W, 3); None without a frame or a calibration.
+    """
+    if wanted.image is None or wanted.camera is None:
+        return None
+    distances = 1e3 * measure_cushion_distances(wanted.table, wanted.places.xy)
+    rings = []
+    for name, xy, own in zip(wanted.places.ids, wanted.places.xy, distances, strict=True):
+        sides = [min(pair, key=lambda k: own[k]) for pair in ((0, 1), (2, 3))]
+        numbers = ", ".join(f"{CUSHIONS[k]} {own[k]:.0f}" for k in sides)
+        rings.append(PlacedRing(name, xy, WANTED_COLOUR, f"{name}: {numbers}"))
+    header: list[tuple[str, Colour]] = [
+        (f"{wanted.places.t:.3f} s", WHITE), ("mm from the centre to the nearest cushions", NOTE_COLOUR)
+    ]  # fmt: skip
+    middles = (
+        wanted.table.corners[[0, 1, 0, 3]] / 2 + wanted.table.corners[[3, 2, 1, 2]] / 2
+    )  # in the order of CUSHIONS
+    marks = wanted.camera.to_pixels(middles, NOSE_HEIGHT_RADII * wanted.table.ball_radius)
+    names = list(zip(CUSHIONS, marks, strict=True))
+    return draw_places(wanted.image, wanted.camera, rings, wanted.table.ball_radius, header, names)
+
+
+def draw_live_image(wanted: WantedPlaces, state: PlacementState) -> ImageArray:
+    """Draw the wanted places and the missing moves on a present image.
+
+    Args:
+        wanted: The places.
+        state: The present balls.
+
+    Returns:
+        Image (H, W, 3).
+    """
+    moves = state.list_missing_moves(wanted.places)
+    rings = []
+    for name, xy, move, present in zip(wanted.places.ids, wanted.places.xy, moves, state.present, strict=True):
+        distance = float(np.hypot(*move))
+        if np.isnan(distance):
+            rings.append(PlacedRing(name, xy, MISSING_COLOUR, f"{name} here"))
+        elif distance <= PLACED_M:
+            rings.append(PlacedRing(name, xy, PLACED_COLOUR, name))
+        else:
+            rings.append(PlacedRing(name, xy, MISPLACED_COLOUR, f"{name} {_format_mm(distance)} mm", present))
+    placed = int(np.sum(np.hypot(*moves.T) <= PLACED_M))
+    header: list[tuple[str, Colour]] = [
+        (
+            f"{placed} of {len(rings)} balls lie within {1e3 * PLACED_M:g} mm",
+            PLACED_COLOUR if placed == len(rings) else WHITE,
+        )
+    ]
+    if state.note:
+        header.append((state.note, MISPLACED_COLOUR))
+    if state.extra:
+        header.append((f"to be taken away: {', '.join(state.extra)}", MISPLACED_COLOUR))
+    return draw_places(state.image, state.camera, rings, wanted.table.ball_radius, header)
+
+
+def _format_mm(metres: float) -> str:
+    """Format a distance in mm: tenths below a hand's breadth, whole ones above."""
+    return f"{1e3 * metres:.1f}" if metres < 0.1 else f"{1e3 * metres:.0f}"
+
+
+def describe_state(wanted: WantedPlaces, state: PlacementState) -> dict[str, Any]:
+    """Describe the missing moves as the content of live.json.
+
+    Args:
+        wanted: The places.
+        state: The present balls.
+
+    Returns:
+        The content; `missing_mm` is null for a ball that was not found.
+    """
+    balls = []
+    for name, kind, move in zip(
+        wanted.places.ids, wanted.places.kinds, state.list_missing_moves(wanted.places), strict=True
+    ):
+        distance = 1e3 * float(np.hypot(*move))
+        is_found = not np.isnan(distance)
+        balls.append(
+            {
+                "id": name, "kind": kind, "missing_mm": round(distance, 2) if is_found else None,
+                "dx_mm": round(1e3 * float(move[0]), 2) if is_found else None,
+                "dy_mm": round(1e3 * float(move[1]), 2) if is_found else None,
+                "placed": is_found and distance <= 1e3 * PLACED_M, "move": format_move(move),
+            }
+        )  # fmt: skip
+    return {
+        "t": round(wanted.places.t, 6),
+        "placed": sum(ball["placed"] for ball in balls),
+        "balls": balls,
+        "extra": list(state.extra),
+        "camera_moved": bool(state.note),
+        "camera_shift_px": round(state.shift_px, 2),
+        "note": state.note,
+    }
+
+
+def format_move(move: FloatArray) -> str:
+    """Format a move (2,) m towards the cushions of the plan, such as `12.0 mm to the right, 3.5 mm to the top`."""
+    if np.isnan(move).any():
+        return "not found"
+    parts = [
+        f"{_format_mm(abs(float(step)))} mm to the {names[int(step > 0)]}"
+        for step, names in zip(move, (("left", "right"), ("top", "bottom")), strict=True)
+        if abs(step) >= 5e-5
+    ]
+    return ", ".join(parts) or "in place"
+
+
+def write_image(image: ImageArray, path: Path, level: int = 6) -> None:
+    """Write an image as PNG in one step.
+
+    Args:
+        image: (H, W, 3) RGB.
+        path: File to write.
+        level: zlib level, 0 to 9.
+    """
+    is_encoded, data = cv2.imencode(
+        ".png",
+        cv2.cvtColor(image, cv2.COLOR_RGB2BGR),
+        [cv2.IMWRITE_PNG_COMPRESSION, level, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY],
+    )
+    if not is_encoded:
+        raise RuntimeError("cv2 could not encode a PNG image in memory")
+    with replace_file(path) as target:
+        target.write_bytes(data.tobytes())
+
+
+def write_state(wanted: WantedPlaces, state: PlacementState, folder: Path) -> dict[str, Any]:
+    """Write live.png and live.json, each in one step.
+
+    Args:
+        wanted: The places.
+        state: The present balls.
+        folder: Folder of the files.
+
+    Returns:
+        The content of live.json.
+    """
+    document = describe_state(wanted, state)
+    write_image(draw_live_image(wanted, state), folder / LIVE_IMAGE, FAST_PNG_LEVEL)
+    with replace_file(folder / LIVE_TABLE) as path:
+        path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return document
+
+
+def write_live_page(folder: Path, name: str) -> Path:
+    """Write the page that shows live.png and reloads it.
+
+    Args:
+        folder: Folder of the files.
+        name: Heading of the page.
+
+    Returns:
+        Path of the page.
+    """
+    with replace_file(folder / LIVE_PAGE) as path:
+        path.write_text(render_template("live.html", name=name, image=LIVE_IMAGE), encoding="utf-8")
+    return folder / LIVE_PAGE
+
+
+def follow_images(
+    guide: PlacementGuide, images: Iterator[ImageArray], folder: Path, count: int | None
+) -> Iterator[dict[str, Any]]:
+    """Compare images with the wanted places, one after the other.
+
+    An image without the table, such as one with a hand before the lens, is passed over.
+
+    Args:
+        guide: The wanted places.
+        images: Present images (H, W, 3).
+        folder: Folder of live.png and live.json.
+        count: Number of images; None for all.
+
+    Yields:
+        Content of live.json of each image, or `{"note": ...}` for one without the table.
+    """
+    for image in islice(images, count):
+        try:
+            state = guide.compare_image(image)
+        except TableNotFound as error:
+            yield {"note": str(error)}
+            continue
+        yield write_state(guide.wanted, state, folder)
+
+
+def read_camera(number: int, width_px: int, height_px: int) -> Iterator[ImageArray]:
+    """Read images from a camera of this computer.
+
+    Args:
+        number: Number of the camera, from 0.
+        width_px: Width of the images that is asked for.
+        height_px: Height of the images that is asked for.
+
+    Yields:
+        Images (H, W, 3) RGB, always the newest.
+
+    Raises:
+        OptionError: There is no such camera, or it stops.
+    """
+    cv2.utils.logging.setLogLevel(
+        cv2.utils.logging.LOG_LEVEL_SILENT
+    )  # a missing camera is reported below, in one sentence
+    capture = cv2.VideoCapture(number)
+    try:
+        if not capture.isOpened():
+            raise OptionError(
+                f"--live {number} needs a camera of this number; none could be opened: connect one, or name an image"
+            )
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, width_px)
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height_px)
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        while True:
+            is_read, bgr = capture.read()
+            if not is_read:
+                raise OptionError(f"--live {number}: the camera sends no more images; connect it again")
+            yield np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+    finally:
+        capture.release()

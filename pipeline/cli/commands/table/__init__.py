@@ -1,0 +1,1 @@
+"""Commands about the table of many shots: balls put back, certificates."""

@@ -1,0 +1,1 @@
+"""Files about a table: places of balls, clip profiles, certificates."""

@@ -1,0 +1,31 @@
+"""Uncertainty of places by the calibration, against calibrations with random errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.core.scene import NOSE_HEIGHT_RADII
+from models.physics.billiards.tables import TABLE_PRESETS
+from video.calibration.camera_model import PerspectiveFit, build_camera
+from video.calibration.place_sigma import estimate_place_sigma
+from video.rendering.pinhole_camera import look_at
+
+TABLE = TABLE_PRESETS["pool-9ft"]
+PLACES = np.array([[0.3, 0.2], [1.27, 0.6], [2.3, 1.1]])
+
+
+def test_the_sigma_is_the_scatter_of_places_over_erroneous_calibrations() -> None:
+    middle = np.array([TABLE.length / 2, TABLE.width / 2, 0.0])
+    true = look_at(TABLE, middle + np.array([0.4, 3.0, 3.5]), middle, 1500.0, 1280, 720)
+    corners = true.to_pixels(TABLE.corners, NOSE_HEIGHT_RADII * TABLE.ball_radius)
+    rng = np.random.default_rng(5)
+    factor = rng.normal(0, 0.4, (8, 8))
+    covariance, focal_sigma = factor @ factor.T + 0.1 * np.eye(8), 0.08
+    px, found = true.to_pixels(PLACES, TABLE.ball_radius), []
+    for _ in range(400):
+        shifted = corners + rng.multivariate_normal(np.zeros(8), covariance).reshape(4, 2)
+        focal = 1500.0 * np.exp(rng.normal(0, focal_sigma))
+        camera = build_camera(shifted, covariance, TABLE, PerspectiveFit(focal, focal_sigma, 2.0, 0.0), 1280, 720)
+        found.append(camera.to_table(px, TABLE.ball_radius))
+    exact = build_camera(corners, covariance, TABLE, PerspectiveFit(1500.0, focal_sigma, 2.0, 0.0), 1280, 720)
+    np.testing.assert_allclose(estimate_place_sigma(exact, TABLE, PLACES), np.std(found, axis=0), rtol=0.2)

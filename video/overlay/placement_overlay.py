@@ -1,0 +1,213 @@
+"""Overlays that show where balls lay, and how present balls must move to lie there again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.core.scene import Camera
+from models.core.typing import FloatArray, ImageArray
+from video.drawing.label_layout import Rect, place_label
+from video.drawing.palette import INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour
+from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
+from video.overlay.frame_overlay import SHIFT, drawing_scale, to_fixed_point
+
+OUTLINE_POINTS = 72
+"""Points of the outline of a ball."""
+TEXT_PX, HEADER_PX = 15, 17
+"""px, font sizes on a frame of 720 rows."""
+MIN_ARROW_RADII = 0.9
+"""Least length of an arrow in ball radii: a shift of two millimetres is a pixel or two."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedRing:
+    """A wanted place of a ball on an image."""
+
+    name: str
+    xy: FloatArray
+    """(2,) m, where the ball is wanted."""
+    colour: Colour
+    label: str
+    """Text beside the ring; empty for none."""
+    present: FloatArray | None = None
+    """(2,) m, where the ball lies now; None if it was not found, or on the frame that the places come from."""
+
+
+def project_ball_outline(camera: Camera, xy: FloatArray, radius: float) -> FloatArray:
+    """Project the outline of a ball on the cloth.
+
+    The outline is the circle in which the cone of lines of sight touches the sphere; its image is an ellipse whose
+    centre lies further from the image centre than that of the ball.
+
+    Args:
+        camera: The camera.
+        xy: Centre (2,) of the ball, m.
+        radius: Radius of the ball, m.
+
+    Returns:
+        Points (`OUTLINE_POINTS`, 2) px of the reference image.
+    """
+    centre = np.append(xy, radius)
+    sight = camera.position - centre
+    distance = float(np.linalg.norm(sight))
+    normal = sight / distance
+    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    across /= np.linalg.norm(across)
+    ring = radius * np.sqrt(max(1 - (radius / distance) ** 2, 0.0))
+    angle = np.linspace(0, 2 * np.pi, OUTLINE_POINTS, endpoint=False)[:, None]
+    points = centre + normal * radius**2 / distance
+    points = points + ring * (np.cos(angle) * across + np.sin(angle) * np.cross(normal, across))
+    homogeneous = points @ camera.matrix[:, :3].T + camera.matrix[:, 3]
+    return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
+
+
+def shift_camera(camera: Camera, shift: FloatArray) -> Camera:
+    """Shift the image of a camera by (2,) px: the view of a frame of a camera that drifts."""
+    move = np.eye(3)
+    move[:2, 2] = shift
+    return replace(camera, matrix=move @ camera.matrix, corners_px=camera.corners_px + shift)
+
+
+def draw_places(
+    image: ImageArray,
+    camera: Camera,
+    rings: list[PlacedRing],
+    radius: float,
+    header: list[tuple[str, Colour]],
+    names: Sequence[tuple[str, FloatArray]] = (),
+) -> ImageArray:
+    """Draw wanted places on an image: rings, arrows from present balls, and labels.
+
+    Args:
+        image: Image (H, W, 3), which is not modified.
+        camera: The camera of the image.
+        rings: The wanted places.
+        radius: Radius of the balls, m.
+        header: Lines in the top left corner with their colours.
+        names: Names to write at points (2,) px, such as those of the cushions.
+
+    Returns:
+        The drawing (H, W, 3).
+    """
+    drawn, scale = image.copy(), drawing_scale(image.shape[0])
+    outlines = [project_ball_outline(camera, ring.xy, radius) for ring in rings]
+    for ring, outline in zip(rings, outlines, strict=True):
+        _stroke_line(drawn, outline, INK, 3.6 * scale, closed=True, opacity=0.55)
+        _stroke_line(drawn, outline, ring.colour, 2.0 * scale, closed=True)
+        _draw_cross(drawn, outline.mean(axis=0), ring.colour, scale)
+    obstacles = [_bound_points(outline) for outline in outlines]
+    for ring, outline in zip(rings, outlines, strict=True):
+        if ring.present is not None:
+            now = project_ball_outline(camera, ring.present, radius)
+            obstacles.append(_bound_points(now))
+            _draw_arrow(drawn, now, outline, ring.colour, scale)
+    header_rect = _draw_header(drawn, header, scale)
+    obstacles.append(header_rect)
+    obstacles += [_draw_panel(drawn, name, at, NOTE_COLOUR, scale) for name, at in names]
+    for ring, outline in zip(rings, outlines, strict=True):
+        if ring.label:
+            obstacles.append(_draw_label(drawn, ring, outline, obstacles, scale))
+    return drawn
+
+
+def _draw_cross(image: ImageArray, centre: FloatArray, colour: Colour, scale: float) -> None:
+    """Mark the centre of a wanted place."""
+    for step in (np.array([2.5 * scale, 0.0]), np.array([0.0, 2.5 * scale])):
+        _stroke_line(image, np.stack([centre - step, centre + step]), colour, 1.0 * scale)
+
+
+def _draw_arrow(image: ImageArray, now: FloatArray, wanted: FloatArray, colour: Colour, scale: float) -> None:
+    """Draw an arrow from the present place to the wanted one; a short one is lengthened in its direction."""
+    start, end = now.mean(axis=0), wanted.mean(axis=0)
+    length = float(np.linalg.norm(end - start))
+    if length < 0.05:
+        return
+    radius = float(np.ptp(wanted, axis=0).max()) / 2
+    direction = (end - start) / length
+    end = start + direction * max(length, MIN_ARROW_RADII * radius)
+    side = np.array([-direction[1], direction[0]])
+    head = max(0.35 * radius, 4.0 * scale)
+    tip = np.stack([end - head * direction + 0.6 * head * side, end, end - head * direction - 0.6 * head * side])
+    for line in (np.stack([start, end]), tip):
+        _stroke_line(image, line, INK, 3.6 * scale, opacity=0.55)
+    for line in (np.stack([start, end]), tip):
+        _stroke_line(image, line, colour, 2.0 * scale)
+
+
+def _stroke_line(
+    image: ImageArray, points: FloatArray, colour: Colour, width: float, closed: bool = False, opacity: float = 1.0
+) -> None:
+    """Draw a polyline (n, 2) px with smooth edges, in place, through a mask as small as the line."""
+    margin = int(np.ceil(width)) + 2
+    low = np.floor(points.min(axis=0)).astype(int) - margin
+    size = np.ceil(points.max(axis=0)).astype(int) + margin - low
+    if not np.isfinite(points).all() or (size > 4 * max(image.shape)).any():
+        return
+    mask = np.zeros((int(size[1]), int(size[0])), np.uint8)
+    line: NDArray[np.int32] = to_fixed_point(points - low).reshape(-1, 1, 2)
+    cv2.polylines(mask, [line], closed, 255, max(1, round(width)), cv2.LINE_AA, SHIFT)
+    blend_mask(image, mask, int(low[0]), int(low[1]), colour, opacity)
+
+
+def _bound_points(points: FloatArray) -> Rect:
+    """Return the rectangle around points (n, 2) px."""
+    low, size = points.min(axis=0), np.ptp(points, axis=0)
+    return float(low[0]), float(low[1]), float(size[0]), float(size[1])
+
+
+def _draw_label(image: ImageArray, ring: PlacedRing, outline: FloatArray, obstacles: list[Rect], scale: float) -> Rect:
+    """Draw the label of a ring where it hides little; return its rectangle."""
+    box = _panel_size(ring.label, scale)
+    centre, radius = outline.mean(axis=0), float(np.ptp(outline, axis=0).max()) / 2
+    position = place_label(box, centre, radius, np.zeros(2), obstacles, (image.shape[1], image.shape[0]), None)
+    middle = centre + position.top_left_corner(box, radius) + np.array(box) / 2
+    return _draw_panel(image, ring.label, middle, ring.colour, scale)
+
+
+def _draw_panel(image: ImageArray, text: str, middle: FloatArray, colour: Colour, scale: float) -> Rect:
+    """Draw a text on a dark panel around a point, moved into the image; return its rectangle."""
+    box = _panel_size(text, scale)
+    room = np.maximum(np.subtract((image.shape[1], image.shape[0]), box), 0)
+    left, top = (round(float(v)) for v in np.clip(middle - np.array(box) / 2, 0, room))
+    blend_mask(image, round_corner_mask(*box, max(3, box[1] // 4)), left, top, INK, 0.72)
+    draw_text(image, text, left + round(5 * scale), top + round(scale), round(TEXT_PX * scale), colour, bold=True)
+    return float(left), float(top), float(box[0]), float(box[1])
+
+
+def _panel_size(text: str, scale: float) -> tuple[int, int]:
+    """Return width and height, px, of a text on its panel."""
+    height, width = text_mask(text, round(TEXT_PX * scale), bold=True).shape
+    return width + round(10 * scale), height + round(2 * scale)
+
+
+def _draw_header(image: ImageArray, header: list[tuple[str, Colour]], scale: float) -> Rect:
+    """Draw lines of text on a dark panel in the top left corner; return its rectangle."""
+    if not header:
+        return 0.0, 0.0, 1.0, 1.0
+    size_px = round(HEADER_PX * scale)
+    masks = [text_mask(text, size_px, bold=k == 0) for k, (text, _) in enumerate(header)]
+    margin = round(9 * scale)
+    width, height = max(m.shape[1] for m in masks) + 2 * margin, sum(m.shape[0] for m in masks) + margin
+    blend_mask(image, round_corner_mask(width, height, max(3, margin)), margin, margin, INK, 0.78)
+    top = margin + margin // 2
+    for k, (text, colour) in enumerate(header):
+        draw_text(image, text, 2 * margin, top, size_px, colour, bold=k == 0)
+        top += masks[k].shape[0]
+    return float(margin), float(margin), float(width), float(height)
+
+
+PLACED_COLOUR: Colour = TRUST_COLOURS["green"]
+"""Colour of a ball that lies where it is wanted."""
+MISPLACED_COLOUR: Colour = TRUST_COLOURS["amber"]
+"""Colour of a ball that must still be moved."""
+MISSING_COLOUR: Colour = TRUST_COLOURS["red"]
+"""Colour of a wanted place without a ball."""
+WANTED_COLOUR: Colour = WHITE
+"""Colour of a place on the frame that it comes from."""
+NOTE_COLOUR: Colour = MUTED_GREY
+"""Colour of notes."""
