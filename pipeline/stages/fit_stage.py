@@ -8,6 +8,8 @@ from pathlib import Path
 from models.core.fit_result import Fit
 from models.core.options import FitOptions
 from models.core.progress import Progress
+from models.core.scene import Scene
+from models.core.tracks import Tracks
 from pipeline.engine.stage import Inputs, Stage
 
 
@@ -24,11 +26,18 @@ def fit_stage(options: FitOptions) -> Stage:
 
 
 def _fit_motion(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:
-    """Fit the contacts and the motion, and published contact models to whole shots."""
-    from models.estimation.reconstruction.fit_shot import fit_shot  # slow to import
+    """Fit the contacts and the motion, published contact models to whole shots, and measure the shots."""
+    from models.estimation.reconstruction.fit_shot import fit_with_solution  # slow to import
+    from models.estimation.shot_numbers.measure_shots import measure_shots
 
     tracks, scene = inputs["track"], inputs["calibrate"]
-    fit = fit_shot(tracks, scene, options, progress)
+    fit, solution = fit_with_solution(tracks, scene, options, progress)
+    fit = _fit_laws(fit, tracks, scene, options)
+    return fit if solution is None else replace(fit, shot_numbers=measure_shots(fit, solution, tracks, scene.table))
+
+
+def _fit_laws(fit: Fit, tracks: Tracks, scene: Scene, options: FitOptions) -> Fit:
+    """Fit published contact models to whole shots, unless they are switched off."""
     if options.laws is False:
         return replace(fit, whole_shot_refusal="The fit of whole shots was switched off by --no-laws.")
     from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws

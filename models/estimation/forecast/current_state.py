@@ -126,11 +126,9 @@ def estimate_states(
     fit, solution = fit_with_solution(observed_tracks, scene)
     if solution is None:
         raise TrackError(f"physics could not be fitted to the frames until {t:g} s; {fit.trust.reasons[0]}")
-    radius = scene.table.ball_radius
-    clock = estimate_capture_times(observed_tracks, NOISE_FLOOR_RADII * radius)  # that of the solution
-    captured, now = replace(observed_tracks, t=clock.capture_time), float(clock.capture_time_at(np.array(t)))
-    measured = apply_noise(captured, estimate_noise(captured, MIN_NOISE_SPEED, radius))
-    inflation = estimate_lack_of_fit(solution, collect_observations(measured))
+    clock = estimate_capture_times(observed_tracks, NOISE_FLOOR_RADII * scene.table.ball_radius)  # that of the solution
+    now = float(clock.capture_time_at(np.array(t)))
+    inflation = estimate_solution_misfit(solution, observed_tracks, scene.table)
     events = fit.events
     pocketed = {a for a, kind in zip(events.a, events.kind, strict=True) if kind == "pocket"}
     states = (
@@ -140,6 +138,23 @@ def estimate_states(
         for learned in tables
     )  # fmt: skip
     return tuple(replace(state, t=t) for state in states)
+
+
+def estimate_solution_misfit(solution: JointSolution, tracks: Tracks, table: Table) -> float:
+    """Estimate the factor on the variances of a joint fit that its residuals require, see `estimate_lack_of_fit`.
+
+    Args:
+        solution: Joint fit of the tracks, in capture time.
+        tracks: Tracks of T frames and N balls, in presentation time.
+        table: Dimensions of the table.
+
+    Returns:
+        The factor, from 1 to `MAX_INFLATION`.
+    """
+    clock = estimate_capture_times(tracks, NOISE_FLOOR_RADII * table.ball_radius)
+    captured = replace(tracks, t=clock.capture_time)
+    measured = apply_noise(captured, estimate_noise(captured, MIN_NOISE_SPEED, table.ball_radius))
+    return estimate_lack_of_fit(solution, collect_observations(measured))
 
 
 def estimate_lack_of_fit(solution: JointSolution, observations: Observations) -> float:
@@ -176,7 +191,7 @@ def build_state_estimate(
 
     `pocketed` balls have been potted; `inflation` is a factor on the variances; `learned` is the table, where known.
     """
-    inflated = replace(solution, covariance=_inflate_covariance(solution, inflation))
+    inflated = replace(solution, covariance=inflate_covariance(solution, inflation))
     shift, covariance = _condition_on_table(inflated, t, learned)
     graph = solution.graph
     balls = [k for k, name in enumerate(ids) if name not in pocketed and graph.segments_of_ball(k)]
@@ -231,8 +246,16 @@ def _use_learned_table(
     return replace(state, mean=mean, covariance=covariance, laws=laws, learned=learned, spins=own)
 
 
-def _inflate_covariance(solution: JointSolution, factor: float) -> FloatArray:
-    """Multiply the covariance of a fit by a factor, but keep the priors of the shared parameters."""
+def inflate_covariance(solution: JointSolution, factor: float) -> FloatArray:
+    """Multiply the covariance of a fit by a factor, but keep the priors of the shared parameters.
+
+    Args:
+        solution: Joint fit with covariance of P parameters.
+        factor: At least 1.
+
+    Returns:
+        (P, P) covariance.
+    """
     covariance = factor * solution.covariance
     first = layout_parameters(solution.graph).shared
     prior = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])
