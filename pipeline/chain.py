@@ -17,6 +17,7 @@ from models.core.errors import ClipError, OptionError
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.scene import Scene
+from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.result_cache import CacheEntry, ResultCache
@@ -62,6 +63,8 @@ class FinishedRun:
     """Sentences on what explains the whole shot."""
     notes: tuple[str, ...] = ()
     """Sentences about irregularities of the clip."""
+    numbers: tuple[ShotNumbers, ...] = ()
+    """Numbers of each shot."""
 
 
 def build_run_graph(clip: Path, options: RunOptions, shot: ClipShot | None = None) -> StageGraph:
@@ -215,7 +218,12 @@ def run_clip(
     cached_clip: Clip = load_stage_output(stages["read"], entries["read"])
     fit: Fit = load_stage_output(stages["fit"], entries["fit"])
     return FinishedRun(
-        folder, assess_run_trust(cached_clip, fit), fit.events, format_whole_shot(fit), cached_clip.notes
+        folder,
+        assess_run_trust(cached_clip, fit),
+        fit.events,
+        format_whole_shot(fit),
+        cached_clip.notes,
+        fit.shot_numbers,
     )
 
 

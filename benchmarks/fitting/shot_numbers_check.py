@@ -61,7 +61,9 @@ def read_truth(folder: Path, until: float) -> dict[str, float]:
     other = IDS.index(meeting["b"] if meeting["a"] == IDS[0] else meeting["a"])
     nexts = [one["t"] for one in own[first + 1 :]]
     friction = content["effects"]["sliding_friction"]["mu"]
-    contact = _states_around(t, convert_to_starts(states, np.full(len(IDS), radius)), meeting["t"], other, nexts, friction)
+    contact = _states_around(
+        t, convert_to_starts(states, np.full(len(IDS), radius)), meeting["t"], other, nexts, friction
+    )
     truth["contact_time"] = LEAD + meeting["t"]
     return truth | dict(zip((name for name, _ in CONTACT_NUMBERS), evaluate_contact(contact).tolist(), strict=True))
 
@@ -129,8 +131,8 @@ def _is_same_contact(row: dict[str, Any]) -> bool:
 def print_table(rows: list[dict[str, Any]]) -> None:
     missed = [row for row in rows if not _is_same_contact(row)]
     print(
-        f"{len(rows)} shots, {sum(row['whole'] for row in rows)} explained whole; in {len(missed)} another first contact"
-        " was measured, whose numbers are left out\n"
+        f"{len(rows)} shots, {sum(row['whole'] for row in rows)} explained whole; in {len(missed)} another first"
+        " contact was measured, whose numbers are left out\n"
     )
     for row in missed:
         row["numbers"] = {name: one for name, one in row["numbers"].items() if name in STRIKE_NUMBERS}

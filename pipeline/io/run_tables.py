@@ -21,6 +21,7 @@ from models.core.tracks import Tracks
 from models.core.trajectory import State, Trajectory
 from models.core.typing import FloatArray
 from pipeline.io.explanation_json import describe_explanation
+from pipeline.io.session.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.run_trust import assess_run_trust, summarize_trust
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
@@ -154,6 +155,7 @@ def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) 
         "laws": _describe_laws(fit, table.ball_radius),
         "balls": _describe_balls(tracks, fit),
         "fit": _describe_fit_quality(tracks, fit),
+        "shot_numbers": describe_shot_numbers(fit.shot_numbers),
         "trust": summarize_trust(trust),
         "explanation": describe_explanation(fit.explanation),
         "check_here": _describe_check_places(scene, tracks, fit),

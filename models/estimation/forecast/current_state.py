@@ -43,7 +43,7 @@ from models.estimation.joint_fit.prior_residuals import (
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.fit_shot import fit_with_solution
-from models.estimation.segmentation.contact_graph import Segment
+from models.estimation.segmentation.contact_graph import ContactGraph, Segment
 from models.estimation.table_learning.cushion_contacts import (
     CushionContacts,
     SpinHistory,
@@ -186,10 +186,23 @@ def build_state_estimate(
     trust: Trust,
     inflation: float = 1.0,
     learned: LearnedTable | None = None,
+    is_last: bool = True,
 ) -> StateEstimate:
-    """Build the state estimate at the capture time t (s) from a fit of everything up to then.
+    """Build the state estimate at the capture time t (s) from a fit.
 
-    `pocketed` balls have been potted; `inflation` is a factor on the variances; `learned` is the table, where known.
+    Args:
+        solution: Joint fit with covariance.
+        ids: Names of the balls of the clip.
+        t: s, capture time.
+        table: Dimensions of the table.
+        pocketed: Balls that have been potted.
+        trust: Trust level of the fit.
+        inflation: Factor on the variances.
+        learned: The table, where known.
+        is_last: Whether t is after the last contact, so that earlier contacts tell the side spin.
+
+    Returns:
+        States of the balls on the table, with their covariance.
     """
     inflated = replace(solution, covariance=inflate_covariance(solution, inflation))
     shift, covariance = _condition_on_table(inflated, t, learned)
@@ -200,7 +213,7 @@ def build_state_estimate(
     side = np.zeros(size)
     moving = np.zeros(len(balls), bool)
     for row, ball in enumerate(balls):
-        segment = graph.segments_of_ball(ball)[-1]
+        segment = _find_segment(graph, ball, t)
         here = slice(PARAMETERS_PER_BALL * row, PARAMETERS_PER_BALL * row + 6)
         mean[here], jacobian[here, : len(solution.covariance)] = evaluate_segment_state(solution, segment, t)
         moving[row] = bool(np.any(mean[here][2:4]))
@@ -219,7 +232,16 @@ def build_state_estimate(
     state = StateEstimate(t, names, table, mean + jacobian @ shift, (total + total.T) / 2, moving, trust, laws)
     contacts, histories = extract_cushion_contacts(solution, table)
     used = learn_own_cushions(contacts, solution, table) if learned is None else learned
-    return state if used is None else _use_learned_table(state, solution, balls, used, contacts, histories)
+    if used is None:
+        return state
+    return _use_learned_table(state, solution, balls, used, contacts, histories if is_last else ())
+
+
+def _find_segment(graph: ContactGraph, ball: int, t: float) -> int:
+    """Return the last segment of a ball that begins by t (s); its first one if none does."""
+    numbers = graph.segments_of_ball(ball)
+    begun = [k for k in numbers if graph.start_time(k) <= t + 1e-9]
+    return (begun or numbers[:1])[-1]
 
 
 def _use_learned_table(

@@ -141,8 +141,8 @@ def evaluate_contact(states: FloatArray) -> FloatArray:
 def _list_numbers(values: FloatArray, sigmas: FloatArray, cue: str, other: str, leaves: bool) -> list[ShotNumber]:
     """List the numbers of a contact, in the order of `CONTACT_NUMBERS`."""
     is_observable = (
-        True, sigmas[1] < PRIOR_DOMINATED * STRUCK_SLIP, values[0] > MIN_SPEED, sigmas[3] < PRIOR_DOMINATED * THROW_SIGMA,
-        True, leaves,
+        True, sigmas[1] < PRIOR_DOMINATED * STRUCK_SLIP, values[0] > MIN_SPEED,
+        sigmas[3] < PRIOR_DOMINATED * THROW_SIGMA, True, leaves,
     )  # fmt: skip
     balls = (cue, cue, other, other, other, cue)
     return [

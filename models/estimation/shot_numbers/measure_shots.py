@@ -20,6 +20,7 @@ from models.estimation.shot_numbers.pocket_numbers import measure_pocket
 from models.estimation.shot_numbers.posterior_view import PosteriorView
 from models.estimation.shot_numbers.shot_course import ShotCourse, list_shot_courses
 from models.estimation.shot_numbers.strike_numbers import measure_strike, measure_strike_of_samples
+from models.estimation.shot_numbers.struck_samples import rewind_samples
 
 MIN_PROBABILITY = 0.5
 """Probability from which an event counts as having happened."""
@@ -48,15 +49,17 @@ def measure_shots(fit: Fit, solution: JointSolution, tracks: Tracks, table: Tabl
 
 def _measure_shot(course: ShotCourse, view: PosteriorView, fit: Fit, tracks: Tracks, table: Table) -> ShotNumbers:
     clock, ids, meeting = fit.trajectory.clock, tracks.ids, course.meeting
-    begin, end = _presentation_time(course.begin, clock), _presentation_time(course.end, clock)
+    begin, end = present_time(course.begin, clock), present_time(course.end, clock)
     cue, first, chances = ids[course.cue], "", ()
     spin: SpinState = "unknown"
-    whole = _select_whole_shot(fit.whole_shot, cue, begin) if course.is_struck else None
+    whole = select_whole_shot(fit.whole_shot, cue, begin) if course.is_struck else None
     if whole is None:
         numbers = measure_strike(view, course, cue)
         numbers = _require_explained(numbers, view, fit, course.segments[course.cue][:1])
     else:
-        numbers = measure_strike_of_samples(whole, table, cue, begin, view.strike_sigma(course.segments[course.cue][0]))
+        sigma = view.strike_sigma(course.segments[course.cue][0])
+        samples = rewind_samples(whole, cue, begin, sigma, table.ball_radius)
+        numbers = measure_strike_of_samples(samples, whole.ids.index(cue), table.ball_radius, cue)
     if meeting is not None:
         first, around = ids[meeting.other], (meeting.cue_before, meeting.cue_after, meeting.other_after)
         contact = None
@@ -80,7 +83,16 @@ def _measure_shot(course: ShotCourse, view: PosteriorView, fit: Fit, tracks: Tra
     return ShotNumbers(begin, cue, first, spin, chances, tuple(potted), tuple(potted.values()), tuple(numbers))
 
 
-def _presentation_time(t: float, clock: CaptureClock | None) -> float:
+def present_time(t: float, clock: CaptureClock | None) -> float:
+    """Convert a capture time to a presentation time.
+
+    Args:
+        t: s, infinite for the end of the clip.
+        clock: Clock of the clip; None where both times are equal.
+
+    Returns:
+        The presentation time, s.
+    """
     return t if clock is None or not np.isfinite(t) else float(clock.presentation_time_at(np.array(t)))
 
 
@@ -90,8 +102,17 @@ def _last_time(tracks: Tracks, ball: int, clock: CaptureClock | None) -> float:
     return shown if clock is None else float(clock.capture_time_at(np.array(shown)))
 
 
-def _select_whole_shot(whole: WholeShotSolution | None, cue: str, begin: float) -> WholeShotSolution | None:
-    """Return the fit of the whole shot if it begins with this strike of this ball."""
+def select_whole_shot(whole: WholeShotSolution | None, cue: str, begin: float) -> WholeShotSolution | None:
+    """Select the fit of the whole shot if it begins with a strike.
+
+    Args:
+        whole: The fit; None if there is none.
+        cue: Id of the struck ball.
+        begin: s, presentation time of the strike.
+
+    Returns:
+        The fit; None if it begins elsewhere, or has no samples.
+    """
     has_samples = whole is not None and len(whole.start_samples) > 0 and cue in whole.ids
     return whole if whole is not None and has_samples and abs(whole.t - begin) < SAME_STRIKE else None
 
@@ -103,7 +124,7 @@ def _require_explained(
     graph, clock = view.solution.graph, fit.trajectory.clock
     for k in segments:
         begin, last = graph.start_time(k), float(fit.trajectory.end.max())
-        middle = _presentation_time((begin + min(view.end_time(k), max(last, begin))) / 2, clock)
+        middle = present_time((begin + min(view.end_time(k), max(last, begin))) / 2, clock)
         if fit.trajectory.at(middle).measured[graph.segments[k].ball]:
             return [replace(one, observable=False) for one in numbers]
     return numbers

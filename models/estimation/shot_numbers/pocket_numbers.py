@@ -21,9 +21,7 @@ _LONGEST_SEARCH = 12.0
 """s of a segment that is searched: balls roll no longer."""
 
 
-def measure_pocket(
-    view: PosteriorView, segment: int, ball: str, table: Table, pocket: str | None
-) -> list[ShotNumber]:
+def measure_pocket(view: PosteriorView, segment: int, ball: str, table: Table, pocket: str | None) -> list[ShotNumber]:
     """Measure offset and speed of a ball where it passes the mouth of a pocket.
 
     A path that ends at a cushion beside the mouth is continued straight.
@@ -78,7 +76,7 @@ def _find_passage(view: PosteriorView, segment: int, mouth: MouthLine) -> Linear
 
 
 def _measure_at_mouth(state: FloatArray, mouth: MouthLine) -> FloatArray:
-    """Return where the straight continuation of a state passes the line of a mouth, m right of its middle, and speed."""
+    """Return where the straight continuation of a state passes a mouth, m right of its middle, and the speed."""
     place, velocity = state[:2] - mouth.middle, state[2:4]
     ahead = -float(place @ mouth.outward) / float(velocity @ mouth.outward)
     right = np.array([-mouth.outward[1], mouth.outward[0]])
