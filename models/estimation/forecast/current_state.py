@@ -151,10 +151,22 @@ def estimate_solution_misfit(solution: JointSolution, tracks: Tracks, table: Tab
     Returns:
         The factor, from 1 to `MAX_INFLATION`.
     """
+    return estimate_lack_of_fit(solution, collect_captured_observations(tracks, table))
+
+
+def collect_captured_observations(tracks: Tracks, table: Table) -> Observations:
+    """Collect the observations of a clip at their capture times, with realistic noise.
+
+    Args:
+        tracks: Tracks of T frames and N balls, in presentation time.
+        table: Dimensions of the table.
+
+    Returns:
+        K observations.
+    """
     clock = estimate_capture_times(tracks, NOISE_FLOOR_RADII * table.ball_radius)
     captured = replace(tracks, t=clock.capture_time)
-    measured = apply_noise(captured, estimate_noise(captured, MIN_NOISE_SPEED, table.ball_radius))
-    return estimate_lack_of_fit(solution, collect_observations(measured))
+    return collect_observations(apply_noise(captured, estimate_noise(captured, MIN_NOISE_SPEED, table.ball_radius)))
 
 
 def estimate_lack_of_fit(solution: JointSolution, observations: Observations) -> float:

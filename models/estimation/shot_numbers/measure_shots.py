@@ -12,15 +12,25 @@ from models.core.fit_result import Fit, WholeShotSolution
 from models.core.scene import Table
 from models.core.shot_numbers import ShotNumber, ShotNumbers, SpinState
 from models.core.tracks import Tracks
-from models.estimation.forecast.current_state import estimate_solution_misfit, inflate_covariance
-from models.estimation.joint_fit.fit_solution import JointSolution
+from models.estimation.forecast.current_state import (
+    collect_captured_observations,
+    estimate_lack_of_fit,
+    inflate_covariance,
+)
+from models.estimation.joint_fit.fit_solution import JointSolution, Observations
 from models.estimation.shot_numbers.contact_numbers import classify_spin, measure_contact, simulate_contact
 from models.estimation.shot_numbers.path_numbers import count_cushions, measure_length
 from models.estimation.shot_numbers.pocket_numbers import measure_pocket
 from models.estimation.shot_numbers.posterior_view import PosteriorView
 from models.estimation.shot_numbers.shot_course import ShotCourse, list_shot_courses
-from models.estimation.shot_numbers.strike_numbers import measure_strike, measure_strike_of_samples
+from models.estimation.shot_numbers.slip_profile import profile_slip
+from models.estimation.shot_numbers.strike_numbers import (
+    measure_strike,
+    measure_strike_of_samples,
+    replace_strike,
+)
 from models.estimation.shot_numbers.struck_samples import rewind_samples
+from models.physics.billiards.parameter_vector import SLIDING_MU
 
 MIN_PROBABILITY = 0.5
 """Probability from which an event counts as having happened."""
@@ -40,11 +50,30 @@ def measure_shots(fit: Fit, solution: JointSolution, tracks: Tracks, table: Tabl
     Returns:
         Numbers per shot, by time.
     """
-    factor = estimate_solution_misfit(solution, tracks, table)
+    observations = collect_captured_observations(tracks, table)
+    factor = estimate_lack_of_fit(solution, observations)
     radius = table.ball_radius * solution.diameter_factor
     view = PosteriorView(solution, inflate_covariance(solution, factor), radius)
     cue = tracks.kinds.index("cue") if "cue" in tracks.kinds else None
-    return tuple(_measure_shot(course, view, fit, tracks, table) for course in list_shot_courses(solution.graph, cue))
+    shots = []
+    for course in list_shot_courses(solution.graph, cue):
+        shot = _measure_shot(course, view, fit, tracks, table)
+        shots.append(_refine_strike(shot, course, view, observations, factor, fit))
+    return tuple(shots)
+
+
+def _refine_strike(
+    shot: ShotNumbers, course: ShotCourse, view: PosteriorView, observations: Observations, factor: float, fit: Fit
+) -> ShotNumbers:
+    """Replace speed and top spin by those of their profile, where the ball rolls before its first contact."""
+    if not course.is_struck:
+        return shot
+    whole, friction = select_whole_shot(fit.whole_shot, shot.cue, shot.t), view.friction
+    if whole is not None:
+        values = np.log(whole.parameter_samples[:, SLIDING_MU])
+        friction = float(np.exp(values.mean())), float(values.std(ddof=1))
+    profile = profile_slip(view, observations, course.segments[course.cue][0], factor, friction)
+    return shot if profile is None else replace(shot, numbers=replace_strike(shot.numbers, profile, view.radius))
 
 
 def _measure_shot(course: ShotCourse, view: PosteriorView, fit: Fit, tracks: Tracks, table: Table) -> ShotNumbers:

@@ -64,6 +64,20 @@ class PosteriorView:
             gradient[layout_parameters(graph).contact + start] = 1.0
         return self.sigma_of(gradient)
 
+    @property
+    def rolling_friction(self) -> tuple[float, float]:
+        """Rolling friction of the cloth, and the standard deviation of its logarithm."""
+        gradient = np.zeros(len(self.covariance))
+        gradient[layout_parameters(self.solution.graph).shared + 1] = 1.0
+        return self.solution.friction.rolling, self.sigma_of(gradient)
+
+    @property
+    def friction(self) -> tuple[float, float]:
+        """Sliding friction of the cloth, and the standard deviation of its logarithm."""
+        gradient = np.zeros(len(self.covariance))
+        gradient[layout_parameters(self.solution.graph).shared] = 1.0
+        return self.solution.friction.sliding, self.sigma_of(gradient)
+
     def evaluate(
         self, function: Callable[[FloatArray], FloatArray], *states: LinearState
     ) -> tuple[FloatArray, FloatArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from models.estimation.joint_fit.segment_prior_residuals import LEAST_SLIP, STRU
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED
 from models.estimation.shot_numbers.posterior_view import PosteriorView, turn_angle
 from models.estimation.shot_numbers.shot_course import ShotCourse
+from models.estimation.shot_numbers.slip_profile import SlipProfile
 from models.estimation.shot_numbers.struck_samples import StruckSample
 from models.physics.billiards.simulation.parametrised_shot import RADIUS_FACTOR, SIDE_SPIN
 
@@ -75,6 +77,36 @@ def measure_strike_of_samples(samples: Sequence[StruckSample], row: int, radius:
     sigmas = numbers.std(axis=0, ddof=1)
     top, side = sigmas[3] < PRIOR_DOMINATED * STRUCK_SLIP, sigmas[5] < PRIOR_DOMINATED * SIDE_SPIN_SHARE
     return _list_numbers(numbers.mean(axis=0), sigmas, (True, True, top, top, side, side), ball)
+
+
+def replace_strike(numbers: Sequence[ShotNumber], profile: SlipProfile, radius: float) -> tuple[ShotNumber, ...]:
+    """Replace speed and top spin of a shot by those of their profile.
+
+    Args:
+        numbers: Numbers of the shot.
+        profile: Posterior of speed and top spin.
+        radius: m, of the ball.
+
+    Returns:
+        The numbers; the side spin is over the new speed.
+    """
+    prior = STRUCK_SLIP + LEAST_SLIP / profile.speed
+    top = profile.share_sigma < PRIOR_DOMINATED * prior
+    speed = next(one.value for one in numbers if one.name == "cue_speed")
+    changed = {
+        "cue_speed": (profile.speed, profile.speed_sigma, True),
+        "top_spin": (profile.spin / radius, profile.spin_sigma / radius, top),
+        "top_spin_share": (profile.share, profile.share_sigma, top),
+    }
+    result = []
+    for one in numbers:
+        if one.name in changed:
+            value, sigma, observable = changed[one.name]
+            one = replace(one, value=value, sigma=sigma, observable=observable)
+        elif one.name == "side_spin_share" and one.observable:
+            one = replace(one, value=one.value * speed / profile.speed, sigma=one.sigma * speed / profile.speed)
+        result.append(one)
+    return tuple(result)
 
 
 def rolling_share(state: FloatArray) -> float:
